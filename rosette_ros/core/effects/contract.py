@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an effect is: a name, its physics as columns, and what it means for an engineer.
+
+To add an effect, write a class with `columns` and, where something has to be searched, `settings`;
+then put an instance of it in the table of names in library.py. Nothing else changes.
+"""
+
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from rosette_ros.core.errors import InvalidModel
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A parameter of an effect: its name, SI unit and, in words, what it is."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Searched(Quantity):
+    """A nonlinear parameter that is found by search.
+
+    kind: `scale` (positive, refined on a logarithmic scale), `phase` (refined on a linear scale),
+    `instant` (a moment between two readings, found exactly by trying all) or `choice` (one of a few
+    values, never refined).
+    """
+
+    kind: str = 'choice'
+
+
+class Setting(dict):
+    """The values of the searched parameters of an effect, by name; hashable."""
+
+    def __hash__(self):
+        """Return a hash of the items, in any order."""
+        return hash(frozenset(self.items()))
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One physical effect; subclasses give `columns` and what they need of the rest.
+
+    name: fixed name in files, messages and on screen; meaning: a plain sentence; look: where to
+    look in the cell; formula: the form added to p; depends_on: quantities of a reading it needs;
+    source: where it comes from.
+    """
+
+    name: str = ''
+    meaning: str = ''
+    look: str = ''
+    formula: str = ''
+    source: str = ''
+    depends_on: tuple[str, ...] = ()
+    searched: tuple[Searched, ...] = field(default=())
+
+    def unavailable(self, run):
+        """Return why the effect cannot be judged on this run, or an empty string."""
+        if 'temperature' in self.depends_on and not np.all(np.isfinite(run.temperature)):
+            return 'the run has no temperatures'
+        if 'approach' in self.depends_on and not np.any(run.approach):
+            return 'the run does not say in which sense the table moved'
+        return ''
+
+    def settings(self, run):
+        """Return the settings to try on this run, a tuple of Setting; () means nothing to try."""
+        return (Setting(),)
+
+    def amplitudes(self, run, setting):
+        """Return the Quantity of each column."""
+        raise NotImplementedError
+
+    def columns(self, run, setting):
+        """Return the displacement of every reading per unit of each amplitude, (N, 3, q), m/unit."""
+        raise NotImplementedError
+
+    def independent_settings(self, run):
+        """Return how many settings count as separate chances in the search, at least 1."""
+        return max(1, len(self.settings(run)))
+
+    def check_setting(self, setting):
+        """Raise InvalidModel unless the setting names searched parameters of this effect only."""
+        known = [parameter.name for parameter in self.searched]
+        for name in setting:
+            if name not in known:
+                raise InvalidModel(
+                    f'effect {self.name}: wanted settings among '
+                    f'{", ".join(known) or "none"}, got {name!r}')
+
+
+EMPTY = MappingProxyType({})
+
+
+def seconds(run):
+    """Return the time of each reading since the first, (N,), s."""
+    return run.time - run.time[0]
+
+
+def duration(run):
+    """Return the time from the first reading to the last, s; 1 where no time passes."""
+    return float(np.ptp(run.time)) or 1.0
+
+
+def unit(axis, size):
+    """Return a unit displacement along axis 0, 1 or 2 for every reading, (size, 3)."""
+    out = np.zeros((size, 3))
+    out[:, axis] = 1.0
+    return out
+
+
+def radial(angle):
+    """Return the radial unit vectors at azimuths (N,), shape (N, 3)."""
+    return np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
+
+
+def tangential(angle):
+    """Return the tangential unit vectors at azimuths (N,), shape (N, 3)."""
+    return np.stack([-np.sin(angle), np.cos(angle), np.zeros_like(angle)], axis=-1)
+
+
+def along(axes, scalar):
+    """Return `scalar` (N,) as displacement along each of `axes` (a string of x, y, z), (N, 3, q)."""
+    return np.stack([scalar[:, None] * unit('xyz'.index(axis), scalar.size) for axis in axes],
+                    axis=-1)
+
+
+def logarithmic_grid(low, high, size):
+    """Return `size` values from low to high in equal ratios."""
+    return np.geomspace(low, high, size)
+
+
+def between_readings(run, most=200):
+    """Return instants midway between readings, thinned to at most `most`, s since the first."""
+    time = np.unique(seconds(run))
+    middle = 0.5 * (time[1:] + time[:-1])
+    if middle.size > most:
+        middle = middle[np.linspace(0, middle.size - 1, most).round().astype(int)]
+    return middle

@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Errors that a user can mend: each says what was wanted, what came, where, and what to do."""
+
+
+class RosetteError(Exception):
+    """Base of all errors that are reported to the user in one line."""
+
+
+class InvalidData(RosetteError):
+    """Readings, files or messages that do not mean what they should."""
+
+
+class InvalidPlan(RosetteError):
+    """A measuring scheme that cannot be carried out."""
+
+
+class InvalidModel(RosetteError):
+    """A model, effect or term that does not exist or cannot be used."""
+
+
+class InvalidConfig(RosetteError):
+    """A configuration value that is missing, misspelt or out of range."""
+
+
+class NotDeterminable(RosetteError):
+    """Too little data: the message names what cannot be determined."""
+
+
+class CellError(RosetteError):
+    """A running cell did not answer, refused, or stopped."""

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Measuring schemes: in which order the n*n pairs of table position and ball are measured.
+
+Indices are one-based as on the shop floor. Table position i, ball j and CMM position k are tied by
+k = (i + j - 2) mod n + 1. Source: Kniel et al. (2019), section 2.2 and Table 1.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rosette_ros.core.errors import InvalidPlan
+from rosette_ros.core.geometry import TWO_PI, nominal_angles, wrap
+
+TURNINGS = ('forward', 'alternate')
+
+
+@dataclass(frozen=True, eq=False)
+class Scheme:
+    """The order of one run, N rows in the order of measuring.
+
+    n: number of balls and of table positions; order: its name; seed: of a drawn order;
+    table_position, ball: (N,) one-based; approach: (N,) +1 or -1, sense in which the table turns
+    (last turned) to get there.
+    """
+
+    n: int
+    order: str
+    seed: int
+    table_position: np.ndarray
+    ball: np.ndarray
+    approach: np.ndarray
+
+    @property
+    def cmm_position(self):
+        """(N,) one-based CMM position k."""
+        return cmm_position(self.n, self.table_position, self.ball)
+
+    @property
+    def table_angle(self):
+        """(N,) nominal table angle in [0, 2 pi), rad."""
+        return nominal_angles(self.n)[self.table_position - 1]
+
+    def centres(self, radius):
+        """Return the nominal ball centres in the table frame for a circle radius [m], (N, 3), m."""
+        alpha = nominal_angles(self.n)[self.cmm_position - 1]
+        return radius * np.stack([np.cos(alpha), np.sin(alpha), np.zeros_like(alpha)], axis=-1)
+
+
+def cmm_position(n, table_position, ball):
+    """Return k = (i + j - 2) mod n + 1, one-based, for one-based i and j of any shape."""
+    return (np.asarray(table_position) + np.asarray(ball) - 2) % n + 1
+
+
+def unwrap_travel(angle, approach, n):
+    """Return the cumulative (unwrapped) table angle of readings in measuring order, (N,), rad.
+
+    angle: (N,) rad, in any turn; approach: (N,) sense of the last table move, 0 if unknown (taken
+    as +1, the sense in which the paper's schemes turn). The travel starts at angle[0]. A step
+    smaller than half a table division is followed as it is: the table stood, or was corrected.
+    """
+    angle = np.asarray(angle, dtype=float)
+    if angle.size == 0:
+        return angle.copy()
+    if np.ptp(angle) > TWO_PI * (1 + 0.5 / n):
+        return angle.copy()  # given unwrapped
+    step = wrap(np.diff(angle))
+    sense = np.where(np.asarray(approach)[1:] < 0, -1, 1)
+    against = (np.sign(step) == -sense) & (np.abs(step) > np.pi / n)
+    step = np.where(against, step + sense * TWO_PI, step)
+    # wrap() sends half a turn to -pi, which the sense above has already put right.
+    return angle[0] + np.concatenate([[0.0], np.cumsum(step)])
+
+
+def travel_sense(coordinate, tolerance):
+    """Return the sense (+1, -1) of the last move of one axis before each reading, (N,).
+
+    coordinate: (N,) positions in measuring order, m. 0 until the axis has moved once by more than
+    `tolerance`, m.
+    """
+    step = np.diff(np.asarray(coordinate, dtype=float), prepend=coordinate[:1])
+    moved = np.abs(step) > tolerance
+    last = np.maximum.accumulate(np.where(moved, np.arange(step.size), -1))
+    return np.where(last >= 0, np.sign(step[np.maximum(last, 0)]), 0.0)
+
+
+def _row(n, turning, rng):
+    i, k = np.repeat(np.arange(n), n), np.tile(np.arange(n), n)
+    return i, (k - i) % n
+
+
+def _diagonal(n, turning, rng):
+    k, s = np.repeat(np.arange(n), n), np.tile(np.arange(n), n)
+    if turning == 'alternate':
+        s = np.where(k % 2 == 1, n - 1 - s, s)
+    return (k + s) % n, (-s) % n
+
+
+def _column(n, turning, rng):
+    j, i = np.repeat(np.arange(n), n), np.tile(np.arange(n), n)
+    if turning == 'alternate':
+        i = np.where(j % 2 == 1, n - 1 - i, i)
+    return i, j
+
+
+def _random(n, turning, rng):
+    cell = rng.permutation(n * n)
+    return cell // n, cell % n
+
+
+ORDERS = {'row': _row, 'diagonal': _diagonal, 'column': _column, 'random': _random}
+
+
+def plan(n, order='diagonal', seed=0, turning='forward'):
+    """Return the Scheme of one complete run.
+
+    order: a key of ORDERS. `row`: table outer, CMM and plate inner (the paper's case 1);
+    `diagonal`: CMM outer (case 2, Table 1); `column`: ball outer (case 3); `random`: a shuffle
+    drawn from `seed`. turning: `forward` turns the table counter-clockwise always; `alternate`
+    turns it backwards in every second inner loop (every second move in `random`), so that backlash
+    shows.
+
+    Raises InvalidPlan for fewer than three balls, an unknown order or an unknown turning.
+    """
+    if isinstance(n, bool) or int(n) != n or n < 3:
+        raise InvalidPlan(
+            f'number of balls: wanted a whole number of at least 3, got {n}; '
+            'with fewer the table, plate and CMM cannot be separated')
+    n = int(n)
+    if order not in ORDERS:
+        raise InvalidPlan(f'order: wanted one of {", ".join(ORDERS)}, got {order!r}')
+    if turning not in TURNINGS:
+        raise InvalidPlan(f'turning: wanted one of {", ".join(TURNINGS)}, got {turning!r}')
+    i, j = ORDERS[order](n, turning, np.random.default_rng(seed))
+    return Scheme(n, order, int(seed), i + 1, j + 1, _approach(n, order, turning, i))
+
+
+def _approach(n, order, turning, i):
+    """Return the sense of the last table move for positions i (zero-based) in measuring order."""
+    if turning == 'forward':
+        return np.ones(i.size, dtype=int)
+    step = wrap(nominal_angles(n)[i] - nominal_angles(n)[np.roll(i, 1)])
+    step[0] = 1.0
+    moved = np.abs(step) > 1e-9
+    shortest = np.where(step < 0, -1, 1)
+    reading = np.arange(i.size)
+    if order in ('diagonal', 'column'):
+        # The first move of a loop goes the shortest way, the others in the sense of the loop.
+        sense = np.where((reading // n) % 2 == 1, -1, 1)
+        sense = np.where(reading % n == 0, shortest, sense)
+    else:
+        sense = np.where(np.cumsum(moved) % 2 == 1, 1, -1)
+    last = np.maximum.accumulate(np.where(moved, reading, 0))
+    return sense[last]

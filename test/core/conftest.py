@@ -1,0 +1,11 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fixtures for the tests of the core."""
+
+import pytest
+from synthetic import synthetic_run
+
+
+@pytest.fixture
+def make_run():
+    """Return the maker of synthetic runs."""
+    return synthetic_run

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rotations, frames, and finding the table axis."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rosette_ros.core.alignment import table_frame
+from rosette_ros.core.errors import NotDeterminable
+from rosette_ros.core.geometry import Frame, rotate_z, rotation_matrix, wrap
+from scipy.spatial.transform import Rotation
+
+NANOMETRE = 1e-9
+component = st.floats(-3, 3)
+
+
+@given(st.tuples(component, component, component))
+def test_rotation_matrix_is_rodrigues(vector):
+    """Rotation matrices equal those of SciPy, small angles included."""
+    for scale in (1.0, 1e-6, 1e-12):
+        expected = Rotation.from_rotvec(np.array(vector) * scale).as_matrix()
+        assert np.abs(rotation_matrix(np.array(vector) * scale) - expected).max() < 4e-16 * 4
+
+
+@given(st.tuples(component, component, component), st.tuples(component, component, component))
+def test_frames_go_there_and_back(vector, origin):
+    """to_inner undoes to_outer, and quaternions bring the rotation back."""
+    frame = Frame(rotation_matrix(np.array(vector)), np.array(origin))
+    points = np.arange(12.0).reshape(4, 3)
+    assert np.allclose(frame.to_inner(frame.to_outer(points)), points, atol=1e-13)
+    again = Frame.from_quaternion(frame.quaternion(), frame.origin)
+    assert np.abs(again.rotation - frame.rotation).max() < 2e-15
+    assert frame.quaternion()[3] >= 0
+
+
+@given(st.floats(-50, 50))
+def test_wrap(angle):
+    """Wrapping keeps the direction and lands in [-pi, pi)."""
+    assert -np.pi <= wrap(angle) < np.pi
+    assert np.isclose(np.exp(1j * wrap(angle)), np.exp(1j * angle))
+
+
+@pytest.mark.parametrize('n', [3, 6, 12])
+def test_table_frame_is_found(n):
+    """A table somewhere in the machine, tilted by 0.3 mrad, is found to a nanometre."""
+    true = Frame(rotation_matrix(np.array([2e-4, -3e-4, 0.4])), np.array([0.3, 0.25, 0.12]))
+    phi = 2 * np.pi * np.arange(n) / n
+    ball = np.array([0.1825, 0.0, 0.0])
+    axis_points = true.to_outer(rotate_z(phi, ball))
+    plane_points = axis_points
+    frame = table_frame(axis_points, plane_points)
+    assert np.abs(frame.origin - true.origin).max() < NANOMETRE
+    assert np.abs(frame.rotation - true.rotation).max() < NANOMETRE
+    assert np.allclose(frame.rotation.T @ frame.rotation, np.eye(3), atol=1e-15)
+
+
+def test_x_axis_goes_through_ball_one():
+    """An eccentric, tilted plate: ball 1 has y = 0, and the balls' plane passes the origin."""
+    n = 12
+    phi = 2 * np.pi * np.arange(n) / n
+    plate = Frame(rotation_matrix(np.array([1e-4, 2e-4, 3e-4])), np.array([2e-4, -1e-4, 5e-5]))
+    balls = plate.to_outer(rotate_z(phi, np.array([0.1825, 0.0, 0.0])))
+    frame = table_frame(rotate_z(phi, balls[0]), balls)
+    seen = frame.to_inner(balls)
+    assert abs(seen[0, 1]) < 1e-15
+    assert np.abs(frame.rotation[:, 2] - [0, 0, 1]).max() < 1e-12
+    normal = np.linalg.svd(seen - seen.mean(axis=0))[2][2]
+    assert abs(normal @ seen.mean(axis=0)) < 1e-15
+
+
+@pytest.mark.parametrize('points, words', [
+    (np.zeros((2, 3)), 'wanted at least 3 points'),
+    (np.arange(9.0).reshape(3, 3), 'got points on a line'),
+])
+def test_points_that_span_no_circle(points, words):
+    """An axis needs points that span a circle."""
+    with pytest.raises(NotDeterminable, match=words):
+        table_frame(points, np.eye(3))
+
+
+def test_wrong_balls_are_noticed():
+    """A plane of balls that stands on edge is a mix-up of targets."""
+    phi = 2 * np.pi * np.arange(6) / 6
+    circle = rotate_z(phi, np.array([0.1825, 0.0, 0.0]))
+    with pytest.raises(NotDeterminable, match='got 90.0 deg between its normal and the axis'):
+        table_frame(circle, circle[:, [0, 2, 1]])

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The run record: frozen, checked once, derived quantities."""
+
+import numpy as np
+import pytest
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.records import Run, remove_gauge
+from synthetic import synthetic_run
+
+
+def test_arrays_are_frozen():
+    """Nobody can change a reading by accident."""
+    run, *_ = synthetic_run(6)
+    with pytest.raises(ValueError, match='read-only'):
+        run.centre[0, 0] = 1.0
+
+
+@pytest.mark.parametrize('changes, words', [
+    ({'n': 2}, 'wanted at least 3 balls, got n = 2'),
+    ({'radius': 0.0}, 'wanted a positive radius in metres, got 0.0'),
+    ({'time': np.zeros(5)}, r'time: wanted shape \(36,\), got \(5,\)'),
+    ({'ball': np.full(36, 7)}, r'reading 1: ball: wanted 1..6, got 7'),
+    ({'ball': np.zeros(36)}, r'reading 1: ball: wanted 1..6, got 0'),
+    ({'repeatability': -1.0}, 'repeatability: wanted a positive number of metres, got -1.0'),
+    ({'ball': np.ones(36)}, 'readings 1 and 12 are both table position 1, ball 1; wanted each'),
+])
+def test_nonsense_is_refused(changes, words):
+    """What cannot be a run is refused with what was wanted and what came."""
+    run, *_ = synthetic_run(6)
+    with pytest.raises(InvalidData, match=words):
+        run.replace(**changes)
+
+
+def test_nan_is_refused():
+    """A ball centre that is not a number is refused, with its reading."""
+    run, *_ = synthetic_run(6)
+    centre = run.centre.copy()
+    centre[4, 1] = np.nan
+    with pytest.raises(InvalidData, match='reading 5: centre: wanted finite numbers'):
+        run.replace(centre=centre)
+
+
+def test_radians_for_degrees_are_noticed():
+    """Angles that were converted twice are recognised."""
+    run, *_ = synthetic_run(6)
+    with pytest.raises(InvalidData, match='look like radians where degrees were wanted'):
+        run.replace(table_angle=np.deg2rad(run.table_angle))
+
+
+def test_empty_run():
+    """No readings are no run."""
+    with pytest.raises(InvalidData, match='wanted ball centres, got none'):
+        Run.from_readings(6, 0.1825, np.zeros(0, int), np.zeros(0, int), np.zeros((0, 3)))
+
+
+def test_gauge_is_removed_once():
+    """Removing the gauge twice changes nothing, and it takes what it says."""
+    curves = np.random.default_rng(0).standard_normal((12, 6))
+    once = remove_gauge(curves)
+    assert np.allclose(remove_gauge(once), once, atol=1e-15)
+    assert np.allclose(once.mean(axis=0), 0, atol=1e-15)
+    turn = np.exp(2j * np.pi * np.arange(12) / 12)
+    for x, y in ((0, 1), (3, 4)):
+        pair = once[:, x] + 1j * once[:, y]
+        assert abs(np.mean(pair * turn.conj())) < 1e-15
+        assert abs(np.mean(pair * turn)) > 1e-3

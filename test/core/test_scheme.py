@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Measuring schemes: Table 1 of the paper, and laws that hold for every order."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rosette_ros.core.errors import InvalidPlan
+from rosette_ros.core.scheme import ORDERS, TURNINGS, plan, travel_sense, unwrap_travel
+
+# Rows 1-12 of Table 1, Kniel et al. (2019): CMM position, table position, ball.
+TABLE_1 = [(1, 1, 1), (1, 2, 6), (1, 3, 5), (1, 4, 4), (1, 5, 3), (1, 6, 2),
+           (2, 2, 1), (2, 3, 6), (2, 4, 5), (2, 5, 4), (2, 6, 3), (2, 1, 2)]
+
+
+def test_diagonal_is_table_1():
+    """The diagonal order is the paper's Table 1."""
+    scheme = plan(6, 'diagonal')
+    rows = list(zip(scheme.cmm_position, scheme.table_position, scheme.ball))
+    assert rows[:12] == TABLE_1
+
+
+@given(n=st.integers(3, 25), order=st.sampled_from(sorted(ORDERS)), seed=st.integers(0, 99),
+       turning=st.sampled_from(TURNINGS))
+def test_every_pair_once(n, order, seed, turning):
+    """Every ball is measured once in every table position; k follows from i and j."""
+    scheme = plan(n, order, seed, turning)
+    assert len(set(zip(scheme.table_position, scheme.ball))) == n * n
+    assert np.all((scheme.table_position + scheme.ball - scheme.cmm_position - 1) % n == 0)
+    assert set(np.unique(scheme.approach)) <= {-1, 1}
+
+
+@pytest.mark.parametrize('order, outer', [('row', 'table_position'), ('diagonal', 'cmm_position'),
+                                          ('column', 'ball')])
+def test_outer_loop(order, outer):
+    """The outer loop of each order stands still for n readings."""
+    values = getattr(plan(7, order), outer).reshape(7, 7)
+    assert np.array_equal(values, np.repeat(np.arange(1, 8), 7).reshape(7, 7))
+
+
+@given(n=st.integers(3, 15), order=st.sampled_from(sorted(ORDERS)),
+       turning=st.sampled_from(TURNINGS))
+def test_travel_follows_angles_and_approach(n, order, turning):
+    """The unwrapped travel shows the same angles, and each move has the sense of the approach."""
+    scheme = plan(n, order, 3, turning)
+    travel = unwrap_travel(scheme.table_angle, scheme.approach, n)
+    assert np.allclose(np.exp(1j * travel), np.exp(1j * scheme.table_angle), atol=1e-12)
+    step = np.diff(travel)
+    moved = np.abs(step) > 1e-9
+    assert np.all(np.sign(step[moved]) == scheme.approach[1:][moved])
+    assert np.all(np.abs(step) < 2 * np.pi)
+
+
+def test_alternate_turns_back_every_second_loop():
+    """Alternate turning goes through every second inner loop backwards."""
+    angle = plan(6, 'diagonal', turning='alternate')
+    assert list(angle.table_position[:12]) == [1, 2, 3, 4, 5, 6, 1, 6, 5, 4, 3, 2]
+    assert list(angle.approach[:12]) == [1, 1, 1, 1, 1, 1, 1, -1, -1, -1, -1, -1]
+
+
+def test_sense_waits_for_the_first_move():
+    """An axis has no sense before it moved, and keeps its last one while it stands."""
+    assert list(travel_sense(np.array([0.0, 0.0, 1.0, 1.0, 0.5]), 1e-6)) == [0, 0, 1, 1, -1]
+
+
+@pytest.mark.parametrize('arguments, words', [
+    ((2, 'row'), 'number of balls: wanted a whole number of at least 3, got 2'),
+    ((4.5, 'row'), 'number of balls: wanted a whole number of at least 3, got 4.5'),
+    ((6, 'spiral'), "order: wanted one of row, diagonal, column, random, got 'spiral'"),
+    ((6, 'row', 0, 'both'), "turning: wanted one of forward, alternate, got 'both'"),
+])
+def test_bad_plans_are_refused(arguments, words):
+    """A plan that cannot be measured is refused with what was wanted and what came."""
+    with pytest.raises(InvalidPlan, match=words):
+        plan(*arguments)
