@@ -7,6 +7,7 @@ from rosette_ros.core.base import GAUGE
 from rosette_ros.core.fit import Fit, fit
 from rosette_ros.core.model import Model
 from rosette_ros.core.records import ErrorMotions, Run
+from rosette_ros.core.settings import choose_settings
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,4 +52,4 @@ def analyse(run, model=None, weight=None):
     Raises NotDeterminable where the run cannot tell what the model asks.
     """
     model = model or Model()
-    return Report(run, model, fit(run, model, tuple(term.fixed for term in model.terms), weight))
+    return Report(run, model, fit(run, model, choose_settings(run, model), weight))

@@ -111,7 +111,7 @@ class JointSpace:
         self.columns = columns
         self.q = len(columns)
         every = np.concatenate([columns, tangents])
-        self._every = every
+        self.every = every
         size = every.shape[1] * 3
         flat = space.residual(every).reshape(len(every), size)
         full = np.linalg.norm(every.reshape(len(every), size), axis=1)
@@ -143,12 +143,12 @@ class JointSpace:
     @cached_property
     def bias(self):
         """Curves per unit of each column and tangent, (q + k, n, 6)."""
-        return self.space.parameters(self._every).curves
+        return self.space.parameters(self.every).curves
 
     def curve_cofactor(self):
         """Return variances of the curves per unit variance, (n, 6), effects' share included."""
         cofactor = self.space.curve_cofactor()
-        if len(self._every):
+        if len(self.every):
             cofactor = cofactor + np.einsum('anc,ab,bnc->nc', self.bias, self.cofactor, self.bias)
         return cofactor
 

@@ -36,12 +36,15 @@ class Term:
 class Model:
     """Base terms (some of BASE_TERMS) and effects; prints itself as a sum.
 
+    repeated allows an effect to stand more than once with the same fixed parameters.
+
     Raises InvalidModel for an unknown base term, an unknown setting, or an effect that stands
     twice with the same fixed parameters.
     """
 
     base: tuple[str, ...] = BASE_TERMS
     terms: tuple[Term, ...] = ()
+    repeated: bool = False
 
     def __post_init__(self):
         """Put the base terms in order and refuse what makes no sense."""
@@ -53,7 +56,7 @@ class Model:
         seen = set()
         for term in self.terms:
             term.effect.check_setting(term.fixed)
-            if str(term) in seen:
+            if str(term) in seen and not self.repeated:
                 raise InvalidModel(f'model: effect {term} stands twice; remove one')
             seen.add(str(term))
 

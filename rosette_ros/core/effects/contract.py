@@ -83,6 +83,30 @@ class Effect:
         """Return how many settings count as separate chances in the search, at least 1."""
         return max(1, len(self.settings(run)))
 
+    def brackets(self, run, setting):
+        """Return where to refine each continuous parameter of a setting found on the grid.
+
+        By name: a pair (low, high) to refine within, or an array of values to try. A positive scale
+        is refined by half as much again to either side, an instant among those beside it.
+        """
+        out = {}
+        for parameter in self.searched:
+            value = setting.get(parameter.name)
+            if parameter.kind == 'scale':
+                out[parameter.name] = (value / 1.6, value * 1.6)
+            elif parameter.kind == 'instant':
+                out[parameter.name] = self.instants(run, setting)
+        return out
+
+    def instants(self, run, setting):
+        """Return the instants between readings that the grid has left out beside a setting."""
+        every = between_readings(run, most=run.size)
+        tried = between_readings(run)
+        if every.size == tried.size:
+            return np.zeros(0)
+        near = np.argsort(np.abs(tried - setting['t0']))[:3]
+        return every[(every >= tried[near].min()) & (every <= tried[near].max())]
+
     def check_setting(self, setting):
         """Raise InvalidModel unless the setting names searched parameters of this effect only."""
         known = [parameter.name for parameter in self.searched]

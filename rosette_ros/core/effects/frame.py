@@ -119,6 +119,12 @@ class FrameCycle(Effect):
         periods = duration(run) / cycles
         return tuple(Setting(axes=axes, period=float(p)) for axes in AXES for p in periods)
 
+    def brackets(self, run, setting):
+        """Refine the period within half a cycle to either side."""
+        cycles = duration(run) / setting['period']
+        low, high = duration(run) / (cycles + 0.5), duration(run) / max(cycles - 0.5, 0.8)
+        return {'period': (low, high)}
+
     def independent_settings(self, run):
         """Count one chance for each whole number of cycles."""
         return 4 * max(1, int(min(run.size / 4, 250)))

@@ -157,6 +157,13 @@ class BallSlip(Effect):
             settings += [Setting(ball=ball, t0=float(t0)) for t0 in middle]
         return tuple(settings)
 
+    def instants(self, run, setting):
+        """Return the instants between that ball's readings around a setting."""
+        own = np.unique(seconds(run)[run.ball == setting['ball']])
+        middle = 0.5 * (own[1:] + own[:-1])
+        near = np.argsort(np.abs(middle - setting['t0']))[:5]
+        return middle[near] if middle.size > 40 else np.zeros(0)
+
     def independent_settings(self, run):
         """Neighbouring moments of one ball look alike."""
         return max(1, run.n * min(run.n, 40) // 2)

@@ -107,6 +107,11 @@ class AsynchronousMotion(Effect):
         return tuple(Setting(motion=motion, nu=float(nu))
                      for motion in ('radial', 'axial', 'tilt', 'all') for nu in orders)
 
+    def brackets(self, run, setting):
+        """Refine the order within half a resolution to either side."""
+        half = 0.5 / max(np.ptp(run.table_travel) / (2 * np.pi), 1.0)
+        return {'nu': (setting['nu'] - half, setting['nu'] + half)}
+
     def independent_settings(self, run):
         """Count one chance for each resolved order."""
         return max(1, 4 * self._orders(run)[0].size // 2)

@@ -1,0 +1,313 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which physical effect is missing: claimed only with a probability that counts the whole search."""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from rosette_ros.core.base import BASE_TERMS
+from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.fit import JointSpace, fit
+from rosette_ros.core.heldout import HeldOut
+from rosette_ros.core.model import Model, Term
+from rosette_ros.core.search import Problem, Selection
+from rosette_ros.core.settings import choose_settings
+
+CLAIM = 0.01
+"""Search-wide probability below which a name is claimed; 5 % is what the users were promised."""
+INVISIBLE = 0.05
+"""Visible share below which an order of measurement is said to hide an effect."""
+LOOK_ALIKE = 8.0
+"""Difference of scores (twice the log Bayes factor) below which two effects cannot be told apart."""
+DRAWS = 300
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An effect that could be what the model lacks.
+
+    p: search-wide probability that noise does as well; rms before and after adding it, fit and held
+    out, m; delta_bic: before minus after, positive favours it; parameters: of the joint fit.
+    """
+
+    effect: str
+    setting: dict
+    p: float
+    visible_fraction: float
+    rms_before: float
+    rms_after: float
+    held_out_before: float
+    held_out_after: float
+    delta_bic: float
+    parameters: tuple
+    look_alikes: tuple[str, ...]
+    claimed: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What the model lacks, as far as the run can show.
+
+    missing: names claimed, strongest first; unexplained: whether something is left that no named
+    effect explains, and unexplained_text, what it depends on; candidates: best first; invisible:
+    effects that this order hides; unavailable: effects that the run's records cannot judge, with the
+    reason; final: the fit with all that is claimed; verdict: for a person.
+    """
+
+    model: Model
+    fit: object
+    final: object
+    missing: tuple[str, ...]
+    terms: tuple[Term, ...]
+    unexplained: bool
+    unexplained_text: str
+    candidates: tuple[Candidate, ...]
+    invisible: tuple[str, ...]
+    unavailable: tuple[tuple[str, str], ...]
+    verdict: str
+
+
+def diagnose(run, model=None, seed=0):
+    """Return the Diagnosis of a run under a model (the base model if none is given).
+
+    seed: of the simulated noise and of the held-out blocks; the same run gives the same answer.
+    """
+    model = model or Model()
+    start = fit(run, model, choose_settings(run, model))
+    absent = missing_base(run, start)
+    full = Model((*model.base, *absent), model.terms)
+    base = fit(run, full, start.settings) if absent else start
+    search = _Search(run, full, base, seed)
+    chosen = search.chosen()
+    named = tuple(member for member in chosen.members if member.named)
+    final = search.final_fit(named)
+    unexplained, text = search.unexplained(chosen, final)
+    candidates = search.candidates(chosen, start, absent)
+    missing = tuple(dict.fromkeys([*absent, *(member.name for member in named)]))
+    invisible, unavailable = search.hidden(missing)
+    diagnosis = Diagnosis(
+        model, start, final, missing,
+        tuple(Term(member.effect, member.setting) for member in named), unexplained, text,
+        candidates, invisible, unavailable, '')
+    return _with_verdict(diagnosis)
+
+
+def missing_base(run, start):
+    """Return the base terms that a model lacks and the run asks for, in order.
+
+    All sets of absent terms are tried; one is taken if it pays by its score and an F-test over all
+    sets, so that noise alone names none.
+    """
+    model = start.model
+    absent = [term for term in BASE_TERMS if term not in model.base]
+    best, best_score = (), 10.0
+    sets = [chosen for size in range(1, len(absent) + 1)
+            for chosen in itertools.combinations(absent, size)]
+    rss = start.rms**2 * start.dof
+    for chosen in sets:
+        tried = fit(run, Model((*model.base, *chosen), model.terms), start.settings)
+        extra = tried.rank - start.rank
+        if extra <= 0:
+            continue
+        left = max(tried.rms**2 * tried.dof, 1e-300)
+        ratio = (rss - left) / extra / (left / tried.dof)
+        score = start.dof * np.log(rss / left) - extra * np.log(start.dof)
+        if stats.f.sf(ratio, extra, tried.dof) * len(sets) < CLAIM and score > best_score:
+            best, best_score = chosen, score
+    return best
+
+
+class _Search:
+    """One diagnosis: the problem, its null distribution and what follows from both."""
+
+    def __init__(self, run, model, base, seed):
+        self.run, self.model, self.base = run, model, base
+        self.seed = seed
+        joint = base.joint
+        space = JointSpace(joint.space, joint.every, np.zeros((0, run.size, 3)))
+        self.dof = 3 * run.size - joint.space.rank - space.rank
+        self.residual = space.residual(base.residual[None])[0]
+        self.problem = Problem(run, space.residual, self.residual, self.dof)
+        rng = np.random.default_rng(seed)
+        self.null = np.sort(self.problem.null_scores(DRAWS if run.n < 48 else DRAWS // 2, rng))
+        self.held_out = HeldOut(space.residual, run.size, seed)
+
+    def p(self, score):
+        """Return the chance that noise reaches a score anywhere in the search.
+
+        Beyond the simulated tail it falls exponentially, as the tails of the score do.
+        """
+        above = np.count_nonzero(self.null >= score)
+        if above >= 10:
+            return (above + 1) / (self.null.size + 1)
+        edge = self.null[int(0.8 * self.null.size)]
+        scale = max(2.2, 1.1 * float(np.mean(self.null[self.null > edge] - edge)))
+        return float(min(0.2, 0.2 * np.exp(-(score - edge) / scale)))
+
+    def unrefined_score(self, rest, name):
+        """Return the best score on the grid of an effect beside the members of `rest`."""
+        return max((score for score, family, _ in self.problem.offers([rest])[0]
+                    if family.name == name), default=-np.inf)
+
+    def chosen(self):
+        """Return the Selection that the search ends with: each member holds beside the others."""
+        selection = self.problem.grow()
+        while selection.members:
+            scores = [self.unrefined_score(self.problem.select(selection.without(k)), member.name)
+                      for k, member in enumerate(selection.members)]
+            weakest = int(np.argmin(scores))
+            if self.p(scores[weakest]) <= CLAIM:
+                break
+            selection = self.problem.swap(self.problem.select(selection.without(weakest)))
+        return self._strongest_first(selection)
+
+    def _strongest_first(self, selection):
+        falls = [self.problem.select(selection.without(k)).rss
+                 for k in range(len(selection.members))]
+        order = np.argsort(falls)[::-1]
+        return self.problem.select(tuple(selection.members[k] for k in order))
+
+    def final_fit(self, members):
+        """Return the joint fit of the model with members added."""
+        model = self.model
+        terms = tuple(Term(member.effect) for member in members)
+        settings = tuple(member.setting for member in members)
+        return fit(self.run, Model(model.base, (*model.terms, *terms), repeated=True),
+                   (*self.base.settings, *settings))
+
+    def unexplained(self, chosen, final):
+        """Return whether something is left that no named effect explains, and what it depends on."""
+        shapes = [member for member in chosen.members if not member.named]
+        if shapes:
+            return True, '; '.join(member.effect.describe(member.setting) for member in shapes)
+        chi, p = final.reduced_chi_square, final.lack_of_fit_p
+        if chi is not None and chi > 1.5 and p < 1e-6:
+            return True, (f'the residuals scatter {np.sqrt(chi):.2g} times as much as the '
+                          'repeatability says, and no shape was found in them')
+        return False, ''
+
+    def candidates(self, chosen, start, absent):
+        """Return all candidates: claimed ones as a ladder, then the others beside all claimed."""
+        out = [self._base_candidate(term, start) for term in absent]
+        ladder = ()
+        for place, member in enumerate(chosen.members):
+            rest = self.problem.select(chosen.without(place))
+            before = self.problem.select(ladder)
+            ladder = (*ladder, member)
+            if not member.named:
+                continue
+            score = self.unrefined_score(rest, member.name)
+            own = self.problem.select(chosen.members).score - rest.score
+            alike = tuple(rival.name for rival, other in self.problem.rivals(rest)
+                          if rival.named and rival.name != member.name
+                          and other > max(own - LOOK_ALIKE, 0))
+            out.append(self._candidate(member, before, self.p(score), alike, True))
+        claimed = set(chosen.names)
+        others = [(self.problem_p(chosen, rival), -score, rival)
+                  for rival, score in self.problem.rivals(chosen)
+                  if rival.named and rival.name not in claimed]
+        for p, _, rival in sorted(others, key=lambda entry: entry[:2]):
+            out.append(self._candidate(rival, chosen, p, (), False))
+        return tuple(out)
+
+    def problem_p(self, chosen, rival):
+        """Return the search-wide probability of an effect beside the chosen ones."""
+        return self.p(self.unrefined_score(chosen, rival.name))
+
+    def _candidate(self, member, before, p, look_alikes, claimed):
+        after = self.problem.select((*before.members, member))
+        scale = self.problem.scale
+        dof_before, dof_after = (self.dof - len(s.rows) - _searched(s) for s in (before, after))
+        size = 3 * self.run.size
+        k = len(after.rows) + _searched(after) - len(before.rows) - _searched(before)
+        fitted = self.final_fit([m for m in after.members if m.named])
+        parameters = fitted.effects[-1].parameters
+        held_before = self.held_out.rms([(before.residual, before.rows)] * self.held_out.folds)
+        return Candidate(
+            member.name, dict(member.setting), p, member.share,
+            scale * float(np.sqrt(before.rss / dof_before)),
+            scale * float(np.sqrt(after.rss / dof_after)), scale * held_before,
+            scale * self._held_out_after(member, before),
+            float(size * np.log(before.rss / after.rss) - k * np.log(size)), parameters,
+            look_alikes, claimed)
+
+    def _held_out_after(self, member, before):
+        """Return the held-out error with an effect whose settings are searched without each block."""
+        training = self.held_out.training_residuals(before.residual, before.rows)
+        fits = []
+        for residual in training:
+            blind = Selection(before.members, before.rows, residual, float(residual @ residual), 0.0)
+            offers = [offer for offer in self.problem.offers([blind], (member.name,))[0]]
+            again = member
+            if offers and len(offers[0][1].settings) > 1:
+                _, family, block = offers[0]
+                again = self.problem.member(family.effect, family.settings[block], family.chances)
+            after = self.problem.select((*before.members, again))
+            fits.append((after.residual, after.rows))
+        return self.held_out.rms(fits)
+
+    def _base_candidate(self, term, start):
+        model = self.model.without_effect(term)
+        before = fit(self.run, model, self.base.settings)
+        extra = self.base.rank - before.rank
+        left = self.base.rms**2 * self.base.dof
+        rss = before.rms**2 * before.dof
+        ratio = (rss - left) / extra / (left / self.base.dof)
+        p = float(stats.f.sf(ratio, extra, self.base.dof)) * 7
+        held = []
+        for one in (before, self.base):
+            residual = one.residual.reshape(-1)
+            blocks = HeldOut(one.joint.residual, self.run.size, self.seed)
+            held.append(blocks.rms([(residual, np.zeros((0, residual.size)))] * blocks.folds))
+        size = 3 * self.run.size
+        return Candidate(term, {}, min(p, 1.0), 1.0, before.rms, self.base.rms, *held,
+                         float(size * np.log(rss / left) - extra * np.log(size)), (), (), True)
+
+    def hidden(self, missing):
+        """Return the effects that this order hides, and those that the records cannot judge."""
+        shares = {}
+        for family in self.problem.families:
+            shares[family.name] = max(shares.get(family.name, 0.0), float(family.shares.max()))
+        present = {term.name for term in self.model.terms}
+        unavailable = tuple((name, reason) for name, effect in EFFECTS.items()
+                            if (reason := _reason(effect, self.run)))
+        out = {name for name, _ in unavailable}
+        invisible = tuple(name for name in EFFECTS
+                          if name not in out and name not in missing and name not in present
+                          and shares.get(name, 0.0) < INVISIBLE)
+        return invisible, unavailable
+
+
+def _reason(effect, run):
+    return effect.unavailable(run) or (
+        '' if effect.settings(run) else 'what it depends on does not change in this run')
+
+
+def _searched(selection):
+    return sum(parameter.kind != 'choice' for member in selection.members
+               for parameter in member.effect.searched)
+
+
+def _with_verdict(diagnosis):
+    """Return the diagnosis with one or two sentences for a person."""
+    rms, final = diagnosis.fit.rms * 1e6, diagnosis.final.rms * 1e6
+    parts = []
+    if diagnosis.missing:
+        names = ' and '.join(diagnosis.missing)
+        parts.append(f'The model lacks {names}: with it the residual falls from {rms:.3g} um to '
+                     f'{final:.3g} um.')
+        alike = sorted({other for c in diagnosis.candidates if c.claimed for other in c.look_alikes})
+        if alike:
+            parts.append(f'In this order {" and ".join(alike)} would look nearly the same.')
+    if diagnosis.unexplained:
+        parts.append(f'Something is left that no named effect explains: '
+                     f'{diagnosis.unexplained_text}.')
+    if not parts:
+        parts.append(f'Nothing is missing that this run can show: the residual of {rms:.3g} um is '
+                     'noise.')
+    if diagnosis.invisible:
+        parts.append(f'This order of measurement cannot show {", ".join(diagnosis.invisible)}.')
+    values = {name: getattr(diagnosis, name) for name in diagnosis.__dataclass_fields__}
+    return Diagnosis(**{**values, 'verdict': ' '.join(parts)})

@@ -1,0 +1,289 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The search: which named effects, at which nonlinear parameters, explain what a model leaves.
+
+Sets of effects are grown side by side (beam search), refitted jointly with the model at every step,
+and judged by
+
+    score = nu ln(RSS_0 / RSS) - sum over effects of (k ln nu + 2 ln(chances * effects)),
+
+twice the logarithm of an approximate Bayes factor: k amplitudes cost ln nu each as in the Bayesian
+information criterion, and the search costs the number of separate chances that an effect had. The
+score is free of sigma: a wrong repeatability cannot make a cause out of noise.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from rosette_ros.core.atoms import Family, families, gains, whiten
+from rosette_ros.core.effects.contract import Effect, Setting
+from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.structure import STRUCTURES, Structure
+
+STRUCTURE_PRIOR = 10.0
+"""A shape without a physical name must beat named effects by this score."""
+REPEATABLE = ('outlier', 'ball_slip', 'ball_form', 'frame_cycle', 'asynchronous_motion')
+"""Effects that can be present more than once."""
+MOST_EFFECTS = 5
+BEAM = 4
+BRANCHES = 7
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """One effect at one setting: its rows freed of the model, (k, 3 N), orthonormal."""
+
+    effect: Effect
+    setting: Setting
+    rows: np.ndarray
+    penalty: float
+    share: float
+
+    @property
+    def name(self):
+        """The name of the effect."""
+        return self.effect.name
+
+    @property
+    def named(self):
+        """Whether it is a physical effect of the library."""
+        return not isinstance(self.effect, Structure)
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """A set of members fitted jointly: residual (3 N,), its square sum, orthonormal rows, score."""
+
+    members: tuple[Member, ...]
+    rows: np.ndarray
+    residual: np.ndarray
+    rss: float
+    score: float
+
+    @property
+    def names(self):
+        """Names of the members."""
+        return tuple(member.name for member in self.members)
+
+    def without(self, place):
+        """Return the members but one."""
+        return self.members[:place] + self.members[place + 1:]
+
+
+class Problem:
+    """What is searched: a run, the model's projection and residual, and the families of effects.
+
+    project: maps rows (m, N, 3) to what the model leaves of them; residual: (N, 3), m; dof: its
+    degrees of freedom.
+    """
+
+    def __init__(self, run, project, residual, dof, effects=None, structures=STRUCTURES):
+        """Build the families once; see the class."""
+        self.run, self.project, self.dof = run, project, dof
+        self.scale = float(np.sqrt(np.sum(residual**2) / dof)) or 1.0
+        self.residual = residual.reshape(-1) / self.scale
+        effects = tuple(EFFECTS.values()) if effects is None else tuple(effects)
+        self.families = families(run, (*effects, *structures), project)
+
+    @cached_property
+    def empty(self):
+        """The selection of nothing."""
+        rss = float(self.residual @ self.residual)
+        return Selection((), np.zeros((0, self.residual.size)), self.residual, rss, 0.0)
+
+    def penalty(self, effect, rank, chances):
+        """Return what `rank` amplitudes and the search of an effect cost."""
+        extra = STRUCTURE_PRIOR if isinstance(effect, Structure) else 0.0
+        return rank * np.log(self.dof) + 2 * np.log(chances * len(EFFECTS)) + extra
+
+    def member(self, effect, setting, chances):
+        """Return an effect at a setting as a Member, or None where it cannot be seen."""
+        block = np.moveaxis(effect.columns(self.run, setting), -1, 0)
+        rows, rank, share = whiten(block[None], self.project)
+        rows = rows[0][np.any(rows[0] != 0, axis=1)]
+        if not len(rows):
+            return None
+        return Member(effect, setting, rows, float(self.penalty(effect, rank[0], chances)),
+                      float(share[0]))
+
+    def select(self, members):
+        """Return the joint Selection of members."""
+        members = tuple(members)
+        if not members:
+            return self.empty
+        stacked = np.concatenate([member.rows for member in members])
+        value, vector = np.linalg.eigh(stacked @ stacked.T)
+        keep = value > 1e-3
+        rows = (vector[:, keep] / np.sqrt(value[keep])).T @ stacked
+        residual = self.residual - (rows @ self.residual) @ rows
+        residual = residual - (rows @ residual) @ rows
+        rss = max(float(residual @ residual), 1e-300)
+        score = self.dof * np.log(self.empty.rss / rss) - sum(m.penalty for m in members)
+        return Selection(members, rows, residual, rss, float(score))
+
+    def offers(self, selections, names=None, allow_repeats=False):
+        """Return, for each selection, (score gain, family, block) of each family's best block.
+
+        names: of the effects to look at, None for all; allow_repeats: offer effects that are in the
+        selection already.
+        """
+        stacked = np.concatenate([np.vstack([s.residual[None], s.rows]) for s in selections])
+        offers = [[] for _ in selections]
+        for family in self.families:
+            if names is not None and family.name not in names:
+                continue
+            products = family.products(stacked)
+            penalties = np.array([self.penalty(family.effect, rank, family.chances)
+                                  for rank in range(family.atoms.shape[1] + 1)])[family.ranks]
+            start = 0
+            for selection, found in zip(selections, offers):
+                stop = start + 1 + len(selection.rows)
+                part = products[..., start:stop]
+                start = stop
+                if (family.name in selection.names and family.name not in REPEATABLE
+                        and not allow_repeats):
+                    continue
+                gain = gains(part[..., :1], part[..., 1:])[:, 0]
+                left = np.maximum(selection.rss - gain, 1e-12 * selection.rss)
+                score = self.dof * np.log(selection.rss / left) - penalties
+                score[family.ranks == 0] = -np.inf
+                best = int(np.argmax(score))
+                found.append((float(score[best]), family, best))
+        return [sorted(found, key=lambda offer: -offer[0]) for found in offers]
+
+    def refine(self, member, others, chances):
+        """Return a member with its continuous parameters at their best beside the others' rows."""
+        brackets = member.effect.brackets(self.run, member.setting)
+        for name, bracket in brackets.items():
+            setting = self._best_value(member, others, name, bracket, chances)
+            better = self.member(member.effect, setting, chances)
+            if better and _gain(better, others) >= _gain(member, others):
+                member = better
+        return member
+
+    def _best_value(self, member, others, name, bracket, chances):
+        def loss(value):
+            tried = self.member(member.effect, Setting({**member.setting, name: float(value)}),
+                                chances)
+            return -_gain(tried, others) if tried else 0.0
+
+        if isinstance(bracket, tuple):
+            best = minimize_scalar(loss, bounds=bracket, method='bounded',
+                                   options={'maxiter': 12, 'xatol': 1e-3 * (bracket[1] - bracket[0])}).x
+        else:
+            best = min(bracket, key=loss, default=member.setting[name])
+        return Setting({**member.setting, name: float(best)})
+
+    def grow(self):
+        """Return the best Selection that the beam search finds; empty where nothing pays."""
+        beam, best = [self.empty], self.empty
+        for _ in range(MOST_EFFECTS):
+            children = {}
+            for selection, offers in zip(beam, self.offers(beam)):
+                for _, family, block in offers[:BRANCHES]:
+                    child = self._child(selection, family, block)
+                    if child is not None:
+                        children.setdefault(_key(child), child)
+            ranked = sorted(children.values(), key=lambda child: -child.score)
+            beam = [self.settle(child) for child in ranked[:BEAM]]
+            if not beam:
+                break
+            top = max(beam, key=lambda child: child.score)
+            if top.score <= best.score:
+                break
+            best = top
+        return self.swap(best)
+
+    def _child(self, selection, family, block):
+        member = self.member(family.effect, family.settings[block], family.chances)
+        if member is None:
+            return None
+        return self.select((*selection.members, self.refine(member, selection, family.chances)))
+
+    def settle(self, selection):
+        """Return the selection with every member's continuous parameters refined beside the rest."""
+        if len(selection.members) < 2:
+            return selection
+        for place in range(len(selection.members)):
+            others = self.select(selection.without(place))
+            member = selection.members[place]
+            refined = self.refine(member, others, member.effect.independent_settings(self.run))
+            tried = self.select((*selection.members[:place], refined,
+                                 *selection.members[place + 1:]))
+            selection = tried if tried.score >= selection.score else selection
+        return selection
+
+    def swap(self, selection):
+        """Return the selection after exchanging or dropping members while that helps."""
+        for _ in range(4):
+            better = self._swap_once(selection)
+            if better.score <= selection.score + 1e-9:
+                return selection
+            selection = better
+        return selection
+
+    def _swap_once(self, selection):
+        best = selection
+        rests = [self.select(selection.without(k)) for k in range(len(selection.members))]
+        if not rests:
+            return best
+        for rest, offers in zip(rests, self.offers(rests)):
+            best = max(best, rest, key=lambda s: s.score)
+            for _, family, block in offers[:3]:
+                child = self._child(rest, family, block)
+                if child is not None and child.score > best.score:
+                    best = self.settle(child)
+        return best
+
+    def rivals(self, rest):
+        """Return the best Member of each effect beside the members of `rest`, with its score gain."""
+        best = {}
+        for score, family, block in self.offers([rest])[0]:
+            if best.get(family.name, (None, -np.inf))[1] < score - 1e-12:
+                best[family.name] = ((family, block), score)
+        out = []
+        for (family, block), _ in best.values():
+            child = self._child(rest, family, block)
+            if child is not None:
+                out.append((child.members[-1], child.score - rest.score))
+        return sorted(out, key=lambda rival: -rival[1])
+
+    def null_scores(self, draws, rng):
+        """Return the best score of any effect in `draws` runs of pure noise, (draws,).
+
+        The noise is white, goes through the same projection and the same families; a share of about
+        a tenth of the library's score is not refined, alike for noise and data.
+        """
+        n = self.run.size
+        noise = self.project(rng.standard_normal((draws, n, 3))).reshape(draws, 3 * n)
+        rss = np.sum(noise**2, axis=1)
+        best = np.full(draws, -np.inf)
+        for family in self.families:
+            if isinstance(family.effect, Structure):
+                continue
+            gain = gains(family.products(noise))
+            penalties = np.array([self.penalty(family.effect, rank, family.chances)
+                                  for rank in family.ranks])
+            score = self.dof * np.log(rss / np.maximum(rss - gain, 1e-12 * rss))
+            best = np.maximum(best, (score - penalties[:, None]).max(axis=0))
+        return best
+
+
+def _gain(member, others):
+    """Return the fall of the square sum when a member joins a selection."""
+    x = member.rows @ others.rows.T
+    y = member.rows @ others.residual
+    gram = np.eye(len(y)) * (1 + 1e-9) - x @ x.T
+    value, vector = np.linalg.eigh(gram)
+    keep = value > 1e-3
+    return float(np.sum((vector[:, keep].T @ y)**2 / value[keep]))
+
+
+def _key(selection):
+    return frozenset((m.name, *sorted((k, v) for k, v in m.setting.items() if not isinstance(v, float)))
+                     for m in selection.members)
+
+
+__all__ = ['Family', 'Member', 'Problem', 'Selection']
