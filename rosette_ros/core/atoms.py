@@ -14,20 +14,41 @@ from rosette_ros.core.effects.contract import Effect, Setting
 
 DROP = 0.02
 """Directions of an effect with a smaller visible share are left out of the search."""
-CHUNK = 256
+CHUNK = 512
 RIDGE = 1e-3
+SMALL = 1000
+
+
+class Projection:
+    """Rows (m, N, 3) freed of a model; as one matrix where the run is small and the rows are many."""
+
+    def __init__(self, residual, size):
+        """Keep a function that frees rows (m, N, 3) of the model, for runs of `size` readings."""
+        self._residual, self._size = residual, size
+        self._matrix = None
+
+    def __call__(self, rows):
+        """Return the rows freed of the model, same shape."""
+        wide = 3 * self._size
+        if len(rows) < 32 or wide > SMALL:
+            return self._residual(rows)
+        if self._matrix is None:
+            self._matrix = self._residual(np.eye(wide).reshape(wide, self._size, 3)).reshape(
+                wide, wide)
+        return (rows.reshape(len(rows), wide) @ self._matrix).reshape(rows.shape)
 
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """All settings of one effect that have q columns: atoms (blocks, q, 3 N), float32.
+    """All settings of one effect that have q columns.
 
-    ranks: (blocks,) visible directions; shares: (blocks,) visible shares; chances: number of
-    settings that count as separate chances in the search.
+    atoms: (blocks * q, 3 N), float32; ranks: (blocks,) visible directions; shares: (blocks,) visible
+    shares; chances: number of settings that count as separate chances in the search.
     """
 
     effect: Effect
     settings: tuple[Setting, ...]
+    q: int
     atoms: np.ndarray
     ranks: np.ndarray
     shares: np.ndarray
@@ -40,8 +61,8 @@ class Family:
 
     def products(self, rows):
         """Return atoms times rows (m, 3 N), shape (blocks, q, m)."""
-        b, q, size = self.atoms.shape
-        return (self.atoms.reshape(b * q, size) @ rows.T.astype(np.float32)).reshape(b, q, -1)
+        product = self.atoms @ np.ascontiguousarray(rows.T, dtype=np.float32)
+        return product.reshape(len(self.settings), self.q, -1)
 
 
 def gains(y, x=None):
@@ -50,8 +71,10 @@ def gains(y, x=None):
     x: (blocks, q, k), or None for no members.
     """
     if x is None or not x.shape[-1]:
-        return np.sum(y.astype(float)**2, axis=1)
-    gram = np.eye(x.shape[1]) * (1 + RIDGE) - x @ x.transpose(0, 2, 1)
+        return np.einsum('bqm,bqm->bm', y, y).astype(float)
+    if x.shape[1] == 1:
+        return y[:, 0]**2 / (1 + RIDGE - np.sum(x[:, 0]**2, axis=1))[:, None]
+    gram = np.eye(x.shape[1], dtype=x.dtype) * (1 + RIDGE) - x @ x.transpose(0, 2, 1)
     return np.sum(y * np.linalg.solve(gram, y), axis=1)
 
 
@@ -61,39 +84,46 @@ def whiten(blocks, project):
     project: maps rows (m, N, 3) to what the model leaves of them.
     """
     b, q, n = blocks.shape[:3]
-    centred = blocks - blocks.mean(axis=2, keepdims=True)
-    full = np.sqrt(np.sum(centred**2, axis=(2, 3)))
-    scale = np.where(full > 0, full, 1.0)
+    flat = blocks.reshape(b, q, 3 * n)
+    mean = blocks.mean(axis=2)
+    full = np.sqrt(np.maximum(np.einsum('bqs,bqs->bq', flat, flat)
+                              - n * np.sum(mean**2, axis=2), 0))
+    length = np.sqrt(np.einsum('bqs,bqs->bq', flat, flat))
+    full = np.where(full > 1e-9 * length, full, 0.0)
+    scale = np.where(full > 0, full, np.where(length > 0, length, 1.0))
     perp = project(blocks.reshape(b * q, n, 3)).reshape(b, q, 3 * n) / scale[..., None]
-    share = np.sqrt(np.sum(perp**2, axis=(1, 2)) / np.maximum((full > 0).sum(axis=1), 1))
-    value, vector = np.linalg.eigh(perp @ perp.transpose(0, 2, 1))
+    gram = perp @ perp.transpose(0, 2, 1)
+    share = np.sqrt(np.trace(gram, axis1=1, axis2=2) / np.maximum((full > 0).sum(axis=1), 1))
+    value, vector = np.linalg.eigh(gram)
     keep = value > DROP**2
     root = np.where(keep, 1 / np.sqrt(np.where(keep, value, 1.0)), 0.0)
     return (vector * root[:, None, :]).transpose(0, 2, 1) @ perp, keep.sum(axis=1), share
 
 
-def families(run, effects, project):
-    """Return the families of effects on a run, a tuple; effects that cannot be judged are left out."""
+def families(run, effects, project, keep_hidden=False):
+    """Return the families of effects on a run, a tuple; effects that cannot be judged are left out.
+
+    keep_hidden: also families of which the run shows nothing.
+    """
     out = []
     for effect in effects:
         if effect.unavailable(run):
             continue
         by_size = {}
         for setting in effect.settings(run):
-            block = np.moveaxis(effect.columns(run, setting), -1, 0)
-            by_size.setdefault(len(block), []).append((setting, block))
+            by_size.setdefault(len(effect.amplitudes(run, setting)), []).append(setting)
         chances = effect.independent_settings(run)
-        out += [_family(effect, entries, chances, project) for entries in by_size.values()]
-    return tuple(family for family in out if family.ranks.any())
+        out += [_family(run, effect, tuple(settings), q, chances, project)
+                for q, settings in by_size.items()]
+    return tuple(family for family in out if keep_hidden or family.ranks.any())
 
 
-def _family(effect, entries, chances, project):
-    q, n = entries[0][1].shape[:2]
-    atoms = np.empty((len(entries), q, 3 * n), dtype=np.float32)
-    ranks, shares = np.empty(len(entries), dtype=int), np.empty(len(entries))
+def _family(run, effect, settings, q, chances, project):
+    atoms = np.empty((len(settings) * q, 3 * run.size), dtype=np.float32)
+    ranks, shares = np.empty(len(settings), dtype=int), np.empty(len(settings))
     step = max(1, CHUNK // q)
-    for start in range(0, len(entries), step):
+    for start in range(0, len(settings), step):
         part = slice(start, start + step)
-        blocks = np.stack([block for _, block in entries[part]])
-        atoms[part], ranks[part], shares[part] = whiten(blocks, project)
-    return Family(effect, tuple(setting for setting, _ in entries), atoms, ranks, shares, chances)
+        rows, ranks[part], shares[part] = whiten(effect.blocks(run, settings[part]), project)
+        atoms[start * q:(start + len(rows)) * q] = rows.reshape(-1, 3 * run.size)
+    return Family(effect, settings, q, atoms, ranks, shares, chances)

@@ -148,8 +148,8 @@ class _Search:
 
     def unrefined_score(self, rest, name):
         """Return the best score on the grid of an effect beside the members of `rest`."""
-        return max((score for score, family, _ in self.problem.offers([rest])[0]
-                    if family.name == name), default=-np.inf)
+        return max((score for score, *_ in self.problem.offers([rest], (name,))[0]),
+                   default=-np.inf)
 
     def chosen(self):
         """Return the Selection that the search ends with: each member holds beside the others."""
@@ -200,21 +200,17 @@ class _Search:
                 continue
             score = self.unrefined_score(rest, member.name)
             own = self.problem.select(chosen.members).score - rest.score
-            alike = tuple(rival.name for rival, other in self.problem.rivals(rest)
+            alike = tuple(rival.name for rival, other, _ in self.problem.rivals(rest)
                           if rival.named and rival.name != member.name
                           and other > max(own - LOOK_ALIKE, 0))
             out.append(self._candidate(member, before, self.p(score), alike, True))
         claimed = set(chosen.names)
-        others = [(self.problem_p(chosen, rival), -score, rival)
-                  for rival, score in self.problem.rivals(chosen)
+        others = [(self.p(score), -gain, rival)
+                  for rival, gain, score in self.problem.rivals(chosen)
                   if rival.named and rival.name not in claimed]
         for p, _, rival in sorted(others, key=lambda entry: entry[:2]):
             out.append(self._candidate(rival, chosen, p, (), False))
         return tuple(out)
-
-    def problem_p(self, chosen, rival):
-        """Return the search-wide probability of an effect beside the chosen ones."""
-        return self.p(self.unrefined_score(chosen, rival.name))
 
     def _candidate(self, member, before, p, look_alikes, claimed):
         after = self.problem.select((*before.members, member))
@@ -237,9 +233,9 @@ class _Search:
         """Return the held-out error with an effect whose settings are searched without each block."""
         training = self.held_out.training_residuals(before.residual, before.rows)
         fits = []
-        for residual in training:
-            blind = Selection(before.members, before.rows, residual, float(residual @ residual), 0.0)
-            offers = [offer for offer in self.problem.offers([blind], (member.name,))[0]]
+        blind = [Selection(before.members, before.rows, residual, float(residual @ residual), 0.0)
+                 for residual in training]
+        for offers in self.problem.offers(blind, (member.name,), allow_repeats=True):
             again = member
             if offers and len(offers[0][1].settings) > 1:
                 _, family, block = offers[0]

@@ -69,6 +69,12 @@ class HeldOut:
 
 def _solve(matrix, vector):
     """Return the minimum-norm solution and how many coordinates could be predicted at all."""
-    value, basis = scipy.linalg.eigh(matrix)
+    try:
+        factor = scipy.linalg.cho_factor(matrix, check_finite=False)
+        if np.diag(factor[0]).min() > 1e-3:
+            return scipy.linalg.cho_solve(factor, vector, check_finite=False), len(vector)
+    except scipy.linalg.LinAlgError:
+        pass  # singular: some of the block cannot be predicted, see below
+    value, basis = np.linalg.eigh(matrix)
     keep = value > 1e-6
     return basis[:, keep] @ ((basis[:, keep].T @ vector) / value[keep]), int(keep.sum())

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from rosette_ros.core.atoms import Family, families, gains, whiten
+from rosette_ros.core.atoms import Family, Projection, families, gains, whiten
 from rosette_ros.core.effects.contract import Effect, Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.structure import STRUCTURES, Structure
@@ -81,7 +81,8 @@ class Problem:
 
     def __init__(self, run, project, residual, dof, effects=None, structures=STRUCTURES):
         """Build the families once; see the class."""
-        self.run, self.project, self.dof = run, project, dof
+        self.run, self.dof = run, dof
+        self.project = project = Projection(project, run.size)
         self.scale = float(np.sqrt(np.sum(residual**2) / dof)) or 1.0
         self.residual = residual.reshape(-1) / self.scale
         effects = tuple(EFFECTS.values()) if effects is None else tuple(effects)
@@ -94,7 +95,7 @@ class Problem:
         return Selection((), np.zeros((0, self.residual.size)), self.residual, rss, 0.0)
 
     def penalty(self, effect, rank, chances):
-        """Return what `rank` amplitudes and the search of an effect cost."""
+        """Return what `rank` amplitudes (a number or an array) and the search of an effect cost."""
         extra = STRUCTURE_PRIOR if isinstance(effect, Structure) else 0.0
         return rank * np.log(self.dof) + 2 * np.log(chances * len(EFFECTS)) + extra
 
@@ -135,8 +136,7 @@ class Problem:
             if names is not None and family.name not in names:
                 continue
             products = family.products(stacked)
-            penalties = np.array([self.penalty(family.effect, rank, family.chances)
-                                  for rank in range(family.atoms.shape[1] + 1)])[family.ranks]
+            penalties = self.penalty(family.effect, family.ranks, family.chances)
             start = 0
             for selection, found in zip(selections, offers):
                 stop = start + 1 + len(selection.rows)
@@ -238,16 +238,18 @@ class Problem:
         return best
 
     def rivals(self, rest):
-        """Return the best Member of each effect beside the members of `rest`, with its score gain."""
+        """Return the best Member of each effect beside those of `rest`, best first.
+
+        Each comes with its score gain and its score gain before refinement, as noise is scored.
+        """
         best = {}
         for score, family, block in self.offers([rest])[0]:
-            if best.get(family.name, (None, -np.inf))[1] < score - 1e-12:
-                best[family.name] = ((family, block), score)
+            best.setdefault(family.name, (score, family, block))
         out = []
-        for (family, block), _ in best.values():
+        for score, family, block in best.values():
             child = self._child(rest, family, block)
             if child is not None:
-                out.append((child.members[-1], child.score - rest.score))
+                out.append((child.members[-1], child.score - rest.score, score))
         return sorted(out, key=lambda rival: -rival[1])
 
     def null_scores(self, draws, rng):
@@ -264,8 +266,7 @@ class Problem:
             if isinstance(family.effect, Structure):
                 continue
             gain = gains(family.products(noise))
-            penalties = np.array([self.penalty(family.effect, rank, family.chances)
-                                  for rank in family.ranks])
+            penalties = self.penalty(family.effect, family.ranks, family.chances)
             score = self.dof * np.log(rss / np.maximum(rss - gain, 1e-12 * rss))
             best = np.maximum(best, (score - penalties[:, None]).max(axis=0))
         return best

@@ -79,6 +79,13 @@ class Effect:
         """Return the displacement of every reading per unit of each amplitude, (N, 3, q), m/unit."""
         raise NotImplementedError
 
+    def blocks(self, run, settings):
+        """Return the columns of many settings with as many amplitudes each, (b, q, N, 3).
+
+        The same as `columns` one by one; an effect with many settings may do it at once.
+        """
+        return np.stack([np.moveaxis(self.columns(run, setting), -1, 0) for setting in settings])
+
     def independent_settings(self, run):
         """Return how many settings count as separate chances in the search, at least 1."""
         return max(1, len(self.settings(run)))
@@ -147,10 +154,16 @@ def tangential(angle):
     return np.stack([-np.sin(angle), np.cos(angle), np.zeros_like(angle)], axis=-1)
 
 
-def along(axes, scalar):
-    """Return `scalar` (N,) as displacement along each of `axes` (a string of x, y, z), (N, 3, q)."""
-    return np.stack([scalar[:, None] * unit('xyz'.index(axis), scalar.size) for axis in axes],
-                    axis=-1)
+def spread(axes, scalars):
+    """Return scalars (b, m, N) as displacements along each of `axes`, (b, m * axes, N, 3).
+
+    axes: a string of x, y, z; the axes of the first scalar come first.
+    """
+    b, m, n = scalars.shape
+    out = np.zeros((b, m, len(axes), n, 3))
+    for place, axis in enumerate(axes):
+        out[:, :, place, :, 'xyz'.index(axis)] = scalars
+    return out.reshape(b, m * len(axes), n, 3)
 
 
 def logarithmic_grid(low, high, size):

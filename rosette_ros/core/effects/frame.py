@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rosette_ros.core.effects.contract import (Effect, Quantity, Searched, Setting, along,
+from rosette_ros.core.effects.contract import (Effect, Quantity, Searched, Setting,
                                                between_readings, duration, logarithmic_grid,
-                                               seconds)
+                                               seconds, spread)
 
 AXES = ('xyz', 'x', 'y', 'z')
 _AXES = Searched('axes', '', 'which axes move: all three together or one alone')
@@ -18,7 +18,35 @@ def _per_axis(axes, name, unit, meaning):
 
 
 @dataclass(frozen=True)
-class FrameDrift(Effect):
+class FrameEffect(Effect):
+    """The machine frame moves along one axis or all three, by functions of time or temperature."""
+
+    def scalars(self, run, values):
+        """Return the functions at each reading, (b, m, N), for values of the searched parameter.
+
+        values: (b, 1) the searched parameter other than the axes, or (1, 1) zero where there is none.
+        """
+        raise NotImplementedError
+
+    def columns(self, run, setting):
+        """Return each function along each axis, (N, 3, q)."""
+        return np.moveaxis(self.blocks(run, [setting])[0], 0, -1)
+
+    def blocks(self, run, settings):
+        """Return the columns of settings that share their number of axes, (b, q, N, 3)."""
+        name = self.searched[-1].name if len(self.searched) > 1 else None
+        out = None
+        for axes in dict.fromkeys(setting['axes'] for setting in settings):
+            places = [k for k, setting in enumerate(settings) if setting['axes'] == axes]
+            values = np.array([[settings[k].get(name, 0.0)] for k in places])
+            part = spread(axes, self.scalars(run, values))
+            out = np.empty((len(settings), *part.shape[1:])) if out is None else out
+            out[places] = part
+        return out
+
+
+@dataclass(frozen=True)
+class FrameDrift(FrameEffect):
     """Linear drift d t of the probe against the table, machine frame."""
 
     name: str = 'frame_drift'
@@ -38,13 +66,13 @@ class FrameDrift(Effect):
         """Return the drift rates."""
         return _per_axis(setting['axes'], 'd', 'm/s', 'drift rate')
 
-    def columns(self, run, setting):
-        """Return d t per unit rate, (N, 3, q), s."""
-        return along(setting['axes'], seconds(run))
+    def scalars(self, run, values):
+        """Return t, s."""
+        return np.tile(seconds(run), (len(values), 1, 1))
 
 
 @dataclass(frozen=True)
-class FrameWarmup(Effect):
+class FrameWarmup(FrameEffect):
     """Exponential approach d (1 - exp(-t/tau)) of the probe against the table."""
 
     name: str = 'frame_warmup'
@@ -68,13 +96,13 @@ class FrameWarmup(Effect):
         """Return the final displacements."""
         return _per_axis(setting['axes'], 'd', 'm', 'final displacement')
 
-    def columns(self, run, setting):
-        """Return 1 - exp(-t/tau) per axis, (N, 3, q)."""
-        return along(setting['axes'], -np.expm1(-seconds(run) / setting['tau']))
+    def scalars(self, run, values):
+        """Return 1 - exp(-t/tau)."""
+        return -np.expm1(-seconds(run) / values)[:, None]
 
 
 @dataclass(frozen=True)
-class FrameTemperature(Effect):
+class FrameTemperature(FrameEffect):
     """Displacement d (T - T0) that follows the measured temperature."""
 
     name: str = 'frame_temperature'
@@ -95,13 +123,13 @@ class FrameTemperature(Effect):
         """Return the displacements per kelvin."""
         return _per_axis(setting['axes'], 'd', 'm/K', 'displacement per kelvin')
 
-    def columns(self, run, setting):
-        """Return T - T0 per axis, T0 the first temperature, (N, 3, q), K."""
-        return along(setting['axes'], run.temperature - run.temperature[0])
+    def scalars(self, run, values):
+        """Return T - T0, T0 the first temperature, K."""
+        return np.tile(run.temperature - run.temperature[0], (len(values), 1, 1))
 
 
 @dataclass(frozen=True)
-class FrameCycle(Effect):
+class FrameCycle(FrameEffect):
     """Periodic displacement a cos(2 pi t/P) + b sin(2 pi t/P)."""
 
     name: str = 'frame_cycle'
@@ -135,15 +163,14 @@ class FrameCycle(Effect):
         return (_per_axis(axes, 'a', 'm', 'cosine amplitude')
                 + _per_axis(axes, 'b', 'm', 'sine amplitude'))
 
-    def columns(self, run, setting):
-        """Return cosine and sine per axis, (N, 3, 2 q)."""
-        angle = 2 * np.pi * seconds(run) / setting['period']
-        return np.concatenate([along(setting['axes'], np.cos(angle)),
-                               along(setting['axes'], np.sin(angle))], axis=-1)
+    def scalars(self, run, values):
+        """Return cosine and sine of 2 pi t/P."""
+        angle = 2 * np.pi * seconds(run) / values
+        return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 @dataclass(frozen=True)
-class FrameStep(Effect):
+class FrameStep(FrameEffect):
     """A step d H(t - t0) of the probe against the table."""
 
     name: str = 'frame_step'
@@ -168,9 +195,9 @@ class FrameStep(Effect):
         """Return the size of the step."""
         return _per_axis(setting['axes'], 'd', 'm', 'step')
 
-    def columns(self, run, setting):
-        """Return H(t - t0) per axis, (N, 3, q)."""
-        return along(setting['axes'], (seconds(run) > setting['t0']).astype(float))
+    def scalars(self, run, values):
+        """Return H(t - t0)."""
+        return (seconds(run) > values).astype(float)[:, None]
 
 
 FRAME_EFFECTS = (FrameDrift(), FrameWarmup(), FrameTemperature(), FrameCycle(), FrameStep())

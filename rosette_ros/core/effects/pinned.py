@@ -47,3 +47,7 @@ class Pinned(Effect):
     def columns(self, run, setting):
         """Ask the effect."""
         return self.effect.columns(run, setting)
+
+    def blocks(self, run, settings):
+        """Ask the effect."""
+        return self.effect.blocks(run, settings)

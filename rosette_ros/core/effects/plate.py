@@ -68,9 +68,14 @@ class PlateSlip(Effect):
 
     def columns(self, run, setting):
         """Return shift and turn after t0, (N, 3, 3)."""
-        after = (seconds(run) > setting['t0']).astype(float)
-        turn = run.radius * tangential(run.alpha)[..., None]
-        return after[:, None, None] * np.concatenate([plate_axes(run)[..., :2], turn], axis=-1)
+        return np.moveaxis(self.blocks(run, [setting])[0], 0, -1)
+
+    def blocks(self, run, settings):
+        """Return shift and turn after many moments, (b, 3, N, 3)."""
+        after = seconds(run) > np.array([setting['t0'] for setting in settings])[:, None]
+        turn = run.radius * tangential(run.alpha)[None]
+        shift = np.moveaxis(plate_axes(run)[..., :2], -1, 0)
+        return after[:, None, :, None] * np.concatenate([shift, turn])
 
 
 @dataclass(frozen=True)
@@ -175,8 +180,14 @@ class BallSlip(Effect):
 
     def columns(self, run, setting):
         """Return the shift of that ball after t0, (N, 3, 3)."""
-        moved = (run.ball == setting['ball']) & (seconds(run) > setting['t0'])
-        return moved[:, None, None] * plate_axes(run)
+        return np.moveaxis(self.blocks(run, [setting])[0], 0, -1)
+
+    def blocks(self, run, settings):
+        """Return the shifts of many balls and moments, (b, 3, N, 3)."""
+        ball = np.array([setting['ball'] for setting in settings])[:, None]
+        t0 = np.array([setting['t0'] for setting in settings])[:, None]
+        moved = (run.ball == ball) & (seconds(run) > t0)
+        return moved[:, None, :, None] * np.moveaxis(plate_axes(run), -1, 0)
 
 
 @dataclass(frozen=True)
@@ -216,13 +227,15 @@ class BallForm(Effect):
 
     def columns(self, run, setting):
         """Return the apparent shift per amplitude, (N, 3, q)."""
-        columns = []
-        zero = np.zeros(run.size)
-        for ball, m in self._pairs(run, setting):
-            own = (run.ball == ball).astype(float)
-            c, s = own * np.cos(m * run.phi), own * np.sin(m * run.phi)
-            columns += [(c, -s, zero), (-s, -c, zero), (zero, zero, c), (zero, zero, s)]
-        return np.moveaxis(np.array(columns), 0, -1).transpose(1, 0, 2)
+        pairs = self._pairs(run, setting)
+        out = np.zeros((run.size, 3, len(pairs), 4))
+        for place, (ball, m) in enumerate(pairs):
+            own = run.ball == ball
+            c, s = np.cos(m * run.phi[own]), np.sin(m * run.phi[own])
+            out[own, 0, place, 0], out[own, 1, place, 0] = c, -s
+            out[own, 0, place, 1], out[own, 1, place, 1] = -s, -c
+            out[own, 2, place, 2], out[own, 2, place, 3] = c, s
+        return out.reshape(run.size, 3, 4 * len(pairs))
 
 
 PLATE_EFFECTS = (PlateCreep(), PlateSlip(), PlateExpansion(), PlateWarp(), BallSlip(), BallForm())

@@ -55,8 +55,14 @@ class Outlier(Effect):
 
     def columns(self, run, setting):
         """Return the unit displacements of that reading, (N, 3, 3)."""
-        out = np.zeros((run.size, 3, 3))
-        out[setting['reading'] - 1] = np.eye(3)
+        return np.moveaxis(self.blocks(run, [setting])[0], 0, -1)
+
+    def blocks(self, run, settings):
+        """Return the unit displacements of many readings, (b, 3, N, 3)."""
+        out = np.zeros((len(settings), 3, run.size, 3))
+        reading = np.array([setting['reading'] for setting in settings]) - 1
+        for axis in range(3):
+            out[np.arange(len(settings)), axis, reading, axis] = 1.0
         return out
 
 

@@ -126,16 +126,22 @@ class AsynchronousMotion(Effect):
 
     def columns(self, run, setting):
         """Return cos(nu Psi) and sin(nu Psi) in each direction, (N, 3, q)."""
-        directions = {
-            'radial': np.stack([unit(0, run.size), unit(1, run.size)], axis=-1),
-            'axial': unit(2, run.size)[..., None],
-            'tilt': axial_tilts(run)}
-        directions['all'] = np.concatenate(
-            [directions[motion] for motion in ('radial', 'axial', 'tilt')], axis=-1)
-        direction = directions[setting['motion']]
-        angle = setting['nu'] * (run.table_travel - run.table_travel[0])
-        return np.concatenate([np.cos(angle)[:, None, None] * direction,
-                               np.sin(angle)[:, None, None] * direction], axis=-1)
+        return np.moveaxis(self.blocks(run, [setting])[0], 0, -1)
+
+    def blocks(self, run, settings):
+        """Return the columns of settings whose motions have as many directions, (b, q, N, 3)."""
+        plane = np.stack([unit(0, run.size), unit(1, run.size)])
+        axial, tilt = unit(2, run.size)[None], np.moveaxis(axial_tilts(run), -1, 0)
+        directions = {'radial': plane, 'axial': axial, 'tilt': tilt,
+                      'all': np.concatenate([plane, axial, tilt])}
+        angle = (np.array([setting['nu'] for setting in settings])[:, None]
+                 * (run.table_travel - run.table_travel[0]))
+        waves = np.stack([np.cos(angle), np.sin(angle)], axis=1)[:, :, None, :, None]
+        out = np.empty((len(settings), 2, len(directions[settings[0]['motion']]), run.size, 3))
+        for motion in dict.fromkeys(setting['motion'] for setting in settings):
+            places = [k for k, setting in enumerate(settings) if setting['motion'] == motion]
+            out[places] = waves[places] * directions[motion]
+        return out.reshape(len(settings), -1, run.size, 3)
 
 
 @dataclass(frozen=True)
