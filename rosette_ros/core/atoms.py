@@ -20,7 +20,11 @@ SMALL = 1000
 
 
 class Projection:
-    """Rows (m, N, 3) freed of a model; as one matrix where the run is small and the rows are many."""
+    """Rows (m, N, 3) freed of a model; many rows of a small run by one matrix, in single precision.
+
+    Single precision is for atoms and simulated noise: the score of the best is computed anew in
+    double precision.
+    """
 
     def __init__(self, residual, size):
         """Keep a function that frees rows (m, N, 3) of the model, for runs of `size` readings."""
@@ -34,8 +38,9 @@ class Projection:
             return self._residual(rows)
         if self._matrix is None:
             self._matrix = self._residual(np.eye(wide).reshape(wide, self._size, 3)).reshape(
-                wide, wide)
-        return (rows.reshape(len(rows), wide) @ self._matrix).reshape(rows.shape)
+                wide, wide).astype(np.float32)
+        flat = rows.reshape(len(rows), wide).astype(np.float32)
+        return (flat @ self._matrix).reshape(rows.shape)
 
 
 @dataclass(frozen=True, eq=False)

@@ -133,6 +133,7 @@ class _Search:
         rng = np.random.default_rng(seed)
         self.null = np.sort(self.problem.null_scores(DRAWS if run.n < 48 else DRAWS // 2, rng))
         self.held_out = HeldOut(space.residual, run.size, seed)
+        self._blind_fits = {}
 
     def p(self, score):
         """Return the chance that noise reaches a score anywhere in the search.
@@ -220,7 +221,7 @@ class _Search:
         k = len(after.rows) + _searched(after) - len(before.rows) - _searched(before)
         fitted = self.final_fit([m for m in after.members if m.named])
         parameters = fitted.effects[-1].parameters
-        held_before = self.held_out.rms([(before.residual, before.rows)] * self.held_out.folds)
+        held_before, _ = self._blind(before)
         return Candidate(
             member.name, dict(member.setting), p, member.share,
             scale * float(np.sqrt(before.rss / dof_before)),
@@ -229,12 +230,21 @@ class _Search:
             float(size * np.log(before.rss / after.rss) - k * np.log(size)), parameters,
             look_alikes, claimed)
 
+    def _blind(self, before):
+        """Return the held-out error of a selection and the selection fitted without each block."""
+        key = tuple(id(member) for member in before.members)
+        if key not in self._blind_fits:
+            training = self.held_out.training_residuals(before.residual, before.rows)
+            rms = self.held_out.rms([(before.residual, before.rows)] * self.held_out.folds)
+            self._blind_fits[key] = rms, [
+                Selection(before.members, before.rows, residual, float(residual @ residual), 0.0)
+                for residual in training]
+        return self._blind_fits[key]
+
     def _held_out_after(self, member, before):
         """Return the held-out error with an effect whose settings are searched without each block."""
-        training = self.held_out.training_residuals(before.residual, before.rows)
         fits = []
-        blind = [Selection(before.members, before.rows, residual, float(residual @ residual), 0.0)
-                 for residual in training]
+        _, blind = self._blind(before)
         for offers in self.problem.offers(blind, (member.name,), allow_repeats=True):
             again = member
             if offers and len(offers[0][1].settings) > 1:

@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 
 from rosette_ros.core.base import BASE_TERMS
 from rosette_ros.core.effects.contract import Effect, Setting
+from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.effects.library import effect as library_effect
+from rosette_ros.core.effects.own import OwnTerm, own_term
 from rosette_ros.core.errors import InvalidModel
 
 SCHEMA = 'rosette-model/1'
@@ -24,6 +26,12 @@ class Term:
     def name(self):
         """The name of the effect."""
         return self.effect.name
+
+    def to_entry(self):
+        """Return the term as it stands in a model file."""
+        if isinstance(self.effect, OwnTerm):
+            return self.effect.definition
+        return {'name': self.name, **self.fixed} if self.fixed else self.name
 
     def __str__(self):
         """Return name and fixed parameters."""
@@ -83,6 +91,10 @@ class Model:
             return Model((*self.base, name), self.terms)
         return Model(self.base, (*self.terms, Term(library_effect(name), Setting(fixed or {}))))
 
+    def with_entry(self, entry):
+        """Return the model with an entry as in a model file more: name, mapping or own term."""
+        return Model(self.base, (*self.terms, _term(entry)))
+
     def without_effect(self, name):
         """Return the model without an effect (the last of that name) or base term."""
         if name in self.base:
@@ -95,8 +107,7 @@ class Model:
 
     def to_mapping(self):
         """Return the model as plain lists and dicts, schema rosette-model/1."""
-        effects = [{'name': term.name, **term.fixed} if term.fixed else term.name
-                   for term in self.terms]
+        effects = [term.to_entry() for term in self.terms]
         return {'schema': SCHEMA, 'base': list(self.base), 'effects': effects}
 
     @staticmethod
@@ -125,6 +136,12 @@ class Model:
 def _term(entry):
     if isinstance(entry, str):
         return Term(library_effect(entry))
+    if isinstance(entry, dict) and 'own' in entry:
+        effect = own_term(entry)
+        if effect.name in EFFECTS or effect.name in BASE_TERMS:
+            raise InvalidModel(f'own term: {effect.name} is the name of an effect of the library; '
+                               'choose another')
+        return Term(effect)
     if not isinstance(entry, dict) or not isinstance(entry.get('name'), str):
         raise InvalidModel(f'effects: wanted a name or a mapping with a name, got {entry!r}')
     fixed = {key: value for key, value in entry.items() if key != 'name'}

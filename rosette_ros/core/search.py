@@ -29,6 +29,8 @@ REPEATABLE = ('outlier', 'ball_slip', 'ball_form', 'frame_cycle', 'asynchronous_
 MOST_EFFECTS = 5
 BEAM = 4
 BRANCHES = 7
+HOPELESS = -8.0
+"""Score gain on the grid below which no refinement of continuous parameters can make it pay."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,9 +155,13 @@ class Problem:
                 found.append((float(score[best]), family, best))
         return [sorted(found, key=lambda offer: -offer[0]) for found in offers]
 
-    def refine(self, member, others, chances):
-        """Return a member with its continuous parameters at their best beside the others' rows."""
-        brackets = member.effect.brackets(self.run, member.setting)
+    def refine(self, member, others, chances, brackets=None):
+        """Return a member with its continuous parameters at their best beside the others' rows.
+
+        brackets: where to look for each parameter; the effect's own if None.
+        """
+        if brackets is None:
+            brackets = member.effect.brackets(self.run, member.setting)
         for name, bracket in brackets.items():
             setting = self._best_value(member, others, name, bracket, chances)
             better = self.member(member.effect, setting, chances)
@@ -171,7 +177,7 @@ class Problem:
 
         if isinstance(bracket, tuple):
             best = minimize_scalar(loss, bounds=bracket, method='bounded',
-                                   options={'maxiter': 12, 'xatol': 1e-3 * (bracket[1] - bracket[0])}).x
+                                   options={'maxiter': 9, 'xatol': 5e-3 * (bracket[1] - bracket[0])}).x
         else:
             best = min(bracket, key=loss, default=member.setting[name])
         return Setting({**member.setting, name: float(best)})
@@ -182,7 +188,9 @@ class Problem:
         for _ in range(MOST_EFFECTS):
             children = {}
             for selection, offers in zip(beam, self.offers(beam)):
-                for _, family, block in offers[:BRANCHES]:
+                for score, family, block in offers[:BRANCHES]:
+                    if score < HOPELESS:
+                        break
                     child = self._child(selection, family, block)
                     if child is not None:
                         children.setdefault(_key(child), child)
@@ -196,11 +204,13 @@ class Problem:
             best = top
         return self.swap(best)
 
-    def _child(self, selection, family, block):
+    def _child(self, selection, family, block, refined=True):
         member = self.member(family.effect, family.settings[block], family.chances)
         if member is None:
             return None
-        return self.select((*selection.members, self.refine(member, selection, family.chances)))
+        if refined:
+            member = self.refine(member, selection, family.chances)
+        return self.select((*selection.members, member))
 
     def settle(self, selection):
         """Return the selection with every member's continuous parameters refined beside the rest."""
@@ -231,8 +241,8 @@ class Problem:
             return best
         for rest, offers in zip(rests, self.offers(rests)):
             best = max(best, rest, key=lambda s: s.score)
-            for _, family, block in offers[:3]:
-                child = self._child(rest, family, block)
+            for score, family, block in offers[:3]:
+                child = self._child(rest, family, block) if score > HOPELESS else None
                 if child is not None and child.score > best.score:
                     best = self.settle(child)
         return best
@@ -247,7 +257,7 @@ class Problem:
             best.setdefault(family.name, (score, family, block))
         out = []
         for score, family, block in best.values():
-            child = self._child(rest, family, block)
+            child = self._child(rest, family, block, refined=score > HOPELESS)
             if child is not None:
                 out.append((child.members[-1], child.score - rest.score, score))
         return sorted(out, key=lambda rival: -rival[1])

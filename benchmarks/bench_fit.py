@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Full fit of a complete run against scipy.sparse lsqr and dense lstsq on the same matrix."""
+
+import time
+import tracemalloc
+
+import numpy as np
+import scipy.sparse
+import scipy.sparse.linalg
+
+from rosette_ros.analysis import analyse
+from rosette_ros.core.fit import mean_radius, observed
+from rosette_ros.core.records import Run
+from rosette_ros.core.scheme import plan
+
+RADIUS = 0.1825
+
+
+def measured(n):
+    """Return a complete run of n balls with white noise."""
+    scheme = plan(n, 'diagonal')
+    noise = 1e-7 * np.random.default_rng(n).standard_normal((n * n, 3))
+    return Run.from_readings(n, RADIUS, scheme.table_position, scheme.ball,
+                             scheme.centres(RADIUS) + noise, approach=scheme.approach)
+
+
+def matrix(run, lever):
+    """Return the sparse design of table, plate and CMM, (3 N, 12 n), written out by columns."""
+    n, size = run.n, run.size
+    i, j, k = run.table_position - 1, run.ball - 1, run.cmm_position - 1
+    row = 3 * np.arange(size)
+    x, y = lever * np.cos(run.alpha), lever * np.sin(run.alpha)
+    c, s, one = np.cos(run.phi), np.sin(run.phi), np.ones(size)
+    entries = []
+    for axis in range(3):
+        entries += [(row + axis, 6 * i + axis, one), (row + axis, 9 * n + 3 * k + axis, one)]
+    entries += [(row + 2, 6 * i + 3, y), (row + 2, 6 * i + 4, -x), (row, 6 * i + 5, -y),
+                (row + 1, 6 * i + 5, x)]
+    plate = 6 * n + 3 * j
+    entries += [(row, plate, c), (row, plate + 1, -s), (row + 1, plate, s), (row + 1, plate + 1, c),
+                (row + 2, plate + 2, one)]
+    rows, columns, values = (np.concatenate(part) for part in zip(*entries))
+    return scipy.sparse.csr_matrix((values, (rows, columns)), shape=(3 * size, 12 * n))
+
+
+def best_of(function, repeats):
+    """Return the shortest time of a call, s, and its last result."""
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        result = function()
+        times.append(time.perf_counter() - start)
+    return min(times), result
+
+
+def main():
+    """Print times, ratios and the agreement of the residuals."""
+    print('full fit with uncertainties, complete run (seconds, ratio peer / ours)')
+    for n in (12, 36, 72):
+        run = measured(n)
+        lever = mean_radius(run)
+        design, y = matrix(run, lever), observed(run).reshape(-1)
+        ours, report = best_of(lambda run=run: analyse(run), 5)
+        sparse, solution = best_of(lambda a=design, y=y: scipy.sparse.linalg.lsqr(
+            a, y, atol=1e-14, btol=1e-14, iter_lim=5000)[0], 1 if n > 40 else 3)
+        dense_time, dense = best_of(lambda a=design.toarray(), y=y: np.linalg.lstsq(
+            a, y, rcond=1e-10)[0], 1 if n > 20 else 3)
+        difference = max(np.abs(y - design @ x - report.fit.residual.reshape(-1)).max()
+                         for x in (solution, dense))
+        print(f'  n = {n:3d}: ours {ours:.4f}, lsqr {sparse:.3f} ({sparse / ours:.0f}x), '
+              f'lstsq {dense_time:.3f} ({dense_time / ours:.0f}x); '
+              f'residuals differ by {difference:.1e} m')
+    run = measured(360)
+    ours, _ = best_of(lambda: analyse(run), 3)
+    tracemalloc.start()
+    analyse(run)
+    peak = tracemalloc.get_traced_memory()[1] / 1e6
+    tracemalloc.stop()
+    print(f'  n = 360: ours {ours:.3f} s, peak {peak:.0f} MB (129 600 ball centres)')
+
+
+if __name__ == '__main__':
+    main()
