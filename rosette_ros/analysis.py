@@ -1,9 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The story in one pure function: a run and a model give a report; every door calls it."""
+"""The story in pure functions: every door calls them and none does an analysis of its own.
+
+A run and a model give a report (`analyse`), the place where the model fails (`compare`), the effect
+that is missing (`diagnose`), what changes when an effect comes or goes (`change`), and the next
+measurement (`advise`).
+"""
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from rosette_ros.core import compare as comparison
+from rosette_ros.core.advice import advise
 from rosette_ros.core.base import GAUGE
+from rosette_ros.core.diagnosis import diagnose, held_out_rms
 from rosette_ros.core.fit import Fit, fit
 from rosette_ros.core.model import Model
 from rosette_ros.core.records import ErrorMotions, Run
@@ -53,3 +63,40 @@ def analyse(run, model=None, weight=None):
     """
     model = model or Model()
     return Report(run, model, fit(run, model, choose_settings(run, model), weight))
+
+
+def compare(run, model=None):
+    """Return the Comparison of a model with a run: where it fails, and by how much of sigma."""
+    return comparison.compare(analyse(run, model).fit)
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What changes when a model is replaced by another on the same run.
+
+    before, after: Report; held_out_before, held_out_after: error in left-out readings, m;
+    curve_change: largest change of each curve, (6,), m and rad; helps: whether the error in readings
+    that the fit did not use falls by more than chance.
+    """
+
+    before: Report
+    after: Report
+    held_out_before: float
+    held_out_after: float
+    curve_change: np.ndarray
+    helps: bool
+
+
+def change(run, before, after):
+    """Return the Change from model `before` to model `after` on a run."""
+    reports = analyse(run, before), analyse(run, after)
+    held = [held_out_rms(run, report.fit) for report in reports]
+    shift = np.abs(reports[1].error_motions.values - reports[0].error_motions.values).max(axis=0)
+    # in units of sigma^2 the square sum of 3 N left-out errors falls by more than 12 + 2 k by chance
+    # for k amplitudes in less than one of a thousand cases (chi square of the gain)
+    extra = abs(reports[1].fit.rank - reports[0].fit.rank)
+    least = held[0] * (12 + 2 * extra) / (6 * run.size)
+    return Change(*reports, *held, shift, bool(held[1] < held[0] - least))
+
+
+__all__ = ['Change', 'Report', 'advise', 'analyse', 'change', 'compare', 'diagnose']

@@ -13,7 +13,7 @@ from rosette_ros.core.fit import JointSpace, fit
 from rosette_ros.core.heldout import HeldOut
 from rosette_ros.core.model import Model, Term
 from rosette_ros.core.search import Problem, Selection
-from rosette_ros.core.settings import choose_settings
+from rosette_ros.core.settings import choose_settings, settings_for
 
 CLAIM = 0.01
 """Search-wide probability below which a name is claimed; 5 % is what the users were promised."""
@@ -94,15 +94,37 @@ def diagnose(run, model=None, seed=0):
     return _with_verdict(diagnosis)
 
 
+def held_out_rms(run, fitted, seed=0):
+    """Return the error of a fit in readings left out, m; its settings are searched without each block."""
+    if not fitted.model.terms:
+        residual = fitted.residual.reshape(-1)
+        blocks = HeldOut(fitted.joint.residual, run.size, seed)
+        return blocks.rms([(residual, np.zeros((0, residual.size)))] * blocks.folds)
+    base = fit(run, Model(fitted.model.base))
+    space = base.joint
+    blocks = HeldOut(space.residual, run.size, seed)
+    residual = base.residual.reshape(-1)
+    training = blocks.training_residuals(residual, np.zeros((0, residual.size)))
+    whole = Problem(run, space.residual, base.residual, base.dof, (), ())
+    fits = []
+    for blind in training:
+        settings = settings_for(run, fitted.model, space, blind.reshape(-1, 3), base.dof)
+        members = [whole.member(term.effect, setting, 1.0)
+                   for term, setting in zip(fitted.model.terms, settings)]
+        chosen = whole.select([member for member in members if member])
+        fits.append((chosen.residual, chosen.rows))
+    return whole.scale * blocks.rms(fits)
+
+
 def missing_base(run, start):
     """Return the base terms that a model lacks and the run asks for, in order.
 
-    All sets of absent terms are tried; one is taken if it pays by its score and an F-test over all
-    sets, so that noise alone names none.
+    Every cell has plate and CMM deviations, so an absent term needs less than an effect does: an
+    F-test over all sets of absent terms, and of those that pass the best by Akaike's criterion.
     """
     model = start.model
     absent = [term for term in BASE_TERMS if term not in model.base]
-    best, best_score = (), 10.0
+    best, best_score = (), 0.0
     sets = [chosen for size in range(1, len(absent) + 1)
             for chosen in itertools.combinations(absent, size)]
     rss = start.rms**2 * start.dof
@@ -113,8 +135,8 @@ def missing_base(run, start):
             continue
         left = max(tried.rms**2 * tried.dof, 1e-300)
         ratio = (rss - left) / extra / (left / tried.dof)
-        score = start.dof * np.log(rss / left) - extra * np.log(start.dof)
-        if stats.f.sf(ratio, extra, tried.dof) * len(sets) < CLAIM and score > best_score:
+        score = start.dof * np.log(rss / left) - 2 * extra
+        if stats.f.sf(ratio, extra, tried.dof) * len(sets) < 1e-4 and score > best_score:
             best, best_score = chosen, score
     return best
 

@@ -20,12 +20,19 @@ def choose_settings(run, model):
         reason = term.effect.unavailable(run)
         if reason:
             raise NotDeterminable(f'{run.source}: {term.name} cannot be judged: {reason}')
+    start = fit(run, Model(model.base))
+    return settings_for(run, model, start.joint, start.residual, start.dof)
+
+
+def settings_for(run, model, space, residual, dof):
+    """Return a Setting for each effect of a model that explains a residual (N, 3) best, jointly.
+
+    space: JointSpace of the base model; dof: of the residual.
+    """
     if all(_is_fixed(term) for term in model.terms):
         return tuple(term.fixed for term in model.terms)
-    start = fit(run, Model(model.base))
     effects = [Pinned.of(term.effect, term.fixed) for term in model.terms]
-    problems = [Problem(run, start.joint.residual, start.residual, start.dof, (effect,), ())
-                for effect in effects]
+    problems = [Problem(run, space.residual, residual, dof, (effect,), ()) for effect in effects]
     members = []
     for term, problem in zip(model.terms, problems):
         best = _best(problem, problem.select(members))

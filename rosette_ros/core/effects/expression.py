@@ -64,7 +64,7 @@ def names_in(tree):
 def evaluate(tree, values):
     """Return a tree's value for quantities by name, each (N,) or a number."""
     if isinstance(tree, ast.Constant):
-        return float(tree.value)
+        return np.float64(tree.value)
     if isinstance(tree, ast.Name):
         return values[tree.id]
     if isinstance(tree, ast.UnaryOp):

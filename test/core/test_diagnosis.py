@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The diagnosis on data of the simulated machine, which shares no code with the library."""
+
+import numpy as np
+import pytest
+from rosette_ros.analysis import analyse
+from rosette_ros.core.compare import compare
+from rosette_ros.core.diagnosis import diagnose
+from rosette_ros.core.fit import fit
+from rosette_ros.core.heldout import HeldOut
+from rosette_ros.core.model import Model
+from rosette_ros.core.scheme import plan
+from rosette_ros.core.uncertainty import monte_carlo
+from rosette_ros.machine import Machine, MachineConfig
+from synthetic import synthetic_run
+
+SIGMA = 1e-7
+
+
+def machine_run(order='random', seed=1, n=12, hidden=(), turning='forward'):
+    """Return a run of the simulated machine that hides effects."""
+    config = MachineConfig().changed(seed=seed, plate={'balls': n}, hidden=list(hidden))
+    return Machine(config).run(plan(n, order, seed, turning))
+
+
+HIDDEN = {
+    'frame_drift': {'rate_um_per_h': [0.4, 0.0, 0.3]},
+    'frame_cycle': {'cosine_um': [0.2, 0.0, 0.1], 'period_min': 17.0},
+    'table_zero_drift': {'rate_urad_per_h': 3.0},
+    'plate_creep': {'rate_um_per_h': [0.5, -0.4, 0.0]},
+    'plate_warp': {'rate_um_per_h': 0.7},
+    'cmm_reversal': {'value_um': [0.4, 0.3, 0.0]},
+}
+
+
+@pytest.mark.parametrize('kind', HIDDEN)
+def test_the_hidden_effect_is_named(kind):
+    """What the machine hides is named alone, with a small probability, and the error falls to noise."""
+    found = diagnose(machine_run(hidden=[{'kind': kind, **HIDDEN[kind]}]))
+    assert found.missing == (kind,)
+    top = found.candidates[0]
+    assert top.effect == kind and top.claimed and top.p < 1e-3
+    assert top.rms_after < top.rms_before
+    assert abs(top.rms_after / SIGMA - 1) < 3 * 0.041  # 301 degrees of freedom: sigma to 4 %
+    assert abs(top.held_out_after / SIGMA - 1) < 4 * 0.041
+    assert top.held_out_after < top.held_out_before
+    assert not found.unexplained
+    assert f'The model lacks {kind}' in found.verdict
+
+
+def test_amplitudes_are_those_of_the_machine():
+    """A drift of 0.4, 0, 0.3 um/h comes back within three standard uncertainties."""
+    top = diagnose(machine_run(hidden=[{'kind': 'frame_drift', **HIDDEN['frame_drift']}])).candidates[0]
+    truth = {'d_x': 0.4e-6 / 3600, 'd_y': 0.0, 'd_z': 0.3e-6 / 3600}
+    for parameter in top.parameters:
+        assert abs(parameter.value - truth[parameter.name]) < 3 * parameter.u
+
+
+def test_two_effects_are_named_together():
+    """Two effects at once are found as a set."""
+    hidden = [{'kind': 'frame_drift', 'rate_um_per_h': [0.6, 0.2, 0.0]},
+              {'kind': 'plate_warp', 'rate_um_per_h': 0.9}]
+    assert set(diagnose(machine_run(hidden=hidden)).missing) == {'frame_drift', 'plate_warp'}
+
+
+@pytest.mark.parametrize('order', ['row', 'diagonal', 'column', 'random'])
+def test_clean_runs_yield_no_name(order):
+    """Noise alone is not given a name (the blind tests count this over hundreds of runs)."""
+    found = diagnose(machine_run(order, seed=5))
+    assert found.missing == () and not found.unexplained
+    assert found.verdict.startswith('Nothing is missing that this run can show')
+
+
+def test_hidden_by_the_order_is_said_and_not_claimed():
+    """Backlash of a table that turns one way only cannot be seen, and is not claimed."""
+    found = diagnose(machine_run('diagonal', hidden=[{'kind': 'table_backlash', 'width_urad': 9.0}]))
+    assert found.missing == ()
+    assert 'table_backlash' in found.invisible and 'cannot show' in found.verdict
+
+
+def test_backlash_shows_when_the_table_turns_both_ways():
+    """The same backlash is named where the table turns both ways."""
+    hidden = [{'kind': 'table_backlash', 'width_urad': 9.0}]
+    found = diagnose(machine_run('random', hidden=hidden, turning='alternate'))
+    assert found.missing == ('table_backlash',)
+
+
+def test_a_shape_without_name_is_unexplained():
+    """z = t cos 3 alpha is no effect of the library: its shape is described, no cause is claimed."""
+    run, *_ = synthetic_run(12, 'random', 2, noise=SIGMA, repeatability=SIGMA)
+    shape = (run.time / run.time[-1]) * np.cos(3 * run.alpha)
+    found = diagnose(run.replace(centre=run.centre + 1e-6 * shape[:, None] * np.array([0, 0, 1.0])))
+    assert found.unexplained and found.missing == ()
+    assert found.unexplained_text == ('it is a product of time and CMM position (3 waves per turn), '
+                                      'in z')
+
+
+@pytest.mark.parametrize('lacking', ['plate_deviations', 'cmm_deviations'])
+def test_a_base_term_left_out_is_missed(lacking):
+    """A model without plate or CMM deviations is told so."""
+    model = Model(tuple(t for t in Model().base if t != lacking))
+    found = diagnose(machine_run('diagonal'), model)
+    assert found.missing == (lacking,)
+    assert found.candidates[0].rms_after < 1.3 * SIGMA < found.candidates[0].rms_before
+
+
+def test_adding_the_right_effect_ends_the_search():
+    """With the effect in the model nothing is missing any more, and the curves are right again."""
+    run = machine_run('column', hidden=[{'kind': 'frame_drift', 'rate_um_per_h': [1.5, 0, 0.9]}])
+    clean = analyse(machine_run('column')).error_motions
+    model = Model().with_effect('frame_drift')
+    report = analyse(run, model)
+    assert diagnose(run, model).missing == ()
+    assert np.abs((report.error_motions.values - clean.values) / report.error_motions.u).max() < 4
+
+
+def test_a_wrong_effect_does_not_help_left_out_readings():
+    """Terms that only describe noise do not lower the held-out error by more than chance."""
+    found = diagnose(machine_run('random', seed=8))
+    worse = [c.held_out_after > c.held_out_before * 0.985 for c in found.candidates]
+    assert all(worse) and len(worse) > 10
+
+
+def test_held_out_error_of_noise_is_sigma():
+    """The held-out error is free of the model's appetite: sigma for white noise."""
+    run, *_ = synthetic_run(12, noise=SIGMA)
+    result = fit(run)
+    blocks = HeldOut(result.joint.residual, run.size)
+    nothing = np.zeros((0, 3 * run.size))
+    rms = blocks.rms([(result.residual.reshape(-1), nothing)] * blocks.folds)
+    assert abs(rms / SIGMA - 1) < 0.15
+
+
+def test_same_run_same_answer():
+    """A diagnosis can be repeated to the last digit."""
+    run = machine_run(hidden=[{'kind': 'plate_warp', **HIDDEN['plate_warp']}])
+    one, other = diagnose(run), diagnose(run)
+    assert [c.p for c in one.candidates] == [c.p for c in other.candidates]
+
+
+def test_comparison_says_where_it_fails():
+    """A ball that moved shows as that ball; a clean run fails nowhere."""
+    hidden = [{'kind': 'ball_slip', 'ball': 4, 'shift_um': [1.5, 1.0, 0.5], 'at_h': 1.0}]
+    failing = compare(analyse(machine_run('diagonal', hidden=hidden)).fit)
+    groups = {grouping.label: grouping for grouping in failing.groupings}
+    assert failing.failing and groups['ball'].keys[groups['ball'].worst] == '4'
+    clean = compare(analyse(machine_run('diagonal')).fit)
+    assert not clean.failing and 'as far as it can tell' in clean.summary
+    assert np.allclose(clean.axis_rms, SIGMA, rtol=0.2)
+
+
+@pytest.mark.parametrize('model, draws, tolerance', [
+    (Model(), 1000, 0.03), (Model().with_effect('frame_drift'), 1000, 0.05),
+    (Model().with_effect('frame_warmup'), 60, 0.25)], ids=['base', 'drift', 'warm-up'])
+def test_monte_carlo_confirms_the_uncertainties(model, draws, tolerance):
+    """Drawing the noise anew spreads curves and parameters as the fit states (GUM Supplement 1)."""
+    hidden = [{'kind': 'frame_warmup', 'amplitude_um': [2.0, 0, 1.0], 'time_constant_h': 0.3,
+               'from_h': 0.25}]
+    result = analyse(machine_run('random', hidden=hidden, n=8), model).fit
+    drawn = monte_carlo(result, draws)
+    assert abs(drawn.ratio - 1) < tolerance
+    for _, _, spread, stated in drawn.parameters:
+        assert abs(spread / stated - 1) < max(tolerance, 0.1) * 1.5
+
+
+def test_expanded_uncertainty_covers_amplitudes():
+    """Over 60 runs the amplitude lies within k = 2 about 95 % of the time."""
+    inside = []
+    for seed in range(60):
+        run, *_ = synthetic_run(6, 'random', seed, noise=SIGMA)
+        drift = run.time[:, None] * np.array([1e-10, 0, 0])
+        result = fit(run.replace(centre=run.centre + drift), Model().with_effect('frame_drift'),
+                     ({'axes': 'xyz'},))
+        for parameter, truth in zip(result.effects[0].parameters, (1e-10, 0, 0)):
+            inside.append(abs(parameter.value - truth) < 2 * parameter.u)
+    assert 0.90 < np.mean(inside) < 0.99

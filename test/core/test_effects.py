@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Laws over every effect of the library, and what each does to a ball."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosette_ros.core.effects.contract import Setting
+from rosette_ros.core.effects.library import EFFECTS, effect
+from rosette_ros.core.effects.pinned import Pinned
+from rosette_ros.core.errors import InvalidModel
+from rosette_ros.core.fit import fit
+from rosette_ros.core.model import Model
+from rosette_ros.core.structure import STRUCTURES
+from synthetic import RADIUS, synthetic_run
+
+EVERY = [*EFFECTS.values(), *STRUCTURES]
+FIXED_NAMES = {
+    'frame_drift', 'frame_warmup', 'frame_temperature', 'frame_cycle', 'frame_step',
+    'table_zero_drift', 'axis_tilt_drift', 'table_backlash', 'asynchronous_motion', 'table_warmup',
+    'plate_creep', 'plate_slip', 'plate_expansion', 'plate_warp', 'ball_slip', 'ball_form',
+    'cmm_reversal', 'outlier'}
+
+
+def warm_run(n=6, order='random', turning='alternate', **rest):
+    """Return a run with everything recorded: senses, travel, a temperature that is no line in time."""
+    run, *_ = synthetic_run(n, order, 3, turning=turning, **rest)
+    return run.replace(temperature=20 + 0.1 * np.sin(run.time / 700.0))
+
+
+def few_settings(subject, run):
+    """Return the first, the middle and the last setting of each number of columns."""
+    every = subject.settings(run)
+    return [every[k] for k in sorted({0, len(every) // 2, len(every) - 1})]
+
+
+def test_names_are_the_fixed_ones():
+    """The names that files, messages and the screen rely on are all there."""
+    assert set(EFFECTS) == FIXED_NAMES
+    assert all(name == subject.name for name, subject in EFFECTS.items())
+
+
+@pytest.mark.parametrize('subject', EFFECTS.values(), ids=lambda e: e.name)
+def test_every_effect_explains_itself(subject):
+    """Each effect says what it means, where to look, its form and where it comes from."""
+    for text in (subject.meaning, subject.look, subject.formula, subject.source):
+        assert len(text) > 2
+    assert subject.meaning.endswith('.')
+
+
+@pytest.mark.parametrize('subject', EVERY, ids=lambda e: e.name)
+def test_columns_and_blocks_agree(subject):
+    """Columns have shape (N, 3, q) with q amplitudes, are finite, and blocks give the same."""
+    run = warm_run()
+    for setting in few_settings(subject, run):
+        columns = subject.columns(run, setting)
+        assert columns.shape == (run.size, 3, len(subject.amplitudes(run, setting)))
+        assert np.all(np.isfinite(columns)) and np.any(columns)
+        assert np.array_equal(subject.blocks(run, [setting])[0], np.moveaxis(columns, -1, 0))
+
+
+@pytest.mark.parametrize('subject', EFFECTS.values(), ids=lambda e: e.name)
+def test_known_truth_is_recovered(subject):
+    """An effect with known amplitudes, added to a run, comes back with them, and takes its error away."""
+    run = warm_run(8)
+    setting = few_settings(subject, run)[0]
+    columns = subject.columns(run, setting)
+    rng = np.random.default_rng(1)
+    size = 1e-6 / np.maximum(np.abs(columns).max(axis=(0, 1)), 1e-12)
+    truth = size * (1 + rng.random(columns.shape[-1]))
+    moved = run.replace(centre=run.centre + columns @ truth)
+    model = Model().with_effect(subject.name, setting)
+    result = fit(moved, model, (setting,))
+    assert result.rms < 1e-10  # less than a thousandth of what was added
+    assert fit(moved).rms > 1e-8
+    found = np.array([p.value for p in result.effects[0].parameters[:truth.size]])
+    seen = ~result.joint.undetermined[:truth.size]
+    assert seen.any()
+    assert np.allclose(found[seen], truth[seen], rtol=1e-3)
+    assert np.allclose(result.error_motions.values, fit(run).error_motions.values, atol=1e-9)
+
+
+@pytest.mark.parametrize('subject', EFFECTS.values(), ids=lambda e: e.name)
+def test_columns_do_not_depend_on_the_ball_centres(subject):
+    """The physics of an effect knows times, angles and senses, never the measured values."""
+    run = warm_run()
+    other = run.replace(centre=run.centre + 1e-3)
+    setting = few_settings(subject, run)[0]
+    assert np.array_equal(subject.columns(run, setting), subject.columns(other, setting))
+
+
+@pytest.mark.parametrize('subject', EVERY, ids=lambda e: e.name)
+def test_pinned_values_hold(subject):
+    """A fixed parameter stays as it was given in every setting, and is not refined."""
+    run = warm_run()
+    setting = subject.settings(run)[0]
+    for name, value in setting.items():
+        pinned = Pinned.of(subject, {name: value})
+        assert all(entry[name] == value for entry in pinned.settings(run))
+        assert name not in pinned.brackets(run, setting)
+
+
+def test_directions_of_the_forms():
+    """The forms of the page, at readings worked out by hand (n = 6, ball 1 at table position 2)."""
+    run = warm_run(6, 'row', 'forward')
+    at = int(np.flatnonzero((run.table_position == 2) & (run.ball == 1))[0])
+    c, s, t = 0.5, np.sqrt(3) / 2, run.time[at] - run.time[0]
+    expected = {
+        'table_zero_drift': RADIUS * t * np.array([[-s], [c], [0]]),
+        'table_backlash': 0.5 * RADIUS * np.array([[-s], [c], [0]]),
+        'axis_tilt_drift': RADIUS * t * np.array([[0, 0], [0, 0], [s, -c]]),
+        'plate_creep': t * np.array([[c, -s], [s, c], [0, 0]]),
+    }
+    for name, columns in expected.items():
+        assert np.allclose(EFFECTS[name].columns(run, Setting())[at], columns, atol=1e-12), name
+    growth = EFFECTS['plate_expansion'].columns(run, Setting(driver='time'))[at]
+    assert np.allclose(growth, RADIUS * t * np.array([[c], [s], [0]]), atol=1e-12)
+    form = EFFECTS['ball_form'].columns(run, Setting(ball=1, harmonic=2))[at]
+    c2, s2 = np.cos(2 * np.pi / 3), np.sin(2 * np.pi / 3)
+    assert np.allclose(form, [[c2, -s2, 0, 0], [-s2, -c2, 0, 0], [0, 0, c2, s2]], atol=1e-12)
+    warp = EFFECTS['plate_warp'].columns(run, Setting(order=2))[at]
+    assert np.allclose(warp, t * np.array([[0, 0], [0, 0], [1, 0]]), atol=1e-12)
+
+
+def test_records_that_are_missing():
+    """Without temperatures or senses an effect says that it cannot be judged."""
+    run, *_ = synthetic_run(6)
+    assert EFFECTS['frame_temperature'].unavailable(run) == 'the run has no temperatures'
+    silent = run.replace(approach=np.zeros(36))
+    assert 'sense the table moved' in EFFECTS['table_backlash'].unavailable(silent)
+
+
+def test_unknown_names_list_the_known():
+    """A misspelt effect is refused with the names there are."""
+    with pytest.raises(InvalidModel, match="wanted one of frame_drift, .*, got 'frame_drit'"):
+        effect('frame_drit')
+    with pytest.raises(InvalidModel, match="wanted settings among axes, tau, got 'tua'"):
+        Model().with_effect('frame_warmup', {'tua': 3.0})
+
+
+@given(order=st.sampled_from(['row', 'diagonal', 'column', 'random']), n=st.integers(4, 9))
+@settings(max_examples=15)
+def test_effects_are_what_the_run_says(order, n):
+    """In every order each effect has settings and columns of the right size."""
+    run = warm_run(n, order)
+    for subject in EFFECTS.values():
+        for setting in few_settings(subject, run):
+            assert subject.columns(run, setting).shape[:2] == (n * n, 3)
