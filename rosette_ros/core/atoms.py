@@ -34,8 +34,10 @@ class Projection:
     def __call__(self, rows):
         """Return the rows freed of the model, same shape."""
         wide = 3 * self._size
-        if len(rows) < 32 or wide > SMALL:
+        if len(rows) < 32:
             return self._residual(rows)
+        if wide > SMALL:
+            return self._residual(rows.astype(np.float32))
         if self._matrix is None:
             self._matrix = self._residual(np.eye(wide).reshape(wide, self._size, 3)).reshape(
                 wide, wide).astype(np.float32)
@@ -88,20 +90,33 @@ def whiten(blocks, project):
 
     project: maps rows (m, N, 3) to what the model leaves of them.
     """
+    return _orthonormal(*_visible(blocks, project))
+
+
+def _visible(blocks, project):
+    """Return blocks freed of the model in units of their length, (b, q, 3 N), and which have one.
+
+    The length of a column is that of its variation: each axis is freed of its mean over the run.
+    """
     b, q, n = blocks.shape[:3]
-    flat = blocks.reshape(b, q, 3 * n)
-    mean = blocks.mean(axis=2)
-    full = np.sqrt(np.maximum(np.einsum('bqs,bqs->bq', flat, flat)
-                              - n * np.sum(mean**2, axis=2), 0))
-    length = np.sqrt(np.einsum('bqs,bqs->bq', flat, flat))
-    full = np.where(full > 1e-9 * length, full, 0.0)
-    scale = np.where(full > 0, full, np.where(length > 0, length, 1.0))
-    perp = project(blocks.reshape(b * q, n, 3)).reshape(b, q, 3 * n) / scale[..., None]
+    flat = blocks.reshape(b * q, 3 * n)
+    axes = np.tile(np.eye(3), (n, 1))
+    square = np.einsum('rs,rs->r', flat, flat)
+    varying = square - np.sum((flat @ axes)**2, axis=1) / n
+    moves = varying > 1e-18 * square
+    scale = np.sqrt(np.where(moves, varying, np.where(square > 0, square, 1.0)))
+    perp = project(blocks.reshape(b * q, n, 3)).reshape(b * q, 3 * n)
+    perp = perp / scale[:, None].astype(perp.dtype)
+    return perp.reshape(b, q, 3 * n), moves.reshape(b, q)
+
+
+def _orthonormal(perp, moves):
+    """Return orthonormal rows, ranks and shares of visible parts (b, q, 3 N)."""
     gram = perp @ perp.transpose(0, 2, 1)
-    share = np.sqrt(np.trace(gram, axis1=1, axis2=2) / np.maximum((full > 0).sum(axis=1), 1))
+    share = np.sqrt(np.trace(gram, axis1=1, axis2=2) / np.maximum(moves.sum(axis=1), 1))
     value, vector = np.linalg.eigh(gram)
     keep = value > DROP**2
-    root = np.where(keep, 1 / np.sqrt(np.where(keep, value, 1.0)), 0.0)
+    root = np.where(keep, 1 / np.sqrt(np.where(keep, value, 1.0)), 0.0).astype(perp.dtype)
     return (vector * root[:, None, :]).transpose(0, 2, 1) @ perp, keep.sum(axis=1), share
 
 
@@ -114,21 +129,46 @@ def families(run, effects, project, keep_hidden=False):
     for effect in effects:
         if effect.unavailable(run):
             continue
-        by_size = {}
-        for setting in effect.settings(run):
-            by_size.setdefault(len(effect.amplitudes(run, setting)), []).append(setting)
-        chances = effect.independent_settings(run)
-        out += [_family(run, effect, tuple(settings), q, chances, project)
-                for q, settings in by_size.items()]
+        out += _families(run, effect, project)
     return tuple(family for family in out if keep_hidden or family.ranks.any())
 
 
-def _family(run, effect, settings, q, chances, project):
-    atoms = np.empty((len(settings) * q, 3 * run.size), dtype=np.float32)
-    ranks, shares = np.empty(len(settings), dtype=int), np.empty(len(settings))
-    step = max(1, CHUNK // q)
-    for start in range(0, len(settings), step):
-        part = slice(start, start + step)
-        rows, ranks[part], shares[part] = whiten(effect.blocks(run, settings[part]), project)
-        atoms[start * q:(start + len(rows)) * q] = rows.reshape(-1, 3 * run.size)
-    return Family(effect, settings, q, atoms, ranks, shares, chances)
+def _families(run, effect, project):
+    """Return the families of one effect, one for each number of columns.
+
+    Settings that are made of parts (three axes together, all motions) come after their parts, whose
+    projections they share.
+    """
+    by_size = {}
+    for setting in effect.settings(run):
+        by_size.setdefault(len(effect.amplitudes(run, setting)), []).append(setting)
+    chances = effect.independent_settings(run)
+    shared = {}
+    wanted = {part for settings in by_size.values() for setting in settings
+              for part in effect.parts(setting)}
+    out = []
+    for q, settings in sorted(by_size.items()):
+        atoms = np.empty((len(settings) * q, 3 * run.size), dtype=np.float32)
+        ranks, shares = np.empty(len(settings), dtype=int), np.empty(len(settings))
+        step = max(1, CHUNK // q)
+        for start in range(0, len(settings), step):
+            some = settings[start:start + step]
+            perp, moves = _of_parts(effect, some, shared)
+            if perp is None:
+                perp, moves = _visible(effect.blocks(run, some), project)
+                shared.update({setting: (perp[k], moves[k]) for k, setting in enumerate(some)
+                               if setting in wanted})
+            part = slice(start, start + len(some))
+            rows, ranks[part], shares[part] = _orthonormal(perp, moves)
+            atoms[start * q:(start + len(some)) * q] = rows.reshape(-1, 3 * run.size)
+        out.append(Family(effect, tuple(settings), q, atoms, ranks, shares, chances))
+    return out
+
+
+def _of_parts(effect, settings, shared):
+    """Return visible parts of settings that are made of parts already projected, else None."""
+    parts = [effect.parts(setting) for setting in settings]
+    if not all(entry and all(part in shared for part in entry) for entry in parts):
+        return None, None
+    perp = np.stack([np.concatenate([shared[part][0] for part in entry]) for entry in parts])
+    return perp, np.stack([np.concatenate([shared[part][1] for part in entry]) for entry in parts])

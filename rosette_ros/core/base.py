@@ -97,28 +97,40 @@ class CompleteSpace:
 
     def _spectra(self, columns):
         """Return spectra of z (m, n, n) and w (m, n, n) of columns (m, N, 3)."""
-        n = self.n
-        grid = columns[:, self._reading, :].reshape(-1, n, n, 3)
-        z = scipy.fft.fft2(grid[..., 2], axes=(1, 2), workers=1)
-        w = scipy.fft.fft2(grid[..., 0] + 1j * grid[..., 1], axes=(1, 2), workers=1)
-        return z, w
+        z = scipy.fft.fft2(self._grid(columns[..., 2]), axes=(1, 2))
+        return z, self._plane_spectrum(columns)
+
+    def _grid(self, values):
+        """Return values (m, N) on the grid of table and CMM positions, (m, n, n)."""
+        return values[:, self._reading].reshape(len(values), self.n, self.n)
+
+    def _plane_spectrum(self, columns):
+        kind = np.complex64 if columns.dtype == np.float32 else complex
+        w = np.empty((len(columns), self.n, self.n), dtype=kind)
+        w.real, w.imag = self._grid(columns[..., 0]), self._grid(columns[..., 1])
+        return scipy.fft.fft2(w, axes=(1, 2), overwrite_x=True, workers=_workers(columns))
 
     def residual(self, columns):
-        """Return what the base model cannot describe of columns (m, N, 3), same shape."""
+        """Return what the base model cannot describe of columns (m, N, 3), same shape and precision."""
+        out = np.zeros(columns.shape, dtype=columns.dtype)
         if not len(columns):
-            return np.zeros(columns.shape)
-        z, w = self._spectra(columns)
-        z[:, self._z_lines] = 0
-        w[:, self._w_lines] = 0
-        line = w[:, :, 1]
-        kept = 0.5 * (line + line[:, self._mirror].conj())
-        w[:, :, 1] = np.where(self._crz, kept, line)
-        z = scipy.fft.ifft2(z, axes=(1, 2), overwrite_x=True).real
-        w = scipy.fft.ifft2(w, axes=(1, 2), overwrite_x=True)
-        out = np.empty(columns.shape)
-        m = len(columns)
-        for axis, part in enumerate((w.real, w.imag, z)):
-            out[..., axis] = part.reshape(m, self.n**2)[:, self._cell]
+            return out
+        wide = self.n**2
+        if columns[..., 2].any():
+            z = scipy.fft.rfft2(self._grid(columns[..., 2]), axes=(1, 2), workers=_workers(columns))
+            z[:, self._z_lines[:, :self.n // 2 + 1]] = 0
+            z = scipy.fft.irfft2(z, s=(self.n, self.n), axes=(1, 2), overwrite_x=True,
+                                 workers=_workers(columns))
+            out[..., 2] = z.reshape(-1, wide)[:, self._cell]
+        if columns[..., :2].any():
+            w = self._plane_spectrum(columns)
+            w[:, self._w_lines] = 0
+            line = w[:, :, 1]
+            kept = 0.5 * (line + line[:, self._mirror].conj())
+            w[:, :, 1] = np.where(self._crz, kept, line)
+            w = scipy.fft.ifft2(w, axes=(1, 2), overwrite_x=True, workers=_workers(columns))
+            out[..., 0] = w.real.reshape(-1, wide)[:, self._cell]
+            out[..., 1] = w.imag.reshape(-1, wide)[:, self._cell]
         return out
 
     def parameters(self, columns):
@@ -175,6 +187,11 @@ class CompleteSpace:
         radial, axial = (n - 2) / n**2, (n - 1) / n**2
         return np.tile([radial, radial, axial, 2 * radial / r**2, 2 * radial / r**2,
                         axial / r**2], (n, 1))
+
+
+def _workers(columns):
+    """Return how many threads pay for a transform."""
+    return 2 if columns.size > 200_000 else 1
 
 
 class DenseSpace:

@@ -62,13 +62,15 @@ class Harmonic:
 class Comparison:
     """Where a model fails: by axis, table position, ball, CMM position, time and sequence.
 
-    axis_rms: (3,) m; groupings; runs_p: chance that noise leaves neighbours in time as alike;
+    axis_rms: (3,) m; sizes: (N,) residual of each reading, rms over the axes, m, freed of the model's
+    own appetite; groupings; neighbour_p: chance that noise leaves neighbours in time as alike;
     worst: readings, worst first; harmonics: strongest lines on complete runs; failing: whether
     anything is missing; summary: one sentence.
     """
 
     fit: object
     axis_rms: np.ndarray
+    sizes: np.ndarray
     groupings: tuple[Grouping, ...]
     neighbour_correlation: float
     neighbour_p: float
@@ -93,14 +95,16 @@ def compare(fit, seed=0):
     correlation, neighbour_p = _neighbours(residual, noise)
     worst = _worst(run, fit, residual, noise, expected)
     axis_rms = np.sqrt(np.sum(residual**2, axis=0) / np.sum(expected, axis=0))
+    sizes = np.sqrt(np.mean(residual**2 / np.maximum(expected, 1e-12), axis=1))
     tests = [neighbour_p, *(grouping.p for grouping in groupings), worst[0].p]
     known = fit.lack_of_fit_p
     lowest = min(tests) * len(tests)
     if known is not None:
         lowest = min(lowest, known * 2)
     failing = bool(lowest < 0.01)
-    return Comparison(fit, axis_rms, groupings, correlation, neighbour_p, worst, _harmonics(fit),
-                      failing, _summary(fit, failing, groupings, neighbour_p, axis_rms))
+    return Comparison(fit, axis_rms, sizes, groupings, correlation, neighbour_p, worst,
+                      _harmonics(fit), failing,
+                      _summary(fit, failing, groupings, neighbour_p, axis_rms))
 
 
 def _indices(run):

@@ -47,16 +47,19 @@ class Visibility:
         return not self.reason and self.share < HIDDEN_SHARE
 
 
-def visibility(run, sigma=1e-7, terms=None, lever=None):
+def visibility(run, sigma=1e-7, terms=None, lever=None, names=()):
     """Return the Visibility of every effect of the library on a run, a tuple.
 
     Only indices, angles, times, temperatures and senses of the run count, not the ball centres.
-    sigma: standard deviation of a coordinate, m; terms: base terms; lever: m, nominal radius if None.
+    sigma: standard deviation of a coordinate, m; terms: base terms; lever: m, nominal radius if None;
+    names: of the effects to look at, all if none.
     """
     space = base_space(run, lever or run.radius, *([terms] if terms is not None else []))
     project = Projection(space.residual, run.size)
     out, shapes = [], {}
     for name, effect in EFFECTS.items():
+        if names and name not in names:
+            continue
         reason = effect.unavailable(run) or (
             '' if effect.settings(run) else 'what it depends on does not change in this run')
         if reason:

@@ -33,6 +33,15 @@ class Searched(Quantity):
 
     kind: str = 'choice'
 
+    def unfit(self, value):
+        """Return what was wanted in place of a value, or an empty string where the value can be."""
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if self.kind == 'choice':
+            return '' if number or isinstance(value, str) else 'a number or a word'
+        wanted = f'a {"positive " if self.kind == "scale" else ""}number ({self.unit})'
+        fits = number and np.isfinite(value) and (self.kind != 'scale' or value > 0)
+        return '' if fits else wanted
+
 
 class Setting(dict):
     """The values of the searched parameters of an effect, by name; hashable."""
@@ -48,7 +57,8 @@ class Effect:
 
     name: fixed name in files, messages and on screen; meaning: a plain sentence; look: where to
     look in the cell; formula: the form added to p; depends_on: quantities of a reading it needs;
-    source: where it comes from.
+    source: where it comes from; carries: what of it a later run of the same cell shares, `all`
+    (settings and amplitudes), `shape` (settings; phases or sizes differ) or `nothing` (an event).
     """
 
     name: str = ''
@@ -58,6 +68,7 @@ class Effect:
     source: str = ''
     depends_on: tuple[str, ...] = ()
     searched: tuple[Searched, ...] = field(default=())
+    carries: str = 'shape'
 
     def unavailable(self, run):
         """Return why the effect cannot be judged on this run, or an empty string."""
@@ -85,6 +96,13 @@ class Effect:
         The same as `columns` one by one; an effect with many settings may do it at once.
         """
         return np.stack([np.moveaxis(self.columns(run, setting), -1, 0) for setting in settings])
+
+    def parts(self, setting):
+        """Return settings whose columns together span those of a setting, or ().
+
+        They save time where many settings are made of others.
+        """
+        return ()
 
     def independent_settings(self, run):
         """Return how many settings count as separate chances in the search, at least 1."""
@@ -115,13 +133,16 @@ class Effect:
         return every[(every >= tried[near].min()) & (every <= tried[near].max())]
 
     def check_setting(self, setting):
-        """Raise InvalidModel unless the setting names searched parameters of this effect only."""
-        known = [parameter.name for parameter in self.searched]
-        for name in setting:
+        """Raise InvalidModel unless the setting gives searched parameters values that can be."""
+        known = {parameter.name: parameter for parameter in self.searched}
+        for name, value in setting.items():
             if name not in known:
                 raise InvalidModel(
                     f'effect {self.name}: wanted settings among '
                     f'{", ".join(known) or "none"}, got {name!r}')
+            wanted = known[name].unfit(value)
+            if wanted:
+                raise InvalidModel(f'effect {self.name}: {name}: wanted {wanted}, got {value!r}')
 
 
 EMPTY = MappingProxyType({})

@@ -28,6 +28,11 @@ class FrameEffect(Effect):
         """
         raise NotImplementedError
 
+    def parts(self, setting):
+        """All axes together are made of each alone."""
+        axes = setting['axes']
+        return () if len(axes) == 1 else tuple(Setting({**setting, 'axes': a}) for a in axes)
+
     def columns(self, run, setting):
         """Return each function along each axis, (N, 3, q)."""
         return np.moveaxis(self.blocks(run, [setting])[0], 0, -1)
@@ -56,6 +61,7 @@ class FrameDrift(FrameEffect):
     formula: str = 'd t'
     source: str = 'ISO 230-3 (drift over a stated period); GUM F.1.1.2'
     depends_on: tuple[str, ...] = ('time',)
+    carries: str = 'all'
     searched: tuple[Searched, ...] = (_AXES,)
 
     def settings(self, run):
@@ -111,6 +117,7 @@ class FrameTemperature(FrameEffect):
     formula: str = 'd (T - T0)'
     source: str = 'ISO 230-3 (environmental temperature variation error)'
     depends_on: tuple[str, ...] = ('temperature',)
+    carries: str = 'all'
     searched: tuple[Searched, ...] = (_AXES,)
 
     def settings(self, run):
@@ -179,6 +186,7 @@ class FrameStep(FrameEffect):
     formula: str = 'd H(t - t0)'
     source: str = 'physics of probe requalification'
     depends_on: tuple[str, ...] = ('time',)
+    carries: str = 'nothing'
     searched: tuple[Searched, ...] = (
         _AXES, Searched('t0', 's', 'moment of the step, since the first reading', 'instant'))
 

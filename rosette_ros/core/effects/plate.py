@@ -28,6 +28,7 @@ class PlateCreep(Effect):
     formula: str = 'R_z(phi) d t'
     source: str = 'physics of clamping'
     depends_on: tuple[str, ...] = ('time',)
+    carries: str = 'all'
 
     def amplitudes(self, run, setting):
         """Return the rates in the plate's frame."""
@@ -49,6 +50,7 @@ class PlateSlip(Effect):
     formula: str = '(R_z(phi) d + gamma R e_t) H(t - t0)'
     source: str = 'physics of clamping'
     depends_on: tuple[str, ...] = ('time',)
+    carries: str = 'nothing'
     searched: tuple[Searched, ...] = (
         Searched('t0', 's', 'moment of the slip, since the first reading', 'instant'),)
 
@@ -88,6 +90,7 @@ class PlateExpansion(Effect):
     formula: str = 'epsilon R e_r (t or T - T0)'
     source: str = 'ISO 1 and ISO 10360 (thermal expansion)'
     depends_on: tuple[str, ...] = ('time',)
+    carries: str = 'all'
     searched: tuple[Searched, ...] = (Searched('driver', '', 'what it grows with'),)
 
     def settings(self, run):
@@ -118,6 +121,7 @@ class PlateWarp(Effect):
     formula: str = '(a cos(m beta) + b sin(m beta)) t along z'
     source: str = 'physics of plates'
     depends_on: tuple[str, ...] = ('time',)
+    carries: str = 'all'
     searched: tuple[Searched, ...] = (Searched('order', '1', 'waves around the plate'),)
 
     def settings(self, run):
@@ -146,6 +150,7 @@ class BallSlip(Effect):
     formula: str = 'R_z(phi) d H(t - t0) for one ball'
     source: str = 'physics of the artefact'
     depends_on: tuple[str, ...] = ('time',)
+    carries: str = 'nothing'
     searched: tuple[Searched, ...] = (
         Searched('ball', '1', 'number of the ball'),
         Searched('t0', 's', 'moment of the slip, since the first reading', 'instant'))
@@ -200,6 +205,7 @@ class BallForm(Effect):
     formula: str = 'a (cos(m phi + psi), -sin(m phi + psi)) in x, y and c cos(m phi + psi_z) in z'
     source: str = 'Kniel et al. (2019), section 2.1: the form must be as accurate as possible'
     depends_on: tuple[str, ...] = ()
+    carries: str = 'all'
     searched: tuple[Searched, ...] = (
         Searched('ball', '1', 'number of the ball, 0 for all balls'),
         Searched('harmonic', '1', 'm, waves per turn, 0 for m = 2 to 5 together'))

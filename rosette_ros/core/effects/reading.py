@@ -18,6 +18,7 @@ class CmmReversal(Effect):
     formula: str = '1/2 r_x sense_x, 1/2 r_y sense_y'
     source: str = 'ISO 230-2 (reversal value B)'
     depends_on: tuple[str, ...] = ('cmm_sense',)
+    carries: str = 'all'
 
     def amplitudes(self, run, setting):
         """Return the reversal values of x and y; z comes down to every ball."""
@@ -43,6 +44,7 @@ class Outlier(Effect):
     formula: str = 'd for one reading'
     source: str = 'GUM 3.4.7 (blunders)'
     depends_on: tuple[str, ...] = ()
+    carries: str = 'nothing'
     searched: tuple[Searched, ...] = (Searched('reading', '1', 'number of the reading'),)
 
     def settings(self, run):

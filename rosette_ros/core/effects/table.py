@@ -27,6 +27,7 @@ class TableZeroDrift(Effect):
     formula: str = 'omega t R e_t'
     source: str = 'ISO 230-3 (distortion caused by rotary motion)'
     depends_on: tuple[str, ...] = ('time',)
+    carries: str = 'all'
 
     def amplitudes(self, run, setting):
         """Return the rate."""
@@ -47,6 +48,7 @@ class AxisTiltDrift(Effect):
     formula: str = 'R (theta_x sin alpha - theta_y cos alpha) t along z'
     source: str = 'ISO 230-3 (thermal distortion)'
     depends_on: tuple[str, ...] = ('time',)
+    carries: str = 'all'
 
     def amplitudes(self, run, setting):
         """Return the tilt rates."""
@@ -68,6 +70,7 @@ class TableBacklash(Effect):
     formula: str = '1/2 b approach R e_t'
     source: str = 'ISO 230-2 (reversal value B)'
     depends_on: tuple[str, ...] = ('approach',)
+    carries: str = 'all'
 
     def amplitudes(self, run, setting):
         """Return the backlash."""
@@ -106,6 +109,12 @@ class AsynchronousMotion(Effect):
         orders, _ = self._orders(run)
         return tuple(Setting(motion=motion, nu=float(nu))
                      for motion in ('radial', 'axial', 'tilt', 'all') for nu in orders)
+
+    def parts(self, setting):
+        """All motions together are made of each alone."""
+        if setting['motion'] != 'all':
+            return ()
+        return tuple(Setting({**setting, 'motion': m}) for m in ('radial', 'axial', 'tilt'))
 
     def brackets(self, run, setting):
         """Refine the order within half a resolution to either side."""
