@@ -2,6 +2,7 @@
 """From the bytes of a ball-centre table to columns of numbers; errors tell line and column."""
 
 import csv
+import difflib
 from dataclasses import dataclass
 from decimal import Decimal
 
@@ -64,7 +65,8 @@ def parse_table(data, source):
     _check_names(names, source, at + 1)
     numbers, rows = _rows(lines, at + 1, len(names), source)
     cells = dict(zip(names, zip(*rows, strict=True), strict=True))
-    columns = {name: _numbers(cells[name], name, numbers, source) for name in names}
+    columns = {name: _numbers(cells[name], name, numbers, source) for name in names
+               if name in COLUMNS or name == TRAVEL_COLUMN}  # others are somebody else's
     values = {key: value for key, (value, _) in heading.items()}
     return Table(
         source=source, columns=columns, angle_cells=cells['table_angle_deg'],
@@ -113,9 +115,11 @@ def _heading(lines, source):
 def _take_key(heading, text, line, source):
     key, colon, value = text[1:].partition(':')
     key, value = key.strip(), value.strip()
-    if not colon or key not in _KEYS:
-        raise _wrong(source, line, '', f'"# key: value" with a key of {", ".join(_KEYS)}',
-                     repr(text[:80]), 'remarks go behind "# note:"')
+    if key not in _KEYS:
+        near = difflib.get_close_matches(key, _KEYS, 1, 0.75) if colon else ()
+        if near:  # a misspelt key would be lost in silence
+            raise _wrong(source, line, '', f'the key {near[0]}', repr(text[:80]), 'correct it')
+        return  # a remark, or a key of somebody else's
     if key in heading and key != 'note':
         raise _wrong(source, line, '', f'{key} once', f'it again (first in line '
                      f'{heading[key][1]})', 'remove one of them')
@@ -129,10 +133,10 @@ def _check_names(names, source, line):
         if len(names) == 1 and (';' in names[0] or '\t' in names[0]):
             advice = 'separate cells by commas, and write decimals with a point'
         raise _wrong(source, line, missing[0], 'this column', ','.join(names)[:200], advice)
-    unknown = [name for name in names if name not in COLUMNS and name != TRAVEL_COLUMN]
-    if unknown:
-        raise _wrong(source, line, '', f'columns of {",".join(COLUMNS)}', repr(unknown[0]),
-                     'remove or rename it')
+    for name in names:
+        near = difflib.get_close_matches(name, COLUMNS, 1, 0.75)
+        if near and name not in (*COLUMNS, TRAVEL_COLUMN):  # it would be lost in silence
+            raise _wrong(source, line, '', f'the column {near[0]}', repr(name), 'rename it')
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise _wrong(source, line, twice[0], 'it once', f'{names.count(twice[0])} of them')

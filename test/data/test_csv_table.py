@@ -189,7 +189,7 @@ WRONG = {
     'missing column': (changed(3, 'y_mm,', ''), 'line 3: column y_mm: wanted this column, got seq,'),
     'semicolons': (TABLE.replace(',', ';'), 'separate cells by commas, and write decimals with a'),
     'unknown column': (changed(3, 'temperature_C', 'temperature_c'),
-                       r"line 3: wanted columns of seq,.*, got 'temperature_c'; remove or rename"),
+                       "line 3: wanted the column temperature_C, got 'temperature_c'; rename it"),
     'column twice': (changed(3, 'y_mm', 'x_mm').replace('z_mm', 'z_mm,y_mm'),
                      'line 3: column x_mm: wanted it once, got 2 of them'),
     'word': (changed(5, '86.6', 'oops'), "line 5: column y_mm: wanted a number, got 'oops'"),
@@ -249,9 +249,8 @@ WRONG = {
                     r'for table_position 1, ball 1, got \(500.000, 0.000, 0.000\)'),
     'key twice': ('# radius_mm: 5\n' + TABLE, r'line 3: wanted radius_mm once, got it again \(first '
                   r'in line 1\)'),
-    'unknown key': ('# repeatability: 5\n' + TABLE, 'line 1: wanted "# key: value" with a key of '
-                    'schema, .*; remarks go behind "# note:"'),
-    'no key': ('# measured by X\n' + TABLE, 'line 1: wanted "# key: value"'),
+    'misspelt key': ('# repeatability: 5\n' + TABLE, "line 1: wanted the key repeatability_um, got "
+                     "'# repeatability: 5'; correct it"),
     'yes or no': ('# repeated_balls: 1\n' + TABLE, 'wanted repeated_balls: yes or no, got'),
     'balls not whole': ('# balls: 3.5\n' + TABLE, 'line 1: wanted balls: a whole number, got'),
     'short row': (TABLE.rstrip()[:-8], 'line 12: wanted 11 cells, got 9; is the row cut off'),
@@ -319,3 +318,15 @@ def test_a_run_id_cannot_write_lines_of_its_own():
     run = parse(TABLE).replace(run_id='evil\n# balls: 7\n1,1')
     assert parse(format_csv(run)).run_id == 'evil # balls: 7 1,1'
     assert len(re.findall('^# balls', format_csv(run), re.MULTILINE)) == 1
+
+
+def test_remarks_and_other_peoples_columns_are_passed_over():
+    """A remark, a key and a column that this format does not know do not matter."""
+    text = '# measured by X\n# operator: Y\n' + TABLE
+    lines = text.splitlines()
+    at = next(k for k, line in enumerate(lines) if line.startswith('seq'))
+    lines = [f'{line},form' if k == at else f'{line},0.3' if k > at else line
+             for k, line in enumerate(lines)]
+    plain = parse_csv(TABLE.encode(), 'some.csv')
+    rich = parse_csv('\n'.join(lines).encode(), 'some.csv')
+    assert np.array_equal(plain.centre, rich.centre)
