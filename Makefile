@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+# PYTHON=... names the Python to make .venv with (3.11, 3.12 or 3.13); PYTEST=... adds options to pytest.
+
+VENV_PYTHON := .venv/bin/python
+
+.PHONY: help setup test demo bench lint lock clean
+
+help:
+	@echo 'make setup   install everything into .venv; does nothing when that is done'
+	@echo 'make demo    calibrate a simulated cell: ROS 2 nodes, one log, six error motions, a report'
+	@echo 'make test    run the tests'
+	@echo 'make bench   run the benchmarks against peers'
+	@echo 'make lint    check style'
+	@echo 'make lock    pin the newest packages that requirements/requirements.in allows'
+	@echo 'make clean   remove .venv and everything else that was made'
+
+setup:
+	@tools/setup.sh
+
+test: setup
+	@$(VENV_PYTHON) -m pytest $(PYTEST)
+
+demo: setup
+	@.venv/bin/rosette demo
+
+bench: setup
+	@$(VENV_PYTHON) -m benchmarks
+
+lint: setup
+	@.venv/bin/ruff check
+
+lock: setup
+	@.venv/bin/uv pip compile --quiet --upgrade --universal --fork-strategy fewest --python-version 3.11 \
+		--generate-hashes --no-header --no-annotate \
+		requirements/requirements.in --output-file requirements/requirements.lock
+
+clean:
+	rm -rf .venv build install log .pytest_cache .ruff_cache .hypothesis *.egg-info
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+export PYTHON
