@@ -2,8 +2,8 @@
 """The story in pure functions: every door calls them and none does an analysis of its own.
 
 A run and a model give a report (`analyse`), the place where the model fails (`compare`), the effect
-that is missing (`diagnose`), what changes when an effect comes or goes (`change`), and the next
-measurement (`advise`).
+that is missing (`diagnose`), what changes when an effect comes or goes (`change`, `ladder`), whether
+another run confirms it (`cross_check`), and the next measurement (`advise`, `advise_run`).
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rosette_ros.core import compare as comparison
-from rosette_ros.core.advice import advise
+from rosette_ros.core import crosscheck
+from rosette_ros.core.advice import advise, advise_run
 from rosette_ros.core.base import GAUGE
 from rosette_ros.core.diagnosis import diagnose, held_out_rms
 from rosette_ros.core.fit import Fit, fit
@@ -75,8 +76,8 @@ class Change:
     """What changes when a model is replaced by another on the same run.
 
     before, after: Report; held_out_before, held_out_after: error in left-out readings, m;
-    curve_change: largest change of each curve, (6,), m and rad; helps: whether the error in readings
-    that the fit did not use falls by more than chance.
+    curve_change: largest change of each curve, (6,), m and rad; helps, hurts: whether the error in
+    readings that the fit did not use falls or rises by more than chance.
     """
 
     before: Report
@@ -85,6 +86,7 @@ class Change:
     held_out_after: float
     curve_change: np.ndarray
     helps: bool
+    hurts: bool
 
 
 def change(run, before, after):
@@ -95,8 +97,42 @@ def change(run, before, after):
     # in units of sigma^2 the square sum of 3 N left-out errors falls by more than 12 + 2 k by chance
     # for k amplitudes in less than one of a thousand cases (chi square of the gain)
     extra = abs(reports[1].fit.rank - reports[0].fit.rank)
-    least = held[0] * (12 + 2 * extra) / (6 * run.size)
-    return Change(*reports, *held, shift, bool(held[1] < held[0] - least))
+    chance = 1 - (12 + 2 * extra) / (6 * run.size)
+    return Change(*reports, *held, shift, bool(held[1] < held[0] * chance),
+                  bool(held[0] < held[1] * chance))
 
 
-__all__ = ['Change', 'Report', 'advise', 'analyse', 'change', 'compare', 'diagnose']
+@dataclass(frozen=True, eq=False)
+class Rung:
+    """One model of a ladder: the effect that came last ('' for the base model) and its errors.
+
+    report: Report; held_out: error in left-out readings, m.
+    """
+
+    added: str
+    report: Report
+    held_out: float
+
+
+def ladder(run, model):
+    """Return the Rungs from the base terms of a model to the whole of it, effect after effect."""
+    rungs = []
+    for count in range(len(model.terms) + 1):
+        part = Model(model.base, model.terms[:count], model.repeated)
+        report = analyse(run, part)
+        added = str(model.terms[count - 1]) if count else ''
+        rungs.append(Rung(added, report, held_out_rms(run, report.fit)))
+    return tuple(rungs)
+
+
+def cross_check(run, diagnosis):
+    """Return the CrossCheck on a run of what a diagnosis of another run claims."""
+    learnt = diagnosis.final.effects[len(diagnosis.final.effects) - len(diagnosis.terms):]
+    model = Model(diagnosis.final.model.base, diagnosis.model.terms)
+    return crosscheck.cross_check(
+        run, model, tuple((term.effect, fitted)
+                          for term, fitted in zip(diagnosis.terms, learnt)))
+
+
+__all__ = ['Change', 'Report', 'Rung', 'advise', 'advise_run', 'analyse', 'change', 'compare',
+           'cross_check', 'diagnose', 'ladder']

@@ -211,7 +211,7 @@ def install_packages() -> None:
     installers = STATE / 'installers.txt'
     write_whole(installers, locked(INSTALLERS))
     if pip_command:
-        run([*pip_command, 'install', '--no-input', *options, installers])
+        run([*pip_command, 'install', '--no-input', '--no-compile', *options, installers])
     else:
         run([shutil.which('uv'), 'pip', 'install', *uv_options, *options, installers])
     try:
@@ -221,7 +221,7 @@ def install_packages() -> None:
         if not pip_command:
             raise
         print(' uv failed, once more with pip, which takes minutes ...', end='', flush=True)
-        run([*pip_command, 'install', '--no-input', *options, LOCK])
+        run([*pip_command, 'install', '--no-input', '--no-compile', *options, LOCK])
     rewrite_wheel_paths()
     share_parsing()
     install_hook()

@@ -6,12 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from rosette_ros.core.records import Run
-from rosette_ros.core.scheme import ORDERS, TURNINGS, plan, unwrap_travel
+from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, plan, unwrap_travel
 from rosette_ros.core.visibility import HIDDEN_SHARE, Visibility, visibility
 
 SECONDS_PER_BALL = 30.0   # s, 20 touches and the move down and up
 TABLE_SPEED = 0.1         # rad/s
 CMM_SPEED = 0.05          # m/s
+AS_MEASURED = 'as measured'
+"""Name of an order that is none of the known ones."""
 GOOD_SHARE = 0.3
 """Visible share from which an order is said to show an effect well."""
 
@@ -21,7 +23,8 @@ class OrderAdvice:
     """What one order shows: visibility of each effect, and what the run costs.
 
     worst: smallest typical share over the wanted effects and its name; travel_time: s of table and CMM
-    moves; duration: s of the whole run.
+    moves; duration: s of the whole run. Of the orders that are only compared, `visibilities` holds
+    the wanted effects alone.
     """
 
     order: str
@@ -78,16 +81,20 @@ def planned_run(scheme, radius, seconds_per_ball=SECONDS_PER_BALL):
         source=f'planned run, order {scheme.order}')
 
 
-def judge(scheme, radius, sigma, wanted=(), terms=None):
-    """Return the OrderAdvice of a scheme; wanted: names that count, all that can be judged if none."""
-    run = planned_run(scheme, radius)
-    seen = visibility(run, sigma, terms)
+def judge(scheme, radius, sigma, wanted=(), terms=None, names=(), run=None):
+    """Return the OrderAdvice of a scheme; wanted: names that count, all that can be judged if none.
+
+    names: of the effects to look at, all if none; run: the Run that was measured so, without it the
+    run is taken as it is expected.
+    """
+    planned = planned_run(scheme, radius)
+    seen = visibility(planned if run is None else run, sigma, terms, names=names)
     counted = [v for v in seen if not v.reason and (not wanted or v.name in wanted)]
     worst = min(counted, key=lambda v: v.typical_share)
-    turning = 'forward' if np.all(scheme.approach == 1) else 'alternate'
-    touching = SECONDS_PER_BALL * (run.size - 1)
+    turning = 'alternate' if np.any(scheme.approach < 0) else 'forward'
+    duration = float(planned.time[-1])
     return OrderAdvice(scheme.order, turning, scheme.seed, seen, worst.typical_share, worst.name,
-                       float(run.time[-1] - touching), float(run.time[-1]))
+                       duration - SECONDS_PER_BALL * (planned.size - 1), duration)
 
 
 def advise(n, order='diagonal', radius=0.1825, sigma=1e-7, wanted=(), turning='forward', seed=0):
@@ -98,15 +105,52 @@ def advise(n, order='diagonal', radius=0.1825, sigma=1e-7, wanted=(), turning='f
     the one with the least travel.
     """
     present = judge(plan(n, order, seed, turning), radius, sigma)
+    return _advice(present, n, radius, sigma, wanted, seed)
+
+
+def advise_run(run, wanted=(), seed=0):
+    """Return the Advice for the cell that measured a run: its own times and senses count.
+
+    wanted: as in `advise`; seed: of the order random that is compared.
+    """
+    sigma = run.repeatability or 1e-7
+    present = judge(scheme_of(run), run.radius, sigma, run=run)
+    return _advice(present, run.n, run.radius, sigma, wanted, seed)
+
+
+def scheme_of(run):
+    """Return the Scheme in which a run was measured; its order is named where it is a known one."""
+    cell = (run.table_position, run.ball)
+    for name in ORDERS:
+        for turning in TURNINGS:
+            known = plan(run.n, name, 0, turning)
+            if run.is_complete and np.array_equal(cell, (known.table_position, known.ball)):
+                return Scheme(run.n, name, 0, *cell, run.approach)
+    return Scheme(run.n, AS_MEASURED, 0, *cell, run.approach)
+
+
+def compared_orders(n, radius, sigma, wanted, seed=0):
+    """Return the OrderAdvice of every order and turning, about the wanted effects alone."""
+    return tuple(judge(plan(n, name, seed, turning), radius, sigma, wanted, names=wanted)
+                 for name in ORDERS for turning in TURNINGS
+                 if not (name == 'row' and turning == 'alternate'))
+
+
+def best_of(orders):
+    """Return the OrderAdvice with the least travel of those whose worst share is near the largest."""
+    top = max(entry.worst for entry in orders)
+    return min((entry for entry in orders if entry.worst >= 0.9 * top),
+               key=lambda entry: entry.travel_time)
+
+
+def _advice(present, n, radius, sigma, wanted, seed):
+    """Return the Advice beside the present order."""
     weak = tuple(v.name for v in present.visibilities
                  if not v.reason and v.typical_share < GOOD_SHARE)
     wanted = tuple(wanted) or weak or tuple(v.name for v in present.visibilities if not v.reason)
-    every = tuple(judge(plan(n, name, seed, sense), radius, sigma, wanted)
-                  for name in ORDERS for sense in TURNINGS
-                  if not (name == 'row' and sense == 'alternate'))
-    top = max(entry.worst for entry in every)
-    best = min((entry for entry in every if entry.worst >= 0.9 * top),
-               key=lambda entry: entry.travel_time)
+    every = compared_orders(n, radius, sigma, wanted, seed)
+    best = best_of(every)
+    best = judge(plan(n, best.order, seed, best.turning), radius, sigma, wanted)
     return Advice(present, best, every, weak, wanted, _text(present, best, weak, wanted))
 
 

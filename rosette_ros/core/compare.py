@@ -204,7 +204,7 @@ def _summary(fit, failing, groupings, neighbour_p, axis_rms):
     axis = AXES[int(np.argmax(axis_rms))]
     places = sorted((g for g in groupings if g.p < 0.01), key=lambda g: g.p)
     where = [f'{g.label} {g.keys[g.worst]}' for g in places[:3]]
-    if neighbour_p < 0.01:
-        where.insert(0, 'neighbours in time are alike')
     text = '; most at ' + ', '.join(where) if where else ''
+    if neighbour_p < 0.01:
+        text += '; neighbours in the sequence are alike'
     return f'{start}: the model fails, most along {axis}{text}.'

@@ -4,11 +4,14 @@
 Sets of effects are grown side by side (beam search), refitted jointly with the model at every step,
 and judged by
 
-    score = nu ln(RSS_0 / RSS) - sum over effects of (k ln nu + 2 ln(chances * effects)),
+    score = nu ln(RSS_0 / RSS) - sum over effects of (k (1 + ln(A / k)) + 2 ln(chances * effects)),
 
-twice the logarithm of an approximate Bayes factor: k amplitudes cost ln nu each as in the Bayesian
-information criterion, and the search costs the number of separate chances that an effect had. The
-score is free of sigma: a wrong repeatability cannot make a cause out of noise.
+twice the logarithm of an approximate Bayes factor. k amplitudes with A the square of their visible
+part over sigma^2 have a normal prior whose width is the one that suits them best (empirical Bayes),
+so that one amplitude costs about as much as in the Bayesian information criterion and many small
+ones, such as the form of every ball, do not cost more than they must. The search costs the number
+of separate chances that an effect had. The score is free of a stated sigma: a wrong repeatability
+cannot make a cause out of noise.
 """
 
 from dataclasses import dataclass
@@ -29,7 +32,7 @@ REPEATABLE = ('outlier', 'ball_slip', 'ball_form', 'frame_cycle', 'asynchronous_
 MOST_EFFECTS = 5
 BEAM = 4
 BRANCHES = 7
-HOPELESS = -8.0
+HOPELESS = -5.0
 """Score gain on the grid below which no refinement of continuous parameters can make it pay."""
 
 
@@ -40,7 +43,7 @@ class Member:
     effect: Effect
     setting: Setting
     rows: np.ndarray
-    penalty: float
+    chances: float
     share: float
 
     @property
@@ -96,20 +99,12 @@ class Problem:
         rss = float(self.residual @ self.residual)
         return Selection((), np.zeros((0, self.residual.size)), self.residual, rss, 0.0)
 
-    def penalty(self, effect, rank, chances):
-        """Return what `rank` amplitudes (a number or an array) and the search of an effect cost."""
-        extra = STRUCTURE_PRIOR if isinstance(effect, Structure) else 0.0
-        return rank * np.log(self.dof) + 2 * np.log(chances * len(EFFECTS)) + extra
-
     def member(self, effect, setting, chances):
         """Return an effect at a setting as a Member, or None where it cannot be seen."""
         block = np.moveaxis(effect.columns(self.run, setting), -1, 0)
-        rows, rank, share = whiten(block[None], self.project)
+        rows, _, share = whiten(block[None], self.project)
         rows = rows[0][np.any(rows[0] != 0, axis=1)]
-        if not len(rows):
-            return None
-        return Member(effect, setting, rows, float(self.penalty(effect, rank[0], chances)),
-                      float(share[0]))
+        return Member(effect, setting, rows, chances, float(share[0])) if len(rows) else None
 
     def select(self, members):
         """Return the joint Selection of members."""
@@ -123,7 +118,14 @@ class Problem:
         residual = self.residual - (rows @ self.residual) @ rows
         residual = residual - (rows @ residual) @ rows
         rss = max(float(residual @ residual), 1e-300)
-        score = self.dof * np.log(self.empty.rss / rss) - sum(m.penalty for m in members)
+        coefficients = vector[:, keep] @ ((vector[:, keep].T @ (stacked @ self.residual)) / value[keep])
+        score = self.dof * np.log(self.empty.rss / rss)
+        start = 0
+        for member in members:
+            stop = start + len(member.rows)
+            energy = float(np.sum(coefficients[start:stop]**2)) * self.dof / rss
+            score -= cost(energy, stop - start) + search_cost(member.effect, member.chances)
+            start = stop
         return Selection(members, rows, residual, rss, float(score))
 
     def offers(self, selections, names=None, allow_repeats=False):
@@ -138,7 +140,6 @@ class Problem:
             if names is not None and family.name not in names:
                 continue
             products = family.products(stacked)
-            penalties = self.penalty(family.effect, family.ranks, family.chances)
             start = 0
             for selection, found in zip(selections, offers):
                 stop = start + 1 + len(selection.rows)
@@ -148,12 +149,18 @@ class Problem:
                         and not allow_repeats):
                     continue
                 gain = gains(part[..., :1], part[..., 1:])[:, 0]
-                left = np.maximum(selection.rss - gain, 1e-12 * selection.rss)
-                score = self.dof * np.log(selection.rss / left) - penalties
-                score[family.ranks == 0] = -np.inf
+                score = self.scores(family, selection.rss, gain)
                 best = int(np.argmax(score))
                 found.append((float(score[best]), family, best))
         return [sorted(found, key=lambda offer: -offer[0]) for found in offers]
+
+    def scores(self, family, rss, gain):
+        """Return the score gains of a family's blocks, (blocks, ...), from their gains on `rss`."""
+        ranks = family.ranks.reshape(-1, *[1] * (np.ndim(gain) - 1))
+        left = np.maximum(rss - gain, 1e-12 * rss)
+        score = (self.dof * np.log(rss / left) - cost(gain * self.dof / left, ranks)
+                 - search_cost(family.effect, family.chances))
+        return np.where(ranks > 0, score, -np.inf)
 
     def refine(self, member, others, chances, brackets=None):
         """Return a member with its continuous parameters at their best beside the others' rows.
@@ -275,11 +282,24 @@ class Problem:
         for family in self.families:
             if isinstance(family.effect, Structure):
                 continue
-            gain = gains(family.products(noise))
-            penalties = self.penalty(family.effect, family.ranks, family.chances)
-            score = self.dof * np.log(rss / np.maximum(rss - gain, 1e-12 * rss))
-            best = np.maximum(best, (score - penalties[:, None]).max(axis=0))
+            score = self.scores(family, rss, gains(family.products(noise)))
+            best = np.maximum(best, score.max(axis=0))
         return best
+
+
+def cost(energy, k):
+    """Return what k amplitudes of a square sum `energy` (in sigma^2) cost: k (1 + ln(energy / k)).
+
+    Below energy = k they cost what they gain.
+    """
+    k = np.maximum(k, 1)
+    return np.where(energy > k, k * (1 + np.log(np.maximum(energy, k) / k)), energy)
+
+
+def search_cost(effect, chances):
+    """Return what the search of an effect with so many separate chances costs."""
+    extra = STRUCTURE_PRIOR if isinstance(effect, Structure) else 0.0
+    return 2 * np.log(chances * len(EFFECTS)) + extra
 
 
 def _gain(member, others):

@@ -3,7 +3,7 @@
 
 from rosette_ros.core.effects.contract import Setting
 from rosette_ros.core.effects.pinned import Pinned
-from rosette_ros.core.errors import NotDeterminable
+from rosette_ros.core.errors import InvalidModel, NotDeterminable
 from rosette_ros.core.fit import fit
 from rosette_ros.core.model import Model
 from rosette_ros.core.search import Problem
@@ -12,7 +12,8 @@ from rosette_ros.core.search import Problem
 def choose_settings(run, model):
     """Return a Setting for each effect of a model: the best on this run, jointly, within what is fixed.
 
-    Raises NotDeterminable where an effect cannot be judged on this run or not be seen in its order.
+    Raises NotDeterminable where an effect cannot be judged on this run or not be seen in its order,
+    InvalidModel where a fixed choice is none that this run offers.
     """
     if not model.terms:
         return ()
@@ -20,6 +21,7 @@ def choose_settings(run, model):
         reason = term.effect.unavailable(run)
         if reason:
             raise NotDeterminable(f'{run.source}: {term.name} cannot be judged: {reason}')
+        _check_choices(run, term)
     start = fit(run, Model(model.base))
     return settings_for(run, model, start.joint, start.residual, start.dof)
 
@@ -46,6 +48,20 @@ def settings_for(run, model, space, residual, dof):
             others = problem.select(members[:place] + members[place + 1:])
             members[place] = _best(problem, others) or members[place]
     return tuple(Setting(member.setting) for member in members)
+
+
+def _check_choices(run, term):
+    for parameter in term.effect.searched:
+        name = parameter.name
+        if parameter.kind != 'choice' or name not in term.fixed:
+            continue
+        known = sorted({setting[name] for setting in term.effect.settings(run)})
+        if term.fixed[name] not in known:
+            some = [str(value) for value in known]
+            if len(some) > 8:
+                some = [*some[:3], '...', some[-1]]
+            raise InvalidModel(f'{run.source}: effect {term.name}: {name}: wanted one of '
+                               f'{", ".join(some) or "nothing"}, got {term.fixed[name]!r}')
 
 
 def _is_fixed(term):

@@ -208,14 +208,23 @@ class BallForm(Effect):
     carries: str = 'all'
     searched: tuple[Searched, ...] = (
         Searched('ball', '1', 'number of the ball, 0 for all balls'),
-        Searched('harmonic', '1', 'm, waves per turn, 0 for m = 2 to 5 together'))
+        Searched('harmonic', '1', 'm, waves per turn, 0 for m = 2 to 5 together'),
+        Searched('part', '', 'which part: in the plane (xy), along z, or both'))
 
     def settings(self, run):
         """Try each ball with each harmonic and with all, then all balls with each harmonic."""
         harmonics = [m for m in (2, 3, 4, 5) if m < run.n]
-        one = [Setting(ball=ball, harmonic=m)
+        one = [Setting(ball=ball, harmonic=m, part='both')
                for ball in range(1, run.n + 1) for m in [*harmonics, 0]]
-        return tuple(one + [Setting(ball=0, harmonic=m) for m in harmonics])
+        return tuple(one + [Setting(ball=0, harmonic=m, part=part) for m in harmonics
+                            for part in ('both', 'xy', 'z')])
+
+    def independent_settings(self, run):
+        """Each ball is a chance for each harmonic."""
+        return 5 * run.n
+
+    def _kept(self, setting):
+        return {'both': slice(0, 4), 'xy': slice(0, 2), 'z': slice(2, 4)}[setting.get('part', 'both')]
 
     def _pairs(self, run, setting):
         balls = [setting['ball']] if setting['ball'] else range(1, run.n + 1)
@@ -229,7 +238,7 @@ class BallForm(Effect):
             Quantity(f'{name}_{ball}_{m}', 'm', f'{what} of ball {ball}, m = {m}')
             for ball, m in self._pairs(run, setting)
             for name, what in (('a', 'cosine in the plane'), ('b', 'sine in the plane'),
-                               ('az', 'cosine along z'), ('bz', 'sine along z')))
+                               ('az', 'cosine along z'), ('bz', 'sine along z'))[self._kept(setting)])
 
     def columns(self, run, setting):
         """Return the apparent shift per amplitude, (N, 3, q)."""
@@ -241,7 +250,7 @@ class BallForm(Effect):
             out[own, 0, place, 0], out[own, 1, place, 0] = c, -s
             out[own, 0, place, 1], out[own, 1, place, 1] = -s, -c
             out[own, 2, place, 2], out[own, 2, place, 3] = c, s
-        return out.reshape(run.size, 3, 4 * len(pairs))
+        return out[..., self._kept(setting)].reshape(run.size, 3, -1)
 
 
 PLATE_EFFECTS = (PlateCreep(), PlateSlip(), PlateExpansion(), PlateWarp(), BallSlip(), BallForm())

@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosette export: a run becomes a ball-centre table (CSV), exact enough to evaluate from."""
+
+import sys
+
+from rich.markup import escape
+
+from rosette_ros.cli.arguments import add_run
+from rosette_ros.cli.screen import console
+from rosette_ros.cli.summary import head
+from rosette_ros.data.csv_table import format_csv, write_csv
+from rosette_ros.data.open_run import open_run
+
+
+def add_arguments(parser):
+    """Declare what the verb takes."""
+    add_run(parser)
+    parser.add_argument('-o', '--output', metavar='CSV', required=True,
+                        help='table to write; - for the standard output')
+    parser.add_argument('--force', action='store_true', help='overwrite the table')
+
+
+def run(options):
+    """Write the table."""
+    run = open_run(options.run_path)
+    if options.output == '-':
+        sys.stdout.write(format_csv(run))
+        return
+    write_csv(run, options.output, options.force)
+    out = console()
+    out.print(head(run))
+    out.print(f'Table: {escape(options.output)}', soft_wrap=True)

@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Designing an order of measurement: what it hides of every effect, and the time it takes.
+
+An effect is a function f of the run (a ramp in time, cycles, the sense of the last move, ...) times
+a shape known from the geometry. Its power that the base model takes up is the power spectrum of f
+on the grid of table and CMM positions, |F(p, q)|^2, summed over the lines of the base model shifted
+by the shape (see base.CompleteSpace): one FFT per function judges all effects. Parts that no order
+can show (the mean of a creep in time is a plate deviation) do not count.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+
+from rosette_ros.core.geometry import TWO_PI, nominal_angles
+from rosette_ros.core.records import travel_sense
+from rosette_ros.core.sensitive import WIDEST_GAP, Sweeps, shortest_way
+
+SETTLING = np.array([0.1, 0.2, 0.5])
+"""Time constants of warming up, in durations of the run."""
+STEPS = np.array([0.1, 0.25, 0.5, 0.75, 0.9])
+"""Moments of steps and slips, in durations of the run."""
+SLOW_CYCLES = 12.5
+CYCLES_PER_TURN = np.array([0.23, 0.37, 0.4, 0.43, 0.47, 0.61, 1.43, 1.6, 2.4])
+"""Orders of asynchronous motion; those above half the number of table positions are left out."""
+HARDNESS = 10
+"""Power mean over the effects: the larger, the more the worst one counts."""
+PER_SECOND = 0.02
+"""What a second of motion per reading may cost, in hidden share of power."""
+PER_ALIKE = 0.1
+"""What full likeness of cycles in time and in turns may cost."""
+
+EFFECT_SHAPES = (
+    ('frame_drift', 'ramp', ('axial', 'frame')),
+    ('frame_warmup', 'settling', ('axial', 'frame')),
+    ('frame_temperature', 'temperature', ('axial', 'frame')),
+    ('frame_cycle', 'slow_cycle', ('axial', 'frame')),
+    ('frame_cycle, fast', 'fast_cycle', ('axial', 'frame')),
+    ('frame_step', 'step', ('axial', 'frame')),
+    ('table_zero_drift', 'ramp', ('turn',)),
+    ('axis_tilt_drift', 'ramp', ('tilt',)),
+    ('table_backlash', 'sense', ('turn',)),
+    ('asynchronous_motion', 'bearing', ('plane', 'axial')),
+    ('asynchronous_motion, tilt', 'whole_bearing', ('tilt',)),
+    ('table_warmup', 'turning', ('axial',)),
+    ('plate_creep', 'ramp', ('carried',)),
+    ('plate_slip', 'step', ('slip',)),
+    ('plate_expansion', 'ramp', ('radial',)),
+    ('plate_expansion, temperature', 'temperature', ('radial',)),
+    ('plate_warp', 'ramp', ('saddle_2', 'saddle_3')),
+    ('cmm_reversal', 'cmm_sense', ('plane',)),
+)
+"""Effects with the function that drives them and the shapes in which they move the balls."""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How fast the cell moves: rad/s, s, m/s, s, s for a ball, and the radius in m."""
+
+    table_speed: float = float(np.deg2rad(10.0))
+    table_settle: float = 2.0
+    cmm_speed: float = 0.06
+    cmm_settle: float = 1.0
+    probing: float = 24.0
+    radius: float = 0.1825
+
+
+@dataclass(frozen=True, eq=False)
+class Order:
+    """An order of measurement: zero-based table position and ball, sense of the last table move."""
+
+    n: int
+    position: np.ndarray
+    ball: np.ndarray
+    approach: np.ndarray
+
+    @property
+    def cmm_position(self):
+        """(N,) zero-based CMM position."""
+        return (self.position + self.ball) % self.n
+
+
+@dataclass(frozen=True, eq=False)
+class Journey:
+    """Motion of one order: time (N,), s; travel (N,) of the table, unwrapped, rad; motion: s."""
+
+    time: np.ndarray
+    travel: np.ndarray
+    motion: float
+
+
+def journey(order, pace):
+    """Return the Journey of an order: table and CMM move at once, then the ball is probed."""
+    n = order.n
+    forward = np.diff(order.position) % n
+    move = np.where((order.approach[1:] < 0) & (forward > 0), forward - n, forward)
+    angle = np.abs(move) * (TWO_PI / n)
+    table = angle / pace.table_speed + pace.table_settle * (move != 0)
+    half = np.pi / n * np.diff(order.cmm_position)
+    way = 2 * pace.radius * np.abs(np.sin(half))
+    cmm = way / pace.cmm_speed + pace.cmm_settle * (way > 1e-9)
+    motion = np.maximum(table, cmm)
+    time = np.concatenate([[0.0], np.cumsum(motion + pace.probing)])
+    travel = np.concatenate([[0.0], np.cumsum(move) * (TWO_PI / n)])
+    return Journey(time, travel, float(motion.sum()))
+
+
+def hiding(n):
+    """Return for each shape the share in which the base model hides each (p, q) of f, (n, n).
+
+    x and y, and the two directions of a tilt, of a creep or of a saddle, count as one pair.
+    """
+    p, q = np.meshgrid(np.arange(n), np.arange(n), indexing='ij')
+    axial = (p == 0) | (q == 0) | (q == 1) | (q == n - 1) | ((p + q) % n == 0)
+    plane = (p == 0) | (q == 0) | ((p + q) % n == 1)
+    # Of the line q = 1 crz takes a real motion along e_t whole, along e_r not at all, x or y half.
+    along = {share: np.where((q == 1) & ~plane, share, plane) for share in (0.0, 0.5, 1.0)}
+    shapes = {
+        'axial': axial * 1.0,
+        'plane': along[0.5],
+        'turn': _shifted(along[1.0], 0, 1),
+        'radial': _shifted(along[0.0], 0, 1),
+        'carried': _shifted(along[0.5], 1, 0),
+        'tilt': _pair(axial, 0, 1),
+        'saddle_2': _pair(axial, -2, 2),
+        'saddle_3': _pair(axial, -3, 3),
+    }
+    shapes['frame'] = (shapes['axial'] + 2 * shapes['plane']) / 3
+    shapes['slip'] = (2 * shapes['carried'] + shapes['turn']) / 3
+    mirror = np.ix_(-np.arange(n) % n, -np.arange(n) % n)
+    # A complex wave stands for its cosine and its sine.
+    return {name: 0.5 * (weight + weight[mirror]) for name, weight in shapes.items()}
+
+
+def _shifted(weight, a, b):
+    """Return the weight on f of what hides f exp(i (a phi + b alpha))."""
+    return np.roll(weight, (-a, -b), axis=(0, 1)) * 1.0
+
+
+def _pair(weight, a, b):
+    return 0.5 * (_shifted(weight, a, b) + _shifted(weight, -a, -b))
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What an order hides and costs.
+
+    hidden: by effect, hidden share of the power that any order could show, (settings,); motion:
+    seconds of motion per reading; alike: largest cosine between an asynchronous motion and a
+    cycle in time, as functions of the readings, (3,).
+    """
+
+    hidden: dict[str, np.ndarray]
+    motion: float
+    alike: np.ndarray
+
+    @property
+    def shares(self):
+        """Visible share of each effect at its worst setting, of what any order could show."""
+        return {name: float(np.sqrt(max(0.0, 1 - np.max(hidden))))
+                for name, hidden in self.hidden.items()}
+
+    def cost(self):
+        """Return what a design makes small: the worst effect, then the mean, then the time."""
+        worst = np.array([hidden.max() for hidden in self.hidden.values()])
+        mean = np.mean([hidden.mean() for hidden in self.hidden.values()])
+        alike = np.mean(np.maximum(self.alike - 0.5, 0.0))
+        return float(np.mean(worst**HARDNESS)**(1 / HARDNESS) + mean
+                     + PER_SECOND * self.motion + PER_ALIKE * alike)
+
+
+class Judge:
+    """Judges orders of n balls at one pace."""
+
+    def __init__(self, n, pace=None):
+        """Lay out the functions and the weights for n balls."""
+        self.n, self.pace = n, pace or Pace()
+        weights = hiding(n)
+        self._shapes = list(weights)
+        self._weights = np.stack([weight.ravel() for weight in weights.values()], axis=1)
+        most = n * n / 4
+        self._slow = np.arange(1.0, min(SLOW_CYCLES, most) + 0.25, 0.5)
+        self._fast = np.geomspace(13.0, most, 12) if most > 13 else np.array([most])
+        self._orders = CYCLES_PER_TURN[CYCLES_PER_TURN < n / 2]
+
+    def __call__(self, order):
+        """Return the Verdict on an Order."""
+        way = journey(order, self.pace)
+        functions = self._functions(order, way)
+        rows = np.concatenate(list(functions.values()))
+        n = self.n
+        reading = np.argsort(order.position * n + order.cmm_position)
+        spectrum = scipy.fft.fft2(rows[:, reading].reshape(-1, n, n), workers=1)
+        power = (spectrum.real**2 + spectrum.imag**2).reshape(len(rows), n * n)
+        share = power @ self._weights / np.maximum(power.sum(axis=1, keepdims=True), 1e-12)
+        ends = dict(zip(functions, np.cumsum([len(part) for part in functions.values()])))
+        hidden = {
+            effect: share[ends[name] - len(functions[name]):ends[name],
+                          [self._shapes.index(shape) for shape in shapes]].ravel()
+            for effect, name, shapes in EFFECT_SHAPES}
+        return Verdict(hidden, way.motion / rows.shape[1], self._alike(functions['bearing']))
+
+    def _functions(self, order, way):
+        """Return the functions that drive effects, by name, each (m, N), free of their means."""
+        t = (way.time / way.time[-1])[None]
+        turned = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(way.travel)))])[None]
+        reading = np.arange(t.size) / t.size
+        alpha = nominal_angles(self.n)[order.cmm_position]
+        functions = {
+            'ramp': t,
+            'settling': np.exp(-t / SETTLING[:, None]),
+            'temperature': np.cos(np.pi * t) + 0.5 * np.cos(TWO_PI * t + 1.0),
+            'slow_cycle': np.exp(1j * TWO_PI * self._slow[:, None] * t),
+            'fast_cycle': np.exp(1j * TWO_PI * self._fast[:, None] * t),
+            'step': (reading >= STEPS[:, None]) * 1.0,
+            'turning': np.exp(-turned / turned[0, -1] / SETTLING[:, None]),
+            'bearing': np.exp(1j * self._orders[:, None] * way.travel),
+            'cmm_sense': np.stack([travel_sense(np.cos(alpha), 1e-6),
+                                   travel_sense(np.sin(alpha), 1e-6)]),
+        }
+        functions = {name: rows - rows.mean(axis=1, keepdims=True)
+                     for name, rows in functions.items()}
+        # That senses and waves of the travel have small means is the order's own merit: times a
+        # lever their mean would be hidden, so it stays.
+        return functions | {
+            'sense': order.approach[None] * 1.0,
+            'whole_bearing': np.exp(1j * self._orders[:, None] * way.travel)}
+
+    def _alike(self, bearing):
+        size = bearing.shape[1]
+        wave = np.abs(scipy.fft.fft(bearing[1:5], 4 * size, workers=1)) / size
+        both = wave + np.roll(wave[:, ::-1], 1, axis=1)
+        return both[:, 8:size].max(axis=1)
+
+
+def anneal(state, change, cost, steps, heat, rng):
+    """Return (cost, state) of the best state met on a walk that accepts worse ones ever less often.
+
+    change: (state, rng) -> state; cost: state -> float; heat: rise in cost accepted at first.
+    """
+    value = cost(state)
+    best = value, state
+    for step in range(steps):
+        warmth = heat * (1 - step / steps)**2 + 1e-5
+        tried = change(state, rng)
+        tried_value = cost(tried)
+        if tried_value < value or rng.random() < np.exp((value - tried_value) / warmth):
+            state, value = tried, tried_value
+            if value < best[0]:
+                best = value, state
+    return best
+
+
+def design_sweeps(n, seed=0, steps=3000, pace=None):
+    """Return (cost, Sweeps) found by annealing the balls, senses and gaps of n sweeps."""
+    rng = np.random.default_rng(seed)
+    judge = Judge(n, pace)
+    start = Sweeps(rng.permutation(n), 1 - 2 * (rng.permutation(n) % 2), rng.integers(0, 3, n))
+    return anneal(start, _other_sweeps, lambda sweeps: judge(swept(sweeps)).cost(), steps, 0.02,
+                  rng)
+
+
+def swept(sweeps):
+    """Return the Order of Sweeps, the table going the shortest way."""
+    position, ball = sweeps.readings()
+    n = sweeps.ball.size
+    return Order(n, position, ball, shortest_way(n, position))
+
+
+def _other_sweeps(sweeps, rng):
+    ball, sense, gap = sweeps.ball.copy(), sweeps.sense.copy(), sweeps.gap.copy()
+    choice, (a, b) = rng.random(), rng.integers(0, ball.size, 2)
+    if choice < 0.6:
+        ball[[a, b]] = ball[[b, a]]
+    elif choice < 0.7:
+        sense[a] = -sense[a]
+    elif choice < 0.85:
+        sense[[a, b]] = sense[[b, a]]
+    else:
+        gap[a] = rng.integers(0, WIDEST_GAP + 1)
+    return Sweeps(ball, sense, gap)
+
+
+def design_readings(start, seed=0, steps=20000, heat=0.02, pace=None):
+    """Return (cost, Order) found by annealing an Order reading by reading: for few balls."""
+    rng = np.random.default_rng(seed)
+    judge = Judge(start.n, pace)
+    long_way = start.approach != shortest_way(start.n, start.position)
+    cost, state = anneal((start.position, start.ball, long_way), _other_readings,
+                         lambda state: judge(_order(start.n, *state)).cost(), steps, heat, rng)
+    return cost, _order(start.n, *state)
+
+
+def _order(n, position, ball, long_way):
+    """Return the Order in which the table goes the long way round to the marked readings."""
+    sense = np.where(long_way, -1, 1) * shortest_way(n, position)
+    moved = np.diff(position, prepend=-1) != 0
+    sense[0] = 1
+    last = np.maximum.accumulate(np.where(moved, np.arange(position.size), 0))
+    return Order(n, position, ball, sense[last])
+
+
+def _other_readings(state, rng):
+    position, ball, long_way = state
+    size = position.size
+    place = np.arange(size)
+    choice, (a, b) = rng.random(), np.sort(rng.integers(0, size, 2))
+    if choice < 0.1:
+        long_way = long_way ^ (place == a)
+    elif choice < 0.35:
+        a, b = rng.choice(np.flatnonzero(position == position[a]), 2, replace=False)
+        ball = ball.copy()
+        ball[[a, b]] = ball[[b, a]]
+    elif choice < 0.8:
+        place[[a, b]] = place[[b, a]]
+    elif choice < 0.9:
+        place[a:b + 1] = place[a:b + 1][::-1]
+    else:
+        rest, c = np.delete(place, slice(a, b + 1)), rng.integers(0, size - (b - a))
+        place = np.concatenate([rest[:c], place[a:b + 1], rest[c:]])
+    return position[place], ball[place], long_way

@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The recorder: everything that the cell says, one log per run."""
+
+import os
+import re
+import sys
+import time
+from pathlib import Path
+
+from rcl_interfaces.msg import Log
+from rclpy.serialization import deserialize_message
+from rosette_msgs.srv import StartRecording, StopRecording
+
+from rosette_ros.core.errors import InvalidConfig, RosetteError
+from rosette_ros.data.schemas import TypeLibrary
+from rosette_ros.nodes import convert, names, qos
+from rosette_ros.nodes.ears import IDLE_REST, REST, ListeningNode
+from rosette_ros.nodes.interfaces import interface_class
+from rosette_ros.nodes.introspection import introspected_service
+from rosette_ros.nodes.runner import ERROR, OK, WARN, run_node
+from rosette_ros.nodes.settings import Wanted
+from rosette_ros.nodes.tape import Memory, Message, Tape
+
+WANTED = (
+    Wanted('log_dir', 'runs', 'folder in which every run gets a folder of its own'),
+    Wanted('recent_s', 2.0, 'requests heard so long before a log opens belong to it, s of wall '
+           'time', 0.0, 60.0),
+    Wanted('drain_s', 0.1, 'a log is closed when nothing has come for so long, s of wall time',
+           0.01, 10.0),
+)
+DRAIN_LIMIT = 10
+"""A log is closed after so many times `drain_s` at the latest."""
+MATCH_TIMEOUT = 5.0
+"""How long the recorder waits for its connection to known publishers, s."""
+DISCOVERY_PERIOD = 1.0
+
+LATCHED = (names.PROBE_TARGET, names.ERROR_MOTIONS, names.RUN_STATE, names.MODEL, names.TF_STATIC)
+"""Topics whose publishers keep their last messages: none is lost to a late connection."""
+TOPICS = (
+    (names.PROBE_TARGET, 'rosette_msgs/msg/ProbeTarget', Memory.NONE),
+    (names.BALL_CENTRE, 'rosette_msgs/msg/BallCentre', Memory.NONE),
+    (names.ERROR_MOTIONS, 'rosette_msgs/msg/ErrorMotions', Memory.NONE),
+    (names.DIAGNOSIS, 'rosette_msgs/msg/Diagnosis', Memory.NONE),
+    (names.RUN_STATE, 'rosette_msgs/msg/RunState', Memory.NONE),
+    (names.CALIBRATE_FEEDBACK, 'rosette_msgs/action/Calibrate_FeedbackMessage', Memory.NONE),
+    (names.CLOCK, 'rosgraph_msgs/msg/Clock', Memory.NONE),
+    (names.DIAGNOSTICS, 'diagnostic_msgs/msg/DiagnosticArray', Memory.NONE),
+    (names.MODEL, 'rosette_msgs/msg/Model', Memory.LATCHED),
+    (names.TF_STATIC, 'tf2_msgs/msg/TFMessage', Memory.LATCHED),
+    (names.CALIBRATION_EVENT, 'rosette_msgs/msg/CalibrationEvent', Memory.RECENT),
+    (names.CALIBRATE_STATUS, 'action_msgs/msg/GoalStatusArray', Memory.RECENT),
+    (names.START_CALIBRATION + names.SERVICE_EVENT, 'std_srvs/srv/Trigger_Event', Memory.RECENT),
+    (names.START_RECORDING + names.SERVICE_EVENT, 'rosette_msgs/srv/StartRecording_Event',
+     Memory.RECENT),
+    (names.STOP_RECORDING + names.SERVICE_EVENT, 'rosette_msgs/srv/StopRecording_Event',
+     Memory.NONE),
+    (names.PARAMETER_EVENTS, 'rcl_interfaces/msg/ParameterEvent', Memory.RECENT),
+    (names.ROSOUT, 'rcl_interfaces/msg/Log', Memory.RECENT),
+)
+"""What a cell says; anything else in its namespace is found on the graph."""
+
+_RUN_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]{0,127}')
+
+
+class Recorder(ListeningNode):
+    """Subscribes to the whole cell from its start on and writes while a log is open."""
+
+    def __init__(self):
+        """Subscribe to everything that a cell says."""
+        super().__init__(names.RECORDER, WANTED)
+        self._library = TypeLibrary.from_environment(os.environ)
+        self._tape = Tape(self.parameters['recent_s'], self._offered_qos)
+        self._unknown = set()
+        self._in_cell = self.get_namespace().strip('/').replace('/', '.')
+        self._clock_topic = self.resolve_topic_name(names.CLOCK)
+        self._rosout_topic = self.resolve_topic_name(names.ROSOUT)
+        self._simulated = self.get_parameter('use_sim_time').value
+        self._simulated_now = 0
+        self._last = 'no log yet'
+        for name, type_name, memory in TOPICS:
+            profile = qos.COLLECT_LATCHED if name in LATCHED else qos.COLLECT
+            self._record(self.resolve_topic_name(name), type_name, memory, profile)
+        self._discover()
+        self.create_timer(DISCOVERY_PERIOD, self._discover, clock=self.steady)
+        introspected_service(self, StartRecording, names.START_RECORDING, self._on_start)
+        introspected_service(self, StopRecording, names.STOP_RECORDING, self._on_stop)
+
+    # Hearing
+
+    def _record(self, topic, type_name, memory, profile):
+        self._tape.add_topic(topic, self._library.definition(type_name), memory)
+        self.ears.listen(topic, interface_class(type_name), profile)
+
+    def hear(self, heard):
+        """Put all that was said on the tape, in the order in which it was heard."""
+        now = self.seconds()
+        for received, topic, data, published in heard:
+            if topic == self._clock_topic:
+                self._simulated_now = convert.clock_nanoseconds(data)
+            elif topic == self._rosout_topic and not self._is_ours(data):
+                continue
+            time_ns = received
+            if self._simulated and self._simulated_now:
+                time_ns = published = self._simulated_now
+            self._tape.take(Message(topic, data, time_ns, published, now))
+
+    def lost(self, topic, count):
+        """Count what was lost on the way."""
+        self._tape.lose(count)
+
+    def _is_ours(self, data):
+        """Return whether a /rosout message comes from this cell."""
+        logger = deserialize_message(data, Log).name
+        return f'{logger}.'.startswith(f'{self._in_cell}.') or not self._in_cell
+
+    def _discover(self):
+        """Subscribe to what is new in the cell's namespace."""
+        home = self.get_namespace().rstrip('/') + '/'
+        for topic, types in self.get_topic_names_and_types():
+            if (not topic.startswith(home) or topic in self.ears.topics
+                    or topic in self._unknown):
+                continue
+            try:
+                self._record(topic, types[0], Memory.NONE, qos.COLLECT)
+            except InvalidConfig as error:
+                self._unknown.add(topic)
+                self.get_logger().warning(f'{topic} is not recorded: {error}')
+
+    def _offered_qos(self, topic):
+        return [convert.qos_record(info.qos_profile)
+                for info in self.get_publishers_info_by_topic(topic)]
+
+    # The doors
+
+    def _on_start(self, request, response):
+        try:
+            directory = self._directory(request.run_id)
+            self._until(self.ears.is_connected, MATCH_TIMEOUT)
+            self.listen()
+            self._tape.open(directory, request.run_id, self.seconds(), self.now().nanoseconds)
+        except RosetteError as error:
+            self.get_logger().error(f'start_recording refused: {error}')
+            response.success, response.message = False, str(error)
+        else:
+            self.get_logger().info(f'recording run {request.run_id} to {directory}')
+            self.rest = REST
+            response.success, response.log = True, str(directory)
+        return response
+
+    def _on_stop(self, request, response):
+        if not self._tape.is_open or request.run_id != self._tape.run_id:
+            open_now = f'the log of run {self._tape.run_id}' if self._tape.is_open else 'no log'
+            response.message = f'wanted to close the log of run {request.run_id}, got {open_now}'
+            return response
+        self._drain()
+        response.success, response.message, summary = self._close()
+        if summary:
+            response.log, response.messages = str(summary.directory), summary.messages
+            response.lost = summary.lost
+        return response
+
+    def _drain(self):
+        """Hear out those who still speak."""
+        quiet, began = self.parameters['drain_s'], self.seconds()
+        self._until(lambda: self.seconds() - max(self._tape.heard, began) >= quiet,
+                    DRAIN_LIMIT * quiet)
+
+    def _until(self, condition, timeout):
+        """Go on hearing until a condition holds, at most for the steady time `timeout`, s."""
+        deadline = self.seconds() + timeout
+        while not condition() and self.seconds() < deadline:
+            time.sleep(REST)
+            self.listen()
+
+    def _directory(self, run_id):
+        if not _RUN_NAME.fullmatch(run_id):
+            raise InvalidConfig('run_id: wanted a name of letters, digits, ".", "_" and "-" that '
+                                f'can be a folder, got {run_id!r}')
+        return Path(self.parameters['log_dir']).expanduser().absolute() / run_id
+
+    def wake(self):
+        """Bring what is written to the disk."""
+        self._tape.flush_if_due()
+
+    def _close(self):
+        """Close the log; return (success, message, Summary or None)."""
+        run_id, failure = self._tape.run_id, self._tape.failure
+        self.rest = IDLE_REST
+        try:
+            summary = self._tape.close()
+        except RosetteError as error:
+            failure, summary = failure or str(error), None
+        if failure:
+            self._last = f'run {run_id}: {failure}'
+            self.get_logger().error(self._last)
+            return False, failure, summary
+        self._last = f'run {run_id}: {summary.messages} messages, {summary.lost} lost'
+        self.get_logger().info(f'log of {self._last}')
+        return True, '', summary
+
+    def finish(self):
+        """Close an open log once the last messages are in."""
+        if self._tape.is_open:
+            self._drain()
+            self._close()
+
+    def health(self):
+        """Say whether a log is open and whether everything is in it."""
+        tape = self._tape
+        if not tape.is_open:
+            return OK, f'waiting; {self._last}', {'topics': len(self.ears.topics)}
+        values = {'run_id': tape.run_id, 'messages': tape.messages, 'lost': tape.lost}
+        if tape.failure:
+            return ERROR, tape.failure, values
+        if tape.lost:
+            return WARN, f'{tape.lost} messages were lost on the way', values
+        return OK, f'recording run {tape.run_id}: {tape.messages} messages', values
+
+
+def main(args=None):
+    """Run the recorder; returns the exit code."""
+    return run_node(names.RECORDER, Recorder, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

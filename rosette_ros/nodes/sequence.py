@@ -1,0 +1,266 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One calibration as a state machine: what to ask next, what an answer means, when to give up.
+
+No ROS and no clock here: whoever drives it passes the time (steady, s) and carries out the
+commands that each step returns.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from rosette_ros.core.alignment import table_frame
+from rosette_ros.core.errors import RosetteError
+from rosette_ros.core.geometry import Frame, wrap
+from rosette_ros.data.assemble import MACHINE_FRAME, TABLE_FRAME
+from rosette_ros.nodes.programme import Answer, Phase, Programme, Target
+
+
+@dataclass(frozen=True)
+class Limits:
+    """When to ask again and when to give up.
+
+    answer_timeout, evaluation_timeout: s of steady time; attempts: how often a target is asked;
+    search, distance: how far a centre may lie from where it is expected, before and after the
+    alignment, m; angle: how far the table may stand from the commanded angle, rad.
+    """
+
+    answer_timeout: float = 120.0
+    attempts: int = 3
+    evaluation_timeout: float = 120.0
+    search: float = 0.02
+    distance: float = 0.005
+    angle: float = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Ask:
+    """Send this target to the CMM; centre: (3,) in the frame `frame_id`, m."""
+
+    target: Target
+    attempt: int
+    centre: np.ndarray
+    frame_id: str
+
+
+@dataclass(frozen=True, eq=False)
+class Locate:
+    """Make known where the table frame is in the machine frame."""
+
+    frame: Frame
+
+
+@dataclass(frozen=True)
+class Tell:
+    """Make the state known: the phase has changed."""
+
+
+@dataclass(frozen=True)
+class Remark:
+    """Write a warning into the log."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Finish:
+    """The calibration has ended in this phase, for this reason."""
+
+    phase: Phase
+    text: str
+
+
+class Verdict(Enum):
+    """What an answer is good for."""
+
+    USE = 'use'
+    NOT_ASKED = 'not asked'
+    UNUSABLE = 'unusable'
+
+
+def judge(answer, ask, run_id, limits):
+    """Return (Verdict, words) for an answer while `ask` waits for one (None: nothing waits)."""
+    if answer.run_id != run_id:
+        return Verdict.NOT_ASKED, f'answer to run {answer.run_id!r}, this is {run_id!r}'
+    if ask is None or answer.seq != ask.target.seq:
+        waiting = 'nothing' if ask is None else f'seq {ask.target.seq}'
+        return Verdict.NOT_ASKED, f'answer to seq {answer.seq}, waiting for {waiting}'
+    for complaint in (_identity, _failure, _numbers, _place):
+        words = complaint(answer, ask, limits)
+        if words:
+            return Verdict.UNUSABLE, words
+    return Verdict.USE, ''
+
+
+def _identity(answer, ask, limits):
+    target = ask.target
+    wanted = (target.table_position, target.ball, target.cmm_position)
+    got = (answer.table_position, answer.ball, answer.cmm_position)
+    if wanted != got:
+        return f'wanted table position, ball, CMM position {wanted}, got {got}'
+    return ''
+
+
+def _failure(answer, ask, limits):
+    if not answer.ok:
+        return f'the CMM reports: {answer.text or "failed, without a reason"}'
+    return ''
+
+
+def _numbers(answer, ask, limits):
+    numbers = (*answer.centre, answer.table_angle, answer.table_travel)
+    if not np.isfinite(numbers).all():
+        return ('wanted finite numbers, got centre '
+                f'{tuple(map(float, answer.centre))}, table_angle {answer.table_angle}, '
+                f'table_travel {answer.table_travel}')
+    return ''
+
+
+def _place(answer, ask, limits):
+    frame = short_frame(answer.frame_id)
+    if frame not in (MACHINE_FRAME, TABLE_FRAME):
+        return f'wanted frame_id {MACHINE_FRAME!r} or {TABLE_FRAME!r}, got {answer.frame_id!r}'
+    if frame == MACHINE_FRAME and ask.frame_id == TABLE_FRAME:
+        return f'wanted frame_id {TABLE_FRAME!r} as in the alignment, got {answer.frame_id!r}'
+    turned = float(wrap(answer.table_angle - ask.target.table_angle))
+    if abs(turned) > limits.angle:
+        return (f'wanted the table within {limits.angle:g} rad of '
+                f'{ask.target.table_angle:.6f} rad, got {answer.table_angle:.6f} rad')
+    aligned = ask.target.phase not in (Phase.REPEATABILITY, Phase.ALIGNMENT)
+    limit = limits.distance if aligned else limits.search
+    wanted = ask.centre if frame == short_frame(ask.frame_id) else ask.target.nominal
+    away = float(np.linalg.norm(answer.centre - wanted))
+    if away > limit:
+        return f'wanted a ball within {1e3 * limit:g} mm of the target, got {1e3 * away:.3f} mm'
+    return ''
+
+
+def short_frame(frame_id):
+    """Return a frame's name without what stands before it: `cell1/table` is a table frame."""
+    return frame_id.rsplit('/', 1)[-1]
+
+
+class Sequence:
+    """The state of one calibration.
+
+    Every step takes the steady time `now` in s and returns the commands (Ask, Locate, Tell,
+    Remark, Finish) that follow from it, in order.
+    """
+
+    def __init__(self, run_id: str, programme: Programme, limits: Limits):
+        """Prepare; nothing is asked before begin()."""
+        self.run_id = run_id
+        self.programme = programme
+        self.limits = limits
+        self.phase = Phase.IDLE
+        self.done = 0
+        self.text = 'ready'
+        self._ask = None
+        self._deadline = None
+        self._frame = programme.taught
+        self._frame_id = MACHINE_FRAME
+        self._alignment = []
+
+    def begin(self, now):
+        """Ask for the first target."""
+        return self._next(now)
+
+    def answer(self, answer: Answer, now):
+        """Take an answer of the CMM."""
+        verdict, words = judge(answer, self._ask, self.run_id, self.limits)
+        if verdict is Verdict.NOT_ASKED:
+            return (Remark(f'not used: {words}'),)
+        if verdict is Verdict.UNUSABLE:
+            return self._again(words, now)
+        target = self._ask.target
+        self._ask = None
+        self.done += 1
+        if target.phase is Phase.ALIGNMENT:
+            self._alignment.append((answer.centre, short_frame(answer.frame_id)))
+            if len(self._alignment) == 2 * target.balls:
+                return self._align(now)
+        return self._next(now)
+
+    def evaluated(self, now):
+        """Take note that the error motions of this run are published."""
+        if self.phase is not Phase.EVALUATION:
+            return ()
+        return self._finish(Phase.DONE, 'error motions are published')
+
+    def tick(self, now):
+        """Look at the time: ask again or give up if an answer is late."""
+        if self._deadline is None or now < self._deadline:
+            return ()
+        if self.phase is Phase.EVALUATION:
+            return self._finish(Phase.FAILED, (
+                f'wanted error motions from the evaluator within '
+                f'{self.limits.evaluation_timeout:g} s, got none; all ball centres are in the '
+                'log: evaluate it offline'))
+        return self._again(f'no answer within {self.limits.answer_timeout:g} s', now)
+
+    def cancel(self, text='cancelled on request'):
+        """End early."""
+        return () if self.phase.is_end else self._finish(Phase.CANCELLED, text)
+
+    def fail(self, text):
+        """End because something outside has failed."""
+        return () if self.phase.is_end else self._finish(Phase.FAILED, text)
+
+    def describe(self):
+        """Return one sentence for a person about what happens now."""
+        if self._ask is None:
+            return self.text
+        target = self._ask.target
+        place, size = self.programme.place_in_phase(target.seq - 1)
+        again = '' if self._ask.attempt == 1 else f', attempt {self._ask.attempt}'
+        return (f'{target.phase.name.lower().replace("_", " ")} {place} of {size}: table position '
+                f'{target.table_position}, ball {target.ball}{again}')
+
+    def _next(self, now):
+        if self.done == self.programme.total:
+            self.phase, self.text = Phase.EVALUATION, 'waiting for the error motions'
+            self._deadline = now + self.limits.evaluation_timeout
+            return (Tell(),)
+        target = self.programme.target(self.done)
+        changed = target.phase is not self.phase
+        self.phase = target.phase
+        command = self._put(target, 1, now)
+        return (Tell(), command) if changed else (command,)
+
+    def _put(self, target, attempt, now):
+        centre = self._frame.to_outer(target.nominal)
+        self._ask = Ask(target, attempt, centre, self._frame_id)
+        self._deadline = now + self.limits.answer_timeout
+        return self._ask
+
+    def _again(self, words, now):
+        target, attempt = self._ask.target, self._ask.attempt
+        if attempt >= self.limits.attempts:
+            times = 'once' if attempt == 1 else f'{attempt} times'
+            return self._finish(Phase.FAILED, f'{target}: asked {times}, last: {words}; '
+                                'what was measured is in the log')
+        return (Remark(f'{target}, attempt {attempt}: {words}; asking again'),
+                self._put(target, attempt + 1, now))
+
+    def _align(self, now):
+        """Find the table frame from the alignment's centres; a CMM may know it already."""
+        n = self.programme.scheme.n
+        centres = np.array([centre for centre, _ in self._alignment])
+        frames = {frame for _, frame in self._alignment}
+        if frames == {TABLE_FRAME}:
+            self._frame, self._frame_id = Frame.identity(), TABLE_FRAME
+            return self._next(now)
+        if frames != {MACHINE_FRAME}:
+            return self._finish(Phase.FAILED, f'alignment: wanted all centres in one frame, got '
+                                f'{", ".join(sorted(frames))}')
+        try:
+            self._frame = table_frame(centres[:n], centres[n:])
+        except RosetteError as error:
+            return self._finish(Phase.FAILED, f'alignment: {error}')
+        return (Locate(self._frame), *self._next(now))
+
+    def _finish(self, phase, text):
+        self.phase, self.text = phase, text
+        self._ask = self._deadline = None
+        return Tell(), Finish(phase, text)

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated CMM and table: obeys targets, answers ball centres, keeps the simulated time."""
+
+import math
+import sys
+from pathlib import Path
+
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from rclpy.time import Time
+from rosette_msgs.msg import BallCentre, ProbeTarget
+from rosgraph_msgs.msg import Clock
+
+from rosette_ros.core.errors import CellError, InvalidConfig, InvalidPlan, RosetteError
+from rosette_ros.data.assemble import MACHINE_FRAME
+from rosette_ros.machine import Machine, load_machine
+from rosette_ros.nodes import convert, names, qos
+from rosette_ros.nodes.runner import OK, WARN, CellNode, run_node
+from rosette_ros.nodes.sequence import short_frame
+from rosette_ros.nodes.settings import Wanted
+
+WANTED = (
+    Wanted('machine', '', 'file that describes the simulated machine; empty: the machine.yaml '
+           'that is installed with the package', read_only=True),
+    Wanted('clock_rate_hz', 4.0, 'how often the simulated time is published while nothing is '
+           'measured, Hz of wall time', 0.1, 10.0),
+)
+
+
+class SimulatedCmm(CellNode):
+    """Measures as fast as the computer allows; its clock says how long a real cell would take.
+
+    The simulated time starts at the wall time of the node's start and advances only by measuring,
+    so that a run does not depend on how fast the computer is.
+    """
+
+    def __init__(self):
+        """Build the machine and stand up the interfaces; raises RosetteError in words."""
+        super().__init__(names.CMM, WANTED)
+        self._machine = Machine(load_machine(self.parameters['machine'] or default_machine()))
+        self._switched_on = self.system.now().nanoseconds
+        self._measured = self._failed = 0
+        self._ticked = -math.inf
+        self.create_subscription(ProbeTarget, names.PROBE_TARGET, self._on_target, qos.ORDER)
+        self._clock_out = self.create_publisher(Clock, names.CLOCK, qos.CLOCK)
+        self._answers = self.create_publisher(BallCentre, names.BALL_CENTRE, qos.ANSWER)
+        self._tick()
+
+    def _on_target(self, target):
+        answer = BallCentre(
+            run_id=target.run_id, seq=target.seq, table_position=target.table_position,
+            ball=target.ball, cmm_position=target.cmm_position)
+        try:
+            reading = self._measure(target)
+        except RosetteError as error:
+            self._failed += 1
+            self.get_logger().warning(f'seq {target.seq}: {error}')
+            answer.status, answer.text = BallCentre.STATUS_FAILED, str(error)
+            answer.header.stamp = self._stamp(self._machine.time)
+            answer.header.frame_id = target.header.frame_id
+        else:
+            self._measured += 1
+            convert.fill_answer(answer, reading, self._stamp(reading.time), MACHINE_FRAME)
+        self._tick()
+        self._answers.publish(answer)
+
+    def _measure(self, target):
+        machine = self._machine
+        if target.balls != machine.n or not math.isclose(target.radius, machine.radius,
+                                                         rel_tol=1e-9):
+            raise InvalidPlan(
+                f'wanted a target for {machine.n} balls on a circle of radius '
+                f'{machine.radius:g} m, got {target.balls} balls, {target.radius:g} m')
+        if short_frame(target.header.frame_id) != MACHINE_FRAME:
+            raise CellError(f'wanted a target in the frame {MACHINE_FRAME!r}, got '
+                            f'{target.header.frame_id!r}')
+        return machine.measure(target.table_position, target.ball, target.approach,
+                               convert.point_array(target.centre))
+
+    def _stamp(self, time):
+        return convert.time_message(self._switched_on + round(1e9 * time))
+
+    def _tick(self):
+        self._ticked = self.seconds()
+        self._clock_out.publish(Clock(clock=self._stamp(self._machine.time)))
+
+    def wake(self):
+        """Publish the time for those who have just come."""
+        if self.seconds() - self._ticked >= 1.0 / self.parameters['clock_rate_hz']:
+            self._tick()
+
+    def now(self):
+        """Return the simulated time: this node is the clock."""
+        return Time.from_msg(self._stamp(self._machine.time))
+
+    def health(self):
+        """Say what was measured."""
+        level = WARN if self._failed else OK
+        sentence = f'{self._measured} balls measured, {self._failed} targets refused'
+        return level, sentence, {'measured': self._measured, 'failed': self._failed,
+                                 'simulated_s': f'{self._machine.time:.1f}'}
+
+
+def default_machine():
+    """Return the path of the machine.yaml that comes with the package."""
+    beside = Path(__file__).parents[2] / 'config' / 'machine.yaml'
+    try:
+        shared = Path(get_package_share_directory('rosette_ros')) / 'config' / 'machine.yaml'
+    except PackageNotFoundError:
+        shared = beside
+    for path in (beside, shared):
+        if path.is_file():
+            return path
+    raise InvalidConfig(f'machine: wanted machine.yaml as {beside} or {shared}, found none; set '
+                        'the parameter "machine"')
+
+
+def main(args=None):
+    """Run the simulated CMM; returns the exit code."""
+    return run_node(names.CMM, SimulatedCmm, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bad input through the command line: one line that says where, what was wanted, what came."""
+
+import pytest
+
+
+def change(line, column, value):
+    """Return an edit that puts a value into a cell of the table; lines and columns from zero."""
+    def edit(lines):
+        cells = lines[line].split(',')
+        cells[column] = value
+        return [*lines[:line], ','.join(cells), *lines[line + 1:]]
+    return edit
+
+
+def drop_column(name):
+    """Return an edit that takes a column out."""
+    def edit(lines):
+        at = lines[4].split(',').index(name)
+        cut = [','.join(cell for place, cell in enumerate(line.split(',')) if place != at)
+               for line in lines[4:]]
+        return lines[:4] + cut
+    return edit
+
+
+def radians(lines):
+    """Write the table angles in radians by mistake."""
+    return lines[:5] + [change(0, 4, str(float(line.split(',')[4]) / 57.29577951308232))([line])[0]
+                        for line in lines[5:]]
+
+
+TABLES = {
+    'missing column': (drop_column('y_mm'), ('line 5', 'y_mm', 'wanted this column')),
+    'word': (change(7, 5, 'abc'), ('line 8', 'x_mm', "wanted a number, got 'abc'")),
+    'NaN': (change(7, 6, 'nan'), ('line 8', 'y_mm', "wanted a finite number, got 'nan'")),
+    'ball out of range': (change(9, 2, '0'), ('line 10', 'ball', 'wanted at least 1, got 0')),
+    'n disagrees': (change(40, 2, '9'), ('ball', 'got 9')),
+    'radians': (radians, ('radians',)),
+    'empty': (lambda lines: [], ('is empty',)),
+    'header only': (lambda lines: lines[:5], ('wanted rows of ball centres, got none',)),
+    'no schema': (lambda lines: lines[1:], ('# schema: rosette-ball-centres/1',)),
+    'duplicate': (lambda lines: [*lines[:6], '2' + lines[5][1:], *lines[7:]],
+                  ('line 7', 'got table_position 1, ball 1 again (first in line 6)')),
+}
+
+
+@pytest.mark.parametrize('fault', TABLES)
+def test_a_faulty_table(refused, make_table, fault):
+    """File, line, column, wanted, got; the same words at every door."""
+    edit, words = TABLES[fault]
+    path = make_table(edit=edit)
+    line = refused('evaluate', path)
+    assert str(path) in line
+    for word in words:
+        assert word in line
+    assert refused('export', path, '-o', path.with_name('out.csv')) == line
+    assert refused('info', path) == line
+
+
+@pytest.mark.parametrize('words', [('evaluate',), ('info',), ('replay',), ('import', '-o', 'x')])
+def test_nothing_there(refused, tmp_path, words):
+    """A path that does not exist."""
+    line = refused(words[0], tmp_path / 'nowhere', *words[1:])
+    assert str(tmp_path / 'nowhere') in line
+    assert 'check the path' in line
+
+
+def test_too_few_ball_centres(refused, make_table):
+    """What cannot be determined is named."""
+    path = make_table(edit=lambda lines: ['# balls: 6', *lines[:5 + 20]])
+    line = refused('evaluate', path)
+    assert 'too few ball centres: 20 of 36' in line
+    assert 'cannot determine the deviation of the CMM at position 5' in line
+
+
+MODELS = {
+    'base: [table]': "model: base: wanted some of table_motions, plate_deviations, "
+                     "cmm_deviations, got 'table'",
+    'effects: [warp]': "effect: wanted one of frame_drift, ",
+    'effects: frame_drift': "effects: wanted a list, got 'frame_drift'",
+    'base: [table_motions\n': 'wanted YAML, got text that is none: line 2, column 1: ',
+    '- frame_drift': 'wanted a mapping with base and effects, got list',
+    'schema: rosette-model/2': "schema: wanted rosette-model/1, got 'rosette-model/2'",
+    'bases: []': "wanted the keys schema, base, effects, got 'bases'",
+    'effects: [{name: frame_warmup, time: 3}]': "effect frame_warmup: wanted settings among ",
+}
+
+
+@pytest.mark.parametrize('text', MODELS)
+def test_a_faulty_model(refused, make_table, tmp_path, text):
+    """The file and the key are named."""
+    model = tmp_path / 'model.yaml'
+    model.write_text(text)
+    line = refused('evaluate', make_table(), '--model', model)
+    assert str(model) in line
+    assert MODELS[text] in line
+
+
+def test_an_effect_that_the_order_hides(refused, make_table, tmp_path):
+    """Drift in row order: taken up whole by the base model."""
+    model = tmp_path / 'model.yaml'
+    model.write_text('effects: [table_backlash]\n')
+    line = refused('evaluate', make_table(), '--model', model)
+    assert 'table_backlash' in line
+
+
+def test_a_table_is_not_overwritten(refused, rosette, make_table):
+    """Unless it is asked for."""
+    source, target = make_table(), make_table(name='there.csv', seed=1)
+    before = target.read_bytes()
+    assert '--force' in refused('export', source, '-o', target)
+    assert target.read_bytes() == before
+    assert rosette('export', source, '-o', target, '--force').code == 0
+    assert target.read_bytes() != before

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""demo, replay and calibrate: the verbs that talk to a cell, over DDS in separate processes."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rosette_ros.core.records import CURVES
+from rosette_ros.data.log_reader import read_log
+
+COMMAND = (sys.executable, '-m', 'rosette_ros.cli.main')
+TIMEOUT = 120
+
+
+@dataclass(frozen=True)
+class Demo:
+    """A demo that has run: what it printed, the folder of its run, its domain."""
+
+    out: str
+    err: str
+    log: Path
+    domain: int
+
+
+def start(*words, **settings):
+    """Start a command in a process of its own."""
+    return subprocess.Popen([*COMMAND, *map(str, words)], stdout=subprocess.PIPE,
+                            stderr=subprocess.PIPE, text=True,
+                            env={**os.environ, 'PYTHONUNBUFFERED': '1'}, **settings)
+
+
+@pytest.fixture(scope='module')
+def demo(tmp_path_factory, module_domain_id):
+    """Run `rosette demo` once for all tests of this file."""
+    folder = tmp_path_factory.mktemp('demo')
+    with start('demo', '--balls', 5, '--order', 'random', '--seed', 4, '-o', folder / 'runs',
+               '--domain', module_domain_id) as process:
+        out, err = process.communicate(timeout=TIMEOUT)
+    assert process.returncode == 0, err
+    [log] = (folder / 'runs').iterdir()
+    return Demo(out, err, log, module_domain_id)
+
+
+def published(log):
+    """Return the evaluation's keys with what the evaluator published in a log."""
+    motions = read_log(log).latest_error_motions().motions
+    keys = {curve: f'{curve}_{"m" if curve.startswith("ct") else "rad"}' for curve in CURVES}
+    return ({keys[curve]: motions[curve].tolist() for curve in CURVES},
+            {keys[curve]: motions.uncertainty(curve).tolist() for curve in CURVES})
+
+
+def test_demo_tells_the_whole_story(demo):
+    """Phases, curves, fit, truth, picture, log, what to do next; no colour in a pipe."""
+    for words in ('repeatability check', 'table axis and frame', 'run', 'drift check'):
+        assert words in demo.err
+    assert '25 balls' in demo.err
+    for words in ('5 balls on R = 182.5 mm, 25 ball centres', 'EXC', 'U (k=2)',
+                  'the model fits', 'eccentricity', 'Difference to the truth: rms',
+                  'is expected', f'rosette evaluate {demo.log}'):
+        assert words in demo.out
+    assert '\x1b' not in demo.out + demo.err
+
+
+def test_demo_leaves_log_picture_and_machine(demo):
+    """The picture is a PNG of some size, the machine a file that makes the same machine."""
+    names = {path.name for path in demo.log.iterdir()}
+    assert names == {f'{demo.log.name}_0.mcap', 'metadata.yaml', 'six-curves.png', 'machine.yaml'}
+    picture = (demo.log / 'six-curves.png').read_bytes()
+    assert picture.startswith(b'\x89PNG\r\n')
+    assert len(picture) > 50_000
+
+
+def test_demo_agrees_with_the_truth(demo):
+    """The rms of 30 normalised errors, 20 of them free, is 1 within four standard deviations."""
+    [line] = [line for line in demo.out.splitlines() if 'Difference to the truth' in line]
+    rms, spread = float(line.split()[5]), float(line.split()[10])
+    assert spread == pytest.approx(1 / np.sqrt(40), abs=0.01)
+    assert abs(rms - 1) < 4 * spread
+
+
+def test_evaluate_equals_what_was_published_bit_for_bit(demo, rosette):
+    """Offline and online are one calculation."""
+    got = json.loads(rosette('evaluate', demo.log, '--json').out)
+    curves, u = published(demo.log)
+    assert {key: got[key] for key in curves} == curves
+    assert got['u'] == u
+
+
+def test_info_counts_every_phase(demo, rosette):
+    """Ten repeats, two rings for the alignment, n * n, one drift check."""
+    [run] = json.loads(rosette('info', demo.log, '--json').out)['runs']
+    assert {name: phase['answered'] for name, phase in run['phases'].items()} == {
+        'repeatability': 10, 'alignment': 10, 'run': 25, 'drift_check': 1}
+    assert run['order'] == 'random'
+    assert run['published_curves'] == 1
+    assert run['ended'] == 'done: error motions are published'
+
+
+def test_replay_gives_the_same_numbers_again(demo, rosette):
+    """Onto a fresh evaluator, which replay starts itself where there is none."""
+    answer = rosette('replay', demo.log, '--domain', demo.domain)
+    assert answer.err == ''
+    assert answer.code == 0
+    assert 'No evaluator on the graph: one is started for this replay.' in answer.out
+    assert 'equal to those in the log, bit for bit' in answer.out
+
+
+def test_calibrate_cancel_and_refusal(domain_id, make_cell, tmp_path, rosette, refused):
+    """A run to its end, a refused goal, a replay that is refused beside a live cell, Ctrl-C."""
+    with make_cell(domain_id, tmp_path, balls=16) as cell:
+        words = ('calibrate', '--domain', domain_id)
+        assert 'calibration refused: goal: order: wanted one of row, diagonal' in refused(
+            *words, '--order', 'zigzag')
+        done = rosette(*words, '--order', 'row', '--options', 'repeats: 4')
+        assert done.code == 0
+        assert 'U (k=2)' in done.out
+        [log] = cell.log_dir.iterdir()
+        assert f'Log: {log}' in done.out
+        assert log.name.endswith('_row')
+        assert '4 balls' in done.err
+        assert 'a live cell is on this graph' in refused('replay', log, '--domain', domain_id)
+        with start(*words, '--order', 'column') as process:
+            for line in process.stderr:
+                if 'table axis and frame' in line:
+                    process.send_signal(signal.SIGINT)
+                    break
+            _, err = process.communicate(timeout=TIMEOUT)
+        assert process.returncode == 130
+        assert 'cancelled on request; what was measured is in ' in err
+        cell.check()
+
+
+def test_calibrate_without_a_cell(domain_id, refused):
+    """In words, after some seconds."""
+    assert 'cell /rosette: wanted a sequencer within' in refused(
+        'calibrate', '--domain', domain_id)

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The door itself: verbs, help, errors, exit codes."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from rosette_ros import __version__
+from rosette_ros.cli import main as door
+from rosette_ros.cli.main import VERBS, main
+
+
+def test_unknown_verb_names_the_known_ones(refused):
+    """And the one that was probably meant."""
+    line = refused('evalute', 'run.csv')
+    assert 'verb: wanted one of demo, plan, calibrate, evaluate,' in line
+    assert "got 'evalute'; did you mean 'evaluate'?" in line
+
+
+def test_unknown_option_is_refused(refused):
+    """An abbreviation is no option either."""
+    assert 'unrecognized arguments: --js' in refused('evaluate', 'run.csv', '--js')
+
+
+def test_without_a_verb_comes_the_help(capsys):
+    """Every verb stands in it."""
+    with pytest.raises(SystemExit) as end:
+        main([])
+    assert end.value.code == 0
+    out = capsys.readouterr().out
+    assert all(f'    {verb}' in out for verb in VERBS)
+
+
+@pytest.mark.parametrize('verb', VERBS)
+def test_every_verb_explains_itself(verb, capsys):
+    """`rosette VERB --help` works and says what the verb does."""
+    with pytest.raises(SystemExit) as end:
+        main([verb, '--help'])
+    assert end.value.code == 0
+    out = ' '.join(capsys.readouterr().out.split())
+    assert VERBS[verb][1][1:] in out
+
+
+def test_version(capsys):
+    """The version of the package."""
+    with pytest.raises(SystemExit):
+        main(['--version'])
+    assert capsys.readouterr().out == f'rosette {__version__}\n'
+
+
+def test_ctrl_c_ends_with_130(monkeypatch, capsys):
+    """As the shell expects of an interrupted program."""
+    def interrupt(argv):
+        raise KeyboardInterrupt
+    monkeypatch.setattr(door, 'parse', interrupt)
+    assert main(['plan']) == 130
+    assert capsys.readouterr().err == 'rosette: interrupted\n'
+
+
+def test_a_termination_leaves_in_good_order(monkeypatch):
+    """A cell that a command has started is ended before the command is."""
+    left = []
+
+    def terminate(argv):
+        with contextlib.ExitStack() as stack:
+            stack.callback(left.append, 'ended')
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(10)
+    monkeypatch.setattr(door, 'parse', terminate)
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        with pytest.raises(SystemExit) as end:
+            main(['demo'])
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert end.value.code == 128 + signal.SIGTERM
+    assert left == ['ended']
+
+
+def test_a_fault_of_the_program_is_not_hidden(monkeypatch):
+    """What is no RosetteError leaves with its traceback."""
+    def fail(argv):
+        raise ZeroDivisionError('a bug')
+    monkeypatch.setattr(door, 'parse', fail)
+    with pytest.raises(ZeroDivisionError, match='a bug'):
+        main(['plan'])
+
+
+def test_plan_waits_for_nothing_it_does_not_need():
+    """In a process of its own, without ROS, plotting or statistics being imported."""
+    script = (
+        'import sys; from rosette_ros.cli.main import main\n'
+        "code = main('plan --balls 6 --radius-mm 182.5 --order row --csv'.split())\n"
+        "heavy = {'rclpy', 'matplotlib', 'scipy', 'pydantic', 'rosette_msgs'} & set(sys.modules)\n"
+        "sys.exit(code or ', '.join(sorted(heavy)) or 0)\n")
+    done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
+                          check=False)
+    assert done.stderr == ''
+    assert done.returncode == 0
+    assert len(done.stdout.splitlines()) == 37
+
+
+def test_a_reader_that_has_seen_enough_is_no_error():
+    """As with `rosette plan ... | head -1`."""
+    command = [sys.executable, '-m', 'rosette_ros.cli.main', 'plan', '--balls', '72',
+               '--radius-mm', '182.5', '--order', 'row', '--csv']
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout.readline().startswith(b'seq,cmm_position')
+        process.stdout.close()
+        assert process.stderr.read() == b''

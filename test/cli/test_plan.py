@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosette plan."""
+
+import csv
+import io
+import json
+from pathlib import Path
+
+import pytest
+
+GOLDEN = Path(__file__).parents[1] / 'golden'
+
+
+def test_table_1_of_the_paper_byte_for_byte(rosette):
+    """Source: Kniel et al. (2019), Table 1: n = 6, R = 182.5 mm, case 2."""
+    answer = rosette('plan', '--balls', 6, '--radius-mm', 182.5, '--order', 'diagonal', '--csv')
+    assert answer.code == 0
+    assert answer.err == ''
+    assert answer.out.encode() == (GOLDEN / 'table1.csv').read_bytes()
+
+
+@pytest.mark.parametrize('order', ['row', 'diagonal', 'column', 'random'])
+@pytest.mark.parametrize('n', [4, 7, 12])
+def test_no_coordinate_reads_minus_zero(rosette, n, order):
+    """What is zero to two decimals has no sign."""
+    out = rosette('plan', '--balls', n, '--radius-mm', 100, '--order', order, '--csv').out
+    assert '-0.00' not in out
+    assert len(out.splitlines()) == n * n + 1
+
+
+@pytest.mark.parametrize(('n', 'angle'), [(6, '60'), (16, '22.5'), (7, '51.428571429')])
+def test_angles_are_written_as_exactly_as_needed(rosette, n, angle):
+    """Whole degrees where exact, else up to nine decimals."""
+    out = rosette('plan', '--balls', n, '--radius-mm', 100, '--order', 'row', '--csv').out
+    second = next(row for row in csv.DictReader(io.StringIO(out)) if row['table_position'] == '2')
+    assert second['table_angle_deg'] == angle
+
+
+def test_json_is_one_object_in_si(rosette):
+    """Every list has n * n entries; the travel of case 1 is one turn less one step."""
+    answer = rosette('plan', '--balls', 5, '--radius-mm', 200, '--order', 'row', '--json')
+    plan = json.loads(answer.out)
+    assert plan['schema'] == 'rosette-plan/1'
+    assert plan['radius_m'] == 0.2
+    assert {len(plan[key]) for key in ('cmm_position', 'table_position', 'ball', 'centre_m',
+                                       'table_angle_rad', 'approach')} == {25}
+    assert plan['centre_m'][0] == [0.2, 0.0, 0.0]
+    assert plan['travel']['table_rad'] == pytest.approx(2 * 3.141592653589793 * 4 / 5)
+    assert plan['travel']['table_moves'] == 4
+
+
+def test_the_list_for_a_person(rosette):
+    """Map, targets, cost in motion."""
+    out = rosette('plan', '--balls', 6, '--radius-mm', 182.5, '--order', 'diagonal').out
+    assert '36 targets: 6 balls on a circle of R = 182.5 mm' in out
+    assert 'turns 6.667 times round in 35 moves' in out
+    assert 'goes 0.9125 m in 5 moves' in out  # five sides of a hexagon
+    assert '\x1b' not in out
+
+
+def test_seed_draws_the_random_order(rosette):
+    """Same seed, same order; another seed, another one."""
+    words = ('plan', '--balls', 6, '--radius-mm', 100, '--order', 'random', '--csv', '--seed')
+    assert rosette(*words, 1).out == rosette(*words, 1).out != rosette(*words, 2).out
+
+
+@pytest.mark.parametrize(('words', 'said'), [
+    (('--balls', 2), 'number of balls: wanted a whole number of at least 3, got 2; with fewer '
+                     'the table, plate and CMM cannot be separated'),
+    (('--order', 'zigzag'), "order: wanted one of row, diagonal, column, random, got 'zigzag'"),
+    (('--turning', 'left'), "turning: wanted one of forward, alternate, got 'left'"),
+    (('--balls', '6.5'), "--balls: wanted a whole number of at most 1000, got '6.5'"),
+    (('--balls', '100000'), "--balls: wanted a whole number of at most 1000, got '100000'"),
+    (('--radius-mm', '-1'), "--radius-mm: wanted a positive number (mm), got '-1'"),
+    (('--radius-mm', 'nan'), "--radius-mm: wanted a positive number (mm), got 'nan'"),
+    (('--seed', '-1'), '--seed: wanted a whole number in 0 .. '),
+])
+def test_what_cannot_be_planned(refused, words, said):
+    """Each in one line that says what was wanted and what came."""
+    given = {'--balls': 6, '--radius-mm': 182.5, '--order': 'row'} | dict([words])
+    assert said in refused('plan', *(f'{key}={value}' for key, value in given.items()))
+
+
+def test_what_is_not_said_is_asked_for(refused):
+    """A missing option is named."""
+    assert 'the following arguments are required: --order' in refused(
+        'plan', '--balls', 6, '--radius-mm', 182.5)

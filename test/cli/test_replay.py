@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosette replay: what it expects to come back, and how it tells a difference."""
+
+import numpy as np
+import pytest
+
+from rosette_ros.cli.replay import Expected, difference, expected_motions
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.geometry import nominal_angles
+from rosette_ros.core.records import ErrorMotions
+from rosette_ros.data.log_reader import read_log
+
+
+@pytest.fixture
+def motions():
+    """Some curves."""
+    values = 1e-7 * np.random.default_rng(1).standard_normal((6, 6))
+    return ErrorMotions(nominal_angles(6), values, np.full((6, 6), 2e-8))
+
+
+def test_equal_is_equal_to_the_last_bit(motions):
+    """And one bit is a difference."""
+    assert difference(motions, Expected(motions, 'in the log', True)) == ''
+    values = motions.values.copy()
+    values[3, 1] = np.nextafter(values[3, 1], 1)
+    changed = ErrorMotions(motions.angle, values, motions.u)
+    assert 'µm and 0 µrad off' in difference(changed, Expected(motions, 'in the log', True))
+
+
+def test_uncertainties_count_where_the_graph_can_know_them(motions):
+    """The repeatability of an imported table does not travel."""
+    other = ErrorMotions(motions.angle, motions.values, 2 * motions.u)
+    assert difference(other, Expected(motions, 'in the log', True)) == 'other uncertainties than'
+    assert difference(other, Expected(motions, 'of rosette evaluate', False)) == ''
+
+
+def test_other_angles_are_told_first(motions):
+    """Curves at other angles cannot be compared."""
+    other = ErrorMotions(motions.angle + 1e-9, motions.values, motions.u)
+    assert difference(other, Expected(motions, 'in the log', True)) == 'other table angles than'
+
+
+def test_an_imported_table_is_expected_as_evaluated(rosette, make_table, tmp_path):
+    """Nothing was published in it."""
+    rosette('import', make_table(), '-o', tmp_path / 'log')
+    [(run_id, expected)] = expected_motions(read_log(tmp_path / 'log')).items()
+    assert run_id == 'test_diagonal_6'
+    assert expected.source == 'of rosette evaluate'
+    assert not expected.with_u
+
+
+def test_a_table_is_no_log(refused, make_table):
+    """What can be replayed is a log; a table is imported first."""
+    path = make_table()
+    assert str(path) in refused('replay', path)
+
+
+def test_an_incomplete_import_cannot_be_replayed(rosette, make_table, tmp_path):
+    """Too little for an evaluation: said before anything goes onto the graph."""
+    table = make_table(edit=lambda lines: ['# balls: 6', *lines[:15]])
+    rosette('import', table, '-o', tmp_path / 'log')
+    with pytest.raises(InvalidData, match='wanted all 36 ball centres, .* got 10; try rosette'):
+        expected_motions(read_log(tmp_path / 'log'))

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosette import, export and info: data in and out without a number changing."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+CURVES = ('ctx_m', 'cty_m', 'ctz_m', 'crx_rad', 'cry_rad', 'crz_rad')
+
+
+def evaluation(rosette, path):
+    """Return the JSON of an evaluation."""
+    return json.loads(rosette('evaluate', path, '--json').out)
+
+
+def assert_same_curves(one, other):
+    """Within 1e-15 m and 1e-14 rad, uncertainties too."""
+    for curve in CURVES:
+        limit = 1e-15 if curve.endswith('_m') else 1e-14
+        np.testing.assert_allclose(other[curve], one[curve], rtol=0, atol=limit)
+        np.testing.assert_allclose(other['u'][curve], one['u'][curve], rtol=0, atol=limit)
+
+
+@pytest.mark.parametrize(('n', 'order'), [(6, 'diagonal'), (7, 'random'), (12, 'row')])
+def test_import_and_export_change_nothing(rosette, make_table, tmp_path, n, order):
+    """Table, log, table again: the curves of all three agree."""
+    table, log, again = make_table(n, order, seed=n), tmp_path / 'log', tmp_path / 'again.csv'
+    before = evaluation(rosette, table)
+    assert rosette('import', table, '-o', log).code == 0
+    assert_same_curves(before, evaluation(rosette, log))
+    assert rosette('export', log, '-o', again).code == 0
+    assert_same_curves(before, evaluation(rosette, again))
+    assert evaluation(rosette, again)['run_id'] == f'test_{order}_{n}'
+
+
+def test_export_to_the_standard_output(rosette, make_table):
+    """With - as the name, the table and nothing else."""
+    out = rosette('export', make_table(), '-o', '-').out
+    assert out.startswith('# schema: rosette-ball-centres/1\n')
+    assert len(out.splitlines()[-36:]) == 36
+
+
+def test_a_log_is_never_overwritten(rosette, refused, make_table, tmp_path):
+    """Not even by the same table."""
+    table, log = make_table(), tmp_path / 'log'
+    rosette('import', table, '-o', log)
+    before = {path.name: path.read_bytes() for path in log.iterdir()}
+    assert str(log) in refused('import', table, '-o', log)
+    assert {path.name: path.read_bytes() for path in log.iterdir()} == before
+
+
+def test_info_of_an_imported_log(rosette, make_table, tmp_path):
+    """For a person and as JSON."""
+    log = tmp_path / 'log'
+    rosette('import', make_table(7), '-o', log)
+    facts = json.loads(rosette('info', log, '--json').out)
+    assert facts['kind'] == 'log'
+    assert facts['messages'] == 98
+    assert {topic['name']: topic['messages'] for topic in facts['topics']} == {
+        '/rosette/probe_target': 49, '/rosette/ball_centre': 49}
+    [run] = facts['runs']
+    assert run['run_id'] == 'test_diagonal_7'
+    assert run['n'] == 7
+    assert run['phases'] == {'run': {'asked': 49, 'answered': 49}}
+    assert run['duration_s'] == pytest.approx(48 * 40.0)
+    assert run['temperature_range_C'] == [20.0, 20.0]
+    assert run['repeatability_m'] == pytest.approx(1e-7)
+    out = rosette('info', log).out
+    for words in ('7 balls on R = 182.5 mm', 'run 49 of 49', '32 min', '0.1000 µm', 'BallCentre'):
+        assert words in out
+
+
+def test_info_of_a_table(rosette, make_table):
+    """No topics, the rest as for a log."""
+    facts = json.loads(rosette('info', make_table(6), '--json').out)
+    assert facts['kind'] == 'table'
+    assert facts['topics'] == []
+    assert facts['runs'][0]['completeness'] == 1.0
+
+
+def test_a_log_that_was_cut_off(rosette, make_table, tmp_path):
+    """What is whole is read, and info says that the end is missing."""
+    log = tmp_path / 'log'
+    rosette('import', make_table(12), '-o', log)
+    [file] = log.glob('*.mcap')
+    cut = tmp_path / 'cut.mcap'
+    data = file.read_bytes()
+    cut.write_bytes(data[:len(data) * 9 // 10])
+    facts = json.loads(rosette('info', cut, '--json').out)
+    assert facts['truncated'] is True
+    assert 0 < facts['runs'][0]['phases']['run']['answered'] <= 144
+    assert 'the log ends in the middle' in rosette('info', cut).out
+
+
+def test_faulty_logs(refused, tmp_path):
+    """Empty file, empty folder, something else with the name of a log."""
+    empty, folder, other = tmp_path / 'e.mcap', tmp_path / 'folder', tmp_path / 'o.mcap'
+    empty.touch()
+    folder.mkdir()
+    other.write_bytes(b'x' * 1000)
+    for verb in ('evaluate', 'info', 'replay'):
+        assert f'{empty}: is empty' in refused(verb, empty)
+        assert f'{folder}: wanted a log directory with .mcap files, got none' in refused(
+            verb, folder)
+        assert str(other) in refused(verb, other)
+
+
+def test_a_log_of_which_nothing_is_left(rosette, refused, tmp_path):
+    """Only its first bytes: nothing to evaluate, and info says why."""
+    stump = tmp_path / 'stump.mcap'
+    stump.write_bytes(b'\x89MCAP0\r\n' + b'\1' * 40)
+    assert f'{stump}: wanted ball centres' in refused('evaluate', stump)
+    out = rosette('info', stump).out
+    assert 'Messages   0 in 0 topics' in out
+    assert 'the log ends in the middle' in out
+
+
+def test_messages_name_the_file_that_was_given(refused, tmp_path):
+    """A path with spaces, on one line."""
+    path = Path(tmp_path / 'my run.csv')
+    path.write_text('a,b\n1,2\n')
+    assert f'{path}: wanted "# schema: rosette-ball-centres/1"' in refused('evaluate', path)

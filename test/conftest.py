@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What tests of several rooms need: a ROS domain of their own, and small cells."""
+
+import contextlib
+import functools
+import os
+import random
+import socket
+import time
+
+import hypothesis
+import pytest
+import yaml
+
+from rosette_ros.nodes.cell import Cell
+
+os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+
+# How long an example takes says something of the computer, not of the code.
+hypothesis.settings.register_profile('rosette', deadline=None)
+hypothesis.settings.load_profile('rosette')
+
+_DOMAINS = range(60, 100)
+_LOCK_PORT = 47000
+
+
+@contextlib.contextmanager
+def free_domain():
+    """Yield a ROS domain that no other test on this computer uses at the moment."""
+    for domain in random.sample(_DOMAINS, len(_DOMAINS)):
+        lock = socket.socket()
+        try:
+            lock.bind(('127.0.0.1', _LOCK_PORT + domain))
+        except OSError:
+            lock.close()
+            continue
+        with lock:
+            yield domain
+        return
+    pytest.fail(f'wanted a free ROS domain in {_DOMAINS}, all are in use')
+
+
+@pytest.fixture
+def domain_id():
+    """Yield a ROS domain for one test."""
+    with free_domain() as domain:
+        yield domain
+
+
+@pytest.fixture(scope='module')
+def module_domain_id():
+    """Yield a ROS domain for the tests of one file that share a cell."""
+    with free_domain() as domain:
+        yield domain
+
+
+def write_machine(folder, balls, silent=False, **groups):
+    """Write a machine.yaml for so many balls and return its path; silent: without noise."""
+    content = {'seed': 3, 'plate': {'balls': balls}, **groups}
+    if silent:
+        content.update(
+            probing={'repeatability_um': 0.0}, timing={'jitter_s': 0.0},
+            cmm={'scale_ppm': 0.0, 'squareness_urad': 0.0, 'straightness_um': 0.0})
+    path = folder / 'machine.yaml'
+    path.write_text(yaml.safe_dump(content), encoding='utf-8')
+    return path
+
+
+def _make_cell(domain, folder, balls=4, silent=False, sequencer=None, groups=None, **changes):
+    """Return a Cell for so many balls that keeps everything in a folder."""
+    settings = {'plate.balls': balls, 'repeats': 3, **(sequencer or {})}
+    return Cell(domain, machine=write_machine(folder, balls, silent, **(groups or {})),
+                params={'sequencer': settings, **changes.pop('params', {})},
+                log_dir=folder / 'runs', output_dir=folder / 'output', **changes)
+
+
+@pytest.fixture
+def cell_of(domain_id, tmp_path):
+    """Return a function that makes a Cell in the test's own domain and folder."""
+    return functools.partial(_make_cell, domain_id, tmp_path)
+
+
+@pytest.fixture(scope='session')
+def make_cell():
+    """Return the function that makes a Cell in any domain and folder."""
+    return _make_cell
+
+
+@pytest.fixture(scope='session')
+def wait_until():
+    """Return a function that waits until a condition holds and fails where it never does."""
+
+    def wait(condition, timeout=30.0):
+        deadline = time.monotonic() + timeout
+        while not condition():
+            assert time.monotonic() < deadline, f'wanted this within {timeout} s'
+            time.sleep(0.05)
+
+    return wait

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ROS contexts, clients and witnesses for tests of the nodes."""
+
+import contextlib
+import threading
+import time
+from collections import defaultdict
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from rosette_ros.nodes.client import CellClient
+from rosette_ros.nodes.interfaces import interface_class
+
+
+@pytest.fixture
+def ros(domain_id):
+    """Return a context manager that initialises rclpy with arguments in the test's domain."""
+
+    @contextlib.contextmanager
+    def initialise(*args):
+        rclpy.init(args=['--ros-args', *args], domain_id=domain_id)
+        try:
+            yield
+        finally:
+            rclpy.try_shutdown()
+
+    return initialise
+
+
+@pytest.fixture
+def client(domain_id):
+    """Yield a CellClient in the test's domain."""
+    with CellClient(domain_id) as made:
+        yield made
+
+
+class Peer:
+    """A node of the test in a thread of its own: hears raw messages, publishes, answers."""
+
+    def __init__(self, domain, namespace='/rosette'):
+        """Join the graph."""
+        self.context = Context()
+        self.context.init(domain_id=domain)
+        self.node = Node('peer', namespace=namespace, context=self.context)
+        self.heard = defaultdict(list)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+        self._subscriptions = []
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._spin)
+
+    def listen(self, topic, type_name):
+        """Hear a topic; the bytes of its messages go to heard[topic]."""
+        self._subscriptions.append(self.node.create_subscription(
+            interface_class(type_name), topic, self.heard[topic].append,
+            QoSProfile(depth=10_000), raw=True))
+
+    def start(self):
+        """Start listening; returns once there is somebody to listen to, and a little later."""
+        self._thread.start()
+        deadline = time.monotonic() + 20
+        while not all(one.get_publisher_count() for one in self._subscriptions):
+            assert time.monotonic() < deadline, 'wanted publishers of all topics'
+            time.sleep(0.05)
+        time.sleep(1.0)
+        return self
+
+    def stop(self):
+        """Leave the graph."""
+        self._over.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def _spin(self):
+        while not self._over.is_set():
+            self._executor.spin_once(timeout_sec=0.05)
+
+
+@pytest.fixture
+def peer(domain_id):
+    """Yield a Peer in the test's domain; the test starts it."""
+    made = Peer(domain_id)
+    yield made
+    made.stop()
+
+
+@pytest.fixture(scope='session')
+def make_peer():
+    """Return the class Peer, for any domain."""
+    return Peer

@@ -1,0 +1,295 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a cell does when a part of it is missing, silent, wrong, or ended."""
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from rosette_msgs.msg import BallCentre, ProbeTarget
+
+from rosette_ros.analysis import analyse
+from rosette_ros.core.errors import CellError
+from rosette_ros.data.log_files import iter_log
+from rosette_ros.data.log_reader import read_log
+from rosette_ros.machine import Machine, MachineConfig
+from rosette_ros.nodes import convert, qos
+from rosette_ros.nodes.cell import MODULES, cell_environment
+from rosette_ros.nodes.client import CellClient
+from rosette_ros.nodes.programme import Phase
+
+N = 3
+OTHERS = ('recorder', 'evaluator', 'sequencer')
+
+
+class PeerCmm:
+    """A CMM on another node, in wall time, that may do wrong; see `wrong`."""
+
+    def __init__(self, peer):
+        """Listen to targets; wrong(target, answer) returns what is sent instead, or None."""
+        self.machine = Machine(MachineConfig().changed(plate={'balls': N}))
+        self.wrong = lambda target, answer: answer
+        self.asked = []
+        self._answers = peer.node.create_publisher(BallCentre, 'ball_centre', qos.ANSWER)
+        self._node = peer.node
+        peer.node.create_subscription(ProbeTarget, 'probe_target', self._on_target, qos.ORDER)
+
+    def _on_target(self, target):
+        self.asked.append((target.seq, target.attempt))
+        reading = self.machine.measure(target.table_position, target.ball, target.approach,
+                                       convert.point_array(target.centre))
+        answer = BallCentre(run_id=target.run_id, seq=target.seq, ball=target.ball,
+                            table_position=target.table_position, cmm_position=target.cmm_position)
+        convert.fill_answer(answer, reading, self._node.get_clock().now().to_msg(), 'machine')
+        answer = self.wrong(target, answer)
+        if answer is not None:
+            self.send(answer)
+
+    def send(self, answer):
+        """Publish an answer."""
+        self._answers.publish(answer)
+
+
+@pytest.fixture(scope='module')
+def peer(module_domain_id, make_peer):
+    """Yield the node that the CMM of this file stands on."""
+    made = make_peer(module_domain_id)
+    yield made
+    made.stop()
+
+
+@pytest.fixture(scope='module')
+def shared_cell(peer, module_domain_id, make_cell, tmp_path_factory, wait_until):
+    """Yield (cell, cmm): a cell in wall time whose CMM is a PeerCmm."""
+    cmm = PeerCmm(peer)
+    peer.start()
+    with make_cell(module_domain_id, tmp_path_factory.mktemp('cell'), N, nodes=OTHERS,
+                   simulated_time=False) as cell:
+        wait_until(lambda: 'the cell is complete' in cell.output('sequencer'))
+        yield cell, cmm
+
+
+@pytest.fixture
+def cell_and_cmm(shared_cell):
+    """Yield the shared cell with a CMM that does nothing wrong yet."""
+    cell, cmm = shared_cell
+    cmm.wrong = lambda target, answer: answer
+    cmm.asked.clear()
+    return cell, cmm
+
+
+@pytest.fixture
+def client(module_domain_id):
+    """Yield a client of the shared cell."""
+    with CellClient(module_domain_id) as made:
+        yield made
+
+
+def options(timeout, attempts):
+    return f'{{limits.answer_timeout_s: {timeout}, limits.attempts: {attempts}}}'
+
+
+def test_silent_cmm_ends_the_run_in_the_configured_time_and_the_log_is_kept(cell_and_cmm, client):
+    """Asked three times, then FAILED in words; what was measured is in the log."""
+    cell, cmm = cell_and_cmm
+    cmm.wrong = lambda target, answer: answer if target.seq < 8 else None
+    outcome = client.calibrate(options=options(0.3, 3), check=cell.check)
+    assert not outcome.success
+    assert not outcome.cancelled
+    assert 'target 8 (table position ' in outcome.message
+    assert 'asked 3 times, last: no answer within 0.3 s' in outcome.message
+    assert cmm.asked[-3:] == [(8, 1), (8, 2), (8, 3)]
+    log = read_log(outcome.log)
+    assert len(log.answers) == 7
+    assert len(log.targets) == 10
+    assert log.problems == ()
+    assert log.states[-1].phase == Phase.FAILED
+    assert [event.kind for event in log.events] == [1, 2, 7]
+
+
+def test_faulty_cmm_is_asked_again_and_the_run_ends_well(cell_and_cmm, client):
+    """Late, failed, not finite, of another run, twice: each is refused, the ball is repeated."""
+    cell, cmm = cell_and_cmm
+    sent_twice = []
+
+    def wrong(target, answer):
+        if target.attempt == 1 and target.seq == 4:
+            return None
+        if target.attempt == 1 and target.seq == 12:
+            answer.status, answer.text = BallCentre.STATUS_FAILED, 'door open'
+        elif target.attempt == 1 and target.seq == 13:
+            answer.centre.x = float('nan')
+        elif target.attempt == 1 and target.seq == 14:
+            answer.run_id = 'another'
+        elif target.seq == 15:
+            cmm.send(answer)
+            sent_twice.append(answer.seq)
+        return answer
+
+    cmm.wrong = wrong
+    outcome = client.calibrate(options=options(0.5, 2), check=cell.check)
+    assert outcome.success, outcome.message
+    assert sent_twice == [15]
+    assert [seq for seq, attempt in cmm.asked if attempt == 2] == [4, 12, 13, 14]
+    said = cell.output('sequencer')
+    for words in ('no answer within 0.5 s; asking again', 'the CMM reports: door open',
+                  'wanted finite numbers', "not used: answer to run 'another'",
+                  'not used: answer to seq 15, waiting for seq 16'):
+        assert words in said
+    log = read_log(outcome.log)
+    assert log.latest_error_motions().completeness == 1.0
+    assert log.to_run().size == N * N
+    offline = analyse(log.to_run()).error_motions
+    assert np.array_equal(offline.values, outcome.error_motions.values)
+
+
+def test_second_calibration_is_refused_at_both_doors_while_one_is_on(cell_and_cmm, client,
+                                                                     module_domain_id):
+    """In words, and the first one goes on to its end."""
+    cell, cmm = cell_and_cmm
+    refused, said = threading.Event(), []
+
+    def wrong(target, answer):
+        if target.seq == 12:
+            assert refused.wait(60)
+        return answer
+
+    def intrude(progress):
+        if progress.phase is Phase.RUN and not said:
+            with CellClient(module_domain_id) as second:
+                with pytest.raises(CellError) as refusal:
+                    second.calibrate()
+                said.append(str(refusal.value))
+                said.append(second.start())
+            refused.set()
+
+    cmm.wrong = wrong
+    outcome = client.calibrate(on_progress=intrude, check=cell.check)
+    assert outcome.success, outcome.message
+    assert f'calibration refused: run {outcome.run_id} is on (run, 11 of 19 balls)' in said[0]
+    assert 'wait for its end or cancel it' in said[0]
+    started, words = said[1]
+    assert not started
+    assert f'run {outcome.run_id} is on' in words
+    kinds = [event.kind for event in read_log(outcome.log).events]
+    assert kinds[-7:] == [1, 2, 1, 3, 1, 3, 5]
+    served = [entry for entry in iter_log(outcome.log)
+              if entry.topic == '/rosette/start_calibration/_service_event']
+    assert len(served) >= 2
+
+
+def test_log_folder_that_cannot_be_is_told_in_words(cell_and_cmm, client, peer, tmp_path):
+    """No log, no run; the folder is a parameter that can be set while the recorder runs."""
+    cell, cmm = cell_and_cmm
+    (tmp_path / 'file').write_text('x')
+    parameters = AsyncParameterClient(peer.node, 'recorder')
+    assert parameters.wait_for_services(10.0)
+    before = cell.log_dir
+    for folder in (tmp_path / 'file' / 'runs', before):
+        future = parameters.set_parameters([Parameter('log_dir', value=str(folder))])
+        while not future.done():
+            time.sleep(0.02)
+        assert future.result().results[0].successful
+        if folder != before:
+            outcome = client.calibrate(check=cell.check)
+            assert not outcome.success
+            assert 'no log: ' in outcome.message
+            assert 'wanted a folder for the log' in outcome.message
+            assert cmm.asked == []
+
+
+def test_recorder_that_dies_ends_the_run_in_words(cell_and_cmm, client):
+    """No ball is measured for nothing: the run ends when its log does. A new recorder goes on."""
+    cell, cmm = cell_and_cmm
+
+    def wrong(target, answer):
+        if target.seq == 9:
+            cell.signal_node('recorder', signal.SIGINT)
+            return None
+        return answer
+
+    cmm.wrong = wrong
+    outcome = client.calibrate(options=options(30, 1))
+    assert 'the recorder has gone' in outcome.message
+    assert not outcome.success
+    assert cell.wait_node('recorder') == 0
+    log = read_log(outcome.log)
+    assert not log.truncated
+    assert len(log.answers) == 8
+    cmm.wrong = lambda target, answer: answer
+    cell.start_node('recorder')
+    outcome = client.calibrate(check=cell.check)
+    assert outcome.success, outcome.message
+    assert read_log(outcome.log).to_run().size == N * N
+
+
+def test_missing_parts_are_named_at_both_doors(cell_of, domain_id):
+    """A calibration does not start without a CMM, an evaluator and a recorder."""
+    wanted = (
+        'no CMM: wanted one that listens to probe_target and answers ball_centre, got none',
+        'no evaluator: wanted one that publishes error_motions, got none',
+        'no recorder: wanted its service recorder/start_recording, got none')
+    with cell_of(N, nodes=('sequencer',)) as cell, CellClient(domain_id) as client:
+        with pytest.raises(CellError, match='calibration refused: no CMM') as refusal:
+            client.calibrate(check=cell.check)
+        started, why = client.start()
+    assert not started
+    for words in wanted:
+        assert words in why
+        assert words in str(refusal.value)
+
+
+def test_clean_end_on_sigint_and_sigterm_in_the_middle_of_a_run(cell_of, domain_id):
+    """All nodes get Ctrl-C at once: exit code 0, no traceback, the log is closed and whole."""
+    cell = cell_of(12)
+    cell.start()
+    interrupted = []
+
+    def interrupt(progress):
+        if progress.phase is Phase.RUN and not interrupted:
+            interrupted.append(progress)
+            cell.signal_node('cmm', signal.SIGTERM)
+            for name in ('recorder', 'evaluator', 'sequencer'):
+                cell.signal_node(name, signal.SIGINT)
+
+    with CellClient(domain_id) as client:
+        try:
+            outcome = client.calibrate(on_progress=interrupt)
+        except CellError as error:
+            assert 'the sequencer has gone' in str(error)
+        else:
+            assert not outcome.success
+    codes = {name: cell.wait_node(name) for name in MODULES}
+    assert codes == dict.fromkeys(MODULES, 0)
+    for name in MODULES:
+        assert 'Traceback' not in cell.output(name)
+    cell.stop()
+    run_id = interrupted[0].run_id
+    log = read_log(cell.log_dir / run_id)
+    assert not log.truncated
+    assert log.problems == ()
+    assert len(log.answers) >= interrupted[0].done
+
+
+@pytest.mark.parametrize(('module', 'args', 'words'), [
+    ('sequencer', ['-p', 'plate.balls:=2'],
+     'sequencer: node sequencer: parameter: plate.balls: wanted a whole number in 3 .. 1000'),
+    ('simulated_cmm', ['-p', 'machine:=/nowhere/machine.yaml'], '/nowhere/machine.yaml'),
+    ('evaluator', ['-p', 'paticence_s:=1.0'], 'did you mean patience_s'),
+    ('recorder', ['--params-file', '/nowhere.yaml'], '/nowhere.yaml'),
+])
+def test_wrong_start_is_one_line_and_exit_code_2(domain_id, module, args, words):
+    """The node's own line is the last one; rcl may have said something before."""
+    done = subprocess.run(
+        [sys.executable, '-m', f'rosette_ros.nodes.{module}', '--ros-args', *args],
+        env=cell_environment(domain_id), capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2, done.stderr
+    own = [line for line in done.stderr.splitlines() if line.startswith(module.removeprefix('simulated_'))]
+    assert len(own) == 1, done.stderr
+    assert words in own[0]
+    assert 'Traceback' not in done.stderr

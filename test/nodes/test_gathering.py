@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Gathering the pieces of a run in any order of arrival between the topics."""
+
+import functools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rosette_ros.core.geometry import Frame, rotation_matrix
+from rosette_ros.core.scheme import plan
+from rosette_ros.machine import Machine, quiet
+from rosette_ros.nodes.gathering import Gathering
+from rosette_ros.nodes.programme import Phase, make_programme
+
+N = 3
+FRAME = Frame(rotation_matrix(np.array([1e-3, 0, 0])), np.array([0.1, 0.2, 0.3]))
+FRAME_STAMP = 850
+
+
+@functools.cache
+def messages(frame_id='machine', run_id='a'):
+    """Return the four topics of one run, each a list in its own order."""
+    machine = Machine(quiet(plate={'balls': N}, table={'translation_um': 1.0}))
+    programme = make_programme(plan(N), machine.radius, machine.rough_frame, 2)
+    targets, answers = [], []
+    for index in range(programme.total):
+        target = programme.target(index)
+        reading = machine.measure(target.table_position, target.ball, target.approach)
+        targets.append({
+            'run_id': run_id, 'seq': target.seq, 'attempt': 1, 'phase': int(target.phase),
+            'balls': N, 'radius': machine.radius, 'table_position': target.table_position,
+            'ball': target.ball, 'stamp_ns': 100 * target.seq})
+        answers.append({
+            'run_id': run_id, 'seq': target.seq, 'table_position': target.table_position,
+            'ball': target.ball, 'status': 0, 'stamp_ns': 100 * target.seq + 50,
+            'frame_id': frame_id, 'table_angle': reading.table_angle,
+            'table_travel': reading.table_travel, 'approach': reading.approach,
+            'centre': FRAME.to_outer(reading.centre) if frame_id == 'machine' else reading.centre,
+            'form_error': 0.0, 'temperature': 20.0, 'text': ''})
+    first_run = next(t['seq'] for t in targets if t['phase'] == Phase.RUN)
+    assert 100 * (first_run - 1) <= FRAME_STAMP <= 100 * first_run
+    return {'target': targets, 'answer': answers, 'frame': [(FRAME_STAMP, FRAME)],
+            'expect': [(run_id, len(answers))]}
+
+
+def feed(gathering, topic, message, now=0.0):
+    if topic == 'target':
+        gathering.add_target(message, now)
+    elif topic == 'answer':
+        gathering.add_answer(message, now)
+    elif topic == 'frame':
+        gathering.add_frame(*message)
+    else:
+        gathering.expect(*message, now)
+
+
+@functools.cache
+def reference():
+    gathering = Gathering()
+    for topic, sent in messages().items():
+        for message in sent:
+            feed(gathering, topic, message)
+    return gathering.to_run('a')
+
+
+@settings(max_examples=30)
+@given(st.randoms(use_true_random=False))
+def test_any_order_between_the_topics_gives_the_same_run(rng):
+    """It is ready with the last piece, not before, and the numbers are the same to the bit."""
+    gathering = Gathering()
+    queues = {topic: list(sent) for topic, sent in messages().items()}
+    left = [topic for topic, sent in queues.items() for _ in sent]
+    rng.shuffle(left)
+    for topic in left:
+        assert gathering.ready(0.0, 1.0) == []
+        feed(gathering, topic, queues[topic].pop(0))
+    assert gathering.ready(0.0, 1.0) == ['a']
+    run, expected = gathering.to_run('a'), reference()
+    assert run.size == N * N
+    assert np.array_equal(run.centre, expected.centre)
+    assert run.repeatability == expected.repeatability
+    assert gathering.ready(0.0, 1.0) == []
+
+
+def test_answers_in_the_table_frame_need_no_transform():
+    """A CMM that knows the table frame is evaluated without /tf_static."""
+    gathering = Gathering()
+    for topic, sent in messages('cell2/table').items():
+        for message in sent if topic != 'frame' else ():
+            feed(gathering, topic, message)
+    assert gathering.ready(0.0, 1.0) == ['a']
+    assert gathering.to_run('a').size == N * N
+
+
+def test_frame_of_an_earlier_run_is_not_taken():
+    """Only a frame found between first target and first RUN target belongs to the run."""
+    gathering = Gathering()
+    for stamp in (99, 5000):
+        gathering.add_frame(stamp, Frame.identity())
+    sent = messages()
+    for topic in ('target', 'answer', 'expect'):
+        for message in sent[topic]:
+            feed(gathering, topic, message)
+    assert gathering.ready(0.0, 1.0) == []
+    ((run_id, words),) = gathering.late(11.0, 10.0)
+    assert (run_id, words) == ('a', 'wanted the table frame on /tf_static, got none for this run')
+    gathering.add_frame(*sent['frame'][0])
+    assert gathering.ready(11.0, 1.0) == ['a']
+
+
+def test_missing_answers_are_named():
+    """A lost message is reported, not evaluated around."""
+    gathering = Gathering()
+    for topic, sent in messages().items():
+        for message in sent if topic != 'answer' else sent[:-1]:
+            feed(gathering, topic, message)
+    assert gathering.ready(100.0, 1.0) == []
+    ((_, words),) = gathering.late(11.0, 10.0)
+    assert words == 'wanted 18 targets with answers, got 18 targets and answers to 17 of them'
+
+
+def test_run_without_states_is_evaluated_when_it_is_complete_and_quiet():
+    """Where no sequencer tells states, n*n answers and a silence make the end."""
+    gathering = Gathering()
+    for topic, sent in messages().items():
+        for message in sent if topic != 'expect' else ():
+            feed(gathering, topic, message, now=5.0)
+    assert gathering.ready(5.5, 1.0) == []
+    assert gathering.ready(6.0, 1.0) == ['a']
+
+
+def test_run_that_is_still_told_about_is_not_evaluated_early():
+    """With a sequencer that tells states, only its order counts."""
+    gathering = Gathering()
+    gathering.note_state('a', 0.0)
+    for topic, sent in messages().items():
+        for message in sent if topic != 'expect' else ():
+            feed(gathering, topic, message)
+    assert gathering.ready(100.0, 1.0) == []
+
+
+def test_cancelled_run_is_forgotten():
+    """Nothing is evaluated after a cancel, even if all answers are there."""
+    gathering = Gathering()
+    for topic, sent in messages().items():
+        for message in sent:
+            feed(gathering, topic, message)
+    gathering.forget('a')
+    gathering.forget('unknown')
+    assert gathering.ready(0.0, 1.0) == []
+
+
+def test_same_run_can_be_evaluated_again():
+    """A replay of the same log a second time starts afresh."""
+    gathering = Gathering()
+    for _ in range(2):
+        for topic, sent in messages().items():
+            for message in sent:
+                feed(gathering, topic, message)
+        assert gathering.ready(0.0, 1.0) == ['a']
+        assert gathering.to_run('a').size == N * N
+
+
+def test_only_the_last_runs_are_kept():
+    """Memory stays flat over many runs."""
+    gathering = Gathering()
+    for name in 'abcdefgh':
+        feed(gathering, 'target', messages(run_id=name)['target'][0])
+    with pytest.raises(KeyError):
+        gathering.to_run('a')
