@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from rosette_ros.core.atoms import Projection
 
@@ -152,7 +152,7 @@ def _neighbours(residual, noise):
     value = (np.sum(every[:, 1:] * every[:, :-1], axis=(1, 2)) / np.sum(every**2, axis=(1, 2)))
     centre = value[1:].mean()
     z = (value[0] - centre) / value[1:].std()
-    return float(value[0] - centre), float(2 * stats.norm.sf(abs(z)))
+    return float(value[0] - centre), float(2 * special.ndtr(-abs(z)))
 
 
 def _worst(run, fit, residual, noise, expected):

@@ -10,7 +10,7 @@ everything at once.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from rosette_ros.core.atoms import Projection, whiten
 from rosette_ros.core.diagnosis import INVISIBLE, held_out_rms
@@ -186,7 +186,7 @@ def _f_test(without, after, extra):
         return 1.0
     left = after.rms**2 * after.dof
     fall = without.rms**2 * without.dof - left
-    return float(stats.f.sf(max(fall, 0.0) / extra / (left / after.dof), extra, after.dof))
+    return float(special.fdtrc(extra, after.dof, max(fall, 0.0) / extra / (left / after.dof)))
 
 
 def _same_size(learnt, found):
@@ -195,7 +195,7 @@ def _same_size(learnt, found):
     pairs = list(zip(learnt.parameters[:count], found.parameters[:count]))
     chi = sum((a.value - b.value)**2 / (a.u**2 + b.u**2) for a, b in pairs
               if a.name == b.name and np.isfinite(a.u + b.u) and a.u + b.u > 0)
-    return bool(stats.chi2.sf(chi, max(count, 1)) > SURE)
+    return bool(special.chdtrc(max(count, 1), chi) > SURE)
 
 
 def _text(effects, before, after, carried):

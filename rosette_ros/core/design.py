@@ -166,7 +166,7 @@ class Verdict:
         worst = np.array([hidden.max() for hidden in self.hidden.values()])
         mean = np.mean([hidden.mean() for hidden in self.hidden.values()])
         alike = np.mean(np.maximum(self.alike - 0.5, 0.0))
-        return float(np.mean(worst**HARDNESS)**(1 / HARDNESS) + mean
+        return float(2 * np.mean(worst**HARDNESS)**(1 / HARDNESS) + mean
                      + PER_SECOND * self.motion + PER_ALIKE * alike)
 
 

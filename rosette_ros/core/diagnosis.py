@@ -5,7 +5,7 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from rosette_ros.core.base import BASE_TERMS
 from rosette_ros.core.effects.library import EFFECTS
@@ -136,7 +136,7 @@ def missing_base(run, start):
         left = max(tried.rms**2 * tried.dof, 1e-300)
         ratio = (rss - left) / extra / (left / tried.dof)
         score = start.dof * np.log(rss / left) - 2 * extra
-        if stats.f.sf(ratio, extra, tried.dof) * len(sets) < 1e-4 and score > best_score:
+        if special.fdtrc(extra, tried.dof, ratio) * len(sets) < 1e-4 and score > best_score:
             best, best_score = chosen, score
     return best
 
@@ -283,7 +283,7 @@ class _Search:
         left = self.base.rms**2 * self.base.dof
         rss = before.rms**2 * before.dof
         ratio = (rss - left) / extra / (left / self.base.dof)
-        p = float(stats.f.sf(ratio, extra, self.base.dof)) * 7
+        p = float(special.fdtrc(extra, self.base.dof, ratio)) * 7
         held = []
         for one in (before, self.base):
             residual = one.residual.reshape(-1)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from rosette_ros.core.base import base_space
 from rosette_ros.core.effects.contract import Setting
@@ -262,11 +262,11 @@ def _noise(run, rss, dof):
         return rms, 'residuals', None, None
     chi = (rms / known)**2
     if known_dof is None:
-        p = float(stats.chi2.sf(chi * dof, dof))
+        p = float(special.chdtrc(dof, chi * dof))
         if p >= 1e-3:
             return known, 'repeatability', chi, p
         return rms, 'residuals (larger than the repeatability)', chi, p
-    p = float(stats.f.sf(chi, dof, known_dof))
+    p = float(special.fdtrc(dof, known_dof, chi))
     if p >= 1e-3:
         pooled = np.sqrt((rss + known_dof * known**2) / (dof + known_dof))
         return float(pooled), 'residuals and repeatability', chi, p
