@@ -22,9 +22,9 @@ GOOD_SHARE = 0.3
 class OrderAdvice:
     """What one order shows: visibility of each effect, and what the run costs.
 
-    worst: smallest typical share over the wanted effects and its name; travel_time: s of table and CMM
-    moves; duration: s of the whole run. Of the orders that are only compared, `visibilities` holds
-    the wanted effects alone.
+    worst: smallest typical share over the wanted effects and its name; travel_time: s of table and
+    CMM moves; duration: s of the whole run. Of the orders that are only compared, `visibilities`
+    holds the wanted effects alone.
     """
 
     order: str
@@ -82,10 +82,10 @@ def planned_run(scheme, radius, seconds_per_ball=SECONDS_PER_BALL):
 
 
 def judge(scheme, radius, sigma, wanted=(), terms=None, names=(), run=None):
-    """Return the OrderAdvice of a scheme; wanted: names that count, all that can be judged if none.
+    """Return the OrderAdvice of a scheme.
 
-    names: of the effects to look at, all if none; run: the Run that was measured so, without it the
-    run is taken as it is expected.
+    wanted: names that count, all that can be judged if none; names: of the effects to look at, all
+    if none; run: the Run that was measured so, without it the run is taken as it is expected.
     """
     planned = planned_run(scheme, radius)
     seen = visibility(planned if run is None else run, sigma, terms, names=names)
@@ -119,7 +119,7 @@ def advise_run(run, wanted=(), seed=0):
 
 
 def scheme_of(run):
-    """Return the Scheme in which a run was measured; its order is named where it is a known one."""
+    """Return the Scheme in which a run was measured; its order is named where it is known."""
     cell = (run.table_position, run.ball)
     for name in ORDERS:
         for turning in TURNINGS:
@@ -137,7 +137,7 @@ def compared_orders(n, radius, sigma, wanted, seed=0):
 
 
 def best_of(orders):
-    """Return the OrderAdvice with the least travel of those whose worst share is near the largest."""
+    """Return the OrderAdvice with the least travel of those whose worst share is near the top."""
     top = max(entry.worst for entry in orders)
     return min((entry for entry in orders if entry.worst >= 0.9 * top),
                key=lambda entry: entry.travel_time)

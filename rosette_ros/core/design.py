@@ -28,7 +28,7 @@ HARDNESS = 10
 """Power mean over the effects: the larger, the more the worst one counts."""
 PER_SECOND = 0.02
 """What a second of motion per reading may cost, in hidden share of power."""
-PER_ALIKE = 0.1
+PER_ALIKE = 0.3
 """What full likeness of cycles in time and in turns may cost."""
 
 EFFECT_SHAPES = (

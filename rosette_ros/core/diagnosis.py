@@ -15,7 +15,7 @@ from rosette_ros.core.model import Model, Term
 from rosette_ros.core.search import Problem, Selection
 from rosette_ros.core.settings import choose_settings, settings_for
 
-CLAIM = 0.01
+CLAIM = 0.002
 """Search-wide probability below which a name is claimed; 5 % is what the users were promised."""
 INVISIBLE = 0.05
 """Visible share below which an order of measurement is said to hide an effect."""
@@ -230,7 +230,9 @@ class _Search:
         claimed = set(chosen.names)
         others = [(self.p(score), -gain, rival)
                   for rival, gain, score in self.problem.rivals(chosen)
-                  if rival.named and rival.name not in claimed]
+                  if rival.named and rival.name not in claimed
+                  and self.dof > (len(chosen.rows) + len(rival.rows)
+                                  + _searched((*chosen.members, rival)))]
         for p, _, rival in sorted(others, key=lambda entry: entry[:2]):
             out.append(self._candidate(rival, chosen, p, (), False))
         return tuple(out)
@@ -238,9 +240,11 @@ class _Search:
     def _candidate(self, member, before, p, look_alikes, claimed):
         after = self.problem.select((*before.members, member))
         scale = self.problem.scale
-        dof_before, dof_after = (self.dof - len(s.rows) - _searched(s) for s in (before, after))
+        dof_before, dof_after = (self.dof - len(s.rows) - _searched(s.members)
+                                 for s in (before, after))
         size = 3 * self.run.size
-        k = len(after.rows) + _searched(after) - len(before.rows) - _searched(before)
+        k = (len(after.rows) + _searched(after.members)
+             - len(before.rows) - _searched(before.members))
         fitted = self.final_fit([m for m in after.members if m.named])
         parameters = fitted.effects[-1].parameters
         held_before, _ = self._blind(before)
@@ -313,8 +317,8 @@ def _reason(effect, run):
         '' if effect.settings(run) else 'what it depends on does not change in this run')
 
 
-def _searched(selection):
-    return sum(parameter.kind != 'choice' for member in selection.members
+def _searched(members):
+    return sum(parameter.kind != 'choice' for member in members
                for parameter in member.effect.searched)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from rosette_ros.core.errors import InvalidPlan
 from rosette_ros.core.geometry import TWO_PI, nominal_angles, wrap
+from rosette_ros.core.sensitive import sensitive, sensitive_approach
 
 TURNINGS = ('forward', 'alternate')
 
@@ -108,7 +109,8 @@ def _random(n, turning, rng):
     return cell // n, cell % n
 
 
-ORDERS = {'row': _row, 'diagonal': _diagonal, 'column': _column, 'random': _random}
+ORDERS = {'row': _row, 'diagonal': _diagonal, 'column': _column, 'random': _random,
+          'sensitive': sensitive}
 
 
 def plan(n, order='diagonal', seed=0, turning='forward'):
@@ -116,9 +118,10 @@ def plan(n, order='diagonal', seed=0, turning='forward'):
 
     order: a key of ORDERS. `row`: table outer, CMM and plate inner (the paper's case 1);
     `diagonal`: CMM outer (case 2, Table 1); `column`: ball outer (case 3); `random`: a shuffle
-    drawn from `seed`. turning: `forward` turns the table counter-clockwise always; `alternate`
-    turns it backwards in every second inner loop (every second move in `random`), so that backlash
-    shows.
+    drawn from `seed`; `sensitive`: small steps of the table in which every effect of the library
+    shows (docs/orders.md). turning: `forward` turns the table counter-clockwise always;
+    `alternate` turns it backwards in every second inner loop (every second move in `random`), so
+    that backlash shows; `sensitive` has senses of its own whatever it says.
 
     Raises InvalidPlan for fewer than three balls, an unknown order or an unknown turning.
     """
@@ -137,6 +140,8 @@ def plan(n, order='diagonal', seed=0, turning='forward'):
 
 def _approach(n, order, turning, i):
     """Return the sense of the last table move for positions i (zero-based) in measuring order."""
+    if order == 'sensitive':
+        return sensitive_approach(n)
     if turning == 'forward':
         return np.ones(i.size, dtype=int)
     step = wrap(nominal_angles(n)[i] - nominal_angles(n)[np.roll(i, 1)])

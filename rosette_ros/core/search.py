@@ -10,7 +10,8 @@ twice the logarithm of an approximate Bayes factor. k amplitudes with A the squa
 part over sigma^2 have a normal prior whose width is the one that suits them best (empirical Bayes),
 so that one amplitude costs about as much as in the Bayesian information criterion and many small
 ones, such as the form of every ball, do not cost more than they must. The search costs the number
-of separate chances that an effect had. The score is free of a stated sigma: a wrong repeatability
+of separate chances that an effect had; small runs pay nu / (nu - k) times as much. The score is free
+of a stated sigma: a wrong repeatability
 cannot make a cause out of noise.
 """
 
@@ -119,14 +120,21 @@ class Problem:
         residual = residual - (rows @ residual) @ rows
         rss = max(float(residual @ residual), 1e-300)
         coefficients = vector[:, keep] @ ((vector[:, keep].T @ (stacked @ self.residual)) / value[keep])
-        score = self.dof * np.log(self.empty.rss / rss)
-        start = 0
+        spent, start = 0.0, 0
         for member in members:
             stop = start + len(member.rows)
             energy = float(np.sum(coefficients[start:stop]**2)) * self.dof / rss
-            score -= cost(energy, stop - start) + search_cost(member.effect, member.chances)
+            spent += cost(energy, stop - start) + search_cost(member.effect, member.chances)
             start = stop
+        free = self.left(len(rows), members)
+        score = self.dof * np.log(self.empty.rss / rss) - spent * self.dof / free
         return Selection(members, rows, residual, rss, float(score))
+
+    def left(self, rank, members):
+        """Return the degrees of freedom that members of a rank leave, at least one."""
+        searched = sum(parameter.kind != 'choice' for member in members
+                       for parameter in member.effect.searched)
+        return max(self.dof - rank - searched, 1)
 
     def offers(self, selections, names=None, allow_repeats=False):
         """Return, for each selection, (score gain, family, block) of each family's best block.
@@ -149,16 +157,20 @@ class Problem:
                         and not allow_repeats):
                     continue
                 gain = gains(part[..., :1], part[..., 1:])[:, 0]
-                score = self.scores(family, selection.rss, gain)
+                score = self.scores(family, selection.rss, gain,
+                                    self.left(len(selection.rows), selection.members))
                 best = int(np.argmax(score))
                 found.append((float(score[best]), family, best))
         return [sorted(found, key=lambda offer: -offer[0]) for found in offers]
 
-    def scores(self, family, rss, gain):
-        """Return the score gains of a family's blocks, (blocks, ...), from their gains on `rss`."""
+    def scores(self, family, rss, gain, dof):
+        """Return the score gains of a family's blocks, (blocks, ...), from their gains on `rss`.
+
+        dof: degrees of freedom of `rss`.
+        """
         ranks = family.ranks.reshape(-1, *[1] * (np.ndim(gain) - 1))
         left = np.maximum(rss - gain, 1e-12 * rss)
-        score = (self.dof * np.log(rss / left) - cost(gain * self.dof / left, ranks)
+        score = (dof * np.log(rss / left) - cost(gain * dof / left, ranks)
                  - search_cost(family.effect, family.chances))
         return np.where(ranks > 0, score, -np.inf)
 
@@ -282,7 +294,7 @@ class Problem:
         for family in self.families:
             if isinstance(family.effect, Structure):
                 continue
-            score = self.scores(family, rss, gains(family.products(noise)))
+            score = self.scores(family, rss, gains(family.products(noise)), self.dof)
             best = np.maximum(best, score.max(axis=0))
         return best
 

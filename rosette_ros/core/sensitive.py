@@ -77,7 +77,8 @@ def reading_text(position, ball, approach):
                    for i, j, sense in zip(position, ball, approach, strict=True))
 
 
-def _from_reading_text(text):
+def order_from_text(text):
+    """Return position, ball and approach that `reading_text` wrote."""
     place = np.array([string.ascii_letters.index(letter) for letter in text[::2]])
     back, position = np.divmod(place, 26)
     return position, np.array([int(digit) for digit in text[1::2]]), 1 - 2 * back
@@ -97,7 +98,7 @@ def shortest_way(n, position):
 def sensitive(n, turning='', rng=None):  # noqa: ARG001, an order of measurement has three arguments
     """Return table positions and balls of the order, zero-based; always the same for one n."""
     if n in READINGS:
-        position, ball, _ = _from_reading_text(READINGS[n])
+        position, ball, _ = order_from_text(READINGS[n])
         return position, ball
     return _sweeps(n).readings()
 
@@ -105,7 +106,7 @@ def sensitive(n, turning='', rng=None):  # noqa: ARG001, an order of measurement
 def sensitive_approach(n):
     """Return the sense of the last table move before each reading, (n*n,), +1 or -1."""
     if n in READINGS:
-        return _from_reading_text(READINGS[n])[2]
+        return order_from_text(READINGS[n])[2]
     return shortest_way(n, _sweeps(n).readings()[0])
 
 

@@ -12,7 +12,9 @@ import numpy as np
 from rosette_ros.core.effects.contract import Effect, Quantity, Setting, duration, seconds
 
 IN_PLANE, AXIAL = 'x and y', 'z'
+EVERYWHERE = 'x, y and z'
 DIRECTIONS = {IN_PLANE: (0, 1), AXIAL: (2,)}
+ALL_DIRECTIONS = {**DIRECTIONS, EVERYWHERE: (0, 1, 2), 'x': (0,), 'y': (1,)}
 ANGLES = {'CMM position': 'alpha', 'table position': 'phi', 'ball': 'beta'}
 HIGHEST = 8
 
@@ -20,7 +22,7 @@ HIGHEST = 8
 def _spread(direction, scalars):
     """Return each scalar (N,) along each axis of a direction, (N, 3, q)."""
     columns = []
-    for axis in DIRECTIONS[direction]:
+    for axis in ALL_DIRECTIONS[direction]:
         for scalar in scalars:
             column = np.zeros((scalar.size, 3))
             column[:, axis] = scalar
@@ -61,7 +63,8 @@ class CurvedTime(Structure):
 
     def settings(self, run):
         """Try polynomials up to degree 2 ... 6 in each direction."""
-        return tuple(Setting(direction=d, degree=k) for d in DIRECTIONS for k in (2, 3, 4, 6))
+        return tuple(Setting(direction=d, degree=k)
+                     for d in ALL_DIRECTIONS for k in (2, 3, 4, 6))
 
     def columns(self, run, setting):
         """Return Legendre polynomials of time, degrees 1 to `degree`."""
@@ -157,7 +160,7 @@ class CurvedTemperature(Structure):
         """Try each direction, where the temperature changes."""
         if np.ptp(run.temperature) == 0:
             return ()
-        return tuple(Setting(direction=d) for d in DIRECTIONS)
+        return tuple(Setting(direction=d) for d in ALL_DIRECTIONS)
 
     def columns(self, run, setting):
         """Return powers 1 to 3 of the temperature, scaled to [-1, 1]."""
