@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-# PYTHON=... names the Python to make .venv with (3.11, 3.12 or 3.13); PYTEST=... adds options to pytest.
+# PYTHON=... names the Python to make .venv with (3.11, 3.12 or 3.13); PYTEST=... adds options to pytest,
+# BLIND=... to the blind tests (python -m benchmarks.blind --help).
 
 VENV_PYTHON := .venv/bin/python
 
-.PHONY: help setup test demo bench lint lock clean
+.PHONY: help setup test demo bench blind docs lint lock clean
 
 help:
 	@echo 'make setup   install everything into .venv; does nothing when that is done'
 	@echo 'make demo    calibrate a simulated cell: ROS 2 nodes, one log, six error motions, a report'
 	@echo 'make test    run the tests'
 	@echo 'make bench   run the benchmarks against peers'
+	@echo 'make blind   hide effects in the machine, let the diagnosis find them, print the confusion table'
+	@echo 'make docs    write the pages that are made from the library'
 	@echo 'make lint    check style'
 	@echo 'make lock    pin the newest packages that requirements/requirements.in allows'
 	@echo 'make clean   remove .venv and everything else that was made'
@@ -25,6 +28,13 @@ demo: setup
 
 bench: setup
 	@$(VENV_PYTHON) -m benchmarks
+
+blind: setup
+	@$(VENV_PYTHON) -m benchmarks.blind $(BLIND)
+
+docs: setup
+	@$(VENV_PYTHON) -m rosette_ros.cli.effects_page > docs/effects.md.new
+	@mv docs/effects.md.new docs/effects.md
 
 lint: setup
 	@.venv/bin/ruff check

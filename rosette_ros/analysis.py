@@ -16,7 +16,7 @@ from rosette_ros.core.advice import advise, advise_run
 from rosette_ros.core.base import GAUGE
 from rosette_ros.core.diagnosis import diagnose, held_out_rms
 from rosette_ros.core.fit import Fit, fit
-from rosette_ros.core.model import Model
+from rosette_ros.core.model import Model, Term
 from rosette_ros.core.records import ErrorMotions, Run
 from rosette_ros.core.settings import choose_settings
 
@@ -125,6 +125,14 @@ def ladder(run, model):
     return tuple(rungs)
 
 
+def claimed_model(diagnosis):
+    """Return the Model of a diagnosis with all that it claims; an effect that stands twice is fixed."""
+    names = [term.name for term in (*diagnosis.model.terms, *diagnosis.terms)]
+    claimed = tuple(term if names.count(term.name) > 1 else Term(term.effect)
+                    for term in diagnosis.terms)
+    return Model(diagnosis.final.model.base, (*diagnosis.model.terms, *claimed))
+
+
 def cross_check(run, diagnosis):
     """Return the CrossCheck on a run of what a diagnosis of another run claims."""
     learnt = diagnosis.final.effects[len(diagnosis.final.effects) - len(diagnosis.terms):]
@@ -135,4 +143,4 @@ def cross_check(run, diagnosis):
 
 
 __all__ = ['Change', 'Report', 'Rung', 'advise', 'advise_run', 'analyse', 'change', 'compare',
-           'cross_check', 'diagnose', 'ladder']
+           'claimed_model', 'cross_check', 'diagnose', 'ladder']

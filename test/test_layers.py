@@ -13,7 +13,7 @@ PACKAGE = ROOT / 'rosette_ros'
 FILES = sorted(PACKAGE.rglob('*.py'))
 ROS = frozenset(('rclpy', 'rosette_msgs', 'rosgraph_msgs', 'std_msgs', 'std_srvs', 'geometry_msgs',
                  'tf2_msgs', 'diagnostic_msgs', 'action_msgs', 'builtin_interfaces',
-                 'rcl_interfaces', 'ament_index_python', 'launch', 'launch_ros'))
+                 'rcl_interfaces', 'service_msgs', 'ament_index_python', 'launch', 'launch_ros'))
 MACHINE_MAY = frozenset(('core.errors', 'core.geometry', 'core.records', 'core.scheme',
                          'core.alignment', 'core'))
 """What the simulated machine shares with the evaluation: records and geometry, no physics."""

@@ -260,7 +260,7 @@ def test_moved_clone_is_set_up_again(clone, monkeypatch, tmp_path):
     for name in ('ROOT', 'VENV', 'STATE', 'LOCK', 'HOOK', 'IDL_CACHE'):
         monkeypatch.setattr(clone, name, moved / getattr(clone, name).relative_to(tmp_path))
     monkeypatch.setattr(clone, 'INTERFACES', (moved / 'msg_defs', moved / 'tools/tf2_msgs'))
-    assert [title for title, *_ in clone.pending()] == ['packages', 'messages', 'rosette_ros']
+    assert [stamp.name for _, stamp, *_ in clone.pending()] == ['packages', 'messages', 'package']
 
 
 def test_foreign_environment_is_kept(setup_venv, monkeypatch, tmp_path):
@@ -380,6 +380,16 @@ def test_environment_keeps_a_python_path_that_is_no_ros():
     given = {'AMENT_PREFIX_PATH': '/opt/ros/jazzy', 'PYTHONPATH': '/my/modules:/opt/ros/jazzy/lib:/opt/ros/jazzy2/lib'}
     found = load('venv_hook').environment(given, '/new/.venv', [])
     assert found['PYTHONPATH'] == '/my/modules:/opt/ros/jazzy2/lib'
+
+
+def test_environment_keeps_a_workspace_on_top_of_it():
+    """What colcon built with this environment, and was sourced, is found first."""
+    given = {'AMENT_PREFIX_PATH': '/my/install:/new/.venv', 'PYTHONPATH': '/my/install/lib',
+             'LD_LIBRARY_PATH': '/my/install/lib'}
+    found = load('venv_hook').environment(given, '/new/.venv', [])
+    assert found['AMENT_PREFIX_PATH'] == '/my/install:/new/.venv'
+    assert found['PYTHONPATH'] == '/my/install/lib'
+    assert found['LD_LIBRARY_PATH'] == '/my/install/lib:/new/.venv/lib'
 
 
 @pytest.mark.skipif(Path(sys.prefix) != ROOT / '.venv', reason='runs in another environment than .venv')

@@ -55,7 +55,7 @@ def main(arguments: list[str]) -> int:
         print(f'setup: {error}', file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print('\nsetup: interrupted; the next `make setup` goes on from here', file=sys.stderr)
+        print('setup: interrupted; the next `make setup` goes on from here', file=sys.stderr)
         return 130
     return 0
 
@@ -67,12 +67,16 @@ def set_up() -> None:
         if not steps:
             return
         check_machine()
-        print(f'Setting up .venv with Python {platform.python_version()}: {", ".join(title for title, *_ in steps)}')
+        print(f'Setting up .venv with Python {platform.python_version()}')
         for title, stamp, key, work in steps:
             began = time.monotonic()
             print(f'  {title} ...', end='', flush=True)
             stamp.unlink(missing_ok=True)
-            work()
+            try:
+                work()
+            except BaseException:
+                print(flush=True)
+                raise
             write_whole(stamp, key)
             print(f' {time.monotonic() - began:.0f} s', flush=True)
 
@@ -105,7 +109,7 @@ def pending() -> list[tuple[str, Path, str, Callable[[], None]]]:
     package_key = digest(package_files(), packages_key)
     steps = [
         ('packages', STATE / 'packages', packages_key, install_packages),
-        ('messages', STATE / 'messages', messages_key, build_messages),
+        ('messages, about a minute', STATE / 'messages', messages_key, build_messages),
         ('rosette_ros', STATE / 'package', package_key, install_package),
     ]
     if not holds(STATE / 'packages', packages_key):
@@ -355,7 +359,7 @@ def run(command: list[str | Path], **variables: str) -> None:
         if outcome.returncode == 0:
             return
         log.seek(began)
-        last = '\n'.join(log.read().splitlines()[-25:])
+        last = '\n'.join(log.read().splitlines()[-40:])
     program = Path(command[0]).name
     raise SetupError(f'{program} failed; all of its output is in {LOG.relative_to(ROOT)}, its end:\n{last}')
 

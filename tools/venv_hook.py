@@ -13,17 +13,25 @@ MARK = 'ROSETTE_VENV'
 
 
 def environment(given: dict[str, str], prefix: str, libraries: list[str]) -> dict[str, str]:
-    """Return the environment `given`, changed so that the ROS 2 in `prefix` is found, and no other."""
-    foreign = [p for p in (*given.get('AMENT_PREFIX_PATH', '').split(':'), given.get(MARK, '')) if p]
+    """Return the environment `given`, changed so that the ROS 2 in `prefix` is found, and no other.
+
+    A sourced workspace that was built on top of `prefix` is not another one, and stays.
+    """
+    sourced = [p for p in given.get('AMENT_PREFIX_PATH', '').split(':') if p]
+    on_top = prefix in sourced
+    foreign = [] if on_top else sourced
+    if given.get(MARK, prefix) != prefix:
+        foreign.append(given[MARK])
 
     def kept(name: str) -> list[str]:
         parts = [part for part in given.get(name, '').split(':') if part]
         return [part for part in parts if not any(f'{part}/'.startswith(f'{p.rstrip("/")}/') for p in foreign)]
 
+    own, inherited = [f'{prefix}/lib', *libraries], kept('LD_LIBRARY_PATH')
     changed = {
         MARK: prefix,
-        'AMENT_PREFIX_PATH': prefix,
-        'LD_LIBRARY_PATH': ':'.join([f'{prefix}/lib', *libraries, *kept('LD_LIBRARY_PATH')]),
+        'AMENT_PREFIX_PATH': ':'.join(sourced) if on_top else prefix,
+        'LD_LIBRARY_PATH': ':'.join(inherited + own if on_top else own + inherited),
         'PYTHONPATH': ':'.join(kept('PYTHONPATH')),
         'ROS_DISTRO': 'jazzy',
         'ROS_VERSION': '2',

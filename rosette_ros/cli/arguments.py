@@ -40,6 +40,12 @@ def add_run(parser):
                         help='log directory, .mcap file or ball-centre table (CSV)')
 
 
+def add_run_id(parser):
+    """Add the argument --run-id."""
+    parser.add_argument('--run-id', metavar='ID', help='which run, where a log holds several '
+                        '(rosette info names them)')
+
+
 def add_formats(parser, csv=None):
     """Add --json and, with words for it, --csv; one excludes the other."""
     group = parser.add_mutually_exclusive_group()

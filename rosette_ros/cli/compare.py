@@ -2,6 +2,7 @@
 """rosette compare: a model against a measurement, where it fails and by how much of sigma."""
 
 import numpy as np
+from rich.markup import escape
 from rich.text import Text
 
 from rosette_ros.analysis import compare, ladder
@@ -9,6 +10,7 @@ from rosette_ros.cli.arguments import add_formats, add_run
 from rosette_ros.cli.human import chance, micro, percent, sentence, spark, times
 from rosette_ros.cli.screen import console, fixed, print_json, table
 from rosette_ros.cli.summary import head
+from rosette_ros.core.base import BASE_TERMS
 from rosette_ros.core.model import Model
 from rosette_ros.data.model_file import read_model
 from rosette_ros.data.open_run import open_run
@@ -171,18 +173,20 @@ def harmonic_table(comparison):
 def ladder_table(rungs):
     """Return the ladder: model after model, error after error."""
     made = table(title='The ladder: the error after every effect that was added')
-    for name, side in (('model', 'left'), ('residual / µm', 'right'), ('reduced χ²', 'right'),
-                       ('left out / µm', 'right'), ('change left out', 'right')):
-        made.add_column(name, justify=side, no_wrap=True)
+    for name, side in (('model', 'left'), ('residual\nµm', 'right'), ('reduced\nχ²', 'right'),
+                       ('readings left\nout, µm', 'right'), ('change', 'right')):
+        made.add_column(name, justify=side, no_wrap=name != 'model')
     before = None
     for rung in rungs:
         fit = rung.report.fit
         chi = fit.reduced_chi_square
         step = '' if before is None else f'{100 * (rung.held_out / before - 1):+.0f} %'
-        made.add_row(f'+ {rung.added}' if rung.added else ' + '.join(fit.model.base) or 'nothing',
-                     micro(fit.rms), '–' if chi is None else f'{chi:.3g}', micro(rung.held_out),
-                     step)
+        made.add_row(escape(f'+ {rung.added}' if rung.added else base_words(fit.model)), micro(fit.rms),
+                     '–' if chi is None else f'{chi:.3g}', micro(rung.held_out), step)
         before = rung.held_out
-    made.caption = 'left out: error in readings that the fit did not use'
-    made.caption_justify = 'left'
     return made
+
+
+def base_words(model):
+    """Return what the base of a model is."""
+    return 'base model' if model.base == BASE_TERMS else ' + '.join(model.base) or 'nothing'

@@ -6,24 +6,24 @@ import shutil
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
-import numpy as np
 import yaml
 from rich.markup import escape
 
-from rosette_ros.analysis import Report, analyse
+from rosette_ros.analysis import analyse
+from rosette_ros.cli import hidden_demo
 from rosette_ros.cli.arguments import whole
 from rosette_ros.cli.calibrate import INTERRUPTED, calibrate
 from rosette_ros.cli.domain import free_domain
-from rosette_ros.cli.screen import console, exact, fixed, pairs, table
+from rosette_ros.cli.screen import console, exact, pairs
 from rosette_ros.cli.summary import curve_table, fit_summary, head
+from rosette_ros.cli.truth import compare, shown, truth_table
 from rosette_ros.core.errors import InvalidConfig
-from rosette_ros.core.records import CURVES, remove_gauge
 from rosette_ros.core.scheme import plan
 from rosette_ros.data.log_reader import read_log
-from rosette_ros.machine import Machine, MachineConfig
+from rosette_ros.machine import MachineConfig
 from rosette_ros.nodes.cell import Cell
 from rosette_ros.nodes.client import CellClient
 from rosette_ros.pictures.curves import Series, save, six_curves
@@ -33,35 +33,19 @@ TABLE = {'translation_um': 0.2, 'rotation_urad': 1.5, 'axial_correction': False,
 """The table of the demo has not been corrected yet: its errors stand above the noise."""
 PICTURE, MACHINE = 'six-curves.png', 'machine.yaml'
 MOST_BALLS = 72
-
-
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """Results against the truth of the simulated machine, both freed of the gauge.
-
-    truth: (n, 6), m and rad; error: (n, 6) differences in units of the standard uncertainty.
-    """
-
-    truth: np.ndarray
-    error: np.ndarray
-
-    @property
-    def rms(self):
-        """Root mean square of the normalised errors; 1 is expected."""
-        return float(np.sqrt(np.mean(self.error**2)))
-
-    @property
-    def rms_spread(self):
-        """Standard deviation expected of the rms: 6 n values, ten of them fixed by the gauge."""
-        return float(1 / np.sqrt(2 * (self.error.size - 10)))
+DRAWN = -1
+"""Stands for a seed that is yet to be drawn."""
 
 
 def add_arguments(parser):
     """Declare what the verb takes."""
     parser.add_argument('--balls', metavar='N', type=whole(None, MOST_BALLS), default=12,
                         help='balls on the plate = table positions (default 12)')
-    parser.add_argument('--order', default='diagonal',
-                        help='order of measurement (default diagonal)')
+    parser.add_argument('--order', help='order of measurement (default diagonal; with --hidden one '
+                        'that shows effects)')
+    parser.add_argument('--hidden', metavar='SEED', nargs='?', type=whole(0, 2**31), default=None,
+                        const=DRAWN, help='hide physical effects in the machine, drawn from SEED (a '
+                        'new one if none is given), find them, and open the envelope at the end')
     parser.add_argument('--seed', type=whole(0, 2**31), default=1,
                         help='draws machine and noise, and the order random (default 1)')
     parser.add_argument('-o', '--output', metavar='DIR', default='rosette-runs',
@@ -74,37 +58,68 @@ def add_arguments(parser):
 
 def run(options):
     """Run the demo."""
-    began = time.monotonic()
-    plan(options.balls, options.order, options.seed)  # refuses what cannot be measured
+    story = PLAIN if options.hidden is None else hidden_demo.story_of(options.hidden)
+    order = options.order or story.order
+    plan(options.balls, order, options.seed, story.turning)  # refuses what cannot be measured
     config = MachineConfig().changed(seed=options.seed, plate={'balls': options.balls},
-                                     table=TABLE)
+                                     table=TABLE, **story.groups)
+    return perform(options, config, order, story)
+
+
+def perform(options, config, order, story):
+    """Run a cell with a machine, calibrate, tell what came out; return the exit code."""
+    began = time.monotonic()
     domain = free_domain() if options.domain is None else options.domain
     logs = make_folder(options.output)
     out = console()
-    out.print(f'[bold]A simulated cell[/]: {options.balls} balls, order {options.order}, machine '
+    out.print(f'[bold]A simulated cell[/]: {options.balls} balls, order {order}, machine '
               f'drawn from seed {options.seed}; four ROS 2 nodes in domain {domain}')
     with tempfile.TemporaryDirectory(prefix='rosette_demo_') as folder:
         machine = Path(folder) / MACHINE
         write_machine(config, machine)
+        story.prepare(out, config, Path(folder))
         with started(out, make_cell(config, machine, domain, logs)) as cell:
             out.print(f'  nodes are up after          {time.monotonic() - began:5.1f} s')
             with CellClient(domain) as client:
-                outcome = calibrate(client, order=options.order, seed=options.seed,
-                                    check=cell.check)
+                outcome = calibrate(client, order=order, seed=options.seed,
+                                    options=f'turning: {story.turning}', check=cell.check)
             if outcome.cancelled:
                 print(f'rosette: {outcome.message}; what was measured is in {outcome.log}',
                       file=sys.stderr)
                 return INTERRUPTED
-            shutil.copy(machine, outcome.log / MACHINE)
-            show(out, config, outcome.log, time.monotonic() - began)
+            for path in (machine, *story.papers(Path(folder))):
+                shutil.copy(path, outcome.log / path.name)
+            story.tell(out, config, outcome.log, time.monotonic() - began)
             if options.keep:
                 keep(out, cell, domain)
     return 0
 
 
+class PlainStory:
+    """What is told of a machine that hides nothing: the six curves beside the truth."""
+
+    order, turning, groups = 'diagonal', 'forward', MappingProxyType({})
+
+    def prepare(self, out, config, folder):
+        """There is nothing to seal."""
+
+    def papers(self, folder):
+        """Return the files that go into the log's folder besides the machine."""
+        return ()
+
+    def tell(self, out, config, log_path, seconds):
+        """Print what came out."""
+        show(out, config, log_path, seconds)
+
+
+PLAIN = PlainStory()
+
+
 def write_machine(config, path):
     """Write a machine configuration as YAML."""
     values = config.model_dump(mode='json', exclude={'hidden_draw'})
+    if config.hidden_draw is not None:
+        values['hidden'] = config.hidden_draw.model_dump(mode='json', exclude_none=True)
     path.write_text(yaml.safe_dump(values, sort_keys=False), encoding='utf-8')
 
 
@@ -160,29 +175,6 @@ def show(out, config, log_path, seconds):
     for command in (f'evaluate {shown(log_path)}', f'info {shown(log_path)}',
                     f'replay {shown(log_path)}'):
         out.print(f'  rosette {command}', soft_wrap=True)
-
-
-def compare(report: Report, config, frame):
-    """Return the Comparison of a report with the machine's truth in the frame that was found."""
-    motions = report.error_motions
-    truth = remove_gauge(Machine(config).table_truth(motions.angle, frame))
-    return Comparison(truth, (motions.values - truth) / motions.u)
-
-
-def truth_table(comparison):
-    """Return the table of differences to the truth, by curve."""
-    made = table('difference to the truth', *CURVES)
-    for name, values in (('rms in u', np.sqrt(np.mean(comparison.error**2, axis=0))),
-                         ('largest in u', np.abs(comparison.error).max(axis=0))):
-        made.add_row(name, *(fixed(float(value), 2) for value in values))
-    return made
-
-
-def shown(path):
-    """Return a path as short as it can be typed from here."""
-    path = Path(path).absolute()
-    here = Path.cwd()
-    return str(path.relative_to(here) if path.is_relative_to(here) else path)
 
 
 def keep(out, cell, domain):

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 
 from rosette_ros.analysis import analyse
-from rosette_ros.cli.arguments import add_formats, add_run
+from rosette_ros.cli.arguments import add_formats, add_run, add_run_id
 from rosette_ros.cli.screen import console, print_json
 from rosette_ros.cli.summary import (
     curve_table,
@@ -25,6 +25,7 @@ from rosette_ros.report_json import evaluation_json
 def add_arguments(parser):
     """Declare what the verb takes."""
     add_run(parser)
+    add_run_id(parser)
     parser.add_argument('--model', metavar='FILE', help='model file (YAML); without it the base '
                         'model: table motions, plate deviations, CMM deviations')
     add_formats(parser, csv='print the six curves as a table with standard uncertainties')
@@ -33,7 +34,7 @@ def add_arguments(parser):
 def run(options):
     """Print the evaluation."""
     model = read_model(options.model) if options.model else Model()
-    report = analyse(open_run(options.run_path), model)
+    report = analyse(open_run(options.run_path, options.run_id), model)
     if options.json:
         print_json(evaluation_json(report))
     elif options.csv:

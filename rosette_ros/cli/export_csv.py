@@ -5,7 +5,7 @@ import sys
 
 from rich.markup import escape
 
-from rosette_ros.cli.arguments import add_run
+from rosette_ros.cli.arguments import add_run, add_run_id
 from rosette_ros.cli.screen import console
 from rosette_ros.cli.summary import head
 from rosette_ros.data.csv_table import format_csv, write_csv
@@ -15,6 +15,7 @@ from rosette_ros.data.open_run import open_run
 def add_arguments(parser):
     """Declare what the verb takes."""
     add_run(parser)
+    add_run_id(parser)
     parser.add_argument('-o', '--output', metavar='CSV', required=True,
                         help='table to write; - for the standard output')
     parser.add_argument('--force', action='store_true', help='overwrite the table')
@@ -22,7 +23,7 @@ def add_arguments(parser):
 
 def run(options):
     """Write the table."""
-    run = open_run(options.run_path)
+    run = open_run(options.run_path, options.run_id)
     if options.output == '-':
         sys.stdout.write(format_csv(run))
         return

@@ -6,10 +6,11 @@ from pathlib import Path
 
 from rich.markup import escape
 
-from rosette_ros.analysis import change
-from rosette_ros.cli.human import fall, micro, parameter_table
-from rosette_ros.cli.screen import console, fixed, print_json, table
+from rosette_ros.analysis import analyse, change
+from rosette_ros.cli.human import micro, parameter_table
+from rosette_ros.cli.screen import console, print_json, table
 from rosette_ros.cli.summary import head
+from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model import Model
 from rosette_ros.core.records import CURVES
 from rosette_ros.data.model_file import read_model, write_model
@@ -41,19 +42,34 @@ def carry_out(options, action, name, before, after):
     Raises before anything is written where the run cannot tell what the new model asks.
     """
     measured = open_run(options.run_path) if options.run_path else None
-    done = change(measured, before, after) if measured is not None else None
-    words = judgement(action, name, done) if done else ''
+    done, words = (None, '') if measured is None else compared(measured, action, name, before,
+                                                               after)
     write_model(after, options.model, force=True)
     if options.json:
         print_json(change_json(action, name, options.model, (before, after), done, words))
         return
     out = console()
     out.print(f'{escape(str(options.model))}: {escape(str(after))}', soft_wrap=True)
-    if done:
+    if measured is not None:
         out.print(f'\n{head(measured)}')
         show(out, done, words)
     elif action == ADD:
         out.print('With --run RUN the error before and after is shown.')
+
+
+def compared(measured, action, name, before, after):
+    """Return the Change on a run and what it means; no Change where the old model did not fit at all.
+
+    Raises NotDeterminable where the run cannot tell what the new model asks.
+    """
+    try:
+        done = change(measured, before, after)
+    except NotDeterminable as error:
+        if action == ADD:
+            raise
+        analyse(measured, after)
+        return None, f'The model before could not be fitted: {error}'
+    return done, judgement(action, name, done)
 
 
 def judgement(action, name, done):
@@ -66,8 +82,8 @@ def judgement(action, name, done):
     if action == ADD and done.helps:
         return f'{name} helps: the error in readings left out of the fit falls from {errors}.'
     if action == ADD:
-        return (f'{name} does not lower the error in readings left out ({errors}): it only '
-                f'describes noise. Take it out with rosette remove {name}.')
+        return (f'{name} does not lower the error in readings left out: it only describes noise '
+                f'({errors}). Take it out with rosette remove {name}.')
     if done.hurts:
         return (f'{name} is needed: without it the error in readings left out rises from '
                 f'{errors}. Put it back with rosette add {name}.')
@@ -77,8 +93,10 @@ def judgement(action, name, done):
 
 def show(out, done, words):
     """Print a Change for a person."""
-    colour = 'green' if done.helps or (not done.hurts and 'not needed' in words) else 'yellow'
-    out.print(f'[{colour}]{escape(words)}[/]\n')
+    out.print(f'[bold]{escape(words)}[/]')
+    if done is None:
+        return
+    out.print()
     out.print(error_table(done))
     out.print()
     out.print(curve_change_table(done))
@@ -108,10 +126,8 @@ def curve_change_table(done):
     units = ['µm' if curve.startswith('ct') else 'µrad' for curve in CURVES]
     made = table('', *(f'{curve}\n{unit}' for curve, unit in zip(CURVES, units, strict=True)),
                  title='The six curves')
-    made.add_row('largest change', *(fixed(1e6 * float(value), 3)
-                                     for value in done.curve_change))
-    u = [1e6 * COVERAGE_FACTOR * report.error_motions.u.max(axis=0)
-         for report in (done.before, done.after)]
-    made.add_row(f'U (k={COVERAGE_FACTOR})', *(fall(1e-6 * float(b), 1e-6 * float(a))
-                                               for b, a in zip(*u, strict=True)))
+    made.add_row('largest change', *(micro(float(value)) for value in done.curve_change))
+    for when, report in (('before', done.before), ('after', done.after)):
+        largest = COVERAGE_FACTOR * report.error_motions.u.max(axis=0)
+        made.add_row(f'U (k={COVERAGE_FACTOR}) {when}', *(micro(float(u)) for u in largest))
     return made

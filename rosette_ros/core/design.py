@@ -278,7 +278,9 @@ def _other_sweeps(sweeps, rng):
     elif choice < 0.85:
         sense[[a, b]] = sense[[b, a]]
     else:
-        gap[a] = rng.integers(0, WIDEST_GAP + 1)
+        # Wide gaps cost time, but part the cycles of the bearing from cycles in time.
+        widest = 3 if choice < 0.94 else min(ball.size // 2, WIDEST_GAP)
+        gap[a] = rng.integers(0, widest + 1)
     return Sweeps(ball, sense, gap)
 
 

@@ -20,7 +20,7 @@ from rosette_ros.core.sensitive_orders import READINGS, SWEEPS
 
 DIGITS = string.digits + string.ascii_letters + '!#$%&()*+,'
 """Digits of a number below 72, in their order."""
-WIDEST_GAP = 3
+WIDEST_GAP = 35
 GOLDEN = (5**0.5 - 1) / 2
 
 
@@ -28,7 +28,7 @@ GOLDEN = (5**0.5 - 1) / 2
 class Sweeps:
     """n sweeps of the table: v (n,), a permutation of 0..n-1; sense (n,) +1 or -1; gap (n,).
 
-    gap: table divisions, 0..3, from the last reading of the sweep before to the first of this one,
+    gap: table divisions, 0..35, from the last reading of the sweep before to the first of this one,
     in the sense of this one.
     """
 
@@ -44,7 +44,7 @@ class Sweeps:
         return i.ravel(), ((self.ball[:, None] - 2 * i) % n).ravel()
 
     def text(self):
-        """Return v and, for each sweep, its gap (plus 4 where it turns backwards), as digits."""
+        """Return v and, for each sweep, its gap (plus 36 where it turns backwards), as digits."""
         turns = self.gap + (WIDEST_GAP + 1) * (self.sense < 0)
         return tuple(''.join(DIGITS[digit] for digit in row) for row in (self.ball, turns))
 

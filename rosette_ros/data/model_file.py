@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Model files: YAML, schema rosette-model/1."""
 
+import contextlib
 import os
 from pathlib import Path
 
@@ -29,13 +30,17 @@ def read_model(path):
 
 def parse_model(data, source='model'):
     """Return the Model of YAML text (bytes); raise InvalidModel, naming `source`, if none."""
+    return Model.from_mapping(_load(data, source), source)
+
+
+def _load(data, source):
     if len(data) > MOST_BYTES:
         raise InvalidModel(
             f'{source}: wanted a model file of at most {MOST_BYTES} bytes, got more')
     try:
         text = data.decode('utf-8-sig')
         _refuse_tricks(text, source)
-        mapping = yaml.load(text, Loader=_Loader)
+        return yaml.load(text, Loader=_Loader)
     except UnicodeDecodeError as error:
         raise InvalidModel(f'{source}: wanted UTF-8 text, got byte {data[error.start]:#04x} at '
                            f'position {error.start}') from None
@@ -45,7 +50,26 @@ def parse_model(data, source='model'):
     except ValueError as error:
         raise InvalidModel(
             f'{source}: wanted YAML values, got one that is none: {error}') from None
-    return Model.from_mapping(mapping, source)
+
+
+def parse_entry(text, source):
+    """Return the mapping of YAML text that describes one effect: settings, or an own term.
+
+    Raises InvalidModel, naming `source`, for text that is no mapping; {} for an empty one.
+    """
+    mapping = _load(text.encode(), source)
+    if mapping is None:
+        return {}
+    if not isinstance(mapping, dict) or not all(isinstance(key, str) for key in mapping):
+        raise InvalidModel(
+            f'{source}: wanted a YAML mapping such as "tau: 600.0", got {text!r:.80}')
+    return mapping
+
+
+def format_entry(entry):
+    """Return an effect's mapping as one line of YAML."""
+    return yaml.safe_dump(entry, default_flow_style=True, sort_keys=False, allow_unicode=True,
+                          width=10_000).strip()
 
 
 def format_model(model):
@@ -63,6 +87,8 @@ def write_model(model, path, force=False):
         beside.write_text(format_model(model), encoding='utf-8')
         beside.replace(path)
     except OSError as error:
+        with contextlib.suppress(OSError):
+            beside.unlink()
         raise InvalidModel(f'{path}: cannot be written: {error.strerror}') from error
 
 

@@ -27,13 +27,18 @@ class Request:
 
 @dataclass(eq=False)
 class Job:
-    """The calibration that is on: its sequence, its goal (None: the service's), its log."""
+    """The calibration that is on: its sequence, its goal (None: the service's), its log.
+
+    since: steady time at which it was taken on, s; is_waiting: for the nodes to be connected;
+    opening, recording: whether its log is being opened, is open; motions: as published.
+    """
 
     sequence: Sequence
     request: Request
     order: str
     goal: object = None
     log: str = ''
+    since: float = 0.0
     is_waiting: bool = False
     opening: bool = True
     recording: bool = False

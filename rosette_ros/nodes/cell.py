@@ -26,6 +26,7 @@ MODULES = {
 START_TIMEOUT = 60.0
 _STEPS = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))
 """How a node is ended: the signal, and how long it has for it, s."""
+_ESCALATION = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL).index
 _POLL = 0.02
 
 
@@ -39,6 +40,11 @@ class _Process:
 
     def text(self):
         return self.output.read_text(encoding='utf-8', errors='replace')
+
+    def end(self, number):
+        """Send the signal; one that is still loading its modules has nothing to end in order."""
+        is_ready = names.READY in self.text()
+        self.popen.send_signal(number if is_ready else max(number, signal.SIGTERM, key=_ESCALATION))
 
     @property
     def is_dead(self):
@@ -127,7 +133,7 @@ class Cell:
         for number, patience in _STEPS:
             for process in reversed(self._processes.values()):
                 if not process.is_dead:
-                    process.popen.send_signal(number)
+                    process.end(number)
             if self._await_end(patience):
                 break
         codes = {name: process.popen.returncode for name, process in self._processes.items()}

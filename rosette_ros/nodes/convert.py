@@ -8,13 +8,23 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Quaternion, Transform, TransformStamped, Vector3
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, ReliabilityPolicy
-from rosette_msgs.msg import BallCentre, Effect, ErrorMotions, Model, ProbeTarget, RunState
+from rosette_msgs.msg import (
+    BallCentre,
+    Candidate,
+    Diagnosis,
+    Effect,
+    ErrorMotions,
+    Model,
+    ProbeTarget,
+    RunState,
+)
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from rosette_ros.core import records
 from rosette_ros.core.geometry import Frame
 from rosette_ros.data.bag_metadata import Qos
+from rosette_ros.data.model_file import format_entry
 from rosette_ros.nodes.programme import Answer, Phase, Target
 
 
@@ -166,20 +176,52 @@ def answer_row(message: BallCentre):
 def model_message(model, stamp, report=None):
     """Return the Model message of a model; report: its Report on a run, or None before one."""
     fit = report.fit if report else None
+    if fit:
+        effects = [effect_message(effect.name, effect.parameters, _definition(term))
+                   for effect, term in zip(fit.effects, model.terms, strict=True)]
+    else:
+        effects = [effect_message(term.name, (), _definition(term)) for term in model.terms]
     chi_square = fit.reduced_chi_square if fit else None
     return Model(
         header=Header(stamp=stamp), run_id=report.run.run_id if report else '', name=str(model),
         hash=model.hash, base=list(model.base),
-        effects=[effect_message(effect) for effect in fit.effects] if fit else [
-            Effect(name=term.name) for term in model.terms],
+        effects=effects,
         residual_rms=float(fit.rms) if fit else math.nan,
         reduced_chi_square=math.nan if chi_square is None else float(chi_square))
 
 
-def effect_message(effect):
-    """Return the Effect message of a FittedEffect."""
-    parameters = effect.parameters
+def effect_message(name, parameters, definition=''):
+    """Return the Effect message of an effect's name, fitted Parameters and definition in YAML."""
     return Effect(
-        name=effect.name, parameter=[one.name for one in parameters],
+        name=name, definition=definition, parameter=[one.name for one in parameters],
         value=[float(one.value) for one in parameters], u=[float(one.u) for one in parameters],
         unit=[one.unit for one in parameters])
+
+
+def _definition(term):
+    """Return what a model file says of a term besides its name, YAML; empty where nothing."""
+    entry = term.to_entry()
+    return '' if isinstance(entry, str) else format_entry(entry)
+
+
+def diagnosis_message(run, diagnosis, stamp):
+    """Return the Diagnosis message of a core Diagnosis of a run."""
+    return Diagnosis(
+        header=Header(stamp=stamp), run_id=run.run_id, model_name=str(diagnosis.model),
+        model_hash=diagnosis.model.hash, verdict=diagnosis.verdict,
+        missing=list(diagnosis.missing), unexplained=bool(diagnosis.unexplained),
+        unexplained_text=diagnosis.unexplained_text,
+        candidates=[candidate_message(entry) for entry in diagnosis.candidates],
+        invisible=list(diagnosis.invisible))
+
+
+def candidate_message(entry):
+    """Return the Candidate message of a core Candidate; what was searched is its definition."""
+    setting = format_entry(dict(entry.setting)) if entry.setting else ''
+    return Candidate(
+        effect=entry.effect, p=float(entry.p), visible_fraction=float(entry.visible_fraction),
+        rms_before=float(entry.rms_before), rms_after=float(entry.rms_after),
+        held_out_rms_before=float(entry.held_out_before),
+        held_out_rms_after=float(entry.held_out_after), delta_bic=float(entry.delta_bic),
+        parameters=effect_message(entry.effect, entry.parameters, setting),
+        look_alikes=list(entry.look_alikes))

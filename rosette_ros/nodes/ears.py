@@ -1,44 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Subscriptions that are emptied now and then instead of waking anyone for each message."""
+"""Subscriptions that a node looks into by itself instead of being called for each message.
 
-import time
+An rclpy executor goes through all entities of a node for every message, which takes ten times as
+long as taking the message. A node of the cell therefore waits for its few busy topics alone, and
+lets an executor look after everything else some ten times per second. It takes messages from their
+queues the way rclpy.wait_for_message does.
+"""
+
+from contextlib import ExitStack
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.subscription import Subscription
 
-from rosette_ros.nodes.runner import CellNode
 
-REST, IDLE_REST = 0.01, 0.05
-"""How long a listening node rests between two looks at its queues, while a run is on and else, s."""
-
-
-class _NotForMessages(CallbackGroup):
-    """Keeps subscriptions out of the executor; their events are its business as usual."""
+class Aside(CallbackGroup):
+    """Keeps subscriptions out of an executor; their events are its business as usual."""
 
     def can_execute(self, entity):
+        """Tell the executor what it may run."""
         return not isinstance(entity, Subscription)
 
     def beginning_execution(self, entity):
+        """Let everything that can be executed begin."""
         return True
 
     def ending_execution(self, entity):
-        pass
+        """Do nothing: any number may run."""
 
 
 class Ears:
-    """Raw subscriptions of one node to many topics.
-
-    Waiting for messages costs an executor in Python much more than taking them: what only wants to
-    hear everything, and not at once, looks a few times per second. The queues hold what comes in
-    between.
-    """
+    """The subscriptions of one node that it looks into by itself."""
 
     def __init__(self, node, on_lost):
         """Listen to nothing yet; on_lost(topic, count) is called where messages were lost."""
         self._node = node
         self._on_lost = on_lost
-        self._group = _NotForMessages()
+        self._group = Aside()
         self._subscriptions = {}
 
     @property
@@ -46,30 +45,44 @@ class Ears:
         """The topics in the order of subscribing."""
         return tuple(self._subscriptions)
 
-    def listen(self, topic, message_class, profile):
-        """Subscribe to a topic."""
+    def listen(self, topic, message_class, profile, raw=False, tell_incompatible=False):
+        """Subscribe to a topic.
+
+        raw: take the bytes as on the wire; tell_incompatible: warn of publishers that offer
+        another quality of service.
+        """
         events = SubscriptionEventCallbacks(
             message_lost=lambda event: self._on_lost(topic, event.total_count_change),
-            use_default_callbacks=False)
+            use_default_callbacks=tell_incompatible)
         self._subscriptions[topic] = self._node.create_subscription(
-            message_class, topic, _never, profile, raw=True, callback_group=self._group,
+            message_class, topic, _never, profile, raw=raw, callback_group=self._group,
             event_callbacks=events)
 
     def take(self):
-        """Return all (received, topic, data, published) since the last call, in order of receipt.
+        """Return all (received, topic, message, published) since the last call, as received.
 
-        received, published: wall time, ns; data: CDR bytes as on the wire.
+        received, published: wall time, ns; message: its class or, raw, its CDR bytes.
         """
         heard = []
         for topic, subscription in self._subscriptions.items():
-            handle = subscription.handle
-            with handle:
-                while (taken := handle.take_message(subscription.msg_type, True)) is not None:
-                    data, info = taken
-                    heard.append((info['received_timestamp'], topic, data,
-                                  info['source_timestamp']))
+            for message, info in take_all(subscription):
+                heard.append((info['received_timestamp'], topic, message,
+                              info['source_timestamp']))
         heard.sort(key=lambda entry: entry[0])
         return heard
+
+    def wait(self, timeout):
+        """Wait until a message is there, at most `timeout` s."""
+        handles = [subscription.handle for subscription in self._subscriptions.values()]
+        context = self._node.context.handle
+        with ExitStack() as stack:
+            for handle in (*handles, context):
+                stack.enter_context(handle)
+            wait_set = rclpy_implementation.WaitSet(len(handles), 0, 0, 0, 0, 0, context)
+            wait_set.clear_entities()
+            for handle in handles:
+                wait_set.add_subscription(handle)
+            wait_set.wait(int(1e9 * timeout))
 
     def is_connected(self):
         """Return whether every publisher known on the graph is connected to its subscription."""
@@ -77,30 +90,13 @@ class Ears:
                    for topic, subscription in self._subscriptions.items())
 
 
-class ListeningNode(CellNode):
-    """A node that looks at its queues now and then, in between does other things, and rests."""
-
-    def __init__(self, name, wanted=()):
-        """Listen to nothing yet."""
-        super().__init__(name, wanted)
-        self.ears = Ears(self, self.lost)
-        self.rest = IDLE_REST
-
-    def hear(self, heard):
-        """Take what was said since the last step, entries as of Ears.take."""
-
-    def lost(self, topic, count):
-        """Take note that messages were lost on the way."""
-
-    def listen(self):
-        """Hear everything that has been said until now."""
-        self.hear(self.ears.take())
-
-    def step(self):
-        """Hear, do one other thing, rest."""
-        self.listen()
-        self.executor.spin_once(timeout_sec=0)
-        time.sleep(self.rest)
+def take_all(subscription):
+    """Return the (message, info) that wait in the queue of a subscription."""
+    taken, handle = [], subscription.handle
+    with handle:
+        while (one := handle.take_message(subscription.msg_type, subscription.raw)) is not None:
+            taken.append(one)
+    return taken
 
 
 def _never(message):

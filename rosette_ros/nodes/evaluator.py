@@ -1,20 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The evaluator: turns a finished run into six error motions, with the same code as offline."""
+"""The evaluator: turns a finished run into six error motions, with the same code as offline.
+
+It says at once what the model lacks, and answers questions about the last runs: see Questions.
+"""
 
 import sys
 
-from rclpy.serialization import deserialize_message
-from rosette_msgs.msg import BallCentre, ErrorMotions, Model, ProbeTarget, RunState
+from rosette_msgs.msg import BallCentre, ProbeTarget, RunState
 from tf2_msgs.msg import TFMessage
 
-from rosette_ros.analysis import analyse
 from rosette_ros.core.errors import RosetteError
-from rosette_ros.core.model import Model as CoreModel
+from rosette_ros.core.model import Model
 from rosette_ros.data.assemble import MACHINE_FRAME, TABLE_FRAME
+from rosette_ros.data.model_file import read_model
 from rosette_ros.nodes import convert, names, qos
-from rosette_ros.nodes.ears import IDLE_REST, REST, ListeningNode
+from rosette_ros.nodes.analyst import Analyst
 from rosette_ros.nodes.gathering import Gathering
-from rosette_ros.nodes.runner import ERROR, OK, run_node
+from rosette_ros.nodes.questions import Questions
+from rosette_ros.nodes.results import Results
+from rosette_ros.nodes.runner import ERROR, OK, CellNode, run_node
 from rosette_ros.nodes.sequence import short_frame
 from rosette_ros.nodes.settings import Wanted
 
@@ -23,6 +27,11 @@ WANTED = (
            'in and nothing more has come for so long, s of wall time', 0.01, 3600.0),
     Wanted('patience_s', 10.0, 'how long missing messages are waited for before that is reported, '
            's of wall time', 0.01, 3600.0),
+    Wanted('model', '', 'model file (YAML) to start with; empty: the base model', read_only=True),
+    Wanted('diagnose_after_run', True, 'whether a run is diagnosed as soon as it is evaluated, so '
+           'that the diagnosis is in its log'),
+    Wanted('diagnose_most_balls', 36, 'plates with more balls are diagnosed on request only: it '
+           'takes its time', 0, 1000),
 )
 
 
@@ -30,34 +39,36 @@ _NOTHING_ON = (RunState.PHASE_IDLE, RunState.PHASE_DONE, RunState.PHASE_CANCELLE
                RunState.PHASE_FAILED)
 
 
-class Evaluator(ListeningNode):
+class Evaluator(CellNode):
     """Listens from its start on; publishes error motions when a run is complete."""
+
+    is_patient = True
 
     def __init__(self):
         """Stand up the interfaces and publish the model in use."""
         super().__init__(names.EVALUATOR, WANTED)
-        self._model = CoreModel()
+        path = self.parameters['model']
+        self._analyst = Analyst(read_model(path) if path else Model())
         self._gathering = Gathering()
         self._level, self._last = OK, 'no run yet'
         self._complained = set()
-        self._motions = self.create_publisher(ErrorMotions, names.ERROR_MOTIONS, qos.RESULT)
-        self._models = self.create_publisher(Model, names.MODEL, qos.RESULT)
-        self._handlers = {}
-        for name, message_class, profile, handle in (
-                (names.PROBE_TARGET, ProbeTarget, qos.COLLECT_LATCHED, self._on_target),
-                (names.BALL_CENTRE, BallCentre, qos.COLLECT, self._on_answer),
-                (names.TF_STATIC, TFMessage, qos.COLLECT_LATCHED, self._on_frames),
-                (names.RUN_STATE, RunState, qos.COLLECT_LATCHED, self._on_state)):
-            topic = self.resolve_topic_name(name)
-            self.ears.listen(topic, message_class, profile)
-            self._handlers[topic] = message_class, handle
-        self._models.publish(convert.model_message(self._model, self.now().to_msg()))
+        self._is_busy = False
+        self._results = Results(self)
+        self._questions = Questions(self, self._analyst, self._results)
+        self.on(names.PROBE_TARGET, ProbeTarget, self._on_target, qos.COLLECT_LATCHED)
+        self.on(names.BALL_CENTRE, BallCentre, self._on_answer, qos.COLLECT)
+        self.on(names.TF_STATIC, TFMessage, self._on_frames, qos.COLLECT_LATCHED)
+        self.on(names.RUN_STATE, RunState, self._on_state, qos.COLLECT_LATCHED)
+        self._results.tell_model(self._analyst.model)
+
+    @property
+    def is_busy(self):
+        """Whether a run is on."""
+        return self._is_busy
 
     def hear(self, heard):
         """Hand every message to its handler; evaluate what has become complete."""
-        for _, topic, data, _ in heard:
-            message_class, handle = self._handlers[topic]
-            handle(deserialize_message(data, message_class))
+        super().hear(heard)
         if heard:
             self._evaluate_ready()
 
@@ -75,7 +86,7 @@ class Evaluator(ListeningNode):
                                           convert.frame_record(transform.transform))
 
     def _on_state(self, message):
-        self.rest = IDLE_REST if message.phase in _NOTHING_ON else REST
+        self._is_busy = message.phase not in _NOTHING_ON
         if message.phase == RunState.PHASE_IDLE:
             return
         if message.phase in (RunState.PHASE_CANCELLED, RunState.PHASE_FAILED):
@@ -98,18 +109,31 @@ class Evaluator(ListeningNode):
         for run_id in self._gathering.ready(self.seconds(), self.parameters['quiet_s']):
             try:
                 run = self._gathering.to_run(run_id)
-                report = analyse(run, self._model)
+                report = self._analyst.evaluate(run)
             except RosetteError as error:
                 self._report_failure(run_id, str(error))
             else:
                 self._publish(run, report)
 
     def _publish(self, run, report):
-        stamp = self.now().to_msg()
-        self._models.publish(convert.model_message(self._model, stamp, report))
-        self._motions.publish(convert.error_motions_message(run, report, stamp, TABLE_FRAME))
+        """Make the results known: the error motions last, since they end the run and its log."""
+        self._diagnose(run)
+        self._results.tell(report)
         self._level, self._last = OK, f'run {run.run_id} is evaluated, {run.size} ball centres'
         self.get_logger().info(self._last)
+
+    def _diagnose(self, run):
+        """Publish the diagnosis of a run that has just been evaluated, where that is wanted."""
+        if not self.parameters['diagnose_after_run']:
+            return
+        if run.n > self.parameters['diagnose_most_balls']:
+            self.get_logger().info(f'run {run.run_id} has {run.n} balls: it is diagnosed when '
+                                   f'{names.DIAGNOSE} is called')
+            return
+        try:
+            self.get_logger().info(self._questions.diagnose(run.run_id).verdict)
+        except RosetteError as error:
+            self.get_logger().warning(f'run {run.run_id} could not be diagnosed: {error}')
 
     def _report_failure(self, run_id, words):
         self._level, self._last = ERROR, f'run {run_id} could not be evaluated: {words}'
@@ -117,7 +141,7 @@ class Evaluator(ListeningNode):
 
     def health(self):
         """Say what became of the last run."""
-        return self._level, self._last, {'model': self._model}
+        return self._level, self._last, {'model': self._analyst.model}
 
 
 def main(args=None):

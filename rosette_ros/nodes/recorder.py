@@ -10,14 +10,15 @@ from pathlib import Path
 from rcl_interfaces.msg import Log
 from rclpy.serialization import deserialize_message
 from rosette_msgs.srv import StartRecording, StopRecording
+from service_msgs.msg import ServiceEventInfo
 
 from rosette_ros.core.errors import InvalidConfig, RosetteError
 from rosette_ros.data.schemas import TypeLibrary
 from rosette_ros.nodes import convert, names, qos
-from rosette_ros.nodes.ears import IDLE_REST, REST, ListeningNode
+from rosette_ros.nodes.follow_up import FollowUp, free_name
 from rosette_ros.nodes.interfaces import interface_class
 from rosette_ros.nodes.introspection import introspected_service
-from rosette_ros.nodes.runner import ERROR, OK, WARN, run_node
+from rosette_ros.nodes.runner import BUSY_PERIOD, ERROR, OK, WARN, CellNode, run_node
 from rosette_ros.nodes.settings import Wanted
 from rosette_ros.nodes.tape import Memory, Message, Tape
 
@@ -27,6 +28,9 @@ WANTED = (
            'time', 0.0, 60.0),
     Wanted('drain_s', 0.1, 'a log is closed when nothing has come for so long, s of wall time',
            0.01, 10.0),
+    Wanted('follow_up_s', 10.0, 'questions to the evaluator after a run get a log of their own, '
+           'closed when nothing has been asked for so long, s of wall time; 0: no such logs',
+           0.0, 3600.0),
 )
 DRAIN_LIMIT = 10
 """A log is closed after so many times `drain_s` at the latest."""
@@ -57,13 +61,21 @@ TOPICS = (
     (names.PARAMETER_EVENTS, 'rcl_interfaces/msg/ParameterEvent', Memory.RECENT),
     (names.ROSOUT, 'rcl_interfaces/msg/Log', Memory.RECENT),
 )
+QUESTIONS = ((names.DIAGNOSE, 'rosette_msgs/srv/Diagnose_Event'),
+             (names.ADD_EFFECT, 'rosette_msgs/srv/AddEffect_Event'),
+             (names.REMOVE_EFFECT, 'rosette_msgs/srv/RemoveEffect_Event'))
+"""What may be asked after a run; it is recorded, see follow_up."""
+TOPICS += tuple((name + names.SERVICE_EVENT, type_name, Memory.RECENT)
+                for name, type_name in QUESTIONS)
 """What a cell says; anything else in its namespace is found on the graph."""
 
 _RUN_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]{0,127}')
 
 
-class Recorder(ListeningNode):
+class Recorder(CellNode):
     """Subscribes to the whole cell from its start on and writes while a log is open."""
+
+    is_patient = True
 
     def __init__(self):
         """Subscribe to everything that a cell says."""
@@ -76,20 +88,27 @@ class Recorder(ListeningNode):
         self._rosout_topic = self.resolve_topic_name(names.ROSOUT)
         self._simulated = self.get_parameter('use_sim_time').value
         self._simulated_now = 0
-        self._last = 'no log yet'
+        self._last, self._last_run = 'no log yet', ''
+        self._follow_up = FollowUp(self.parameters['follow_up_s'])
+        self._questions = {self.resolve_topic_name(name + names.SERVICE_EVENT):
+                           interface_class(type_name) for name, type_name in QUESTIONS}
         for name, type_name, memory in TOPICS:
             profile = qos.COLLECT_LATCHED if name in LATCHED else qos.COLLECT
             self._record(self.resolve_topic_name(name), type_name, memory, profile)
         self._discover()
-        self.create_timer(DISCOVERY_PERIOD, self._discover, clock=self.steady)
         introspected_service(self, StartRecording, names.START_RECORDING, self._on_start)
         introspected_service(self, StopRecording, names.STOP_RECORDING, self._on_stop)
+
+    @property
+    def is_busy(self):
+        """Whether a log is open."""
+        return self._tape.is_open
 
     # Hearing
 
     def _record(self, topic, type_name, memory, profile):
         self._tape.add_topic(topic, self._library.definition(type_name), memory)
-        self.ears.listen(topic, interface_class(type_name), profile)
+        self.ears.listen(topic, interface_class(type_name), profile, raw=True)
 
     def hear(self, heard):
         """Put all that was said on the tape, in the order in which it was heard."""
@@ -103,6 +122,29 @@ class Recorder(ListeningNode):
             if self._simulated and self._simulated_now:
                 time_ns = published = self._simulated_now
             self._tape.take(Message(topic, data, time_ns, published, now))
+            if topic in self._questions:
+                self._follow(deserialize_message(data, self._questions[topic]).info, now)
+
+    def _follow(self, info, now):
+        """Open a log for a question where none is open; take note of answers."""
+        if info.event_type == ServiceEventInfo.RESPONSE_SENT:
+            self._follow_up.answered(now)
+        elif info.event_type == ServiceEventInfo.REQUEST_RECEIVED:
+            if self._follow_up.asked(now) and not self._tape.is_open:
+                self._open_follow_up(now)
+
+    def _open_follow_up(self, now):
+        try:
+            name = free_name(self._last_run, lambda name: self._directory(name).exists())
+            self._tape.open(self._directory(name), name, now, self.now().nanoseconds)
+        except RosetteError as error:
+            self.get_logger().warning(f'the answer is not recorded: {error}')
+        else:
+            self._follow_up.is_open = True
+
+    def _end_follow_up(self):
+        self._follow_up.is_open = False
+        self._close()
 
     def lost(self, topic, count):
         """Count what was lost on the way."""
@@ -115,6 +157,7 @@ class Recorder(ListeningNode):
 
     def _discover(self):
         """Subscribe to what is new in the cell's namespace."""
+        self._discovered = self.seconds()
         home = self.get_namespace().rstrip('/') + '/'
         for topic, types in self.get_topic_names_and_types():
             if (not topic.startswith(home) or topic in self.ears.topics
@@ -133,17 +176,18 @@ class Recorder(ListeningNode):
     # The doors
 
     def _on_start(self, request, response):
+        if self._follow_up.is_open:
+            self._end_follow_up()
         try:
             directory = self._directory(request.run_id)
             self._until(self.ears.is_connected, MATCH_TIMEOUT)
-            self.listen()
+            self.hear(self.ears.take())
             self._tape.open(directory, request.run_id, self.seconds(), self.now().nanoseconds)
         except RosetteError as error:
             self.get_logger().error(f'start_recording refused: {error}')
             response.success, response.message = False, str(error)
         else:
             self.get_logger().info(f'recording run {request.run_id} to {directory}')
-            self.rest = REST
             response.success, response.log = True, str(directory)
         return response
 
@@ -153,6 +197,7 @@ class Recorder(ListeningNode):
             response.message = f'wanted to close the log of run {request.run_id}, got {open_now}'
             return response
         self._drain()
+        self._last_run = request.run_id
         response.success, response.message, summary = self._close()
         if summary:
             response.log, response.messages = str(summary.directory), summary.messages
@@ -169,8 +214,8 @@ class Recorder(ListeningNode):
         """Go on hearing until a condition holds, at most for the steady time `timeout`, s."""
         deadline = self.seconds() + timeout
         while not condition() and self.seconds() < deadline:
-            time.sleep(REST)
-            self.listen()
+            time.sleep(BUSY_PERIOD)
+            self.hear(self.ears.take())
 
     def _directory(self, run_id):
         if not _RUN_NAME.fullmatch(run_id):
@@ -179,13 +224,16 @@ class Recorder(ListeningNode):
         return Path(self.parameters['log_dir']).expanduser().absolute() / run_id
 
     def wake(self):
-        """Bring what is written to the disk."""
+        """Bring what is written to the disk; look for new topics."""
         self._tape.flush_if_due()
+        if self._follow_up.is_over(self.seconds()):
+            self._end_follow_up()
+        if self.seconds() - self._discovered >= DISCOVERY_PERIOD:
+            self._discover()
 
     def _close(self):
         """Close the log; return (success, message, Summary or None)."""
         run_id, failure = self._tape.run_id, self._tape.failure
-        self.rest = IDLE_REST
         try:
             summary = self._tape.close()
         except RosetteError as error:

@@ -5,7 +5,7 @@ import sys
 from datetime import UTC, datetime
 
 from rclpy.action import CancelResponse, GoalResponse
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.event_handler import PublisherEventCallbacks
 from rosette_msgs.action import Calibrate
 from rosette_msgs.msg import BallCentre, ErrorMotions, ProbeTarget
 from std_srvs.srv import Trigger
@@ -67,10 +67,9 @@ class Sequencer(CellNode):
         self._targets = self.create_publisher(ProbeTarget, names.PROBE_TARGET, qos.TARGET,
                                               event_callbacks=PublisherEventCallbacks())
         self._frames = self.create_publisher(TFMessage, names.TF_STATIC, qos.RESULT)
-        self.create_subscription(BallCentre, names.BALL_CENTRE, self._on_ball_centre, qos.ANSWER,
-                                 event_callbacks=SubscriptionEventCallbacks())
-        self.create_subscription(ErrorMotions, names.ERROR_MOTIONS, self._on_error_motions,
-                                 qos.RESULT)
+        self.on(names.BALL_CENTRE, BallCentre, self._on_ball_centre, qos.ANSWER,
+                tell_incompatible=True)
+        self.on(names.ERROR_MOTIONS, ErrorMotions, self._on_error_motions, qos.RESULT)
         self._recorder = RecorderLink(self)
         introspected_service(self, Trigger, names.START_CALIBRATION, self._on_trigger)
         self._action = LongActionServer(
@@ -162,7 +161,7 @@ class Sequencer(CellNode):
 
     def _open(self, job):
         """Take a job on: the log first, then the first target."""
-        self._job = job
+        self._job, job.since = job, self.seconds()
         self._taken.add(job.run_id)
         self._announcer.accepted(job)
         self.get_logger().info(f'run {job.run_id}: {job.sequence.programme.total} balls')
@@ -204,6 +203,11 @@ class Sequencer(CellNode):
             job.motions = message
             self._do(job, job.sequence.evaluated(self.seconds()))
 
+    @property
+    def is_busy(self):
+        """Whether a calibration is on."""
+        return self._job is not None
+
     def wake(self):
         """Look after the time limits and the recorder."""
         now = self.seconds()
@@ -215,6 +219,8 @@ class Sequencer(CellNode):
             return
         if job.is_waiting and job.is_over:
             self._on_closed(True, '', '')
+        elif job.is_waiting and now - job.since > self._recorder_timeout + SETTLING:
+            self._do(job, job.sequence.fail(self._lacks))
         elif job.is_waiting:
             self._open_log(job)
         elif job.recording and not job.is_over and not self._recorder.is_there:

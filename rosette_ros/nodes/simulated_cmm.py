@@ -40,7 +40,7 @@ class SimulatedCmm(CellNode):
         self._switched_on = self.system.now().nanoseconds
         self._measured = self._failed = 0
         self._ticked = -math.inf
-        self.create_subscription(ProbeTarget, names.PROBE_TARGET, self._on_target, qos.ORDER)
+        self.on(names.PROBE_TARGET, ProbeTarget, self._on_target, qos.ORDER)
         self._clock_out = self.create_publisher(Clock, names.CLOCK, qos.CLOCK)
         self._answers = self.create_publisher(BallCentre, names.BALL_CENTRE, qos.ANSWER)
         self._tick()
@@ -82,6 +82,11 @@ class SimulatedCmm(CellNode):
     def _tick(self):
         self._ticked = self.seconds()
         self._clock_out.publish(Clock(clock=self._stamp(self._machine.time)))
+
+    @property
+    def is_busy(self):
+        """Whether targets keep coming."""
+        return self.seconds() - self._ticked < 1.0 / self.parameters['clock_rate_hz']
 
     def wake(self):
         """Publish the time for those who have just come."""

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
 
 CURVES = ('ctx_m', 'cty_m', 'ctz_m', 'crx_rad', 'cry_rad', 'crz_rad')
 
@@ -115,6 +117,54 @@ def test_a_log_of_which_nothing_is_left(rosette, refused, tmp_path):
     out = rosette('info', stump).out
     assert 'Messages   0 in 0 topics' in out
     assert 'the log ends in the middle' in out
+
+
+def merged(target, *logs, profile='ros2'):
+    """Write the messages of several logs into one file, by the mcap library."""
+    with open(target, 'wb') as stream:
+        writer = Writer(stream)
+        writer.start(profile=profile)
+        for log in logs:
+            [file] = log.glob('*.mcap')
+            with open(file, 'rb') as source:
+                channels = {}
+                for schema, channel, message in make_reader(source).iter_messages():
+                    if channel.id not in channels:
+                        known = writer.register_schema(schema.name, schema.encoding, schema.data)
+                        channels[channel.id] = writer.register_channel(
+                            channel.topic, channel.message_encoding, known, channel.metadata)
+                    writer.add_message(channels[channel.id], message.log_time, message.data,
+                                       message.publish_time)
+        writer.finish()
+    return target
+
+
+def test_a_log_with_two_runs_asks_which(rosette, refused, make_table, tmp_path):
+    """The line names both; --run-id chooses."""
+    for n in (6, 7):
+        rosette('import', make_table(n, name=f'{n}.csv'), '-o', tmp_path / f'log{n}')
+    both = merged(tmp_path / 'both.mcap', tmp_path / 'log6', tmp_path / 'log7')
+    line = refused('evaluate', both)
+    assert f'{both}: wanted one run, got 2: test_diagonal_6, test_diagonal_7' in line
+    got = json.loads(rosette('evaluate', both, '--run-id', 'test_diagonal_7', '--json').out)
+    assert_same_curves(evaluation(rosette, tmp_path / 'log7'), got)
+    assert "wanted run 'noon', got test_diagonal_6, test_diagonal_7" in refused(
+        'export', both, '-o', tmp_path / 'x.csv', '--run-id', 'noon')
+    runs = json.loads(rosette('info', both, '--json').out)['runs']
+    assert [run['run_id'] for run in runs] == ['test_diagonal_6', 'test_diagonal_7']
+
+
+def test_logs_of_something_else(rosette, refused, make_table, tmp_path):
+    """Another profile, and a log in which nothing was measured."""
+    rosette('import', make_table(), '-o', tmp_path / 'log')
+    other = merged(tmp_path / 'other.mcap', tmp_path / 'log', profile='ros1')
+    nothing = merged(tmp_path / 'nothing.mcap')
+    for verb in ('evaluate', 'replay'):
+        line = refused(verb, other)
+        assert str(other) in line
+        assert "'ros1'" in line
+        line = refused(verb, nothing)
+        assert str(nothing) in line
 
 
 def test_messages_name_the_file_that_was_given(refused, tmp_path):

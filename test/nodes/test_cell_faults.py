@@ -203,7 +203,7 @@ def test_log_folder_that_cannot_be_is_told_in_words(cell_and_cmm, client, peer, 
             assert cmm.asked == []
 
 
-def test_recorder_that_dies_ends_the_run_in_words(cell_and_cmm, client):
+def test_recorder_that_dies_ends_the_run_in_words(cell_and_cmm, client, wait_until):
     """No ball is measured for nothing: the run ends when its log does. A new recorder goes on."""
     cell, cmm = cell_and_cmm
 
@@ -223,6 +223,7 @@ def test_recorder_that_dies_ends_the_run_in_words(cell_and_cmm, client):
     assert len(log.answers) == 8
     cmm.wrong = lambda target, answer: answer
     cell.start_node('recorder')
+    wait_until(lambda: cell.output('sequencer').strip().endswith('the cell is complete'))
     outcome = client.calibrate(check=cell.check)
     assert outcome.success, outcome.message
     assert read_log(outcome.log).to_run().size == N * N
@@ -280,7 +281,7 @@ def test_clean_end_on_sigint_and_sigterm_in_the_middle_of_a_run(cell_of, domain_
     ('sequencer', ['-p', 'plate.balls:=2'],
      'sequencer: node sequencer: parameter: plate.balls: wanted a whole number in 3 .. 1000'),
     ('simulated_cmm', ['-p', 'machine:=/nowhere/machine.yaml'], '/nowhere/machine.yaml'),
-    ('evaluator', ['-p', 'paticence_s:=1.0'], 'did you mean patience_s'),
+    ('recorder', ['-p', 'logdir:=x'], "unknown name 'logdir'; did you mean log_dir"),
     ('recorder', ['--params-file', '/nowhere.yaml'], '/nowhere.yaml'),
 ])
 def test_wrong_start_is_one_line_and_exit_code_2(domain_id, module, args, words):

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosette compare: where a model fails."""
+
+import json
+
+import numpy as np
+import pytest
+from simulated import DRIFT, simulated_run, simulated_table
+
+SIGMA = 1e-7
+
+
+@pytest.fixture
+def model(tmp_path):
+    """Return the path of a model with both effects that the machine hides."""
+    path = tmp_path / 'model.yaml'
+    path.write_text('effects: [frame_drift, plate_warp]\n', encoding='utf-8')
+    return path
+
+
+def test_json_has_its_keys(rosette):
+    """All groupings, worst readings and waves, strict JSON on one line."""
+    answer = rosette('compare', simulated_table('slip'), '--json')
+    assert answer.out.count('\n') == 1
+    got = json.loads(answer.out, parse_constant=pytest.fail)
+    assert got['schema'] == 'rosette-comparison/1'
+    assert set(got) == {'schema', 'run_id', 'model', 'fit', 'failing', 'summary', 'axis_rms_m',
+                        'groups', 'neighbours', 'worst_readings', 'harmonics'}
+    assert set(got['groups']) == {'table position', 'ball', 'CMM position', 'time', 'sequence'}
+    assert len(got['groups']['ball']['rms_m']) == 8
+    assert {'reading', 'table_position', 'ball', 'cmm_position', 'residual_m', 'size_sigma',
+            'p'} == set(got['worst_readings'][0])
+
+
+def test_a_ball_that_moved_is_found(rosette):
+    """The ball stands out, and the worst readings are readings of that ball."""
+    got = json.loads(rosette('compare', simulated_table('slip'), '--json').out)
+    assert got['failing']
+    assert got['groups']['ball']['worst'] == '4'
+    assert got['groups']['ball']['p'] < 0.01
+    assert [one['ball'] for one in got['worst_readings'][:3]] == [4, 4, 4]
+    run = simulated_run('slip')
+    worst = got['worst_readings'][0]
+    assert run.table_position[worst['reading'] - 1] == worst['table_position']
+
+
+def test_drift_makes_neighbours_alike(rosette):
+    """It is spread over all positions of a shuffled order, but not over the sequence."""
+    got = json.loads(rosette('compare', simulated_table('drift'), '--json').out)
+    assert got['failing']
+    assert got['neighbours']['correlation'] > 0.3
+    assert got['neighbours']['p'] < 1e-6
+    assert 'neighbours in the sequence are alike' in got['summary']
+
+
+def test_a_clean_run_fails_nowhere(rosette):
+    """The residual is the noise along every axis."""
+    got = json.loads(rosette('compare', simulated_table(), '--json').out)
+    assert not got['failing']
+    assert got['axis_rms_m'] == pytest.approx([SIGMA] * 3, rel=0.35)
+
+
+def test_what_a_person_sees(rosette):
+    """Verdict first, σ and where it comes from, bars, the map with the loud ball, no colour."""
+    answer = rosette('compare', simulated_table('slip'))
+    lines = answer.out.splitlines()
+    assert 'the model fails' in ' '.join(lines[1:3])
+    assert 'is the repeatability.' in answer.out
+    bars = next(line for line in lines if line.startswith('ball '))
+    assert bars.split()[1][3] == '█'
+    rows = [line.split()[1:] for line in lines if line.strip()[:2].strip().isdigit()
+            and set(line.split()[1:]) <= {'·', *'23456789'} and len(line.split()) == 9]
+    assert len(rows) == 8
+    loud = np.array([[mark in '23456789' for mark in row] for row in rows])
+    assert loud[:, 3].sum() >= 5
+    assert loud.sum() - loud[:, 3].sum() < 16
+    assert max(map(len, lines)) <= 100
+    assert '\x1b' not in answer.out
+
+
+def test_without_a_repeatability_the_scale_is_said(rosette):
+    """The residual itself is what readings are measured by then."""
+    path = simulated_table('slip', repeatability=None, repeatability_dof=None)
+    assert 'no repeatability is known' in rosette('compare', path).out
+
+
+def test_missing_balls_are_blank(rosette, tmp_path):
+    """An incomplete run has no spectrum, but all the rest."""
+    lines = simulated_table('slip').read_text().splitlines()
+    head = [line for line in lines if line.startswith('#')]
+    rows = [line for line in lines[len(head):] if line.split(',')[1:3] != ['5', '6']]
+    path = tmp_path / 'part.csv'
+    path.write_text('\n'.join([*head, *rows]) + '\n')
+    answer = rosette('compare', path)
+    assert '63 of 64 ball centres' in answer.out
+    assert 'Strongest waves' not in answer.out
+    assert json.loads(rosette('compare', path, '--json').out)['harmonics'] == []
+
+
+def test_the_ladder_falls_with_every_right_effect(rosette, model):
+    """Base model, drift, warp: the error in readings left out goes down to the noise."""
+    path = simulated_table('drift_and_warp')
+    got = json.loads(rosette('compare', path, '--model', model, '--ladder', '--json').out)
+    assert [rung['added'] for rung in got['ladder']] == ['', 'frame_drift', 'plate_warp']
+    held = [rung['held_out_rms_m'] for rung in got['ladder']]
+    assert held[0] > 2 * held[2] and held[0] > held[1] > held[2]
+    assert held[2] == pytest.approx(SIGMA, rel=0.25)
+    assert got['ladder'][2]['fit']['reduced_chi_square'] < got['ladder'][0]['fit'][
+        'reduced_chi_square']
+    out = rosette('compare', path, '--model', model, '--ladder').out
+    base, drift, warp = out.splitlines()[-3:]
+    assert base.startswith('base model ') and drift.startswith('+ frame_drift ')
+    assert warp.startswith('+ plate_warp ') and drift.split()[-2].startswith('-')
+    assert DRIFT['kind'] in out
+
+
+def test_a_broken_model_is_named(refused, tmp_path):
+    """File and what was wanted."""
+    path = tmp_path / 'model.yaml'
+    path.write_text('effects: [frame_drif]\n')
+    line = refused('compare', simulated_table(), '--model', path)
+    assert str(path) in line
+    assert "wanted one of frame_drift, frame_warmup" in line

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosette diagnose: what is missing, what is hidden, and whether another run agrees."""
+
+import json
+
+import pytest
+from simulated import DRIFT, WARP, simulated_table
+
+HOUR = 3600.0
+
+
+def diagnosed(rosette, *words):
+    """Return the JSON object that the verb prints; it has to be strict."""
+    answer = rosette('diagnose', *words, '--json')
+    assert answer.code == 0, answer.err
+    assert answer.out.count('\n') == 1
+    return json.loads(answer.out, parse_constant=pytest.fail)
+
+
+@pytest.fixture(scope='module')
+def tables():
+    """Return runs A and B of a cell that drifts and warps, and a clean one."""
+    return (simulated_table('drift_and_warp'), simulated_table('drift_and_warp', seed=4),
+            simulated_table(seed=5))
+
+
+def test_json_is_that_of_the_contract(rosette, tables):
+    """Keys, claimed effects, uncertainties and units; the truth lies within three u."""
+    got = diagnosed(rosette, tables[0])
+    assert got['schema'] == 'rosette-diagnosis/1'
+    assert {'schema', 'model', 'fit', 'missing', 'unexplained', 'candidates',
+            'invisible'} <= set(got)
+    assert got['model'] == ['table_motions', 'plate_deviations', 'cmm_deviations']
+    assert set(got['missing']) == {'frame_drift', 'plate_warp'}
+    assert got['unexplained'] is False
+    assert got['invisible'] == ['table_backlash']
+    assert set(got['invisible_bias']['table_backlash']) == {
+        'ctx_m', 'cty_m', 'ctz_m', 'crx_rad', 'cry_rad', 'crz_rad'}
+    top = next(entry for entry in got['candidates'] if entry['effect'] == 'frame_drift')
+    assert {'effect', 'p', 'visible_fraction', 'rms_before_m', 'rms_after_m',
+            'held_out_rms_before_m', 'held_out_rms_after_m', 'delta_bic', 'parameters',
+            'look_alikes'} <= set(top)
+    assert top['p'] < 1e-6 and top['claimed'] and top['setting'] == {'axes': 'xyz'}
+    assert 0.5 < top['visible_fraction'] <= 1
+    assert top['rms_after_m'] < top['rms_before_m']
+    assert top['held_out_rms_after_m'] < top['held_out_rms_before_m']
+    for name, rate in zip(('d_x', 'd_y', 'd_z'), DRIFT['rate_um_per_h'], strict=True):
+        parameter = top['parameters'][name]
+        assert parameter['unit'] == 'm/s'
+        assert abs(parameter['value'] - 1e-6 * rate / HOUR) < 3 * parameter['u']
+
+
+def test_what_a_person_sees(rosette, tables):
+    """Verdict first; µm/h and a chance that a metrologist reads; what it means; what to do."""
+    out = rosette('diagnose', tables[0]).out
+    lines = out.splitlines()
+    assert lines[0].startswith('drift_and_warp_1: 8 balls')
+    assert lines[1].startswith('The model lacks ')
+    flat = ' '.join(out.split())
+    for words in ('<1e-6', 'µm/h', 'axes xyz', 'U (k=2)', 'The probe drifts steadily',
+                  'Look at:', 'Not claimed: the next best', 'table_backlash', 'harmless',
+                  'rosette add frame_drift --model FILE', 'alternate would show table_backlash'):
+        assert words in flat
+    assert ' um' not in out
+    assert max(map(len, lines)) <= 100
+    drift = next(line for line in lines if line.startswith('frame_drift ') and 'd_x' in line)
+    assert float(drift.split()[2]) == pytest.approx(DRIFT['rate_um_per_h'][0], abs=0.3)
+
+
+def test_a_clean_run_lacks_nothing(rosette, tables):
+    """No name, and the words say so."""
+    got = diagnosed(rosette, tables[2])
+    assert got['missing'] == []
+    assert not any(entry['claimed'] for entry in got['candidates'])
+    assert 'Nothing is missing that this run can show' in rosette('diagnose', tables[2]).out
+
+
+def test_with_the_effects_in_the_model_nothing_is_missing(rosette, tables, tmp_path):
+    """The file that `add` writes ends the search."""
+    model = tmp_path / 'model.yaml'
+    for name in ('frame_drift', 'plate_warp'):
+        assert rosette('add', name, '--model', model).code == 0
+    got = diagnosed(rosette, tables[0], '--model', model)
+    assert got['missing'] == []
+    assert got['model'][-2:] == ['frame_drift', 'plate_warp']
+
+
+def test_a_base_term_left_out_is_missed(rosette, tables, tmp_path):
+    """A model without CMM deviations is told so, with what they are."""
+    model = tmp_path / 'model.yaml'
+    model.write_text('base: [table_motions, plate_deviations]\n')
+    got = diagnosed(rosette, simulated_table(order='diagonal'), '--model', model)
+    assert got['missing'] == ['cmm_deviations']
+    out = rosette('diagnose', simulated_table(order='diagonal'), '--model', model).out
+    assert 'The CMM measures wrong at each of its positions' in out
+
+
+def test_without_temperatures_their_effects_are_not_judged(rosette):
+    """And neither is backlash where the sense of the moves is not known."""
+    run = simulated_table(temperature=(float('nan'),) * 64, approach=(0,) * 64)
+    got = diagnosed(rosette, run)
+    assert got['unavailable'] == {
+        'frame_temperature': 'the run has no temperatures',
+        'table_backlash': 'the run does not say in which sense the table moved'}
+    assert 'Not judged' in rosette('diagnose', run).out
+
+
+def test_another_run_confirms_what_was_learnt(rosette, tables):
+    """The shape is there, at the size that was learnt, and the error falls without any fit."""
+    check = diagnosed(rosette, tables[0], '--check', tables[1])['check']
+    assert check['run_id'] == 'drift_and_warp_4'
+    assert check['confirmed'] is True
+    assert {entry['effect']: (entry['outcome'], entry['same_size'])
+            for entry in check['effects']} == {'frame_drift': ('confirmed', True),
+                                               'plate_warp': ('confirmed', True)}
+    assert check['held_out_rms_after_m'] < 0.6 * check['held_out_rms_before_m']
+    assert check['held_out_rms_carried_m'] < 0.7 * check['held_out_rms_before_m']
+    out = rosette('diagnose', tables[0], '--check', tables[1]).out
+    assert 'Checked on drift_and_warp_4' in out
+    assert 'frame_drift is confirmed, at the size that was learnt.' in out
+
+
+def test_a_clean_run_does_not_confirm(rosette, tables):
+    """What is not there is not seen, and the amplitudes of the first run make it worse."""
+    check = diagnosed(rosette, tables[0], '--check', tables[2])['check']
+    assert check['confirmed'] is False
+    assert {entry['outcome'] for entry in check['effects']} == {'not seen'}
+    assert check['held_out_rms_carried_m'] > 1.5 * check['held_out_rms_before_m']
+    assert WARP['kind'] in {entry['effect'] for entry in check['effects']}
+
+
+def test_bad_paths_are_named(refused, tables):
+    """Of either run."""
+    assert 'nowhere.csv' in refused('diagnose', 'nowhere.csv')
+    assert 'nowhere.csv' in refused('diagnose', tables[2], '--check', 'nowhere.csv')

@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Questions to the evaluator over DDS: diagnosis, add, remove, what is published and recorded."""
+
+import time
+
+import numpy as np
+import pytest
+import yaml
+from rclpy.serialization import deserialize_message
+from rosette_msgs.msg import Diagnosis
+from rosette_msgs.srv import AddEffect, Diagnose, RemoveEffect
+
+from rosette_ros.analysis import analyse, diagnose
+from rosette_ros.core.model import Model
+from rosette_ros.data.log_files import iter_log
+from rosette_ros.data.log_reader import read_log
+from rosette_ros.nodes.client import CellClient
+
+N = 6
+HIDDEN = [{'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}]
+TYPES = {'diagnose': Diagnose, 'add_effect': AddEffect, 'remove_effect': RemoveEffect}
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    """Return the folder of the shared cell."""
+    return tmp_path_factory.mktemp('cell')
+
+
+@pytest.fixture(scope='module')
+def cell(module_domain_id, folder, make_cell):
+    """Yield a running cell whose machine hides a drift; questions get logs that end soon."""
+    with make_cell(module_domain_id, folder, N, groups={'hidden': HIDDEN},
+                   params={'recorder': {'follow_up_s': 0.5}}) as running:
+        yield running
+
+
+@pytest.fixture(scope='module')
+def ask(cell, module_domain_id, make_peer):
+    """Yield a function that calls a service of the evaluator; it also has what a peer heard."""
+    peer = make_peer(module_domain_id)
+    clients = {name: peer.node.create_client(kind, f'evaluator/{name}')
+               for name, kind in TYPES.items()}
+    for topic, kind in (('diagnosis', 'Diagnosis'), ('model', 'Model'),
+                        ('error_motions', 'ErrorMotions')):
+        peer.listen(topic, f'rosette_msgs/msg/{kind}')
+    peer.start()
+
+    def call(name, **request):
+        assert clients[name].wait_for_service(20.0)
+        future = clients[name].call_async(TYPES[name].Request(**request))
+        deadline = time.monotonic() + 60.0
+        while not future.done():
+            assert time.monotonic() < deadline, f'wanted an answer of {name} within 60 s'
+            time.sleep(0.02)
+        return future.result()
+
+    call.heard = peer.heard
+    yield call
+    peer.stop()
+
+
+@pytest.fixture(scope='module')
+def unasked(ask):
+    """Return the answers of an evaluator that has no run yet."""
+    return {'diagnose': ask('diagnose'), 'add_effect': ask('add_effect', effect='frame_drift'),
+            'remove_effect': ask('remove_effect', effect='frame_drift')}
+
+
+@pytest.fixture(scope='module')
+def calibrated(unasked, cell, module_domain_id):
+    """Return the Outcome of one calibration."""
+    with CellClient(module_domain_id) as client:
+        outcome = client.calibrate('random', 1, check=cell.check)
+    assert outcome.success, outcome.message
+    return outcome
+
+
+@pytest.fixture(scope='module')
+def story(calibrated, ask):
+    """Return the answers to diagnose, add, diagnose, wrong add, remove, in this order."""
+    return [ask('diagnose'), ask('add_effect', run_id=calibrated.run_id, effect='frame_drift'),
+            ask('diagnose'), ask('add_effect', effect='table_backlash'),
+            ask('add_effect', effect='wave',
+                definition='{own: wave, direction: z, expression: t*cos(3*alpha)}'),
+            ask('remove_effect', effect='wave'), ask('diagnose', run_id='another')]
+
+
+def messages_of(log, topic):
+    return [entry.data for entry in iter_log(log) if entry.topic == f'/rosette/{topic}']
+
+
+@pytest.mark.parametrize('name', TYPES)
+def test_without_a_run_there_is_no_answer(unasked, name):
+    """In words."""
+    assert not unasked[name].success
+    assert unasked[name].message == 'wanted a run, got none yet: calibrate first'
+
+
+def test_the_log_of_a_run_holds_its_diagnosis(calibrated):
+    """Published before the error motions, which end the run; equal to the one made offline."""
+    data, = messages_of(calibrated.log, 'diagnosis')
+    message = deserialize_message(data, Diagnosis)
+    offline = diagnose(read_log(calibrated.log).to_run())
+    assert offline.missing == ('frame_drift',)
+    assert message.run_id == calibrated.run_id
+    assert message.missing == ['frame_drift']
+    assert message.verdict == offline.verdict
+    assert message.invisible == list(offline.invisible)
+    top, wanted = message.candidates[0], offline.candidates[0]
+    assert (top.effect, top.p, top.rms_before, top.rms_after) == (
+        'frame_drift', wanted.p, wanted.rms_before, wanted.rms_after)
+    assert top.parameters.value.tolist() == [one.value for one in wanted.parameters]
+    assert yaml.safe_load(top.parameters.definition) == {'axes': 'xyz'}
+
+
+def test_diagnose_answers_as_the_log_says(story, calibrated):
+    """The service gives the diagnosis that was published after the run."""
+    answer = story[0]
+    assert answer.success
+    assert answer.diagnosis.missing == ['frame_drift']
+    assert answer.message == answer.diagnosis.verdict
+    published = deserialize_message(messages_of(calibrated.log, 'diagnosis')[0], Diagnosis)
+    assert [c.p for c in answer.diagnosis.candidates] == [c.p for c in published.candidates]
+
+
+def test_adding_the_effect_changes_model_and_curves(story, calibrated):
+    """The answer holds both models and the new curves: those of an offline evaluation, bit for bit."""
+    answer = story[1]
+    assert answer.success, answer.message
+    model = Model().with_effect('frame_drift')
+    offline = analyse(read_log(calibrated.log).to_run(), model)
+    assert answer.before.effects == []
+    assert [effect.name for effect in answer.after.effects] == ['frame_drift']
+    assert answer.after.hash == model.hash
+    assert answer.after.residual_rms == offline.fit.rms < 0.5 * answer.before.residual_rms
+    assert np.array_equal(answer.error_motions.ctx, offline.error_motions['ctx'])
+    assert np.array_equal(answer.error_motions.u_crz, offline.error_motions.uncertainty('crz'))
+    assert story[2].diagnosis.missing == []
+    assert story[2].diagnosis.model_hash == model.hash
+
+
+@pytest.mark.parametrize(('place', 'words'), [
+    (3, 'table_backlash cannot be seen in this order of measurement'),
+    (6, "run_id: wanted one of rosette_"),
+])
+def test_what_cannot_be_is_refused_in_words(story, place, words):
+    """And nothing changes."""
+    assert not story[place].success
+    assert words in story[place].message
+
+
+def test_an_own_term_comes_and_goes(story):
+    """Its definition travels with the model; after its removal the model is as before."""
+    added, removed = story[4], story[5]
+    assert added.success, added.message
+    definition = yaml.safe_load(added.after.effects[-1].definition)
+    assert definition == {'own': 'wave', 'direction': 'z', 'expression': 't*cos(3*alpha)',
+                          'per': 'all'}
+    assert removed.success
+    assert removed.after.hash == story[1].after.hash
+
+
+def test_every_change_is_published(story, ask, wait_until):
+    """Model, diagnosis and error motions, three times after the run and once with it."""
+    wait_until(lambda: len(ask.heard['diagnosis']) == 1 + 2 + 3)
+    assert len(ask.heard['error_motions']) == 1 + 3
+    assert len(ask.heard['model']) >= 1 + 3  # and the one of the start, if it was heard
+
+
+def test_questions_after_the_run_have_a_log_of_their_own(story, cell, calibrated, wait_until):
+    """It holds questions, answers and what was published; the log of the run is not touched."""
+    follow = calibrated.log.with_name(f'{calibrated.run_id}_analysis')
+    wait_until(lambda: f'log of run {follow.name}' in cell.output('recorder'))
+    followers = sorted(calibrated.log.parent.glob(f'{calibrated.run_id}_analysis*'))
+    events = [data for log in followers
+              for data in messages_of(log, 'evaluator/add_effect/_service_event')]
+    assert len(events) == 2 * 3
+    motions = [data for log in followers for data in messages_of(log, 'error_motions')]
+    assert len(motions) == 3
+    assert not read_log(followers[0]).truncated
+    assert len(messages_of(calibrated.log, 'error_motions')) == 1
