@@ -60,10 +60,11 @@ def main():
         run = measured(n)
         lever = mean_radius(run)
         design, y = matrix(run, lever), observed(run).reshape(-1)
+        full = design.toarray()
         ours, report = best_of(lambda run=run: analyse(run), 5)
         sparse, solution = best_of(lambda a=design, y=y: scipy.sparse.linalg.lsqr(
             a, y, atol=1e-14, btol=1e-14, iter_lim=5000)[0], 1 if n > 40 else 3)
-        dense_time, dense = best_of(lambda a=design.toarray(), y=y: np.linalg.lstsq(
+        dense_time, dense = best_of(lambda a=full, y=y: np.linalg.lstsq(
             a, y, rcond=1e-10)[0], 1 if n > 20 else 3)
         difference = max(np.abs(y - design @ x - report.fit.residual.reshape(-1)).max()
                          for x in (solution, dense))

@@ -16,7 +16,6 @@ import multiprocessing
 import os
 from collections import Counter
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 

@@ -142,5 +142,17 @@ def cross_check(run, diagnosis):
                           for term, fitted in zip(diagnosis.terms, learnt)))
 
 
-__all__ = ['Change', 'Report', 'Rung', 'advise', 'advise_run', 'analyse', 'change', 'compare',
-           'claimed_model', 'cross_check', 'diagnose', 'ladder']
+__all__ = [
+    'Change',
+    'Report',
+    'Rung',
+    'advise',
+    'advise_run',
+    'analyse',
+    'change',
+    'claimed_model',
+    'compare',
+    'cross_check',
+    'diagnose',
+    'ladder',
+]

@@ -2,6 +2,7 @@
 """Model against measurement: where it fails, and by how much of sigma."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy import special
@@ -115,7 +116,7 @@ def _indices(run):
     time = run.time - run.time[0]
     edge = np.linspace(0, time[-1] or 1.0, sections + 1)
     section = np.clip(np.searchsorted(edge, time, side='right') - 1, 0, sections - 1)
-    yield 'time', section, [f'{a / 60:.0f}-{b / 60:.0f} min' for a, b in zip(edge, edge[1:])]
+    yield 'time', section, [f'{a / 60:.0f}-{b / 60:.0f} min' for a, b in pairwise(edge)]
     order = np.arange(run.size) * sections // run.size
     yield 'sequence', order, [f'{np.flatnonzero(order == s)[0] + 1}-'
                               f'{np.flatnonzero(order == s)[-1] + 1}' for s in range(sections)]

@@ -255,4 +255,4 @@ def remove_gauge(values, angle=None):
     return out
 
 
-__all__ = ['CURVES', 'ISO_NAMES', 'ErrorMotions', 'Run', 'remove_gauge', 'TWO_PI']
+__all__ = ['CURVES', 'ISO_NAMES', 'TWO_PI', 'ErrorMotions', 'Run', 'remove_gauge']

@@ -86,13 +86,13 @@ def test_with_the_effects_in_the_model_nothing_is_missing(rosette, tables, tmp_p
 
 
 def test_a_base_term_left_out_is_missed(rosette, tables, tmp_path):
-    """A model without CMM deviations is told so, with what they are."""
+    """A model without plate deviations is told so, with what they are."""
     model = tmp_path / 'model.yaml'
-    model.write_text('base: [table_motions, plate_deviations]\n')
+    model.write_text('base: [table_motions, cmm_deviations]\n')
     got = diagnosed(rosette, simulated_table(order='diagonal'), '--model', model)
-    assert got['missing'] == ['cmm_deviations']
+    assert got['missing'] == ['plate_deviations']
     out = rosette('diagnose', simulated_table(order='diagonal'), '--model', model).out
-    assert 'The CMM measures wrong at each of its positions' in out
+    assert 'The balls do not stand at their nominal places' in out
 
 
 def test_without_temperatures_their_effects_are_not_judged(rosette):

@@ -2,6 +2,7 @@
 """Runs for the tests of the core, made from the measurement equation alone."""
 
 import numpy as np
+
 from rosette_ros.core.geometry import rotate_z
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import plan

@@ -5,9 +5,10 @@ import itertools
 
 import numpy as np
 import pytest
-from synthetic import MICROMETRE, synthetic_run
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from synthetic import MICROMETRE, synthetic_run
+
 from rosette_ros.core.base import BASE_TERMS, CompleteSpace, DenseSpace, base_space
 from rosette_ros.core.errors import InvalidModel, NotDeterminable
 from rosette_ros.core.fit import fit, mean_radius, observed

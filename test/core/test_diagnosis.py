@@ -3,6 +3,8 @@
 
 import numpy as np
 import pytest
+from synthetic import synthetic_run
+
 from rosette_ros.analysis import analyse
 from rosette_ros.core.compare import compare
 from rosette_ros.core.diagnosis import diagnose
@@ -12,7 +14,6 @@ from rosette_ros.core.model import Model
 from rosette_ros.core.scheme import plan
 from rosette_ros.core.uncertainty import monte_carlo
 from rosette_ros.machine import Machine, MachineConfig
-from synthetic import synthetic_run
 
 SIGMA = 1e-7
 

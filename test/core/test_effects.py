@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from synthetic import RADIUS, synthetic_run
+
 from rosette_ros.core.effects.contract import Setting
 from rosette_ros.core.effects.library import EFFECTS, effect
 from rosette_ros.core.effects.pinned import Pinned
@@ -12,7 +14,6 @@ from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.fit import fit
 from rosette_ros.core.model import Model
 from rosette_ros.core.structure import STRUCTURES
-from synthetic import RADIUS, synthetic_run
 
 EVERY = [*EFFECTS.values(), *STRUCTURES]
 FIXED_NAMES = {

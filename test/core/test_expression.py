@@ -5,12 +5,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from synthetic import synthetic_run
+
 from rosette_ros.core.effects.expression import LONGEST, evaluate, parse
 from rosette_ros.core.effects.own import own_term
 from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.fit import fit
 from rosette_ros.core.model import Model
-from synthetic import synthetic_run
 
 VALUES = {'t': np.arange(3.0), 'T': 0.0, 'phi': 0.1, 'beta': 0.2, 'alpha': 0.3, 'psi': 0.5,
           'approach': 1.0, 'pi': np.pi}

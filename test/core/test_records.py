@@ -3,9 +3,10 @@
 
 import numpy as np
 import pytest
+from synthetic import synthetic_run
+
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.records import Run, remove_gauge
-from synthetic import synthetic_run
 
 
 def test_arrays_are_frozen():

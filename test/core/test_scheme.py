@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from rosette_ros.core.errors import InvalidPlan
 from rosette_ros.core.scheme import ORDERS, TURNINGS, plan, travel_sense, unwrap_travel
 

@@ -5,9 +5,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rosette_ros.core.effects.contract import (Effect, Quantity, Searched, Setting,
-                                               between_readings, duration, logarithmic_grid,
-                                               seconds, spread)
+from rosette_ros.core.effects.contract import (
+    Effect,
+    Quantity,
+    Searched,
+    Setting,
+    between_readings,
+    duration,
+    logarithmic_grid,
+    seconds,
+    spread,
+)
 
 AXES = ('xyz', 'x', 'y', 'z')
 _AXES = Searched('axes', '', 'which axes move: all three together or one alone')

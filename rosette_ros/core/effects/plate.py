@@ -5,8 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rosette_ros.core.effects.contract import (Effect, Quantity, Searched, Setting,
-                                               between_readings, radial, seconds, tangential)
+from rosette_ros.core.effects.contract import (
+    Effect,
+    Quantity,
+    Searched,
+    Setting,
+    between_readings,
+    radial,
+    seconds,
+    tangential,
+)
 
 
 def plate_axes(run):

@@ -5,8 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rosette_ros.core.effects.contract import (Effect, Quantity, Searched, Setting,
-                                               logarithmic_grid, seconds, tangential, unit)
+from rosette_ros.core.effects.contract import (
+    Effect,
+    Quantity,
+    Searched,
+    Setting,
+    logarithmic_grid,
+    seconds,
+    tangential,
+    unit,
+)
 
 
 def axial_tilts(run):

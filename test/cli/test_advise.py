@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosette advise: what an order shows, and what to measure next."""
+
+import json
+
+import pytest
+from simulated import simulated_table
+
+
+def test_a_plan_is_judged(rosette):
+    """The diagonal order hides what the paper's order hides; another order shows it."""
+    got = json.loads(rosette('advise', '--balls', 6, '--order', 'diagonal', '--json').out,
+                     parse_constant=pytest.fail)
+    assert got['schema'] == 'rosette-advice/1'
+    assert {'schema', 'run_id', 'n', 'radius_m', 'text', 'present', 'recommended', 'orders',
+            'weak', 'wanted'} == set(got)
+    now, then = (got[key]['effects'] for key in ('present', 'recommended'))
+    assert {'table_zero_drift', 'table_backlash'} <= set(got['weak'])
+    assert now['table_backlash']['hidden'] and now['table_backlash']['detectable_rms_m'] is None
+    assert then['table_backlash']['typical_visible_fraction'] > 0.3
+    assert then['table_backlash']['detectable_rms_m'] < 1e-6
+    assert got['recommended']['worst_share'] > got['present']['worst_share'] + 0.1
+    assert set(now['frame_drift']['bias_per_m_rms']) == {
+        'ctx_m', 'cty_m', 'ctz_m', 'crx_rad', 'cry_rad', 'crz_rad'}
+    assert got['present']['duration_s'] > 36 * 20
+
+
+def test_a_run_is_judged_by_its_own_readings(rosette):
+    """Its order is recognised; effects that it cannot judge are said to be so."""
+    run = simulated_table(n=6, order='column', temperature=(float('nan'),) * 36)
+    got = json.loads(rosette('advise', run, '--json').out)
+    assert got['present']['order'] == 'column'
+    assert got['run_id'] == 'clean_1'
+    judged = got['present']['effects']['frame_temperature']
+    assert judged['not_judged'] == 'the run has no temperatures'
+    assert 'frame_temperature' not in got['weak']
+    assert 'not judged' in rosette('advise', run).out
+
+
+def test_what_a_person_sees(rosette):
+    """Advice, both orders side by side, all orders, the command that plans the next run."""
+    answer = rosette('advise', '--balls', 6, '--order', 'row', '--radius-mm', 100)
+    assert '6 balls on R = 100 mm, order row' in answer.out
+    flat = ' '.join(answer.out.split())
+    assert 'Order row hides frame_drift' in flat
+    assert 'Measure next in order' in flat
+    assert 'rosette plan --balls 6 --radius-mm 100 --order' in flat
+    assert all(f'\n{order}' in answer.out for order in ('row ', 'diagonal ', 'column ', 'random '))
+    assert max(len(line) for line in answer.out.splitlines() if 'rosette plan' not in line) <= 100
+
+
+def test_an_effect_can_be_wanted(rosette):
+    """Then the orders are compared by that one."""
+    got = json.loads(rosette('advise', '--balls', 6, '--order', 'random', '--show',
+                             'table_backlash', '--json').out)
+    assert got['wanted'] == ['table_backlash']
+    assert {order['worst_effect'] for order in got['orders']} == {'table_backlash'}
+    assert got['recommended']['turning'] == 'alternate'
+
+
+@pytest.mark.parametrize(('words', 'wanted'), [
+    ((), 'wanted either RUN or both --balls and --order'),
+    (('--balls', '6'), 'wanted either RUN or both --balls and --order'),
+    (('run.csv', '--balls', '6', '--order', 'row'), 'wanted either RUN or both'),
+    (('--balls', '6', '--order', 'circle'), 'order: wanted one of row, diagonal, column, random'),
+    (('--balls', '2', '--order', 'row'), 'number of balls: wanted a whole number of at least 3'),
+    (('--balls', '6', '--order', 'row', '--show', 'drift'), 'effect: wanted one of frame_drift'),
+    (('nowhere.csv',), 'nowhere.csv'),
+])
+def test_refused(refused, words, wanted):
+    """In one line."""
+    assert wanted in refused('advise', *words)

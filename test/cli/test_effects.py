@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosette effects, and the page that is made from the library."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from rosette_ros.cli.effects_page import page
+from rosette_ros.core.effects.library import EFFECTS
+
+PAGE = Path(__file__).parents[2] / 'docs' / 'effects.md'
+
+
+def test_the_library_is_listed(rosette):
+    """Every name with what it means, the base model first."""
+    out = rosette('effects').out
+    names = [line.split()[0] for line in out.splitlines() if re.match(r'[a-z]+_?[a-z]+ ', line)]
+    wanted = ['table_motions', 'plate_deviations', 'cmm_deviations', *EFFECTS]
+    assert [name for name in names if name in wanted] == wanted
+    assert 'One ball moved on the plate at one moment.' in out
+
+
+def test_one_effect_is_explained(rosette):
+    """Where to look, the form, the parameters with their units, the source."""
+    out = rosette('effects', 'frame_warmup').out
+    for words in ('Where to look', 'd (1 - exp(-t/tau))', 'ISO 230-3', 'tau', 'time constant',
+                  'min', 'searched and refined', 'final displacement along x'):
+        assert words in out
+    assert 'The balls do not stand' in rosette('effects', 'plate_deviations').out
+
+
+def test_json(rosette):
+    """The whole library or one effect, the same keys."""
+    every = json.loads(rosette('effects', '--json').out)
+    assert every['schema'] == 'rosette-effects/1'
+    assert [one['effect'] for one in every['effects']][3:] == list(EFFECTS)
+    one, = json.loads(rosette('effects', 'frame_cycle', '--json').out)['effects']
+    assert one == next(entry for entry in every['effects'] if entry['effect'] == 'frame_cycle')
+    assert one['searched'][1] == {'name': 'period', 'unit': 's', 'meaning': 'period',
+                                  'kind': 'scale'}
+    assert [part['unit'] for part in one['amplitudes']] == ['m'] * 6
+
+
+def test_an_unknown_name_lists_the_known_ones(refused):
+    """In one line."""
+    assert 'effect: wanted one of frame_drift, frame_warmup, ' in refused('effects', 'drift')
+
+
+def test_the_page_is_that_of_the_library():
+    """docs/effects.md is what `make docs` writes; visible shares to one per cent."""
+    written = PAGE.read_text(encoding='utf-8').splitlines()
+    made = page().splitlines()
+    start = made.index('## What an order of measurement shows')
+    assert written[:start] == made[:start], 'run make docs'
+    for ours, theirs in zip(written[start:], made[start:], strict=True):
+        numbers = [[int(cell) for cell in re.findall(r'\| (\d+) (?=\|)', line)]
+                   for line in (ours, theirs)]
+        assert numbers[0] == pytest.approx(numbers[1], abs=1), 'run make docs'
+        assert re.sub(r'\d+', '#', ours) == re.sub(r'\d+', '#', theirs), 'run make docs'
+
+
+@pytest.mark.parametrize('name', EFFECTS)
+def test_the_page_has_a_section_for_every_effect(name):
+    """With its meaning and where to look."""
+    text = PAGE.read_text(encoding='utf-8')
+    section = text.split(f'### {name}\n', 1)[1].split('###', 1)[0]
+    assert EFFECTS[name].meaning in section
+    assert EFFECTS[name].look in section
