@@ -69,7 +69,7 @@ def show(advice, n, radius):
     out.print(order_table(advice))
     if advice.best.label != advice.present.label:
         best = advice.best
-        turning = '' if best.turning == 'forward' else f' --turning {best.turning}'
+        turning = '' if best.label == best.order else f' --turning {best.turning}'
         out.print(f'\nIts target list: rosette plan --balls {n} --radius-mm '
                   f'{exact(1e3 * radius, 6)} --order {best.order} --seed {best.seed}{turning}',
                   soft_wrap=True)

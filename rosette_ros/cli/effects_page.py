@@ -4,20 +4,17 @@
 import sys
 
 from rosette_ros.cli.effects import CARRIES, KINDS, amplitudes
-from rosette_ros.core.advice import planned_run
+from rosette_ros.core.advice import VARIANTS, planned_run
 from rosette_ros.core.effects.basic import BASE_EFFECTS
 from rosette_ros.core.effects.expression import FUNCTIONS, NAMES
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.effects.own import DIRECTIONS, PER
-from rosette_ros.core.scheme import ORDERS, TURNINGS, plan
+from rosette_ros.core.scheme import plan
 from rosette_ros.core.visibility import visibility
 from rosette_ros.units import scale_of
 
 BALLS, RADIUS = 12, 0.1825
 NEWLINE = '\n'
-SHOWN = tuple((order, turning) for order in ORDERS for turning in TURNINGS
-              if not (order == 'row' and turning == 'alternate'))
-"""Orders and turnings whose visible shares stand on the page."""
 
 HEAD = """\
 # The library of effects
@@ -95,10 +92,10 @@ def _section(effect):
 def share_table():
     """Return the table of visible shares in per cent by effect and order."""
     columns = []
-    for order, turning in SHOWN:
+    for order, turning in VARIANTS:
         run = planned_run(plan(BALLS, order, 1, turning), RADIUS)
         columns.append({entry.name: entry.typical_share for entry in visibility(run)})
-    heads = [order if turning == 'forward' else f'{order}, alternate' for order, turning in SHOWN]
+    heads = [order if turning == 'forward' else f'{order}, alternate' for order, turning in VARIANTS]
     lines = [f'| effect | {" | ".join(heads)} |', '|---' * (1 + len(heads)) + '|']
     for name in EFFECTS:
         cells = [f'{100 * column[name]:.0f}' for column in columns]

@@ -109,4 +109,5 @@ CASES = {
     'diagonal': 'CMM outside, table and plate inside (case 2): mean systematic error of the table',
     'column': 'ball outside, CMM and table inside (case 3): table and CMM alike',
     'random': 'shuffled: drift in time is spread over all positions',
+    'sensitive': 'designed: shows every effect of the library with little travel',
 }

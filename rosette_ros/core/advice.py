@@ -12,6 +12,9 @@ from rosette_ros.core.visibility import HIDDEN_SHARE, Visibility, visibility
 SECONDS_PER_BALL = 30.0   # s, 20 touches and the move down and up
 TABLE_SPEED = 0.1         # rad/s
 CMM_SPEED = 0.05          # m/s
+VARIANTS = tuple((order, turning) for order in ORDERS for turning in TURNINGS
+                 if turning == 'forward' or order not in ('row', 'sensitive'))
+"""Orders and turnings that differ: a row never turns back, `sensitive` has senses of its own."""
 AS_MEASURED = 'as measured'
 """Name of an order that is none of the known ones."""
 GOOD_SHARE = 0.3
@@ -39,7 +42,9 @@ class OrderAdvice:
     @property
     def label(self):
         """Order and turning in words."""
-        return self.order if self.turning == 'forward' else f'{self.order}, turning {self.turning}'
+        plain = (self.order, 'alternate') not in VARIANTS
+        return self.order if plain or self.turning == 'forward' else (
+            f'{self.order}, turning {self.turning}')
 
     def share(self, name):
         """Return the typical visible share of an effect."""
@@ -132,8 +137,7 @@ def scheme_of(run):
 def compared_orders(n, radius, sigma, wanted, seed=0):
     """Return the OrderAdvice of every order and turning, about the wanted effects alone."""
     return tuple(judge(plan(n, name, seed, turning), radius, sigma, wanted, names=wanted)
-                 for name in ORDERS for turning in TURNINGS
-                 if not (name == 'row' and turning == 'alternate'))
+                 for name, turning in VARIANTS)
 
 
 def best_of(orders):

@@ -42,7 +42,7 @@ EFFECT_SHAPES = (
     ('axis_tilt_drift', 'ramp', ('tilt',)),
     ('table_backlash', 'sense', ('turn',)),
     ('asynchronous_motion', 'bearing', ('plane', 'axial')),
-    ('asynchronous_motion, tilt', 'whole_bearing', ('tilt',)),
+    ('asynchronous_motion, tilt', 'bearing', ('tilt',)),
     ('table_warmup', 'turning', ('axial',)),
     ('plate_creep', 'ramp', ('carried',)),
     ('plate_slip', 'step', ('slip',)),
@@ -52,6 +52,9 @@ EFFECT_SHAPES = (
     ('cmm_reversal', 'cmm_sense', ('plane',)),
 )
 """Effects with the function that drives them and the shapes in which they move the balls."""
+MEAN_COUNTS = ('table_backlash', 'asynchronous_motion, tilt')
+"""Effects whose function times a lever has a mean that is hidden and is the order's own fault; the
+mean of the others is gauge, or hidden in any order."""
 
 
 @dataclass(frozen=True)
@@ -188,48 +191,54 @@ class Judge:
         """Return the Verdict on an Order."""
         way = journey(order, self.pace)
         functions = self._functions(order, way)
-        rows = np.concatenate(list(functions.values()))
+        ends = np.cumsum([len(part) for part in functions.values()])
+        rows = {name: slice(end - len(functions[name]), end)
+                for name, end in zip(functions, ends, strict=True)}
+        share, share_with_mean = self._shares(order, np.concatenate(list(functions.values())))
+        hidden = {
+            effect: (share_with_mean if effect in MEAN_COUNTS else share)[
+                rows[name], [self._shapes.index(shape) for shape in shapes]].ravel()
+            for effect, name, shapes in EFFECT_SHAPES}
+        return Verdict(hidden, way.motion / self.n**2, self._alike(functions['bearing']))
+
+    def _shares(self, order, functions):
+        """Return the hidden shares of functions (m, N) in each shape, (m, shapes), mean off or on."""
         n = self.n
         reading = np.argsort(order.position * n + order.cmm_position)
-        spectrum = scipy.fft.fft2(rows[:, reading].reshape(-1, n, n), workers=1)
-        power = (spectrum.real**2 + spectrum.imag**2).reshape(len(rows), n * n)
-        share = power @ self._weights / np.maximum(power.sum(axis=1, keepdims=True), 1e-12)
-        ends = dict(zip(functions, np.cumsum([len(part) for part in functions.values()])))
-        hidden = {
-            effect: share[ends[name] - len(functions[name]):ends[name],
-                          [self._shapes.index(shape) for shape in shapes]].ravel()
-            for effect, name, shapes in EFFECT_SHAPES}
-        return Verdict(hidden, way.motion / rows.shape[1], self._alike(functions['bearing']))
+        spectrum = scipy.fft.fft2(functions[:, reading].reshape(-1, n, n), workers=1)
+        power = (spectrum.real**2 + spectrum.imag**2).reshape(len(functions), n * n)
+        mean = power[:, :1].copy()
+        power[:, 0] = 0.0
+        hidden, whole = power @ self._weights, power.sum(axis=1, keepdims=True)
+        return (hidden / np.maximum(whole, 1e-12),
+                (hidden + mean * self._weights[0]) / (whole + mean))
 
     def _functions(self, order, way):
-        """Return the functions that drive effects, by name, each (m, N), free of their means."""
+        """Return the functions that drive effects, by name, each (m, N)."""
         t = (way.time / way.time[-1])[None]
         turned = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(way.travel)))])[None]
         reading = np.arange(t.size) / t.size
         alpha = nominal_angles(self.n)[order.cmm_position]
-        functions = {
+        half_cycle = np.repeat(np.exp(1j * np.pi * t), self._slow.size + 1, axis=0)
+        return {
             'ramp': t,
             'settling': np.exp(-t / SETTLING[:, None]),
             'temperature': np.cos(np.pi * t) + 0.5 * np.cos(TWO_PI * t + 1.0),
-            'slow_cycle': np.exp(1j * TWO_PI * self._slow[:, None] * t),
+            'slow_cycle': np.cumprod(half_cycle, axis=0)[1:],
             'fast_cycle': np.exp(1j * TWO_PI * self._fast[:, None] * t),
             'step': (reading >= STEPS[:, None]) * 1.0,
             'turning': np.exp(-turned / turned[0, -1] / SETTLING[:, None]),
+            'sense': order.approach[None] * 1.0,
             'bearing': np.exp(1j * self._orders[:, None] * way.travel),
             'cmm_sense': np.stack([travel_sense(np.cos(alpha), 1e-6),
                                    travel_sense(np.sin(alpha), 1e-6)]),
         }
-        functions = {name: rows - rows.mean(axis=1, keepdims=True)
-                     for name, rows in functions.items()}
-        # That senses and waves of the travel have small means is the order's own merit: times a
-        # lever their mean would be hidden, so it stays.
-        return functions | {
-            'sense': order.approach[None] * 1.0,
-            'whole_bearing': np.exp(1j * self._orders[:, None] * way.travel)}
 
     def _alike(self, bearing):
+        """Return the largest cosine of each of four bearing waves with a cycle of 2 to N/4 cycles."""
         size = bearing.shape[1]
-        wave = np.abs(scipy.fft.fft(bearing[1:5], 4 * size, workers=1)) / size
+        waves = bearing[1:5] - bearing[1:5].mean(axis=1, keepdims=True)
+        wave = np.abs(scipy.fft.fft(waves, 4 * size, workers=1)) / size
         both = wave + np.roll(wave[:, ::-1], 1, axis=1)
         return both[:, 8:size].max(axis=1)
 

@@ -13,7 +13,7 @@ from rosette_ros.core.fit import JointSpace, fit
 from rosette_ros.core.heldout import HeldOut
 from rosette_ros.core.model import Model, Term
 from rosette_ros.core.search import Problem, Selection
-from rosette_ros.core.settings import choose_settings, settings_for
+from rosette_ros.core.settings import choose_settings, effect_problems, search_settings
 
 CLAIM = 0.002
 """Search-wide probability below which a name is claimed; 5 % is what the users were promised."""
@@ -22,6 +22,8 @@ INVISIBLE = 0.05
 LOOK_ALIKE = 8.0
 """Difference of scores (twice the log Bayes factor) below which two effects cannot be told apart."""
 DRAWS = 300
+BLIND_STEPS = 2
+"""How often the settings of effects are searched without a block of readings, each time better."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,17 +105,24 @@ def held_out_rms(run, fitted, seed=0):
     base = fit(run, Model(fitted.model.base))
     space = base.joint
     blocks = HeldOut(space.residual, run.size, seed)
-    residual = base.residual.reshape(-1)
-    training = blocks.training_residuals(residual, np.zeros((0, residual.size)))
     whole = Problem(run, space.residual, base.residual, base.dof, (), ())
-    fits = []
-    for blind in training:
-        settings = settings_for(run, fitted.model, space, blind.reshape(-1, 3), base.dof)
-        members = [whole.member(term.effect, setting, 1.0)
-                   for term, setting in zip(fitted.model.terms, settings)]
-        chosen = whole.select([member for member in members if member])
-        fits.append((chosen.residual, chosen.rows))
+    problems = effect_problems(run, fitted.model, space, base.residual, base.dof)
+    fits = [(whole.residual, np.zeros((0, whole.residual.size)))] * blocks.folds
+    # at first the effects count for nothing in a block, then for what they predict there
+    for _ in range(BLIND_STEPS if any(term.effect.searched for term in fitted.model.terms) else 1):
+        blind = blocks.imputed(whole.residual, fits) * whole.scale
+        fits = [_with_settings(whole, fitted.model, search_settings(
+            run, fitted.model, [problem.on(one.reshape(-1, 3)) for problem in problems]))
+            for one in blind]
     return whole.scale * blocks.rms(fits)
+
+
+def _with_settings(problem, model, settings):
+    """Return residual and orthonormal rows of a problem with a model's effects at settings."""
+    members = [problem.member(term.effect, setting, 1.0)
+               for term, setting in zip(model.terms, settings)]
+    chosen = problem.select([member for member in members if member])
+    return chosen.residual, chosen.rows
 
 
 def missing_base(run, start):

@@ -51,6 +51,19 @@ class HeldOut:
             out.append(residual - error @ left)
         return np.array(out)
 
+    def imputed(self, residual, fits):
+        """Return residuals with each block in place of its prediction from all others, (folds, 3 N).
+
+        residual: (3 N,) of the model; fits: as of `rms`, what predicts the blocks. What is searched in
+        them is searched without the block, as one step of expectation and maximisation.
+        """
+        out = []
+        for (index, projected), (left, rows) in zip(self._blocks, fits, strict=True):
+            part = rows[:, index]
+            error, _ = _solve(projected[:, index] - part.T @ part, left[index])
+            out.append(residual - error @ projected)
+        return np.array(out)
+
     def rms(self, fits):
         """Return the root mean square error of prediction over the blocks.
 

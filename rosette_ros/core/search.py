@@ -15,6 +15,7 @@ of a stated sigma: a wrong repeatability
 cannot make a cause out of noise.
 """
 
+import copy
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -93,6 +94,14 @@ class Problem:
         self.residual = residual.reshape(-1) / self.scale
         effects = tuple(EFFECTS.values()) if effects is None else tuple(effects)
         self.families = families(run, (*effects, *structures), project)
+
+    def on(self, residual):
+        """Return the same problem for another residual (N, 3), m; the families are shared."""
+        other = copy.copy(self)
+        other.__dict__.pop('empty', None)
+        other.scale = float(np.sqrt(np.sum(residual**2) / self.dof)) or 1.0
+        other.residual = residual.reshape(-1) / other.scale
+        return other
 
     @cached_property
     def empty(self):

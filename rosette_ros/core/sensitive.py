@@ -59,12 +59,14 @@ class Sweeps:
     def by_rule(n):
         """Return sweeps for any n: v in the order of m**2 times the golden section, modulo 1.
 
-        Such a chirp has an even spectrum; the senses are those of Thue and Morse.
+        Such a chirp has an even spectrum. The sense changes after 1, 2, 3, ... sweeps; the gaps,
+        up to a quarter of a turn on average, follow no period either.
         """
         m = np.arange(n)
         ball = np.argsort(np.argsort(GOLDEN * m**2 % 1.0, kind='stable'), kind='stable')
-        odd = np.array([int(number).bit_count() % 2 for number in m])
-        return Sweeps(ball, 1 - 2 * odd, (GOLDEN * m**3 % 1.0 * 3).astype(int))
+        block = ((np.sqrt(8 * m + 1) - 1) / 2).astype(int)
+        gap = (GOLDEN * m**3 % 1.0 * min(n // 2, WIDEST_GAP + 1)).astype(int)
+        return Sweeps(ball, 1 - 2 * (block % 2), gap)
 
 
 def reading_text(position, ball, approach):

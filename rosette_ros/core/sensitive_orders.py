@@ -1,5 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""x"""
+"""The orders of measurement that design found; written by tools/design_orders.py."""
 
-READINGS = {}
-SWEEPS = {}
+READINGS = {
+    6: (
+        'c5B0F3b4c2A5d3B2F1c1e4A1E2E5D5C0C3d4A0F4d1E0E3b3A2F0a3b1b5A4E1f2D0F5C4d2'
+    ),
+    8: (
+        'a3b1c7d5e3f1g7h5D0e6f4g2h0a6b4c2A1H3G5F7E1D3C5B7H4G6F0E2D4C6B0A2d6e4f2g0h6a4b2c0B5A7H1G3F5'
+        'E7D1C3G4h2a0b6c4d2e0f6C1B3A5H7G1F3E5D7'
+    ),
+}
+"""By number of balls: a letter (table position, capital: turned backwards) and a digit (ball)
+for each reading."""
+
+SWEEPS = {
+    12: (
+        '9246b01a7583',
+        '5B6EA33BAC20',
+    ),
+    18: (
+        '5cf8h724gae039b1d6',
+        '4DBA21G9A328DJED1D',
+    ),
+    24: (
+        '1cgk63i7l5eb289hndma0fj4',
+        'c1GA042H2c40CD0ID00F2C3D',
+    ),
+}
+"""By number of balls: first ball v of each sweep, and its gap, plus 36 where it turns backwards; digits of sensitive.DIGITS."""

@@ -31,10 +31,21 @@ def settings_for(run, model, space, residual, dof):
 
     space: JointSpace of the base model; dof: of the residual.
     """
+    return search_settings(run, model, effect_problems(run, model, space, residual, dof))
+
+
+def effect_problems(run, model, space, residual, dof):
+    """Return a Problem of each effect of a model alone, for `search_settings`; see `settings_for`."""
     if all(_is_fixed(term) for term in model.terms):
-        return tuple(term.fixed for term in model.terms)
+        return ()
     effects = [Pinned.of(term.effect, term.fixed) for term in model.terms]
-    problems = [Problem(run, space.residual, residual, dof, (effect,), ()) for effect in effects]
+    return tuple(Problem(run, space.residual, residual, dof, (effect,), ()) for effect in effects)
+
+
+def search_settings(run, model, problems):
+    """Return a Setting for each effect of a model, jointly the best; problems: of effect_problems."""
+    if not problems:
+        return tuple(term.fixed for term in model.terms)
     members = []
     for term, problem in zip(model.terms, problems):
         best = _best(problem, problem.select(members))

@@ -157,6 +157,8 @@ def _heading(type_name):
 def _reference(nested, owner):
     """Return how the text of type `owner` refers to a nested type."""
     package, kind, name = nested.split('/')
+    if kind == 'action':
+        return nested
     if kind != 'msg' and owner.startswith(f'{package}/{kind}/'):
         return name
     return f'{package}/{name}'

@@ -16,7 +16,7 @@ PAGE = Path(__file__).parents[2] / 'docs' / 'effects.md'
 def test_the_library_is_listed(rosette):
     """Every name with what it means, the base model first."""
     out = rosette('effects').out
-    names = [line.split()[0] for line in out.splitlines() if re.match(r'[a-z]+_?[a-z]+ ', line)]
+    names = [line.split()[0] for line in out.splitlines() if re.match(r'[a-z]+(_[a-z]+)* ', line)]
     wanted = ['table_motions', 'plate_deviations', 'cmm_deviations', *EFFECTS]
     assert [name for name in names if name in wanted] == wanted
     assert 'One ball moved on the plate at one moment.' in out

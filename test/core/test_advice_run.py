@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Advice from a run that was measured, and choices that a run does not offer."""
+
+import numpy as np
+import pytest
+from synthetic import synthetic_run
+
+from rosette_ros.core.advice import VARIANTS, advise_run, best_of, compared_orders, scheme_of
+from rosette_ros.core.errors import InvalidModel
+from rosette_ros.core.model import Model
+from rosette_ros.core.scheme import ORDERS
+from rosette_ros.core.settings import choose_settings
+from rosette_ros.core.visibility import visibility
+
+
+@pytest.mark.parametrize('order', [name for name in ORDERS if name != 'random'])
+def test_the_order_of_a_run_is_recognised(order):
+    """By its sequence of table positions and balls."""
+    assert scheme_of(synthetic_run(6, order)[0]).order == order
+
+
+def test_an_unknown_order_is_taken_as_it_was_measured():
+    """A shuffle has no name that could be found again."""
+    run = synthetic_run(6, 'random', seed=5)[0]
+    scheme = scheme_of(run)
+    assert scheme.order == 'as measured'
+    assert np.array_equal(scheme.ball, run.ball)
+
+
+def test_the_run_itself_is_judged():
+    """What its own times and senses show, not those of a plan."""
+    run = synthetic_run(6, 'column', turning='alternate')[0]
+    advice = advise_run(run)
+    assert advice.present.label == 'column, turning alternate'
+    seen = {entry.name: entry.share for entry in visibility(run)}
+    assert {entry.name: entry.share for entry in advice.present.visibilities} == seen
+    assert {order.order for order in advice.orders} == set(ORDERS)
+
+
+def test_the_best_order_is_the_cheapest_of_the_good_ones():
+    """Within a tenth of the best worst share, by travel."""
+    orders = compared_orders(6, 0.1825, 1e-7, ('table_backlash', 'frame_drift'))
+    assert len(orders) == len(VARIANTS)
+    best = best_of(orders)
+    top = max(order.worst for order in orders)
+    assert best.worst >= 0.9 * top
+    assert all(best.travel_time <= order.travel_time for order in orders
+               if order.worst >= 0.9 * top)
+
+
+def test_visibility_of_some_effects_is_that_of_all():
+    """Names only choose."""
+    run = synthetic_run(6, 'diagonal')[0]
+    every = {entry.name: entry for entry in visibility(run)}
+    some = visibility(run, names=('table_backlash', 'plate_warp'))
+    assert [entry.name for entry in some] == ['table_backlash', 'plate_warp']
+    assert all(np.array_equal(entry.bias, every[entry.name].bias) for entry in some)
+
+
+@pytest.mark.parametrize(('name', 'fixed', 'words'), [
+    ('frame_drift', {'axes': 'xx'}, "axes: wanted one of x, xyz, y, z, got 'xx'"),
+    ('outlier', {'reading': 99}, 'reading: wanted one of 1, 2, 3, ..., 36, got 99'),
+    ('plate_expansion', {'driver': 'temperature'}, 'driver: wanted one of time, got'),
+])
+def test_a_choice_that_the_run_does_not_offer(name, fixed, words):
+    """Is refused before it is fitted; what can be chosen is listed."""
+    run = synthetic_run(6, 'random', seed=1)[0]
+    with pytest.raises(InvalidModel, match=words):
+        choose_settings(run, Model().with_effect(name, fixed))
+
+
+@pytest.mark.parametrize(('name', 'fixed', 'words'), [
+    ('frame_warmup', {'tau': 'long'}, r"tau: wanted a positive number \(s\), got 'long'"),
+    ('frame_warmup', {'tau': -1.0}, 'tau: wanted a positive number'),
+    ('frame_step', {'t0': float('nan')}, 't0: wanted a number'),
+    ('frame_step', {'t0': True}, 't0: wanted a number'),
+    ('ball_slip', {'ball': [1]}, 'ball: wanted a number or a word'),
+])
+def test_a_value_that_can_never_be(name, fixed, words):
+    """Is refused by the model itself."""
+    with pytest.raises(InvalidModel, match=words):
+        Model().with_effect(name, fixed)

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What one run taught, checked on another: the simulated machine measures both."""
+
+import numpy as np
+import pytest
+
+from rosette_ros.analysis import claimed_model, cross_check, diagnose, ladder
+from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.model import Model
+from rosette_ros.core.scheme import plan
+from rosette_ros.machine import Machine, MachineConfig
+
+SIGMA = 1e-7
+CYCLE = {'kind': 'frame_cycle', 'cosine_um': [0.6, 0.0, 0.4], 'period_min': 11.0}
+CREEP = {'kind': 'plate_creep', 'rate_um_per_h': [3.0, -2.0, 0.0]}
+STEP = {'kind': 'frame_step', 'step_um': [0.8, 0.5, 0.4], 'at_h': 0.6}
+
+
+def machine_run(seed, *hidden, order='random', n=8):
+    """Return a run of a machine that hides effects; the seed draws its noise, not its effects."""
+    config = MachineConfig().changed(seed=seed, plate={'balls': n}, hidden=list(hidden))
+    return Machine(config).run(plan(n, order, seed), run_id=f'run_{seed}')
+
+
+@pytest.fixture(scope='module')
+def creeping():
+    """Return the diagnosis of a run in which the plate creeps."""
+    found = diagnose(machine_run(1, CREEP))
+    assert found.missing == ('plate_creep',)
+    return found
+
+
+def test_a_rate_is_confirmed_with_its_size(creeping):
+    """Noise does as well never; amplitudes agree; carried over without any fit it is the noise."""
+    check = cross_check(machine_run(2, CREEP), creeping)
+    entry, = check.effects
+    assert check.confirmed is True
+    assert (entry.outcome, entry.carries, entry.same_size) == ('confirmed', 'all', True)
+    assert entry.p < 1e-6
+    assert check.after.rms == pytest.approx(SIGMA, rel=0.2)
+    assert check.carried.rms == pytest.approx(SIGMA, rel=0.25)
+    assert check.held_out_after < 0.7 * check.held_out_before
+    assert check.after.dof == check.before.dof - 2, 'nothing is searched on the second run'
+
+
+def test_another_size_is_said(creeping):
+    """Half the rate is the same shape; carried over it makes things worse than a fit."""
+    half = {**CREEP, 'rate_um_per_h': [1.5, -1.0, 0.0]}
+    check = cross_check(machine_run(2, half), creeping)
+    assert check.effects[0].outcome == 'confirmed'
+    assert check.effects[0].same_size is False
+    assert 'with another size' in check.text
+    assert check.carried.rms > 1.3 * check.after.rms
+
+
+def test_what_is_not_there_is_not_seen(creeping):
+    """The error in left-out readings does not fall, and no confirmation is given."""
+    check = cross_check(machine_run(3), creeping)
+    assert check.confirmed is False
+    assert check.effects[0].outcome == 'not seen'
+    assert check.held_out_after > 0.98 * check.held_out_before
+
+
+def test_an_order_that_hides_it_cannot_check_it(creeping):
+    """Column order shows nothing of a creep."""
+    check = cross_check(machine_run(4, CREEP, order='column'), creeping)
+    assert check.confirmed is None
+    assert check.effects[0].outcome == 'hidden'
+    assert 'cannot be checked: the order of measurement hides it' in check.text
+    assert check.carried is None
+
+
+def test_a_cycle_keeps_its_period_but_not_its_phase():
+    """The second run begins elsewhere in the cycle: the amplitudes are fitted, the period is not."""
+    found = diagnose(machine_run(1, CYCLE))
+    assert found.missing == ('frame_cycle',)
+    check = cross_check(machine_run(5, CYCLE), found)
+    entry, = check.effects
+    assert (entry.outcome, entry.carries, entry.same_size) == ('confirmed', 'shape', None)
+    assert check.carried is None and np.isnan(check.held_out_carried)
+    assert entry.setting['period'] == pytest.approx(660, rel=0.05)
+    assert [one.name for one in entry.found] == [one.name for one in entry.learnt
+                                                 if one.name != 'period']
+
+
+def test_an_event_need_not_come_again():
+    """A bump of one run says nothing about the next."""
+    found = diagnose(machine_run(1, STEP))
+    assert found.missing == ('frame_step',)
+    check = cross_check(machine_run(2), found)
+    assert check.confirmed is None
+    assert check.effects[0].outcome == 'event'
+    assert check.after.rms == check.before.rms
+
+
+def test_an_effect_too_small_for_the_second_run_is_not_denied(creeping):
+    """A plate that creeps a tenth as fast on A could not show on a run that takes an hour."""
+    small = diagnose(machine_run(1, CREEP, n=16))
+    entry, = cross_check(machine_run(3, n=3), small).effects
+    assert entry.outcome in ('too weak', 'hidden')
+
+
+def test_nothing_learnt_is_nothing_checked():
+    """A clean first run."""
+    found = diagnose(machine_run(7))
+    assert found.missing == ()
+    check = cross_check(machine_run(8), found)
+    assert check.effects == () and check.confirmed is None
+    assert check.text == 'Nothing was learnt, so there is nothing to check.'
+
+
+def test_every_effect_says_what_it_shares_with_the_next_run():
+    """Rates and constants all, cycles and warm-ups their shape, events nothing."""
+    carries = {name: effect.carries for name, effect in EFFECTS.items()}
+    assert {name for name, word in carries.items() if word == 'nothing'} == {
+        'frame_step', 'plate_slip', 'ball_slip', 'outlier'}
+    assert {name for name, word in carries.items() if word == 'shape'} == {
+        'frame_warmup', 'frame_cycle', 'asynchronous_motion', 'table_warmup'}
+    assert set(carries.values()) == {'all', 'shape', 'nothing'}
+
+
+def test_the_ladder_goes_from_the_base_to_the_whole_model():
+    """Each rung is the fit of one effect more; the last is the model itself."""
+    run = machine_run(1, CREEP, CYCLE)
+    model = claimed_model(diagnose(run))
+    rungs = ladder(run, model)
+    assert [rung.added for rung in rungs] == ['', *(str(term) for term in model.terms)]
+    assert set(model.names[3:]) == {'plate_creep', 'frame_cycle'}
+    assert rungs[0].report.model == Model()
+    assert rungs[-1].report.model == model
+    held = [rung.held_out for rung in rungs]
+    assert held == sorted(held, reverse=True)
+    assert held[-1] == pytest.approx(SIGMA, rel=0.25)
+
+
+def test_an_effect_claimed_twice_makes_a_model_that_can_be_written():
+    """Two cycles of different periods stand in it with their settings fixed."""
+    other = {**CYCLE, 'cosine_um': [0.0, 0.7, 0.5], 'period_min': 3.7}
+    found = diagnose(machine_run(1, CYCLE, other))
+    model = claimed_model(found)
+    assert [term.name for term in found.terms] == ['frame_cycle', 'frame_cycle']
+    again = Model.from_mapping(model.to_mapping())
+    assert again == model
+    periods = sorted(term.fixed['period'] / 60 for term in model.terms)
+    assert periods == pytest.approx([3.7, 11.0], rel=0.03)
