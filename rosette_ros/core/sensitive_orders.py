@@ -2,6 +2,12 @@
 """The orders of measurement that design found; written by tools/design_orders.py."""
 
 READINGS = {
+    4: (
+        'b1b3d2d0a0C2C0C3C1B2A3A1A2D3D1B0'
+    ),
+    5: (
+        'a3a0c2B4E2C0d4B2B0B3A2D3D1e4e1a1C3C1C4B1A4D0e3e0D2'
+    ),
     6: (
         'c5B0F3b4c2A5d3B2F1c1e4A1E2E5D5C0C3d4A0F4d1E0E3b3A2F0a3b1b5A4E1f2D0F5C4d2'
     ),
@@ -25,6 +31,10 @@ SWEEPS = {
     24: (
         '1cgk63i7l5eb289hndma0fj4',
         'c1GA042H2c40CD0ID00F2C3D',
+    ),
+    36: (
+        'mfd2ju16sbw8ykhtl5o7i0nexc3rqz94pavg',
+        'H1303C3D2MCiC1S1HA01311HBP1O02D0C00D',
     ),
 }
 """By number of balls: first ball v of each sweep, and its gap, plus 36 where it turns backwards; digits of sensitive.DIGITS."""

@@ -72,7 +72,9 @@ class TypeLibrary:
         names = self._closure(type_name)
         parts = [self._text(type_name)]
         for name in names[1:]:
-            parts += [DELIMITER, f'MSG: {_heading(name)}', self._text(name)]
+            text = self._text(name)
+            for heading in _headings(name):
+                parts += [DELIMITER, f'MSG: {heading}', text]
         idl = ''
         if type_name.endswith('_Event'):
             idl = '\n'.join(self._idl(name) for name in names)
@@ -148,17 +150,20 @@ class TypeLibrary:
                 f'    struct {name} {{\n{members}    }};\n  }};\n}};\n')
 
 
-def _heading(type_name):
-    """Return the name of a part as in `MSG: package/Type`; actions keep their middle."""
+def _headings(type_name):
+    """Return the names of a part as in `MSG: package/Type`.
+
+    Parts of actions stand under two: with their middle, by which the type hash is checked, and
+    without it, by which readers find them from `Type` alone.
+    """
     package, kind, name = type_name.split('/')
-    return type_name if kind == 'action' else f'{package}/{name}'
+    short = f'{package}/{name}'
+    return (type_name, short) if kind == 'action' else (short,)
 
 
 def _reference(nested, owner):
     """Return how the text of type `owner` refers to a nested type."""
     package, kind, name = nested.split('/')
-    if kind == 'action':
-        return nested
     if kind != 'msg' and owner.startswith(f'{package}/{kind}/'):
         return name
     return f'{package}/{name}'

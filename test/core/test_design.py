@@ -188,7 +188,7 @@ def test_annealing_finds_a_valley():
         return 0.02 * (x - 40)**2 / 40 + np.cos(0.5 * x)
 
     assert height(19) < min(height(14), height(24))  # a valley between start and goal
-    cost, x = anneal(7, lambda x, rng: x + rng.integers(-2, 3), height, 3000, 1.0,
+    cost, x = anneal(7, lambda x, rng: x + rng.integers(-2, 3), height, 3000, 4.0,
                      np.random.default_rng(0))
     best = min(range(80), key=height)
     assert (cost, x) == (height(best), best)
