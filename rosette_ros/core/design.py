@@ -168,9 +168,9 @@ class Verdict:
         """Return what a design makes small: the worst effect, then the mean, then the time."""
         worst = np.array([hidden.max() for hidden in self.hidden.values()])
         mean = np.mean([hidden.mean() for hidden in self.hidden.values()])
-        alike = np.mean(np.maximum(self.alike - 0.5, 0.0))
+        alike = np.maximum(self.alike - 0.5, 0.0)
         return float(2 * np.mean(worst**HARDNESS)**(1 / HARDNESS) + mean
-                     + PER_SECOND * self.motion + PER_ALIKE * alike)
+                     + PER_SECOND * self.motion + PER_ALIKE * (alike[:-1].mean() + alike[-1]))
 
 
 class Judge:
@@ -199,7 +199,9 @@ class Judge:
             effect: (share_with_mean if effect in MEAN_COUNTS else share)[
                 rows[name], [self._shapes.index(shape) for shape in shapes]].ravel()
             for effect, name, shapes in EFFECT_SHAPES}
-        return Verdict(hidden, way.motion / self.n**2, self._alike(functions['bearing']))
+        alike = np.append(self._alike_cycles(functions['bearing']),
+                          self._alike_reversals(order, functions['cmm_sense']))
+        return Verdict(hidden, way.motion / self.n**2, alike)
 
     def _shares(self, order, functions):
         """Return the hidden shares of functions (m, N) in each shape, (m, shapes), mean off or on."""
@@ -234,13 +236,20 @@ class Judge:
                                    travel_sense(np.sin(alpha), 1e-6)]),
         }
 
-    def _alike(self, bearing):
+    def _alike_cycles(self, bearing):
         """Return the largest cosine of each of four bearing waves with a cycle of 2 to N/4 cycles."""
         size = bearing.shape[1]
         waves = bearing[1:5] - bearing[1:5].mean(axis=1, keepdims=True)
         wave = np.abs(scipy.fft.fft(waves, 4 * size, workers=1)) / size
         both = wave + np.roll(wave[:, ::-1], 1, axis=1)
         return both[:, 8:size].max(axis=1)
+
+    def _alike_reversals(self, order, cmm_sense):
+        """Return the cosine of backlash, approach e_t, with the reversals of x and y."""
+        alpha = nominal_angles(self.n)[order.cmm_position]
+        backlash = order.approach * np.stack([-np.sin(alpha), np.cos(alpha)])
+        along = np.sum(backlash * cmm_sense, axis=1)**2 / np.sum(cmm_sense**2, axis=1)
+        return np.sqrt(np.sum(along) / np.sum(backlash**2))
 
 
 def anneal(state, change, cost, steps, heat, rng):
@@ -265,7 +274,10 @@ def design_sweeps(n, seed=0, steps=3000, pace=None):
     """Return (cost, Sweeps) found by annealing the balls, senses and gaps of n sweeps."""
     rng = np.random.default_rng(seed)
     judge = Judge(n, pace)
-    start = Sweeps(rng.permutation(n), 1 - 2 * (rng.permutation(n) % 2), rng.integers(0, 3, n))
+    # One half of the table moves the CMM back by one position a reading, the other on by two.
+    turn = np.cumsum(np.where(np.arange(n) < n // 2, -2, 1))
+    start = Sweeps(rng.permutation(n), 1 - 2 * (rng.permutation(n) % 2), rng.integers(0, 3, n),
+                   turn % n)
     return anneal(start, _other_sweeps, lambda sweeps: judge(swept(sweeps)).cost(), steps, 0.02,
                   rng)
 
@@ -278,19 +290,26 @@ def swept(sweeps):
 
 
 def _other_sweeps(sweeps, rng):
-    ball, sense, gap = sweeps.ball.copy(), sweeps.sense.copy(), sweeps.gap.copy()
-    choice, (a, b) = rng.random(), rng.integers(0, ball.size, 2)
-    if choice < 0.6:
+    n = sweeps.ball.size
+    ball, sense, gap, turn = (part.copy() for part in (
+        sweeps.ball, sweeps.sense, sweeps.gap, sweeps.turn))
+    choice, (a, b) = rng.random(), rng.integers(0, n, 2)
+    if choice < 0.5:
         ball[[a, b]] = ball[[b, a]]
-    elif choice < 0.7:
+    elif choice < 0.58:
         sense[a] = -sense[a]
-    elif choice < 0.85:
+    elif choice < 0.7:
         sense[[a, b]] = sense[[b, a]]
-    else:
+    elif choice < 0.78:
         # Wide gaps cost time, but part the cycles of the bearing from cycles in time.
-        widest = 3 if choice < 0.94 else min(ball.size // 2, WIDEST_GAP)
-        gap[a] = rng.integers(0, widest + 1)
-    return Sweeps(ball, sense, gap)
+        gap[a] = rng.integers(0, 4 if choice < 0.74 else min(n // 2, WIDEST_GAP) + 1)
+    elif choice < 0.88:
+        turn[min(a, b):max(a, b)] += rng.integers(-3, 4)
+    else:
+        # The CMM keeps to one sense over a part of the table.
+        a, b = min(a, b), max(a, b) + 1
+        turn[a:b] = turn[a] + rng.choice([-3, -2, 0, 1]) * np.arange(b - a)
+    return Sweeps(ball, sense, gap, turn % n)
 
 
 def design_readings(start, seed=0, steps=20000, heat=0.02, pace=None):

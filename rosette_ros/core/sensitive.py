@@ -35,25 +35,27 @@ class Sweeps:
     ball: np.ndarray
     sense: np.ndarray
     gap: np.ndarray
+    turn: np.ndarray
 
     def readings(self):
         """Return table positions and balls in measuring order, zero-based, two arrays (n*n,)."""
         n = self.ball.size
         step = np.concatenate([[0], (n - 1) * self.sense[:-1] + self.gap[1:] * self.sense[1:]])
         i = (np.cumsum(step)[:, None] + self.sense[:, None] * np.arange(n)) % n
-        return i.ravel(), ((self.ball[:, None] - 2 * i) % n).ravel()
+        return i.ravel(), ((self.ball[:, None] + self.turn[i]) % n).ravel()
 
     def text(self):
         """Return v and, for each sweep, its gap (plus 36 where it turns backwards), as digits."""
         turns = self.gap + (WIDEST_GAP + 1) * (self.sense < 0)
-        return tuple(''.join(DIGITS[digit] for digit in row) for row in (self.ball, turns))
+        return tuple(''.join(DIGITS[digit] for digit in row) for row in (self.ball, turns, self.turn))
 
     @staticmethod
-    def from_text(ball, turns):
+    def from_text(ball, turns, turn):
         """Return the sweeps that `text` wrote."""
-        ball, turns = (np.array([DIGITS.index(letter) for letter in row]) for row in (ball, turns))
+        ball, turns, turn = (np.array([DIGITS.index(letter) for letter in row])
+                             for row in (ball, turns, turn))
         back, gap = np.divmod(turns, WIDEST_GAP + 1)
-        return Sweeps(ball, 1 - 2 * back, gap)
+        return Sweeps(ball, 1 - 2 * back, gap, turn)
 
     @staticmethod
     def by_rule(n):
@@ -66,7 +68,8 @@ class Sweeps:
         ball = np.argsort(np.argsort(GOLDEN * m**2 % 1.0, kind='stable'), kind='stable')
         block = ((np.sqrt(8 * m + 1) - 1) / 2).astype(int)
         gap = (GOLDEN * m**3 % 1.0 * min(n // 2, WIDEST_GAP + 1)).astype(int)
-        return Sweeps(ball, 1 - 2 * (block % 2), gap)
+        turn = np.cumsum(np.where(m < n // 2, -2, 1)) % n
+        return Sweeps(ball, 1 - 2 * (block % 2), gap, turn)
 
 
 def reading_text(position, ball, approach):

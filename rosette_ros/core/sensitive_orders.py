@@ -19,22 +19,4 @@ READINGS = {
 """By number of balls: a letter (table position, capital: turned backwards) and a digit (ball)
 for each reading."""
 
-SWEEPS = {
-    12: (
-        '9246b01a7583',
-        '5B6EA33BAC20',
-    ),
-    18: (
-        '5cf8h724gae039b1d6',
-        '4DBA21G9A328DJED1D',
-    ),
-    24: (
-        '1cgk63i7l5eb289hndma0fj4',
-        'c1GA042H2c40CD0ID00F2C3D',
-    ),
-    36: (
-        'mfd2ju16sbw8ykhtl5o7i0nexc3rqz94pavg',
-        'H1303C3D2MCiC1S1HA01311HBP1O02D0C00D',
-    ),
-}
-"""By number of balls: first ball v of each sweep, and its gap, plus 36 where it turns backwards; digits of sensitive.DIGITS."""
+SWEEPS = {}

@@ -2,30 +2,111 @@
 """rosette demo --hidden: the story, and the envelope beside the answer."""
 
 import re
+import subprocess
+import sys
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import yaml
 
-from rosette_ros.cli.hidden_demo import answer, story_of, visible_strengths
-from rosette_ros.core.diagnosis import Candidate
+from rosette_ros.analysis import analyse, diagnose
+from rosette_ros.cli.hidden_demo import answer, content, story_of, visible_strengths
 from rosette_ros.core.scheme import plan
 from rosette_ros.data.log_reader import read_log
-from rosette_ros.machine import Machine, MachineConfig
+from rosette_ros.data.model_file import read_model
+from rosette_ros.machine import Machine, MachineConfig, load_machine
 from rosette_ros.machine.envelope import open_envelope
 
-SEED = 3
-BALLS = 6
+SEED, BALLS, TIMEOUT = 3, 6, 180
 
 
 @pytest.fixture(scope='module')
 def told(tmp_path_factory, module_domain_id):
     """Run the demo once; return what it printed and the folder of its log."""
     runs = tmp_path_factory.mktemp('hidden') / 'runs'
-    with pytest.MonkeyPatch.context() as patch:
-        lines = []
-        patch.setattr('rosette_ros.cli.demo.console', lambda file=None: _Listener(lines))
-        code = main_of('demo', '--hidden', SEED, '--balls', BALLS, '-o', runs, '--domain',
-                       module_domain_id)
-    assert code == 0
+    command = [sys.executable, '-m', 'rosette_ros.cli.main', 'demo', '--hidden', SEED, '--balls',
+               BALLS, '-o', runs, '--domain', module_domain_id]
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True,
+                          timeout=TIMEOUT, check=False)
+    assert done.returncode == 0, done.stderr
     log, = runs.iterdir()
-    return '\n'.join(lines), log
+    return done.stdout, log
+
+
+def test_the_story_has_all_its_chapters(told):
+    """In order, with the digest before the first one and again at the end; no colour in a pipe."""
+    out, log = told
+    heads = re.findall(r'^(\d)  (\w+)', out, re.MULTILINE)
+    assert heads == [('1', 'evaluate'), ('2', 'compare'), ('3', 'diagnose'), ('4', 'add'),
+                     ('5', 'advise'), ('6', 'the')]
+    digests = re.findall(r'sha256 ([0-9a-f]{64})', out)
+    assert digests == [open_envelope(log / 'envelope.json').digest] * 2
+    assert out.index(digests[0]) < out.index('1  evaluate')
+    assert f'rosette demo --hidden {SEED}' in out
+    assert '\x1b' not in out
+
+
+def test_what_is_told_is_in_the_files(told):
+    """The envelope holds what the machine file draws; the model is what the log's run lacks."""
+    out, log = told
+    written = yaml.safe_load((log / 'machine.yaml').read_text())
+    assert written['hidden']['seed'] == SEED
+    machine = Machine(load_machine(log / 'machine.yaml'))
+    envelope = open_envelope(log / 'envelope.json')
+    assert [hidden['kind'] for hidden in envelope.hidden] == [
+        effect.kind for effect in machine.hidden]
+    found = diagnose(read_log(log).to_run())
+    assert set(found.missing) <= set(read_model(log / 'model.yaml').names)
+    last = out.split('What was hidden, and what was found')[1]
+    for hidden in envelope.hidden:
+        line = next(line for line in last.splitlines() if line.startswith(hidden['kind']))
+        assert ('named' in line) or ('too small' in line) or ('hides' in line)
+
+
+def test_the_ladder_is_that_of_the_model(told):
+    """Base model first, then what was added."""
+    out, log = told
+    ladder = out.split('4  add')[1].split('5  advise')[0]
+    added = [line.split()[1] for line in ladder.splitlines() if line.startswith('+ ')]
+    assert added == [term.name for term in read_model(log / 'model.yaml').terms]
+    run = read_log(log).to_run()
+    assert f'{1e6 * analyse(run).fit.rms:.3f}' in ladder
+
+
+def test_a_drawn_seed_is_not_the_same_twice():
+    """Without a seed the machine is new each time, and the order one that shows things."""
+    seeds = {story_of(-1).seed for _ in range(20)}
+    assert len(seeds) > 15
+    assert story_of(7).seed == 7
+    assert story_of(7).order in ('sensitive', 'random')
+
+
+def test_visible_strength_is_that_of_the_machine_alone():
+    """A drift of 1 µm over the run along z, in units of σ, by hand for an order that shows it."""
+    config = MachineConfig().changed(seed=1, plate={'balls': 6})
+    run = Machine(config).run(plan(6, 'random', 1))
+    drift = {'kind': 'frame_drift', 'rate_um_per_h': [0.0, 0.0, 3.0]}
+    one, two = visible_strengths(config, run, (drift, {**drift, 'rate_um_per_h': [0, 0, 6.0]}))
+    hours = (run.time - run.time.mean()) / 3600
+    assert two == pytest.approx(2 * one, rel=0.02)
+    assert 0.6 < one / (30 * np.linalg.norm(hours)) < 1.0
+
+
+@pytest.mark.parametrize(('kind', 'strength', 'words'), [
+    ('frame_drift', 30.0, 'named'), ('frame_warmup', 30.0, 'named as frame_drift'),
+    ('table_backlash', 0.1, 'this order hides it'), ('plate_warp', 5.0, 'too small to be named'),
+    ('plate_creep', 40.0, 'not named'),
+])
+def test_answers(kind, strength, words):
+    """Each way in which a diagnosis can be right or wrong has its words."""
+    claimed = SimpleNamespace(effect='frame_drift', claimed=True, look_alikes=('frame_warmup',))
+    found = SimpleNamespace(missing=('frame_drift',), candidates=(claimed,),
+                            invisible=('table_backlash',), unexplained=False)
+    assert words in answer(kind, strength, found)
+
+
+def test_content_is_short():
+    """Three decimals, vectors in brackets."""
+    assert content({'kind': 'frame_step', 'at_h': 0.82612, 'step_um': (0.5, -0.25, 0.0)}) == (
+        'at_h 0.826, step_um (0.5, -0.25, 0)')
