@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The story in pure functions: every door calls them and none does an analysis of its own.
 
-A run and a model give a report (`analyse`), the place where the model fails (`compare`), the effect
-that is missing (`diagnose`), what changes when an effect comes or goes (`change`, `ladder`), whether
-another run confirms it (`cross_check`), and the next measurement (`advise`, `advise_run`).
+A run and a model give a report (`analyse`), the place where the model fails (`compare`), the
+effect that is missing (`diagnose`), what changes when an effect comes or goes (`change`, `ladder`),
+whether another run confirms it (`cross_check`), and the next measurement (`advise`, `advise_run`).
 """
 
 from dataclasses import dataclass
@@ -126,7 +126,7 @@ def ladder(run, model):
 
 
 def claimed_model(diagnosis):
-    """Return the Model of a diagnosis with all that it claims; an effect that stands twice is fixed."""
+    """Return the Model with all that a diagnosis claims; what stands twice has its settings fixed."""
     names = [term.name for term in (*diagnosis.model.terms, *diagnosis.terms)]
     claimed = tuple(term if names.count(term.name) > 1 else Term(term.effect)
                     for term in diagnosis.terms)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Comparison, diagnosis, change, advice and effects as plain lists and dicts: one place for every door.
+"""Comparison, diagnosis, change, advice and effects as lists and dicts: one place for every door.
 
 All SI. What is not finite becomes None, so that the text is strict JSON.
 """
@@ -50,7 +50,7 @@ def parameters_json(parameters):
 
 
 def check_json(check):
-    """Return a CrossCheck as a mapping; carried: with the amplitudes of the first run, unfitted."""
+    """Return a CrossCheck as a mapping; carried: with the first run's amplitudes, unfitted."""
     carried = None if check.carried is None else fit_json(check.carried)
     return {
         'run_id': check.before.run.run_id, 'confirmed': check.confirmed, 'text': check.text,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SI values as a person reads them: µm and µrad, minutes and hours; in one place for every screen."""
+"""SI values as a person reads them: µm and µrad, minutes; in one place for every screen."""
 
 import math
 from dataclasses import dataclass

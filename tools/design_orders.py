@@ -11,7 +11,7 @@ import argparse
 import ast
 from pathlib import Path
 
-from rosette_ros.core.design import Judge, Order, design_readings, design_sweeps, swept
+from rosette_ros.core.design import MOST_SINGLE, Judge, Order, design_readings, design_sweeps, swept
 from rosette_ros.core.sensitive import Sweeps, order_from_text, reading_text
 
 MODULE = Path(__file__).parents[1] / 'rosette_ros' / 'core' / 'sensitive_orders.py'
@@ -21,9 +21,8 @@ HEAD = '''# SPDX-License-Identifier: Apache-2.0
 NOTES = {
     'READINGS': 'By number of balls: a letter (table position, capital: turned backwards) and a '
                 'digit (ball)\nfor each reading.',
-    'SWEEPS': 'By number of balls: first ball v of each sweep, and its gap, plus 36 where it turns '
-              'backwards; digits of sensitive.DIGITS.'}
-MOST_READINGS = 10
+    'SWEEPS': 'By number of balls: v, gaps (plus 36: backwards) and w of sensitive.Sweeps, in '
+              'digits.'}
 WIDTH = 90
 
 
@@ -69,7 +68,7 @@ def improve(n, seed, steps, heat):
     judge = Judge(n)
     cost, sweeps = design_sweeps(n, seed, steps)
     name, text = 'SWEEPS', sweeps.text()
-    if n <= MOST_READINGS:
+    if n <= MOST_SINGLE:
         cost, order = design_readings(swept(sweeps), seed, 5 * steps, heat)
         name, text = 'READINGS', reading_text(order.position, order.ball, order.approach)
     tables = shipped()

@@ -52,7 +52,7 @@ def run(options):
 
 
 def extended(model, options):
-    """Return the model with what the options ask for; raises InvalidModel for what makes no sense."""
+    """Return the model with what the options ask for; raises InvalidModel."""
     name, settings = options.effect, dict(options.settings)
     own = {key: value for key, value in (('direction', options.direction),
                                          ('expression', options.expression),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette advise: what an order of measurement can show, what it cannot, and what to measure next."""
+"""rosette advise: what an order of measurement can show, and what to measure next."""
 
 import math
 

@@ -159,7 +159,7 @@ def worst_table(comparison):
 
 
 def harmonic_table(comparison):
-    """Return the table of the strongest waves; None on an incomplete run, which has no spectrum."""
+    """Return the table of the strongest waves; None on an incomplete run: it has no spectrum."""
     if not comparison.harmonics:
         return None
     made = table('axis', 'waves per turn of table', 'of CMM position', 'amplitude / µm',
@@ -181,8 +181,9 @@ def ladder_table(rungs):
         fit = rung.report.fit
         chi = fit.reduced_chi_square
         step = '' if before is None else f'{100 * (rung.held_out / before - 1):+.0f} %'
-        made.add_row(escape(f'+ {rung.added}' if rung.added else base_words(fit.model)), micro(fit.rms),
-                     '–' if chi is None else f'{chi:.3g}', micro(rung.held_out), step)
+        model = f'+ {rung.added}' if rung.added else base_words(fit.model)
+        made.add_row(escape(model), micro(fit.rms), '–' if chi is None else f'{chi:.3g}',
+                     micro(rung.held_out), step)
         before = rung.held_out
     return made
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette diagnose: which physical effect the model lacks, how sure that is, what cannot be seen."""
+"""rosette diagnose: which physical effect the model lacks, how sure, and what cannot be seen."""
 
 from rich.markup import escape
 

@@ -95,7 +95,8 @@ def share_table():
     for order, turning in VARIANTS:
         run = planned_run(plan(BALLS, order, 1, turning), RADIUS)
         columns.append({entry.name: entry.typical_share for entry in visibility(run)})
-    heads = [order if turning == 'forward' else f'{order}, alternate' for order, turning in VARIANTS]
+    heads = [order if turning == 'forward' else f'{order}, {turning}'
+             for order, turning in VARIANTS]
     lines = [f'| effect | {" | ".join(heads)} |', '|---' * (1 + len(heads)) + '|']
     for name in EFFECTS:
         cells = [f'{100 * column[name]:.0f}' for column in columns]

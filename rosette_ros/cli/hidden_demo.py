@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette demo --hidden: a machine hides something, the readings alone tell what, the envelope agrees.
+"""rosette demo --hidden: a machine hides something and the readings alone tell what.
 
 What is hidden is sealed before anything is measured; the digest on the screen proves that nothing
 was changed until the envelope is opened beside the answer.

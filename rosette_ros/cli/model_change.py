@@ -58,7 +58,7 @@ def carry_out(options, action, name, before, after):
 
 
 def compared(measured, action, name, before, after):
-    """Return the Change on a run and what it means; no Change where the old model did not fit at all.
+    """Return the Change on a run and what it means; no Change where the old model did not fit.
 
     Raises NotDeterminable where the run cannot tell what the new model asks.
     """

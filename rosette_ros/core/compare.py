@@ -63,8 +63,8 @@ class Harmonic:
 class Comparison:
     """Where a model fails: by axis, table position, ball, CMM position, time and sequence.
 
-    axis_rms: (3,) m; sizes: (N,) residual of each reading, rms over the axes, m, freed of the model's
-    own appetite; groupings; neighbour_p: chance that noise leaves neighbours in time as alike;
+    axis_rms: (3,) m; sizes: (N,) residual of each reading, rms over the axes, m, freed of the
+    model's own appetite; groupings; neighbour_p: chance that noise leaves neighbours in time as alike;
     worst: readings, worst first; harmonics: strongest lines on complete runs; failing: whether
     anything is missing; summary: one sentence.
     """

@@ -2,8 +2,8 @@
 """Is what one run taught true in another run that had no part in it?
 
 Effects learnt on run A keep their settings (time constant, period, order ...) on run B; nothing is
-searched there. Their amplitudes are fitted to B, which says whether the shape is there, and where the
-physics says that they stay the same from run to run, they are taken from A as they are, which asks
+searched there. Their amplitudes are fitted to B, which says whether the shape is there. Where physics
+says that they stay the same from run to run they are also taken from A as they are, which asks for
 everything at once.
 """
 
@@ -32,10 +32,10 @@ class CheckedEffect:
 
     carries: as of Effect; outcome: CONFIRMED, NOT_SEEN, HIDDEN (by B's order), TOO_WEAK (the size
     learnt on A would not show in B), EVENT (nothing that comes again) or NOT_JUDGED; reason: in
-    words; visible_fraction: in B; p: chance that noise in B does as well; rms and held-out error in B
-    without and with it, m, all other checked effects being there; learnt, found: its Parameters in A
-    and B; same_size: whether the amplitudes agree within their uncertainties, None where they need
-    not.
+    words; visible_fraction: in B; p: chance that noise in B does as well; rms and held-out error in
+    B without and with it, m, all other checked effects being there; learnt, found: its Parameters
+    in A and B; same_size: whether the amplitudes agree within their uncertainties, None where they
+    need not.
     """
 
     name: str
@@ -58,8 +58,8 @@ class CheckedEffect:
 class CrossCheck:
     """Run B with and without what run A taught.
 
-    before, after: Fit of B; carried: Fit of B from which the effects that carry over were taken off
-    with the amplitudes of A, None where none does; held_out_*: error in left-out readings, m;
+    before, after: Fit of B; carried: Fit of B from which the effects that carry over were taken
+    off with the amplitudes of A, None where none does; held_out_*: error in left-out readings, m;
     confirmed: whether all effects that B can judge are confirmed, None where it can judge none.
     """
 
@@ -77,7 +77,7 @@ class CrossCheck:
 def cross_check(run, model, learnt):
     """Return the CrossCheck on a run of effects that were learnt on another one.
 
-    run: Run B; model: what B is described by without them; learnt: (Effect, FittedEffect of A) pairs.
+    run: Run B; model: what B is described by without them; learnt: pairs (Effect, FittedEffect).
 
     Raises NotDeterminable where B cannot tell what the model asks.
     """

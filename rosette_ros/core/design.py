@@ -15,7 +15,7 @@ import scipy.fft
 
 from rosette_ros.core.geometry import TWO_PI, nominal_angles
 from rosette_ros.core.records import travel_sense
-from rosette_ros.core.sensitive import WIDEST_GAP, Sweeps, shortest_way
+from rosette_ros.core.sensitive import WIDEST_GAP, Sweeps, shortest_way, two_way_shift
 
 SETTLING = np.array([0.1, 0.2, 0.5])
 """Time constants of warming up, in durations of the run."""
@@ -29,7 +29,10 @@ HARDNESS = 10
 PER_SECOND = 0.02
 """What a second of motion per reading may cost, in hidden share of power."""
 PER_ALIKE = 0.3
-"""What full likeness of cycles in time and in turns may cost."""
+"""What a cosine of one between two effects may cost, on top of UNLIKE, which costs nothing."""
+UNLIKE = 0.4
+MOST_SINGLE = 10
+"""Most balls for which an order is designed reading by reading."""
 
 EFFECT_SHAPES = (
     ('frame_drift', 'ramp', ('axial', 'frame')),
@@ -150,8 +153,8 @@ class Verdict:
     """What an order hides and costs.
 
     hidden: by effect, hidden share of the power that any order could show, (settings,); motion:
-    seconds of motion per reading; alike: largest cosine between an asynchronous motion and a
-    cycle in time, as functions of the readings, (3,).
+    seconds of motion per reading; alike: largest cosine between each of four asynchronous motions
+    and a cycle in time, then that of backlash and CMM reversal, as functions of the readings.
     """
 
     hidden: dict[str, np.ndarray]
@@ -168,7 +171,7 @@ class Verdict:
         """Return what a design makes small: the worst effect, then the mean, then the time."""
         worst = np.array([hidden.max() for hidden in self.hidden.values()])
         mean = np.mean([hidden.mean() for hidden in self.hidden.values()])
-        alike = np.maximum(self.alike - 0.5, 0.0)
+        alike = np.maximum(self.alike - UNLIKE, 0.0)
         return float(2 * np.mean(worst**HARDNESS)**(1 / HARDNESS) + mean
                      + PER_SECOND * self.motion + PER_ALIKE * (alike[:-1].mean() + alike[-1]))
 
@@ -270,14 +273,23 @@ def anneal(state, change, cost, steps, heat, rng):
     return best
 
 
+def design(n, seed=0, steps=4000, pace=None):
+    """Return (cost, Order) for n balls: sweeps, and for few balls then reading by reading.
+
+    steps: of annealing the sweeps; reading by reading takes five times as many.
+    """
+    cost, sweeps = design_sweeps(n, seed, steps, pace)
+    if n > MOST_SINGLE:
+        return cost, swept(sweeps)
+    return design_readings(swept(sweeps), seed, 5 * steps, pace=pace)
+
+
 def design_sweeps(n, seed=0, steps=3000, pace=None):
-    """Return (cost, Sweeps) found by annealing the balls, senses and gaps of n sweeps."""
+    """Return (cost, Sweeps) found by annealing."""
     rng = np.random.default_rng(seed)
     judge = Judge(n, pace)
-    # One half of the table moves the CMM back by one position a reading, the other on by two.
-    turn = np.cumsum(np.where(np.arange(n) < n // 2, -2, 1))
     start = Sweeps(rng.permutation(n), 1 - 2 * (rng.permutation(n) % 2), rng.integers(0, 3, n),
-                   turn % n)
+                   two_way_shift(n))
     return anneal(start, _other_sweeps, lambda sweeps: judge(swept(sweeps)).cost(), steps, 0.02,
                   rng)
 
@@ -291,8 +303,8 @@ def swept(sweeps):
 
 def _other_sweeps(sweeps, rng):
     n = sweeps.ball.size
-    ball, sense, gap, turn = (part.copy() for part in (
-        sweeps.ball, sweeps.sense, sweeps.gap, sweeps.turn))
+    ball, sense, gap, shift = (part.copy() for part in (
+        sweeps.ball, sweeps.sense, sweeps.gap, sweeps.shift))
     choice, (a, b) = rng.random(), rng.integers(0, n, 2)
     if choice < 0.5:
         ball[[a, b]] = ball[[b, a]]
@@ -304,15 +316,15 @@ def _other_sweeps(sweeps, rng):
         # Wide gaps cost time, but part the cycles of the bearing from cycles in time.
         gap[a] = rng.integers(0, 4 if choice < 0.74 else min(n // 2, WIDEST_GAP) + 1)
     elif choice < 0.88:
-        turn[min(a, b):max(a, b)] += rng.integers(-3, 4)
+        shift[min(a, b):max(a, b)] += rng.integers(-3, 4)
     else:
         # The CMM keeps to one sense over a part of the table.
         a, b = min(a, b), max(a, b) + 1
-        turn[a:b] = turn[a] + rng.choice([-3, -2, 0, 1]) * np.arange(b - a)
-    return Sweeps(ball, sense, gap, turn % n)
+        shift[a:b] = shift[a] + rng.choice([-3, -2, 0, 1]) * np.arange(b - a)
+    return Sweeps(ball, sense, gap, shift % n)
 
 
-def design_readings(start, seed=0, steps=20000, heat=0.02, pace=None):
+def design_readings(start, seed=0, steps=20000, heat=0.05, pace=None):
     """Return (cost, Order) found by annealing an Order reading by reading: for few balls."""
     rng = np.random.default_rng(seed)
     judge = Judge(start.n, pace)

@@ -22,6 +22,8 @@ INVISIBLE = 0.05
 LOOK_ALIKE = 8.0
 """Difference of scores (twice the log Bayes factor) below which two effects cannot be told apart."""
 DRAWS = 300
+NOISELESS = 1e-10
+"""Residual rms, m, below which nothing is searched: a tenth of a nanometre concerns nobody."""
 BLIND_STEPS = 2
 """How often the settings of effects are searched without a block of readings, each time better."""
 
@@ -161,6 +163,7 @@ class _Search:
         self.dof = 3 * run.size - joint.space.rank - space.rank
         self.residual = space.residual(base.residual[None])[0]
         self.problem = Problem(run, space.residual, self.residual, self.dof)
+        self.noiseless = base.rms < NOISELESS
         rng = np.random.default_rng(seed)
         self.null = np.sort(self.problem.null_scores(DRAWS if run.n < 48 else DRAWS // 2, rng))
         self.held_out = HeldOut(space.residual, run.size, seed)
@@ -185,6 +188,8 @@ class _Search:
 
     def chosen(self):
         """Return the Selection that the search ends with: each member holds beside the others."""
+        if self.noiseless:
+            return self.problem.empty
         selection = self.problem.grow()
         while selection.members:
             scores = [self.unrefined_score(self.problem.select(selection.without(k)), member.name)
@@ -236,6 +241,8 @@ class _Search:
                           if rival.named and rival.name != member.name
                           and other > max(own - LOOK_ALIKE, 0))
             out.append(self._candidate(member, before, self.p(score), alike, True))
+        if self.noiseless:
+            return tuple(out)
         claimed = set(chosen.names)
         others = [(self.p(score), -gain, rival)
                   for rival, gain, score in self.problem.rivals(chosen)

@@ -52,10 +52,10 @@ class HeldOut:
         return np.array(out)
 
     def imputed(self, residual, fits):
-        """Return residuals with each block in place of its prediction from all others, (folds, 3 N).
+        """Return residuals with the prediction from all others in place of each block, (folds, 3 N).
 
-        residual: (3 N,) of the model; fits: as of `rms`, what predicts the blocks. What is searched in
-        them is searched without the block, as one step of expectation and maximisation.
+        residual: (3 N,) of the model; fits: as of `rms`, what predicts the blocks. A search in them
+        does without the block: a step of expectation and maximisation.
         """
         out = []
         for (index, projected), (left, rows) in zip(self._blocks, fits, strict=True):

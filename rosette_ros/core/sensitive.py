@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The order `sensitive`: small steps of the table, in which every effect of the library shows.
+"""The order `sensitive`: small steps of the table in which every effect of the library shows.
 
-Sweep m takes the table once round, one division after the other, and the balls against it two at a
-time, so that the CMM goes back one position with every reading:
+Each of n sweeps takes the table once round, one division after the other, forwards or backwards:
 
-    i = s_m + d_m r,   j = v_m - 2 i,   k = i + j = v_m - i,   r = 0..n-1   (all modulo n)
+    sweep m, reading r:   i = s_m + d_m r,   j = v_m + w_i,   k = i + j   (modulo n, from 0)
 
-All n*n pairs are measured because v runs through 0..n-1. What an effect that changes slowly shows
-depends on the sequences v (first ball), d (sense) and the gaps between sweeps alone; they were
-found by `design` and are kept in sensitive_orders. Up to ten balls the whole order was.
+Every pair is measured once because v runs through 0..n-1. The shifts w_i fall by two over one part
+of the table and rise by one over the other, so that the CMM goes back one position a reading, or on
+by two, and the balls alternate. What slow effects show depends on v, d, w and the gaps between the
+sweeps alone. Up to 72 balls they were found by `design`; beyond that a rule makes them. For very few
+balls the whole order was designed, reading by reading.
 """
 
 import string
@@ -26,50 +27,55 @@ GOLDEN = (5**0.5 - 1) / 2
 
 @dataclass(frozen=True, eq=False)
 class Sweeps:
-    """n sweeps of the table: v (n,), a permutation of 0..n-1; sense (n,) +1 or -1; gap (n,).
+    """n sweeps of the table, each array (n,).
 
-    gap: table divisions, 0..35, from the last reading of the sweep before to the first of this one,
-    in the sense of this one.
+    ball: v, a permutation of 0..n-1; sense: d, +1 or -1; gap: table divisions, 0..35, from the last
+    reading of the sweep before to the first of this one, in the sense of this one; shift: w, by
+    table position.
     """
 
     ball: np.ndarray
     sense: np.ndarray
     gap: np.ndarray
-    turn: np.ndarray
+    shift: np.ndarray
 
     def readings(self):
         """Return table positions and balls in measuring order, zero-based, two arrays (n*n,)."""
         n = self.ball.size
         step = np.concatenate([[0], (n - 1) * self.sense[:-1] + self.gap[1:] * self.sense[1:]])
         i = (np.cumsum(step)[:, None] + self.sense[:, None] * np.arange(n)) % n
-        return i.ravel(), ((self.ball[:, None] + self.turn[i]) % n).ravel()
+        return i.ravel(), ((self.ball[:, None] + self.shift[i]) % n).ravel()
 
     def text(self):
-        """Return v and, for each sweep, its gap (plus 36 where it turns backwards), as digits."""
+        """Return v, the gaps (plus 36 where a sweep goes backwards) and w, as strings of digits."""
         turns = self.gap + (WIDEST_GAP + 1) * (self.sense < 0)
-        return tuple(''.join(DIGITS[digit] for digit in row) for row in (self.ball, turns, self.turn))
+        return tuple(''.join(DIGITS[digit] for digit in row) for row in (self.ball, turns, self.shift))
 
     @staticmethod
-    def from_text(ball, turns, turn):
+    def from_text(ball, turns, shift):
         """Return the sweeps that `text` wrote."""
-        ball, turns, turn = (np.array([DIGITS.index(letter) for letter in row])
-                             for row in (ball, turns, turn))
+        ball, turns, shift = (np.array([DIGITS.index(letter) for letter in row])
+                             for row in (ball, turns, shift))
         back, gap = np.divmod(turns, WIDEST_GAP + 1)
-        return Sweeps(ball, 1 - 2 * back, gap, turn)
+        return Sweeps(ball, 1 - 2 * back, gap, shift)
 
     @staticmethod
     def by_rule(n):
         """Return sweeps for any n: v in the order of m**2 times the golden section, modulo 1.
 
         Such a chirp has an even spectrum. The sense changes after 1, 2, 3, ... sweeps; the gaps,
-        up to a quarter of a turn on average, follow no period either.
+        up to half a turn, follow no period either.
         """
         m = np.arange(n)
         ball = np.argsort(np.argsort(GOLDEN * m**2 % 1.0, kind='stable'), kind='stable')
         block = ((np.sqrt(8 * m + 1) - 1) / 2).astype(int)
         gap = (GOLDEN * m**3 % 1.0 * min(n // 2, WIDEST_GAP + 1)).astype(int)
-        turn = np.cumsum(np.where(m < n // 2, -2, 1)) % n
-        return Sweeps(ball, 1 - 2 * (block % 2), gap, turn)
+        return Sweeps(ball, 1 - 2 * (block % 2), gap, two_way_shift(n))
+
+
+def two_way_shift(n):
+    """Return w (n,): one half of the table moves the CMM back by one, the other on by two."""
+    return np.cumsum(np.where(np.arange(n) < n // 2, -2, 1)) % n
 
 
 def reading_text(position, ball, approach):

@@ -35,7 +35,7 @@ def settings_for(run, model, space, residual, dof):
 
 
 def effect_problems(run, model, space, residual, dof):
-    """Return a Problem of each effect of a model alone, for `search_settings`; see `settings_for`."""
+    """Return a Problem of each effect of a model alone; arguments as of `settings_for`."""
     if all(_is_fixed(term) for term in model.terms):
         return ()
     effects = [Pinned.of(term.effect, term.fixed) for term in model.terms]
@@ -43,7 +43,7 @@ def effect_problems(run, model, space, residual, dof):
 
 
 def search_settings(run, model, problems):
-    """Return a Setting for each effect of a model, jointly the best; problems: of effect_problems."""
+    """Return the best Setting of each effect of a model, jointly; problems: of effect_problems."""
     if not problems:
         return tuple(term.fixed for term in model.terms)
     members = []

@@ -51,8 +51,8 @@ def visibility(run, sigma=1e-7, terms=None, lever=None, names=()):
     """Return the Visibility of every effect of the library on a run, a tuple.
 
     Only indices, angles, times, temperatures and senses of the run count, not the ball centres.
-    sigma: standard deviation of a coordinate, m; terms: base terms; lever: m, nominal radius if None;
-    names: of the effects to look at, all if none.
+    sigma: standard deviation of a coordinate, m; terms: base terms; lever: m, nominal radius if
+    None; names: of the effects to look at, all if none.
     """
     space = base_space(run, lever or run.radius, *([terms] if terms is not None else []))
     project = Projection(space.residual, run.size)

@@ -46,7 +46,7 @@ class Analyst:
         return analyse(run, self.model)
 
     def run(self, run_id=''):
-        """Return a run that was kept, the last one if none is named; raises InvalidData in words."""
+        """Return a run that was kept, the last one if none is named; raises InvalidData."""
         if not self._runs:
             raise InvalidData('wanted a run, got none yet: calibrate first')
         if not run_id:

@@ -22,7 +22,7 @@ class Questions:
         introspected_service(node, RemoveEffect, names.REMOVE_EFFECT, self._on_remove)
 
     def diagnose(self, run_id=''):
-        """Diagnose a run, publish and return the Diagnosis message; raises RosetteError in words."""
+        """Diagnose a run, publish and return the Diagnosis message; raises RosetteError."""
         run, diagnosis = self._analyst.diagnose(run_id)
         return self._results.tell_diagnosis(run, diagnosis)
 

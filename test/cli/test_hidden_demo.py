@@ -83,14 +83,15 @@ def test_a_drawn_seed_is_not_the_same_twice():
 
 
 def test_visible_strength_is_that_of_the_machine_alone():
-    """A drift of 1 µm over the run along z, in units of σ, by hand for an order that shows it."""
+    """A drift along z, in σ: of 36 heights the base model takes up 5 n - 6 = 24, evenly."""
     config = MachineConfig().changed(seed=1, plate={'balls': 6})
     run = Machine(config).run(plan(6, 'random', 1))
     drift = {'kind': 'frame_drift', 'rate_um_per_h': [0.0, 0.0, 3.0]}
     one, two = visible_strengths(config, run, (drift, {**drift, 'rate_um_per_h': [0, 0, 6.0]}))
     hours = (run.time - run.time.mean()) / 3600
     assert two == pytest.approx(2 * one, rel=0.02)
-    assert 0.6 < one / (30 * np.linalg.norm(hours)) < 1.0
+    whole = 3.0 / 0.1 * np.linalg.norm(hours)
+    assert one / whole == pytest.approx(np.sqrt(12 / 36), rel=0.15)
 
 
 @pytest.mark.parametrize(('kind', 'strength', 'words'), [

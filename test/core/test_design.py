@@ -168,9 +168,10 @@ def test_the_long_way_takes_longer():
 def test_texts_come_back():
     """Sweeps and readings are what their texts say."""
     rng = np.random.default_rng(5)
-    sweeps = Sweeps(rng.permutation(72), 1 - 2 * rng.integers(0, 2, 72), rng.integers(0, 36, 72))
+    sweeps = Sweeps(rng.permutation(72), 1 - 2 * rng.integers(0, 2, 72), rng.integers(0, 36, 72),
+                    rng.integers(0, 72, 72))
     again = Sweeps.from_text(*sweeps.text())
-    for name in ('ball', 'sense', 'gap'):
+    for name in ('ball', 'sense', 'gap', 'shift'):
         assert np.array_equal(getattr(again, name), getattr(sweeps, name))
     readings = np.array([0, 9, 3]), np.array([8, 0, 1]), np.array([1, -1, 1])
     assert all(np.array_equal(*pair) for pair in

@@ -89,6 +89,8 @@ def documented_cmm(module_domain_id, tmp_path):
     process = subprocess.Popen(
         [sys.executable, str(script), '--ros-args', '-r', '__ns:=/rosette'],
         env=cell_environment(module_domain_id))
+    # It answers within a millisecond, so every part must have found it before the first target.
+    time.sleep(5.0)
     yield process
     process.send_signal(signal.SIGINT)
     assert process.wait(20) == 0
