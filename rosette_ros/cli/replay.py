@@ -22,7 +22,7 @@ from rosette_ros.nodes import names
 from rosette_ros.nodes.cell import Cell
 from rosette_ros.nodes.convert import error_motions_record
 
-SEARCH_TIMEOUT, START_TIMEOUT, RESULT_TIMEOUT = 2.0, 10.0, 30.0
+SEARCH_TIMEOUT, START_TIMEOUT, RESULT_TIMEOUT = 5.0, 20.0, 60.0
 
 
 def add_arguments(parser):
