@@ -88,14 +88,16 @@ class HiddenStory:
         out.print(sentence(advise_run(run).text))
         chapter(out, '6', 'the envelope')
         open_beside(out, config, log_path, run, diagnosis)
-        self.where(out, log_path, seconds)
+        self.where(out, config, log_path, seconds)
 
-    def where(self, out, log_path, seconds):
+    def where(self, out, config, log_path, seconds):
         """Print where everything is."""
         out.print()
         out.print(pairs([
             ('Log', escape(shown(log_path))), ('Model', escape(shown(log_path / MODEL))),
-            ('Again', f'rosette demo --hidden {self.seed}'), ('Took', f'{seconds:.1f} s')]))
+            ('Again', f'rosette demo --hidden {self.seed} --seed {config.seed} --balls '
+                      f'{config.plate.balls}'),
+            ('Took', f'{seconds:.1f} s')]))
 
 
 def story_of(seed):

@@ -2,6 +2,9 @@
 """The orders of measurement that design found; written by tools/design_orders.py."""
 
 READINGS = {
+    3: (
+        'c1c2a0a2b0b1A1C0B2'
+    ),
     4: (
         'b1b3d2d0a0C2C0C3C1B2A3A1A2D3D1B0'
     ),
@@ -16,8 +19,8 @@ READINGS = {
         'd1a6F3a2'
     ),
     8: (
-        'a3b1c7d5e3f1g7h5D0e6f4g2h0a6b4c2A1H3G5F7E1D3C5B7H4G6F0E2D4C6B0A2d6e4f2g0h6a4b2c0B5A7H1G3F5'
-        'E7D1C3G4h2a0b6c4d2e0f6C1B3A5H7G1F3E5D7'
+        'a3b1c7d1e2f7g5h3a0b6c4d6e7f4g2h0h6a6b4c2d4e5f2g0g3F5E0D7C5B7A1H1E1D0C6B0A2H2G4F6B3c1d3e4f1'
+        'g7h5a5H7G1F3E6D5C3B5A7H4G6F0E3D2C0B2A4'
     ),
 }
 """By number of balls: a letter (table position, capital: turned backwards) and a digit (ball)
@@ -29,5 +32,20 @@ SWEEPS = {
         'C2C41A13C6GE',
         '6420a8645675',
     ),
+    24: (
+        'b4jnea7mi01g8k56c3d9hfl2',
+        '4D30DDLA21D30C080DDLAcC5',
+        '0mkigeca8641nljhlmn01235',
+    ),
+    49: (
+        'eDC3w5p8FmuhbL2g7tjGoKrMBfJlaH9z1cAkix4qyIsv0d6En',
+        '0nDB0CKDPBA1lAhCiAC0120CCC0230B32B02B2ABAAdVA31Dc',
+        'LM0123456789ab0LJHFDBzxvtrpnljhfdb97531MKIGECAyfq',
+    ),
+    50: (
+        '4iCwpHcG9j0IrMbuaf5tJ8gs2zBn17ovky3LADeNhFdq6ElmKx',
+        'H2DBUC41120DGA20CAC2BgCC3m03HA9DD13IFZA8m0AoB0AB2B',
+        'M0123456789abcdcdefge7531NLJHFECAyxvtrolijklmnopqy',
+    ),
 }
-"""By number of balls: first ball v of each sweep, and its gap, plus 36 where it turns backwards; digits of sensitive.DIGITS."""
+"""By number of balls: v, gaps (plus 36: backwards) and w of sensitive.Sweeps, in digits."""
