@@ -15,7 +15,7 @@ import scipy.fft
 
 from rosette_ros.core.geometry import TWO_PI, nominal_angles
 from rosette_ros.core.records import travel_sense
-from rosette_ros.core.sensitive import WIDEST_GAP, Sweeps, shortest_way, two_way_shift
+from rosette_ros.core.sensitive import WIDEST_GAP, Sweeps, shortest_way
 
 SETTLING = np.array([0.1, 0.2, 0.5])
 """Time constants of warming up, in durations of the run."""
@@ -216,7 +216,7 @@ class Judge:
         power[:, 0] = 0.0
         hidden, whole = power @ self._weights, power.sum(axis=1, keepdims=True)
         return (hidden / np.maximum(whole, 1e-12),
-                (hidden + mean * self._weights[0]) / (whole + mean))
+                (hidden + mean * self._weights[0]) / np.maximum(whole + mean, 1e-12))
 
     def _functions(self, order, way):
         """Return the functions that drive effects, by name, each (m, N)."""
@@ -278,20 +278,17 @@ def design(n, seed=0, steps=4000, pace=None):
 
     steps: of annealing the sweeps; reading by reading takes five times as many.
     """
-    cost, sweeps = design_sweeps(n, seed, steps, pace)
+    cost, sweeps = design_sweeps(n, seed, steps, pace=pace)
     if n > MOST_SINGLE:
         return cost, swept(sweeps)
     return design_readings(swept(sweeps), seed, 5 * steps, pace=pace)
 
 
-def design_sweeps(n, seed=0, steps=3000, pace=None):
-    """Return (cost, Sweeps) found by annealing."""
-    rng = np.random.default_rng(seed)
+def design_sweeps(n, seed=0, steps=4000, heat=0.005, pace=None):
+    """Return (cost, Sweeps) found by annealing the sweeps that a rule makes."""
     judge = Judge(n, pace)
-    start = Sweeps(rng.permutation(n), 1 - 2 * (rng.permutation(n) % 2), rng.integers(0, 3, n),
-                   two_way_shift(n))
-    return anneal(start, _other_sweeps, lambda sweeps: judge(swept(sweeps)).cost(), steps, 0.02,
-                  rng)
+    return anneal(Sweeps.by_rule(n), _other_sweeps, lambda sweeps: judge(swept(sweeps)).cost(),
+                  steps, heat, np.random.default_rng(seed))
 
 
 def swept(sweeps):

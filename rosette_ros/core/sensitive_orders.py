@@ -22,6 +22,10 @@ READINGS = {
         'a3b1c7d1e2f7g5h3a0b6c4d6e7f4g2h0h6a6b4c2d4e5f2g0g3F5E0D7C5B7A1H1E1D0C6B0A2H2G4F6B3c1d3e4f1'
         'g7h5a5H7G1F3E6D5C3B5A7H4G6F0E3D2C0B2A4'
     ),
+    9: (
+        'a0I8H2G4F3E2D1C3B7I2H5G7F6E5D4C6B1A3A7b5c1d8e0f1g2h0i6c8d6e7f8g0h7i4a5b3c4d2e3f4g5h3i0a1b8'
+        'H1G3F2E1D0C2B6A8I7E8D7C0B4A6I5H8G1F0h6i3a4b2c7d5e6f7g8h4i1a2b0c5d3e4f5g6'
+    ),
 }
 """By number of balls: a letter (table position, capital: turned backwards) and a digit (ball)
 for each reading."""
@@ -37,6 +41,11 @@ SWEEPS = {
         '4D30DDLA21D30C080DDLAcC5',
         '0mkigeca8641nljhlmn01235',
     ),
+    36: (
+        'avg2o0dx3q8ki1mrjt7wlpy9c5ezsh6nbf4u',
+        '3CDeMB14bA7D0123ABA2A9A32DECh0A5DfE3',
+        '97531zxvtvy0342ywusqomkigeca864uxyz0',
+    ),
     49: (
         'eDC3w5p8FmuhbL2g7tjGoKrMBfJlaH9z1cAkix4qyIsv0d6En',
         '0nDB0CKDPBA1lAhCiAC0120CCC0230B32B02B2ABAAdVA31Dc',
@@ -46,6 +55,11 @@ SWEEPS = {
         '4iCwpHcG9j0IrMbuaf5tJ8gs2zBn17ovky3LADeNhFdq6ElmKx',
         'H2DBUC41120DGA20CAC2BgCC3m03HA9DD13IFZA8m0AoB0AB2B',
         'M0123456789abcdcdefge7531NLJHFECAyxvtrolijklmnopqy',
+    ),
+    51: (
+        'csmLE1KF7v4Dj3ewlxy9pkNonJCf2b5t8MqOBhHgGr0zi6AauId',
+        'U033CC1SSC33L1mCC1S303cCCW227ABgCBAD15nC3GDfBBD31D0',
+        'O01MNNO0123456789a86420NLJHFDBzxvtrpnljhfdb97531OMr',
     ),
 }
 """By number of balls: v, gaps (plus 36: backwards) and w of sensitive.Sweeps, in digits."""
