@@ -192,7 +192,7 @@ def logarithmic_grid(low, high, size):
     return np.geomspace(low, high, size)
 
 
-def between_readings(run, most=200):
+def between_readings(run, most=120):
     """Return instants midway between readings, thinned to at most `most`, s since the first."""
     time = np.unique(seconds(run))
     middle = 0.5 * (time[1:] + time[:-1])

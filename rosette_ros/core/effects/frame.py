@@ -156,8 +156,8 @@ class FrameCycle(FrameEffect):
     searched: tuple[Searched, ...] = (_AXES, Searched('period', 's', 'period', 'scale'))
 
     def settings(self, run):
-        """Try one cycle in the run up to a quarter of the readings, at most 250 cycles."""
-        most = min(run.size / 4, 250)
+        """Try one cycle in the run up to a quarter of the readings, at most 100 cycles."""
+        most = min(run.size / 4, 100)
         cycles = np.arange(1.0, most + 0.25, 0.5)
         periods = duration(run) / cycles
         return tuple(Setting(axes=axes, period=float(p)) for axes in AXES for p in periods)
@@ -170,7 +170,7 @@ class FrameCycle(FrameEffect):
 
     def independent_settings(self, run):
         """Count one chance for each whole number of cycles."""
-        return 4 * max(1, int(min(run.size / 4, 250)))
+        return 4 * max(1, int(min(run.size / 4, 100)))
 
     def amplitudes(self, run, setting):
         """Return the cosine and sine amplitudes."""
