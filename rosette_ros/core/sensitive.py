@@ -8,8 +8,8 @@ Each of n sweeps takes the table once round, one division after the other, forwa
 Every pair is measured once because v runs through 0..n-1. The shifts w_i fall by two over one part
 of the table and rise by one over the other, so that the CMM goes back one position a reading, or on
 by two, and the balls alternate. What slow effects show depends on v, d, w and the gaps between the
-sweeps alone. Up to 72 balls they were found by `design`; beyond that a rule makes them. For very few
-balls the whole order was designed, reading by reading.
+sweeps alone. For the numbers of balls in sensitive_orders they were found by `design`, for very few
+balls reading by reading; for all others a rule makes them.
 """
 
 import string
