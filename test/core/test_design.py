@@ -63,6 +63,10 @@ def test_it_is_always_the_same(n):
         assert np.array_equal(getattr(one, name), getattr(other, name))
 
 
+# Of the way of the CMM in a random order; designs of a few balls spend more of it on visible shares.
+CMM_WAY = {11: 0.76, 13: 0.64, 14: 0.65}
+
+
 @pytest.mark.parametrize('n', range(4, 73))
 def test_less_motion_than_random(n):
     """Table and CMM travel less than in a random order, and the table turns in both senses."""
@@ -73,7 +77,7 @@ def test_less_motion_than_random(n):
     assert abs(np.mean(mine.approach)) < 0.45
     if n > 10:
         assert mine_way.table_angle < 0.3 * drawn_way.table_angle
-        assert mine_way.cmm_way < 0.8 * drawn_way.cmm_way
+        assert mine_way.cmm_way < CMM_WAY.get(n, 0.6) * drawn_way.cmm_way
 
 
 # Visible shares that docs/orders.md promises; the bound of what grows with time times a shape of
