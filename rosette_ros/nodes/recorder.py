@@ -24,8 +24,8 @@ from rosette_ros.nodes.tape import Memory, Message, Tape
 
 WANTED = (
     Wanted('log_dir', 'runs', 'folder in which every run gets a folder of its own'),
-    Wanted('recent_s', 2.0, 'requests heard so long before a log opens belong to it, s of wall '
-           'time', 0.0, 60.0),
+    Wanted('recent_s', 2.0, 'requests and node health heard so long before a log opens belong '
+           'to it, s of wall time', 0.0, 60.0),
     Wanted('drain_s', 0.1, 'a log is closed when nothing has come for so long, s of wall time',
            0.01, 10.0),
     Wanted('follow_up_s', 10.0, 'questions to the evaluator after a run get a log of their own, '
@@ -48,7 +48,7 @@ TOPICS = (
     (names.RUN_STATE, 'rosette_msgs/msg/RunState', Memory.NONE),
     (names.CALIBRATE_FEEDBACK, 'rosette_msgs/action/Calibrate_FeedbackMessage', Memory.NONE),
     (names.CLOCK, 'rosgraph_msgs/msg/Clock', Memory.NONE),
-    (names.DIAGNOSTICS, 'diagnostic_msgs/msg/DiagnosticArray', Memory.NONE),
+    (names.DIAGNOSTICS, 'diagnostic_msgs/msg/DiagnosticArray', Memory.RECENT),
     (names.MODEL, 'rosette_msgs/msg/Model', Memory.LATCHED),
     (names.TF_STATIC, 'tf2_msgs/msg/TFMessage', Memory.LATCHED),
     (names.CALIBRATION_EVENT, 'rosette_msgs/msg/CalibrationEvent', Memory.RECENT),

@@ -17,7 +17,8 @@ class Memory(Enum):
     """What becomes of a message while no log is open.
 
     NONE: it belongs to no run; LATCHED: it holds until the next one and opens every log; RECENT:
-    it belongs to the request that will open a log, and stands at the head of that log.
+    it belongs to the request that will open a log, or says in which state the nodes were when it
+    came, and stands at the head of that log.
     """
 
     NONE = 'none'
