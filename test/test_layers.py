@@ -24,18 +24,24 @@ ALLOWED = {
     'data': {'core', 'data'},
     'machine': {'core', 'machine'},
     'analysis': {'core', 'analysis'},
+    'story': {'core', 'analysis'},
     'units': set(),
+    'words': {'core', 'report_json', 'units'},
     'report_json': {'core', 'analysis'},
     'diagnosis_json': {'core', 'analysis', 'report_json'},
-    'pictures': {'core', 'data', 'analysis', 'report_json', 'units', 'pictures'},
+    'pictures': {'core', 'data', 'analysis', 'story', 'report_json', 'units', 'words', 'pictures'},
+    'report': {'core', 'data', 'analysis', 'story', 'report_json', 'diagnosis_json', 'units', 'words',
+               'pictures', 'report'},
     'nodes': {'core', 'data', 'machine', 'analysis', 'nodes'},
-    'cli': {'core', 'data', 'machine', 'analysis', 'units', 'report_json', 'diagnosis_json',
-            'pictures', 'nodes', 'cli'},
+    'web': {'core', 'data', 'analysis', 'story', 'report_json', 'diagnosis_json', 'units', 'words',
+            'pictures', 'report', 'nodes', 'web'},
+    'cli': {'core', 'data', 'machine', 'analysis', 'story', 'units', 'words', 'report_json',
+            'diagnosis_json', 'pictures', 'report', 'nodes', 'web', 'cli'},
 }
 """Room: the rooms it may import. Arrows point one way only."""
 
-WITHOUT_ROS = ('core', 'data', 'machine', 'analysis', 'units', 'report_json', 'diagnosis_json',
-               'pictures')
+WITHOUT_ROS = ('core', 'data', 'machine', 'analysis', 'story', 'units', 'words', 'report_json',
+               'diagnosis_json', 'pictures', 'report')
 
 
 def room(path):

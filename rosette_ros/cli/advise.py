@@ -7,13 +7,14 @@ from rich.markup import escape
 
 from rosette_ros.analysis import advise, advise_run
 from rosette_ros.cli.arguments import add_formats, positive, whole
-from rosette_ros.cli.human import micro, percent, sentence
+from rosette_ros.cli.human import sentence
 from rosette_ros.cli.main import UsageError
-from rosette_ros.cli.screen import console, duration, exact, fixed, print_json, table
+from rosette_ros.cli.screen import console, print_json, table
 from rosette_ros.core.effects.library import effect
 from rosette_ros.core.scheme import ORDERS, TURNINGS
 from rosette_ros.data.open_run import open_run
 from rosette_ros.diagnosis_json import advice_json
+from rosette_ros.words import duration, exact, fixed, micro, percent
 
 MOST_BALLS = 72
 RADIUS_MM = 182.5

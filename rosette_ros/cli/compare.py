@@ -7,14 +7,15 @@ from rich.text import Text
 
 from rosette_ros.analysis import compare, ladder
 from rosette_ros.cli.arguments import add_formats, add_run
-from rosette_ros.cli.human import chance, micro, percent, sentence, spark, times
-from rosette_ros.cli.screen import console, fixed, print_json, table
+from rosette_ros.cli.human import sentence, spark
+from rosette_ros.cli.screen import console, print_json, table
 from rosette_ros.cli.summary import head
 from rosette_ros.core.base import BASE_TERMS
 from rosette_ros.core.model import Model
 from rosette_ros.data.model_file import read_model
 from rosette_ros.data.open_run import open_run
 from rosette_ros.diagnosis_json import comparison_json
+from rosette_ros.words import chance, fixed, micro, percent, times
 
 WIDEST_MAP = 40
 """Most balls for which the map of the readings fits on a screen."""

@@ -17,7 +17,7 @@ from rosette_ros.cli import hidden_demo
 from rosette_ros.cli.arguments import whole
 from rosette_ros.cli.calibrate import INTERRUPTED, calibrate
 from rosette_ros.cli.domain import free_domain
-from rosette_ros.cli.screen import console, exact, pairs
+from rosette_ros.cli.screen import console, pairs
 from rosette_ros.cli.summary import curve_table, fit_summary, head
 from rosette_ros.cli.truth import compare, shown, truth_table
 from rosette_ros.core.errors import InvalidConfig
@@ -27,6 +27,7 @@ from rosette_ros.machine import MachineConfig
 from rosette_ros.nodes.cell import Cell
 from rosette_ros.nodes.client import CellClient
 from rosette_ros.pictures.curves import Series, save, six_curves
+from rosette_ros.words import exact
 
 TABLE = {'translation_um': 0.2, 'rotation_urad': 1.5, 'axial_correction': False,
          'angular_correction': False}

@@ -6,17 +6,8 @@ from rich.markup import escape
 from rosette_ros.analysis import cross_check, diagnose
 from rosette_ros.cli.arguments import add_formats, add_run
 from rosette_ros.cli.compare import add_model, model_of
-from rosette_ros.cli.human import (
-    MEANINGS,
-    chance,
-    fall,
-    micro,
-    names,
-    parameter_table,
-    percent,
-    sentence,
-)
-from rosette_ros.cli.screen import console, fixed, pairs, print_json, table
+from rosette_ros.cli.human import parameter_table, sentence
+from rosette_ros.cli.screen import console, pairs, print_json, table
 from rosette_ros.cli.summary import head
 from rosette_ros.core.advice import best_of, compared_orders
 from rosette_ros.core.crosscheck import CONFIRMED
@@ -24,6 +15,7 @@ from rosette_ros.core.records import CURVES
 from rosette_ros.core.visibility import visibility
 from rosette_ros.data.open_run import open_run
 from rosette_ros.diagnosis_json import diagnosis_json
+from rosette_ros.words import MEANINGS, chance, fall, fixed, micro, names, percent
 
 NEXT_BEST = 4
 """So many effects that are not claimed are shown."""

@@ -4,13 +4,13 @@
 from rich.markup import escape
 
 from rosette_ros.cli.arguments import add_formats
-from rosette_ros.cli.human import MEANINGS
 from rosette_ros.cli.screen import console, pairs, print_json, table
 from rosette_ros.core.advice import planned_run
 from rosette_ros.core.effects.library import EFFECTS, effect
 from rosette_ros.core.scheme import plan
 from rosette_ros.diagnosis_json import effects_json
 from rosette_ros.units import scale_of
+from rosette_ros.words import MEANINGS
 
 CARRIES = {
     'all': 'settings and sizes hold for the next run of the same cell',

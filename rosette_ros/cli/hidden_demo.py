@@ -23,7 +23,7 @@ from rosette_ros.analysis import compare as compare_model
 from rosette_ros.cli import compare as compare_verb
 from rosette_ros.cli import diagnose as diagnose_verb
 from rosette_ros.cli.human import sentence
-from rosette_ros.cli.screen import exact, pairs, table
+from rosette_ros.cli.screen import pairs, table
 from rosette_ros.cli.summary import head, residual_words
 from rosette_ros.cli.truth import compare as compare_truth
 from rosette_ros.cli.truth import shown
@@ -33,6 +33,7 @@ from rosette_ros.data.log_reader import read_log
 from rosette_ros.data.model_file import write_model
 from rosette_ros.machine import Machine
 from rosette_ros.machine.envelope import open_envelope, seal_envelope
+from rosette_ros.words import exact
 
 ENVELOPE, MODEL = 'envelope.json', 'model.yaml'
 HIDDEN_SIZES = {'most': 3, 'smallest_sigma': 2.0}

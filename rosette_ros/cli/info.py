@@ -9,12 +9,13 @@ import numpy as np
 from rich.markup import escape
 
 from rosette_ros.cli.arguments import add_formats, add_run
-from rosette_ros.cli.screen import console, duration, exact, fixed, pairs, print_json, table
+from rosette_ros.cli.screen import console, pairs, print_json, table
 from rosette_ros.core.errors import RosetteError
 from rosette_ros.data.assemble import Phase, pair
 from rosette_ros.data.log_reader import read_log
 from rosette_ros.data.open_run import is_log, open_run
 from rosette_ros.nodes.programme import Phase as RunPhase
+from rosette_ros.words import duration, exact, fixed
 
 
 @dataclass(frozen=True)

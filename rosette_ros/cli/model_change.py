@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.markup import escape
 
 from rosette_ros.analysis import analyse, change
-from rosette_ros.cli.human import micro, parameter_table
+from rosette_ros.cli.human import parameter_table
 from rosette_ros.cli.screen import console, print_json, table
 from rosette_ros.cli.summary import head
 from rosette_ros.core.errors import NotDeterminable
@@ -17,6 +17,7 @@ from rosette_ros.data.model_file import read_model, write_model
 from rosette_ros.data.open_run import open_run
 from rosette_ros.diagnosis_json import change_json
 from rosette_ros.report_json import COVERAGE_FACTOR
+from rosette_ros.words import micro
 
 ADD, REMOVE = 'add', 'remove'
 

@@ -7,9 +7,10 @@ import numpy as np
 from rich.markup import escape
 
 from rosette_ros.cli.arguments import add_formats, positive, whole
-from rosette_ros.cli.screen import console, exact, fixed, pairs, print_json, table
+from rosette_ros.cli.screen import console, pairs, print_json, table
 from rosette_ros.core.scheme import ORDERS, TURNINGS, plan
 from rosette_ros.core.travel import travel
+from rosette_ros.words import exact, fixed
 
 MOST_BALLS = 1000
 ANGLE_PLACES = 9

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every verb prints with: a console, tables, digits."""
+"""What every verb prints with: a console, tables, JSON."""
 
 import json
-import math
 import sys
 
 from rich import box
@@ -11,9 +10,6 @@ from rich.table import Table
 
 WIDTH = 100
 """Widest output, columns; what is no terminal gets this width."""
-MOST_DECIMALS = 9
-
-
 def console(file=None):
     """Return a console on stdout (or `file`), without colour where it is no terminal."""
     out = Console(file=file or sys.stdout, highlight=False, emoji=False, markup=True)
@@ -40,41 +36,6 @@ def pairs(rows):
     for name, text in rows:
         made.add_row(name, text)
     return made
-
-
-def decimals(uncertainty, digits=2):
-    """Return how many decimals show `digits` significant digits of an uncertainty (GUM 7.2.6)."""
-    if not (math.isfinite(uncertainty) and uncertainty > 0):
-        return 3
-    return min(max(digits - 1 - math.floor(math.log10(uncertainty)), 0), MOST_DECIMALS)
-
-
-def signed(value, places):
-    """Return a number with its sign and a fixed number of decimals, never -0."""
-    if not math.isfinite(value):
-        return '–'
-    return f'{round(value, places) + 0.0:+.{places}f}'
-
-
-def fixed(value, places):
-    """Return a number with a fixed number of decimals, never -0."""
-    if not math.isfinite(value):
-        return '–'
-    return f'{round(value, places) + 0.0:.{places}f}'
-
-
-def exact(value, places):
-    """Return a number with as many decimals as it needs, at most `places`: 60, 22.5, 51.428571."""
-    text = fixed(value, places)
-    return text.rstrip('0').rstrip('.') if '.' in text else text
-
-
-def duration(seconds):
-    """Return a duration for a person: 41 s, 12 min, 1 h 52 min."""
-    if seconds < 90:
-        return f'{seconds:.3g} s'
-    minutes = round(seconds / 60)
-    return f'{minutes} min' if minutes < 90 else f'{minutes // 60} h {minutes % 60} min'
 
 
 def print_json(mapping):

@@ -4,10 +4,11 @@
 import numpy as np
 from rich.markup import escape
 
-from rosette_ros.cli.screen import decimals, exact, fixed, pairs, signed, table
+from rosette_ros.cli.screen import pairs, table
 from rosette_ros.core.records import CURVES, ISO_NAMES
 from rosette_ros.report_json import COVERAGE_FACTOR
 from rosette_ros.units import scale_of
+from rosette_ros.words import decimals, exact, fixed, signed
 
 DOUBTFUL_P = 0.05
 """Below this chance that noise alone leaves as much, the fit is called doubtful."""

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from rosette_ros.analysis import Report
-from rosette_ros.cli.screen import fixed, table
+from rosette_ros.cli.screen import table
 from rosette_ros.core.records import CURVES, remove_gauge
 from rosette_ros.machine import Machine
+from rosette_ros.words import fixed
 
 
 @dataclass(frozen=True, eq=False)
