@@ -20,7 +20,7 @@ def hidden_run(n):
     """Return a run of n balls of a machine whose probe drifts."""
     drift = {'kind': 'frame_drift', 'rate_um_per_h': [2.0, 0.0, 1.0]}
     machine = Machine(MachineConfig().changed(plate={'balls': n}, hidden=[drift]))
-    return machine.run(plan(n, 'diagonal'))
+    return machine.run(plan(n, 'random'))
 
 
 def candidates(run):

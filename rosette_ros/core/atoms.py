@@ -1,62 +1,142 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every effect at every setting on one run, freed of the model and made orthonormal once.
 
-A block of q columns becomes rows U of shape (q, 3 N) with U U' = 1 (rows of zeros for directions
-that the run does not show). Its gain, the fall of the residual's square sum when it is added beside
-members with orthonormal rows B, is y' (1 - U B' B U')^-1 y with y = U r and r the residual after B.
+With B the q columns of a setting and M the projection on what the model leaves, the orthonormal rows
+are U = T B M with T from the eigenvectors of B M B' (directions below DROP are left out). Its gain,
+the fall of the residual's square sum when it is added beside members with orthonormal rows A, is
+y' (1 - U A' A U')^-1 y with y = U r and r the residual after A. Since M r = r and M A' = A', the
+products U r = T (B r) ask for raw columns only: those of whole families are products of few waves and
+directions, or nearly empty, and B M B' = B B' - (B Q')(B Q')' by the basis Q of the model.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain
 
 import numpy as np
+import scipy.sparse
 
 from rosette_ros.core.effects.contract import Effect, Setting
 
 DROP = 0.02
-"""Directions of an effect with a smaller visible share are left out of the search."""
+"""Directions of an effect, and effects, with a smaller visible share are left out of the search: to be
+seen at all they would have to be as large as no cell has them."""
 CHUNK = 512
 RIDGE = 1e-3
 SMALL = 1000
+FEW = 32
+EMPTY = 0.25
+"""Share of numbers that are not zero below which columns are kept as sparse."""
 
 
 class Projection:
-    """Rows (m, N, 3) freed of a model; many rows of a small run by one matrix, in single precision.
+    """Rows (m, N, 3) freed of a model; many rows of a small run in single precision.
 
-    Single precision is for atoms and simulated noise: the score of the best is computed anew in
+    Single precision is for the search and simulated noise: the score of the best is computed anew in
     double precision.
     """
 
-    def __init__(self, residual, size):
-        """Keep a function that frees rows (m, N, 3) of the model, for runs of `size` readings."""
-        self._residual, self._size = residual, size
-        self._matrix = None
+    def __init__(self, space, size):
+        """Keep a space (of base.py or a JointSpace) on a run of `size` readings."""
+        self._residual, self.size = space.residual, size
+        self.basis = space.basis
+        self._rows = None
+        if self.basis is not None and 3 * size <= SMALL:
+            self._rows = self.basis.rows()
+
+    @cached_property
+    def single(self):
+        """The model's basis in single precision, (rank, 3 N)."""
+        return self.basis.rows().astype(np.float32)
+
+    @cached_property
+    def columns(self):
+        """The same with rows and columns exchanged, (3 N, rank)."""
+        return np.ascontiguousarray(self.single.T)
+
+    def along(self, direction):
+        """Return what a unit along its direction (N, 3) at each reading has of the basis.
+
+        As (N, some) in single precision and the numbers of these basis rows: the others have none.
+        """
+        single, basis = np.float32, self.basis
+        axial, plane = len(basis.axial), len(basis.axial) + len(basis.plane)
+        direction = direction.astype(single)
+        parts, places = [], []
+        columns = self.columns.reshape(self.size, 3, -1)
+        for part, axes in ((slice(0, axial), (2,)), (slice(axial, plane), (0, 1)),
+                           (slice(plane, basis.rank), (0, 1, 2))):
+            used = [axis for axis in axes if direction[:, axis].any()]
+            if used:
+                parts.append(sum(columns[:, axis, part] * direction[:, axis, None] for axis in used))
+                places.append(np.arange(part.start, part.stop))
+        return np.concatenate(parts, axis=1), np.concatenate(places)
 
     def __call__(self, rows):
         """Return the rows freed of the model, same shape."""
-        wide = 3 * self._size
-        if len(rows) < 32:
-            return self._residual(rows)
-        if wide > SMALL:
-            return self._residual(rows.astype(np.float32))
-        if self._matrix is None:
-            self._matrix = self._residual(np.eye(wide).reshape(wide, self._size, 3)).reshape(
-                wide, wide).astype(np.float32)
-        flat = rows.reshape(len(rows), wide).astype(np.float32)
-        return (flat @ self._matrix).reshape(rows.shape)
+        single = len(rows) >= FEW
+        if self._rows is None:
+            return self._residual(rows.astype(np.float32) if single else rows)
+        basis = self.single if single else self._rows
+        flat = rows.reshape(len(rows), 3 * self.size).astype(basis.dtype)
+        return (flat - (flat @ basis.T) @ basis).reshape(rows.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class Dense:
+    """Orthonormal rows as they are, (blocks, q, 3 N), float32."""
+
+    rows: np.ndarray
+
+    def products(self, rows):
+        """Return the products with rows (m, 3 N), (blocks, q, m)."""
+        b, q, wide = self.rows.shape
+        return (self.rows.reshape(b * q, wide) @ rows.T).reshape(b, q, -1)
+
+
+@dataclass(frozen=True, eq=False)
+class Sparse:
+    """Raw columns that are mostly zero, (blocks * q, 3 N)."""
+
+    rows: scipy.sparse.csr_array
+    q: int
+
+    def products(self, rows):
+        """Return the products with rows (m, 3 N), (blocks, q, m)."""
+        return np.asarray(self.rows @ rows.T).reshape(-1, self.q, len(rows))
+
+
+@dataclass(frozen=True, eq=False)
+class Waves:
+    """Raw columns that are waves (v, m, N) times directions (D, N, 3), float32."""
+
+    waves: np.ndarray
+    directions: np.ndarray
+
+    def products(self, rows):
+        """Return the products of every wave and direction with rows (r, 3 N), (v, m, D, r)."""
+        v, m, size = self.waves.shape
+        weighted = self.directions.transpose(1, 0, 2) @ rows.reshape(len(rows), size, 3).transpose(1, 2, 0)
+        product = self.waves.reshape(v * m, size) @ weighted.reshape(size, -1)
+        return product.reshape(v, m, len(self.directions), len(rows))
 
 
 @dataclass(frozen=True, eq=False)
 class Family:
     """All settings of one effect that have q columns.
 
-    atoms: (blocks * q, 3 N), float32; ranks: (blocks,) visible directions; shares: (blocks,) visible
-    shares; chances: number of settings that count as separate chances in the search.
+    bank: what holds their columns; places: where in the products of the bank those of each block are
+    (None: as they come); mix: (blocks, q, q), T of the module's words, None where the bank's rows are
+    orthonormal; ranks: (blocks,) visible directions; shares: (blocks,) visible shares; chances: number
+    of settings that count as separate chances in the search.
     """
 
     effect: Effect
     settings: tuple[Setting, ...]
     q: int
-    atoms: np.ndarray
+    bank: Dense | Sparse | Waves
+    places: tuple | None
+    mix: np.ndarray | None
     ranks: np.ndarray
     shares: np.ndarray
     chances: float
@@ -66,58 +146,93 @@ class Family:
         """The name of the effect."""
         return self.effect.name
 
-    def products(self, rows):
-        """Return atoms times rows (m, 3 N), shape (blocks, q, m)."""
-        product = self.atoms @ np.ascontiguousarray(rows.T, dtype=np.float32)
-        return product.reshape(len(self.settings), self.q, -1)
+    @cached_property
+    def by_rank(self):
+        """Pairs of a rank above 0 and the numbers of the blocks that have it."""
+        return tuple((int(rank), np.flatnonzero(self.ranks == rank))
+                     for rank in np.unique(self.ranks[self.ranks > 0]))
+
+    def picked(self, products):
+        """Return U times rows, (blocks, q, m), from the products of the bank with the rows."""
+        if self.places is not None:
+            products = products[self.places]
+        products = products.reshape(len(self.settings), self.q, -1)
+        if self.mix is None:
+            return products
+        return products * self.mix if self.q == 1 else self.mix @ products
+
+
+def products_of(families, rows):
+    """Yield (family, U times rows (m, 3 N)) of families; those of one effect share their bank."""
+    rows = np.ascontiguousarray(rows, dtype=np.float32)
+    bank = found = None
+    for family in families:
+        if family.bank is not bank:
+            bank, found = family.bank, family.bank.products(rows)
+        yield family, family.picked(found)
 
 
 def gains(y, x=None):
-    """Return the gain of each block, (blocks, m), from y = U r (blocks, q, m) and x = U B'.
+    """Return the gain of each block, (blocks, m), from y = U r (blocks, q, m) and x = U A'.
 
     x: (blocks, q, k), or None for no members.
     """
     if x is None or not x.shape[-1]:
-        return np.einsum('bqm,bqm->bm', y, y).astype(float)
+        return np.sum(y * y, axis=1)
     if x.shape[1] == 1:
         return y[:, 0]**2 / (1 + RIDGE - np.sum(x[:, 0]**2, axis=1))[:, None]
-    gram = np.eye(x.shape[1], dtype=x.dtype) * (1 + RIDGE) - x @ x.transpose(0, 2, 1)
-    return np.sum(y * np.linalg.solve(gram, y), axis=1)
+    if x.shape[2] >= x.shape[1]:
+        gram = np.eye(x.shape[1], dtype=x.dtype) * (1 + RIDGE) - x @ x.transpose(0, 2, 1)
+        return np.sum(y * np.linalg.solve(gram, y), axis=1)
+    # (c - x x')^-1 = (1 + x (c - x'x)^-1 x') / c: few members are quicker than many columns
+    across = x.transpose(0, 2, 1)
+    shared = across @ y
+    gram = np.eye(x.shape[2], dtype=x.dtype) * (1 + RIDGE) - across @ x
+    found = shared / gram if gram.shape[1] == 1 else np.linalg.solve(gram, shared)
+    return (np.sum(y * y, axis=1) + np.sum(shared * found, axis=1)) / (1 + RIDGE)
 
 
 def whiten(blocks, project):
     """Return orthonormal rows (b, q, 3 N), ranks (b,), shares (b,) of blocks (b, q, N, 3).
 
-    project: maps rows (m, N, 3) to what the model leaves of them.
+    project: Projection.
     """
-    return _orthonormal(*_visible(blocks, project))
+    b, q, n = blocks.shape[:3]
+    scale, moves = _lengths(blocks.reshape(b * q, 3 * n))
+    perp = project(blocks.reshape(b * q, n, 3)).reshape(b, q, 3 * n)
+    perp = perp / scale.reshape(b, q, 1).astype(perp.dtype)
+    gram = perp @ perp.transpose(0, 2, 1)
+    mix, ranks, shares = _mix(gram, moves.reshape(b, q))
+    return mix.astype(perp.dtype) @ perp, ranks, shares
 
 
-def _visible(blocks, project):
-    """Return blocks freed of the model in units of their length, (b, q, 3 N), and which have one.
+def _lengths(flat):
+    """Return the length of columns (r, 3 N) by their variation, and whether they vary.
 
     The length of a column is that of its variation: each axis is freed of its mean over the run.
     """
-    b, q, n = blocks.shape[:3]
-    flat = blocks.reshape(b * q, 3 * n)
-    axes = np.tile(np.eye(3), (n, 1))
-    square = np.einsum('rs,rs->r', flat, flat)
-    varying = square - np.sum((flat @ axes)**2, axis=1) / n
+    n = flat.shape[1] // 3
+    sums = flat.reshape(len(flat), n, 3).sum(axis=1) if len(flat) < FEW else flat @ np.tile(np.eye(3), (n, 1))
+    return _lengths_of(np.einsum('rs,rs->r', flat, flat), np.sum(sums**2, axis=1) / n)
+
+
+def _lengths_of(square, mean):
+    varying = square - mean
     moves = varying > 1e-18 * square
-    scale = np.sqrt(np.where(moves, varying, np.where(square > 0, square, 1.0)))
-    perp = project(blocks.reshape(b * q, n, 3)).reshape(b * q, 3 * n)
-    perp = perp / scale[:, None].astype(perp.dtype)
-    return perp.reshape(b, q, 3 * n), moves.reshape(b, q)
+    return np.sqrt(np.where(moves, varying, np.where(square > 0, square, 1.0))), moves
 
 
-def _orthonormal(perp, moves):
-    """Return orthonormal rows, ranks and shares of visible parts (b, q, 3 N)."""
-    gram = perp @ perp.transpose(0, 2, 1)
-    share = np.sqrt(np.trace(gram, axis1=1, axis2=2) / np.maximum(moves.sum(axis=1), 1))
-    value, vector = np.linalg.eigh(gram)
-    keep = value > DROP**2
-    root = np.where(keep, 1 / np.sqrt(np.where(keep, value, 1.0)), 0.0).astype(perp.dtype)
-    return (vector * root[:, None, :]).transpose(0, 2, 1) @ perp, keep.sum(axis=1), share
+def _mix(gram, moves):
+    """Return T (b, q, q), ranks and shares from B M B' (b, q, q) of columns of unit length."""
+    trace = np.trace(gram, axis1=1, axis2=2)
+    shares = np.sqrt(np.maximum(trace, 0) / np.maximum(moves.sum(axis=1), 1))
+    if gram.shape[1] == 1:
+        value, vector = gram[:, 0], np.ones_like(gram)
+    else:
+        value, vector = np.linalg.eigh(gram)
+    keep = (value > DROP**2) & (shares[:, None] > DROP)
+    root = np.where(keep, 1 / np.sqrt(np.where(keep, value, 1.0)), 0.0)
+    return (vector * root[:, None, :]).transpose(0, 2, 1), keep.sum(axis=1), shares
 
 
 def families(run, effects, project, keep_hidden=False):
@@ -129,46 +244,124 @@ def families(run, effects, project, keep_hidden=False):
     for effect in effects:
         if effect.unavailable(run):
             continue
-        out += _families(run, effect, project)
+        settings = effect.settings(run)
+        factors = effect.factors(run, settings) if settings and project.basis is not None else None
+        out += (_wave_families(run, effect, settings, factors, project) if factors
+                else _families(run, effect, settings, project))
     return tuple(family for family in out if keep_hidden or family.ranks.any())
 
 
-def _families(run, effect, project):
-    """Return the families of one effect, one for each number of columns.
+def _by_width(widths):
+    """Return (width, places of the settings that have it), smallest first."""
+    out = {}
+    for place, width in enumerate(widths):
+        out.setdefault(width, []).append(place)
+    return sorted(out.items())
 
-    Settings that are made of parts (three axes together, all motions) come after their parts, whose
-    projections they share.
-    """
-    by_size = {}
-    for setting in effect.settings(run):
-        by_size.setdefault(len(effect.amplitudes(run, setting)), []).append(setting)
-    chances = effect.independent_settings(run)
-    shared = {}
-    wanted = {part for settings in by_size.values() for setting in settings
-              for part in effect.parts(setting)}
+
+def _families(run, effect, settings, project):
+    """Return the families of one effect, one for each number of columns, from its columns."""
     out = []
-    for q, settings in sorted(by_size.items()):
-        atoms = np.empty((len(settings) * q, 3 * run.size), dtype=np.float32)
-        ranks, shares = np.empty(len(settings), dtype=int), np.empty(len(settings))
+    chances = effect.independent_settings(run)
+    for q, places in _by_width([effect.width(run, setting) for setting in settings]):
+        some = tuple(settings[place] for place in places)
         step = max(1, CHUNK // q)
-        for start in range(0, len(settings), step):
-            some = settings[start:start + step]
-            perp, moves = _of_parts(effect, some, shared)
-            if perp is None:
-                perp, moves = _visible(effect.blocks(run, some), project)
-                shared.update({setting: (perp[k], moves[k]) for k, setting in enumerate(some)
-                               if setting in wanted})
-            part = slice(start, start + len(some))
-            rows, ranks[part], shares[part] = _orthonormal(perp, moves)
-            atoms[start * q:(start + len(some)) * q] = rows.reshape(-1, 3 * run.size)
-        out.append(Family(effect, tuple(settings), q, atoms, ranks, shares, chances))
+        blocks = (effect.blocks(run, some[start:start + step]) for start in range(0, len(some), step))
+        first = next(blocks)
+        sparse = project.basis is not None and np.count_nonzero(first) < EMPTY * first.size
+        parts = [(_sparse if sparse else _dense)(part, project) for part in chain([first], blocks)]
+        rows, mixes, ranks, shares = (list(each) for each in zip(*parts))
+        bank, mix = ((Sparse(scipy.sparse.vstack(rows, format='csr'), q), np.concatenate(mixes))
+                     if sparse else (Dense(np.concatenate(rows)), None))
+        out.append(Family(effect, some, q, bank, None, mix, np.concatenate(ranks),
+                          np.concatenate(shares), chances))
     return out
 
 
-def _of_parts(effect, settings, shared):
-    """Return visible parts of settings that are made of parts already projected, else None."""
-    parts = [effect.parts(setting) for setting in settings]
-    if not all(entry and all(part in shared for part in entry) for entry in parts):
-        return None, None
-    perp = np.stack([np.concatenate([shared[part][0] for part in entry]) for entry in parts])
-    return perp, np.stack([np.concatenate([shared[part][1] for part in entry]) for entry in parts])
+def _dense(blocks, project):
+    rows, ranks, shares = whiten(blocks, project)
+    return rows.astype(np.float32), None, ranks, shares
+
+
+def _sparse(blocks, project):
+    b, q, n = blocks.shape[:3]
+    rows = _compressed(blocks.reshape(b * q, 3 * n))
+    square = np.asarray(rows.multiply(rows).sum(axis=1)).reshape(-1)
+    sums = rows @ np.tile(np.eye(3), (n, 1))
+    scale, moves = _lengths_of(square, np.sum(sums**2, axis=1) / n)
+    rows.data = rows.data / np.repeat(scale, np.diff(rows.indptr))
+    rows = rows.astype(np.float32)
+    inside = (rows @ project.columns).reshape(b, q, -1)
+    whole = (rows @ rows.T).toarray().reshape(b, q, b, q)[np.arange(b), :, np.arange(b)]
+    mix, ranks, shares = _mix(whole - inside @ inside.transpose(0, 2, 1), moves.reshape(b, q))
+    return rows, mix.astype(np.float32), ranks, shares
+
+
+def _compressed(flat):
+    """Return a matrix as a sparse one; much faster than numpy's search for numbers that are not zero."""
+    values = flat.reshape(-1)
+    places = np.flatnonzero(values != 0)
+    row, column = np.divmod(places, flat.shape[1])
+    start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=len(flat)))])
+    return scipy.sparse.csr_array((values[places], column, start), shape=flat.shape)
+
+
+def _wave_families(run, effect, settings, factors, project):
+    """Return the families of one effect whose columns are waves times directions."""
+    m = factors.waves.shape[1]
+    scale, moves = _wave_lengths(factors)
+    waves = factors.waves
+    if _are_inside(factors.directions, project):
+        waves = waves - waves.mean(axis=2, keepdims=True)  # a constant is the model's: no lost digits
+    bank = Waves(waves.astype(np.float32), factors.directions.astype(np.float32))
+    gram = _wave_gram(bank, project) / (scale[:, :, None] * scale[:, None])
+    chances, d = effect.independent_settings(run), len(factors.directions)
+    out = []
+    for q, places in _by_width([m * len(which) for _, which in factors.of_setting]):
+        wave = np.array([factors.of_setting[place][0] for place in places])
+        which = np.array([factors.of_setting[place][1] for place in places])
+        column = (np.arange(m)[None, :, None] * d + which[:, None]).reshape(len(places), q)
+        mix, ranks, shares = _mix(gram[wave[:, None, None], column[:, :, None], column[:, None]],
+                                  moves[wave[:, None], column])
+        mix = (mix / scale[wave[:, None], column][:, None]).astype(np.float32)
+        out.append(Family(effect, tuple(settings[place] for place in places), q, bank,
+                          (wave[:, None, None], np.arange(m)[None, :, None], which[:, None]),
+                          mix, ranks, shares, chances))
+    return out
+
+
+def _wave_lengths(factors):
+    """Return lengths of all columns by their variation and whether they vary, (v, m D)."""
+    waves, directions = factors.waves, factors.directions
+    v, m, n = waves.shape
+    flat = waves.reshape(v * m, n)
+    square = flat**2 @ np.sum(directions**2, axis=2).T
+    means = flat @ np.moveaxis(directions, 0, 1).reshape(n, -1)
+    mean = np.sum(means.reshape(v * m, -1, 3)**2, axis=2) / n
+    scale, moves = _lengths_of(square, mean)
+    return scale.reshape(v, -1), moves.reshape(v, -1)
+
+
+def _are_inside(directions, project):
+    """Return whether the model can describe constant displacements along all directions."""
+    left = project(directions)
+    return bool(np.abs(left).max() < 1e-9 * np.abs(directions).max())
+
+
+def _wave_gram(bank, project):
+    """Return B M B' of all columns of each wave, (v, m D, m D), by B B' - (B Q')(B Q')'."""
+    v, m, n = bank.waves.shape
+    d = len(bank.directions)
+    along = [project.along(direction) for direction in bank.directions]
+    both = np.einsum('anc,bnc->nab', bank.directions, bank.directions).reshape(n, d * d)
+    out = np.empty((v, m * d, m * d))
+    for start in range(0, v, CHUNK):
+        waves = bank.waves[start:start + CHUNK]
+        inside = np.zeros((len(waves), m, d, project.basis.rank), dtype=np.float32)
+        for k, (part, places) in enumerate(along):
+            inside[:, :, k, places] = (waves.reshape(-1, n) @ part).reshape(len(waves), m, -1)
+        inside = inside.reshape(len(waves), m * d, -1)
+        pairs = (waves[:, :, None] * waves[:, None]).reshape(-1, n) @ both
+        whole = pairs.reshape(-1, m, m, d, d).transpose(0, 1, 3, 2, 4).reshape(-1, m * d, m * d)
+        out[start:start + CHUNK] = whole - inside @ inside.transpose(0, 2, 1)
+    return out

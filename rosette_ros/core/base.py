@@ -13,16 +13,15 @@ radius and turn stand in P.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.fft
-import scipy.linalg
 
+from rosette_ros.core.base_parts import BASE_TERMS, base_parts
 from rosette_ros.core.errors import InvalidModel, NotDeterminable
-from rosette_ros.core.geometry import nominal_angles
 from rosette_ros.core.records import CURVES
 
-BASE_TERMS = ('table_motions', 'plate_deviations', 'cmm_deviations')
 GAUGE = (
     'means of ctx, cty, ctz, crx, cry, crz',
     'once-per-turn part of (ctx, cty) that looks like eccentricity of the plate',
@@ -58,6 +57,46 @@ def base_space(run, lever, terms=BASE_TERMS, weight=None):
     return DenseSpace(run, lever, terms, weight)
 
 
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """Orthonormal rows that span a model on a run of N readings.
+
+    axial: (rz, N) along z; plane: (rw, N, 2) along x and y; mixed: (k, N, 3) along all axes.
+    """
+
+    axial: np.ndarray
+    plane: np.ndarray
+    mixed: np.ndarray
+
+    @property
+    def rank(self):
+        """Number of rows."""
+        return len(self.axial) + len(self.plane) + len(self.mixed)
+
+    def residual(self, columns):
+        """Return columns (m, N, 3) freed of what the rows span, same shape."""
+        flat = columns.reshape(len(columns), self._rows.shape[1])
+        return (flat - (flat @ self._rows.T) @ self._rows).reshape(columns.shape)
+
+    @cached_property
+    def _rows(self):
+        return self.rows()
+
+    def rows(self):
+        """Return all rows, (rank, 3 N)."""
+        size = self.axial.shape[1]
+        out = np.zeros((self.rank, size, 3))
+        plane = len(self.axial) + len(self.plane)
+        out[:len(self.axial), :, 2] = self.axial
+        out[len(self.axial):plane, :, :2] = self.plane
+        out[plane:] = self.mixed
+        return out.reshape(self.rank, 3 * size)
+
+
+SMALL = 333
+"""Readings up to which a basis that is at hand is quicker than an FFT."""
+
+
 class CompleteSpace:
     """The base model on a complete, equally weighted run, by its two-dimensional spectrum.
 
@@ -70,6 +109,7 @@ class CompleteSpace:
     def __init__(self, run, lever, terms=BASE_TERMS):
         """Lay out the lines for a complete run; see base_space."""
         n = self.n = run.n
+        self._run = run
         self.lever = lever
         self.terms = tuple(terms)
         cell = (run.table_position - 1) * n + run.cmm_position - 1
@@ -95,6 +135,11 @@ class CompleteSpace:
         self._crz = ~w[:, 1] & table
         self.rank = int(z.sum() + 2 * w.sum() + self._crz.sum())
 
+    @cached_property
+    def basis(self):
+        """Orthonormal rows that span the base model, a Basis."""
+        return _basis(base_parts(self._run, self.terms, np.ones(self._run.size)))
+
     def _spectra(self, columns):
         """Return spectra of z (m, n, n) and w (m, n, n) of columns (m, N, 3)."""
         z = scipy.fft.fft2(self._grid(columns[..., 2]), axes=(1, 2))
@@ -112,6 +157,8 @@ class CompleteSpace:
 
     def residual(self, columns):
         """Return what the base model cannot describe of columns (m, N, 3), same shape and precision."""
+        if 'basis' in self.__dict__ and len(self._cell) <= SMALL and columns.dtype == float:
+            return self.basis.residual(columns)
         out = np.zeros(columns.shape, dtype=columns.dtype)
         if not len(columns):
             return out
@@ -207,12 +254,16 @@ class DenseSpace:
         self.lever = lever
         self.terms = tuple(terms)
         self._root = np.ones(run.size) if weight is None else np.sqrt(weight / np.mean(weight))
-        self._parts = (_Part(_z_design(run, terms), self._root, _z_gauge(run.n)),
-                       _Part(_w_design(run, terms), np.repeat(self._root, 2), _w_gauge(run.n)))
+        self._parts = base_parts(run, terms, self._root)
         self.rank = sum(part.rank for part in self._parts)
         wanted = CompleteSpace(_complete_like(run), lever, terms).rank
         if self.rank < wanted:
             raise NotDeterminable(self._missing(run, wanted))
+
+    @cached_property
+    def basis(self):
+        """Orthonormal rows that span the base model, a Basis; None where readings have weights."""
+        return _basis(self._parts) if np.ptp(self._root) == 0 else None
 
     def _missing(self, run, wanted):
         z, w = self._parts
@@ -266,47 +317,9 @@ class DenseSpace:
         return np.stack([w[0], w[1], z[0], z[1] / r**2, z[2] / r**2, w[2] / r**2], axis=-1)
 
 
-class _Part:
-    """Least squares of one independent part of the base model (z, or x and y together)."""
-
-    def __init__(self, design, root, gauge):
-        self.size = design.shape[1]
-        weighted = design * root[:, None]
-        normal = weighted.T @ weighted
-        value, vector = np.linalg.eigh(normal)
-        keep = value > 1e-9 * max(value[-1], 1.0)
-        self.rank = int(keep.sum())
-        self._null = vector[:, ~keep]
-        self._vector, self._value = vector[:, keep], value[keep]
-        basis = weighted @ (self._vector / np.sqrt(self._value))
-        # One Cholesky step makes the basis orthonormal to rounding.
-        root_factor = np.linalg.cholesky(basis.T @ basis)
-        self._basis = scipy.linalg.solve_triangular(root_factor, basis.T, lower=True).T
-        self._mix = (self._vector / np.sqrt(self._value)) @ np.linalg.inv(root_factor).T
-        # x -> x - G (C G)^-1 C x brings any solution into the gauge C x = 0.
-        vectors, constraints = gauge
-        self._gauge_vectors = vectors
-        self._shift = np.eye(self.size) - vectors @ np.linalg.solve(constraints @ vectors,
-                                                                    constraints)
-        self._mix = self._shift @ self._mix
-
-    def residual(self, rows):
-        once = rows - (rows @ self._basis) @ self._basis.T
-        return once - (once @ self._basis) @ self._basis.T
-
-    def solve(self, rows):
-        return (rows @ self._basis) @ self._mix.T
-
-    def cofactor(self):
-        return np.sum(self._mix**2, axis=1)
-
-    def undetermined(self):
-        """Return which unknowns the readings leave open beyond the gauge, (size,) bool."""
-        gauge = np.linalg.qr(self._gauge_vectors)[0]
-        beyond = self._null - gauge @ (gauge.T @ self._null)
-        vectors, value, _ = np.linalg.svd(beyond, full_matrices=False)
-        share = np.sum(vectors[:, value > 0.5]**2, axis=1)
-        return share > max(0.5 * share.max(initial=0), 1e-6)
+def _basis(parts):
+    z, w = (np.ascontiguousarray(part.basis.T) for part in parts)
+    return Basis(z, w.reshape(len(w), -1, 2), np.zeros((0, z.shape[1], 3)))
 
 
 def _complete_like(run):
@@ -323,81 +336,5 @@ class _Indices:
     cmm_position: np.ndarray
 
 
-def _one_hot(index, n):
-    return (index[:, None] == np.arange(1, n + 1)).astype(float)
-
-
-def _z_design(run, terms):
-    """Return the design of z, (N, 5 n): ctz, R crx, R cry, P_z, M_z."""
-    table, plate, cmm = (float(term in terms) for term in BASE_TERMS)
-    at, of, on = (_one_hot(index, run.n)
-                  for index in (run.table_position, run.ball, run.cmm_position))
-    sin, cos = np.sin(run.alpha)[:, None], np.cos(run.alpha)[:, None]
-    return np.hstack([table * at, table * sin * at, -table * cos * at, plate * of, cmm * on])
-
-
-def _w_design(run, terms):
-    """Return the design of (x, y) interleaved, (2 N, 7 n): ctx, cty, R crz, P_x, P_y, M_x, M_y."""
-    n = run.n
-    table, plate, cmm = (float(term in terms) for term in BASE_TERMS)
-    at, of, on = (_one_hot(index, n) for index in (run.table_position, run.ball, run.cmm_position))
-    zero = np.zeros_like(at)
-    sin, cos = np.sin(run.alpha)[:, None], np.cos(run.alpha)[:, None]
-    sin_t, cos_t = np.sin(run.phi)[:, None], np.cos(run.phi)[:, None]
-    x = np.hstack([table * at, zero, -table * sin * at, plate * cos_t * of, -plate * sin_t * of,
-                   cmm * on, zero])
-    y = np.hstack([zero, table * at, table * cos * at, plate * sin_t * of, plate * cos_t * of,
-                   zero, cmm * on])
-    return np.stack([x, y], axis=1).reshape(2 * run.size, 7 * n)
-
-
-def _z_gauge(n):
-    """Return gauge vectors (5 n, 6) of z and the constraints (6, 5 n) that fix them."""
-    phi = nominal_angles(n)
-    c, s, one, o = np.cos(phi), np.sin(phi), np.ones(n), np.zeros(n)
-    vectors = np.stack([
-        np.concatenate([one, o, o, o, -one]),       # height of the table against the CMM
-        np.concatenate([o, o, o, one, -one]),       # height of the plate against the CMM
-        np.concatenate([o, one, o, o, -s]),         # mean tilt about x: z = R sin alpha
-        np.concatenate([o, o, one, o, c]),          # mean tilt about y: z = -R cos alpha
-        np.concatenate([o, c, s, -s, o]),           # tilt that turns: z = R sin(alpha - phi)
-        np.concatenate([o, -s, c, c, o]),           # z = -R cos(alpha - phi)
-    ], axis=-1)
-    constraints = np.stack([
-        np.concatenate([one, o, o, o, o]),
-        np.concatenate([o, o, o, o, one]),
-        np.concatenate([o, one, o, o, o]),
-        np.concatenate([o, o, one, o, o]),
-        np.concatenate([o, c, s, o, o]),
-        np.concatenate([o, -s, c, o, o]),
-    ])
-    return vectors, constraints
-
-
-def _w_gauge(n):
-    """Return gauge vectors (7 n, 7) of x, y and the constraints (7, 7 n) that fix them."""
-    phi = nominal_angles(n)
-    c, s, one, o = np.cos(phi), np.sin(phi), np.ones(n), np.zeros(n)
-    vectors = np.stack([
-        np.concatenate([one, o, o, o, o, -one, o]),     # mean of ctx against the CMM
-        np.concatenate([o, one, o, o, o, o, -one]),     # mean of cty
-        np.concatenate([c, s, o, -one, o, o, o]),       # eccentricity of the plate
-        np.concatenate([-s, c, o, o, -one, o, o]),
-        np.concatenate([o, o, one, s, -c, o, o]),       # mean turn of the table against the plate
-        np.concatenate([o, o, o, -s, c, s, -c]),        # turn of the plate against the CMM
-        np.concatenate([o, o, o, c, s, -c, -s]),        # radial scale of plate against CMM
-    ], axis=-1)
-    constraints = np.stack([
-        np.concatenate([one, o, o, o, o, o, o]),
-        np.concatenate([o, one, o, o, o, o, o]),
-        np.concatenate([c, s, o, o, o, o, o]),
-        np.concatenate([-s, c, o, o, o, o, o]),
-        np.concatenate([o, o, one, o, o, o, o]),
-        np.concatenate([o, o, o, o, o, -s, c]),
-        np.concatenate([o, o, o, o, o, c, s]),
-    ])
-    return vectors, constraints
-
-
-__all__ = ['BASE_TERMS', 'CURVES', 'GAUGE', 'BaseParameters', 'CompleteSpace', 'DenseSpace',
+__all__ = ['BASE_TERMS', 'CURVES', 'GAUGE', 'BaseParameters', 'Basis', 'CompleteSpace', 'DenseSpace',
            'base_space']

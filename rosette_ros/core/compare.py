@@ -87,7 +87,7 @@ def compare(fit, seed=0):
     seed: of the simulated noise that the spreads are judged against; it goes through the same model.
     """
     run = fit.run
-    project = Projection(fit.joint.residual, run.size)
+    project = Projection(fit.joint, run.size)
     noise = project(np.random.default_rng(seed).standard_normal((DRAWS, run.size, 3)))
     residual = fit.residual
     expected = np.mean(noise**2, axis=0)

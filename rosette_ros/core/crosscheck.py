@@ -111,7 +111,7 @@ def _refusal(run, effect, fitted, before):
 
 def _visible_share(effect, setting, before):
     block = np.moveaxis(effect.columns(before.run, setting), -1, 0)
-    project = Projection(before.joint.residual, before.run.size)
+    project = Projection(before.joint, before.run.size)
     return float(whiten(block[None], project)[2][0])
 
 

@@ -102,12 +102,12 @@ def held_out_rms(run, fitted, seed=0):
     """Return the error of a fit in readings left out, m; its settings are searched without each block."""
     if not fitted.model.terms:
         residual = fitted.residual.reshape(-1)
-        blocks = HeldOut(fitted.joint.residual, run.size, seed)
+        blocks = HeldOut(fitted.joint, run.size, seed)
         return blocks.rms([(residual, np.zeros((0, residual.size)))] * blocks.folds)
     base = fit(run, Model(fitted.model.base))
     space = base.joint
-    blocks = HeldOut(space.residual, run.size, seed)
-    whole = Problem(run, space.residual, base.residual, base.dof, (), ())
+    blocks = HeldOut(space, run.size, seed)
+    whole = Problem(run, space, base.residual, base.dof, (), ())
     problems = effect_problems(run, fitted.model, space, base.residual, base.dof)
     fits = [(whole.residual, np.zeros((0, whole.residual.size)))] * blocks.folds
     # at first the effects count for nothing in a block, then for what they predict there
@@ -162,11 +162,11 @@ class _Search:
         space = JointSpace(joint.space, joint.every, np.zeros((0, run.size, 3)))
         self.dof = 3 * run.size - joint.space.rank - space.rank
         self.residual = space.residual(base.residual[None])[0]
-        self.problem = Problem(run, space.residual, self.residual, self.dof)
+        self.problem = Problem(run, space, self.residual, self.dof)
         self.noiseless = base.rms < NOISELESS
         rng = np.random.default_rng(seed)
         self.null = np.sort(self.problem.null_scores(DRAWS if run.n < 48 else DRAWS // 2, rng))
-        self.held_out = HeldOut(space.residual, run.size, seed)
+        self.held_out = HeldOut(space, run.size, seed)
         self._blind_fits = {}
 
     def p(self, score):
@@ -212,7 +212,7 @@ class _Search:
         terms = tuple(Term(member.effect) for member in members)
         settings = tuple(member.setting for member in members)
         return fit(self.run, Model(model.base, (*model.terms, *terms), repeated=True),
-                   (*self.base.settings, *settings))
+                   (*self.base.settings, *settings), space=self.base.joint.space)
 
     def unexplained(self, chosen, final):
         """Return whether something is left that no named effect explains, and what it depends on."""
@@ -240,7 +240,7 @@ class _Search:
             alike = tuple(rival.name for rival, other, _ in self.problem.rivals(rest)
                           if rival.named and rival.name != member.name
                           and other > max(own - LOOK_ALIKE, 0))
-            out.append(self._candidate(member, before, self.p(score), alike, True))
+            out.append(self._candidate(member, before, self.p(score), alike, True, (member.name,)))
         if self.noiseless:
             return tuple(out)
         claimed = set(chosen.names)
@@ -249,11 +249,12 @@ class _Search:
                   if rival.named and rival.name not in claimed
                   and self.dof > (len(chosen.rows) + len(rival.rows)
                                   + _searched((*chosen.members, rival)))]
+        among = tuple(rival.name for _, _, rival in others if rival.effect.searched)
         for p, _, rival in sorted(others, key=lambda entry: entry[:2]):
-            out.append(self._candidate(rival, chosen, p, (), False))
+            out.append(self._candidate(rival, chosen, p, (), False, among))
         return tuple(out)
 
-    def _candidate(self, member, before, p, look_alikes, claimed):
+    def _candidate(self, member, before, p, look_alikes, claimed, among):
         after = self.problem.select((*before.members, member))
         scale = self.problem.scale
         dof_before, dof_after = (self.dof - len(s.rows) - _searched(s.members)
@@ -263,37 +264,36 @@ class _Search:
              - len(before.rows) - _searched(before.members))
         fitted = self.final_fit([m for m in after.members if m.named])
         parameters = fitted.effects[-1].parameters
-        held_before, _ = self._blind(before)
+        held_before = self._blind(before).rms
         return Candidate(
             member.name, dict(member.setting), p, member.share,
             scale * float(np.sqrt(before.rss / dof_before)),
             scale * float(np.sqrt(after.rss / dof_after)), scale * held_before,
-            scale * self._held_out_after(member, before),
+            scale * self._held_out_after(member, before, among),
             float(size * np.log(before.rss / after.rss) - k * np.log(size)), parameters,
             look_alikes, claimed)
 
     def _blind(self, before):
-        """Return the held-out error of a selection and the selection fitted without each block."""
+        """Return the held-out error of a selection and what is known without each block, a _Blind."""
         key = tuple(id(member) for member in before.members)
         if key not in self._blind_fits:
             training = self.held_out.training_residuals(before.residual, before.rows)
             rms = self.held_out.rms([(before.residual, before.rows)] * self.held_out.folds)
-            self._blind_fits[key] = rms, [
-                Selection(before.members, before.rows, residual, float(residual @ residual), 0.0)
-                for residual in training]
+            selections = [Selection(before.members, before.rows, residual, float(residual @ residual), 0.0)
+                          for residual in training]
+            self._blind_fits[key] = _Blind(rms, self.problem, selections)
         return self._blind_fits[key]
 
-    def _held_out_after(self, member, before):
+    def _held_out_after(self, member, before, among):
         """Return the held-out error with an effect whose settings are searched without each block."""
-        fits = []
-        _, blind = self._blind(before)
-        for offers in self.problem.offers(blind, (member.name,), allow_repeats=True):
-            again = member
-            if offers and len(offers[0][1].settings) > 1:
-                _, family, block = offers[0]
-                again = self.problem.member(family.effect, family.settings[block], family.chances)
-            after = self.problem.select((*before.members, again))
-            fits.append((after.residual, after.rows))
+        found, fits = {}, []
+        for setting in self._blind(before).settings(member, among):
+            if setting not in found:
+                again = (member if setting is member.setting else
+                         self.problem.member(member.effect, setting, member.chances))
+                after = self.problem.select((*before.members, again))
+                found[setting] = after.residual, after.rows
+            fits.append(found[setting])
         return self.held_out.rms(fits)
 
     def _base_candidate(self, term, start):
@@ -307,7 +307,7 @@ class _Search:
         held = []
         for one in (before, self.base):
             residual = one.residual.reshape(-1)
-            blocks = HeldOut(one.joint.residual, self.run.size, self.seed)
+            blocks = HeldOut(one.joint, self.run.size, self.seed)
             held.append(blocks.rms([(residual, np.zeros((0, residual.size)))] * blocks.folds))
         size = 3 * self.run.size
         return Candidate(term, {}, min(p, 1.0), 1.0, before.rms, self.base.rms, *held,
@@ -326,6 +326,30 @@ class _Search:
                           if name not in out and name not in missing and name not in present
                           and shares.get(name, 0.0) < INVISIBLE)
         return invisible, unavailable
+
+
+class _Blind:
+    """A selection fitted without each block of readings; rms: its held-out error in sigma."""
+
+    def __init__(self, rms, problem, selections):
+        self.rms, self._problem, self._selections = rms, problem, selections
+        self._offers = {}
+
+    def settings(self, member, among):
+        """Return the best setting of a member's effect without each block.
+
+        among: names of the effects that will be asked for beside this selection; they are looked at
+        together.
+        """
+        if not member.effect.searched:
+            return [member.setting] * len(self._selections)
+        if member.name not in self._offers:
+            offers = self._problem.offers(self._selections, among, allow_repeats=True)
+            for name in among:
+                self._offers[name] = [next((offer for offer in found if offer[1].name == name), None)
+                                      for found in offers]
+        return [member.setting if offer is None or len(offer[1].settings) == 1
+                else offer[1].settings[offer[2]] for offer in self._offers[member.name]]
 
 
 def _reason(effect, run):

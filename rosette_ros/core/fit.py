@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy import special
 
-from rosette_ros.core.base import base_space
+from rosette_ros.core.base import Basis, base_space
 from rosette_ros.core.effects.contract import Setting
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.geometry import rotate_z
@@ -141,6 +141,18 @@ class JointSpace:
         return flat.reshape(rows.shape)
 
     @cached_property
+    def basis(self):
+        """Orthonormal rows that span base model and effects, a Basis; None where there are weights."""
+        base = self.space.basis
+        if base is None or not self.q:
+            return base
+        scaled = self._flat[:self.q] / self._scale[:self.q, None]
+        value, vector = np.linalg.eigh(scaled @ scaled.T)
+        keep = value > HIDDEN**2
+        rows = (vector[:, keep] / np.sqrt(value[keep])).T @ scaled
+        return Basis(base.axial, base.plane, rows.reshape(len(rows), -1, 3))
+
+    @cached_property
     def bias(self):
         """Curves per unit of each column and tangent, (q + k, n, 6)."""
         return self.space.parameters(self.every).curves
@@ -164,17 +176,18 @@ def _pseudo_inverse(flat, scale):
     return (mix @ vector[:, keep].T @ scaled) / scale[:, None], int(keep.sum())
 
 
-def fit(run, model=None, settings=(), weight=None):
+def fit(run, model=None, settings=(), weight=None, space=None):
     """Return the joint least-squares Fit of a model on a run.
 
     settings: a Setting for each effect of the model, in its order; weight: (N,) inverse relative
-    variances of the readings, or None.
+    variances of the readings, or None; space: of the base terms of the model where it is at hand from
+    another fit of the same run and weights.
 
     Raises NotDeterminable where readings are too few or an effect cannot be seen in this order.
     """
     model = model or Model()
     lever = mean_radius(run)
-    space = base_space(run, lever, model.base, weight)
+    space = space or base_space(run, lever, model.base, weight)
     blocks = [np.moveaxis(term.effect.columns(run, setting), -1, 0)
               for term, setting in zip(model.terms, settings, strict=True)]
     columns = np.concatenate([np.zeros((0, run.size, 3)), *blocks])

@@ -22,7 +22,7 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from rosette_ros.core.atoms import Family, Projection, families, gains, whiten
+from rosette_ros.core.atoms import Family, Projection, families, gains, products_of, whiten
 from rosette_ros.core.effects.contract import Effect, Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.structure import STRUCTURES, Structure
@@ -82,14 +82,13 @@ class Selection:
 class Problem:
     """What is searched: a run, the model's projection and residual, and the families of effects.
 
-    project: maps rows (m, N, 3) to what the model leaves of them; residual: (N, 3), m; dof: its
-    degrees of freedom.
+    space: of the model, a JointSpace; residual: (N, 3), m; dof: its degrees of freedom.
     """
 
-    def __init__(self, run, project, residual, dof, effects=None, structures=STRUCTURES):
+    def __init__(self, run, space, residual, dof, effects=None, structures=STRUCTURES):
         """Build the families once; see the class."""
         self.run, self.dof = run, dof
-        self.project = project = Projection(project, run.size)
+        self.project = project = Projection(space, run.size)
         self.scale = float(np.sqrt(np.sum(residual**2) / dof)) or 1.0
         self.residual = residual.reshape(-1) / self.scale
         effects = tuple(EFFECTS.values()) if effects is None else tuple(effects)
@@ -153,10 +152,8 @@ class Problem:
         """
         stacked = np.concatenate([np.vstack([s.residual[None], s.rows]) for s in selections])
         offers = [[] for _ in selections]
-        for family in self.families:
-            if names is not None and family.name not in names:
-                continue
-            products = family.products(stacked)
+        wanted = [family for family in self.families if names is None or family.name in names]
+        for family, products in products_of(wanted, stacked):
             start = 0
             for selection, found in zip(selections, offers):
                 stop = start + 1 + len(selection.rows)
@@ -165,23 +162,29 @@ class Problem:
                 if (family.name in selection.names and family.name not in REPEATABLE
                         and not allow_repeats):
                     continue
-                gain = gains(part[..., :1], part[..., 1:])[:, 0]
-                score = self.scores(family, selection.rss, gain,
-                                    self.left(len(selection.rows), selection.members))
-                best = int(np.argmax(score))
-                found.append((float(score[best]), family, best))
+                gain = gains(part[..., :1], part[..., 1:])
+                score, best = self.best_scores(family, selection.rss, gain,
+                                               self.left(len(selection.rows), selection.members))
+                found.append((float(score[0]), family, int(best[0])))
         return [sorted(found, key=lambda offer: -offer[0]) for found in offers]
 
-    def scores(self, family, rss, gain, dof):
-        """Return the score gains of a family's blocks, (blocks, ...), from their gains on `rss`.
+    def best_scores(self, family, rss, gain, dof):
+        """Return the best score gain of a family's blocks, (m,), and its block, (m,).
 
-        dof: degrees of freedom of `rss`.
+        rss: square sums, (m,) or one; gain: (blocks, m), their fall; dof: degrees of freedom of rss.
+        Of blocks of one rank the one with the largest gain has the best score.
         """
-        ranks = family.ranks.reshape(-1, *[1] * (np.ndim(gain) - 1))
-        left = np.maximum(rss - gain, 1e-12 * rss)
-        score = (dof * np.log(rss / left) - cost(gain * dof / left, ranks)
-                 - search_cost(family.effect, family.chances))
-        return np.where(ranks > 0, score, -np.inf)
+        columns = np.arange(gain.shape[1])
+        best, block = np.full(gain.shape[1], -np.inf), np.zeros(gain.shape[1], dtype=int)
+        for rank, places in family.by_rank:
+            largest = places[np.argmax(gain[places], axis=0)]
+            fall = gain[largest, columns].astype(float)
+            left = np.maximum(rss - fall, 1e-12 * rss)
+            score = (dof * np.log(rss / left) - cost(fall * dof / left, rank)
+                     - search_cost(family.effect, family.chances))
+            block = np.where(score > best, largest, block)
+            best = np.maximum(score, best)
+        return best, block
 
     def refine(self, member, others, chances, brackets=None):
         """Return a member with its continuous parameters at their best beside the others' rows.
@@ -300,11 +303,9 @@ class Problem:
         noise = self.project(rng.standard_normal((draws, n, 3))).reshape(draws, 3 * n)
         rss = np.sum(noise**2, axis=1)
         best = np.full(draws, -np.inf)
-        for family in self.families:
-            if isinstance(family.effect, Structure):
-                continue
-            score = self.scores(family, rss, gains(family.products(noise)), self.dof)
-            best = np.maximum(best, score.max(axis=0))
+        named = [family for family in self.families if not isinstance(family.effect, Structure)]
+        for family, products in products_of(named, noise):
+            best = np.maximum(best, self.best_scores(family, rss, gains(products), self.dof)[0])
         return best
 
 

@@ -39,7 +39,7 @@ def effect_problems(run, model, space, residual, dof):
     if all(_is_fixed(term) for term in model.terms):
         return ()
     effects = [Pinned.of(term.effect, term.fixed) for term in model.terms]
-    return tuple(Problem(run, space.residual, residual, dof, (effect,), ()) for effect in effects)
+    return tuple(Problem(run, space, residual, dof, (effect,), ()) for effect in effects)
 
 
 def search_settings(run, model, problems):

@@ -20,14 +20,13 @@ HIGHEST = 8
 
 
 def _spread(direction, scalars):
-    """Return each scalar (N,) along each axis of a direction, (N, 3, q)."""
-    columns = []
-    for axis in ALL_DIRECTIONS[direction]:
-        for scalar in scalars:
-            column = np.zeros((scalar.size, 3))
-            column[:, axis] = scalar
-            columns.append(column)
-    return np.stack(columns, axis=-1)
+    """Return each of the scalars (m, N) along each axis of a direction, (N, 3, q)."""
+    scalars = np.asarray(scalars)
+    axes = ALL_DIRECTIONS[direction]
+    out = np.zeros((scalars.shape[1], 3, len(axes), len(scalars)))
+    for place, axis in enumerate(axes):
+        out[:, axis, place] = scalars.T
+    return out.reshape(len(out), 3, -1)
 
 
 def _waves(angle, order):
@@ -44,10 +43,21 @@ class Structure(Effect):
         """Return what the shape depends on, in words."""
         raise NotImplementedError
 
+    def scalars(self, run, setting):
+        """Return what each axis of the direction follows, (m, N)."""
+        raise NotImplementedError
+
+    def width(self, run, setting):
+        """Return the number of scalars times that of axes."""
+        return len(ALL_DIRECTIONS[setting['direction']]) * len(self.scalars(run, setting))
+
     def amplitudes(self, run, setting):
         """Return unnamed amplitudes."""
-        size = self.columns(run, setting).shape[-1]
-        return tuple(Quantity(f'c{k + 1}', '', 'amplitude') for k in range(size))
+        return tuple(Quantity(f'c{k + 1}', '', 'amplitude') for k in range(self.width(run, setting)))
+
+    def columns(self, run, setting):
+        """Return every scalar along every axis of the direction, (N, 3, q)."""
+        return _spread(setting['direction'], self.scalars(run, setting))
 
 
 @dataclass(frozen=True)
@@ -66,12 +76,10 @@ class CurvedTime(Structure):
         return tuple(Setting(direction=d, degree=k)
                      for d in ALL_DIRECTIONS for k in (2, 3, 4, 6))
 
-    def columns(self, run, setting):
+    def scalars(self, run, setting):
         """Return Legendre polynomials of time, degrees 1 to `degree`."""
         u = 2 * seconds(run) / duration(run) - 1
-        values = [np.polynomial.legendre.Legendre.basis(k)(u)
-                  for k in range(1, setting['degree'] + 1)]
-        return _spread(setting['direction'], values)
+        return np.polynomial.legendre.legvander(u, setting['degree'])[:, 1:].T
 
 
 @dataclass(frozen=True)
@@ -94,11 +102,11 @@ class GrowingWave(Structure):
             for of in ANGLES for m in range(1, min(run.n // 2, HIGHEST) + 1) for d in DIRECTIONS
             if (of, m, d) not in named)
 
-    def columns(self, run, setting):
+    def scalars(self, run, setting):
         """Return t times cosine and sine."""
         angle = getattr(run, ANGLES[setting['of']])
         u = seconds(run) / duration(run) - 0.5
-        return _spread(setting['direction'], [u * w for w in _waves(angle, setting['order'])])
+        return [u * w for w in _waves(angle, setting['order'])]
 
 
 @dataclass(frozen=True)
@@ -118,10 +126,9 @@ class ProductWave(Structure):
         return tuple(Setting(p=p, q=q, direction=d) for d in DIRECTIONS
                      for p in range(1, top + 1) for q in range(-top, top + 1) if q)
 
-    def columns(self, run, setting):
+    def scalars(self, run, setting):
         """Return cos and sin of p phi + q alpha."""
-        return _spread(setting['direction'],
-                       _waves(setting['p'] * run.phi + setting['q'] * run.alpha, 1))
+        return _waves(setting['p'] * run.phi + setting['q'] * run.alpha, 1)
 
 
 @dataclass(frozen=True)
@@ -139,10 +146,9 @@ class ApproachWave(Structure):
         """Try orders 0 to 3."""
         return tuple(Setting(direction=d, order=m) for d in DIRECTIONS for m in range(4))
 
-    def columns(self, run, setting):
+    def scalars(self, run, setting):
         """Return approach times cosine and sine of alpha."""
-        return _spread(setting['direction'],
-                       [run.approach * w for w in _waves(run.alpha, setting['order'])])
+        return [run.approach * w for w in _waves(run.alpha, setting['order'])]
 
 
 @dataclass(frozen=True)
@@ -162,11 +168,11 @@ class CurvedTemperature(Structure):
             return ()
         return tuple(Setting(direction=d) for d in ALL_DIRECTIONS)
 
-    def columns(self, run, setting):
+    def scalars(self, run, setting):
         """Return powers 1 to 3 of the temperature, scaled to [-1, 1]."""
         low, high = run.temperature.min(), run.temperature.max()
         u = (2 * run.temperature - low - high) / (high - low)
-        return _spread(setting['direction'], [u, u**2, u**3])
+        return [u, u**2, u**3]
 
 
 STRUCTURES = (CurvedTime(), GrowingWave(), ProductWave(), ApproachWave(), CurvedTemperature())

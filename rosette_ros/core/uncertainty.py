@@ -76,7 +76,7 @@ def _refit(fitted, rng):
     noise = fitted.sigma * rng.standard_normal((run.size, 3))
     drawn = run.replace(centre=run.centre - fitted.residual + noise)
     base = fit(drawn, type(fitted.model)(fitted.model.base))
-    problem = Problem(drawn, base.joint.residual, base.residual, base.dof, (), ())
+    problem = Problem(drawn, base.joint, base.residual, base.dof, (), ())
     members = [problem.member(term.effect, setting, 1.0)
                for term, setting in zip(fitted.model.terms, fitted.settings)]
     free = [{name: bracket for name, bracket in

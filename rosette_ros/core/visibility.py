@@ -55,7 +55,7 @@ def visibility(run, sigma=1e-7, terms=None, lever=None, names=()):
     None; names: of the effects to look at, all if none.
     """
     space = base_space(run, lever or run.radius, *([terms] if terms is not None else []))
-    project = Projection(space.residual, run.size)
+    project = Projection(space, run.size)
     out, shapes = [], {}
     for name, effect in EFFECTS.items():
         if names and name not in names:

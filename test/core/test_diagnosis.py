@@ -126,7 +126,7 @@ def test_held_out_error_of_noise_is_sigma():
     """The held-out error is free of the model's appetite: sigma for white noise."""
     run, *_ = synthetic_run(12, noise=SIGMA)
     result = fit(run)
-    blocks = HeldOut(result.joint.residual, run.size)
+    blocks = HeldOut(result.joint, run.size)
     nothing = np.zeros((0, 3 * run.size))
     rms = blocks.rms([(result.residual.reshape(-1), nothing)] * blocks.folds)
     assert abs(rms / SIGMA - 1) < 0.15

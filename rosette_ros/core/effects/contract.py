@@ -97,12 +97,13 @@ class Effect:
         """
         return np.stack([np.moveaxis(self.columns(run, setting), -1, 0) for setting in settings])
 
-    def parts(self, setting):
-        """Return settings whose columns together span those of a setting, or ().
+    def factors(self, run, settings):
+        """Return the Factors of settings (factored.py) where columns are such products, else None."""
+        return None
 
-        They save time where many settings are made of others.
-        """
-        return ()
+    def width(self, run, setting):
+        """Return the number of columns of a setting."""
+        return len(self.amplitudes(run, setting))
 
     def independent_settings(self, run):
         """Return how many settings count as separate chances in the search, at least 1."""
@@ -173,18 +174,6 @@ def radial(angle):
 def tangential(angle):
     """Return the tangential unit vectors at azimuths (N,), shape (N, 3)."""
     return np.stack([-np.sin(angle), np.cos(angle), np.zeros_like(angle)], axis=-1)
-
-
-def spread(axes, scalars):
-    """Return scalars (b, m, N) as displacements along each of `axes`, (b, m * axes, N, 3).
-
-    axes: a string of x, y, z; the axes of the first scalar come first.
-    """
-    b, m, n = scalars.shape
-    out = np.zeros((b, m, len(axes), n, 3))
-    for place, axis in enumerate(axes):
-        out[:, :, place, :, 'xyz'.index(axis)] = scalars
-    return out.reshape(b, m * len(axes), n, 3)
 
 
 def logarithmic_grid(low, high, size):

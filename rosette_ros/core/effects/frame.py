@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from rosette_ros.core.effects.contract import (
-    Effect,
     Quantity,
     Searched,
     Setting,
@@ -14,8 +13,9 @@ from rosette_ros.core.effects.contract import (
     duration,
     logarithmic_grid,
     seconds,
-    spread,
+    unit,
 )
+from rosette_ros.core.effects.factored import FactoredEffect
 
 AXES = ('xyz', 'x', 'y', 'z')
 _AXES = Searched('axes', '', 'which axes move: all three together or one alone')
@@ -26,36 +26,16 @@ def _per_axis(axes, name, unit, meaning):
 
 
 @dataclass(frozen=True)
-class FrameEffect(Effect):
+class FrameEffect(FactoredEffect):
     """The machine frame moves along one axis or all three, by functions of time or temperature."""
 
-    def scalars(self, run, values):
-        """Return the functions at each reading, (b, m, N), for values of the searched parameter.
+    def directions(self, run):
+        """Return the unit vectors of x, y, z, (3, N, 3)."""
+        return np.stack([unit(axis, run.size) for axis in range(3)])
 
-        values: (b, 1) the searched parameter other than the axes, or (1, 1) zero where there is none.
-        """
-        raise NotImplementedError
-
-    def parts(self, setting):
-        """All axes together are made of each alone."""
-        axes = setting['axes']
-        return () if len(axes) == 1 else tuple(Setting({**setting, 'axes': a}) for a in axes)
-
-    def columns(self, run, setting):
-        """Return each function along each axis, (N, 3, q)."""
-        return np.moveaxis(self.blocks(run, [setting])[0], 0, -1)
-
-    def blocks(self, run, settings):
-        """Return the columns of settings that share their number of axes, (b, q, N, 3)."""
-        name = self.searched[-1].name if len(self.searched) > 1 else None
-        out = None
-        for axes in dict.fromkeys(setting['axes'] for setting in settings):
-            places = [k for k, setting in enumerate(settings) if setting['axes'] == axes]
-            values = np.array([[settings[k].get(name, 0.0)] for k in places])
-            part = spread(axes, self.scalars(run, values))
-            out = np.empty((len(settings), *part.shape[1:])) if out is None else out
-            out[places] = part
-        return out
+    def which(self, setting):
+        """Return the axes of a setting."""
+        return tuple('xyz'.index(axis) for axis in setting['axes'])
 
 
 @dataclass(frozen=True)

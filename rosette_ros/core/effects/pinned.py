@@ -51,3 +51,11 @@ class Pinned(Effect):
     def blocks(self, run, settings):
         """Ask the effect."""
         return self.effect.blocks(run, settings)
+
+    def factors(self, run, settings):
+        """Ask the effect."""
+        return self.effect.factors(run, settings)
+
+    def width(self, run, setting):
+        """Ask the effect."""
+        return self.effect.width(run, setting)

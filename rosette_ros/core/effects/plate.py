@@ -15,6 +15,7 @@ from rosette_ros.core.effects.contract import (
     seconds,
     tangential,
 )
+from rosette_ros.core.effects.factored import FactoredEffect
 
 
 def plate_axes(run):
@@ -49,7 +50,7 @@ class PlateCreep(Effect):
 
 
 @dataclass(frozen=True)
-class PlateSlip(Effect):
+class PlateSlip(FactoredEffect):
     """At one moment the plate slipped: R_z(phi) d H(t - t0) and a turn about z."""
 
     name: str = 'plate_slip'
@@ -76,16 +77,18 @@ class PlateSlip(Effect):
                 Quantity('d_y', 'm', "shift along the plate's y"),
                 Quantity('gamma', 'rad', 'turn about z'))
 
-    def columns(self, run, setting):
-        """Return shift and turn after t0, (N, 3, 3)."""
-        return np.moveaxis(self.blocks(run, [setting])[0], 0, -1)
-
-    def blocks(self, run, settings):
-        """Return shift and turn after many moments, (b, 3, N, 3)."""
-        after = seconds(run) > np.array([setting['t0'] for setting in settings])[:, None]
+    def directions(self, run):
+        """Return shifts along the plate's x and y and a turn about z, (3, N, 3)."""
         turn = run.radius * tangential(run.alpha)[None]
-        shift = np.moveaxis(plate_axes(run)[..., :2], -1, 0)
-        return after[:, None, :, None] * np.concatenate([shift, turn])
+        return np.concatenate([np.moveaxis(plate_axes(run)[..., :2], -1, 0), turn])
+
+    def which(self, setting):
+        """Return all three."""
+        return 0, 1, 2
+
+    def scalars(self, run, values):
+        """Return H(t - t0)."""
+        return (seconds(run) > values)[:, None].astype(float)
 
 
 @dataclass(frozen=True)
@@ -247,6 +250,11 @@ class BallForm(Effect):
             for ball, m in self._pairs(run, setting)
             for name, what in (('a', 'cosine in the plane'), ('b', 'sine in the plane'),
                                ('az', 'cosine along z'), ('bz', 'sine along z'))[self._kept(setting)])
+
+    def width(self, run, setting):
+        """Return the number of amplitudes."""
+        kept = self._kept(setting)
+        return len(self._pairs(run, setting)) * (kept.stop - kept.start)
 
     def columns(self, run, setting):
         """Return the apparent shift per amplitude, (N, 3, q)."""

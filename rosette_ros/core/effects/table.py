@@ -15,6 +15,7 @@ from rosette_ros.core.effects.contract import (
     tangential,
     unit,
 )
+from rosette_ros.core.effects.factored import FactoredEffect
 
 
 def axial_tilts(run):
@@ -89,8 +90,11 @@ class TableBacklash(Effect):
         return (0.5 * run.radius * run.approach[:, None] * tangential(run.alpha))[..., None]
 
 
+_MOTIONS = {'radial': (0, 1), 'axial': (2,), 'tilt': (3, 4), 'all': (0, 1, 2, 3, 4)}
+
+
 @dataclass(frozen=True)
-class AsynchronousMotion(Effect):
+class AsynchronousMotion(FactoredEffect):
     """Motion that repeats every 1/nu turns of the table: cos and sin of nu Psi, nu not whole."""
 
     name: str = 'asynchronous_motion'
@@ -118,12 +122,6 @@ class AsynchronousMotion(Effect):
         return tuple(Setting(motion=motion, nu=float(nu))
                      for motion in ('radial', 'axial', 'tilt', 'all') for nu in orders)
 
-    def parts(self, setting):
-        """All motions together are made of each alone."""
-        if setting['motion'] != 'all':
-            return ()
-        return tuple(Setting({**setting, 'motion': m}) for m in ('radial', 'axial', 'tilt'))
-
     def brackets(self, run, setting):
         """Refine the order within half a resolution to either side."""
         half = 0.5 / max(np.ptp(run.table_travel) / (2 * np.pi), 1.0)
@@ -141,24 +139,19 @@ class AsynchronousMotion(Effect):
                               f'{name} amplitude of {motion}')
                      for part, name in (('a', 'cosine'), ('b', 'sine')) for motion in motions)
 
-    def columns(self, run, setting):
-        """Return cos(nu Psi) and sin(nu Psi) in each direction, (N, 3, q)."""
-        return np.moveaxis(self.blocks(run, [setting])[0], 0, -1)
+    def directions(self, run):
+        """Return x, y, z and what tilts about x and y do at the ball, (5, N, 3)."""
+        axes = [unit(axis, run.size) for axis in range(3)]
+        return np.stack([*axes, *np.moveaxis(axial_tilts(run), -1, 0)])
 
-    def blocks(self, run, settings):
-        """Return the columns of settings whose motions have as many directions, (b, q, N, 3)."""
-        plane = np.stack([unit(0, run.size), unit(1, run.size)])
-        axial, tilt = unit(2, run.size)[None], np.moveaxis(axial_tilts(run), -1, 0)
-        directions = {'radial': plane, 'axial': axial, 'tilt': tilt,
-                      'all': np.concatenate([plane, axial, tilt])}
-        angle = (np.array([setting['nu'] for setting in settings])[:, None]
-                 * (run.table_travel - run.table_travel[0]))
-        waves = np.stack([np.cos(angle), np.sin(angle)], axis=1)[:, :, None, :, None]
-        out = np.empty((len(settings), 2, len(directions[settings[0]['motion']]), run.size, 3))
-        for motion in dict.fromkeys(setting['motion'] for setting in settings):
-            places = [k for k, setting in enumerate(settings) if setting['motion'] == motion]
-            out[places] = waves[places] * directions[motion]
-        return out.reshape(len(settings), -1, run.size, 3)
+    def which(self, setting):
+        """Return the directions of a motion."""
+        return _MOTIONS[setting['motion']]
+
+    def scalars(self, run, values):
+        """Return cos(nu Psi) and sin(nu Psi)."""
+        angle = values * (run.table_travel - run.table_travel[0])
+        return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 @dataclass(frozen=True)
