@@ -135,6 +135,13 @@ class CompleteSpace:
         self._crz = ~w[:, 1] & table
         self.rank = int(z.sum() + 2 * w.sum() + self._crz.sum())
 
+    @property
+    def lines(self):
+        """Share of each point (p, q) of the spectra of z and w that the base model takes, (n, n) twice."""
+        plane = self._w_lines.astype(float)
+        plane[:, 1] = np.maximum(plane[:, 1], 0.5 * self._crz)
+        return self._z_lines.astype(float), plane
+
     @cached_property
     def basis(self):
         """Orthonormal rows that span the base model, a Basis."""
