@@ -4,7 +4,7 @@
 
 VENV_PYTHON := .venv/bin/python
 
-.PHONY: help setup test demo bench blind docs lint lock clean
+.PHONY: help setup test demo bench blind fuzz docs lint lock clean
 
 help:
 	@echo 'make setup   install everything into .venv; does nothing when that is done'
@@ -12,6 +12,7 @@ help:
 	@echo 'make test    run the tests'
 	@echo 'make bench   run the benchmarks against peers'
 	@echo 'make blind   hide effects in the machine, let the diagnosis find them, print the confusion table'
+	@echo 'make fuzz    10 000 made-up inputs at every door (FUZZ=... for another number)'
 	@echo 'make docs    write the pages that are made from the library'
 	@echo 'make lint    check style'
 	@echo 'make lock    pin the newest packages that requirements/requirements.in allows'
@@ -31,6 +32,9 @@ bench: setup
 
 blind: setup
 	@$(VENV_PYTHON) -m benchmarks.blind $(BLIND)
+
+fuzz: setup
+	@FUZZ_EXAMPLES=$(or $(FUZZ),10000) $(VENV_PYTHON) -m pytest -q --timeout 7200 test/fuzz
 
 docs: setup
 	@$(VENV_PYTHON) -m rosette_ros.cli.effects_page > docs/effects.md.new

@@ -9,11 +9,13 @@ import numpy as np
 from rich.markup import escape
 
 from rosette_ros.cli.arguments import add_formats, add_run
+from rosette_ros.cli.main import UsageError
 from rosette_ros.cli.screen import console, pairs, print_json, table
-from rosette_ros.core.errors import RosetteError
+from rosette_ros.core.errors import InvalidData, RosetteError
 from rosette_ros.data.assemble import Phase, pair
 from rosette_ros.data.log_reader import read_log
 from rosette_ros.data.open_run import is_log, open_run
+from rosette_ros.data.repair import repair_log
 from rosette_ros.nodes.programme import Phase as RunPhase
 from rosette_ros.words import duration, exact, fixed
 
@@ -80,16 +82,39 @@ def add_arguments(parser):
     """Declare what the verb takes."""
     add_run(parser)
     add_formats(parser)
+    parser.add_argument('--repair', action='store_true',
+                        help='write what can be read of a log that was cut short, or lost its '
+                        'metadata.yaml, as a whole new log beside it; the old one is not touched')
+    parser.add_argument('-o', '--output', metavar='DIR',
+                        help='where the repaired log goes (default: RUN_repaired)')
 
 
 def run(options):
     """Print what is in the run."""
     path = Path(options.run_path)
+    if options.output and not options.repair:
+        raise UsageError('-o: is for the repaired log; add --repair')
+    if options.repair:
+        path = repaired(path, options)
     facts = log_facts(path) if is_log(path) else table_facts(path)
     if options.json:
         print_json(asdict(facts))
     else:
         show(facts)
+
+
+def repaired(path, options):
+    """Repair a log and return the path of the new one, of which the facts are told."""
+    if not is_log(path):
+        raise InvalidData(f'{path}: wanted a log to repair, got a ball-centre table; mend it in an '
+                          'editor')
+    done = repair_log(path, options.output)
+    if not options.json:
+        out = console()
+        out.print(pairs([('Problem', escape(problem)) for problem in done.problems]))
+        out.print(f'[green]Repaired[/]: {done.messages} messages are in {escape(str(done.directory))}; '
+                  f'{escape(str(path))} was not touched\n', soft_wrap=True)
+    return done.directory
 
 
 def table_facts(path):

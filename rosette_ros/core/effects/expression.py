@@ -8,6 +8,7 @@ and exponents are bounded, so that the cost is too.
 
 import ast
 import operator
+import warnings
 
 import numpy as np
 
@@ -48,7 +49,9 @@ def parse(text):
     for letter, name in GREEK.items():
         text = text.replace(letter, name)
     try:
-        tree = ast.parse(text.strip().replace('^', '**'), mode='eval').body
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore', SyntaxWarning)  # what is odd is refused below or harmless
+            tree = ast.parse(text.strip().replace('^', '**'), mode='eval').body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         raise InvalidModel(f'expression: cannot be read: {text!r}: {error}') from None
     _check(tree, 0)

@@ -1,0 +1,301 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whatever comes through a door: a value that makes sense or one clear error, nothing else.
+
+`make fuzz` tries 10 000 inputs at each door, `make test` some of them; what once broke a door stays in
+corpus/ and is tried always. Each input has a time limit, and what is accepted is held against a
+second, independent reading of it.
+"""
+
+import csv
+import io
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from rosette_ros.analysis import analyse
+from rosette_ros.core.effects.expression import evaluate, names_in, parse
+from rosette_ros.core.errors import NotDeterminable, RosetteError
+from rosette_ros.core.geometry import Frame
+from rosette_ros.core.scheme import plan
+from rosette_ros.data.csv_table import format_csv, parse_csv
+from rosette_ros.data.model_file import parse_entry, parse_model
+from rosette_ros.machine import Machine, MachineConfig
+from rosette_ros.machine.config import load_machine
+from rosette_ros.nodes.gathering import Gathering
+from rosette_ros.nodes.programme import Answer, Phase, make_programme
+from rosette_ros.nodes.sequence import Limits, Sequence
+
+EXAMPLES = int(os.environ.get('FUZZ_EXAMPLES', '120'))
+CORPUS = Path(__file__).parent / 'corpus'
+many = settings(max_examples=EXAMPLES, deadline=2000, derandomize='FUZZ_EXAMPLES' not in os.environ,
+                suppress_health_check=list(HealthCheck))
+
+TABLE = format_csv(Machine(MachineConfig().changed(plate={'balls': 4})).run(plan(4, 'random'))).encode()
+NASTY = st.sampled_from([
+    '', ' ', 'nan', 'NaN', '-nan', 'inf', '-inf', '1e999', '-0', '0x10', '1_0', '1,5', '٣', '½', '+', '--1',
+    '1e-400', '9' * 400, '2147483648', '-1', '0', '1.5', 'true', 'None', '\x00', '\ufeff', '"', "'", '=1+1',
+    '#', '# schema: x', '<b>', '1e308', '1e-308', '99999999999999999999', '١٢', '\u202e1', '1 2', '\t3'])
+WORDS = st.one_of(NASTY, st.text(max_size=12), st.floats().map(repr), st.integers().map(str))
+
+
+def corpus(name):
+    """Return the inputs that are tried always, as bytes."""
+    return [path.read_bytes() for path in sorted((CORPUS / name).glob('*'))]
+
+
+@st.composite
+def mutated(draw, original):
+    """Return bytes made from others: bytes changed, cut out, doubled, replaced by nasty words."""
+    data = bytearray(original)
+    for _ in range(draw(st.integers(1, 4))):
+        at = draw(st.integers(0, len(data)))
+        kind = draw(st.sampled_from(('byte', 'cut', 'double', 'word', 'end')))
+        if kind == 'byte' and at < len(data):
+            data[at] = draw(st.integers(0, 255))
+        elif kind == 'cut':
+            del data[at:at + draw(st.integers(1, 60))]
+        elif kind == 'double':
+            data[at:at] = data[at:at + draw(st.integers(1, 200))]
+        elif kind == 'word':
+            data[at:at] = draw(WORDS).encode('utf-8', 'surrogatepass')
+        elif kind == 'end':
+            del data[at:]
+    return bytes(data)
+
+
+@st.composite
+def cells_changed(draw):
+    """Return the table with some cells, heads or head lines replaced by nasty words."""
+    lines = TABLE.decode().splitlines()
+    for _ in range(draw(st.integers(1, 3))):
+        line = draw(st.integers(0, len(lines) - 1))
+        cells = lines[line].split(',')
+        cells[draw(st.integers(0, len(cells) - 1))] = draw(WORDS)
+        lines[line] = ','.join(cells)
+    order = draw(st.permutations(range(len(lines)))) if draw(st.integers(0, 9)) == 0 else range(len(lines))
+    return '\n'.join(lines[k] for k in order).encode('utf-8', 'surrogatepass')
+
+
+def check_table(data):
+    """Accept or refuse a table; what is accepted says what a plain CSV reader reads in it."""
+    try:
+        run = parse_csv(data, 'fuzzed.csv')
+    except RosetteError as error:
+        assert 'fuzzed.csv' in str(error)
+        assert '\n' not in str(error)
+        return
+    text = data.decode('utf-8-sig')
+    rows = list(csv.DictReader(io.StringIO('\n'.join(
+        line for line in text.splitlines() if not line.lstrip().startswith('#') and line.strip())),
+        skipinitialspace=True))
+    assert run.size == len(rows)
+    for axis, name in enumerate(('x_mm', 'y_mm', 'z_mm')):
+        column = next(key for key in rows[0] if key.strip() == name)
+        values = np.array([float(row[column]) for row in rows]) / 1e3
+        assert np.array_equal(run.centre[:, axis], values)
+    assert np.isfinite(run.centre).all()
+    assert np.isfinite(run.time).all()
+    assert 3 <= run.n <= 10_000
+    if run.n <= 12:
+        try:
+            report = analyse(run)
+        except NotDeterminable:
+            return
+        assert np.isfinite(report.error_motions.values).all()
+
+
+@many
+@given(st.one_of(mutated(TABLE), cells_changed(), st.binary(max_size=400)))
+def test_a_table(data):
+    """CSV: bytes, cells, heads."""
+    check_table(data)
+
+
+@pytest.mark.parametrize('data', corpus('csv'))
+def test_a_table_of_the_corpus(data):
+    """What once broke the door."""
+    check_table(data)
+
+
+MODEL = b"""schema: rosette-model/1
+base: [table_motions, plate_deviations, cmm_deviations]
+effects:
+  - frame_drift
+  - {name: frame_warmup, tau: 600.0}
+  - {name: mine, direction: axial, expression: t*cos(3*alpha), per: ball}
+"""
+NAMES = st.sampled_from(['schema', 'base', 'effects', 'name', 'tau', 'frame_drift', 'frame_warmup', 'axes',
+                         'direction', 'expression', 'per', 'own', 'table_motions', 'rosette-model/1',
+                         'hidden', 'seed', 'kind', 'plate', 'balls', 'cmm', 'probing', 'table', 'xyz'])
+SCALARS = st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=8), NAMES, NASTY)
+TREES = st.recursive(SCALARS, lambda inner: st.one_of(
+    st.lists(inner, max_size=4), st.dictionaries(st.one_of(NAMES, st.text(max_size=5)), inner, max_size=4)),
+    max_leaves=12)
+
+
+def dumped(tree):
+    """Return a tree as YAML."""
+    return yaml.safe_dump(tree, allow_unicode=True).encode('utf-8', 'surrogatepass')
+
+
+def check_model(data):
+    """Accept or refuse a model file; what is accepted comes back the same."""
+    try:
+        model = parse_model(data, 'fuzzed.yaml')
+    except RosetteError as error:
+        assert 'fuzzed.yaml' in str(error)
+        assert '\n' not in str(error)
+        return
+    again = parse_model(dumped(model.to_mapping()), 'again')
+    assert again.hash == model.hash
+
+
+@many
+@given(st.one_of(mutated(MODEL), TREES.map(dumped),
+                 st.builds(lambda effects: dumped({'schema': 'rosette-model/1', 'effects': effects}), TREES)))
+def test_a_model(data):
+    """YAML of models: text and trees."""
+    check_model(data)
+
+
+@pytest.mark.parametrize('data', corpus('model'))
+def test_a_model_of_the_corpus(data):
+    """What once broke the door."""
+    check_model(data)
+
+
+@many
+@given(st.one_of(st.text(max_size=60), TREES.map(lambda tree: dumped(tree).decode('utf-8', 'replace'))))
+def test_an_entry_of_an_effect(text):
+    """What add_effect takes as settings."""
+    try:
+        entry = parse_entry(text, 'settings')
+    except RosetteError as error:
+        assert str(error).startswith('settings')
+        return
+    assert all(isinstance(key, str) for key in entry)
+
+
+MACHINE = (Path(__file__).parents[2] / 'config' / 'machine.yaml').read_bytes()
+
+
+def check_machine(data, path):
+    """Accept or refuse a machine file; what is accepted measures a ball at a finite place."""
+    path.write_bytes(data)
+    try:
+        config = load_machine(path)
+    except RosetteError as error:
+        assert path.name in str(error)
+        return
+    if config.plate.balls > 50:
+        return
+    try:
+        machine = Machine(config)
+        reading = machine.measure(1, 1)
+    except RosetteError:
+        return  # a machine that cannot reach its ball says so
+    assert np.isfinite(reading.centre).all()
+    assert math.isfinite(reading.time)
+
+
+@many
+@given(st.one_of(mutated(MACHINE), TREES.map(dumped)))
+def test_a_machine(tmp_path_factory, data):
+    """YAML of the simulated machine: text and trees."""
+    check_machine(data, tmp_path_factory.getbasetemp() / 'machine.yaml')
+
+
+@pytest.mark.parametrize('data', corpus('machine'))
+def test_a_machine_of_the_corpus(data, tmp_path):
+    """What once broke the door."""
+    check_machine(data, tmp_path / 'machine.yaml')
+
+
+TOKENS = st.lists(st.sampled_from([
+    't', 'T', 'phi', 'alpha', 'ψ', 'approach', 'pi', 'sin', 'cos', 'exp', 'sqrt', 'step', '(', ')', '+', '-',
+    '*', '/', '**', '^', '1', '2.5', '1e9', '.', '__class__', '[', ']', 'lambda', ':', 'x', ',', '"a"', '0j',
+    'if', 'else', '==', '%', '//', '9**9', '\n', '#', ' ', 'import os', '@', '1_000', '{}', 'f""']),
+    max_size=24).map(''.join)
+
+
+@many
+@given(st.one_of(TOKENS, st.text(max_size=320)))
+def test_an_expression(text):
+    """An own term: arithmetic on known names or refused; never anything else runs."""
+    try:
+        tree = parse(text)
+    except RosetteError as error:
+        assert str(error).startswith('expression')
+        return
+    known = {name: np.linspace(0.1, 1, 5) for name in names_in(tree)}
+    with np.errstate(all='ignore'):
+        assert np.broadcast_to(np.asarray(evaluate(tree, known), dtype=float), 5).shape == (5,)
+
+
+NUMBERS = st.one_of(st.floats(), st.floats(-1, 1), st.sampled_from([0.0, 1e-9, 1e300, -1e300]))
+SMALL = st.integers(-3, 40)
+ANSWERS = st.builds(
+    Answer, run_id=st.sampled_from(['run', 'other', '']), seq=SMALL, table_position=SMALL, ball=SMALL,
+    cmm_position=SMALL, ok=st.booleans(), text=st.text(max_size=5),
+    frame_id=st.sampled_from(['machine', 'table', '', 'cell/table', 'x']), table_angle=NUMBERS,
+    table_travel=NUMBERS, centre=st.tuples(NUMBERS, NUMBERS, NUMBERS).map(np.array))
+
+
+@many
+@given(st.lists(st.one_of(ANSWERS, st.just('right')), max_size=30))
+def test_answers_to_the_sequencer(answers):
+    """Whatever the CMM says: only what was asked for counts, and the run goes on or ends in words."""
+    programme = make_programme(plan(3, 'diagonal'), 0.1, Frame(np.eye(3), np.zeros(3)), repeats=2)
+    sequence = Sequence('run', programme, Limits(attempts=2))
+    sequence.begin(0.0)
+    right = 0
+    for now, answer in enumerate(answers):
+        if answer == 'right' and not sequence.phase.is_end:
+            target = programme.target(min(sequence.done, programme.total - 1))
+            answer = Answer('run', target.seq, target.table_position, target.ball, target.cmm_position,
+                            True, '', 'table', target.table_angle, 0.0, target.nominal)
+        if answer == 'right':
+            continue
+        before = sequence.done
+        sequence.answer(answer, float(now))
+        if sequence.done > before:
+            right += 1
+            assert answer.run_id == 'run'
+            assert answer.ok
+            assert np.isfinite(answer.centre).all()
+    assert sequence.done == right
+    if sequence.phase is Phase.FAILED:
+        assert sequence.text
+
+
+ROW = {'run_id': 'run', 'stamp_ns': 5, 'frame_id': 'table', 'text': '', 'status': 0, 'approach': 1,
+       'temperature': 20.0, 'form_error': 0.0, 'table_travel': 0.0}
+
+
+@many
+@given(st.lists(st.tuples(SMALL, st.integers(0, 5), st.integers(0, 5), NUMBERS,
+                          st.tuples(NUMBERS, NUMBERS, NUMBERS), st.integers(0, 2)), max_size=30))
+def test_answers_to_the_evaluator(rows):
+    """Whatever is on the graph: a run is made of what counts, or refused in words."""
+    gathering = Gathering()
+    scheme = plan(3, 'row')
+    for seq, (i, j) in enumerate(zip(scheme.table_position, scheme.ball, strict=True), 1):
+        gathering.add_target({'run_id': 'run', 'seq': seq, 'attempt': 1, 'phase': 3, 'balls': 3,
+                              'radius': 0.1, 'table_position': int(i), 'ball': int(j), 'stamp_ns': 1}, 0.0)
+    for seq, i, j, angle, centre, status in rows:
+        gathering.add_answer({**ROW, 'seq': seq, 'table_position': i, 'ball': j, 'table_angle': angle,
+                              'centre': centre, 'status': status}, 0.0)
+    gathering.expect('run', 9, 0.0)
+    try:
+        run = gathering.to_run('run')
+    except RosetteError as error:
+        assert 'run' in str(error)
+        return
+    assert np.isfinite(run.centre).all()
+    assert np.isfinite(run.table_angle).all()
