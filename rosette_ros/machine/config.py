@@ -13,6 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from rosette_ros.core.errors import InvalidConfig
 from rosette_ros.machine.complaints import complaint
+from rosette_ros.machine.faults import FaultList
 from rosette_ros.machine.hidden import KINDS, HiddenDraw, HiddenList
 from rosette_ros.machine.settings import (
     NotNegative,
@@ -145,6 +146,7 @@ class MachineConfig(Settings):
     timing: TimingSettings = TimingSettings()
     hidden: HiddenList = ()
     hidden_draw: HiddenDraw | None = None
+    faults: FaultList = ()
 
     @model_validator(mode='before')
     @classmethod

@@ -66,23 +66,26 @@ class Machine:
         """Simulated time since power-on, at the end of the last reading, s."""
         return self.state.time
 
-    def measure(self, table_position, ball, approach=1, aim=None):
+    def measure(self, table_position, ball, approach=1, aim=None, short=0.0):
         """Measure one ball now and return its Reading; the machine's time goes on.
 
         table_position, ball: one-based; approach: sense in which the table turns to get there, +1
         or -1, 0 is taken as +1; aim: (3,) where the ball is expected, machine frame, m (default:
-        the nominal place by the roughly known origin).
+        the nominal place by the roughly known origin); short: angle by which the table, if it moves,
+        stops before its place, rad.
 
         Raises InvalidPlan for indices out of range and BallNotFound where the aim is off; then
         the state stays as it was.
         """
         return self.measure_many([table_position], [ball], [approach],
-                                 None if aim is None else np.asarray(aim, dtype=float)[None, :])[0]
+                                 None if aim is None else np.asarray(aim, dtype=float)[None, :],
+                                 short)[0]
 
-    def measure_many(self, table_position, ball, approach, aim=None):
+    def measure_many(self, table_position, ball, approach, aim=None, short=0.0):
         """Measure N balls in order and return Readings, equal to N calls of `measure` bit by bit.
 
-        table_position, ball, approach: (N,); aim: (N, 3) machine frame, m. Raises as `measure`.
+        table_position, ball, approach: (N,); aim: (N, 3) machine frame, m; short: as `measure`. Raises
+        as `measure`.
         """
         table_position = self._checked(table_position, 'table position')
         ball = self._checked(ball, 'ball')
@@ -95,7 +98,8 @@ class Machine:
         journey = travel(
             self.state, timing, self.n, table_position, np.asarray(approach), np.asarray(aim),
             wait=timing.jitter_s * np.abs(draws[:, -6]),
-            stop=1e-6 * self.config.table.positioning_urad * draws[:, -5],
+            stop=1e-6 * self.config.table.positioning_urad * draws[:, -5]
+            - short * np.where(np.asarray(approach) < 0, -1, 1),
             touches=self.pattern.size,
             deadband=1e-3 * self.config.cmm.reversal_deadband_mm)
         moment = self._moment(journey, table_position, ball)

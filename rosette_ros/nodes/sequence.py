@@ -21,13 +21,15 @@ from rosette_ros.nodes.programme import Answer, Phase, Programme, Target
 class Limits:
     """When to ask again and when to give up.
 
-    answer_timeout, evaluation_timeout: s of steady time; attempts: how often a target is asked;
-    search, distance: how far a centre may lie from where it is expected, before and after the
-    alignment, m; angle: how far the table may stand from the commanded angle, rad.
+    answer_timeout, evaluation_timeout: s of steady time; attempts: how often a target is asked; skips:
+    how many balls of the run may be left out after that, never two in a row; search, distance: how far
+    a centre may lie from where it is expected, before and after the alignment, m; angle: how far the
+    table may stand from the commanded angle, rad.
     """
 
     answer_timeout: float = 120.0
     attempts: int = 3
+    skips: int = 0
     evaluation_timeout: float = 120.0
     search: float = 0.02
     distance: float = 0.005
@@ -155,7 +157,10 @@ class Sequence:
         self.limits = limits
         self.phase = Phase.IDLE
         self.done = 0
+        self.skipped = []
         self.text = 'ready'
+        self._at = 0
+        self._missed_last = True
         self._ask = None
         self._deadline = None
         self._frame = programme.taught
@@ -176,6 +181,7 @@ class Sequence:
         target = self._ask.target
         self._ask = None
         self.done += 1
+        self._missed_last = False
         if target.phase is Phase.ALIGNMENT:
             self._alignment.append((answer.centre, short_frame(answer.frame_id)))
             if len(self._alignment) == 2 * target.balls:
@@ -186,7 +192,7 @@ class Sequence:
         """Take note that the error motions of this run are published."""
         if self.phase is not Phase.EVALUATION:
             return ()
-        return self._finish(Phase.DONE, 'error motions are published')
+        return self._finish(Phase.DONE, f'error motions are published{self._left_out()}')
 
     def tick(self, now):
         """Look at the time: ask again or give up if an answer is late."""
@@ -218,11 +224,12 @@ class Sequence:
                 f'{target.table_position}, ball {target.ball}{again}')
 
     def _next(self, now):
-        if self.done == self.programme.total:
+        if self._at == self.programme.total:
             self.phase, self.text = Phase.EVALUATION, 'waiting for the error motions'
             self._deadline = now + self.limits.evaluation_timeout
             return (Tell(),)
-        target = self.programme.target(self.done)
+        target = self.programme.target(self._at)
+        self._at += 1
         changed = target.phase is not self.phase
         self.phase = target.phase
         command = self._put(target, 1, now)
@@ -238,10 +245,33 @@ class Sequence:
         target, attempt = self._ask.target, self._ask.attempt
         if attempt >= self.limits.attempts:
             times = 'once' if attempt == 1 else f'{attempt} times'
-            return self._finish(Phase.FAILED, f'{target}: asked {times}, last: {words}; '
-                                'what was measured is in the log')
+            words = f'{target}: asked {times}, last: {words}'
+            reason = self._why_not_skipped(target)
+            if reason is not None:
+                return self._finish(Phase.FAILED, f'{words}; {reason}what was measured is in the log')
+            self.skipped.append(target)
+            self._ask, self._missed_last = None, True
+            return (Remark(f'{words}; left out, {len(self.skipped)} of at most {self.limits.skips}'),
+                    *self._next(now))
         return (Remark(f'{target}, attempt {attempt}: {words}; asking again'),
                 self._put(target, attempt + 1, now))
+
+    def _why_not_skipped(self, target):
+        """Return why a target may not be left out, None where it may; empty: it is never done."""
+        if not self.limits.skips or target.phase is not Phase.RUN:
+            return ''
+        if self._missed_last:
+            return 'the ball before it was left out too: the CMM seems to be gone; '
+        if len(self.skipped) >= self.limits.skips:
+            return f'as many balls as allowed ({len(self.skipped)}) were left out already; '
+        return None
+
+    def _left_out(self):
+        """Say which balls were left out."""
+        if not self.skipped:
+            return ''
+        balls = ', '.join(f'table position {one.table_position} ball {one.ball}' for one in self.skipped)
+        return f'; {len(self.skipped)} left out: {balls}'
 
     def _align(self, now):
         """Find the table frame from the alignment's centres; a CMM may know it already."""

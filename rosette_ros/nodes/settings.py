@@ -106,7 +106,9 @@ RUN = (
 LIMITS = (
     Wanted('limits.answer_timeout_s', 120.0, 'wall time after which a target is asked again, s',
            0.01, 1e5),
-    Wanted('limits.attempts', 3, 'how often one target is asked before the run fails', 1, 1000),
+    Wanted('limits.attempts', 3, 'how often one target is asked before it is given up', 1, 1000),
+    Wanted('limits.skips', 3, 'how many balls of the run may be left out after that, never two in a '
+           'row; 0: the run fails', 0, 1000),
     Wanted('limits.evaluation_timeout_s', 120.0, 'wall time for the evaluation, s', 0.01, 1e5),
     Wanted('limits.search_m', 0.02, 'how far a ball may lie from where it is expected before the '
            'alignment, m', 1e-6, 1.0),
@@ -114,7 +116,7 @@ LIMITS = (
     Wanted('limits.angle_rad', 0.01, 'how far the table may stand from the commanded angle, rad',
            1e-9, 0.5),
 )
-OPTIONS = RUN[2:] + LIMITS[:3]
+OPTIONS = RUN[2:] + LIMITS[:4]
 """What the options of a goal may change for one calibration."""
 
 
@@ -158,6 +160,7 @@ def limits_of(values):
     """Return the Limits for settings (name to value, all of LIMITS)."""
     return Limits(
         answer_timeout=values['limits.answer_timeout_s'], attempts=values['limits.attempts'],
+        skips=values['limits.skips'],
         evaluation_timeout=values['limits.evaluation_timeout_s'],
         search=values['limits.search_m'], distance=values['limits.distance_m'],
         angle=values['limits.angle_rad'])

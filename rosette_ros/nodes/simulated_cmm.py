@@ -2,6 +2,8 @@
 """The simulated CMM and table: obeys targets, answers ball centres, keeps the simulated time."""
 
 import math
+import os
+import signal
 import sys
 from pathlib import Path
 
@@ -13,7 +15,9 @@ from rosgraph_msgs.msg import Clock
 from rosette_ros.core.errors import CellError, InvalidConfig, InvalidPlan, RosetteError
 from rosette_ros.data.assemble import MACHINE_FRAME
 from rosette_ros.machine import Machine, load_machine
+from rosette_ros.machine.faults import strikes
 from rosette_ros.nodes import convert, names, qos
+from rosette_ros.nodes.faulty import distort
 from rosette_ros.nodes.runner import OK, WARN, CellNode, run_node
 from rosette_ros.nodes.sequence import short_frame
 from rosette_ros.nodes.settings import Wanted
@@ -30,15 +34,20 @@ class SimulatedCmm(CellNode):
     """Measures as fast as the computer allows; its clock says how long a real cell would take.
 
     The simulated time starts at the wall time of the node's start and advances only by measuring,
-    so that a run does not depend on how fast the computer is.
+    so that a run does not depend on how fast the computer is. What is changed in the file of the
+    machine holds from the next run on, as when a person switches a correction off between two runs.
     """
 
     def __init__(self):
         """Build the machine and stand up the interfaces; raises RosetteError in words."""
         super().__init__(names.CMM, WANTED)
-        self._machine = Machine(load_machine(self.parameters['machine'] or default_machine()))
+        self._file = Path(self.parameters['machine'] or default_machine())
+        self._machine = Machine(load_machine(self._file))
+        self._run_id = None
         self._switched_on = self.system.now().nanoseconds
-        self._measured = self._failed = 0
+        self._measured = self._failed = self._struck = 0
+        self._late, self._last_answer = [], None
+        self._back = 0.0
         self._ticked = -math.inf
         self.on(names.PROBE_TARGET, ProbeTarget, self._on_target, qos.ORDER)
         self._clock_out = self.create_publisher(Clock, names.CLOCK, qos.CLOCK)
@@ -49,8 +58,12 @@ class SimulatedCmm(CellNode):
         answer = BallCentre(
             run_id=target.run_id, seq=target.seq, table_position=target.table_position,
             ball=target.ball, cmm_position=target.cmm_position)
+        self._look_again(target.run_id)
+        faults = strikes(self._machine.config.faults, self._machine.config.seed, target.seq,
+                         target.attempt)
+        self._struck += len(faults)
         try:
-            reading = self._measure(target)
+            reading = self._measure(target, faults)
         except RosetteError as error:
             self._failed += 1
             self.get_logger().warning(f'seq {target.seq}: {error}')
@@ -61,9 +74,38 @@ class SimulatedCmm(CellNode):
             self._measured += 1
             convert.fill_answer(answer, reading, self._stamp(reading.time), MACHINE_FRAME)
         self._tick()
-        self._answers.publish(answer)
+        self._say(answer, faults)
 
-    def _measure(self, target):
+    def _say(self, answer, faults):
+        """Publish an answer as the faults that strike it will have it."""
+        for kept, due in distort(answer, faults, self._last_answer, self.seconds()):
+            if due is None:
+                self._answers.publish(kept)
+            else:
+                self._late.append((due, kept))
+        self._last_answer = answer
+        for strike in faults:
+            if strike.kind == 'clock_back':
+                self._back += strike.fault.back_s
+                self._tick()
+            elif strike.kind == 'crash':
+                self.get_logger().error('the CMM crashes, as its configuration wants it')
+                os.kill(os.getpid(), signal.SIGKILL)
+
+    def _look_again(self, run_id):
+        """Read the machine's file again at the first target of a run: a setting may be another one.
+
+        The machine goes on where it stood: its time and its noise do not begin anew.
+        """
+        if run_id == self._run_id:
+            return
+        if self._file.is_file():
+            config = load_machine(self._file)
+            if config != self._machine.config:
+                self._machine = Machine(config, self._machine.state)
+        self._run_id = run_id
+
+    def _measure(self, target, faults):
         machine = self._machine
         if target.balls != machine.n or not math.isclose(target.radius, machine.radius,
                                                          rel_tol=1e-9):
@@ -73,11 +115,12 @@ class SimulatedCmm(CellNode):
         if short_frame(target.header.frame_id) != MACHINE_FRAME:
             raise CellError(f'wanted a target in the frame {MACHINE_FRAME!r}, got '
                             f'{target.header.frame_id!r}')
+        short = sum(1e-6 * strike.fault.short_urad for strike in faults if strike.kind == 'table_short')
         return machine.measure(target.table_position, target.ball, target.approach,
-                               convert.point_array(target.centre))
+                               convert.point_array(target.centre), short)
 
     def _stamp(self, time):
-        return convert.time_message(self._switched_on + round(1e9 * time))
+        return convert.time_message(self._switched_on + round(1e9 * (time - self._back)))
 
     def _tick(self):
         self._ticked = self.seconds()
@@ -89,7 +132,11 @@ class SimulatedCmm(CellNode):
         return self.seconds() - self._ticked < 1.0 / self.parameters['clock_rate_hz']
 
     def wake(self):
-        """Publish the time for those who have just come."""
+        """Publish the time for those who have just come, and answers that were held back."""
+        now = self.seconds()
+        for due, answer in [entry for entry in self._late if entry[0] <= now]:
+            self._late.remove((due, answer))
+            self._answers.publish(answer)
         if self.seconds() - self._ticked >= 1.0 / self.parameters['clock_rate_hz']:
             self._tick()
 
@@ -101,6 +148,8 @@ class SimulatedCmm(CellNode):
         """Say what was measured."""
         level = WARN if self._failed else OK
         sentence = f'{self._measured} balls measured, {self._failed} targets refused'
+        if self._struck:
+            level, sentence = WARN, f'{sentence}, {self._struck} faults as configured'
         return level, sentence, {'measured': self._measured, 'failed': self._failed,
                                  'simulated_s': f'{self._machine.time:.1f}'}
 

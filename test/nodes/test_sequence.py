@@ -281,3 +281,61 @@ def test_whatever_comes_every_ball_is_taken_once_and_in_order(n, order, events, 
         assert sequence.done == sequence.programme.total
     else:
         assert not sequence.phase.is_end
+
+
+def missed(sequence, ask, now=0.0):
+    """Let the CMM fail a target as often as it is asked; return the last commands."""
+    commands = ()
+    while ask is not None and (last_ask(commands) or ask).target.seq == ask.target.seq:
+        commands = sequence.answer(answer_to(last_ask(commands) or ask, ok=False, text='dirty'), now)
+        if last_ask(commands) is None:
+            break
+    return commands
+
+
+def until_run(sequence):
+    """Answer everything before the n*n run; return its first ask."""
+    ask = last_ask(sequence.begin(0.0))
+    while ask.target.phase is not Phase.RUN:
+        ask = last_ask(sequence.answer(answer_to(ask), 0.0))
+    return ask
+
+
+def test_a_ball_that_cannot_be_measured_is_left_out_and_told():
+    """After its attempts the next ball is asked; the end says what is missing."""
+    sequence = make_sequence(limits=dataclasses.replace(LIMITS, skips=1))
+    ask = until_run(sequence)
+    commands = missed(sequence, ask)
+    assert re.search('asked 3 times, last: the CMM reports: dirty; left out, 1 of at most 1',
+                     commands[0].text)
+    following = last_ask(commands)
+    assert following.target.seq == ask.target.seq + 1
+    while following:
+        following = last_ask(sequence.answer(answer_to(following), 0.0))
+    assert sequence.phase is Phase.EVALUATION
+    assert sequence.done == sequence.programme.total - 1
+    end = sequence.evaluated(0.0)[-1]
+    assert end.phase is Phase.DONE
+    assert end.text == 'error motions are published; 1 left out: table position 1 ball 1'
+
+
+def test_two_balls_in_a_row_or_too_many_end_the_run():
+    """A CMM that is gone is not asked for every ball; the number is bounded."""
+    sequence = make_sequence(limits=dataclasses.replace(LIMITS, skips=5))
+    end = missed(sequence, last_ask(missed(sequence, until_run(sequence))))[-1]
+    assert end.phase is Phase.FAILED
+    assert 'the ball before it was left out too: the CMM seems to be gone' in end.text
+    sequence = make_sequence(limits=dataclasses.replace(LIMITS, skips=1))
+    ask = last_ask(missed(sequence, until_run(sequence)))
+    ask = last_ask(sequence.answer(answer_to(ask), 0.0))
+    end = missed(sequence, ask)[-1]
+    assert end.phase is Phase.FAILED
+    assert 'as many balls as allowed (1) were left out already; what was measured' in end.text
+
+
+def test_nothing_is_left_out_of_the_alignment():
+    """Without it the axis is not known."""
+    sequence = make_sequence(limits=dataclasses.replace(LIMITS, skips=5), repeats=0)
+    end = missed(sequence, last_ask(sequence.begin(0.0)))[-1]
+    assert end.phase is Phase.FAILED
+    assert 'dirty; what was measured is in the log' in end.text
