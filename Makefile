@@ -4,7 +4,7 @@
 
 VENV_PYTHON := .venv/bin/python
 
-.PHONY: help setup test demo bench blind fuzz docs lint lock clean
+.PHONY: help setup test demo bench blind fuzz docs pictures lint lock clean
 
 help:
 	@echo 'make setup   install everything into .venv; does nothing when that is done'
@@ -14,6 +14,7 @@ help:
 	@echo 'make blind   hide effects in the machine, let the diagnosis find them, print the confusion table'
 	@echo 'make fuzz    10 000 made-up inputs at every door (FUZZ=... for another number)'
 	@echo 'make docs    write the pages that are made from the library'
+	@echo 'make pictures  make the pictures of the docs anew (needs Chromium)'
 	@echo 'make lint    check style'
 	@echo 'make lock    pin the newest packages that requirements/requirements.in allows'
 	@echo 'make clean   remove .venv and everything else that was made'
@@ -39,6 +40,10 @@ fuzz: setup
 docs: setup
 	@$(VENV_PYTHON) -m rosette_ros.cli.effects_page > docs/effects.md.new
 	@mv docs/effects.md.new docs/effects.md
+
+pictures: setup
+	@$(VENV_PYTHON) tools/docs_pictures.py
+	@$(VENV_PYTHON) tools/studio_pictures.py
 
 lint: setup
 	@.venv/bin/ruff check

@@ -5,6 +5,7 @@ Every part is of `analysis`; here they are only put in the order in which a pers
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from rosette_ros.analysis import (
     Report,
@@ -20,6 +21,7 @@ from rosette_ros.core.advice import Advice
 from rosette_ros.core.compare import Comparison
 from rosette_ros.core.diagnosis import Diagnosis
 from rosette_ros.core.model import Model
+from rosette_ros.core.visibility import visibility
 
 GOOD, DOUBTFUL, BAD = 'good', 'doubtful', 'bad'
 """What a verdict can be: the model fits; it cannot be said or something stays open; it fails."""
@@ -68,6 +70,13 @@ class Story:
         """The Report with all that is claimed: the best account of the run."""
         return self.rungs[-1].report
 
+    @cached_property
+    def visibilities(self):
+        """Visibility of every effect in the order in which this run was measured."""
+        if self.advice is not None:
+            return self.advice.present.visibilities
+        return visibility(self.run, self.run.repeatability or self.final.fit.sigma)
+
 
 def tell(run, model=None, on_step=None):
     """Return the Story of a run under a model (the base model if none is given).
@@ -93,16 +102,17 @@ def tell(run, model=None, on_step=None):
 
 def verdict_of(diagnosis, advice=None):
     """Return the Verdict on a diagnosis: one sentence, and what to do about it."""
-    rms, final = (f'{1e6 * one.rms:.2g} µm' for one in (diagnosis.fit, diagnosis.final))
+    rms, final = (f'{1e6 * one.rms:.3g} µm' for one in (diagnosis.fit, diagnosis.final))
     names = ' and '.join(diagnosis.missing)
-    steps = [f'Look after {names} in the cell, or add it to the model'] if names else []
+    it = 'it' if len(diagnosis.missing) == 1 else 'them'
+    steps = [f'Look after {names} in the cell, or add {it} to the model'] if names else []
     if diagnosis.invisible and advice is not None and advice.best.label != advice.present.label:
         steps.append(f'measure next in order {advice.best.label}, which shows what this order hides')
     if diagnosis.missing and not diagnosis.unexplained:
-        level, sentence = BAD, (f'The model lacks {names}; with it the residual falls from {rms} '
+        level, sentence = BAD, (f'The model lacks {names}; with {it} the residual falls from {rms} '
                                 f'to {final}.')
     elif diagnosis.missing:
-        level, sentence = BAD, (f'The model lacks {names}, which brings the residual from {rms} to '
+        level, sentence = BAD, (f'The model lacks {names}; with {it} the residual falls from {rms} to '
                                 f'{final}, and something is left that no named effect explains.')
     elif diagnosis.unexplained:
         level, sentence = BAD, ('The model does not explain the readings, and no effect of the '

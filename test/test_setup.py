@@ -19,10 +19,12 @@ ROOT = Path(__file__).resolve().parents[1]
 LOCK = ROOT / 'requirements' / 'requirements.lock'
 
 ROSDEP_KEYS = {
+    'jinja2': 'python3-jinja2',
     'lz4': 'mcap-ros2-support',
     'matplotlib': 'python3-matplotlib',
     'mcap': 'mcap-ros2-support',
     'mcap_ros2': 'mcap-ros2-support',
+    'nicegui': 'python3-nicegui-pip',
     'numpy': 'python3-numpy',
     'pydantic': 'python3-pydantic',
     'rich': 'python3-rich',

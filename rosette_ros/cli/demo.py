@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """rosette demo: one command from nothing to six error motions, on a simulated machine."""
 
-import contextlib
 import shutil
 import sys
 import tempfile
@@ -9,22 +8,21 @@ import time
 from pathlib import Path
 from types import MappingProxyType
 
-import yaml
 from rich.markup import escape
 
 from rosette_ros.analysis import analyse
-from rosette_ros.cli import hidden_demo
+from rosette_ros.cli import hidden_demo, verification_demo
 from rosette_ros.cli.arguments import whole
 from rosette_ros.cli.calibrate import INTERRUPTED, calibrate
 from rosette_ros.cli.domain import free_domain
 from rosette_ros.cli.screen import console, pairs
+from rosette_ros.cli.simulated_cell import MACHINE, make_cell, make_folder, started, write_machine
 from rosette_ros.cli.summary import curve_table, fit_summary, head
 from rosette_ros.cli.truth import compare, shown, truth_table
 from rosette_ros.core.errors import InvalidConfig
 from rosette_ros.core.scheme import plan
 from rosette_ros.data.log_reader import read_log
 from rosette_ros.machine import MachineConfig
-from rosette_ros.nodes.cell import Cell
 from rosette_ros.nodes.client import CellClient
 from rosette_ros.pictures.curves import Series, save, six_curves
 from rosette_ros.words import exact
@@ -32,7 +30,7 @@ from rosette_ros.words import exact
 TABLE = {'translation_um': 0.2, 'rotation_urad': 1.5, 'axial_correction': False,
          'angular_correction': False}
 """The table of the demo has not been corrected yet: its errors stand above the noise."""
-PICTURE, MACHINE = 'six-curves.png', 'machine.yaml'
+PICTURE = 'six-curves.png'
 MOST_BALLS = 72
 DRAWN = -1
 """Stands for a seed that is yet to be drawn."""
@@ -47,6 +45,8 @@ def add_arguments(parser):
     parser.add_argument('--hidden', metavar='SEED', nargs='?', type=whole(0, 2**31), default=None,
                         const=DRAWN, help='hide physical effects in the machine, drawn from SEED (a '
                         'new one if none is given), find them, and open the envelope at the end')
+    parser.add_argument('--verification', action='store_true', help="measure the paper's four runs under "
+                        'different conditions and two more, and report how well they agree')
     parser.add_argument('--seed', type=whole(0, 2**31), default=1,
                         help='draws machine and noise, and the order random (default 1)')
     parser.add_argument('-o', '--output', metavar='DIR', default='rosette-runs',
@@ -59,6 +59,10 @@ def add_arguments(parser):
 
 def run(options):
     """Run the demo."""
+    if options.verification:
+        if options.hidden is not None:
+            raise InvalidConfig('demo: --verification and --hidden exclude each other; choose one')
+        return verification_demo.run(options)
     story = PLAIN if options.hidden is None else hidden_demo.story_of(options.hidden)
     order = options.order or story.order
     plan(options.balls, order, options.seed, story.turning)  # refuses what cannot be measured
@@ -114,42 +118,6 @@ class PlainStory:
 
 
 PLAIN = PlainStory()
-
-
-def write_machine(config, path):
-    """Write a machine configuration as YAML."""
-    values = config.model_dump(mode='json', exclude={'hidden_draw'})
-    if config.hidden_draw is not None:
-        values['hidden'] = config.hidden_draw.model_dump(mode='json', exclude_none=True)
-    path.write_text(yaml.safe_dump(values, sort_keys=False), encoding='utf-8')
-
-
-def make_folder(path):
-    """Make the folder for logs and return it; raises InvalidConfig where that cannot be."""
-    logs = Path(path)
-    try:
-        logs.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InvalidConfig(f'{logs}: wanted a folder for logs, got: {error.strerror}; choose '
-                            'another one with --output') from error
-    return logs
-
-
-def make_cell(config, machine, domain, logs):
-    """Return the Cell with the simulated machine of a configuration."""
-    params = {'sequencer': {
-        'plate.balls': config.plate.balls, 'plate.radius_m': config.radius,
-        'table.origin_m': [1e-3 * float(x) for x in config.placement.origin_mm]}}
-    return Cell(domain, machine=machine, params=params, log_dir=logs)
-
-
-@contextlib.contextmanager
-def started(out, cell):
-    """Start a cell, end it afterwards."""
-    with contextlib.ExitStack() as stack:
-        with out.status('starting the nodes'):
-            stack.enter_context(cell)
-        yield cell
 
 
 def show(out, config, log_path, seconds):

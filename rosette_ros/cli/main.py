@@ -18,6 +18,7 @@ from rosette_ros.core.errors import RosetteError
 VERBS = {
     'demo': ('demo', 'calibrate a simulated rotary table from start to end'),
     'plan': ('plan', 'the target list of a measuring scheme'),
+    'cell': ('cell', 'a whole cell on this computer: starts its nodes, restarts what dies'),
     'calibrate': ('calibrate', 'start a calibration in a running cell and wait for the result'),
     'evaluate': ('evaluate', 'the six error motions of a run, with uncertainties'),
     'compare': ('compare', 'a model against a run: where it fails, by how much of the noise'),
@@ -26,6 +27,8 @@ VERBS = {
     'add': ('add', 'put an effect into a model file; with --run, the error before and after'),
     'remove': ('remove', 'take an effect out of a model file; with --run, before and after'),
     'advise': ('advise', 'what an order of measurement can show, and what to measure next'),
+    'report': ('report', 'a run told on one page: verdict, curves, residuals, candidates, conditions'),
+    'studio': ('studio', 'a page in the browser: verdict, curves, maps, what is missing, a running cell'),
     'info': ('info', 'what is in a run'),
     'import': ('import_csv', 'a ball-centre table (CSV) becomes a log'),
     'export': ('export_csv', 'a run becomes a ball-centre table (CSV)'),

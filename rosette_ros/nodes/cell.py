@@ -24,6 +24,8 @@ MODULES = {
 """The nodes in the order of starting: who listens comes first."""
 
 START_TIMEOUT = 60.0
+MOST_DEATHS, DEATHS_WITHIN = 5, 60.0
+"""A node that dies so often within so many seconds is not started again."""
 _STEPS = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))
 """How a node is ended: the signal, and how long it has for it, s."""
 _ESCALATION = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL).index
@@ -32,14 +34,17 @@ _POLL = 0.02
 
 @dataclass(eq=False)
 class _Process:
-    """A node's process and where its output goes."""
+    """A node's process and where its output goes, behind that of earlier ones from byte `begin` on."""
 
     name: str
     popen: subprocess.Popen
     output: Path
+    begin: int
 
     def text(self):
-        return self.output.read_text(encoding='utf-8', errors='replace')
+        with open(self.output, 'rb') as stream:
+            stream.seek(self.begin)
+            return stream.read().decode('utf-8', errors='replace')
 
     def end(self, number):
         """Send the signal; one that is still loading its modules has nothing to end in order."""
@@ -78,6 +83,7 @@ class Cell:
                                 f'got {sorted(unknown)[0]!r}')
         self.domain_id, self.namespace = domain_id, namespace
         self.log_dir = Path(log_dir).absolute()
+        self.machine = None if machine is None else Path(machine)
         self._nodes = [name for name in MODULES if name in nodes]
         self._params_file = params_file
         self._params = {name: dict((params or {}).get(name, {})) for name in self._nodes}
@@ -89,6 +95,7 @@ class Cell:
         self._own_output = output_dir is None
         self._output_dir = output_dir
         self._processes = {}
+        self._deaths = {}
 
     def __enter__(self):
         """Start the cell."""
@@ -119,12 +126,13 @@ class Cell:
         if name in self._processes and not self._processes[name].is_dead:
             raise CellError(f'cell: node {name} runs already')
         output = self.output_dir / f'{name}.log'
-        with open(output, 'wb') as stream:
+        with open(output, 'ab') as stream:
+            begin = stream.tell()
             popen = subprocess.Popen(
                 self._command(name), stdin=subprocess.DEVNULL, stdout=stream,
-                stderr=subprocess.STDOUT, env=cell_environment(self.domain_id),
-                start_new_session=True)
-        self._processes[name] = _Process(name, popen, output)
+                stderr=subprocess.STDOUT, start_new_session=True,
+                env={**cell_environment(self.domain_id), names.PARENT_PID: str(os.getpid())})
+        self._processes[name] = _Process(name, popen, output, begin)
         if wait:
             self._await_output({name: f'{names.READY}\n'})
 
@@ -155,9 +163,30 @@ class Cell:
             if process.is_dead:
                 raise CellError(f'cell: {process.obituary()}')
 
+    def revive(self):
+        """Start again every node that has died; return its last words by name.
+
+        Raises CellError where a node has died MOST_DEATHS times within DEATHS_WITHIN seconds: what
+        kills it then would only kill it again.
+        """
+        now = time.monotonic()
+        words = {}
+        for name in self._nodes:
+            process = self._processes[name]
+            if not process.is_dead:
+                continue
+            deaths = self._deaths.setdefault(name, [])
+            deaths[:] = [when for when in deaths if now - when < DEATHS_WITHIN] + [now]
+            words[name] = process.obituary()
+            if len(deaths) >= MOST_DEATHS:
+                raise CellError(f'cell: {words[name]}; it died {len(deaths)} times within '
+                                f'{DEATHS_WITHIN:g} s and is not started again')
+            self.start_node(name, wait=False)
+        return words
+
     def output(self, name):
-        """Return what a node has printed."""
-        return self._processes[name].text()
+        """Return what a node has printed, over all its lives."""
+        return self._processes[name].output.read_text(encoding='utf-8', errors='replace')
 
     def _command(self, name):
         params = self.output_dir / f'{name}.yaml'

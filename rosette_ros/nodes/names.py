@@ -34,3 +34,6 @@ READY = 'ready'
 """A node logs this word when its interfaces stand."""
 COMPLETE = 'the cell is complete'
 """The sequencer logs this sentence when it sees every part that a calibration needs."""
+
+PARENT_PID = 'ROSETTE_CELL_PID'
+"""Environment variable: process whose end is the end of a node, set by cell.Cell."""

@@ -2,6 +2,7 @@
 """What all nodes of the cell share: start, clean end, parameters, health."""
 
 import math
+import os
 import signal
 import sys
 import time
@@ -197,14 +198,30 @@ def run_node(name, make_node, args=None):
     return 0
 
 
+class _Parent:
+    """The process that started this node to end it: without it the node ends by itself."""
+
+    def __init__(self):
+        wanted = os.environ.get(names.PARENT_PID, '')
+        self._pid = int(wanted) if wanted.isdigit() else None
+
+    @property
+    def has_gone(self):
+        """Whether there was such a process and it is no more."""
+        return self._pid is not None and os.getppid() != self._pid
+
+
 def _spin(make_node, stop):
+    parent = _Parent()
     node = make_node()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:
         node.get_logger().info(names.READY)
-        while not stop.requested:
+        while not (stop.requested or parent.has_gone):
             node.step()
+        if parent.has_gone:
+            node.get_logger().warning('the process that started this cell has gone; ending')
         node.finish()
     finally:
         executor.shutdown()

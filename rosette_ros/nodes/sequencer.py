@@ -58,6 +58,7 @@ class Sequencer(CellNode):
         self._taken = set()
         self._lacks = ''
         self._complete_since = None
+        self._present = frozenset()
         self._last = 'no run yet'
         self._last_level = OK
         self._announcer = Announcer(self)
@@ -157,12 +158,18 @@ class Sequencer(CellNode):
         return sum(info.node_name not in (names.RECORDER, names.EVALUATOR)
                    for info in self.get_subscriptions_info_by_topic(topic))
 
+    def _ends(self):
+        """Return what tells one publisher of ball centres or error motions from its successor."""
+        return frozenset(bytes(info.endpoint_gid) for name in (names.BALL_CENTRE, names.ERROR_MOTIONS)
+                         for info in self.get_publishers_info_by_topic(self.resolve_topic_name(name)))
+
     # From request to result
 
     def _open(self, job):
         """Take a job on: the log first, then the first target."""
         self._job, job.since = job, self.seconds()
         self._taken.add(job.run_id)
+        self._watch(job.since)
         self._announcer.accepted(job)
         self.get_logger().info(f'run {job.run_id}: {job.sequence.programme.total} balls')
         self._open_log(job)
@@ -231,9 +238,10 @@ class Sequencer(CellNode):
     def _watch(self, now):
         """Log what the cell lacks, and when it has become complete and settled."""
         lacks = '; '.join(self._missing())
-        if lacks:
-            self._complete_since = None
-        elif self._complete_since is None:
+        present = self._ends()
+        if lacks or present != self._present:
+            self._complete_since, self._present = None, present
+        if not lacks and self._complete_since is None:
             self._complete_since = now
         settled = not lacks and now - self._complete_since >= SETTLING
         words = lacks or (names.COMPLETE if settled else 'the nodes are getting connected')

@@ -58,11 +58,12 @@ class SimulatedCmm(CellNode):
         answer = BallCentre(
             run_id=target.run_id, seq=target.seq, table_position=target.table_position,
             ball=target.ball, cmm_position=target.cmm_position)
-        self._look_again(target.run_id)
-        faults = strikes(self._machine.config.faults, self._machine.config.seed, target.seq,
-                         target.attempt)
-        self._struck += len(faults)
+        faults = ()
         try:
+            self._look_again(target.run_id)
+            faults = strikes(self._machine.config.faults, self._machine.config.seed, target.seq,
+                             target.attempt)
+            self._struck += len(faults)
             reading = self._measure(target, faults)
         except RosetteError as error:
             self._failed += 1

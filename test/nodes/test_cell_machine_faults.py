@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from rosette_ros.analysis import analyse, diagnose
-from rosette_ros.cli.demo import write_machine
+from rosette_ros.cli.simulated_cell import write_machine
 from rosette_ros.cli.truth import compare
 from rosette_ros.data.log_reader import read_log
 from rosette_ros.machine import MachineConfig
@@ -123,3 +123,15 @@ def test_all_faults_together_in_a_share_of_the_answers(faulty_cell, tmp_path):
     assert rms < 1.8
     assert run.size >= N * N - 3
     assert yaml.safe_load((outcome.log / 'metadata.yaml').read_text())
+
+
+def test_a_machine_file_that_was_spoilt_is_told_in_words(faulty_cell, module_domain_id):
+    """The file is read again for every run; what is wrong with it is the reason of every failure."""
+    cell, outcome = faulty_cell([{'kind': 'failed', 'share': 1.0}])
+    path = cell.machine
+    path.write_text('plate: {balls: many}\n')
+    with CellClient(module_domain_id) as client:
+        outcome = client.calibrate(check=cell.check)
+    assert not outcome.success
+    assert 'balls' in outcome.message
+    assert "'many'" in outcome.message

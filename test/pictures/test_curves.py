@@ -38,7 +38,7 @@ def test_every_curve_has_its_panel_with_both_names_and_the_unit(motions):
 def test_numbers_are_drawn_in_micro_units_against_degrees(motions):
     """The first point stands again a full turn later; the band is twice the standard u."""
     for curve, axes in panels(six_curves([Series('measured', motions)])).items():
-        line = next(line for line in axes.lines if line.get_label() == 'measured')
+        line = next(line for line in axes.lines if len(line.get_xdata()) == N + 1)
         np.testing.assert_allclose(line.get_xdata(), np.arange(N + 1) * 45.0)
         wanted = np.arange(N) * 6.0 + CURVES.index(curve)
         np.testing.assert_allclose(line.get_ydata(), np.append(wanted, wanted[0]))
@@ -54,11 +54,11 @@ def test_truth_and_several_runs_have_their_own_look_and_legend(motions):
                       truth=motions.values)
     [legend] = made.legends
     texts = [text.get_text() for text in legend.get_texts()]
-    assert texts == ['first: U (k = 2)', 'first', 'second: U (k = 2)', 'second',
+    assert texts == ['first', 'first: U (k = 2)', 'second', 'second: U (k = 2)',
                      'truth of the simulated machine']
-    lines = {line.get_label(): line for line in made.axes[0].lines}
-    assert lines['first'].get_color() != lines['second'].get_color()
-    assert lines['first'].get_marker() != lines['second'].get_marker()
+    first, second = legend.legend_handles[0], legend.legend_handles[2]
+    assert first.get_color() != second.get_color()
+    assert first.get_marker() != second.get_marker()
 
 
 @pytest.mark.parametrize(('ending', 'begin'), [('png', b'\x89PNG'), ('svg', b'<?xml')])

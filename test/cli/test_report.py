@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosette report: files that it writes, what it refuses, and that a table says what evaluate says."""
+
+import csv
+import json
+
+import pytest
+from simulated import simulated_table
+
+N = 8
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """A folder of one's own to write in."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_page_figures_and_tables_of_a_run(rosette, here):
+    """One command; the verdict on the screen, the same on the page; curves as of evaluate --json."""
+    path = simulated_table('drift', N)
+    model = here / 'model.yaml'
+    model.write_text('schema: rosette-model/1\nbase: [table_motions, plate_deviations, cmm_deviations]\n'
+                     'effects: [frame_drift]\n')
+    answer = rosette('report', path, '--model', model, '-o', 'page.html', '--overlay', simulated_table('clean', N),
+                     '--figures', 'figures', '--format', 'png', '--tables', 'tables')
+    assert (answer.code, answer.err) == (0, '')
+    assert 'The model explains the readings' in answer.out and 'page.html' in answer.out
+    page = (here / 'page.html').read_text(encoding='utf-8')
+    assert 'The model explains the readings' in page
+    assert 'Drawn over it: clean_1' in page
+    assert f'rosette report {path} --model {model} --output page.html --overlay' in page
+    figures = sorted(file.name for file in (here / 'figures').iterdir())
+    assert 'curves.png' in figures and 'residual_maps.png' in figures
+    assert (here / 'figures' / 'curves.png').read_bytes().startswith(b'\x89PNG')
+    wanted = json.loads(rosette('evaluate', path, '--model', model, '--json').out)
+    with open(here / 'tables' / 'curves.csv', encoding='utf-8', newline='') as stream:
+        found = list(csv.DictReader(stream))
+    for key, unit in (('ctx_m', 'ctx_um'), ('ctz_m', 'ctz_um'), ('crz_rad', 'crz_urad')):
+        assert [float(row[unit]) for row in found] == pytest.approx([1e6 * value for value in wanted[key]], rel=1e-14)
+        assert [float(row[f'u_{unit}']) for row in found] == pytest.approx(
+            [1e6 * value for value in wanted['u'][key]], rel=1e-14)
+
+
+def test_the_page_is_named_after_the_run_and_never_overwritten(rosette, refused, here):
+    """In this folder; the refusal comes before the work and leaves the file as it is."""
+    path = simulated_table('clean', N)
+    page = here / f'{path.stem}.html'
+    page.write_text('precious')
+    assert refused('report', path) == (f'rosette: {page.name}: exists already; take another name or use --force\n')
+    assert page.read_text() == 'precious'
+    assert rosette('report', path, '--force').code == 0
+    assert page.read_text(encoding='utf-8').startswith('<!DOCTYPE html>')
+
+
+@pytest.mark.parametrize(('words', 'said'), [
+    ((), 'wanted either RUN or --compare RUN RUN RUN RUN'),
+    (('RUN', '--compare', 'RUN', 'RUN', 'RUN', 'RUN'), 'wanted either RUN or --compare'),
+    (('--compare', 'RUN', 'RUN'), r'wanted four runs or six, got 2: (i) all corrected, (ii) plate turned'),
+    (('--compare', 'RUN', 'RUN', 'RUN', 'RUN', '--overlay', 'RUN'), '--overlay does not go with --compare'),
+    (('--compare', 'RUN', 'RUN', 'RUN', 'RUN', '--run-id', 'x'), '--run-id does not go with --compare'),
+    (('RUN', '--maker', 'RUN'), '--maker goes with --compare only'),
+    (('RUN', '--run-id', 'other'), "wanted run 'other', got 'clean_1'"),
+    (('RUN', '--format', 'gif'), 'invalid choice'),
+    (('nowhere.csv',), 'nowhere.csv: wanted a log directory, an .mcap file or a CSV table'),
+    (('RUN', '-o', 'nowhere/page.html'),
+     'nowhere/page.html: wanted a name in a folder that is there, got none; make nowhere first'),
+])
+def test_what_cannot_be_reported(refused, here, words, said):
+    """One line; no file is left behind."""
+    path = simulated_table('clean', 6)
+    assert said in refused('report', *(path if word == 'RUN' else word for word in words))
+    assert list(here.iterdir()) == []
+
+
+def test_runs_beside_one_another(rosette, here):
+    """Four runs of one machine: the numbers of the paper are on the page; tables, too."""
+    runs = [simulated_table('clean', N, 'diagonal', seed) for seed in (1, 1, 1, 1)]
+    answer = rosette('report', '--compare', *runs, '--tables', 'tables', '--figures', 'figures')
+    assert (answer.code, answer.err) == (0, '')
+    page = (here / 'verification.html').read_text(encoding='utf-8')
+    assert 'the paper: 0.02 µm and 0.2 µrad' in page
+    assert sorted(file.name for file in (here / 'tables').iterdir()) == [
+        'reproducibility.csv', 'runs.csv', 'verification_curves.csv']
+    assert (here / 'figures' / 'differences.svg').read_text(encoding='utf-8').startswith('<?xml')

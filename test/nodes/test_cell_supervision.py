@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A cell that is watched: what dies comes back, and nothing outlives the one who started it."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rosette_ros.core.errors import CellError
+from rosette_ros.data.log_reader import read_log
+from rosette_ros.nodes import names
+from rosette_ros.nodes.cell import MODULES, MOST_DEATHS
+from rosette_ros.nodes.client import CellClient
+
+N = 4
+
+
+@pytest.fixture(scope='module')
+def watched(module_domain_id, make_cell, tmp_path_factory):
+    """Yield (cell, domain)."""
+    with make_cell(module_domain_id, tmp_path_factory.mktemp('watched'), N) as cell:
+        yield cell, module_domain_id
+
+
+def kill(cell, name):
+    """Kill a node and start it again; return the words for a person."""
+    cell.signal_node(name, signal.SIGKILL)
+    cell.wait_node(name)
+    return cell.revive()
+
+
+@pytest.mark.parametrize('name', MODULES)
+def test_a_node_that_was_killed_comes_back_and_the_cell_calibrates(watched, wait_until, name):
+    """Any of the four; its exit code is told."""
+    cell, domain = watched
+    assert cell.revive() == {}
+    words = kill(cell, name)
+    assert list(words) == [name]
+    assert f'node {name} ended with exit code -9' in words[name]
+    wait_until(lambda: cell.output(name).count(names.READY) == 2)
+    with CellClient(domain) as client:
+        outcome = _calibrated(client, cell, wait_until)
+    assert read_log(outcome.log).to_run().size == N * N
+
+
+def _calibrated(client, cell, wait_until):
+    """Return the Outcome of the first calibration that the cell accepts."""
+    outcomes = []
+
+    def accepted():
+        with contextlib.suppress(CellError):
+            outcomes.append(client.calibrate(check=cell.check))
+        return outcomes
+
+    wait_until(accepted, 40)
+    assert outcomes[0].success, outcomes[0].message
+    return outcomes[0]
+
+
+def test_a_node_that_dies_again_and_again_is_given_up_in_words(watched):
+    """What kills it would only kill it again."""
+    cell, _ = watched
+    with pytest.raises(CellError, match=f'it died {MOST_DEATHS} times within 60 s and is not started'):
+        for _ in range(MOST_DEATHS):
+            kill(cell, names.EVALUATOR)
+
+
+def children(pid):
+    """Return the processes that a process has started."""
+    text = Path(f'/proc/{pid}/task/{pid}/children').read_text()
+    return [int(one) for one in text.split()]
+
+
+def is_alive(pid):
+    """Return whether a process runs."""
+    try:
+        return 'State:\tZ' not in Path(f'/proc/{pid}/status').read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+@pytest.fixture
+def cell_command(domain_id, tmp_path, wait_until):
+    """Yield the process of `rosette cell` that is up, and the nodes' processes."""
+    output = tmp_path / 'cell.log'
+    with open(output, 'wb') as stream:
+        process = subprocess.Popen(
+            [sys.executable, '-m', 'rosette_ros.cli.main', 'cell', '--domain', str(domain_id), '-o',
+             str(tmp_path / 'runs')], stdout=stream, stderr=subprocess.STDOUT, start_new_session=True)
+    try:
+        wait_until(lambda: 'The cell is up' in output.read_text(), 60)
+        yield process, output
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.wait()
+
+
+def test_no_node_outlives_a_cell_that_was_killed(cell_command, wait_until):
+    """kill -9 of the command: its nodes end by themselves."""
+    process, _ = cell_command
+    nodes = children(process.pid)
+    assert len(nodes) == len(MODULES)
+    process.kill()
+    wait_until(lambda: not any(map(is_alive, nodes)), 30)
+
+
+def test_the_command_restarts_and_ends_in_order(cell_command, wait_until):
+    """A killed node is told and comes back; Ctrl-C ends all of it with 0."""
+    process, output = cell_command
+    victim = children(process.pid)[0]
+    os.kill(victim, signal.SIGKILL)
+    wait_until(lambda: 'ended with exit code -9' in output.read_text(), 20)
+    assert '; started again' in output.read_text()
+    wait_until(lambda: len(children(process.pid)) == len(MODULES), 20)
+    nodes = children(process.pid)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(40) == 0
+    assert not any(map(is_alive, nodes))

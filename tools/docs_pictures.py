@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Makes the pictures of docs/report.md from simulated runs: python tools/docs_pictures.py
+
+With --browser PATH the first screen of the page, light and dark, is taken by a headless Chromium, too.
+"""
+
+import argparse
+import tempfile
+from pathlib import Path
+
+import matplotlib as mpl
+from playwright.sync_api import sync_playwright
+
+from rosette_ros.analysis import analyse
+from rosette_ros.core.scheme import plan
+from rosette_ros.data.csv_table import write_csv
+from rosette_ros.machine import Machine, MachineConfig
+from rosette_ros.pictures.style import LOOK
+from rosette_ros.report import Source, open_source, pictures_of, report_html
+from rosette_ros.report.page import write_text
+from rosette_ros.report.verification import MakerTable, verify
+from rosette_ros.report.verification_page import verification_pictures
+from rosette_ros.story import tell
+
+IMAGES = Path(__file__).parents[1] / 'docs' / 'images'
+BROWSER = Path('/usr/bin/chromium')
+DPI = 75
+HIDDEN = [{'kind': 'frame_drift', 'rate_um_per_h': [0.9, 0.0, 0.5]},
+          {'kind': 'ball_slip', 'ball': 4, 'shift_um': [0.9, 0.5, 0.3], 'at_h': 1.1}]
+CMM_OFF = {'cmm': {'correction': False}}
+CONDITIONS = ({}, {'clamping': {'plate_turn_deg': 90.0}}, CMM_OFF, {**CMM_OFF, 'table': {'axial_correction': False}},
+              {'table': {'angular_correction': False}}, {})
+SHOWN = ('curves', 'deviations', 'residual_maps', 'residuals_against', 'ladder', 'visibility')
+SCREENS = {'light': 'report-verdict.png', 'dark': 'report-verdict-dark.png'}
+
+
+def main():
+    """Make all pictures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--browser', type=Path, default=BROWSER, help=f'Chromium (default {BROWSER})')
+    options = parser.parse_args()
+    IMAGES.mkdir(exist_ok=True)
+    config = MachineConfig().changed(seed=3, hidden=HIDDEN)
+    run = Machine(config).run(plan(12, 'random'), run_id='rosette_20261121_083000_random')
+    with tempfile.TemporaryDirectory() as folder:
+        table = Path(folder) / 'run.csv'
+        write_csv(run, table)
+        run, source = open_source(table)
+        story = tell(run)
+        pictures = pictures_of(story)
+        for name in SHOWN:
+            keep(pictures[name].figure, f'report-{name.replace("_", "-")}.png')
+        page = Path(folder) / 'page.html'
+        write_text(page, report_html(story, source, 'rosette report run.csv', pictures=pictures))
+        photograph(page, options.browser)
+    keep(verification_pictures(verification())['verification_curves'].figure, 'report-verification.png')
+
+
+def keep(figure, name):
+    """Write a figure as a small PNG."""
+    with mpl.rc_context(LOOK):
+        figure.savefig(IMAGES / name, dpi=DPI, pil_kwargs={'optimize': True})
+    print(f'docs/images/{name}: {(IMAGES / name).stat().st_size / 1e3:.0f} kB')
+
+
+def photograph(page, browser):
+    """Take the first screen of a page, light and dark."""
+    if not browser.is_file():
+        print(f'{browser}: no browser there, so {", ".join(SCREENS.values())} stay as they are')
+        return
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=str(browser), args=['--no-sandbox', '--disable-gpu'])
+        for scheme, name in SCREENS.items():
+            tab = chromium.new_page(viewport={'width': 1080, 'height': 680}, color_scheme=scheme)
+            tab.goto(page.as_uri())
+            tab.screenshot(path=IMAGES / name)
+            print(f'docs/images/{name}: {(IMAGES / name).stat().st_size / 1e3:.0f} kB')
+        chromium.close()
+
+
+def verification():
+    """Return the Verification of six simulated runs; the machine goes on from run to run."""
+    runs, state = [], None
+    for place, changes in enumerate(CONDITIONS, 1):
+        machine = Machine(MachineConfig().changed(seed=1, **changes), state)
+        runs.append((analyse(machine.run(plan(12, 'diagonal'))), Source(f'{place}.csv', ())))
+        state = machine.state
+    curves = machine.maker_table()
+    return verify(runs, MakerTable(runs[0][0].error_motions.angle, curves[:, 2], curves[:, 5]))
+
+
+if __name__ == '__main__':
+    main()

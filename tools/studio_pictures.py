@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Makes the pictures of docs/studio.md: a real page in a real browser, beside a simulated cell.
+
+python tools/studio_pictures.py [FOLDER]; the browser is the one that tools/browser.sh names.
+"""
+
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from contextlib import contextmanager
+from pathlib import Path
+
+from playwright.sync_api import expect, sync_playwright
+
+from rosette_ros.core.scheme import plan
+from rosette_ros.data.csv_table import write_csv
+from rosette_ros.machine import Machine, MachineConfig
+from rosette_ros.nodes.cell import Cell
+
+ROOT = Path(__file__).parents[1]
+FLAGS = ('--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking',
+         '--disable-component-update', '--disable-sync')
+DRIFT = {'kind': 'frame_drift', 'rate_um_per_h': [1.0, 0.0, 0.5]}
+DESKTOP, TABLET = {'width': 1280, 'height': 800}, {'width': 820, 'height': 1180}
+DOMAIN = 63
+
+
+def main(folder):
+    """Write all pictures into a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    browser_path = subprocess.run([ROOT / 'tools' / 'browser.sh'], check=True, capture_output=True, text=True)
+    with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright:
+        place = Path(place)
+        config = MachineConfig().changed(seed=3, plate={'balls': 12}, hidden=[DRIFT])
+        write_csv(Machine(config).run(plan(12, 'random')), place / 'run.csv')
+        browser = playwright.chromium.launch(executable_path=browser_path.stdout.strip(), args=FLAGS)
+        with studio(place, 'run.csv') as address:
+            picture_run(browser, address, folder)
+        with Cell(DOMAIN, log_dir=place / 'runs', params={'sequencer': {'order': 'random'}}), \
+                studio(place, '--domain', str(DOMAIN)) as address:
+            picture_cell(browser, address, folder)
+        browser.close()
+
+
+def picture_run(browser, address, folder):
+    """Picture a run: verdict, preview, dark, tablet, after adding."""
+    for name, size, scheme in (('verdict', DESKTOP, 'light'), ('dark', DESKTOP, 'dark'), ('tablet', TABLET, 'light')):
+        page = browser.new_page(viewport=size, color_scheme=scheme)
+        page.goto(address)
+        settle(page, 'bad')
+        page.screenshot(path=folder / f'studio-{name}.png')
+        if name == 'verdict':
+            page.get_by_test_id('verdict-preview').click()
+            expect(page.get_by_test_id('preview-words')).to_contain_text('helps')
+            page.wait_for_timeout(3000)
+            page.screenshot(path=folder / 'studio-preview.png')
+            page.get_by_test_id('preview-add').click()
+            settle(page, 'good')
+            page.screenshot(path=folder / 'studio-added.png')
+        page.close()
+
+
+def picture_cell(browser, address, folder):
+    """Picture the tab of a running cell after a calibration."""
+    page = browser.new_page(viewport=DESKTOP)
+    page.goto(address)
+    page.get_by_test_id('open-close').click()
+    page.get_by_test_id('tab-live').click()
+    page.get_by_test_id('connect').click()
+    expect(page.get_by_test_id('health-table')).to_contain_text('sequencer: healthy')
+    page.get_by_test_id('start').click()
+    expect(page.get_by_test_id('outcome')).to_contain_text('Done', timeout=60_000)
+    page.wait_for_timeout(3000)
+    page.screenshot(path=folder / 'studio-cell.png')
+    page.close()
+
+
+def settle(page, level):
+    """Wait until the verdict stands and everything is drawn."""
+    expect(page.get_by_test_id('verdict')).to_have_class(re.compile(rf'\b{level}\b'), timeout=60_000)
+    expect(page.get_by_test_id('step')).to_be_hidden(timeout=60_000)
+    page.wait_for_timeout(2000)
+
+
+@contextmanager
+def studio(place, *arguments):
+    """Yield the address of a running studio."""
+    command = [sys.executable, '-m', 'rosette_ros.cli.main', 'studio', '--no-browser', *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=place,
+                          env={**os.environ, 'PYTHONUNBUFFERED': '1'}) as process:
+        try:
+            yield process.stdout.readline().split()[-1]
+        finally:
+            process.terminate()
+
+
+if __name__ == '__main__':
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / 'docs' / 'images')
