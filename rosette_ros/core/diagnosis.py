@@ -203,7 +203,8 @@ class _Search:
     def _strongest_first(self, selection):
         falls = [self.problem.select(selection.without(k)).rss
                  for k in range(len(selection.members))]
-        order = np.argsort(falls)[::-1]
+        # shapes without a name come last: what is told of the named ones is told without them
+        order = sorted(range(len(falls)), key=lambda k: (not selection.members[k].named, -falls[k]))
         return self.problem.select(tuple(selection.members[k] for k in order))
 
     def final_fit(self, members):
@@ -250,8 +251,9 @@ class _Search:
                   and self.dof > (len(chosen.rows) + len(rival.rows)
                                   + _searched((*chosen.members, rival)))]
         among = tuple(rival.name for _, _, rival in others if rival.effect.searched)
+        named = self.problem.select([member for member in chosen.members if member.named])
         for p, _, rival in sorted(others, key=lambda entry: entry[:2]):
-            out.append(self._candidate(rival, chosen, p, (), False, among))
+            out.append(self._candidate(rival, named, p, (), False, among))
         return tuple(out)
 
     def _candidate(self, member, before, p, look_alikes, claimed, among):
@@ -368,7 +370,8 @@ def _with_verdict(diagnosis):
     parts = []
     if diagnosis.missing:
         names = ' and '.join(diagnosis.missing)
-        parts.append(f'The model lacks {names}: with it the residual falls from {rms:.3g} um to '
+        them = 'it' if len(diagnosis.missing) == 1 else 'them'
+        parts.append(f'The model lacks {names}: with {them} the residual falls from {rms:.3g} um to '
                      f'{final:.3g} um.')
         alike = sorted({other for c in diagnosis.candidates if c.claimed for other in c.look_alikes})
         if alike:

@@ -34,6 +34,8 @@ REPEATABLE = ('outlier', 'ball_slip', 'ball_form', 'frame_cycle', 'asynchronous_
 MOST_EFFECTS = 5
 BEAM = 4
 BRANCHES = 7
+MANY_ROWS = 4
+"""An effect of so many amplitudes is held against several simpler ones in its place."""
 HOPELESS = -5.0
 """Score gain on the grid below which no refinement of continuous parameters can make it pay."""
 
@@ -214,11 +216,35 @@ class Problem:
         return Setting({**member.setting, name: float(best)})
 
     def grow(self):
-        """Return the best Selection that the beam search finds; empty where nothing pays."""
-        beam, best = [self.empty], self.empty
-        for _ in range(MOST_EFFECTS):
+        """Return the best Selection that the beam search finds; empty where nothing pays.
+
+        A shape without a name, or an effect of many amplitudes, may stand for several simpler effects
+        that no exchange of one for one can find: each such member is held against a search of its own
+        that does without it.
+        """
+        best = self.swap(self._beam(self.empty))
+        for _ in range(2):
+            better = best
+            for place, member in enumerate(best.members):
+                if member.named and len(member.rows) < MANY_ROWS:
+                    continue
+                rest = self.select(best.without(place))
+                better = max(better, self._beam(rest, member.name), key=lambda s: s.score)
+            if better is best:
+                return best
+            best = self.swap(better)
+        return best
+
+    def _beam(self, start, without=None):
+        """Return the best Selection from `start` on; without: an effect to be left out, and all shapes
+        that have no name."""
+        beam, best = [start], start
+        for _ in range(MOST_EFFECTS - len(start.members)):
             children = {}
             for selection, offers in zip(beam, self.offers(beam)):
+                if without:
+                    offers = [offer for offer in offers if offer[1].name != without
+                              and not isinstance(offer[1].effect, Structure)]
                 for score, family, block in offers[:BRANCHES]:
                     if score < HOPELESS:
                         break
@@ -230,10 +256,10 @@ class Problem:
             if not beam:
                 break
             top = max(beam, key=lambda child: child.score)
-            if top.score <= best.score:
+            if top.score <= best.score and not without:
                 break
-            best = top
-        return self.swap(best)
+            best = max(best, top, key=lambda selection: selection.score)
+        return best
 
     def _child(self, selection, family, block, refined=True):
         member = self.member(family.effect, family.settings[block], family.chances)

@@ -143,9 +143,12 @@ class FrameCycle(FrameEffect):
         return tuple(Setting(axes=axes, period=float(p)) for axes in AXES for p in periods)
 
     def brackets(self, run, setting):
-        """Refine the period within half a cycle to either side."""
+        """Refine the period within half a cycle to either side, up to one cycle in the run.
+
+        Less than one cycle is any curve: a period cannot be told from it.
+        """
         cycles = duration(run) / setting['period']
-        low, high = duration(run) / (cycles + 0.5), duration(run) / max(cycles - 0.5, 0.8)
+        low, high = duration(run) / (cycles + 0.5), duration(run) / max(cycles - 0.5, 1.0)
         return {'period': (low, high)}
 
     def independent_settings(self, run):

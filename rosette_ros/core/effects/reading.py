@@ -7,6 +7,10 @@ import numpy as np
 
 from rosette_ros.core.effects.contract import Effect, Quantity, Searched, Setting
 
+UNKNOWN = 'unknown'
+FIRST_SENSES = {UNKNOWN: (0, 0), '++': (1, 1), '+-': (1, -1), '-+': (-1, 1), '--': (-1, -1)}
+"""Senses of x and y before they have moved, by the word for them."""
+
 
 @dataclass(frozen=True)
 class CmmReversal(Effect):
@@ -19,6 +23,18 @@ class CmmReversal(Effect):
     source: str = 'ISO 230-2 (reversal value B)'
     depends_on: tuple[str, ...] = ('cmm_sense',)
     carries: str = 'all'
+    searched: tuple[Searched, ...] = (
+        Searched('first', '', 'sense of x and y before they first moved in the run'),)
+
+    def settings(self, run):
+        """Try both senses of each axis, and none, for the readings before it first moves."""
+        if not np.any(run.cmm_sense[:, :2] == 0):
+            return (Setting(first=UNKNOWN),)
+        return tuple(Setting(first=first) for first in FIRST_SENSES)
+
+    def independent_settings(self, run):
+        """A few readings look alike."""
+        return 1
 
     def amplitudes(self, run, setting):
         """Return the reversal values of x and y; z comes down to every ball."""
@@ -27,10 +43,12 @@ class CmmReversal(Effect):
     def columns(self, run, setting):
         """Return half the sense of the last move per axis, (N, 3, 2).
 
-        Before an axis has moved its sense is unknown and taken as zero.
+        Before an axis has moved, its sense is not in the records: it is searched, unknown counts zero.
         """
         out = np.zeros((run.size, 3, 2))
-        out[:, 0, 0], out[:, 1, 1] = 0.5 * run.cmm_sense[:, 0], 0.5 * run.cmm_sense[:, 1]
+        for axis, first in enumerate(FIRST_SENSES[setting.get('first', UNKNOWN)]):
+            sense = run.cmm_sense[:, axis]
+            out[:, axis, axis] = 0.5 * np.where(sense == 0, first, sense)
         return out
 
 

@@ -154,6 +154,9 @@ class AsynchronousMotion(FactoredEffect):
         return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
+TURNED, UNWRAPPED = 'turned', 'unwrapped'
+
+
 @dataclass(frozen=True)
 class TableWarmup(Effect):
     """Axial growth a (1 - exp(-Psi/Psi0)) with the turned angle."""
@@ -165,18 +168,29 @@ class TableWarmup(Effect):
     source: str = 'ISO 230-3 (thermal distortion caused by rotating components)'
     depends_on: tuple[str, ...] = ('table_travel',)
     searched: tuple[Searched, ...] = (
-        Searched('psi0', 'rad', 'turned angle after which 63 % are reached', 'scale'),)
+        Searched('angle', '', 'which angle warms it: turned in either sense, or unwrapped'),
+        Searched('psi0', 'rad', 'angle after which 63 % are reached', 'scale'))
 
-    def _turned(self, run):
+    def _warming(self, run, angle):
+        """Return the angle that warms the bearing at each reading, (N,), rad."""
+        if angle == UNWRAPPED:
+            return np.abs(run.table_travel - run.table_travel[0])
         return np.cumsum(np.abs(np.diff(run.table_travel, prepend=run.table_travel[:1])))
 
     def settings(self, run):
-        """Try angles from a fiftieth of the turned angle to the whole of it."""
-        turned = self._turned(run)[-1]
-        if turned == 0:
+        """Try angles from a fiftieth of the turned angle to the whole of it.
+
+        Where the table turned both ways, the angle may be the one that was turned, which is what
+        friction sees, or the unwrapped one.
+        """
+        turned = self._warming(run, TURNED)
+        if turned[-1] == 0:
             return ()
-        return tuple(Setting(psi0=float(psi0))
-                     for psi0 in logarithmic_grid(turned / 50, turned, 14))
+        kinds = [TURNED]
+        if not np.allclose(self._warming(run, UNWRAPPED), turned):
+            kinds.append(UNWRAPPED)
+        return tuple(Setting(angle=kind, psi0=float(psi0)) for kind in kinds
+                     for psi0 in logarithmic_grid(turned[-1] / 50, turned[-1], 14))
 
     def independent_settings(self, run):
         """Neighbouring angles look alike."""
@@ -187,9 +201,9 @@ class TableWarmup(Effect):
         return (Quantity('a', 'm', 'final axial growth'),)
 
     def columns(self, run, setting):
-        """Return 1 - exp(-Psi/Psi0) along z, Psi the angle turned in either sense, (N, 3, 1)."""
-        growth = -np.expm1(-self._turned(run) / setting['psi0'])
-        return (growth[:, None] * unit(2, run.size))[..., None]
+        """Return 1 - exp(-Psi/Psi0) along z, (N, 3, 1)."""
+        warming = self._warming(run, setting.get('angle', TURNED))
+        return (-np.expm1(-warming / setting['psi0'])[:, None] * unit(2, run.size))[..., None]
 
 
 TABLE_EFFECTS = (TableZeroDrift(), AxisTiltDrift(), TableBacklash(), AsynchronousMotion(),
