@@ -102,7 +102,7 @@ def tell(run, model=None, on_step=None):
 
 def verdict_of(diagnosis, advice=None):
     """Return the Verdict on a diagnosis: one sentence, and what to do about it."""
-    rms, final = (f'{1e6 * one.rms:.3g} µm' for one in (diagnosis.fit, diagnosis.final))
+    rms, final = (f'{1e6 * one.rms:#.3g} µm' for one in (diagnosis.fit, diagnosis.final))
     names = ' and '.join(diagnosis.missing)
     it = 'it' if len(diagnosis.missing) == 1 else 'them'
     steps = [f'Look after {names} in the cell, or add {it} to the model'] if names else []

@@ -228,11 +228,25 @@ def _mix(gram, moves):
     shares = np.sqrt(np.maximum(trace, 0) / np.maximum(moves.sum(axis=1), 1))
     if gram.shape[1] == 1:
         value, vector = gram[:, 0], np.ones_like(gram)
+    elif _all_seen(gram, shares):
+        # nothing is left out: the inverse of a Cholesky factor does as well, and is found sooner
+        return np.linalg.inv(np.linalg.cholesky(gram)), np.full(len(gram), gram.shape[1]), shares
     else:
         value, vector = np.linalg.eigh(gram)
     keep = (value > DROP**2) & (shares[:, None] > DROP)
     root = np.where(keep, 1 / np.sqrt(np.where(keep, value, 1.0)), 0.0)
     return (vector * root[:, None, :]).transpose(0, 2, 1), keep.sum(axis=1), shares
+
+
+def _all_seen(gram, shares):
+    """Return whether every direction of every block, and every block, is seen by more than DROP."""
+    if shares.min() <= DROP:
+        return False
+    try:
+        np.linalg.cholesky(gram - DROP**2 * np.eye(gram.shape[1], dtype=gram.dtype))
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def families(run, effects, project, keep_hidden=False):

@@ -371,8 +371,8 @@ def _with_verdict(diagnosis):
     if diagnosis.missing:
         names = ' and '.join(diagnosis.missing)
         them = 'it' if len(diagnosis.missing) == 1 else 'them'
-        parts.append(f'The model lacks {names}: with {them} the residual falls from {rms:.3g} um to '
-                     f'{final:.3g} um.')
+        parts.append(f'The model lacks {names}: with {them} the residual falls from {rms:#.3g} um to '
+                     f'{final:#.3g} um.')
         alike = sorted({other for c in diagnosis.candidates if c.claimed for other in c.look_alikes})
         if alike:
             parts.append(f'In this order {" and ".join(alike)} would look nearly the same.')
@@ -380,7 +380,7 @@ def _with_verdict(diagnosis):
         parts.append(f'Something is left that no named effect explains: '
                      f'{diagnosis.unexplained_text}.')
     if not parts:
-        parts.append(f'Nothing is missing that this run can show: the residual of {rms:.3g} um is '
+        parts.append(f'Nothing is missing that this run can show: the residual of {rms:#.3g} um is '
                      'noise.')
     if diagnosis.invisible:
         parts.append(f'This order of measurement cannot show {", ".join(diagnosis.invisible)}.')

@@ -80,7 +80,7 @@ def residual_maps(rows):
 
 def _map(panel, values, limit, numbers):
     n = len(values)
-    panel.imshow(values, cmap=DIVERGING, vmin=-limit, vmax=limit, aspect='auto',
+    panel.imshow(values, cmap=DIVERGING, vmin=-limit, vmax=limit, aspect='auto', interpolation='none',
                  extent=(0.5, n + 0.5, n + 0.5, 0.5))
     panel.set_facecolor('#bbbbbb')
     shown = {number: str(number) for number in range(1, n + 1, -(-n // MOST_TICKS))}

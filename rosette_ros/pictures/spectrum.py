@@ -49,7 +49,7 @@ def spectrum_maps(rows, noise=None):
             if side == 0:
                 panel.set_ylabel('waves per turn of the table', fontsize=9, color=INK)
         bar = made.add_axes((0.89, bottom, 0.014, 2.2 / height), xticks=(), yticks=())
-        bar.imshow(np.linspace(0, 1, 101)[:, None], cmap='cividis', aspect='auto', origin='lower',
+        bar.imshow(np.linspace(0, 1, 101)[:, None], cmap='cividis', aspect='auto', origin='lower', interpolation='none',
                    extent=(0, 1, 0, limit))
         scale(bar, {}, None, '', 'y', (0, 6))
         bar.set_title('µm', fontsize=9, color=INK, y=1.0, pad=4)
@@ -65,9 +65,9 @@ def _map(panel, waves, size, base, norm, hide):
     edge = (waves[0] - 0.5, waves[-1] + 0.5, waves[0] - 0.5, waves[-1] + 0.5)
     whole = base >= 1
     shown = np.ma.masked_where(whole & hide, size)
-    panel.imshow(shown, cmap='cividis', norm=norm, origin='lower', extent=edge, aspect='auto')
+    panel.imshow(shown, cmap='cividis', norm=norm, origin='lower', extent=edge, aspect='auto', interpolation='none')
     panel.imshow(np.ma.masked_where(~whole, base), cmap=TAKEN, origin='lower', extent=edge, aspect='auto',
-                 alpha=1.0 if hide else 0.55)
+                 interpolation='none', alpha=1.0 if hide else 0.55)
     numbers = waves[waves % max(1, len(waves) // MOST_NUMBERS) == 0]
     texts = {int(one): f'{one}'.replace('-', '−') for one in numbers}
     scale(panel, texts, texts, grid='')

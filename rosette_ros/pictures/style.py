@@ -23,8 +23,7 @@ DIVERGING = 'RdBu_r'
 """Colour map of signed values about zero: red and blue stay apart for the colour-blind."""
 DPI = 150
 STEPS = 5
-LOOK = {'svg.fonttype': 'none', 'font.size': 10, 'image.interpolation': 'nearest',
-        'path.simplify': False}
+LOOK = {'svg.fonttype': 'none', 'font.size': 10, 'path.simplify': False}
 """Text stays text in SVG: it can be searched, copied and read aloud."""
 QUIET_AXES = {
     'axes.spines.top': False, 'axes.spines.right': False, 'axes.edgecolor': INK, 'axes.xmargin': 0.02,
@@ -98,7 +97,8 @@ def colour_bar(axes, limit, label, upright):
     """Draw into axes what the colours from -limit to limit stand for."""
     shades = SHADES[:, None] if upright else SHADES[None, :]
     edges = (0, 1, -limit, limit) if upright else (-limit, limit, 0, 1)
-    axes.imshow(shades, cmap=DIVERGING, aspect='auto', extent=edges, origin='lower')
+    axes.imshow(shades, cmap=DIVERGING, aspect='auto', extent=edges, origin='lower',
+                interpolation='none')
     axes.set(xticks=(), yticks=())
     if upright:
         scale(axes, {}, None, '', 'y', (0, 9))

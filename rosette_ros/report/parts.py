@@ -7,10 +7,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rosette_ros.analysis import Report
+from rosette_ros.core.spectrum import spectrum
 from rosette_ros.pictures import residuals as residual_pictures
 from rosette_ros.pictures import stages
 from rosette_ros.pictures.curves import Series, six_curves
 from rosette_ros.pictures.deviations import deviations
+from rosette_ros.pictures.spectrum import SpectrumRow, spectrum_maps
 from rosette_ros.report.sources import order_of
 from rosette_ros.report.tables import base_name, rung_names
 from rosette_ros.report_json import COVERAGE_FACTOR
@@ -20,6 +22,7 @@ from rosette_ros.words import MEANINGS, chance, decimals, duration, exact, fixed
 MARKS = {GOOD: ('✓', 'fits'), DOUBTFUL: ('?', 'open'), BAD: ('✗', 'does not fit')}
 """Level of a verdict: sign and word, so that nobody has to see the colour."""
 MOST_CANDIDATES = 8
+MOST_SPECTRA = 3
 KINDS = {'radial': (0, 2, 'µm'), 'axial': (2, 3, 'µm'), 'tilt': (3, 5, 'µrad'),
          'angular positioning': (5, 6, 'µrad')}
 """Columns of the six curves by what they are for the table."""
@@ -71,7 +74,8 @@ def pictures_of(story, overlays=()):
                 'the table motions take it up.', residual_pictures.against(rows, noise)),
         Picture('histogram', _histogram_caption(noise), residual_pictures.histogram(
             rows, noise, [one.fit.dof for one in _reports(story)])),
-        _ladder_picture(story), *_candidate_picture(story), _visibility_picture(story))
+        *_spectrum_picture(story), _ladder_picture(story), *_candidate_picture(story),
+        _visibility_picture(story))
     return {picture.name: picture for picture in every}
 
 
@@ -115,6 +119,21 @@ def _histogram_caption(noise):
         return 'How large the residuals are. The repeatability is not known, so no noise is drawn beside them.'
     return ('How large the residuals are, beside the curve that noise of the repeatability would give after '
             'the fit has taken its share.')
+
+
+def _spectrum_picture(story):
+    """Return the picture of spectra: what the last model leaves, and where each claimed effect stands."""
+    run, final = story.run, story.final
+    if not run.is_complete:
+        return ()
+    claimed = final.effects[len(story.model.terms):][:MOST_SPECTRA]
+    rows = [SpectrumRow(f'left by the {base_name(story.model)}' if not story.model.terms else 'left by the model',
+                        spectrum(run, story.report.fit.residual, story.model.base), True)]
+    rows += [SpectrumRow(effect.name, spectrum(run, effect.displacement, final.model.base))
+             for effect in claimed]
+    return (Picture('spectrum', 'The same as waves of table and CMM position. Grey lines are what the base '
+                    'model takes up whole: nothing can be seen there. Noise is even everywhere else; an effect '
+                    'is seen by what it has off the grey lines.', spectrum_maps(rows, run.repeatability)),)
 
 
 def _ladder_picture(story):

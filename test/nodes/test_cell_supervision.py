@@ -111,7 +111,7 @@ def test_no_node_outlives_a_cell_that_was_killed(cell_command, wait_until):
 
 
 def test_the_command_restarts_and_ends_in_order(cell_command, wait_until):
-    """A killed node is told and comes back; Ctrl-C ends all of it with 0."""
+    """A killed node is told and comes back; SIGTERM ends all of it in order."""
     process, output = cell_command
     victim = children(process.pid)[0]
     os.kill(victim, signal.SIGKILL)
@@ -119,6 +119,6 @@ def test_the_command_restarts_and_ends_in_order(cell_command, wait_until):
     assert '; started again' in output.read_text()
     wait_until(lambda: len(children(process.pid)) == len(MODULES), 20)
     nodes = children(process.pid)
-    process.send_signal(signal.SIGINT)
-    assert process.wait(40) == 0
+    process.send_signal(signal.SIGTERM)  # a shell may have told its children to ignore SIGINT
+    assert process.wait(40) == 128 + signal.SIGTERM
     assert not any(map(is_alive, nodes))

@@ -18,7 +18,8 @@ from rosette_ros.report.verification_page import verification_html
 from rosette_ros.story import Story, tell
 
 ORDER = ['verdict', 'curves', 'deviations', 'residuals', 'ladder', 'candidates', 'visibility', 'conditions']
-FIGURES = ['curves', 'deviations', 'residual_maps', 'residuals_against', 'histogram', 'ladder', 'candidates',
+FIGURES = ['curves', 'deviations', 'residual_maps', 'residuals_against', 'histogram', 'spectrum', 'ladder',
+           'candidates',
            'visibility']
 
 
