@@ -8,7 +8,7 @@ import time
 from nicegui import ui
 
 from rosette_ros.analysis import analyse
-from rosette_ros.core.errors import InvalidData, NotDeterminable, RosetteError
+from rosette_ros.core.errors import CellError, InvalidData, NotDeterminable, RosetteError
 from rosette_ros.core.scheme import ORDERS
 from rosette_ros.web.cell_state import FAULTY, HEALTHY, SILENCE, WARNING
 from rosette_ros.web.desk import one_line
@@ -228,7 +228,11 @@ class Cells:
         """Return the CellWatch of a cell; raises CellError where ROS is missing or refuses."""
         key = (domain, namespace)
         if key not in self._watches:
-            module = importlib.import_module('rosette_ros.web.cell_watch')
+            try:
+                module = importlib.import_module('rosette_ros.web.cell_watch')
+            except ImportError as error:
+                raise CellError(f'live cell: wanted ROS 2 (rclpy and rosette_msgs), got: {error}; take the '
+                                'rosette of `make setup`, or source a workspace in which it is built') from error
             while len(self._watches) >= self.MOST:
                 self._watches.pop(next(iter(self._watches))).close()
             self._watches[key] = module.CellWatch(domain, namespace)
