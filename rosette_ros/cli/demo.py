@@ -25,12 +25,14 @@ from rosette_ros.data.log_reader import read_log
 from rosette_ros.machine import MachineConfig
 from rosette_ros.nodes.client import CellClient
 from rosette_ros.pictures.curves import Series, save, six_curves
+from rosette_ros.report import open_source, write_report
+from rosette_ros.story import MOST_BALLS_ADVISED, tell
 from rosette_ros.words import exact
 
 TABLE = {'translation_um': 0.2, 'rotation_urad': 1.5, 'axial_correction': False,
          'angular_correction': False}
 """The table of the demo has not been corrected yet: its errors stand above the noise."""
-PICTURE = 'six-curves.png'
+PICTURE, REPORT = 'six-curves.png', 'report.html'
 MOST_BALLS = 72
 DRAWN = -1
 """Stands for a seed that is yet to be drawn."""
@@ -138,12 +140,22 @@ def show(out, config, log_path, seconds):
               f'uncertainties; 1 ± {comparison.rms_spread:.2f} is expected')
     measured = report.run.time[-1] / 3600
     out.print(f'Took {seconds:.1f} s; a real cell would have measured for {measured:.1f} h\n')
-    where = [('Picture', picture), ('Log', log_path), ('Machine', log_path / MACHINE)]
+    where = [('Picture', picture), *report_beside(log_path, report.run.n), ('Log', log_path),
+             ('Machine', log_path / MACHINE)]
     out.print(pairs([(name, escape(shown(path))) for name, path in where]))
     out.print('\nNext:')
-    for command in (f'evaluate {shown(log_path)}', f'info {shown(log_path)}',
+    for command in (f'evaluate {shown(log_path)}', f'studio {shown(log_path)}', f'info {shown(log_path)}',
                     f'replay {shown(log_path)}'):
         out.print(f'  rosette {command}', soft_wrap=True)
+
+
+def report_beside(log_path, balls):
+    """Write the report of a run into its folder; return ('Report', path) in a list, [] for large plates."""
+    if balls > MOST_BALLS_ADVISED:
+        return []
+    run, source = open_source(log_path)
+    write_report(log_path / REPORT, tell(run), source, f'rosette report {shown(log_path)}')
+    return [('Report', log_path / REPORT)]
 
 
 def keep(out, cell, domain):

@@ -71,10 +71,14 @@ def test_demo_tells_the_whole_story(demo):
 def test_demo_leaves_log_picture_and_machine(demo):
     """The picture is a PNG of some size, the machine a file that makes the same machine."""
     names = {path.name for path in demo.log.iterdir()}
-    assert names == {f'{demo.log.name}_0.mcap', 'metadata.yaml', 'six-curves.png', 'machine.yaml'}
+    assert names == {f'{demo.log.name}_0.mcap', 'metadata.yaml', 'six-curves.png', 'machine.yaml',
+                     'report.html'}
     picture = (demo.log / 'six-curves.png').read_bytes()
     assert picture.startswith(b'\x89PNG\r\n')
     assert len(picture) > 50_000
+    report = (demo.log / 'report.html').read_text(encoding='utf-8')
+    assert f'rosette report {demo.log}' in report
+    assert f'{demo.log.name}_0.mcap' in report
 
 
 def test_demo_agrees_with_the_truth(demo):

@@ -10,6 +10,7 @@ import csv
 import io
 import math
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -92,7 +93,7 @@ def check_table(data):
         return
     text = data.decode('utf-8-sig')
     rows = list(csv.DictReader(io.StringIO('\n'.join(
-        line for line in text.splitlines() if not line.lstrip().startswith('#') and line.strip())),
+        line for line in re.split('\r\n|\r|\n', text) if not line.lstrip().startswith('#') and line.strip())),
         skipinitialspace=True))
     assert run.size == len(rows)
     for axis, name in enumerate(('x_mm', 'y_mm', 'z_mm')):
