@@ -25,6 +25,8 @@ INPUTS = (names.PROBE_TARGET, names.BALL_CENTRE, names.RUN_STATE, names.TF_STATI
 
 FASTEST = 4000
 """Most messages per second: a listener's queue of some thousand must not overflow."""
+LIVE_PATIENCE = 1.5
+"""How long a live cell is looked for before anything is published, s."""
 _BATCH = 100
 _STEP = 0.05
 
@@ -69,7 +71,17 @@ class Player:
         self._context.try_shutdown()
 
     def refuse_live_cell(self):
-        """Raise CellError where a CMM or a sequencer is on the graph: a target would move it."""
+        """Raise CellError where a CMM or a sequencer is on the graph: a target would move it.
+
+        Nodes find each other in their own time: one is looked for during LIVE_PATIENCE.
+        """
+        deadline = time.monotonic() + LIVE_PATIENCE
+        while time.monotonic() < deadline:
+            self._refuse_publishers()
+            self.spin(_STEP)
+        self._refuse_publishers()
+
+    def _refuse_publishers(self):
         for topic in (names.BALL_CENTRE, names.PROBE_TARGET):
             own = self._node.resolve_topic_name(topic) in self._publishers
             if self._node.count_publishers(topic) > own:

@@ -159,9 +159,11 @@ class Sequencer(CellNode):
                    for info in self.get_subscriptions_info_by_topic(topic))
 
     def _ends(self):
-        """Return what tells one publisher of ball centres or error motions from its successor."""
-        return frozenset(bytes(info.endpoint_gid) for name in (names.BALL_CENTRE, names.ERROR_MOTIONS)
-                         for info in self.get_publishers_info_by_topic(self.resolve_topic_name(name)))
+        """Return what tells who speaks and hears in the cell from a successor that has just come."""
+        centres, motions = map(self.resolve_topic_name, (names.BALL_CENTRE, names.ERROR_MOTIONS))
+        infos = (*self.get_publishers_info_by_topic(centres), *self.get_publishers_info_by_topic(motions),
+                 *self.get_subscriptions_info_by_topic(centres))
+        return frozenset(bytes(info.endpoint_gid) for info in infos)
 
     # From request to result
 
