@@ -129,7 +129,7 @@ base: [table_motions, plate_deviations, cmm_deviations]
 effects:
   - frame_drift
   - {name: frame_warmup, tau: 600.0}
-  - {name: mine, direction: axial, expression: t*cos(3*alpha), per: ball}
+  - {own: mine, direction: axial, expression: t*cos(3*alpha), per: ball}
 """
 NAMES = st.sampled_from(['schema', 'base', 'effects', 'name', 'tau', 'frame_drift', 'frame_warmup', 'axes',
                          'direction', 'expression', 'per', 'own', 'table_motions', 'rosette-model/1',
@@ -143,6 +143,12 @@ TREES = st.recursive(SCALARS, lambda inner: st.one_of(
 def dumped(tree):
     """Return a tree as YAML."""
     return yaml.safe_dump(tree, allow_unicode=True).encode('utf-8', 'surrogatepass')
+
+
+def test_what_is_mutated_is_sound_itself():
+    """Else nothing that is accepted would ever be met."""
+    assert parse_csv(TABLE, 'table').size == 16
+    assert len(parse_model(MODEL, 'model').terms) == 3
 
 
 def check_model(data):
