@@ -50,6 +50,12 @@ def duration(seconds):
     return f'{minutes} min' if minutes < 90 else f'{minutes // 60} h {minutes % 60} min'
 
 
+def pauses(run):
+    """Return the pauses of a Run for a person: 'before reading 74 (2 h 10 min)'; '' where there is none."""
+    return ', '.join(f'before reading {first + 1} ({duration(run.time[first] - run.time[first - 1])})'
+                     for first in run.pauses)
+
+
 def chance(p):
     """Return a probability in words: '<1e-6', '0.0042 %', '37 %'."""
     if not math.isfinite(p):

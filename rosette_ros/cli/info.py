@@ -13,11 +13,11 @@ from rosette_ros.cli.main import UsageError
 from rosette_ros.cli.screen import console, pairs, print_json, table
 from rosette_ros.core.errors import InvalidData, RosetteError
 from rosette_ros.data.assemble import Phase, pair
-from rosette_ros.data.log_reader import read_log
+from rosette_ros.data.log_reader import RESUMES_KEY, read_log
 from rosette_ros.data.open_run import is_log, open_run
 from rosette_ros.data.repair import repair_log
-from rosette_ros.nodes.programme import Phase as RunPhase
-from rosette_ros.words import duration, exact, fixed
+from rosette_ros.nodes.programme import phase_name
+from rosette_ros.words import duration, exact, fixed, pauses
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,8 @@ class RunFacts:
     """One run, SI; None where the file does not tell.
 
     phases: PhaseFacts by name; ended: how the run ended, in words; temperature_range_C: lowest and
-    highest; problem: why it cannot be evaluated, None where it can.
+    highest; pauses: where the measurement stood still, in words; problem: why it cannot be evaluated,
+    None where it can.
     """
 
     run_id: str
@@ -43,6 +44,7 @@ class RunFacts:
     phases: dict
     completeness: float
     duration_s: float | None
+    pauses: str
     temperature_range_C: tuple | None
     repeatability_m: float | None
     repeatability_dof: float | None
@@ -63,7 +65,7 @@ class TopicFacts:
 
 @dataclass(frozen=True)
 class Facts:
-    """What a file holds; times of a log in ns since the epoch."""
+    """What a file holds; times of a log in ns since the epoch; resumes: the log that it goes on from."""
 
     schema: str
     path: str
@@ -76,6 +78,7 @@ class Facts:
     end_ns: int | None
     truncated: bool
     problems: tuple
+    resumes: str | None = None
 
 
 def add_arguments(parser):
@@ -136,7 +139,7 @@ def log_facts(path):
     return Facts(
         'rosette-info/1', str(path), 'log', tuple(str(file) for file in log.files),
         tuple(_logged_run(log, run_id) for run_id in names), topics, log.messages, log.start_ns,
-        log.end_ns, log.truncated, tuple(log.problems))
+        log.end_ns, log.truncated, tuple(log.problems), log.custom_data.get(RESUMES_KEY))
 
 
 def _logged_run(log, run_id):
@@ -144,7 +147,7 @@ def _logged_run(log, run_id):
     states = {state.run_id: state for state in log.states}
     state = states.get(run_id)
     order = state.order if state else None
-    ended = f'{RunPhase(state.phase).name.lower()}: {state.text}' if state else None
+    ended = f'{phase_name(state.phase).lower()}: {state.text}' if state else None
     published = [one for one in log.error_motions if one.run_id == run_id]
     model = published[-1].model_name if published else None
     phases = _phases(log, run_id)
@@ -153,7 +156,7 @@ def _logged_run(log, run_id):
     except RosetteError as error:
         row = int(np.flatnonzero(log.targets.run_id.equal(run_id))[0])
         return RunFacts(run_id, order, int(log.targets.balls[row]), float(log.targets.radius[row]),
-                        phases, 0.0, None, None, None, None, len(published), model, ended,
+                        phases, 0.0, None, '', None, None, None, len(published), model, ended,
                         str(error))
     return _run_facts(run, run_id, order, phases, len(published), model, ended)
 
@@ -163,7 +166,7 @@ def _run_facts(run, run_id, order, phases, published, model, ended):
     temperature = (float(known.min()), float(known.max())) if known.size else None
     return RunFacts(
         run_id, order, run.n, run.radius, phases, run.completeness, float(np.ptp(run.time)),
-        temperature, run.repeatability, run.repeatability_dof, published, model, ended, None)
+        pauses(run), temperature, run.repeatability, run.repeatability_dof, published, model, ended, None)
 
 
 def _phases(log, run_id):
@@ -185,6 +188,8 @@ def show(facts):
         rows.append(('Files', escape(', '.join(Path(file).name for file in facts.files))))
         times = f', {_instant(facts.start_ns)} to {_instant(facts.end_ns)}' * bool(facts.messages)
         rows.append(('Messages', f'{facts.messages} in {len(facts.topics)} topics{times}'))
+    if facts.resumes:
+        rows.append(('Goes on from', f'{escape(facts.resumes)}, whose ball centres are in this log too'))
     if facts.truncated:
         rows.append(('Cut short', '[red]the log ends in the middle; what is whole was read[/]'))
     rows += [('Problem', f'[red]{escape(problem)}[/]') for problem in facts.problems]
@@ -214,6 +219,8 @@ def run_rows(run):
     if run.duration_s:
         rows.append(('Duration', f'{duration(run.duration_s)} from the first ball of the run to '
                                  'the last'))
+    if run.pauses:
+        rows.append(('Pauses', run.pauses))
     if run.temperature_range_C:
         low, high = run.temperature_range_C
         rows.append(('Temperature', f'{low:.3f} to {high:.3f} °C'))

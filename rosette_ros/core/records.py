@@ -34,7 +34,8 @@ class Run:
     table_travel: (N,) unwrapped table angle, rad; repeatability: standard deviation of a
     coordinate from repeated measurements, m, or None; repeatability_dof: its degrees of freedom,
     None if it is taken as exactly known; repeats: whether a (table_position, ball) may stand more
-    than once.
+    than once; session: (N,) 1 and one more after every pause (a run that was resumed, a CMM that was
+    started again), all 1 by default.
 
     Raises InvalidData where shapes, ranges or values are wrong.
     """
@@ -53,11 +54,14 @@ class Run:
     repeatability_dof: float | None = None
     run_id: str = ''
     repeats: bool = False
+    session: np.ndarray | None = None
     source: str = field(default='run', compare=False)
 
     def __post_init__(self):
         """Freeze the arrays and refuse what cannot be a run."""
-        for name in ('table_position', 'ball', 'approach'):
+        if self.session is None:
+            object.__setattr__(self, 'session', np.ones(np.size(self.table_position), dtype=np.int64))
+        for name in ('table_position', 'ball', 'approach', 'session'):
             object.__setattr__(self, name, _frozen(getattr(self, name), np.int64))
         for name in ('centre', 'table_angle', 'time', 'temperature', 'table_travel'):
             object.__setattr__(self, name, _frozen(getattr(self, name)))
@@ -123,6 +127,11 @@ class Run:
         return np.stack([*senses, np.zeros(self.size)], axis=-1)
 
     @cached_property
+    def pauses(self):
+        """Positions 0..N-1 of the readings that were the first after a pause."""
+        return tuple((np.flatnonzero(np.diff(self.session)) + 1).tolist())
+
+    @cached_property
     def is_complete(self):
         """Whether every (table position, ball) was measured exactly once."""
         return self.size == self.n**2 and self.completeness == 1
@@ -141,7 +150,7 @@ class Run:
     def take(self, index):
         """Return the run with only the readings of `index` (mask or positions), same order."""
         names = ('table_position', 'ball', 'centre', 'table_angle', 'time', 'temperature',
-                 'approach', 'table_travel')
+                 'approach', 'table_travel', 'session')
         return self.replace(**{name: getattr(self, name)[index] for name in names})
 
 
@@ -156,7 +165,7 @@ def _check_run(run):
         raise InvalidData(f'{where}: wanted ball centres, got none')
     shapes = {'table_position': (size,), 'ball': (size,), 'centre': (size, 3),
               'table_angle': (size,), 'time': (size,), 'temperature': (size,),
-              'approach': (size,), 'table_travel': (size,)}
+              'approach': (size,), 'table_travel': (size,), 'session': (size,)}
     for name, shape in shapes.items():
         got = getattr(run, name).shape
         if got != shape:
@@ -227,6 +236,15 @@ class ErrorMotions:
         """Freeze the arrays."""
         for name in ('angle', 'values', 'u'):
             object.__setattr__(self, name, _frozen(getattr(self, name)))
+
+    @staticmethod
+    def from_curves(angle, values, u):
+        """Return the record of six curves and their six uncertainties, each (n,); raises InvalidData."""
+        columns = [np.asarray(one, dtype=float) for one in (angle, *values, *u)]
+        if len({one.shape for one in columns}) > 1 or columns[0].ndim != 1 or not columns[0].size:
+            raise InvalidData(f'error motions: wanted {len(columns) - 1} curves with a value at each angle, got '
+                              f'{", ".join(str(one.size) for one in columns)} values')
+        return ErrorMotions(columns[0], *(np.stack(half, axis=-1) for half in (columns[1:7], columns[7:])))
 
     def __getitem__(self, curve):
         """Return one curve, (n,), by its VDI/VDE 2617 name."""

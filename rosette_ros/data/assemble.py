@@ -12,6 +12,7 @@ import numpy as np
 
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.records import Run
+from rosette_ros.core.scheme import unwrap_travel
 from rosette_ros.data.labels import Labels
 from rosette_ros.data.places import misplaced, nominal_places
 
@@ -67,7 +68,8 @@ class TargetTable(_Table):
     """ProbeTargets in order of receipt, one row each.
 
     run_id: Labels or texts; seq, attempt, phase, balls, table_position, ball: (N,) integers as in
-    the message; radius: (N,) m; stamp_ns: (N,) when it was asked, ns.
+    the message; radius: (N,) m; stamp_ns: (N,) when it was asked, ns; session: (N,) as in the message,
+    None or 0 where it is not told: taken as 1.
     """
 
     run_id: Labels
@@ -79,9 +81,12 @@ class TargetTable(_Table):
     table_position: np.ndarray
     ball: np.ndarray
     stamp_ns: np.ndarray
+    session: np.ndarray | None = None
 
     def __post_init__(self):
         """Freeze the columns."""
+        told = np.zeros(len(self.seq)) if self.session is None else self.session
+        object.__setattr__(self, 'session', np.maximum(told, 1))
         integers = dict.fromkeys((column.name for column in fields(self)), np.int64)
         _frozen(self, {**integers, 'run_id': str, 'radius': float})
 
@@ -230,7 +235,7 @@ def assemble_run(targets, answers, frame, run_id=None, source='run', repeats=Fal
     None only if every answer is in the table frame already; run_id: needed where there are
     several; source: named in errors; repeats: whether a ball was planned more than once at a table
     position. Balls without a good answer are missing from the Run. Time counts from the first
-    reading; the travel is as recorded.
+    reading; the travel is as recorded, and goes on where a table counted anew after a pause.
 
     Raises InvalidData where no ball centre is left, targets of a run contradict each other, a
     frame is unknown, or a ball centre is nearer to another ball's place than to its own.
@@ -244,8 +249,9 @@ def assemble_run(targets, answers, frame, run_id=None, source='run', repeats=Fal
     if not answer.size:
         raise InvalidData(f'{source}: wanted ball centres of run {run_id!r}, got none that counts'
                           f'{_unused(pairing)}')
-    order = np.lexsort((answers.seq[answer], answers.stamp_ns[answer]))
-    target, answer = target[order], answer[order]
+    session = targets.session[target]
+    order = np.lexsort((answers.seq[answer], answers.stamp_ns[answer], session))
+    target, answer, session = target[order], answer[order], session[order]
     stamp = answers.stamp_ns[answer]
     temperature = answers.temperature[answer]
     centre = _in_table_frame(answers.take(answer), frame, source)
@@ -255,9 +261,25 @@ def assemble_run(targets, answers, frame, run_id=None, source='run', repeats=Fal
         ball=targets.ball[target], centre=centre,
         table_angle=answers.table_angle[answer], time=(stamp - stamp[0]) * 1e-9,
         temperature=np.where(np.isfinite(temperature), temperature, np.nan),
-        approach=answers.approach[answer], table_travel=answers.table_travel[answer],
-        repeatability=sigma, repeatability_dof=dof, run_id=run_id, repeats=repeats,
+        approach=answers.approach[answer], table_travel=_joined_travel(answers.take(answer), session, n),
+        repeatability=sigma, repeatability_dof=dof, run_id=run_id, repeats=repeats, session=session,
         source=source)
+
+
+def _joined_travel(answers, session, n):
+    """Return the travel, (N,), rad: where it went against the sense of turning over a pause, the table has
+    counted anew; then it goes on by the shortest way in that sense."""
+    travel = answers.table_travel
+    pauses = np.flatnonzero(np.diff(session)) + 1
+    if not pauses.size:
+        return travel
+    told = np.diff(unwrap_travel(answers.table_angle, answers.approach, n))
+    travel = travel.copy()
+    for first in pauses.tolist():
+        step = travel[first] - travel[first - 1]
+        if step * (-1 if answers.approach[first] < 0 else 1) < -np.pi / n:
+            travel[first:] += told[first - 1] - step
+    return travel
 
 
 def _unused(pairing):

@@ -21,7 +21,7 @@ _OPTIONAL = frozenset(('cmm_position', 'temperature_C', 'approach', TRAVEL_COLUM
 _INTEGERS = frozenset(('seq', 'table_position', 'ball', 'cmm_position', 'approach'))
 _EMPTY = {'temperature_C': 'nan', 'approach': '0'}  # what an empty cell means
 _KEYS = ('schema', 'radius_mm', 'repeatability_um', 'repeatability_dof', 'run_id', 'balls',
-         'repeated_balls', 'note')
+         'repeated_balls', 'pauses_before', 'note')
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class Table:
 
     source: named in errors; columns: array (N,) by column name, units as in the name; angle_cells:
     the texts of table_angle_deg; lines: (N,) line of each row; radius, repeatability: m; balls: as
-    the heading says, or None.
+    the heading says, or None; session: (N,) 1 and one more from each row of `pauses_before` on.
     """
 
     source: str
@@ -43,6 +43,7 @@ class Table:
     run_id: str
     balls: int | None
     repeats: bool
+    session: np.ndarray
 
     def wrong(self, row, column, wanted, got, advice=''):
         """Return the InvalidData for one cell."""
@@ -74,7 +75,8 @@ def parse_table(data, source):
         repeatability=_positive(heading, 'repeatability_um', source, 6),
         repeatability_dof=_positive(heading, 'repeatability_dof', source),
         run_id=values.get('run_id', ''), balls=_balls(heading, source),
-        repeats=_yes(heading, 'repeated_balls', source))
+        repeats=_yes(heading, 'repeated_balls', source),
+        session=_session(heading, source, len(numbers)))
 
 
 def _lines(data, source):
@@ -227,6 +229,18 @@ def _balls(heading, source):
         return None if value is None else int(value)
     raise _wrong(source, heading['balls'][1], '', 'balls: a whole number',
                  repr(heading['balls'][0]))
+
+
+def _session(heading, source, rows):
+    """Return the session of each row, (N,): `pauses_before: 74, 110` names the first rows after a pause."""
+    text, line = heading.get('pauses_before', ('', 0))
+    session = np.ones(rows, dtype=np.int64)
+    for cell in filter(None, map(str.strip, text.split(','))):
+        if not (cell.isascii() and cell.isdigit() and len(cell) < 10 and 2 <= int(cell) <= rows):
+            raise _wrong(source, line, '', f'pauses_before: numbers of rows in 2..{rows}, separated by commas',
+                         repr(cell[:80]))
+        session[int(cell) - 1:] += 1
+    return session
 
 
 def _yes(heading, key, source):

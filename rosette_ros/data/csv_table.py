@@ -57,7 +57,7 @@ def parse_csv(data, source='table'):
         approach=columns.get('approach'),
         table_travel=None if travel is None else np.deg2rad(travel),
         repeatability=table.repeatability, repeatability_dof=table.repeatability_dof,
-        run_id=table.run_id, repeats=table.repeats, source=source)
+        run_id=table.run_id, repeats=table.repeats, session=table.session, source=source)
 
 
 def write_csv(run, path, force=False):
@@ -113,6 +113,8 @@ def _heading(run):
             heading['repeatability_dof'] = repr(float(run.repeatability_dof))
     if run.repeats:
         heading['repeated_balls'] = 'yes'
+    if run.pauses:
+        heading['pauses_before'] = ', '.join(str(first + 1) for first in run.pauses)
     if run.run_id.split():
         heading['run_id'] = ' '.join(run.run_id.split())  # a line break would end the line
     return [f'# {key}: {value}' for key, value in heading.items()]

@@ -63,7 +63,7 @@ def _columns(run, run_id, stamp):
         'table_position': run.table_position, 'ball': run.ball, 'cmm_position': run.cmm_position,
         'approach': run.approach}
     target = {
-        **common, 'attempt': 1, 'phase': int(Phase.RUN), 'balls': run.n, 'radius': run.radius,
+        **common, 'attempt': 1, 'session': run.session, 'phase': int(Phase.RUN), 'balls': run.n, 'radius': run.radius,
         'table_angle': nominal_angles(run.n)[run.table_position - 1],
         'centre.x': run.radius * np.cos(run.alpha), 'centre.y': run.radius * np.sin(run.alpha)}
     answer = {

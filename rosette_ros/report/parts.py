@@ -17,7 +17,7 @@ from rosette_ros.report.sources import order_of
 from rosette_ros.report.tables import base_name, rung_names
 from rosette_ros.report_json import COVERAGE_FACTOR
 from rosette_ros.story import BAD, DOUBTFUL, GOOD
-from rosette_ros.words import MEANINGS, chance, decimals, duration, exact, fixed, names
+from rosette_ros.words import MEANINGS, chance, decimals, duration, exact, fixed, names, pauses
 
 MARKS = {GOOD: ('✓', 'fits'), DOUBTFUL: ('?', 'open'), BAD: ('✗', 'does not fit')}
 """Level of a verdict: sign and word, so that nobody has to see the colour."""
@@ -219,6 +219,7 @@ def conditions(story, source=None):
             ('Order', order_of(run, source)),
             ('Log begun', source.begun if source and source.begun else 'not recorded'),
             ('Duration', duration(float(np.ptp(run.time)))),
+            *([('Pauses', pauses(run))] if run.pauses else []),
             ('Temperature', _temperature(run)), ('Repeatability', _repeatability(run)),
             ('Table angles', f'at most {1e6 * np.abs(run.angle_deviation).max():.3g} µrad off nominal'),
             ('Uncertainties', f'from {1e6 * fit.sigma:.4g} µm per coordinate of a ball centre, as told by '

@@ -222,3 +222,36 @@ def test_labels_join_and_compare():
     assert joined.names == ('x', 'y', 'z')
     assert joined.equal('y').tolist() == [False, True, True, False, False]
     assert not Labels.of([]).equal('y').size
+
+
+def test_a_pause_is_marked_and_the_order_is_that_of_the_sessions():
+    """Clocks may disagree over a pause; what was measured after it comes after it."""
+    session = np.repeat([1, 2], [4, 5])
+    early = 10**9 * np.where(session == 2, np.arange(1, 10) - 100, np.arange(1, 10)) + 200 * 10**9
+    run = assemble_run(targets(ASKED, session=session), answers(GIVEN, stamp_ns=early), None)
+    assert run.session.tolist() == session.tolist()
+    assert run.pauses == (4,)
+    assert run.ball.tolist() == [j for _, j in CELLS]
+    assert run.take(np.arange(2, 9)).pauses == (2,)
+
+
+def test_targets_that_tell_no_session_have_one():
+    """Logs of before, and other sequencers."""
+    assert targets(ASKED).session.tolist() == [1] * 9
+    assert targets(ASKED, session=np.zeros(9)).session.tolist() == [1] * 9
+
+
+TURNED = 2 * np.pi * np.arange(9) / 3
+
+
+@pytest.mark.parametrize(('after', 'wanted'), [
+    (TURNED[5:] - TURNED[5] + 0.1, TURNED[5:]),  # the table counts anew
+    (TURNED[5:] + 2 * np.pi, TURNED[5:] + 2 * np.pi),  # it went on, and turned once more during the pause
+])
+def test_the_travel_goes_on_where_the_table_counted_anew(after, wanted):
+    """A restarted controller counts from 0: the run's travel goes on by the shortest way in its sense."""
+    row = [(seq, Phase.RUN, (seq - 1) % 3 + 1, (seq - 1) // 3 + 1) for seq in range(1, 10)]
+    given = [(seq, i, j) for seq, _, i, j in row]
+    travel = np.concatenate([TURNED[:5], after])
+    run = assemble_run(targets(row, session=np.repeat([1, 2], [5, 4])), answers(given, table_travel=travel), None)
+    assert run.table_travel == pytest.approx(np.concatenate([TURNED[:5], wanted]), abs=1e-12)

@@ -330,3 +330,21 @@ def test_remarks_and_other_peoples_columns_are_passed_over():
     plain = parse_csv(TABLE.encode(), 'some.csv')
     rich = parse_csv('\n'.join(lines).encode(), 'some.csv')
     assert np.array_equal(plain.centre, rich.centre)
+
+
+def test_pauses_survive_the_table():
+    """`pauses_before` names the first row after each pause; it is written only where there is one."""
+    session = np.array([1, 1, 2, 2, 3, 3, 3, 3, 3])
+    run = parse_csv(TABLE.encode()).replace(session=session)
+    text = format_csv(run)
+    assert '# pauses_before: 3, 5\n' in text
+    assert parse_csv(text.encode()).session.tolist() == session.tolist()
+    assert 'pauses_before' not in format_csv(run.replace(session=None))
+
+
+@pytest.mark.parametrize('cell', ['1', '10', 'x', '2.5', '-3', '9' * 30])
+def test_pauses_that_are_no_rows_are_refused(cell):
+    """In words: which line, which numbers."""
+    text = TABLE.replace('\nseq,', f'\n# pauses_before: {cell}\nseq,')
+    with pytest.raises(InvalidData, match=r'pauses_before: numbers of rows in 2\.\.9, separated by commas'):
+        parse_csv(text.encode())

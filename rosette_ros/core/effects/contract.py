@@ -182,9 +182,11 @@ def logarithmic_grid(low, high, size):
 
 
 def between_readings(run, most=120):
-    """Return instants midway between readings, thinned to at most `most`, s since the first."""
+    """Return instants midway between readings, thinned to at most `most`, and in pauses, s since the first."""
     time = np.unique(seconds(run))
     middle = 0.5 * (time[1:] + time[:-1])
     if middle.size > most:
         middle = middle[np.linspace(0, middle.size - 1, most).round().astype(int)]
-    return middle
+    told = seconds(run)
+    pauses = [0.5 * (told[first] + told[first - 1]) for first in run.pauses]
+    return np.union1d(middle, pauses) if pauses else middle
