@@ -12,9 +12,10 @@ import hypothesis
 import pytest
 import yaml
 
+from rosette_ros.nodes import names
 from rosette_ros.nodes.cell import Cell
 
-os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+os.environ.update({**names.ENVIRONMENT, **os.environ})
 
 # How long an example takes says something of the computer, not of the code.
 hypothesis.settings.register_profile('rosette', deadline=None)

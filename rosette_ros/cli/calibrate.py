@@ -2,17 +2,17 @@
 """rosette calibrate: asks a running cell for a calibration and ends with its result."""
 
 import sys
+from pathlib import Path
 
 from rich.markup import escape
 
 from rosette_ros.cli.arguments import whole
-from rosette_ros.cli.domain import add_domain
+from rosette_ros.cli.domain import add_domain, add_namespace
 from rosette_ros.cli.progress import ProgressDisplay
 from rosette_ros.cli.screen import console
 from rosette_ros.cli.summary import curve_table
 from rosette_ros.core.errors import CellError
 from rosette_ros.core.scheme import ORDERS
-from rosette_ros.nodes import names
 from rosette_ros.nodes.client import CellClient
 
 INTERRUPTED = 130
@@ -25,8 +25,9 @@ def add_arguments(parser):
     parser.add_argument('--seed', type=whole(0, 2**53), default=0, help='draws the order random')
     parser.add_argument('--options', metavar='YAML', default='',
                         help='further options of the goal, such as "repeats: 5"')
-    parser.add_argument('--namespace', metavar='NS', default=names.NAMESPACE,
-                        help=f'namespace of the cell (default {names.NAMESPACE})')
+    parser.add_argument('--resume', metavar='RUN', default='',
+                        help='go on with a run that was broken off: its log, by name or path')
+    add_namespace(parser)
     add_domain(parser)
 
 
@@ -34,10 +35,9 @@ def run(options):
     """Run the calibration to its end; Ctrl-C cancels it."""
     with CellClient(options.domain, options.namespace) as client:
         outcome = calibrate(client, order=options.order, seed=options.seed,
-                            options=options.options)
+                            options=options.options, resume=_log(options.resume))
     if outcome.cancelled:
-        print(f'rosette: {outcome.message}; what was measured is in {outcome.log}',
-              file=sys.stderr)
+        print(f'rosette: {outcome.message}{_rest(outcome)}', file=sys.stderr)
         return INTERRUPTED
     out = console()
     out.print(f'[bold]{escape(outcome.run_id)}[/]')
@@ -45,6 +45,19 @@ def run(options):
     if outcome.log:
         out.print(f'\nLog: {escape(str(outcome.log))}', soft_wrap=True)
     return 0
+
+
+def _log(resume):
+    """Return how the cell is told which log is meant: by its whole path where it is on this computer."""
+    path = Path(resume)
+    return str(path.resolve()) if resume and path.is_dir() else resume
+
+
+def _rest(outcome):
+    """Say where the measured balls are, and how to go on."""
+    if not outcome.log:
+        return ''
+    return f'; what was measured is in {outcome.log}, go on with: rosette calibrate --resume {outcome.log}'
 
 
 def calibrate(client, **goal):
@@ -58,6 +71,5 @@ def calibrate(client, **goal):
         except TimeoutError as error:
             raise CellError(f'{error}; look at the output of the sequencer') from error
     if not (outcome.success or outcome.cancelled):
-        log = f'; what was measured is in {outcome.log}' if outcome.log else ''
-        raise CellError(f'calibration failed: {outcome.message}{log}')
+        raise CellError(f'calibration failed: {outcome.message}{_rest(outcome)}')
     return outcome

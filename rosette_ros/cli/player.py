@@ -40,7 +40,7 @@ class Player:
 
     def __init__(self, topics, domain=None):
         """Join the graph and announce the topics."""
-        os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        os.environ.update({**names.ENVIRONMENT, **os.environ})
         chosen = {topic.name: topic for topic in topics if _last(topic.name) in _LAST_PARTS}
         answers = [name for name in chosen if _last(name) == names.BALL_CENTRE]
         if not answers:
@@ -69,6 +69,11 @@ class Player:
         self._executor.shutdown()
         self._node.destroy_node()
         self._context.try_shutdown()
+
+    @property
+    def remappings(self):
+        """Pairs of names with which an evaluator hears what was recorded, where it was recorded."""
+        return () if names.TF_STATIC in self._publishers else names.remappings(self.namespace)
 
     def refuse_live_cell(self):
         """Raise CellError where a CMM or a sequencer is on the graph: a target would move it.

@@ -44,7 +44,8 @@ def run(options):
         else:
             player.refuse_live_cell()
             out.print('No evaluator on the graph: one is started for this replay.')
-            with Cell(options.domain, player.namespace, nodes=(names.EVALUATOR,)) as cell:
+            with Cell(options.domain, player.namespace, nodes=(names.EVALUATOR,),
+                      remappings=player.remappings) as cell:
                 if not player.await_evaluator(START_TIMEOUT):
                     raise CellError('replay: the evaluator has started but does not hear us; '
                                     'another middleware, or a firewall on the loopback?')

@@ -10,6 +10,7 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.records import CURVES, ErrorMotions
 from rosette_ros.data.assemble import (
+    MACHINE_FRAME,
     TABLE_FRAME,
     AnswerTable,
     Phase,
@@ -21,9 +22,9 @@ from rosette_ros.data.assemble import (
 from rosette_ros.data.bag_metadata import TopicSummary, parse_qos
 from rosette_ros.data.cdr import decode_columns, decode_message
 from rosette_ros.data.labels import Labels
-from rosette_ros.data.log_files import custom_data, find_files
-from rosette_ros.data.mcap_scan import McapFile
+from rosette_ros.data.log_files import custom_data, find_files, open_files
 from rosette_ros.data.ros2msg import parse_schema
+from rosette_ros.data.table_frame import frame_told, refuse_two_frames
 
 BALL_CENTRE = 'rosette_msgs/msg/BallCentre'
 PROBE_TARGET = 'rosette_msgs/msg/ProbeTarget'
@@ -35,11 +36,10 @@ TF_STATIC = 'tf_static'
 
 REPEATABILITY_KEY, DOF_KEY = 'rosette.repeatability_m', 'rosette.repeatability_dof'
 """Entries of custom_data where the repeatability is known but was not measured in the log."""
+RESUMES_KEY = 'rosette.resumes'
+"""Entry of custom_data, name of the log that a run goes on from."""
 REPEATS_KEY = 'rosette.repeated_balls'
 """Entry of custom_data, `yes` where balls were planned more than once."""
-
-UNIT_TOLERANCE = 1e-6
-"""A quaternion whose size misses 1 by more is none."""
 
 _STAMP = {'sec': 'header.stamp.sec', 'nanosec': 'header.stamp.nanosec'}
 _COLUMNS = {
@@ -51,12 +51,16 @@ _COLUMNS = {
         'temperature': 'temperature'},
     PROBE_TARGET: {
         **_STAMP, 'run_id': 'run_id', 'seq': 'seq', 'attempt': 'attempt', 'phase': 'phase',
-        'balls': 'balls', 'radius': 'radius', 'table_position': 'table_position', 'ball': 'ball'},
+        'balls': 'balls', 'radius': 'radius', 'table_position': 'table_position', 'ball': 'ball',
+        'session': 'session'},
     RUN_STATE: {
         **_STAMP, 'run_id': 'run_id', 'phase': 'phase', 'order': 'order', 'done': 'done',
         'total': 'total', 'text': 'text'},
 }
+_YOUNG = {PROBE_TARGET: ('session',)}
+"""Fields that older logs do not have; 0 where they are missing."""
 _TEXTS = frozenset(('run_id', 'frame_id', 'text', 'order'))
+_REALS = frozenset(('table_angle', 'table_travel', 'x', 'y', 'z', 'form_error', 'temperature', 'radius'))
 _SINGLE = frozenset((ERROR_MOTIONS, CALIBRATION_EVENT))
 
 
@@ -138,9 +142,13 @@ class LogRun:
         """Return the Frame of the table in the machine that holds for a run, or None.
 
         The last one latched before the run's first target; if none was, the first one of all.
+
+        Raises InvalidData where frames that differ were latched during the alignment of the run.
         """
         if not self.frames:
             return None
+        refuse_two_frames([(one.stamp_ns, one.frame) for one in self.frames], self.targets, self.answers, run_id,
+                          str(self.path))
         rows = self.targets.run_id.equal(run_id) & (self.targets.phase == Phase.RUN)
         begin = self.targets.stamp_ns[rows].min()
         before = [one for one in self.frames if one.stamp_ns <= begin]
@@ -183,13 +191,11 @@ def read_log(path) -> LogRun:
     path = Path(path)
     listing = find_files(path)
     reading = _Reading()
-    files = []
-    for name in listing.files:
-        file = McapFile(name)
+    files = open_files(listing.files)
+    for file in files:
         for batch in file.batches():
             reading.take(file, batch)
         reading.note_topics(file)
-        files.append(file)
     return reading.result(path, files, listing.custom_data or custom_data(files))
 
 
@@ -272,10 +278,14 @@ class _Reading:
     def _take_columns(self, file, type_name, channel, batch, rows):
         names = _COLUMNS[type_name]
         try:
-            values = decode_columns(self._schema(file, channel), batch.buffer, batch.start[rows],
-                                    batch.end[rows], names.values())
+            schema = self._schema(file, channel)
+            lacking = set(_YOUNG.get(type_name, ())) - {field.name for field in schema.fields}
+            values = decode_columns(schema, batch.buffer, batch.start[rows], batch.end[rows],
+                                    [source for source in names.values() if source not in lacking])
+            _check_kinds(schema, names, values)
         except InvalidData as error:
             raise InvalidData(f'{file.path}: topic {channel.topic}: {error}') from error
+        values.update(dict.fromkeys(lacking, np.zeros(rows.size, dtype=np.int32)))
         table = {name: values[source] for name, source in names.items()}
         table['place'] = (len(self.start), rows)
         self.columns[type_name].append(table)
@@ -318,40 +328,52 @@ class _Reading:
             try:
                 message = decode_message(self._schema(file, channel), data)
                 self._keep(channel.type_name, message)
-            except (InvalidData, AttributeError, TypeError, ValueError) as error:
+            except (InvalidData, ArithmeticError, AttributeError, TypeError, ValueError) as error:
                 self.problems.append(f'{file.path}: topic {channel.topic}: a message cannot be '
                                      f'read: {error}')
 
     def _keep(self, type_name, message):
         if type_name == TF_MESSAGE:
             self.frames += [_table_frame(one) for one in message.transforms
-                            if one.child_frame_id.split('/')[-1] == TABLE_FRAME]
+                            if one.child_frame_id.split('/')[-1] == TABLE_FRAME
+                            and one.header.frame_id.split('/')[-1] == MACHINE_FRAME]
         elif type_name == ERROR_MOTIONS:
             self.motions.append(_published(message))
         else:
             self.events.append(message)
 
 
+def _check_kinds(schema, names, values):
+    """Refuse columns that are another kind of value than what the message of that name means."""
+    for name, source in names.items():
+        if source not in values:
+            continue
+        kind = 'text' if isinstance(values[source], Labels) else values[source].dtype
+        if name in _TEXTS:
+            fits, wanted = kind == 'text', 'a text'
+        elif name in _REALS:
+            fits, wanted = kind != 'text' and kind.kind in 'iuf', 'a number'
+        else:
+            fits, wanted = kind != 'text' and kind.kind in 'iu' and kind.itemsize <= 4, 'a whole number of 32 bits'
+        if not fits:
+            raise InvalidData(f'{schema.name}: {source}: wanted {wanted}, the log has {kind}; it was written with '
+                              'another version of the message')
+
+
 def _stamp_ns(header):
-    return header.stamp.sec * 10**9 + header.stamp.nanosec
+    return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
 
 
 def _table_frame(message):
     rotation, origin = message.transform.rotation, message.transform.translation
-    quaternion = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
-    with np.errstate(over='ignore', invalid='ignore'):
-        size = np.sqrt(np.sum(quaternion**2))
-    if not abs(size - 1) < UNIT_TOLERANCE:
-        raise InvalidData(f'the rotation of {message.child_frame_id}: wanted a unit quaternion, '
-                          f'got the size {size}')
-    return TableFrame(_stamp_ns(message.header), message.header.frame_id,
-                      Frame.from_quaternion(quaternion, [origin.x, origin.y, origin.z]))
+    frame = frame_told((rotation.x, rotation.y, rotation.z, rotation.w), (origin.x, origin.y, origin.z))
+    return TableFrame(_stamp_ns(message.header), message.header.frame_id, frame)
 
 
 def _published(message):
-    values = np.stack([getattr(message, curve) for curve in CURVES], axis=-1)
-    u = np.stack([getattr(message, f'u_{curve}') for curve in CURVES], axis=-1)
+    motions = ErrorMotions.from_curves(message.angle, [getattr(message, curve) for curve in CURVES],
+                                       [getattr(message, f'u_{curve}') for curve in CURVES])
     return PublishedMotions(
-        message.run_id, ErrorMotions(message.angle, values, u), message.model_name,
-        message.model_hash, message.residual_rms, message.sigma, message.degrees_of_freedom,
-        message.rank, message.completeness)
+        str(message.run_id), motions, str(message.model_name), str(message.model_hash),
+        float(message.residual_rms), float(message.sigma), int(message.degrees_of_freedom),
+        int(message.rank), float(message.completeness))

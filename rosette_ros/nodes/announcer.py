@@ -1,58 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the sequencer tells others about a calibration: states, feedback, events."""
 
-from dataclasses import dataclass, field
-
 from rosette_msgs.action import Calibrate
-from rosette_msgs.msg import CalibrationEvent, ErrorMotions, RunState
+from rosette_msgs.msg import CalibrationEvent, RunState
 from std_msgs.msg import Header
 
 from rosette_ros.nodes import convert, names, qos
 from rosette_ros.nodes.programme import Phase
-from rosette_ros.nodes.sequence import Sequence
 
 _END_EVENTS = {Phase.DONE: CalibrationEvent.SUCCEEDED, Phase.CANCELLED: CalibrationEvent.CANCELLED,
                Phase.FAILED: CalibrationEvent.FAILED}
-
-
-@dataclass(frozen=True)
-class Request:
-    """Who asks for a calibration: the door, and the goal as it was given."""
-
-    origin: str
-    order: str = ''
-    seed: int = 0
-    options: str = ''
-
-
-@dataclass(eq=False)
-class Job:
-    """The calibration that is on: its sequence, its goal (None: the service's), its log.
-
-    since: steady time at which it was taken on, s; is_waiting: for the nodes to be connected;
-    opening, recording: whether its log is being opened, is open; motions: as published.
-    """
-
-    sequence: Sequence
-    request: Request
-    order: str
-    goal: object = None
-    log: str = ''
-    since: float = 0.0
-    is_waiting: bool = False
-    opening: bool = True
-    recording: bool = False
-    motions: ErrorMotions = field(default_factory=ErrorMotions)
-
-    @property
-    def run_id(self):
-        """The name of the run."""
-        return self.sequence.run_id
-
-    @property
-    def is_over(self):
-        """Whether nothing is measured any more; the log may still be open."""
-        return self.sequence.phase.is_end
 
 
 class Announcer:
@@ -96,6 +53,10 @@ class Announcer:
         for kind in (CalibrationEvent.REQUESTED, CalibrationEvent.ACCEPTED):
             self._publish(job.request, kind, f'run {job.run_id}', job)
 
+    def resumed(self, job):
+        """Publish that the job goes on in a new log."""
+        self._publish(job.request, CalibrationEvent.ACCEPTED, f'run {job.run_id} goes on from {job.resumes}', job)
+
     def cancel_requested(self, job):
         """Publish that the client wants the job cancelled."""
         self._publish(job.request, CalibrationEvent.CANCEL_REQUESTED, 'cancel requested', job)
@@ -111,4 +72,5 @@ class Announcer:
             header=Header(stamp=self._node.now().to_msg()), run_id=job.run_id if job else '',
             kind=kind, origin=request.origin, order=job.order if job else request.order,
             goal_id=bytes(goal.goal_id.uuid).hex() if goal else '', seed=request.seed,
-            options=request.options, text=text))
+            options=request.options, settings=job.settings if job else '',
+            resumes=job.resumes if job else '', text=text))

@@ -9,22 +9,27 @@ import uuid
 from dataclasses import dataclass
 from pathlib import Path
 
+import yaml
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rosette_msgs.action import Calibrate
-from rosette_msgs.msg import CalibrationEvent
+from rosette_msgs.msg import CalibrationEvent, RunState
 from std_srvs.srv import Trigger
 
 from rosette_ros.core.errors import CellError
 from rosette_ros.core.records import ErrorMotions
+from rosette_ros.data.plain_yaml import load_plain
 from rosette_ros.nodes import convert, names, qos
 from rosette_ros.nodes.introspection import introspected_client
 from rosette_ros.nodes.programme import Phase
+from rosette_ros.nodes.settings import RESUME
 
 CANCEL_TIMEOUT = 30.0
+RESUME_TIMEOUT = 90.0
+"""A sequencer has the recorder read in the log of a run before it accepts to resume it, s."""
 _STEP = 0.1
 _WORDS_TIMEOUT = 2.0
 _GONE = 3.0
@@ -88,7 +93,7 @@ class CellClient:
 
     def __init__(self, domain_id=None, namespace=names.NAMESPACE):
         """Join the graph; only cells on this computer are seen unless the environment says so."""
-        os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        os.environ.update({**names.ENVIRONMENT, **os.environ})
         self._where = f'/{namespace.strip("/")}'
         self._context = Context()
         self._context.init(domain_id=domain_id)
@@ -98,8 +103,11 @@ class CellClient:
         self._rejections = []
         self._node.create_subscription(CalibrationEvent, names.CALIBRATION_EVENT,
                                        self._on_event, qos.EVENT)
+        self._run_id, self._is_anew, self._has_state = '', False, False
+        self._node.create_subscription(RunState, names.RUN_STATE, self._on_state, qos.STATE)
         self._action = ActionClient(self._node, Calibrate, names.CALIBRATE)
-        self._trigger = introspected_client(self._node, Trigger, names.START_CALIBRATION)
+        self._start, self._cancel = (introspected_client(self._node, Trigger, name)
+                                     for name in (names.START_CALIBRATION, names.CANCEL_CALIBRATION))
 
     def __enter__(self):
         """Return the client."""
@@ -126,25 +134,27 @@ class CellClient:
             self._executor.spin_once(timeout_sec=_STEP)
 
     def calibrate(self, order='', seed=0, options='', on_progress=None, check=None,
-                  timeout=None):
+                  timeout=None, resume=''):
         """Run a calibration to its end and return its Outcome.
 
         order: '' as configured; options: YAML mapping; on_progress: called with Progress; check:
         called now and then, may raise (a cell's own check); timeout: s, after which the calibration
-        is cancelled. KeyboardInterrupt cancels the calibration and waits for its clean end.
+        is cancelled; resume: the log of a run to go on with, its name or path, '' for a new run.
+        KeyboardInterrupt cancels the calibration and waits for its clean end.
 
         Raises CellError where the sequencer is not there, refuses, or goes away.
         """
         self.wait()
         self._rejections.clear()
+        self._run_id, self._is_anew = '', False
 
         def on_feedback(message):
-            if on_progress:
+            if on_progress and message.feedback.state.phase in list(Phase):
                 on_progress(progress_of(message.feedback.state))
 
-        goal = Calibrate.Goal(order=order, seed=seed, options=options)
+        goal = Calibrate.Goal(order=order, seed=seed, options=_with_resume(options, resume))
         handle = self._await(self._action.send_goal_async(goal, feedback_callback=on_feedback),
-                             10.0, check)
+                             RESUME_TIMEOUT if resume else 10.0, check)
         if not handle.accepted:
             raise CellError(f'cell {self._where}: calibration refused: {self._reason()}')
         result = handle.get_result_async()
@@ -158,13 +168,20 @@ class CellClient:
 
     def start(self):
         """Start the configured calibration by the plain service; return (started, words)."""
+        return self._trigger(self._start)
+
+    def cancel(self):
+        """Cancel the calibration that is on, whoever has asked for it; return (cancelled, words)."""
+        return self._trigger(self._cancel)
+
+    def _trigger(self, client):
         deadline = time.monotonic() + 10.0
-        while not self._trigger.service_is_ready():
+        while not client.service_is_ready():
             if time.monotonic() > deadline:
-                raise CellError(f'cell {self._where}: wanted the service '
-                                f'{names.START_CALIBRATION}, got none; start the cell')
+                raise CellError(f'cell {self._where}: wanted the service {client.srv_name}, got none; start the '
+                                'cell')
             self._executor.spin_once(timeout_sec=_STEP)
-        response = self._await(self._trigger.call_async(Trigger.Request()), 10.0, None)
+        response = self._await(client.call_async(Trigger.Request()), 10.0, None)
         return response.success, response.message
 
     def _await(self, future, timeout, check, interrupt=None):
@@ -177,12 +194,22 @@ class CellClient:
                 raise KeyboardInterrupt
             now = time.monotonic()
             seen = now if self._action.server_is_ready() else seen
-            if now - seen > _GONE:
-                raise CellError(f'cell {self._where}: the sequencer has gone; what was measured '
-                                'is in the log')
+            if now - seen > _GONE or (interrupt and self._is_anew):
+                has = 'was started anew' if self._is_anew else 'has gone'
+                raise CellError(f'cell {self._where}: the sequencer {has}; what was measured '
+                                f'is in the log{self._hint()}')
             if timeout is not None and now - began > timeout:
                 raise TimeoutError(f'cell {self._where}: no answer within {timeout:g} s')
         return future.result()
+
+    def _hint(self):
+        return f', go on with: rosette calibrate --resume {self._run_id}' if self._run_id else ''
+
+    def _on_state(self, state):
+        """A sequencer that says that nothing is on while a calibration of it is on, is another one."""
+        self._has_state = True
+        if state.phase == Phase.IDLE:
+            self._is_anew = True
 
     def _reason(self):
         """Return why the goal was rejected: the action says no more than that it was."""
@@ -192,11 +219,26 @@ class CellClient:
         return self._rejections[-1] if self._rejections else 'see the log of the sequencer'
 
     def _is_heard(self):
-        return self._node.count_publishers(names.CALIBRATION_EVENT) > 0
+        return self._has_state and self._node.count_publishers(names.CALIBRATION_EVENT) > 0
 
     def _on_event(self, event):
         if event.kind == CalibrationEvent.REJECTED and event.origin == names.CALIBRATE:
             self._rejections.append(event.text)
+        elif event.kind == CalibrationEvent.ACCEPTED:
+            self._run_id = event.run_id
+
+
+def _with_resume(options, resume):
+    """Return the options of a goal, YAML, with the log to go on from; what is no mapping stays as it is."""
+    if not resume:
+        return options
+    try:
+        given = load_plain(options) or {}
+    except yaml.YAMLError:
+        return options
+    if not isinstance(given, dict):
+        return options
+    return yaml.safe_dump({**given, RESUME.name: resume}, sort_keys=False)
 
 
 def progress_of(state):

@@ -22,9 +22,11 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from rosette_ros.core import records
+from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Frame
 from rosette_ros.data.bag_metadata import Qos
 from rosette_ros.data.model_file import format_entry
+from rosette_ros.data.table_frame import frame_told
 from rosette_ros.nodes.programme import Answer, Phase, Target
 
 
@@ -34,15 +36,36 @@ def nanoseconds(stamp):
 
 
 def time_message(stamp_ns):
-    """Return a Time message of ns since the epoch."""
+    """Return a Time message of ns since the epoch, the nearest that there is."""
+    stamp_ns = min(max(stamp_ns, -2**31 * 1_000_000_000), 2**31 * 1_000_000_000 - 1)
     return Time(sec=stamp_ns // 1_000_000_000, nanosec=stamp_ns % 1_000_000_000)
 
 
 def clock_nanoseconds(data):
     """Return the time in a serialised Clock, ns; data: CDR bytes, little-endian or big-endian."""
-    order = '<' if data[1] & 1 else '>'
-    seconds, rest = struct.unpack_from(f'{order}iI', data, 4)
+    try:
+        order = '<' if data[1] & 1 else '>'
+        seconds, rest = struct.unpack_from(f'{order}iI', data, 4)
+    except (struct.error, IndexError) as error:
+        raise InvalidData(f'Clock: wanted its CDR, got {len(data)} bytes that are none') from error
     return seconds * 1_000_000_000 + rest
+
+
+def answer_head(data):
+    """Return (stamp in ns, run_id, seq, status) of a serialised BallCentre, in a tenth of the time of the message.
+
+    data: CDR bytes, little-endian or big-endian. Numbers stand at multiples of their size, texts with their length.
+    """
+    try:
+        order = '<' if data[1] & 1 else '>'
+        seconds, rest, length = struct.unpack_from(f'{order}iII', data, 4)
+        at = 16 + length + (-length) % 4
+        length, = struct.unpack_from(f'{order}I', data, at)
+        run_id = data[at + 4:at + 3 + length].decode(errors='replace')
+        seq, _, _, _, status = struct.unpack_from(f'{order}IIIIB', data, at + 4 + length + (-length) % 4)
+    except (struct.error, IndexError) as error:
+        raise InvalidData(f'BallCentre: wanted its CDR, got {len(data)} bytes that are none') from error
+    return seconds * 1_000_000_000 + rest, run_id, seq, status
 
 
 def point(values):
@@ -55,11 +78,11 @@ def point_array(message):
     return np.array([message.x, message.y, message.z])
 
 
-def target_message(target: Target, run_id, attempt, centre, frame_id, stamp):
+def target_message(target: Target, run_id, attempt, session, centre, frame_id, stamp):
     """Return the ProbeTarget of a target whose centre is given in `frame_id`; stamp: Time."""
     return ProbeTarget(
         header=Header(stamp=stamp, frame_id=frame_id), run_id=run_id, seq=target.seq,
-        attempt=attempt, phase=int(target.phase), balls=target.balls, radius=target.radius,
+        attempt=attempt, session=session, phase=int(target.phase), balls=target.balls, radius=target.radius,
         table_position=target.table_position, ball=target.ball,
         cmm_position=target.cmm_position, table_angle=target.table_angle,
         approach=target.approach, centre=point(centre))
@@ -72,7 +95,8 @@ def answer_record(message: BallCentre):
         ball=message.ball, cmm_position=message.cmm_position,
         ok=message.status == BallCentre.STATUS_OK, text=message.text,
         frame_id=message.header.frame_id, table_angle=message.table_angle,
-        table_travel=message.table_travel, centre=point_array(message.centre))
+        table_travel=message.table_travel, centre=point_array(message.centre),
+        stamp_ns=nanoseconds(message.header.stamp))
 
 
 def state_message(phase: Phase, run_id, order, done, total, text, stamp):
@@ -93,17 +117,16 @@ def frame_message(frame: Frame, parent, child, stamp):
 
 
 def frame_record(transform: Transform):
-    """Return the Frame of a Transform message."""
+    """Return the Frame of a Transform message; raises InvalidData where it is none."""
     q, t = transform.rotation, transform.translation
-    return Frame.from_quaternion((q.x, q.y, q.z, q.w), (t.x, t.y, t.z))
+    return frame_told((q.x, q.y, q.z, q.w), (t.x, t.y, t.z))
 
 
 def error_motions_record(message: ErrorMotions):
-    """Return the core record of an ErrorMotions message."""
-    values = [getattr(message, curve) for curve in records.CURVES]
-    u = [getattr(message, f'u_{curve}') for curve in records.CURVES]
-    return records.ErrorMotions(np.array(message.angle), np.stack(values, axis=-1),
-                                np.stack(u, axis=-1))
+    """Return the core record of an ErrorMotions message; raises InvalidData where its curves are no curves."""
+    return records.ErrorMotions.from_curves(
+        message.angle, [getattr(message, curve) for curve in records.CURVES],
+        [getattr(message, f'u_{curve}') for curve in records.CURVES])
 
 
 def error_motions_message(run, report, stamp, frame_id):
@@ -158,7 +181,7 @@ def target_row(message: ProbeTarget):
     return {'run_id': message.run_id, 'seq': message.seq, 'attempt': message.attempt,
             'phase': message.phase, 'balls': message.balls, 'radius': message.radius,
             'table_position': message.table_position, 'ball': message.ball,
-            'stamp_ns': nanoseconds(message.header.stamp)}
+            'stamp_ns': nanoseconds(message.header.stamp), 'session': message.session}
 
 
 def answer_row(message: BallCentre):

@@ -17,6 +17,7 @@ from rosette_ros.nodes import convert, names, qos
 from rosette_ros.nodes.analyst import Analyst
 from rosette_ros.nodes.gathering import Gathering
 from rosette_ros.nodes.questions import Questions
+from rosette_ros.nodes.recorder_link import Recalls
 from rosette_ros.nodes.results import Results
 from rosette_ros.nodes.runner import ERROR, OK, CellNode, run_node
 from rosette_ros.nodes.sequence import short_frame
@@ -34,6 +35,9 @@ WANTED = (
            'takes its time', 0, 1000),
 )
 
+
+RECALL_AFTER, RECALL_PERIOD, RECALL_TIMEOUT = 0.3, 2.0, 60.0
+"""Pieces that are missing for so long are asked for, again after so long, and waited for so long, s."""
 
 _NOTHING_ON = (RunState.PHASE_IDLE, RunState.PHASE_DONE, RunState.PHASE_CANCELLED,
                RunState.PHASE_FAILED)
@@ -53,6 +57,8 @@ class Evaluator(CellNode):
         self._level, self._last = OK, 'no run yet'
         self._complained = set()
         self._is_busy = False
+        self._recorder = Recalls(self)
+        self._recalled = {}
         self._results = Results(self)
         self._questions = Questions(self, self._analyst, self._results)
         self.on(names.PROBE_TARGET, ProbeTarget, self._on_target, qos.COLLECT_LATCHED)
@@ -79,18 +85,27 @@ class Evaluator(CellNode):
         self._gathering.add_answer(convert.answer_row(message), self.seconds())
 
     def _on_frames(self, message):
-        for transform in message.transforms:
-            if (short_frame(transform.header.frame_id) == MACHINE_FRAME
-                    and short_frame(transform.child_frame_id) == TABLE_FRAME):
-                self._gathering.add_frame(convert.nanoseconds(transform.header.stamp),
-                                          convert.frame_record(transform.transform))
+        for stamp_ns, frame in self._frames_in(message.transforms):
+            self._gathering.add_frame(stamp_ns, frame)
+
+    def _frames_in(self, transforms):
+        """Return (stamp in ns, Frame) of the table frames among transforms; what is none is told."""
+        frames = []
+        for one in filter(_is_table, transforms):
+            try:
+                frames.append((convert.nanoseconds(one.header.stamp), convert.frame_record(one.transform)))
+            except RosetteError as error:
+                self.get_logger().error(f'{names.TF_STATIC}: not used: {error}')
+        return frames
 
     def _on_state(self, message):
         self._is_busy = message.phase not in _NOTHING_ON
         if message.phase == RunState.PHASE_IDLE:
+            self._gathering.end_all()
             return
         if message.phase in (RunState.PHASE_CANCELLED, RunState.PHASE_FAILED):
             self._gathering.forget(message.run_id)
+            self._recalled.pop(message.run_id, None)
         elif message.phase == RunState.PHASE_EVALUATION:
             self._gathering.expect(message.run_id, message.done, self.seconds())
         else:
@@ -99,11 +114,33 @@ class Evaluator(CellNode):
 
     def wake(self):
         """Evaluate what has become complete; report what does not."""
+        now = self.seconds()
+        self._recorder.tick(now)
         self._evaluate_ready()
+        self._recall(now)
         for run_id, lacks in self._gathering.late(self.seconds(), self.parameters['patience_s']):
             if run_id not in self._complained:
                 self._complained.add(run_id)
                 self._report_failure(run_id, lacks)
+
+    def _recall(self, now):
+        """Ask the recorder for what this node has not heard itself, again and again while it is lacking."""
+        for run_id in self._gathering.lacking():
+            asked = self._recalled.setdefault(run_id, now - RECALL_PERIOD + RECALL_AFTER)
+            if now - asked >= RECALL_PERIOD and self._recorder.is_there:
+                self._recalled[run_id] = now
+                self._recorder.recall(run_id, RECALL_TIMEOUT, self._on_recalled)
+
+    def _on_recalled(self, recalled):
+        if not recalled.success:
+            self.get_logger().warning(f'pieces of a run are missing and not recalled: {recalled.message}')
+            return
+        frames = self._frames_in(recalled.frames)
+        self._gathering.recall(
+            recalled.run_id, [convert.target_row(one) for one in recalled.targets],
+            [convert.answer_row(one) for one in recalled.answers], frames, self.seconds())
+        self.get_logger().info(f'run {recalled.run_id}: recalled {len(recalled.answers)} answers from its log')
+        self._evaluate_ready()
 
     def _evaluate_ready(self):
         for run_id in self._gathering.ready(self.seconds(), self.parameters['quiet_s']):
@@ -142,6 +179,11 @@ class Evaluator(CellNode):
     def health(self):
         """Say what became of the last run."""
         return self._level, self._last, {'model': self._analyst.model}
+
+
+def _is_table(transform):
+    return (short_frame(transform.header.frame_id) == MACHINE_FRAME
+            and short_frame(transform.child_frame_id) == TABLE_FRAME)
 
 
 def main(args=None):

@@ -16,6 +16,7 @@ from rosette_ros.data.assemble import (
     TargetTable,
     assemble_run,
 )
+from rosette_ros.data.table_frame import refuse_two_frames
 from rosette_ros.nodes.sequence import short_frame
 
 RUNS_KEPT = 4
@@ -81,6 +82,9 @@ class Gathering:
 
     def expect(self, run_id, answers, now):
         """Take the order to evaluate a run as soon as so many targets are answered."""
+        known = self._runs.get(run_id)
+        if known is not None and known.is_over:
+            del self._runs[run_id]  # it was gone on with after its end
         pieces = self._pieces(run_id, now)
         pieces.has_states, pieces.expected = True, answers
 
@@ -91,6 +95,34 @@ class Gathering:
         """
         pieces = self._pieces(run_id, now)
         pieces.has_states, pieces.is_over = True, pieces.is_over or is_over
+
+    def end_all(self):
+        """Take note that nothing is on any more: who asked for it was started anew."""
+        for pieces in self._runs.values():
+            pieces.is_over = True
+
+    def recall(self, run_id, targets, answers, frames, now):
+        """Take what is recorded of a run; what was heard besides stays.
+
+        targets, answers: rows; frames: (stamp in ns, Frame) each; now: steady time, s.
+        """
+        pieces = self._runs.get(run_id)
+        if pieces is None or pieces.evaluated:
+            return
+        asked = {(row['seq'], row['attempt']) for row in targets}
+        heard = {(row['seq'], row['stamp_ns']) for row in answers}
+        old_targets, old_answers = _rows(pieces.targets), _rows(pieces.answers)
+        for name in _TARGET_COLUMNS:
+            pieces.targets[name].clear()
+        for name in _ANSWER_COLUMNS:
+            pieces.answers[name].clear()
+        pieces.begin = pieces.run_begin = None
+        for row in (*targets, *(row for row in old_targets if (row['seq'], row['attempt']) not in asked)):
+            self.add_target(row, now)
+        for row in (*answers, *(row for row in old_answers if (row['seq'], row['stamp_ns']) not in heard)):
+            self.add_answer(row, now)
+        known = {stamp for stamp, _ in self._frames}
+        self._frames += [frame for frame in frames if frame[0] not in known]
 
     def forget(self, run_id):
         """Drop a run that was cancelled or has failed."""
@@ -111,12 +143,19 @@ class Gathering:
                 if pieces.expected is not None and not (pieces.evaluated or pieces.is_over)
                 and now - pieces.heard > patience]
 
+    def lacking(self):
+        """Return the ids of the runs that were ordered and cannot be evaluated for want of pieces."""
+        return [run_id for run_id, pieces in self._runs.items()
+                if pieces.expected is not None and not (pieces.evaluated or pieces.is_over)
+                and self._lacks(pieces)]
+
     def to_run(self, run_id):
         """Return the Run; raises InvalidData where the pieces do not make one."""
         pieces = self._runs[run_id]
         pieces.evaluated = True
-        return assemble_run(TargetTable(**pieces.targets), AnswerTable(**pieces.answers),
-                            self._frame(pieces), run_id, f'run {run_id}')
+        targets, answers = TargetTable(**pieces.targets), AnswerTable(**pieces.answers)
+        refuse_two_frames(self._frames, targets, answers, run_id, f'run {run_id}')
+        return assemble_run(targets, answers, self._frame(pieces), run_id, f'run {run_id}')
 
     def _pieces(self, run_id, now, anew=False):
         """Return the pieces of a run; after its evaluation new readings start it afresh."""
@@ -153,3 +192,8 @@ class Gathering:
         found = [entry for entry in self._frames
                  if pieces.begin <= entry[0] <= pieces.run_begin]
         return max(found, key=lambda entry: entry[0])[1] if found else None
+
+
+def _rows(columns):
+    """Return the rows of a mapping of columns, a mapping each."""
+    return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]

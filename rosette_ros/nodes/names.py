@@ -17,18 +17,26 @@ CALIBRATE = 'calibrate'
 CALIBRATE_FEEDBACK = 'calibrate/_action/feedback'
 CALIBRATE_STATUS = 'calibrate/_action/status'
 START_CALIBRATION = 'start_calibration'
+CANCEL_CALIBRATION = 'cancel_calibration'
 START_RECORDING = 'recorder/start_recording'
 STOP_RECORDING = 'recorder/stop_recording'
+RECALL = 'recorder/recall'
+RECORDED = 'recorder/recorded'
 DIAGNOSE = 'evaluator/diagnose'
 ADD_EFFECT = 'evaluator/add_effect'
 REMOVE_EFFECT = 'evaluator/remove_effect'
 SERVICE_EVENT = '/_service_event'
+
+ALIVE = 'alive'
+"""Below the name of each node: its heartbeat."""
 
 TF_STATIC = '/tf_static'
 CLOCK = '/clock'
 DIAGNOSTICS = '/diagnostics'
 ROSOUT = '/rosout'
 PARAMETER_EVENTS = '/parameter_events'
+OF_A_DOMAIN = ('/tf', TF_STATIC, CLOCK)
+"""Frames and time: all that is in a ROS domain has them in common, unless they are remapped."""
 
 READY = 'ready'
 """A node logs this word when its interfaces stand."""
@@ -37,3 +45,27 @@ COMPLETE = 'the cell is complete'
 
 PARENT_PID = 'ROSETTE_CELL_PID'
 """Environment variable: process whose end is the end of a node, set by cell.Cell."""
+
+
+def remappings(namespace):
+    """Return the pairs (name, name instead) by which a cell has frames and time of its own.
+
+    None in the namespace that is the default: there the names are those that ROS tools expect.
+    """
+    if namespace.strip('/') == NAMESPACE:
+        return ()
+    return tuple((name, name.lstrip('/')) for name in OF_A_DOMAIN)
+
+
+def remap_arguments(pairs):
+    """Return the arguments of a node for pairs (name, name instead); they come behind --ros-args."""
+    return [part for old, new in pairs for part in ('-r', f'{old}:={new}')]
+
+
+def enclave(namespace, node):
+    """Return the name under which SROS2 keeps the keys and the permissions of a node."""
+    return f'/{namespace.strip("/")}/{node}'.replace('//', '/')
+
+ENVIRONMENT = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}
+"""What holds for processes of a cell unless their environment says otherwise: they stay on this computer, and
+they do not talk by shared memory, where a killed process leaves ports behind that its successor cannot hear by."""

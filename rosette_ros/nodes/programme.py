@@ -29,6 +29,11 @@ class Phase(IntEnum):
         return self in (Phase.DONE, Phase.CANCELLED, Phase.FAILED)
 
 
+def phase_name(number):
+    """Return the name of the phase that a RunState tells, `PHASE_77` for one that does not exist."""
+    return Phase(number).name if number in list(Phase) else f'PHASE_{number}'
+
+
 @dataclass(frozen=True, eq=False)
 class Target:
     """One ball to be probed.
@@ -56,7 +61,7 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What the CMM says about one target; centre: (3,) in the frame `frame_id`, m."""
+    """What the CMM says about one target; centre: (3,) in the frame `frame_id`, m; stamp_ns: when measured."""
 
     run_id: str
     seq: int
@@ -69,6 +74,7 @@ class Answer:
     table_angle: float
     table_travel: float
     centre: np.ndarray
+    stamp_ns: int = 0
 
 
 @dataclass(frozen=True, eq=False)

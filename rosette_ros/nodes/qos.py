@@ -5,7 +5,8 @@ Everything is reliable. What a late joiner must know is latched (transient local
 more than can be under way, so that a slow reader loses nothing.
 """
 
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.duration import Duration
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
 
 def _profile(depth, durability=DurabilityPolicy.VOLATILE):
@@ -26,6 +27,20 @@ EVENT = _profile(100)
 CLOCK = _profile(10)
 HEALTH = _profile(10)
 
+BEAT_PERIOD = 0.5
+"""A node beats so often, s."""
+ALIVE = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL, deadline=Duration(seconds=1),
+    liveliness=LivelinessPolicy.AUTOMATIC, liveliness_lease_duration=Duration(nanoseconds=700_000_000))
+"""Heartbeats: the middleware tells within the lease that a process is no more, within the deadline that a
+node has stopped to beat. On a topic of their own, so that a CMM with other QoS still fits the cell."""
+
 COLLECT = _profile(5000)
 COLLECT_LATCHED = _profile(5000, DurabilityPolicy.TRANSIENT_LOCAL)
 """For those who gather all messages: the queue outlasts seconds of a full-speed run."""
+
+RECORD = _profile(10_000)
+RECORD_LATCHED = _profile(10_000, DurabilityPolicy.TRANSIENT_LOCAL)
+"""For the recorder: deeper than the 5000 messages that Fast DDS holds for a reader. What does not fit is then refused,
+asked for again and, where it is gone, told as lost; in a queue of 5000 it would replace another in silence."""

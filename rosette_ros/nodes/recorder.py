@@ -8,19 +8,21 @@ import time
 from pathlib import Path
 
 from rcl_interfaces.msg import Log
-from rclpy.serialization import deserialize_message
-from rosette_msgs.srv import StartRecording, StopRecording
+from rosette_msgs.msg import BallCentre, RunState
+from rosette_msgs.srv import Recall, Recorded, StartRecording, StopRecording
 from service_msgs.msg import ServiceEventInfo
 
-from rosette_ros.core.errors import InvalidConfig, RosetteError
+from rosette_ros.core.errors import InvalidConfig, InvalidData, RosetteError
+from rosette_ros.data.log_reader import RESUMES_KEY
 from rosette_ros.data.schemas import TypeLibrary
 from rosette_ros.nodes import convert, names, qos
 from rosette_ros.nodes.follow_up import FollowUp, free_name
-from rosette_ros.nodes.interfaces import interface_class
+from rosette_ros.nodes.interfaces import decoded, interface_class
 from rosette_ros.nodes.introspection import introspected_service
+from rosette_ros.nodes.recalling import find_part, iter_copied, next_part, recall
 from rosette_ros.nodes.runner import BUSY_PERIOD, ERROR, OK, WARN, CellNode, run_node
 from rosette_ros.nodes.settings import Wanted
-from rosette_ros.nodes.tape import Memory, Message, Tape
+from rosette_ros.nodes.tape import LOG, Memory, Message, Tape
 
 WANTED = (
     Wanted('log_dir', 'runs', 'folder in which every run gets a folder of its own'),
@@ -31,11 +33,14 @@ WANTED = (
     Wanted('follow_up_s', 10.0, 'questions to the evaluator after a run get a log of their own, '
            'closed when nothing has been asked for so long, s of wall time; 0: no such logs',
            0.0, 3600.0),
+    *LOG,
 )
 DRAIN_LIMIT = 10
 """A log is closed after so many times `drain_s` at the latest."""
 MATCH_TIMEOUT = 5.0
 """How long the recorder waits for its connection to known publishers, s."""
+ANSWER_TIMEOUT = 0.5
+"""How long the recorder waits for answers that others have heard already, s."""
 DISCOVERY_PERIOD = 1.0
 
 LATCHED = (names.PROBE_TARGET, names.ERROR_MOTIONS, names.RUN_STATE, names.MODEL, names.TF_STATIC)
@@ -54,10 +59,12 @@ TOPICS = (
     (names.CALIBRATION_EVENT, 'rosette_msgs/msg/CalibrationEvent', Memory.RECENT),
     (names.CALIBRATE_STATUS, 'action_msgs/msg/GoalStatusArray', Memory.RECENT),
     (names.START_CALIBRATION + names.SERVICE_EVENT, 'std_srvs/srv/Trigger_Event', Memory.RECENT),
+    (names.CANCEL_CALIBRATION + names.SERVICE_EVENT, 'std_srvs/srv/Trigger_Event', Memory.RECENT),
     (names.START_RECORDING + names.SERVICE_EVENT, 'rosette_msgs/srv/StartRecording_Event',
      Memory.RECENT),
     (names.STOP_RECORDING + names.SERVICE_EVENT, 'rosette_msgs/srv/StopRecording_Event',
      Memory.NONE),
+    *((f'{node}/{names.ALIVE}', 'std_msgs/msg/Header', Memory.NONE) for node in names.NODES),
     (names.PARAMETER_EVENTS, 'rcl_interfaces/msg/ParameterEvent', Memory.RECENT),
     (names.ROSOUT, 'rcl_interfaces/msg/Log', Memory.RECENT),
 )
@@ -81,11 +88,15 @@ class Recorder(CellNode):
         """Subscribe to everything that a cell says."""
         super().__init__(names.RECORDER, WANTED)
         self._library = TypeLibrary.from_environment(os.environ)
-        self._tape = Tape(self.parameters['recent_s'], self._offered_qos)
+        self._tape = Tape(self.parameters['recent_s'], self._offered_qos,
+                          lambda: self.parameters.values(LOG))
         self._unknown = set()
         self._in_cell = self.get_namespace().strip('/').replace('/', '.')
         self._clock_topic = self.resolve_topic_name(names.CLOCK)
         self._rosout_topic = self.resolve_topic_name(names.ROSOUT)
+        self._answer_topic = self.resolve_topic_name(names.BALL_CENTRE)
+        self._answers = {}
+        self._state_topic = self.resolve_topic_name(names.RUN_STATE)
         self._simulated = self.get_parameter('use_sim_time').value
         self._simulated_now = 0
         self._last, self._last_run = 'no log yet', ''
@@ -93,11 +104,13 @@ class Recorder(CellNode):
         self._questions = {self.resolve_topic_name(name + names.SERVICE_EVENT):
                            interface_class(type_name) for name, type_name in QUESTIONS}
         for name, type_name, memory in TOPICS:
-            profile = qos.COLLECT_LATCHED if name in LATCHED else qos.COLLECT
+            profile = qos.RECORD_LATCHED if name in LATCHED else qos.RECORD
             self._record(self.resolve_topic_name(name), type_name, memory, profile)
         self._discover()
         introspected_service(self, StartRecording, names.START_RECORDING, self._on_start)
         introspected_service(self, StopRecording, names.STOP_RECORDING, self._on_stop)
+        self.create_service(Recall, names.RECALL, self._on_recall)
+        self.create_service(Recorded, names.RECORDED, self._on_recorded)
 
     @property
     def is_busy(self):
@@ -113,17 +126,27 @@ class Recorder(CellNode):
     def hear(self, heard):
         """Put all that was said on the tape, in the order in which it was heard."""
         now = self.seconds()
-        for received, topic, data, published in heard:
-            if topic == self._clock_topic:
-                self._simulated_now = convert.clock_nanoseconds(data)
-            elif topic == self._rosout_topic and not self._is_ours(data):
-                continue
-            time_ns = received
-            if self._simulated and self._simulated_now:
-                time_ns = published = self._simulated_now
-            self._tape.take(Message(topic, data, time_ns, published, now))
-            if topic in self._questions:
-                self._follow(deserialize_message(data, self._questions[topic]).info, now)
+        for entry in heard:
+            try:
+                self._hear_one(*entry, now)
+            except InvalidData as error:
+                self.get_logger().error(f'{entry[1]}: {error}')
+
+    def _hear_one(self, received, topic, data, published, now):
+        if topic == self._clock_topic:
+            self._simulated_now = convert.clock_nanoseconds(data)
+        elif topic == self._rosout_topic and not self._is_ours(data):
+            return
+        time_ns = received
+        if self._simulated and self._simulated_now:
+            time_ns = published = self._simulated_now
+        self._tape.take(Message(topic, data, time_ns, published, now))
+        if topic == self._answer_topic and self._tape.is_open:
+            self._note_answer(data)
+        if topic == self._state_topic:
+            self._close_orphan(decoded(data, RunState))
+        if topic in self._questions:
+            self._follow(decoded(data, self._questions[topic]).info, now)
 
     def _follow(self, info, now):
         """Open a log for a question where none is open; take note of answers."""
@@ -142,6 +165,20 @@ class Recorder(CellNode):
         else:
             self._follow_up.is_open = True
 
+    def _note_answer(self, data):
+        """Remember a good answer that is in the open log."""
+        stamp_ns, run_id, seq, status = convert.answer_head(data)
+        if status == BallCentre.STATUS_OK and run_id == self._tape.run_id:
+            self._answers[seq, stamp_ns] = None
+
+    def _close_orphan(self, state):
+        """Close the log of a run whose sequencer was started anew: it says that nothing is on."""
+        if state.phase == RunState.PHASE_IDLE and self._tape.is_open and not self._follow_up.is_open:
+            self.get_logger().warning(f'the sequencer was started anew; the log of run {self._tape.run_id} is '
+                                      'closed, the run can be resumed')
+            self._last_run = self._tape.run_id
+            self._close()
+
     def _end_follow_up(self):
         self._follow_up.is_open = False
         self._close()
@@ -152,7 +189,7 @@ class Recorder(CellNode):
 
     def _is_ours(self, data):
         """Return whether a /rosout message comes from this cell."""
-        logger = deserialize_message(data, Log).name
+        logger = decoded(data, Log).name
         return f'{logger}.'.startswith(f'{self._in_cell}.') or not self._in_cell
 
     def _discover(self):
@@ -164,7 +201,7 @@ class Recorder(CellNode):
                     or topic in self._unknown):
                 continue
             try:
-                self._record(topic, types[0], Memory.NONE, qos.COLLECT)
+                self._record(topic, types[0], Memory.NONE, qos.RECORD)
             except InvalidConfig as error:
                 self._unknown.add(topic)
                 self.get_logger().warning(f'{topic} is not recorded: {error}')
@@ -179,16 +216,57 @@ class Recorder(CellNode):
         if self._follow_up.is_open:
             self._end_follow_up()
         try:
-            directory = self._directory(request.run_id)
+            directory, earlier, links = self._directory(request.run_id), (), {}
+            if request.resumes:
+                earlier, links = self._earlier(request.resumes)
+                directory = next_part(self._log_dir, request.run_id)
             self._until(self.ears.is_connected, MATCH_TIMEOUT)
             self.hear(self.ears.take())
-            self._tape.open(directory, request.run_id, self.seconds(), self.now().nanoseconds)
+            self._tape.open(directory, request.run_id, self.seconds(), self.now().nanoseconds, earlier, links)
+            self._answers = {}
+            for message in earlier:
+                if message.topic == self._answer_topic:
+                    self._note_answer(message.data)
         except RosetteError as error:
             self.get_logger().error(f'start_recording refused: {error}')
             response.success, response.message = False, str(error)
         else:
             self.get_logger().info(f'recording run {request.run_id} to {directory}')
             response.success, response.log = True, str(directory)
+        return response
+
+    def _earlier(self, wanted):
+        """Return what the next part of a run begins with, Messages, and what links it to the part before."""
+        folder = find_part(self._log_dir, wanted)
+        now = self.seconds()
+        return ([Message(self.resolve_topic_name(name), one.data, one.log_time, one.publish_time, now)
+                 for name, one in iter_copied(folder)],
+                {RESUMES_KEY: folder.name})
+
+    def _on_recall(self, request, response):
+        """Tell what is recorded of a run, up to this moment where its log is open."""
+        try:
+            self.hear(self.ears.take())
+            if self._tape.is_open and request.run == self._tape.run_id:
+                self._tape.flush()
+                return recall(self._tape.directory, self._library)
+            return recall(find_part(self._log_dir, request.run), self._library)
+        except RosetteError as error:
+            response.success, response.message = False, str(error)
+            return response
+
+    def _on_recorded(self, request, response):
+        """Tell which answers are in the open log, once it is on the disk."""
+        tape = self._tape
+        if not tape.is_open or request.run_id != tape.run_id:
+            response.message = f'wanted the log of run {request.run_id} open, got ' + (
+                f'that of run {tape.run_id}' if tape.is_open else 'none')
+            return response
+        self._until(lambda: len(self._answers) >= request.wanted, ANSWER_TIMEOUT)
+        tape.flush()
+        response.success, response.message = not tape.failure, tape.failure
+        response.seq = [seq for seq, _ in self._answers]
+        response.stamp_ns = [stamp for _, stamp in self._answers]
         return response
 
     def _on_stop(self, request, response):
@@ -221,7 +299,11 @@ class Recorder(CellNode):
         if not _RUN_NAME.fullmatch(run_id):
             raise InvalidConfig('run_id: wanted a name of letters, digits, ".", "_" and "-" that '
                                 f'can be a folder, got {run_id!r}')
-        return Path(self.parameters['log_dir']).expanduser().absolute() / run_id
+        return self._log_dir / run_id
+
+    @property
+    def _log_dir(self):
+        return Path(self.parameters['log_dir']).expanduser().absolute()
 
     def wake(self):
         """Bring what is written to the disk; look for new topics."""

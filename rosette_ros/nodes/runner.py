@@ -20,6 +20,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from rosette_ros.core.errors import RosetteError
 from rosette_ros.nodes import names, qos
+from rosette_ros.nodes.alive import Beat
 from rosette_ros.nodes.ears import Aside, Ears, take_all
 from rosette_ros.nodes.parameters import Parameters
 
@@ -46,6 +47,7 @@ class CellNode(Node):
         self._handlers = {}
         self._served = self._woken = self._reported = -math.inf
         self._health = self.create_publisher(DiagnosticArray, names.DIAGNOSTICS, qos.HEALTH)
+        self._beat = Beat(self)
 
     # What a node is made of
 
@@ -124,6 +126,7 @@ class CellNode(Node):
                     raise task.exception()
         except TimeoutException:
             pass
+        self._beat.beat_if_due(now)
         if now - self._woken >= WAKE_PERIOD:
             self._woken = now
             self.wake()

@@ -13,11 +13,13 @@ import yaml
 from rosette_ros.core.errors import InvalidConfig
 from rosette_ros.core.geometry import Frame, rotation_matrix
 from rosette_ros.core.scheme import ORDERS, TURNINGS, plan
+from rosette_ros.data.plain_yaml import load_plain
 from rosette_ros.nodes.programme import make_programme
 from rosette_ros.nodes.sequence import Limits
 
 MAX_OPTIONS = 10_000
 """Longest YAML text taken from a goal, characters."""
+_MOST = 1e300  # whole numbers beyond are no float
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class Wanted:
         converted = self._convert(value)
         if converted is None:
             raise InvalidConfig(f'{where}: {self.name}: wanted {self.wanted()} ({self.text}), '
-                                f'got {value!r}')
+                                f'got {value!r:.80}')
         return converted
 
     def wanted(self):
@@ -67,7 +69,7 @@ class Wanted:
         return self._convert_number(value)
 
     def _convert_number(self, value):
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or abs(value) > _MOST:
             return None
         if isinstance(self.default, int) and value != int(value if math.isfinite(value) else 0):
             return None
@@ -75,7 +77,7 @@ class Wanted:
         return type(self.default)(value) if fits else None
 
     def _convert_list(self, value):
-        if isinstance(value, str) or not hasattr(value, '__len__'):
+        if not isinstance(value, (list, tuple)):
             return None
         numbers = tuple(self._convert_element(element) for element in value)
         return numbers if len(numbers) == len(self.default) and None not in numbers else None
@@ -110,14 +112,19 @@ LIMITS = (
     Wanted('limits.skips', 3, 'how many balls of the run may be left out after that, never two in a '
            'row; 0: the run fails', 0, 1000),
     Wanted('limits.evaluation_timeout_s', 120.0, 'wall time for the evaluation, s', 0.01, 1e5),
+    Wanted('limits.return_timeout_s', 60.0, 'wall time that a run waits for a CMM or recorder that has '
+           'gone, before it fails (it can be resumed), s', 0.0, 1e5),
     Wanted('limits.search_m', 0.02, 'how far a ball may lie from where it is expected before the '
            'alignment, m', 1e-6, 1.0),
     Wanted('limits.distance_m', 0.005, 'the same after the alignment, m', 1e-6, 1.0),
     Wanted('limits.angle_rad', 0.01, 'how far the table may stand from the commanded angle, rad',
            1e-9, 0.5),
 )
-OPTIONS = RUN[2:] + LIMITS[:4]
+RESUME = Wanted('resume', '', 'the log to go on from: the name of its folder, or its path')
+OPTIONS = RUN[2:] + LIMITS[:5] + (RESUME,)
 """What the options of a goal may change for one calibration."""
+PLANNED = PLATE + TABLE + RUN
+"""What decides which targets a calibration has."""
 
 
 def parse_options(text):
@@ -128,7 +135,7 @@ def parse_options(text):
     if len(text) > MAX_OPTIONS:
         raise InvalidConfig(f'options: wanted at most {MAX_OPTIONS} characters, got {len(text)}')
     try:
-        given = yaml.safe_load(text)
+        given = load_plain(text)
     except yaml.YAMLError as error:
         first = ' '.join(str(error).split())
         raise InvalidConfig(f'options: wanted a YAML mapping, got text that is none: {first}') \
@@ -136,12 +143,12 @@ def parse_options(text):
     if given is None:
         return {}
     if not isinstance(given, dict):
-        raise InvalidConfig(f'options: wanted a YAML mapping such as "repeats: 5", got {text!r}')
+        raise InvalidConfig(f'options: wanted a YAML mapping such as "repeats: 5", got {text!r:.80}')
     known = {wanted.name: wanted for wanted in OPTIONS}
     changes = {}
     for name, value in given.items():
         if name not in known:
-            raise InvalidConfig(unknown_name('options', str(name), known))
+            raise InvalidConfig(unknown_name('options', str(name)[:80], known))
         changes[name] = known[name].check(value, 'options')
     return changes
 
@@ -162,22 +169,38 @@ def limits_of(values):
         answer_timeout=values['limits.answer_timeout_s'], attempts=values['limits.attempts'],
         skips=values['limits.skips'],
         evaluation_timeout=values['limits.evaluation_timeout_s'],
+        return_timeout=values['limits.return_timeout_s'],
         search=values['limits.search_m'], distance=values['limits.distance_m'],
         angle=values['limits.angle_rad'])
 
 
-def change(values, order, seed, options):
-    """Return settings with what a goal changes: order ('' : as configured), seed, options text.
-
-    Raises InvalidConfig in words.
-    """
+def wanted_changes(order, seed, options):
+    """Return what a goal changes, name to value, `resume` included; raises InvalidConfig in words."""
     known = {wanted.name: wanted for wanted in RUN}
     changes = {}
     if order:
         changes['order'] = known['order'].check(order, 'goal')
     if order or seed:
         changes['seed'] = known['seed'].check(seed, 'goal')
-    return {**values, **changes, **parse_options(options)}
+    return {**changes, **parse_options(options)}
+
+
+def format_settings(values):
+    """Return the settings that decide the targets of a calibration as YAML; values: name to value."""
+    plain = {wanted.name: values[wanted.name] for wanted in PLANNED}
+    return yaml.safe_dump({name: list(value) if isinstance(value, tuple) else value
+                           for name, value in plain.items()}, sort_keys=False)
+
+
+def parse_settings(text, where):
+    """Return the settings that format_settings wrote, name to value; raises InvalidConfig in words."""
+    try:
+        given = load_plain(text) if len(text) <= MAX_OPTIONS else None
+    except yaml.YAMLError:
+        given = None
+    if not isinstance(given, dict):
+        raise InvalidConfig(f'{where}: wanted the settings of the run as a YAML mapping, got {text[:80]!r}')
+    return {wanted.name: wanted.check(given.get(wanted.name), where) for wanted in PLANNED}
 
 
 def run_name(when, order, taken):

@@ -5,6 +5,7 @@ import math
 import os
 import signal
 import sys
+import time
 from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
@@ -27,6 +28,7 @@ WANTED = (
            'that is installed with the package', read_only=True),
     Wanted('clock_rate_hz', 4.0, 'how often the simulated time is published while nothing is '
            'measured, Hz of wall time', 0.1, 10.0),
+    Wanted('answer_s', 0.0, 'wall time that each answer takes, s; 0: as fast as the computer allows', 0.0, 0.3),
 )
 
 
@@ -55,6 +57,10 @@ class SimulatedCmm(CellNode):
         self._tick()
 
     def _on_target(self, target):
+        if not (self._measured or self._failed):
+            # Time went on while this node was not there: it never stands before what was told already.
+            told = convert.nanoseconds(target.header.stamp)
+            self._switched_on += max(told - convert.nanoseconds(self._stamp(self._machine.time)), 0)
         answer = BallCentre(
             run_id=target.run_id, seq=target.seq, table_position=target.table_position,
             ball=target.ball, cmm_position=target.cmm_position)
@@ -75,6 +81,7 @@ class SimulatedCmm(CellNode):
             self._measured += 1
             convert.fill_answer(answer, reading, self._stamp(reading.time), MACHINE_FRAME)
         self._tick()
+        time.sleep(self.parameters['answer_s'])
         self._say(answer, faults)
 
     def _say(self, answer, faults):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Logs into arrays: equal to what independent readers decode, and honest about bad logs."""
 
+import dataclasses
 import struct
 
 import numpy as np
@@ -129,6 +130,52 @@ def test_table_frame_of_the_run_is_taken(make_cell, tmp_path):
     cell.sent = [*old, *cell.sent, *new]
     run = read_log(cell.write(tmp_path / 'log')).to_run()
     np.testing.assert_allclose(run.centre, cell.centre, atol=2e-16)
+
+
+def other_frame(cell, seed, **changes):
+    """Return the entry of another table frame for a log; changes: fields of its header, child_frame_id."""
+    topic, kind, message = next(entry for entry in cell.sent if entry[0] == '/tf_static')
+    own, [theirs] = message.transforms[0], [
+        entry[2].transforms[0] for entry in seed.sent if entry[0] == '/tf_static']
+    made = dataclasses.replace(theirs, header=dataclasses.replace(own.header, **changes))
+    return topic, kind, dataclasses.replace(message, transforms=[made])
+
+
+def test_two_table_frames_for_one_run_are_refused(make_cell, tmp_path):
+    """Wherever the other one stands in the log: what counts is when it was found."""
+    cell, other = make_cell(), make_cell(seed=1)
+    cell.sent.insert(0, other_frame(cell, other))
+    log = read_log(cell.write(tmp_path / 'log'))
+    words = (r'log: wanted one table frame for run first, got 2 that differ; two cells share /tf_static\? give each '
+             'its namespace or domain')
+    with pytest.raises(InvalidData, match=words):
+        log.to_run()
+    with pytest.raises(InvalidData, match=words):
+        log.frame_of('first')
+
+
+def test_the_same_table_frame_twice_is_one(make_cell, tmp_path):
+    """A log that was split repeats what is latched."""
+    cell = make_cell()
+    [frame] = [entry for entry in cell.sent if entry[0] == '/tf_static']
+    cell.sent = [frame, *cell.sent, frame]
+    np.testing.assert_allclose(read_log(cell.write(tmp_path / 'log')).to_run().centre, cell.centre, atol=2e-16)
+
+
+def test_frames_of_other_things_are_not_those_of_the_table(make_cell, tmp_path):
+    """A table whose parent is not the machine is somebody else's, for the evaluator too."""
+    cell = make_cell()
+    cell.sent.append(other_frame(cell, make_cell(seed=1), frame_id='world'))
+    log = read_log(cell.write(tmp_path / 'log'))
+    assert len(log.frames) == 1
+    np.testing.assert_allclose(log.to_run().centre, cell.centre, atol=2e-16)
+
+
+def test_answers_in_the_table_frame_care_for_no_frame(make_cell, tmp_path):
+    """Two that differ do no harm to a CMM that knows its table."""
+    cell = make_cell(frame_id='table')
+    cell.sent.append(other_frame(cell, make_cell(seed=1)))
+    assert read_log(cell.write(tmp_path / 'log')).to_run().centre.tobytes() == cell.centre.tobytes()
 
 
 def test_two_runs_in_one_log_are_told_and_chosen(make_cell, tmp_path):

@@ -202,6 +202,16 @@ def test_start_calibration_answers_at_once_with_the_run_id(cell, module_domain_i
     assert origins == {'start_calibration'}
 
 
+def test_what_the_plain_service_started_another_one_cancels(cell, module_domain_id, folder, wait_until):
+    """cancel_calibration ends whichever run is on, and says so where none is."""
+    with CellClient(module_domain_id) as client:
+        started, run_id = client.start()
+        assert started
+        assert client.cancel() == (True, run_id)
+        wait_until(lambda: f'run {run_id}: cancelled' in cell.output('sequencer'))
+        wait_until(lambda: client.cancel() == (False, 'wanted a run to cancel, got none that is on'))
+
+
 @pytest.mark.parametrize(('order', 'options', 'words'), [
     ('circle', '', "calibration refused: goal: order: wanted one of row, diagonal, column, random"),
     ('', 'repeat: 3', "options: unknown name 'repeat'; did you mean repeats"),

@@ -204,7 +204,7 @@ def test_log_folder_that_cannot_be_is_told_in_words(cell_and_cmm, client, peer, 
 
 
 def test_recorder_that_dies_ends_the_run_in_words(cell_and_cmm, client, wait_until):
-    """No ball is measured for nothing: the run ends when its log does. A new recorder goes on."""
+    """No ball is measured for nothing: the run ends when its log does. With a new recorder it is resumed."""
     cell, cmm = cell_and_cmm
 
     def wrong(target, answer):
@@ -214,8 +214,8 @@ def test_recorder_that_dies_ends_the_run_in_words(cell_and_cmm, client, wait_unt
         return answer
 
     cmm.wrong = wrong
-    outcome = client.calibrate(options=options(30, 1))
-    assert 'the recorder has gone' in outcome.message
+    outcome = client.calibrate(options='{limits.answer_timeout_s: 30, limits.return_timeout_s: 3}')
+    assert 'the recorder has gone and did not come back within 3 s' in outcome.message
     assert not outcome.success
     assert cell.wait_node('recorder') == 0
     log = read_log(outcome.log)
@@ -224,9 +224,12 @@ def test_recorder_that_dies_ends_the_run_in_words(cell_and_cmm, client, wait_unt
     cmm.wrong = lambda target, answer: answer
     cell.start_node('recorder')
     wait_until(lambda: cell.output('sequencer').strip().endswith('the cell is complete'))
-    outcome = client.calibrate(check=cell.check)
+    asked = len(cmm.asked)
+    outcome = client.calibrate(check=cell.check, resume=outcome.run_id)
     assert outcome.success, outcome.message
-    assert read_log(outcome.log).to_run().size == N * N
+    log = read_log(outcome.log)
+    assert log.to_run().size == N * N
+    assert len(cmm.asked) - asked == len(set(log.targets.seq.tolist())) - 8, 'only what was missing'
 
 
 def test_missing_parts_are_named_at_both_doors(cell_of, domain_id):

@@ -125,6 +125,22 @@ def test_all_faults_together_in_a_share_of_the_answers(faulty_cell, tmp_path):
     assert yaml.safe_load((outcome.log / 'metadata.yaml').read_text())
 
 
+def test_a_cmm_that_crashes_in_the_middle_is_waited_for(faulty_cell, module_domain_id):
+    """It dies at two balls, is started again, and goes on: the pauses are marked, the curves are true."""
+    faults = [{'kind': 'crash', 'at': [FIRST + 9, FIRST + 21]}]
+    cell, _ = faulty_cell([])
+    write_machine(CONFIG.changed(faults=faults), cell.machine)
+    with CellClient(module_domain_id) as client:
+        outcome = client.calibrate(check=cell.revive)
+    assert outcome.success, outcome.message
+    assert cell.output('cmm').count('the CMM crashes, as its configuration wants it') == 2
+    assert 'the run goes on in session 3' in cell.output('sequencer')
+    rms, run, _ = off_the_truth(outcome, faults)
+    assert run.size == N * N
+    assert len(run.pauses) == 2
+    assert rms < 1.8
+
+
 def test_a_machine_file_that_was_spoilt_is_told_in_words(faulty_cell, module_domain_id):
     """The file is read again for every run; what is wrong with it is the reason of every failure."""
     cell, outcome = faulty_cell([{'kind': 'failed', 'share': 1.0}])

@@ -46,11 +46,11 @@ def test_target_message_says_what_the_target_says():
     programme = make_programme(plan(5, 'random', 3), 0.1825, Frame.identity(), 2)
     for index in range(programme.total):
         target = programme.target(index)
-        message = over_the_wire(convert.target_message(target, 'run', 2, [1.0, 2.0, 3.0], 'machine',
+        message = over_the_wire(convert.target_message(target, 'run', 2, 3, [1.0, 2.0, 3.0], 'machine',
                                                        STAMP))
         assert message.header.stamp == STAMP
         assert message.header.frame_id == 'machine'
-        assert (message.run_id, message.attempt) == ('run', 2)
+        assert (message.run_id, message.attempt, message.session) == ('run', 2, 3)
         for name in ('seq', 'phase', 'balls', 'radius', 'table_position', 'ball', 'cmm_position',
                      'table_angle', 'approach'):
             assert getattr(message, name) == getattr(target, name)
@@ -164,6 +164,15 @@ def test_fitted_effects_are_named_with_their_parameters():
         sent.parameter, sent.value, sent.u, sent.unit, strict=True)] == [
             (one.name, one.value, one.u, one.unit) for one in parameters]
     assert [e.name for e in convert.model_message(model, STAMP).effects] == ['frame_drift']
+
+
+@given(st.text(st.characters(exclude_characters='\0', exclude_categories=['Cs'])), st.text('ab/', max_size=9),
+       st.integers(0, 2**32 - 1), st.sampled_from([BallCentre.STATUS_OK, BallCentre.STATUS_FAILED]))
+def test_the_head_of_an_answer_is_that_of_the_message(run_id, frame_id, seq, status):
+    """Texts of any length, as rclpy serialises them."""
+    message = BallCentre(run_id=run_id, seq=seq, table_position=7, ball=8, cmm_position=9, status=status, text='x')
+    message.header.stamp, message.header.frame_id = STAMP, frame_id
+    assert convert.answer_head(serialize_message(message)) == (convert.nanoseconds(STAMP), run_id, seq, status)
 
 
 def test_state_message():

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Frame, rotation_matrix
 from rosette_ros.core.scheme import plan
 from rosette_ros.machine import Machine, quiet
@@ -31,7 +32,7 @@ def messages(frame_id='machine', run_id='a'):
         targets.append({
             'run_id': run_id, 'seq': target.seq, 'attempt': 1, 'phase': int(target.phase),
             'balls': N, 'radius': machine.radius, 'table_position': target.table_position,
-            'ball': target.ball, 'stamp_ns': 100 * target.seq})
+            'ball': target.ball, 'stamp_ns': 100 * target.seq, 'session': 1})
         answers.append({
             'run_id': run_id, 'seq': target.seq, 'table_position': target.table_position,
             'ball': target.ball, 'status': 0, 'stamp_ns': 100 * target.seq + 50,
@@ -108,6 +109,67 @@ def test_frame_of_an_earlier_run_is_not_taken():
     assert (run_id, words) == ('a', 'wanted the table frame on /tf_static, got none for this run')
     gathering.add_frame(*sent['frame'][0])
     assert gathering.ready(11.0, 1.0) == ['a']
+
+
+def gathered(frames, frame_id='machine', session=lambda row: 1):
+    """Return a Gathering with a whole run and these frames; session: of a target by its row."""
+    gathering = Gathering()
+    for topic, sent in messages(frame_id).items():
+        for message in sent if topic != 'frame' else ():
+            row = {**message, 'session': session(message)} if topic == 'target' else message
+            feed(gathering, topic, row)
+    for frame in frames:
+        gathering.add_frame(*frame)
+    return gathering
+
+
+def moved(size):
+    """Return FRAME with its origin moved along x, m."""
+    return Frame(FRAME.rotation, FRAME.origin + np.array([size, 0, 0]))
+
+
+TWO_FRAMES = (r'run a: wanted one table frame for run a, got 2 that differ; two cells share /tf_static\? give each '
+              'its namespace or domain')
+
+
+@pytest.mark.parametrize('other', [
+    moved(2e-12), moved(0.2), Frame(rotation_matrix(np.array([0, 0, 1e-6])), FRAME.origin)],
+    ids=['a little', 'another machine', 'turned'])
+@pytest.mark.parametrize('stamp', [100, FRAME_STAMP - 1, FRAME_STAMP, 900])
+def test_two_frames_that_differ_are_refused(other, stamp):
+    """From the first target (100 ns) to the first of the run (900 ns); no curve comes of either."""
+    gathering = gathered([(FRAME_STAMP, FRAME), (stamp, other)])
+    assert gathering.ready(0.0, 1.0) == ['a']
+    with pytest.raises(InvalidData, match=TWO_FRAMES):
+        gathering.to_run('a')
+    assert gathering.ready(0.0, 1.0) == []
+
+
+def test_the_same_frame_twice_is_one():
+    """A log that is replayed, a latched message that is repeated: equal to 1e-12."""
+    gathering = gathered([(FRAME_STAMP, FRAME), (FRAME_STAMP, FRAME), (FRAME_STAMP - 100, moved(5e-13))])
+    assert np.array_equal(gathering.to_run('a').centre, reference().centre)
+
+
+def test_frames_of_other_runs_do_not_contradict():
+    """Before the first target and after the first of the run."""
+    gathering = gathered([(99, moved(0.2)), (FRAME_STAMP, FRAME), (901, moved(0.1))])
+    assert np.array_equal(gathering.to_run('a').centre, reference().centre)
+
+
+def test_answers_in_the_table_frame_care_for_no_frame():
+    """Whatever is latched by others."""
+    gathering = gathered([(FRAME_STAMP, FRAME), (FRAME_STAMP, moved(0.2))], 'table')
+    assert gathering.to_run('a').size == N * N
+
+
+def test_a_frame_given_up_over_a_pause_does_not_contradict():
+    """The alignment was gone on with in session 2 (from target 6 on), because a part of it had been lost."""
+    frames = [(550, moved(1e-7)), (FRAME_STAMP, FRAME)]
+    gathering = gathered(frames, session=lambda row: 1 + (row['seq'] >= 6))
+    assert np.array_equal(gathering.to_run('a').centre, reference().centre)
+    with pytest.raises(InvalidData, match='got 2 that differ'):
+        gathered(frames).to_run('a')
 
 
 def test_missing_answers_are_named():

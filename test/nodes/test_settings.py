@@ -15,11 +15,11 @@ from rosette_ros.nodes.settings import (
     RUN,
     TABLE,
     Wanted,
-    change,
     limits_of,
     parse_options,
     programme_of,
     run_name,
+    wanted_changes,
 )
 
 DEFAULTS = {wanted.name: wanted.default for wanted in PLATE + TABLE + RUN + LIMITS}
@@ -89,11 +89,10 @@ def test_no_options_text_breaks_the_sequencer(text):
 
 def test_goal_changes_order_and_seed():
     """An empty order means as configured; a seed alone changes the seed."""
-    assert change(DEFAULTS, '', 0, '')['order'] == 'diagonal'
-    assert change({**DEFAULTS, 'seed': 4}, '', 0, '')['seed'] == 4
-    assert change(DEFAULTS, 'random', 7, 'repeats: 2')['seed'] == 7
+    assert wanted_changes('', 0, '') == {}
+    assert wanted_changes('random', 7, 'repeats: 2') == {'order': 'random', 'seed': 7, 'repeats': 2}
     with pytest.raises(InvalidConfig, match=r"goal: order: wanted one of row.*got 'circle'"):
-        change(DEFAULTS, 'circle', 0, '')
+        wanted_changes('circle', 0, '')
 
 
 def test_programme_and_limits_come_from_the_settings():

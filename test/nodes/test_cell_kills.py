@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Any node is killed at any moment: every answered ball is in the log, the run is completed, the curves agree.
+
+The machine has no noise, so that curves agree bit for bit. KILLS=30 tries so many seeded runs, `make soak` does.
+"""
+
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message
+from rosette_msgs.msg import BallCentre
+
+from rosette_ros.analysis import analyse
+from rosette_ros.core.errors import CellError
+from rosette_ros.data.log_reader import read_log
+from rosette_ros.nodes import names
+from rosette_ros.nodes.cell import MODULES
+from rosette_ros.nodes.client import CellClient
+
+N, REPEATS = 5, 3
+TOTAL = REPEATS + 2 * N + N * N + 1
+KILLS = int(os.environ.get('KILLS', '4'))
+ANSWER_S = 0.03
+"""The machine answers so slowly that a second of a run is worth talking about."""
+
+
+@pytest.fixture(scope='module')
+def killable(module_domain_id, make_cell, make_peer, tmp_path_factory):
+    """Yield (cell, domain, what a witness has heard of the answers)."""
+    with make_cell(module_domain_id, tmp_path_factory.mktemp('kills'), N, silent=True,
+                   groups={'table': {'positioning_urad': 0.0}},
+                   params={'cmm': {'answer_s': ANSWER_S}}) as cell:
+        witness = make_peer(module_domain_id)
+        witness.listen(names.BALL_CENTRE, 'rosette_msgs/msg/BallCentre')
+        try:
+            witness.start()
+            yield cell, module_domain_id, witness.heard[names.BALL_CENTRE]
+        finally:
+            witness.stop()
+
+
+@pytest.fixture(scope='module')
+def undisturbed(killable):
+    """Return the Outcome of a run in which nobody was killed."""
+    cell, domain, _ = killable
+    with CellClient(domain) as client:
+        outcome = client.calibrate(check=cell.check)
+    assert outcome.success, outcome.message
+    return outcome
+
+
+def killed_run(cell, domain, name, moment):
+    """Calibrate; kill a node when so many targets are answered; resume where that ends the run.
+
+    Returns (run_id, its last Outcome).
+    """
+    killed = []
+
+    def look(progress):
+        if progress.done >= moment and not killed:
+            killed.append(name)
+            cell.signal_node(name, signal.SIGKILL)
+            cell.wait_node(name)
+            cell.revive()
+
+    with CellClient(domain) as client:
+        outcome = completed(lambda: client.calibrate(on_progress=look), killed)
+        run_id = client._run_id
+        if outcome is None or not outcome.success or 'closing the log' in outcome.message:
+            outcome = completed(lambda: client.calibrate(resume=run_id), ())
+    assert killed, 'the node was killed'
+    return run_id, outcome
+
+
+def completed(calibrate, killed):
+    """Return the Outcome; None where the cell went away with the sequencer; waits for a cell that starts."""
+    deadline = time.monotonic() + 60
+    while True:
+        try:
+            return calibrate()
+        except CellError as error:
+            if killed:
+                assert 'sequencer' in str(error)
+                assert 'rosette calibrate --resume' in str(error)
+                return None
+            if 'lacks nothing' in str(error):
+                return None
+            assert time.monotonic() < deadline, error
+            time.sleep(0.2)
+
+
+def answered(heard, run_id):
+    """Return the targets of a run to which the witness heard a good answer."""
+    messages = [deserialize_message(data, BallCentre) for data in list(heard)]
+    return {one.seq for one in messages if one.run_id == run_id and one.status == BallCentre.STATUS_OK}
+
+
+def last_part(folder, run_id):
+    """Return the folder of the last part of a run."""
+    return max(folder.glob(f'{run_id}*'), key=lambda path: (len(path.name), path.name))
+
+
+@pytest.mark.parametrize('seed', range(KILLS))
+def test_a_node_is_killed_at_any_moment(killable, undisturbed, seed):
+    """Every node in turn; the moment is drawn."""
+    cell, domain, heard = killable
+    name = list(MODULES)[seed % len(MODULES)]
+    moment = int(np.random.default_rng(seed).integers(1, TOTAL))
+    run_id, outcome = killed_run(cell, domain, name, moment)
+    folder = last_part(cell.log_dir, run_id)
+    log = read_log(folder)
+    assert log.problems == ()
+    in_log = set(log.answers.seq[log.answers.run_id.equal(run_id)].tolist())
+    assert answered(heard, run_id) <= in_log
+    assert in_log == set(range(1, TOTAL + 1))
+    run = log.to_run()
+    assert run.size == N * N
+    if folder.name != run_id:
+        assert log.custom_data['rosette.resumes'] == run_id
+    report = analyse(run)
+    assert np.array_equal(report.error_motions.values, undisturbed.error_motions.values)
+    if outcome is not None:
+        assert np.array_equal(outcome.error_motions.values, undisturbed.error_motions.values)

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Heartbeats and lifecycle: who has gone is noticed and told, and calibrations can be held back."""
+
+import signal
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from rosette_ros.core.errors import CellError
+from rosette_ros.data.log_reader import read_log
+from rosette_ros.nodes import names
+from rosette_ros.nodes.client import CellClient
+from rosette_ros.nodes.sequencer import Sequencer
+
+N = 4
+
+
+class Integrator:
+    """Changes the state of the sequencer, hears health: what a lifecycle manager or a person does."""
+
+    def __init__(self, domain):
+        """Join the graph."""
+        self._context = Context()
+        self._context.init(domain_id=domain)
+        self._node = Node('integrator', namespace='/rosette', context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._change = self._node.create_client(ChangeState, 'sequencer/change_state')
+        self._get = self._node.create_client(GetState, 'sequencer/get_state')
+        self._health = {}
+        self._node.create_subscription(DiagnosticArray, names.DIAGNOSTICS, self._on_health, 50)
+        assert self._change.wait_for_service(20)
+        assert self._get.wait_for_service(20)
+
+    def _on_health(self, message):
+        for status in message.status:
+            self._health[status.name] = status.message
+
+    def close(self):
+        """Leave the graph."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def change(self, transition):
+        """Return whether a transition succeeded."""
+        return self._ask(self._change, ChangeState.Request(transition=Transition(id=transition))).success
+
+    @property
+    def state(self):
+        """The label of the sequencer's state."""
+        return self._ask(self._get, GetState.Request()).current_state.label
+
+    def health(self, name):
+        """Hear what was said and return the last words of a node about its health."""
+        self._executor.spin_once(timeout_sec=0.1)
+        return self._health.get(name, '')
+
+    def _ask(self, client, request):
+        future = client.call_async(request)
+        self._executor.spin_until_future_complete(future, 20)
+        return future.result()
+
+
+@pytest.fixture(scope='module')
+def cell(module_domain_id, make_cell, tmp_path_factory):
+    """Yield a cell that answers slowly enough to be disturbed."""
+    with make_cell(module_domain_id, tmp_path_factory.mktemp('lifecycle'), N,
+                   sequencer={'limits.return_timeout_s': 6.0}, params={'cmm': {'answer_s': 0.1}}) as made:
+        yield made
+
+
+@pytest.fixture(scope='module')
+def integrator(cell, module_domain_id):
+    """Yield an Integrator of the cell."""
+    made = Integrator(module_domain_id)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def client(cell, module_domain_id):
+    """Yield a client of the cell."""
+    with CellClient(module_domain_id) as made:
+        yield made
+
+
+def test_an_inactive_sequencer_holds_calibrations_back(cell, client, integrator, wait_until):
+    """Deactivated for maintenance: refused at both doors and told; activated: it calibrates."""
+    assert integrator.state == 'active'
+    assert integrator.change(Transition.TRANSITION_DEACTIVATE)
+    with pytest.raises(CellError, match='the sequencer is inactive: calibrations are held back until it is '
+                                        r'activated \(ros2 lifecycle set /rosette/sequencer activate\)'):
+        client.calibrate()
+    started, words = client.start()
+    assert not started
+    assert 'the sequencer is inactive' in words
+    wait_until(lambda: 'inactive: calibrations are held back' in integrator.health('rosette/sequencer'))
+    assert integrator.change(Transition.TRANSITION_CLEANUP)
+    assert integrator.state == 'unconfigured'
+    assert integrator.change(Transition.TRANSITION_CONFIGURE)
+    assert integrator.change(Transition.TRANSITION_ACTIVATE)
+
+
+def test_a_busy_sequencer_is_not_deactivated(cell, client, integrator):
+    """Nobody stops a run by a lifecycle transition: it is cancelled, or waited for."""
+    refused = []
+
+    def look(progress):
+        if progress.done > 2 and not refused:
+            refused.append(integrator.change(Transition.TRANSITION_DEACTIVATE))
+
+    assert client.calibrate(check=cell.check, on_progress=look).success
+    assert refused == [False]
+    assert 'asked to deactivate: wanted nothing to be on, got: ' in cell.output('sequencer')
+    assert integrator.state == 'active'
+
+
+def test_without_autostart_a_manager_decides(ros):
+    """autostart: false leaves the sequencer unconfigured, as a lifecycle manager expects it."""
+    with ros('-p', 'autostart:=false'):
+        node = Sequencer()
+        assert (node.state, node.is_active) == ('unconfigured', False)
+        assert node.health()[1] == 'unconfigured: calibrations are held back until the node is activated'
+        node.trigger_configure()
+        node.trigger_activate()
+        assert node.is_active
+        node.destroy_node()
+
+
+def test_a_cmm_that_is_stopped_hangs_and_is_told(cell, client):
+    """SIGSTOP: the process is there and does not speak; SIGCONT: the run goes on by itself, without a pause."""
+    stopped = []
+
+    def look(progress=None):
+        if progress and progress.done > 2 and not stopped:
+            cell.signal_node(names.CMM, signal.SIGSTOP)
+            stopped.append(names.CMM)
+        if stopped and 'the CMM has gone; the run waits for it' in cell.output('sequencer'):
+            cell.signal_node(names.CMM, signal.SIGCONT)
+
+    try:
+        outcome = client.calibrate(check=look, on_progress=look)
+    finally:
+        cell.signal_node(names.CMM, signal.SIGCONT)
+    assert stopped
+    assert outcome.success, outcome.message
+    assert read_log(outcome.log).to_run().pauses == ()
+
+
+def test_a_dead_cmm_is_noticed_long_before_its_answer_is_late(cell, client, integrator, wait_until):
+    """Killed and not started again: told in the state and in the health at once; the run waits, then ends in words.
+
+    An answer may take 120 s; the heartbeat tells within its lease.
+    """
+    killed, told = [], []
+
+    def look(progress):
+        told.append(progress.text)
+        if progress.done > 2 and not killed:
+            killed.append(names.CMM)
+            cell.signal_node(names.CMM, signal.SIGKILL)
+            cell.wait_node(names.CMM)
+
+    outcome = client.calibrate(on_progress=look)
+    wait_until(lambda: 'no CMM' in integrator.health('rosette/sequencer'))
+    assert not outcome.success
+    assert outcome.message == ('the CMM has gone and did not come back within 6 s; resume the run when it is there')
+    assert 'the CMM has gone; waiting for it' in told
+    log = read_log(outcome.log)
+    assert log.problems == ()
+    assert len(log.answers) >= 3
