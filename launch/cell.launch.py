@@ -9,6 +9,8 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from rosette_ros.nodes import names
+
 PACKAGE = 'rosette_ros'
 CONFIG = Path(get_package_share_directory(PACKAGE)) / 'config' / 'cell.yaml'
 
@@ -18,7 +20,10 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             DeclareLaunchArgument(
-                'namespace', default_value='rosette', description='Namespace of the whole cell'
+                'namespace',
+                default_value=names.NAMESPACE,
+                description='Namespace of the whole cell; in any other one than the default the cell also has '
+                '/tf_static, /tf and /clock of its own',
             ),
             DeclareLaunchArgument(
                 'config', default_value=str(CONFIG), description='YAML file with the parameters of the nodes'
@@ -63,6 +68,8 @@ def cell(context: LaunchContext) -> list[Node]:
             name=name,
             namespace=given('namespace'),
             parameters=[given('config'), {key: value for key, value in parameters.items() if value != ''}],
+            remappings=names.remappings(given('namespace')),
+            ros_arguments=['--enclave', names.enclave(given('namespace'), name)],
             output='screen',
             emulate_tty=True,
             on_exit=Shutdown(reason=f'node {name} has ended'),

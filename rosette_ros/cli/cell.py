@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rich.markup import escape
 
-from rosette_ros.cli.domain import add_domain, domain_of_environment
+from rosette_ros.cli.domain import add_domain, add_namespace, domain_of_environment
 from rosette_ros.cli.screen import console
 from rosette_ros.cli.simulated_cell import make_folder, started
 from rosette_ros.core.errors import InvalidConfig
@@ -28,8 +28,7 @@ def add_arguments(parser):
     parser.add_argument('--params', metavar='FILE', help='parameters of the nodes, such as cell.yaml')
     parser.add_argument('-o', '--output', metavar='DIR', default='rosette-runs',
                         help='where logs go, one folder per run (default rosette-runs)')
-    parser.add_argument('--namespace', metavar='NS', default=names.NAMESPACE,
-                        help=f'namespace of the cell (default {names.NAMESPACE})')
+    add_namespace(parser)
     add_domain(parser)
 
 

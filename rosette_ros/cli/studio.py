@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 
 from rosette_ros.cli.arguments import whole
-from rosette_ros.cli.domain import add_domain
+from rosette_ros.cli.domain import add_domain, add_namespace
 from rosette_ros.core.errors import InvalidConfig, InvalidData
 from rosette_ros.data.open_run import is_log
 from rosette_ros.web.server import Wanted, is_loopback, serve
@@ -25,6 +25,7 @@ def add_arguments(parser):
                         '127.0.0.1: this computer alone); any other one needs a token')
     parser.add_argument('--token', metavar='T', help=f'what the page asks for before it lets anyone in, at '
                         f'least {SHORTEST_TOKEN} characters (default: {TOKEN_VARIABLE} of the environment)')
+    add_namespace(parser)
     add_domain(parser)
     parser.add_argument('--no-browser', action='store_true', help='print the address and open no browser')
 
@@ -49,7 +50,7 @@ def wanted(options, environment):
         raise InvalidConfig(f'--host {options.host}: others can reach this address; wanted a token with it '
                             f'(--token T or {TOKEN_VARIABLE}), got none')
     return Wanted(tuple(options.runs), suggestions(options.runs), options.host, options.port, token,
-                  options.domain, not options.no_browser)
+                  options.domain, not options.no_browser, options.namespace)
 
 
 def suggestions(given):

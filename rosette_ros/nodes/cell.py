@@ -68,20 +68,22 @@ class Cell:
     of a machine.yaml for the simulated machine, None for the installed one; params: parameter
     values per node ({'sequencer': {'order': 'row', 'plate.balls': 6}}) over those of
     `params_file` (None: defaults); log_dir: where runs go; nodes: which to start; output_dir: where
-    the nodes' own output goes, None for a temporary folder that is removed at a clean end.
+    the nodes' own output goes, None for a temporary folder that is removed at a clean end; remappings:
+    pairs of names, None for frames and time of its own in every namespace but the default.
 
     Raises CellError where a node does not start, in the node's own words.
     """
 
     def __init__(self, domain_id=None, namespace=names.NAMESPACE, *, machine=None, params=None,
                  params_file=None, log_dir='runs', nodes=tuple(MODULES), output_dir=None,
-                 simulated_time=True):
+                 simulated_time=True, remappings=None):
         """Prepare; nothing is started before `start`."""
         unknown = set(nodes) - set(MODULES)
         if unknown:
             raise InvalidConfig(f'cell: nodes: wanted some of {", ".join(MODULES)}, '
                                 f'got {sorted(unknown)[0]!r}')
-        self.domain_id, self.namespace = domain_id, namespace
+        self.domain_id, self.namespace = domain_id, namespace.strip('/')
+        self._remappings = names.remappings(namespace) if remappings is None else remappings
         self.log_dir = Path(log_dir).absolute()
         self.machine = None if machine is None else Path(machine)
         self._nodes = [name for name in MODULES if name in nodes]
@@ -153,6 +155,10 @@ class Cell:
         """Send a signal to one node."""
         self._processes[name].popen.send_signal(number)
 
+    def pid(self, name):
+        """Return the process id of one node."""
+        return self._processes[name].popen.pid
+
     def wait_node(self, name, timeout=15.0):
         """Wait until one node has ended and return its exit code."""
         return self._processes[name].popen.wait(timeout)
@@ -192,8 +198,8 @@ class Cell:
         params = self.output_dir / f'{name}.yaml'
         text = yaml.safe_dump({'/**': {'ros__parameters': self._params[name]}})
         params.write_text(text, encoding='utf-8')
-        command = [sys.executable, '-m', MODULES[name], '--ros-args', '-r',
-                   f'__ns:=/{self.namespace.strip("/")}']
+        command = [sys.executable, '-m', MODULES[name], '--ros-args', '-r', f'__ns:=/{self.namespace}',
+                   *names.remap_arguments(self._remappings), '--enclave', names.enclave(self.namespace, name)]
         if self._params_file is not None:
             command += ['--params-file', str(self._params_file)]
         return [*command, '--params-file', str(params)]
@@ -232,8 +238,7 @@ class Cell:
 
 def cell_environment(domain_id=None):
     """Return the environment for processes of a cell that stays on this computer."""
-    environment = dict(os.environ)
-    environment.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    environment = {**names.ENVIRONMENT, **os.environ}
     environment['PYTHONUNBUFFERED'] = '1'
     if domain_id is not None:
         environment['ROS_DOMAIN_ID'] = str(domain_id)

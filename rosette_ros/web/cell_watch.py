@@ -19,7 +19,7 @@ from rosette_ros.data.assemble import TABLE_FRAME
 from rosette_ros.nodes import convert, names, qos
 from rosette_ros.nodes.client import CellClient
 from rosette_ros.nodes.ears import Ears
-from rosette_ros.nodes.programme import Phase
+from rosette_ros.nodes.programme import phase_name
 from rosette_ros.nodes.sequence import short_frame
 from rosette_ros.web.cell_state import CellState, Progress
 
@@ -39,7 +39,7 @@ class CellWatch:
 
     def __init__(self, domain_id=None, namespace=names.NAMESPACE):
         """Join the graph and listen."""
-        os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        os.environ.update({**names.ENVIRONMENT, **os.environ})
         self.lock, self.state = threading.Lock(), CellState()
         self.outcome, self.problem = None, ''
         self._where = (domain_id, namespace)
@@ -49,8 +49,9 @@ class CellWatch:
         self._context = Context()
         try:
             self._context.init(domain_id=domain_id)
+            own = names.remap_arguments(names.remappings(namespace))
             self._node = Node(f'studio_{uuid.uuid4().hex[:8]}', namespace=f'/{namespace.strip("/")}',
-                              context=self._context)
+                              context=self._context, cli_args=['--ros-args', *own])
         except (NameValidationException, RuntimeError, ValueError) as error:
             self._context.try_shutdown()
             raise CellError(f'studio: domain {domain_id}, namespace {namespace!r}: cannot be joined: {error}') \
@@ -127,7 +128,10 @@ class CellWatch:
             heard = self._ears.take()
             with self.lock:
                 for _, topic, message, _ in heard:
-                    self._handlers[topic](message)
+                    try:
+                        self._handlers[topic](message)
+                    except RosetteError as error:
+                        self.state.faults.appendleft((_clock(), f'{topic}: not used: {error}'))
 
     def _lost(self, topic, count):
         with self.lock:
@@ -140,7 +144,7 @@ class CellWatch:
         self.state.hear_answer(convert.answer_row(message), _clock())
 
     def _on_state(self, message):
-        self.state.hear_progress(Progress(message.run_id, Phase(message.phase).name, message.order, message.done,
+        self.state.hear_progress(Progress(message.run_id, phase_name(message.phase), message.order, message.done,
                                           message.total, message.text), _clock())
 
     def _on_frame(self, message):

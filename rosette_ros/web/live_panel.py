@@ -10,12 +10,12 @@ from nicegui import ui
 from rosette_ros.analysis import analyse
 from rosette_ros.core.errors import CellError, InvalidData, NotDeterminable, RosetteError
 from rosette_ros.core.scheme import ORDERS
+from rosette_ros.nodes.names import NAMESPACE
 from rosette_ros.web.cell_state import FAULTY, HEALTHY, SILENCE, WARNING
 from rosette_ros.web.desk import one_line
 from rosette_ros.web.figures import NOW, Line, curves_figure, filling_figure
 from rosette_ros.web.widgets import button, card, marked, set_words
 
-NAMESPACE = 'rosette'
 PHASES = {'IDLE': 'nothing is on', 'REPEATABILITY': 'repeatability check', 'ALIGNMENT': 'finding the table axis',
           'RUN': 'measuring the run', 'DRIFT_CHECK': 'drift check', 'EVALUATION': 'evaluation', 'DONE': 'done',
           'CANCELLED': 'cancelled', 'FAILED': 'failed'}
@@ -29,8 +29,8 @@ CURVES_PERIOD = 0.6
 class LivePanel:
     """A cell as it is now; nothing of ROS is loaded before somebody connects."""
 
-    def __init__(self, desk, gallery, cells, domain, on_open):
-        """Build it; cells: where watches are kept; on_open(path): opens a log."""
+    def __init__(self, desk, gallery, cells, where, on_open):
+        """Build it; cells: where watches are kept; where: domain and namespace; on_open(path): opens a log."""
         self._desk, self._gallery, self._cells, self._on_open = desk, gallery, cells, on_open
         self._watch = None
         self._shown = {}
@@ -38,20 +38,20 @@ class LivePanel:
         self._part = (None, 0)
         with ui.element('div').classes('live'):
             with ui.element('div').classes('side'):
-                self._build_controls(domain)
+                self._build_controls(*where)
                 self._build_health()
             with ui.element('div').classes('main'):
                 self._build_pictures()
         self._timer = ui.timer(PERIOD, self._tick, active=False)
         self._set_connected(False)
 
-    def _build_controls(self, domain):
+    def _build_controls(self, domain, namespace):
         with card('Cell', 'cell'):
             with ui.element('div').classes('row'):
                 self._domain = ui.number('ROS domain', value=domain, min=0, max=232, precision=0,
                                          placeholder='of the environment')
                 marked(self._domain.props('dense outlined').style('width: 130px'), 'domain')
-                self._namespace = ui.input('namespace', value=NAMESPACE)
+                self._namespace = ui.input('namespace', value=namespace)
                 marked(self._namespace.props('dense outlined').style('width: 130px'), 'namespace')
                 self._connect = button('Connect', self.connect, 'link', 'connect', strong=True)
             self._error = marked(ui.label('').classes('error').props('role=alert'), 'cell-error')
@@ -143,7 +143,7 @@ class LivePanel:
         await self._show_curves(watch, run_id, len(cells), balls, motions)
 
     def _show_progress(self, watch, progress):
-        set_words(self._phase, f'{PHASES[progress.phase]}{f", order {progress.order}" if progress.order else ""}')
+        set_words(self._phase, f'{PHASES.get(progress.phase, progress.phase)}{f", order {progress.order}" if progress.order else ""}')
         set_words(self._text, f'{progress.done} of {progress.total} ball centres. {progress.text}'
                   if progress.total else progress.text)
         self._bar.set_value(progress.done / progress.total if progress.total else 0)

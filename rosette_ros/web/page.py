@@ -45,7 +45,7 @@ class Page:
             with self._tab(RUN):
                 self._build_sheet()
             with self._tab(LIVE):
-                self._live = LivePanel(desk, self._gallery, cells, wanted.domain, self._open_log)
+                self._live = LivePanel(desk, self._gallery, cells, (wanted.domain, wanted.namespace), self._open_log)
         self._build_help()
         ui.keyboard(self._on_key, repeating=False, ignore=['input', 'select', 'textarea'])
         self._panels = (self._verdict, self._model, self._candidates, self._own, self._check, self._figures)

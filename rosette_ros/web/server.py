@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 from nicegui import app, background_tasks, ui
 
 from rosette_ros.core.errors import CellError, InvalidConfig
+from rosette_ros.nodes.names import NAMESPACE
 from rosette_ros.web.desk import Desk
 from rosette_ros.web.door import LOOPBACK, Door
 from rosette_ros.web.live_panel import Cells
@@ -28,7 +29,8 @@ class Wanted:
     """How the studio was asked for on the command line.
 
     runs: paths to open at the start; suggestions: paths that are offered; port: 0 for a free one;
-    token: None on loopback without one; domain: of ROS, None for that of the environment.
+    token: None on loopback without one; domain: of ROS, None for that of the environment; namespace: of
+    the cell that the page offers to watch.
     """
 
     runs: tuple[str, ...] = ()
@@ -38,6 +40,7 @@ class Wanted:
     token: str | None = None
     domain: int | None = None
     browser: bool = True
+    namespace: str = NAMESPACE
 
 
 class Desks:
