@@ -4,7 +4,7 @@
 
 VENV_PYTHON := .venv/bin/python
 
-.PHONY: help setup test demo bench blind fuzz docs pictures lint lock clean
+.PHONY: help setup test demo bench blind fuzz soak docs pictures lint lock clean
 
 help:
 	@echo 'make setup   install everything into .venv; does nothing when that is done'
@@ -13,6 +13,7 @@ help:
 	@echo 'make bench   run the benchmarks against peers'
 	@echo 'make blind   hide effects in the machine, let the diagnosis find them, print the confusion table'
 	@echo 'make fuzz    10 000 made-up inputs at every door (FUZZ=... for another number)'
+	@echo 'make soak    kill nodes in 30 runs, measure 100 000 balls, record 60 s at the highest rate'
 	@echo 'make docs    write the pages that are made from the library'
 	@echo 'make pictures  make the pictures of the docs anew (needs Chromium)'
 	@echo 'make lint    check style'
@@ -36,6 +37,11 @@ blind: setup
 
 fuzz: setup
 	@FUZZ_EXAMPLES=$(or $(FUZZ),10000) $(VENV_PYTHON) -m pytest -q --timeout 7200 test/fuzz
+
+soak: setup
+	@KILLS=30 $(VENV_PYTHON) -m pytest -q --timeout 3600 test/nodes/test_cell_kills.py
+	@$(VENV_PYTHON) -m benchmarks.soak
+	@$(VENV_PYTHON) -m benchmarks.recorder_rate
 
 docs: setup
 	@$(VENV_PYTHON) -m rosette_ros.cli.effects_page > docs/effects.md.new
