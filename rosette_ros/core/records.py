@@ -241,7 +241,7 @@ class ErrorMotions:
     def from_curves(angle, values, u):
         """Return the record of six curves and their six uncertainties, each (n,); raises InvalidData."""
         columns = [np.asarray(one, dtype=float) for one in (angle, *values, *u)]
-        if len({one.shape for one in columns}) > 1 or columns[0].ndim != 1 or not columns[0].size:
+        if len({one.shape for one in columns}) > 1 or columns[0].ndim != 1:
             raise InvalidData(f'error motions: wanted {len(columns) - 1} curves with a value at each angle, got '
                               f'{", ".join(str(one.size) for one in columns)} values')
         return ErrorMotions(columns[0], *(np.stack(half, axis=-1) for half in (columns[1:7], columns[7:])))

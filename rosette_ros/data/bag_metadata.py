@@ -12,6 +12,7 @@ from pathlib import Path
 import yaml
 
 from rosette_ros.core.errors import InvalidData
+from rosette_ros.data.plain_yaml import BAD_VALUE, load_plain
 
 VERSION = 9
 FILE_NAME = 'metadata.yaml'
@@ -22,7 +23,6 @@ MAX_BYTES = 1 << 20
 """A larger metadata.yaml is refused: a log of a cell needs some ten thousand bytes."""
 
 _Dumper = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
-_Loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 
 @dataclass(frozen=True)
@@ -82,9 +82,11 @@ def qos_text(profiles):
 
 def parse_qos(text):
     """Return the tuple of Qos in a channel's metadata; empty where the text is none."""
+    if len(text) > MAX_BYTES:
+        return ()
     try:
-        return tuple(Qos.from_mapping(entry) for entry in yaml.load(text, Loader=_Loader) or ())
-    except (yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError):
+        return tuple(Qos.from_mapping(entry) for entry in load_plain(text) or ())
+    except (yaml.YAMLError, *BAD_VALUE):
         return ()  # without it a replay takes its own defaults
 
 
@@ -185,21 +187,20 @@ def read_bag_metadata(path):
         raise InvalidData(f'{path}: wanted at most {MAX_BYTES} bytes, got {path.stat().st_size}; '
                           'give the .mcap file itself')
     try:
-        bag = yaml.load(path.read_text(encoding='utf-8'), Loader=_Loader)[TOP_KEY]
+        bag = load_plain(path.read_text(encoding='utf-8'))[TOP_KEY]
         storage, names = bag['storage_identifier'], bag['relative_file_paths']
         custom_data = bag.get('custom_data') or {}
-        named = all(isinstance(name, str) for name in names)
+        named = isinstance(names, list) and all(isinstance(name, str) for name in names)
         custom_data = {str(key): str(value) for key, value in custom_data.items()}
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, AttributeError, ValueError,
-            RecursionError) as error:
+    except (yaml.YAMLError, *BAD_VALUE) as error:
         raise InvalidData(
             f'{path}: wanted a rosbag2 description with {TOP_KEY}, storage_identifier and '
             f'relative_file_paths, got {type(error).__name__}; give the .mcap file itself, or '
             'delete metadata.yaml') from error
     if storage != 'mcap':
-        raise InvalidData(f'{path}: storage_identifier: wanted mcap, got {storage!r}; '
+        raise InvalidData(f'{path}: storage_identifier: wanted mcap, got {storage!r:.80}; '
                           'convert the log with `ros2 bag convert`')
-    if not named or not names or any(Path(name).name != name for name in names):
+    if not named or not names or any(Path(name).name != name for name in names) or len({*names}) < len(names):
         raise InvalidData(f'{path}: relative_file_paths: wanted names of files in the same '
-                          f'folder, got {names!r}')
+                          f'folder, got {names!r:.200}; each is named once')
     return BagListing(tuple(names), custom_data)

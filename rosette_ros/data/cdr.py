@@ -7,6 +7,7 @@ the closing zero (uint32), the bytes and the zero. Source: OMG DDSI-RTPS 2.5, 10
 """
 
 import struct
+from itertools import count
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.data.byte_views import byte_rows, every_byte
 from rosette_ros.data.labels import Labels
-from rosette_ros.data.ros2msg import PRIMITIVES
+from rosette_ros.data.ros2msg import MAX_DEPTH, PRIMITIVES
 
 MAX_FIELDS = 1000
 """Messages with more fields are not read in bulk."""
@@ -48,9 +49,13 @@ class _Cursor:
 
     def __init__(self, schema, data):
         self.schema, self.data, self.at = schema, data, 0
+        self.values_left = MAX_DEPTH * (len(data) + 1)  # those of no bytes shall not be without end
 
     def message(self, type_name):
         fields = self.schema.types[type_name]
+        self.values_left -= 1
+        if self.values_left < 0:
+            raise self.early()
         if not fields:
             self.take(1, 1)  # an empty structure has one byte on the wire
         return SimpleNamespace(**{field.name: self.field(field) for field in fields})
@@ -169,12 +174,12 @@ def _merged(tables, groups, wanted):
 
 def _flat(schema):
     """Return all fields by dotted name; what cannot be flattened keeps its own name."""
-    flat = {}
+    flat, seen = {}, count()
 
     def add(prefix, type_name):
         for field in schema.types[type_name]:
             name = prefix + field.name
-            if len(flat) > MAX_FIELDS:
+            if next(seen) > MAX_FIELDS:
                 raise InvalidData(f'{schema.name}: has more than {MAX_FIELDS} fields')
             if field.type_name in PRIMITIVES or field.length is not None:
                 flat[name] = field
@@ -212,9 +217,11 @@ class _Table:
         if field.type_name not in _DTYPES:
             raise InvalidData(f'{self.name}: {field.name}: sequences of texts or messages cannot '
                               'be read in bulk')
+        if wanted and field.length is not None:
+            raise InvalidData(f'{self.name}: {field.name}: wanted one value, the log has an array of them')
         count = 1
         if field.length is not None:
-            count = field.length if field.length >= 0 else self.numbers('uint32', True)
+            count = field.length if field.length >= 0 else self.numbers('uint32', True).astype(np.int64)
         size = PRIMITIVES[field.type_name]
         if field.length is None:
             return self.numbers(field.type_name, wanted)
@@ -244,7 +251,6 @@ class _Table:
         self.at = aligned if np.isscalar(count) else np.where(count > 0, aligned, self.at)
 
     def step(self, size):
-        size = size if np.isscalar(size) else size.astype(np.int64)
         self.require(size)
         self.at = self.at + size
 

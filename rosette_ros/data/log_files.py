@@ -11,19 +11,19 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.data.bag_metadata import FILE_NAME, MAX_BYTES, BagListing, read_bag_metadata
 from rosette_ros.data.log_writer import METADATA_KEY, METADATA_RECORD
 from rosette_ros.data.mcap_scan import McapFile
-
-_Loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+from rosette_ros.data.plain_yaml import BAD_VALUE, load_plain
 
 
 @dataclass(frozen=True)
 class LoggedMessage:
-    """One message as it stands in the log: CDR bytes, times in ns."""
+    """One message as it stands in the log: CDR bytes, times in ns; type_hash: '' where the log has none."""
 
     topic: str
     type_name: str
     log_time: int
     publish_time: int
     data: bytes
+    type_hash: str = ''
 
 
 def find_files(path):
@@ -41,7 +41,7 @@ def find_files(path):
             return BagListing((path,), {})
         if (path / FILE_NAME).is_file():
             return _listed(path)
-        found = sorted(path.glob('*.mcap'), key=_number)
+        found = sorted(path.glob('*.mcap'), key=file_number)
     except OSError as error:
         raise InvalidData(f'{path}: wanted a log that can be read, got {error.strerror}; '
                           'check the path and its rights') from error
@@ -59,10 +59,15 @@ def _listed(path):
     return BagListing(tuple(path / name for name in listing.files), listing.custom_data)
 
 
-def _number(path):
+def file_number(path):
     """Return the sorting key of `<name>_<number>.mcap`."""
     match = re.fullmatch(r'(.*)_(\d{1,9})', path.stem)
     return (match[1], int(match[2])) if match else (path.stem, 0)
+
+
+def open_files(names):
+    """Return a McapFile of each file of a log; what a later one repeats of an earlier one is passed over."""
+    return [McapFile(name, skip_repeated=row > 0) for row, name in enumerate(names)]
 
 
 def custom_data(files):
@@ -72,17 +77,16 @@ def custom_data(files):
         if not text or len(text) > MAX_BYTES:
             continue
         try:
-            found = (yaml.load(text, Loader=_Loader) or {}).get('custom_data') or {}
+            found = (load_plain(text) or {}).get('custom_data') or {}
             return {str(key): str(value) for key, value in found.items()}
-        except (yaml.YAMLError, AttributeError, TypeError, ValueError, RecursionError):
+        except (yaml.YAMLError, *BAD_VALUE):
             continue
     return {}
 
 
 def iter_log(path):
     """Yield every message of a log as LoggedMessage, in the order of recording."""
-    for name in find_files(path).files:
-        file = McapFile(name)
+    for file in open_files(find_files(path).files):
         for batch in file.batches():
             rows = zip(batch.channel.tolist(), batch.log_time.tolist(),
                        batch.publish_time.tolist(), batch.start.tolist(), batch.end.tolist(),
@@ -91,4 +95,5 @@ def iter_log(path):
                 channel = file.channels.get(identifier)
                 if channel is not None:
                     yield LoggedMessage(channel.topic, channel.type_name, log_time, publish_time,
-                                        batch.buffer[start:end].tobytes())
+                                        batch.buffer[start:end].tobytes(),
+                                        channel.metadata.get('topic_type_hash', ''))

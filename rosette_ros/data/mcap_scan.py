@@ -9,18 +9,18 @@ import struct
 import zlib
 from dataclasses import dataclass, field
 
-import lz4.frame
 import numpy as np
-import zstandard
 
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.data.byte_views import every_byte
+from rosette_ros.data.decompress import DAMAGED, DECOMPRESSORS
+from rosette_ros.data.log_writer import REPEATED_RECORD
 
 MAGIC = b'\x89MCAP0\r\n'
 BATCH_BYTES = 1 << 22
 """Chunks are handed on in batches of about this size: memory stays bounded."""
-MAX_CHUNK = 1 << 30
-"""Larger chunks are refused, bytes."""
+MAX_CHUNK = 1 << 28
+"""Larger chunks and records are not read, bytes."""
 
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = 1, 2, 3, 4, 5, 6, 7
 METADATA = 12
@@ -64,7 +64,8 @@ class McapFile:
     """One MCAP file as it is read: what has been met so far.
 
     channels: Channel by id; metadata: mapping of each metadata record by name, the last one wins;
-    chunks, messages: read so far; truncated: whether the end is missing; problems: in words.
+    chunks, messages: read so far; truncated: whether the end is missing; problems: in words; skip_repeated:
+    whether what the file says that it repeats of an earlier one is passed over.
     """
 
     path: object
@@ -74,7 +75,9 @@ class McapFile:
     messages: int = 0
     truncated: bool = False
     problems: list = field(default_factory=list)
+    skip_repeated: bool = False
     _schemas: dict = field(default_factory=dict)
+    _repeated: dict = field(default_factory=dict)
     _pending: list = field(default_factory=list)
     _pending_bytes: int = 0
     _loose: list = field(default_factory=list)
@@ -118,6 +121,9 @@ class McapFile:
                 self._add_loose(content)
             elif opcode == FOOTER:
                 ended = True
+                if stream.read(len(MAGIC) + 1) != MAGIC:
+                    self._tell(f'{self.path}: wanted its end behind its footer, got something else; what stands '
+                               'there was not read')
                 break
             else:
                 self._meet(opcode, content)
@@ -139,11 +145,13 @@ class McapFile:
         while at + _RECORD.size <= size:
             opcode, length = _RECORD.unpack(stream.read(_RECORD.size))
             at += _RECORD.size + length
-            if at > size:
+            if at > size or not opcode:
                 return
             if first:
                 self._check_first(opcode, length)
             if opcode not in _READ or length > MAX_CHUNK:
+                if opcode in _READ:
+                    self._tell(f'{self.path}: a record of {length} bytes was skipped; wanted at most {MAX_CHUNK}')
                 stream.seek(at)
                 continue
             content = stream.read(length)
@@ -161,9 +169,10 @@ class McapFile:
                               f'got a record of kind {opcode}')
 
     def _check_profile(self, content):
-        profile = self._guarded('header', lambda: _Fields(content).text())
-        if profile is not None and profile != 'ros2':
-            raise InvalidData(f'{self.path}: profile: wanted ros2, got {profile!r}; '
+        fields = _Fields(content)
+        head = self._guarded('header', lambda: (fields.text(), fields.text()))
+        if head is not None and head[0] != 'ros2':
+            raise InvalidData(f'{self.path}: profile: wanted ros2, got {head[0]!r:.80}; '
                               'record with ROS 2, or convert the log')
 
     def _guarded(self, what, parse):
@@ -171,8 +180,13 @@ class McapFile:
         try:
             return parse()
         except (struct.error, UnicodeDecodeError, ValueError):
-            self.problems.append(f'{self.path}: a damaged {what} record was skipped')
+            self._tell(f'{self.path}: a damaged {what} record was skipped')
             return None
+
+    def _tell(self, problem):
+        """Note a problem, once."""
+        if problem not in self.problems:
+            self.problems.append(problem)
 
     def _meet(self, opcode, content):
         if opcode == SCHEMA:
@@ -191,12 +205,19 @@ class McapFile:
         identifier, schema = fields.number('<H'), fields.number('<H')
         name, encoding, text = self._schemas.get(schema, ('', '', ''))
         topic, message_encoding = fields.text(), fields.text()
-        self.channels[identifier] = Channel(topic, name, message_encoding, encoding, text,
-                                            fields.mapping())
+        channel = Channel(topic, name, message_encoding, encoding, text, fields.mapping())
+        if schema and schema not in self._schemas:
+            self._tell(f'{self.path}: topic {topic!r}: its schema, number {schema}, is missing')
+        if self.channels.setdefault(identifier, channel) != channel:
+            self._tell(f'{self.path}: channel {identifier} is described twice, of topic {channel.topic!r} and of '
+                       f'{self.channels[identifier].topic!r}; the first holds')
 
     def _add_metadata(self, fields):
         name = fields.text()
         self.metadata[name] = fields.mapping()
+        if name == REPEATED_RECORD and self.skip_repeated:
+            self._repeated = {topic: [int(number) & 0xFFFFFFFF for number in numbers.split()]
+                              for topic, numbers in self.metadata[name].items()}
 
     def _content(self, content):
         """Return the uncompressed bytes of a chunk record; None, and a problem, if damaged."""
@@ -209,14 +230,14 @@ class McapFile:
             data = fields.rest()
         except (struct.error, UnicodeDecodeError, ValueError):
             return self._damaged(place, 'its head')
-        if compression not in _DECOMPRESSORS:
+        if compression not in DECOMPRESSORS:
             raise InvalidData(f'{place}: compression: wanted none, lz4 or zstd, got '
                               f'{compression!r}; decompress the log with `mcap decompress`')
-        if len(data) != length or size > MAX_CHUNK:
+        if len(data) != length or size > MAX_CHUNK or (size > len(data) and not compression):
             return self._damaged(place, 'its length')
         try:
-            data = _DECOMPRESSORS[compression](data, size)
-        except (RuntimeError, EOFError, ValueError, zstandard.ZstdError):
+            data = DECOMPRESSORS[compression](data, size)
+        except DAMAGED:
             return self._damaged(place, f'its {compression} data')
         if len(data) != size:
             return self._damaged(place, 'its length')
@@ -237,7 +258,9 @@ class McapFile:
 
     def _add_loose(self, content):
         """Take a message that stands outside chunks."""
-        if len(content) >= _MESSAGE_HEAD - _RECORD.size:
+        if len(content) < _MESSAGE_HEAD - _RECORD.size:
+            self._tell(f'{self.path}: a damaged message record was skipped')
+        else:
             self._loose.append(_RECORD.pack(MESSAGE, len(content)) + content)
             self._pending_bytes += len(content) + _RECORD.size
 
@@ -258,9 +281,10 @@ class McapFile:
                 in zip(self._pending, base[:-1], strict=True)]
         offsets = self._told(joined, buffer, np.sort(np.concatenate([_NONE, *told])))
         if offsets is None:
-            offsets = np.concatenate([_NONE, *(self._walk(joined, int(at), int(at) + size)[0]
+            offsets = np.concatenate([_NONE, *(self._whole(joined, int(at), int(at) + size)
                                                for at, size in zip(base, sizes, strict=False))])
         self._pending, self._pending_bytes = [], 0
+        offsets = self._fresh(buffer, offsets)
         self.messages += offsets.size
         if not offsets.size:
             return Batch(buffer, _NONE, _NONE, _NONE, _NONE, _NONE)
@@ -269,6 +293,17 @@ class McapFile:
             buffer, every_byte(buffer, '<u2')[offsets + 9].astype(np.int64), times[offsets + 15],
             times[offsets + 23], offsets + _MESSAGE_HEAD,
             offsets + _RECORD.size + length[offsets + 1].astype(np.int64))
+
+    def _fresh(self, buffer, offsets):
+        """Return the messages without those that stand in an earlier file too."""
+        if not self._repeated or not offsets.size:
+            return offsets
+        channel, sequence = every_byte(buffer, '<u2')[offsets + 9], every_byte(buffer, '<u4')[offsets + 11]
+        repeated = np.zeros(offsets.size, dtype=bool)
+        for identifier, entry in self.channels.items():
+            if entry.topic in self._repeated:
+                repeated |= (channel == identifier) & np.isin(sequence, self._repeated[entry.topic])
+        return offsets[~repeated]
 
     def _told(self, data, buffer, offsets):
         """Return all messages if the indexes' `offsets` and the records between fit, else None.
@@ -290,26 +325,38 @@ class McapFile:
                 return None
         between = [_NONE]
         for gap in np.flatnonzero(np.less(ends, starts)):
-            found, at = self._walk(data, int(ends[gap]), int(starts[gap]))
-            if at != starts[gap]:
+            found, at, short = self._walk(data, int(ends[gap]), int(starts[gap]))
+            if at != starts[gap] or short:
                 return None
             between.append(found)
         return np.sort(np.concatenate([offsets, *between]))
 
+    def _whole(self, data, at, end):
+        """Return the offsets of the messages of a chunk that stands from `at` to `end`."""
+        offsets, stop, short = self._walk(data, at, end)
+        if short:
+            self._tell(f'{self.path}: a damaged message record was skipped')
+        if stop != end:
+            self._tell(f'{self.path}: a chunk does not end with a whole record: what stands behind the last one '
+                       'that is whole is lost')
+        return offsets
+
     def _walk(self, data, at, end):
-        """Return (offsets of messages, where the last whole record ends), record by record."""
-        offsets = []
+        """Return (offsets of messages, where the last whole record ends, messages too short to be any)."""
+        offsets, short = [], 0
         while at + _RECORD.size <= end:
             opcode, length = _RECORD.unpack_from(data, at)
             content = at + _RECORD.size
-            if content + length > end:
+            if content + length > end or not opcode:
                 break
             if opcode == MESSAGE and length >= _MESSAGE_HEAD - _RECORD.size:
                 offsets.append(at)
+            elif opcode == MESSAGE:
+                short += 1
             elif opcode in (SCHEMA, CHANNEL):
                 self._meet(opcode, data[content:content + length])
             at = content + length
-        return np.array(offsets, dtype=np.int64), at
+        return np.array(offsets, dtype=np.int64), at, short
 
 
 _NONE = np.zeros(0, np.int64)
@@ -354,16 +401,3 @@ def _index_offsets(content):
     return np.frombuffer(content, '<u8', offset=6)[1::2].astype(np.int64)
 
 
-def _plain(data, _size):
-    return data
-
-
-def _lz4(data, size):
-    return lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
-
-
-def _zstd(data, size):
-    return zstandard.ZstdDecompressor().stream_reader(data).read(size + 1)
-
-
-_DECOMPRESSORS = {'': _plain, 'lz4': _lz4, 'zstd': _zstd}

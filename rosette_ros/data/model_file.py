@@ -9,6 +9,7 @@ import yaml
 
 from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.model import Model
+from rosette_ros.data.plain_yaml import BAD_VALUE
 
 MOST_BYTES = 100_000
 DEEPEST = 20
@@ -47,9 +48,9 @@ def _load(data, source):
     except yaml.YAMLError as error:
         raise InvalidModel(f'{source}: wanted YAML, got text that is none: {_words(error)}') \
             from None
-    except ValueError as error:
-        raise InvalidModel(
-            f'{source}: wanted YAML values, got one that is none: {error}') from None
+    except BAD_VALUE as error:
+        raise InvalidModel(f'{source}: wanted YAML values, got one that is none: '
+                           f'{" ".join(str(error).split())}') from None
 
 
 def parse_entry(text, source):

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """A log that was cut short or lost its metadata.yaml, written anew beside the old one."""
 
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.data.bag_metadata import FILE_NAME, parse_qos
-from rosette_ros.data.log_files import custom_data, find_files
+from rosette_ros.data.log_files import custom_data, file_number, find_files, open_files
 from rosette_ros.data.log_writer import LogWriter
-from rosette_ros.data.mcap_scan import McapFile
 from rosette_ros.data.schemas import TypeDefinition
 
 FROM_KEY = 'rosette.repaired_from'
@@ -43,15 +43,18 @@ def repair_log(path, directory=None):
     directory = repaired_name(path) if directory is None else Path(directory)
     problems = [] if not path.is_dir() or (path / FILE_NAME).is_file() else [
         f'{path}: {FILE_NAME} is missing']
-    read = [_read(name) for name in listing]
+    read = [_read(file) for file in open_files(listing)]
     problems += [problem for file in read for problem in file.problems]
     if not problems:
         raise InvalidData(f'{path}: is whole; there is nothing to repair')
     _refuse_inside(path, directory)
     with LogWriter(directory, directory.name, compression='lz4',
                    custom_data={**custom_data(read), FROM_KEY: path.name}) as writer:
-        for name in listing:
-            _copy(McapFile(name), writer)
+        kinds, left_out = {}, Counter()
+        for file in open_files(listing):
+            left_out += _copy(file, writer, kinds)
+        problems += [f'{path}: topic {topic!r} is of more than one type: {count} messages were left out'
+                     for topic, count in left_out.items()]
         return Repair(directory, writer.message_count, tuple(problems))
 
 
@@ -60,15 +63,14 @@ def _files(path):
     try:
         return find_files(path).files
     except InvalidData:
-        found = sorted(path.glob('*.mcap')) if path.is_dir() else []
+        found = sorted(path.glob('*.mcap'), key=file_number) if path.is_dir() else []
         if not found:
             raise
         return tuple(found)
 
 
-def _read(name):
+def _read(file):
     """Return a file that was read to its end: its problems and metadata are known."""
-    file = McapFile(name)
     for _ in file.batches():
         pass
     return file
@@ -81,9 +83,12 @@ def _refuse_inside(path, directory):
                           'repaired log')
 
 
-def _copy(file, writer):
-    """Write the messages of a file; topics are added as they are met."""
-    known = set(writer.counts)
+def _copy(file, writer, kinds):
+    """Write the messages of a file; topics are added to `kinds` as they are met, with what they are.
+
+    Return by topic how many messages are left out: those of another type than the topic's first.
+    """
+    left_out = Counter()
     for batch in file.batches():
         rows = zip(batch.channel.tolist(), batch.log_time.tolist(), batch.publish_time.tolist(),
                    batch.start.tolist(), batch.end.tolist(), strict=True)
@@ -91,11 +96,16 @@ def _copy(file, writer):
             channel = file.channels.get(identifier)
             if channel is None:
                 continue
-            if channel.topic not in known:
-                known.add(channel.topic)
+            kind = (channel.type_name, channel.schema_text, channel.message_encoding)
+            if channel.topic not in kinds:
+                kinds[channel.topic] = kind
                 writer.add_topic(channel.topic, _definition(file, channel),
                                  parse_qos(channel.metadata.get('offered_qos_profiles', '')))
-            writer.write(channel.topic, batch.buffer[start:end].tobytes(), log_time, publish_time)
+            if kinds[channel.topic] == kind:
+                writer.write(channel.topic, batch.buffer[start:end].tobytes(), log_time, publish_time)
+            else:
+                left_out[channel.topic] += 1
+    return left_out
 
 
 def _definition(file, channel):

@@ -17,6 +17,7 @@ PRIMITIVES = {
 
 MAX_DEPTH = 32
 """Messages nested deeper than this are refused."""
+_MAX_DIGITS = 9
 
 _FIELD = re.compile(
     r'(?P<type>[A-Za-z][A-Za-z0-9_/]*)(?:<=\d+)?(?P<array>\[(?:<=)?\d*\])?\s+'
@@ -87,6 +88,9 @@ def _fields(type_name, owner, body):
                               'the log was written wrongly')
         if match['rest'].startswith('='):
             continue  # a constant
+        if len(match['array'] or '') > _MAX_DIGITS + 2 or any(field.name == match['name'] for field in fields):
+            raise InvalidData(f'schema of {type_name}: wanted each field once and arrays of less than 1e9 values, '
+                              f'got {line[:80]!r}; the log was written wrongly')
         fields.append(Field(match['name'], _resolved(match['type'], owner),
                             _length(match['array'])))
     return tuple(fields)

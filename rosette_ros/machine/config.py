@@ -27,6 +27,8 @@ from rosette_ros.machine.settings import (
 _LONGEST = 65536
 _MOST_BRACKETS = 500
 """Reading YAML takes time with the square of nested brackets."""
+_BAD_VALUE = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
+"""What the constructors of YAML raise besides YAMLError, such as for `!!int ""` or 2001-13-45."""
 
 
 class PlateSettings(Settings):
@@ -225,8 +227,10 @@ def load_machine(path):
         raise InvalidConfig(f'{path}: wanted at most {_LONGEST} characters and {_MOST_BRACKETS} '
                             'opening brackets, got more; this is no description of a machine')
     try:
+        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, Loader=yaml.SafeLoader)):
+            raise InvalidConfig(f'{path}: wanted plain YAML, got an alias (*name); write it out')
         values = yaml.safe_load(text)
-    except (yaml.YAMLError, RecursionError) as error:
+    except (yaml.YAMLError, RecursionError, *_BAD_VALUE) as error:
         raise InvalidConfig(
             f'{path}: wanted YAML, got: {" ".join(str(error).split())}') from error
     return machine_config({} if values is None else values, str(path))

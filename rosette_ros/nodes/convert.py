@@ -124,6 +124,8 @@ def frame_record(transform: Transform):
 
 def error_motions_record(message: ErrorMotions):
     """Return the core record of an ErrorMotions message; raises InvalidData where its curves are no curves."""
+    if not len(message.angle):
+        raise InvalidData(f'error motions of run {message.run_id!r}: wanted curves, got none')
     return records.ErrorMotions.from_curves(
         message.angle, [getattr(message, curve) for curve in records.CURVES],
         [getattr(message, f'u_{curve}') for curve in records.CURVES])

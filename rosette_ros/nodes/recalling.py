@@ -28,7 +28,8 @@ def find_part(log_dir, wanted):
     last part. Raises InvalidData where there is none, it lies elsewhere, or was gone on from already.
     """
     path = Path(wanted)
-    if not path.name.strip('.') or max(map(len, wanted.encode(errors='replace').split(b'/'))) > _LONGEST_NAME or '\0' in wanted:
+    longest = max(map(len, wanted.encode(errors='replace').split(b'/')))
+    if not path.name.strip('.') or longest > _LONGEST_NAME or '\0' in wanted:
         raise InvalidData(f'resume: wanted the name of a log in {log_dir}, got {wanted!r:.100}')
     if path.name != wanted and path.absolute().parent.resolve() != log_dir.resolve():
         raise InvalidData(f'resume: wanted a log in the folder of the recorder, {log_dir}, got {wanted}; copy it '

@@ -143,7 +143,8 @@ class LivePanel:
         await self._show_curves(watch, run_id, len(cells), balls, motions)
 
     def _show_progress(self, watch, progress):
-        set_words(self._phase, f'{PHASES.get(progress.phase, progress.phase)}{f", order {progress.order}" if progress.order else ""}')
+        phase = PHASES.get(progress.phase, progress.phase)
+        set_words(self._phase, f'{phase}{f", order {progress.order}" if progress.order else ""}')
         set_words(self._text, f'{progress.done} of {progress.total} ball centres. {progress.text}'
                   if progress.total else progress.text)
         self._bar.set_value(progress.done / progress.total if progress.total else 0)

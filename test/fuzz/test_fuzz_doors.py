@@ -9,15 +9,14 @@ second, independent reading of it.
 import csv
 import io
 import math
-import os
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from made_up import TREES, WORDS, corpus, dumped, mutated, tried
 
 from rosette_ros.analysis import analyse
 from rosette_ros.core.effects.expression import evaluate, names_in, parse
@@ -32,42 +31,9 @@ from rosette_ros.nodes.gathering import Gathering
 from rosette_ros.nodes.programme import Answer, Phase, make_programme
 from rosette_ros.nodes.sequence import Limits, Sequence
 
-EXAMPLES = int(os.environ.get('FUZZ_EXAMPLES', '120'))
-CORPUS = Path(__file__).parent / 'corpus'
-many = settings(max_examples=EXAMPLES, deadline=2000, derandomize='FUZZ_EXAMPLES' not in os.environ,
-                suppress_health_check=list(HealthCheck))
+many = tried()
 
 TABLE = format_csv(Machine(MachineConfig().changed(plate={'balls': 4})).run(plan(4, 'random'))).encode()
-NASTY = st.sampled_from([
-    '', ' ', 'nan', 'NaN', '-nan', 'inf', '-inf', '1e999', '-0', '0x10', '1_0', '1,5', '٣', '½', '+', '--1',
-    '1e-400', '9' * 400, '2147483648', '-1', '0', '1.5', 'true', 'None', '\x00', '\ufeff', '"', "'", '=1+1',
-    '#', '# schema: x', '<b>', '1e308', '1e-308', '99999999999999999999', '١٢', '\u202e1', '1 2', '\t3'])
-WORDS = st.one_of(NASTY, st.text(max_size=12), st.floats().map(repr), st.integers().map(str))
-
-
-def corpus(name):
-    """Return the inputs that are tried always, as bytes."""
-    return [path.read_bytes() for path in sorted((CORPUS / name).glob('*'))]
-
-
-@st.composite
-def mutated(draw, original):
-    """Return bytes made from others: bytes changed, cut out, doubled, replaced by nasty words."""
-    data = bytearray(original)
-    for _ in range(draw(st.integers(1, 4))):
-        at = draw(st.integers(0, len(data)))
-        kind = draw(st.sampled_from(('byte', 'cut', 'double', 'word', 'end')))
-        if kind == 'byte' and at < len(data):
-            data[at] = draw(st.integers(0, 255))
-        elif kind == 'cut':
-            del data[at:at + draw(st.integers(1, 60))]
-        elif kind == 'double':
-            data[at:at] = data[at:at + draw(st.integers(1, 200))]
-        elif kind == 'word':
-            data[at:at] = draw(WORDS).encode('utf-8', 'surrogatepass')
-        elif kind == 'end':
-            del data[at:]
-    return bytes(data)
 
 
 @st.composite
@@ -131,18 +97,6 @@ effects:
   - {name: frame_warmup, tau: 600.0}
   - {own: mine, direction: axial, expression: t*cos(3*alpha), per: ball}
 """
-NAMES = st.sampled_from(['schema', 'base', 'effects', 'name', 'tau', 'frame_drift', 'frame_warmup', 'axes',
-                         'direction', 'expression', 'per', 'own', 'table_motions', 'rosette-model/1',
-                         'hidden', 'seed', 'kind', 'plate', 'balls', 'cmm', 'probing', 'table', 'xyz'])
-SCALARS = st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=8), NAMES, NASTY)
-TREES = st.recursive(SCALARS, lambda inner: st.one_of(
-    st.lists(inner, max_size=4), st.dictionaries(st.one_of(NAMES, st.text(max_size=5)), inner, max_size=4)),
-    max_leaves=12)
-
-
-def dumped(tree):
-    """Return a tree as YAML."""
-    return yaml.safe_dump(tree, allow_unicode=True).encode('utf-8', 'surrogatepass')
 
 
 def test_what_is_mutated_is_sound_itself():
@@ -293,7 +247,7 @@ def test_answers_to_the_evaluator(rows):
     gathering = Gathering()
     scheme = plan(3, 'row')
     for seq, (i, j) in enumerate(zip(scheme.table_position, scheme.ball, strict=True), 1):
-        gathering.add_target({'run_id': 'run', 'seq': seq, 'attempt': 1, 'phase': 3, 'balls': 3,
+        gathering.add_target({'run_id': 'run', 'seq': seq, 'attempt': 1, 'session': 1, 'phase': 3, 'balls': 3,
                               'radius': 0.1, 'table_position': int(i), 'ball': int(j), 'stamp_ns': 1}, 0.0)
     for seq, i, j, angle, centre, status in rows:
         gathering.add_answer({**ROW, 'seq': seq, 'table_position': i, 'ball': j, 'table_angle': angle,
