@@ -8,6 +8,7 @@ from rich.markup import escape
 
 from rosette_ros.cli.arguments import whole
 from rosette_ros.cli.domain import add_domain, add_namespace
+from rosette_ros.cli.main import UsageError
 from rosette_ros.cli.progress import ProgressDisplay
 from rosette_ros.cli.screen import console
 from rosette_ros.cli.summary import curve_table
@@ -25,7 +26,7 @@ def add_arguments(parser):
     parser.add_argument('--seed', type=whole(0, 2**53), default=0, help='draws the order random')
     parser.add_argument('--options', metavar='YAML', default='',
                         help='further options of the goal, such as "repeats: 5"')
-    parser.add_argument('--resume', metavar='RUN', default='',
+    parser.add_argument('--resume', metavar='RUN',
                         help='go on with a run that was broken off: its log, by name or path')
     add_namespace(parser)
     add_domain(parser)
@@ -33,15 +34,21 @@ def add_arguments(parser):
 
 def run(options):
     """Run the calibration to its end; Ctrl-C cancels it."""
+    if options.resume is not None and not options.resume.strip():
+        raise UsageError('--resume: wanted the log of a run, by name or path, got nothing; without --resume a new '
+                         'run begins')
     with CellClient(options.domain, options.namespace) as client:
         outcome = calibrate(client, order=options.order, seed=options.seed,
-                            options=options.options, resume=_log(options.resume))
+                            options=options.options, resume=_log(options.resume or ''))
     if outcome.cancelled:
-        print(f'rosette: {outcome.message}{_rest(outcome)}', file=sys.stderr)
+        print(f'rosette: {outcome.message}{_rest(outcome, client)}', file=sys.stderr)
         return INTERRUPTED
     out = console()
     out.print(f'[bold]{escape(outcome.run_id)}[/]')
     out.print(curve_table(outcome.error_motions))
+    out.print(f'\n{escape(outcome.message)}', soft_wrap=True)
+    if outcome.verdict:
+        out.print(escape(outcome.verdict), soft_wrap=True)
     if outcome.log:
         out.print(f'\nLog: {escape(str(outcome.log))}', soft_wrap=True)
     return 0
@@ -53,11 +60,11 @@ def _log(resume):
     return str(path.resolve()) if resume and path.is_dir() else resume
 
 
-def _rest(outcome):
+def _rest(outcome, client):
     """Say where the measured balls are, and how to go on."""
     if not outcome.log:
         return ''
-    return f'; what was measured is in {outcome.log}, go on with: rosette calibrate --resume {outcome.log}'
+    return f'; what was measured is in {outcome.log}, go on with: {client.resume_command(outcome.log)}'
 
 
 def calibrate(client, **goal):
@@ -71,5 +78,5 @@ def calibrate(client, **goal):
         except TimeoutError as error:
             raise CellError(f'{error}; look at the output of the sequencer') from error
     if not (outcome.success or outcome.cancelled):
-        raise CellError(f'calibration failed: {outcome.message}{_rest(outcome)}')
+        raise CellError(f'calibration failed: {outcome.message}{_rest(outcome, client)}')
     return outcome

@@ -22,7 +22,7 @@ from rosette_ros.words import duration, exact, fixed, pauses
 
 @dataclass(frozen=True)
 class PhaseFacts:
-    """How much of a phase was measured: targets asked for, those with an answer that counts."""
+    """How much of a phase was measured: targets asked for (of the run all n²), those with an answer that counts."""
 
     asked: int
     answered: int
@@ -173,8 +173,9 @@ def _phases(log, run_id):
     """Return PhaseFacts by the name of the phase."""
     own = log.targets.run_id.equal(run_id)
     answered = log.targets.phase[pair(log.targets, log.answers, run_id).target]
+    planned = {Phase.RUN: int(log.targets.balls[own].max()) ** 2}  # also of a run that was broken off
     return {phase.name.lower(): PhaseFacts(
-        int(np.unique(log.targets.seq[own & (log.targets.phase == phase)]).size),
+        max(int(np.unique(log.targets.seq[own & (log.targets.phase == phase)]).size), planned.get(phase, 0)),
         int(np.count_nonzero(answered == phase)))
         for phase in Phase if np.any(own & (log.targets.phase == phase))}
 

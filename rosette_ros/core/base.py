@@ -286,7 +286,7 @@ class DenseSpace:
         return (f'{run.source}: too few ball centres: {run.size} of {run.n**2} give rank '
                 f'{self.rank} where {wanted} is needed (at least {5 * run.n - 6} well spread ball '
                 f'centres); cannot determine {what or "the separation of table, plate and CMM"}. '
-                'Measure the missing balls')
+                'Measure the missing balls: rosette calibrate --resume RUN')
 
     def _split(self, columns):
         m = len(columns)

@@ -9,6 +9,7 @@ from scipy import special
 
 from rosette_ros.core.base import BASE_TERMS
 from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.fit import JointSpace, fit
 from rosette_ros.core.heldout import HeldOut
 from rosette_ros.core.model import Model, Term
@@ -76,9 +77,17 @@ class Diagnosis:
 def diagnose(run, model=None, seed=0):
     """Return the Diagnosis of a run under a model (the base model if none is given).
 
-    seed: of the simulated noise and of the held-out blocks; the same run gives the same answer.
+    seed: of the simulated noise and of the held-out blocks; the same run gives the same answer. Raises InvalidData
+    where its times, temperatures or travels are such that no calculation ends.
     """
-    model = model or Model()
+    try:
+        return _diagnose(run, model or Model(), seed)
+    except np.linalg.LinAlgError as error:
+        raise InvalidData(f'{run.source}: cannot be diagnosed ({error}); look at its times, temperatures and '
+                          'travels') from error
+
+
+def _diagnose(run, model, seed):
     start = fit(run, model, choose_settings(run, model))
     absent = missing_base(run, start)
     full = Model((*model.base, *absent), model.terms)

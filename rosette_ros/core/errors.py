@@ -28,3 +28,9 @@ class NotDeterminable(RosetteError):
 
 class CellError(RosetteError):
     """A running cell did not answer, refused, or stopped."""
+
+
+def plain(text, most=500):
+    """Return the words of a stranger for one line of a log or a screen: what cannot be shown there is a space."""
+    kept = text if len(text) <= most else f'{text[:most]}...'
+    return ' '.join(''.join(letter if letter.isprintable() else ' ' for letter in kept).split())

@@ -235,7 +235,8 @@ def assemble_run(targets, answers, frame, run_id=None, source='run', repeats=Fal
     None only if every answer is in the table frame already; run_id: needed where there are
     several; source: named in errors; repeats: whether a ball was planned more than once at a table
     position. Balls without a good answer are missing from the Run. Time counts from the first
-    reading; the travel is as recorded, and goes on where a table counted anew after a pause.
+    reading; time and travel are as recorded, and go on where a clock was set back, or a table counted anew, over a
+    pause: the pause is then as long as readings usually are apart.
 
     Raises InvalidData where no ball centre is left, targets of a run contradict each other, a
     frame is unknown, or a ball centre is nearer to another ball's place than to its own.
@@ -259,11 +260,22 @@ def assemble_run(targets, answers, frame, run_id=None, source='run', repeats=Fal
     return Run(
         n=n, radius=radius, table_position=targets.table_position[target],
         ball=targets.ball[target], centre=centre,
-        table_angle=answers.table_angle[answer], time=(stamp - stamp[0]) * 1e-9,
+        table_angle=answers.table_angle[answer], time=_joined_time((stamp - stamp[0]) * 1e-9, session),
         temperature=np.where(np.isfinite(temperature), temperature, np.nan),
         approach=answers.approach[answer], table_travel=_joined_travel(answers.take(answer), session, n),
         repeatability=sigma, repeatability_dof=dof, run_id=run_id, repeats=repeats, session=session,
         source=source)
+
+
+def _joined_time(time, session):
+    """Return the times, (N,), s: where they fall over a pause, a clock was set back and its length is not known."""
+    for first in (np.flatnonzero(np.diff(session)) + 1).tolist():
+        step = np.diff(time)
+        if step[first - 1] <= 0:
+            within = np.delete(step, np.flatnonzero(np.diff(session)))
+            usual = np.median(within) if within.size else 1.0
+            time = time + np.where(np.arange(time.size) >= first, max(usual, 1e-3) - step[first - 1], 0.0)
+    return time
 
 
 def _joined_travel(answers, session, n):

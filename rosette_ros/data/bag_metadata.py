@@ -171,10 +171,11 @@ def write_bag_metadata(directory, mapping):
 
 @dataclass(frozen=True)
 class BagListing:
-    """What a reader needs of metadata.yaml: files: names in order; custom_data: mapping."""
+    """What a reader needs of metadata.yaml: files: names in order; custom_data: mapping; problems: in words."""
 
     files: tuple
     custom_data: dict
+    problems: tuple = ()
 
 
 def read_bag_metadata(path):

@@ -56,7 +56,10 @@ def _listed(path):
         if not (path / name).is_file():
             raise InvalidData(f'{path / FILE_NAME}: names {name}, which is missing; put the file '
                               'back, or delete metadata.yaml to read the files that are there')
-    return BagListing(tuple(path / name for name in listing.files), listing.custom_data)
+    others = sorted({one.name for one in path.glob('*.mcap')} - {*listing.files})
+    problems = (f'{path / FILE_NAME}: does not name {", ".join(others)}, which was not read; delete metadata.yaml to '
+                'read all files that are there',) if others else ()
+    return BagListing(tuple(path / name for name in listing.files), listing.custom_data, problems)
 
 
 def file_number(path):

@@ -190,7 +190,7 @@ def read_log(path) -> LogRun:
     """
     path = Path(path)
     listing = find_files(path)
-    reading = _Reading()
+    reading = _Reading(listing.problems)
     files = open_files(listing.files)
     for file in files:
         for batch in file.batches():
@@ -202,11 +202,11 @@ def read_log(path) -> LogRun:
 class _Reading:
     """What has been read so far, over the files of a log."""
 
-    def __init__(self):
+    def __init__(self, problems=()):
         self.columns = {type_name: [] for type_name in _COLUMNS}
         self.frames, self.motions, self.events = [], [], []
         self.topics, self.counts = {}, {}
-        self.problems = []
+        self.problems = list(problems)
         self.start, self.end = [], []
         self._schemas = {}
 

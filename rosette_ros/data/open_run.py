@@ -21,6 +21,9 @@ def is_log(path):
     try:
         if path.is_dir():
             return True
+        if path.exists() and not path.is_file():
+            raise InvalidData(f'{path}: wanted a log directory, an .mcap file or a CSV table, got a device or a '
+                              'pipe; write it to a file first')
         with open(path, 'rb') as stream:
             begin = stream.read(16)
     except OSError as error:

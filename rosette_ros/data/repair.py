@@ -39,10 +39,10 @@ def repair_log(path, directory=None):
     Raises InvalidData where the log is whole, holds nothing, is none, or the directory holds a log.
     """
     path = Path(path)
-    listing = _files(path)
+    listing, problems = _files(path)
     directory = repaired_name(path) if directory is None else Path(directory)
-    problems = [] if not path.is_dir() or (path / FILE_NAME).is_file() else [
-        f'{path}: {FILE_NAME} is missing']
+    if path.is_dir() and not (path / FILE_NAME).is_file():
+        problems.append(f'{path}: {FILE_NAME} is missing')
     read = [_read(file) for file in open_files(listing)]
     problems += [problem for file in read for problem in file.problems]
     if not problems:
@@ -59,14 +59,15 @@ def repair_log(path, directory=None):
 
 
 def _files(path):
-    """Return the .mcap files of a log; those that are there where metadata.yaml cannot be read."""
+    """Return (.mcap files of a log, problems): all that are there where metadata.yaml is none or lacks some."""
+    found = sorted(path.glob('*.mcap'), key=file_number) if path.is_dir() else []
     try:
-        return find_files(path).files
-    except InvalidData:
-        found = sorted(path.glob('*.mcap'), key=file_number) if path.is_dir() else []
+        listing = find_files(path)
+    except InvalidData as error:
         if not found:
             raise
-        return tuple(found)
+        return tuple(found), [str(error)]
+    return (tuple(found), list(listing.problems)) if listing.problems else (listing.files, [])
 
 
 def _read(file):

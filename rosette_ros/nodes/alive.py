@@ -15,13 +15,14 @@ from rosette_ros.nodes import names, qos
 
 
 class Beat:
-    """The heartbeat of a node."""
+    """The heartbeat of a node; words: why it cannot do its work, '' while it can."""
 
     def __init__(self, node):
         """Create the publisher on a Node."""
         self._node = node
         self._life = f'{node.get_name()} {uuid.uuid4().hex[:12]}'
         self._told = None
+        self.words = ''
         self._publisher = node.create_publisher(
             Header, f'{node.get_name()}/{names.ALIVE}', qos.ALIVE,
             event_callbacks=PublisherEventCallbacks(use_default_callbacks=False))
@@ -30,19 +31,21 @@ class Beat:
         """Beat where the last beat is long enough ago; now: steady time, s."""
         if self._told is None or now - self._told >= qos.BEAT_PERIOD:
             self._told = now
-            self._publisher.publish(Header(stamp=self._node.now().to_msg(), frame_id=self._life))
+            self._publisher.publish(Header(stamp=self._node.now().to_msg(), frame_id=f'{self._life}\n{self.words}'))
 
 
 class Watch:
     """What is known of the life of another node of the cell.
 
-    life: name of the process that beats, '' before the first beat; has_gone: whether one was there that is no more
-    and nothing was heard of a successor; is_late: whether it does not beat in time.
+    life: name of the process that beats, '' before the first beat; words: why it cannot do its work; has_gone:
+    whether one was there that is no more and nothing was heard of a successor; is_late: whether it does not beat
+    in time.
     """
 
     def __init__(self, node, peer):
         """Watch the node named `peer` from a CellNode."""
-        self.life = ''
+        self._node, self._heard = node, {}
+        self.life = self.words = ''
         self._alive, self.has_gone = 0, False
         self.is_late = False
         node.create_subscription(
@@ -50,8 +53,17 @@ class Watch:
             callback_group=MutuallyExclusiveCallbackGroup(), event_callbacks=SubscriptionEventCallbacks(
                 liveliness=self._on_liveliness, deadline=self._on_deadline, use_default_callbacks=False))
 
+    @property
+    def lives(self):
+        """How many processes beat under this name at the moment."""
+        now = self._node.seconds()
+        self._heard = {life: heard for life, heard in self._heard.items() if now - heard < 2.5 * qos.BEAT_PERIOD}
+        return len(self._heard)
+
     def _on_beat(self, message):
-        self.life, self.is_late = message.frame_id, False
+        self.life, _, self.words = message.frame_id.partition('\n')
+        self.is_late = False
+        self._heard[self.life] = self._node.seconds()
         if self._alive:  # else it is the last beat of one who has gone
             self.has_gone = False
 

@@ -56,7 +56,7 @@ class _Process:
         return self.popen.poll() is not None
 
     def obituary(self):
-        lines = self.text().strip().splitlines()
+        lines = [line for line in self.text().strip().splitlines() if not line.startswith('[INFO]')]
         last = f': {lines[-1]}' if lines else ''
         return f'node {self.name} ended with exit code {self.popen.returncode}{last}'
 

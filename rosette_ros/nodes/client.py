@@ -6,7 +6,7 @@ import signal
 import threading
 import time
 import uuid
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import yaml
@@ -16,7 +16,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rosette_msgs.action import Calibrate
-from rosette_msgs.msg import CalibrationEvent, RunState
+from rosette_msgs.msg import CalibrationEvent, Diagnosis, RunState
 from std_srvs.srv import Trigger
 
 from rosette_ros.core.errors import CellError
@@ -50,7 +50,8 @@ class Progress:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """How a calibration has ended; error_motions: core record, None without success."""
+    """How a calibration has ended; error_motions: core record, None without success; verdict: what its
+    diagnosis says, '' where there was none."""
 
     success: bool
     cancelled: bool
@@ -58,6 +59,7 @@ class Outcome:
     run_id: str
     log: Path | None
     error_motions: ErrorMotions | None
+    verdict: str = ''
 
 
 class _Interrupt:
@@ -94,7 +96,7 @@ class CellClient:
     def __init__(self, domain_id=None, namespace=names.NAMESPACE):
         """Join the graph; only cells on this computer are seen unless the environment says so."""
         os.environ.update({**names.ENVIRONMENT, **os.environ})
-        self._where = f'/{namespace.strip("/")}'
+        self._where, self._domain_id = f'/{namespace.strip("/")}', domain_id
         self._context = Context()
         self._context.init(domain_id=domain_id)
         self._node = Node(f'client_{uuid.uuid4().hex[:8]}', namespace=self._where, context=self._context)
@@ -104,6 +106,8 @@ class CellClient:
         self._node.create_subscription(CalibrationEvent, names.CALIBRATION_EVENT,
                                        self._on_event, qos.EVENT)
         self._run_id, self._is_anew, self._has_state = '', False, False
+        self._verdicts = {}
+        self._node.create_subscription(Diagnosis, names.DIAGNOSIS, self._on_diagnosis, qos.RESULT)
         self._node.create_subscription(RunState, names.RUN_STATE, self._on_state, qos.STATE)
         self._action = ActionClient(self._node, Calibrate, names.CALIBRATE)
         self._start, self._cancel = (introspected_client(self._node, Trigger, name)
@@ -164,7 +168,8 @@ class CellClient:
             except (KeyboardInterrupt, TimeoutError):
                 handle.cancel_goal_async()
                 response = self._await(result, CANCEL_TIMEOUT, check)
-        return outcome_of(response)
+        outcome = outcome_of(response)
+        return replace(outcome, verdict=self._verdicts.get(outcome.run_id, ''))
 
     def start(self):
         """Start the configured calibration by the plain service; return (started, words)."""
@@ -203,7 +208,16 @@ class CellClient:
         return future.result()
 
     def _hint(self):
-        return f', go on with: rosette calibrate --resume {self._run_id}' if self._run_id else ''
+        return f', go on with: {self.resume_command(self._run_id)}' if self._run_id else ''
+
+    def resume_command(self, run):
+        """Return the command that goes on with a run of this cell."""
+        domain = '' if self._domain_id is None else f' --domain {self._domain_id}'
+        namespace = '' if self._where == f'/{names.NAMESPACE}' else f' --namespace {self._where[1:]}'
+        return f'rosette calibrate --resume {run}{domain}{namespace}'
+
+    def _on_diagnosis(self, message):
+        self._verdicts = {message.run_id: message.verdict}
 
     def _on_state(self, state):
         """A sequencer that says that nothing is on while a calibration of it is on, is another one."""

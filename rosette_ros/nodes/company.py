@@ -14,7 +14,7 @@ class Company:
     def __init__(self, node, recorder):
         """Watch them from a CellNode; recorder: RecorderLink."""
         self._node, self._recorder = node, recorder
-        self._watches = {name: Watch(node, name) for name in (names.CMM, names.EVALUATOR, names.RECORDER)}
+        self._watches = {name: Watch(node, name) for name in names.NODES}
         self._complete_since = None
         self._present = frozenset()
         self.words = ''
@@ -22,6 +22,9 @@ class Company:
     def missing(self, with_recorder):
         """Return what the cell lacks for a calibration, a list of words."""
         node, missing = self._node, []
+        missing += [f'{watch.lives} nodes named {name}: wanted one in this domain and namespace; is another cell '
+                    'running? Give each its own (--domain, --namespace)'
+                    for name, watch in self._watches.items() if watch.lives > 1]
         if self._is_gone(names.CMM) or not (node.count_publishers(names.BALL_CENTRE) and self._listeners()):
             missing.append(f'no CMM: wanted one that listens to {names.PROBE_TARGET} and answers '
                            f'{names.BALL_CENTRE}, got none; start simulated_cmm or connect a CMM')
@@ -64,6 +67,10 @@ class Company:
     def started_anew(self, lives):
         """Return the nodes of a run that are another process than it began with."""
         return [name for name, life in lives.items() if self._watches[name].life != life]
+
+    def trouble(self, lives):
+        """Return why a node of a run cannot do its work, in its own words, '' where all can."""
+        return '; '.join(self._watches[name].words for name in lives if self._watches[name].words)
 
     def silent(self):
         """Return the nodes that are there and do not beat: they hang, or their computer is overloaded."""

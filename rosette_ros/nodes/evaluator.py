@@ -9,7 +9,7 @@ import sys
 from rosette_msgs.msg import BallCentre, ProbeTarget, RunState
 from tf2_msgs.msg import TFMessage
 
-from rosette_ros.core.errors import RosetteError
+from rosette_ros.core.errors import RosetteError, plain
 from rosette_ros.core.model import Model
 from rosette_ros.data.assemble import MACHINE_FRAME, TABLE_FRAME
 from rosette_ros.data.model_file import read_model
@@ -133,13 +133,13 @@ class Evaluator(CellNode):
 
     def _on_recalled(self, recalled):
         if not recalled.success:
-            self.get_logger().warning(f'pieces of a run are missing and not recalled: {recalled.message}')
+            self.get_logger().warning(f'pieces of a run are missing and not recalled: {plain(recalled.message)}')
             return
         frames = self._frames_in(recalled.frames)
         self._gathering.recall(
             recalled.run_id, [convert.target_row(one) for one in recalled.targets],
             [convert.answer_row(one) for one in recalled.answers], frames, self.seconds())
-        self.get_logger().info(f'run {recalled.run_id}: recalled {len(recalled.answers)} answers from its log')
+        self.get_logger().info(plain(f'run {recalled.run_id}: recalled {len(recalled.answers)} answers from its log'))
         self._evaluate_ready()
 
     def _evaluate_ready(self):
@@ -156,7 +156,7 @@ class Evaluator(CellNode):
         """Make the results known: the error motions last, since they end the run and its log."""
         self._diagnose(run)
         self._results.tell(report)
-        self._level, self._last = OK, f'run {run.run_id} is evaluated, {run.size} ball centres'
+        self._level, self._last = OK, plain(f'run {run.run_id} is evaluated, {run.size} ball centres')
         self.get_logger().info(self._last)
 
     def _diagnose(self, run):
@@ -173,7 +173,7 @@ class Evaluator(CellNode):
             self.get_logger().warning(f'run {run.run_id} could not be diagnosed: {error}')
 
     def _report_failure(self, run_id, words):
-        self._level, self._last = ERROR, f'run {run_id} could not be evaluated: {words}'
+        self._level, self._last = ERROR, plain(f'run {run_id} could not be evaluated: {words}')
         self.get_logger().error(self._last)
 
     def health(self):

@@ -32,8 +32,8 @@ def find_part(log_dir, wanted):
     if not path.name.strip('.') or longest > _LONGEST_NAME or '\0' in wanted:
         raise InvalidData(f'resume: wanted the name of a log in {log_dir}, got {wanted!r:.100}')
     if path.name != wanted and path.absolute().parent.resolve() != log_dir.resolve():
-        raise InvalidData(f'resume: wanted a log in the folder of the recorder, {log_dir}, got {wanted}; copy it '
-                          'there')
+        raise InvalidData(f'resume: wanted a log in the folder of the recorder, {log_dir}, got {wanted!r:.100}; '
+                          'copy it there')
     match = _PART.fullmatch(path.name)
     run_id = match['run'] if match else path.name
     parts = parts_of(log_dir, run_id)

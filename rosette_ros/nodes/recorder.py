@@ -3,6 +3,7 @@
 
 import os
 import re
+import shutil
 import sys
 import time
 from pathlib import Path
@@ -12,7 +13,7 @@ from rosette_msgs.msg import BallCentre, RunState
 from rosette_msgs.srv import Recall, Recorded, StartRecording, StopRecording
 from service_msgs.msg import ServiceEventInfo
 
-from rosette_ros.core.errors import InvalidConfig, InvalidData, RosetteError
+from rosette_ros.core.errors import CellError, InvalidConfig, InvalidData, RosetteError, plain
 from rosette_ros.data.log_reader import RESUMES_KEY
 from rosette_ros.data.schemas import TypeLibrary
 from rosette_ros.nodes import convert, names, qos
@@ -33,6 +34,7 @@ WANTED = (
     Wanted('follow_up_s', 10.0, 'questions to the evaluator after a run get a log of their own, '
            'closed when nothing has been asked for so long, s of wall time; 0: no such logs',
            0.0, 3600.0),
+    Wanted('least_free_mb', 20, 'a log is not begun with less room on the disk, MB', 0, 1_000_000),
     *LOG,
 )
 DRAIN_LIMIT = 10
@@ -220,6 +222,7 @@ class Recorder(CellNode):
             if request.resumes:
                 earlier, links = self._earlier(request.resumes)
                 directory = next_part(self._log_dir, request.run_id)
+            self._check_room(directory)
             self._until(self.ears.is_connected, MATCH_TIMEOUT)
             self.hear(self.ears.take())
             self._tape.open(directory, request.run_id, self.seconds(), self.now().nanoseconds, earlier, links)
@@ -235,13 +238,24 @@ class Recorder(CellNode):
             response.success, response.log = True, str(directory)
         return response
 
+    def _check_room(self, directory):
+        """Refuse to begin a log that would soon end for want of room."""
+        there = next(path for path in (directory, *directory.parents) if path.exists())
+        free, wanted = shutil.disk_usage(there).free / 1e6, self.parameters['least_free_mb']
+        if free < wanted:
+            raise CellError(f'{directory}: wanted {wanted} MB of room for the log (least_free_mb), got {free:.1f} MB; '
+                            'make room or choose another folder (log_dir)')
+
     def _earlier(self, wanted):
         """Return what the next part of a run begins with, Messages, and what links it to the part before."""
         folder = find_part(self._log_dir, wanted)
         now = self.seconds()
-        return ([Message(self.resolve_topic_name(name), one.data, one.log_time, one.publish_time, now)
-                 for name, one in iter_copied(folder)],
-                {RESUMES_KEY: folder.name})
+        earlier = [Message(self.resolve_topic_name(name), one.data, one.log_time, one.publish_time, now)
+                   for name, one in iter_copied(folder)]
+        for message in earlier:
+            if message.topic == self._answer_topic:
+                convert.answer_head(message.data)  # one that is none is refused before a log is open
+        return earlier, {RESUMES_KEY: folder.name}
 
     def _on_recall(self, request, response):
         """Tell what is recorded of a run, up to this moment where its log is open."""
@@ -259,7 +273,7 @@ class Recorder(CellNode):
         """Tell which answers are in the open log, once it is on the disk."""
         tape = self._tape
         if not tape.is_open or request.run_id != tape.run_id:
-            response.message = f'wanted the log of run {request.run_id} open, got ' + (
+            response.message = f'wanted the log of run {plain(request.run_id)} open, got ' + (
                 f'that of run {tape.run_id}' if tape.is_open else 'none')
             return response
         self._until(lambda: len(self._answers) >= request.wanted, ANSWER_TIMEOUT)
@@ -272,7 +286,7 @@ class Recorder(CellNode):
     def _on_stop(self, request, response):
         if not self._tape.is_open or request.run_id != self._tape.run_id:
             open_now = f'the log of run {self._tape.run_id}' if self._tape.is_open else 'no log'
-            response.message = f'wanted to close the log of run {request.run_id}, got {open_now}'
+            response.message = f'wanted to close the log of run {plain(request.run_id)}, got {open_now}'
             return response
         self._drain()
         self._last_run = request.run_id
@@ -308,6 +322,7 @@ class Recorder(CellNode):
     def wake(self):
         """Bring what is written to the disk; look for new topics."""
         self._tape.flush_if_due()
+        self._beat.words = self._tape.failure if self._tape.is_open else ''
         if self._follow_up.is_over(self.seconds()):
             self._end_follow_up()
         if self.seconds() - self._discovered >= DISCOVERY_PERIOD:

@@ -11,7 +11,7 @@ from enum import Enum
 import numpy as np
 
 from rosette_ros.core.alignment import table_frame
-from rosette_ros.core.errors import RosetteError
+from rosette_ros.core.errors import RosetteError, plain
 from rosette_ros.core.geometry import Frame, wrap
 from rosette_ros.data.assemble import MACHINE_FRAME, TABLE_FRAME
 from rosette_ros.nodes.programme import Answer, Phase, Programme, Target
@@ -116,7 +116,7 @@ def _identity(answer, ask, limits):
 
 def _failure(answer, ask, limits):
     if not answer.ok:
-        return f'the CMM reports: {answer.text or "failed, without a reason"}'
+        return f'the CMM reports: {plain(answer.text) or "failed, without a reason"}'
     return ''
 
 

@@ -12,7 +12,7 @@ from rosette_msgs.srv import Recall, StartRecording, StopRecording
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
-from rosette_ros.core.errors import CellError, RosetteError
+from rosette_ros.core.errors import CellError, RosetteError, plain
 from rosette_ros.data.assemble import MACHINE_FRAME, TABLE_FRAME
 from rosette_ros.nodes import convert, names, qos
 from rosette_ros.nodes.announcer import Announcer
@@ -138,9 +138,10 @@ class Sequencer(ManagedNode):
         try:
             job = self._make_job(request, recalled)
         except RosetteError as error:
-            self.get_logger().warning(f'{request.origin} refused: {error}')
-            self._announcer.refused(request, str(error))
-            return False, str(error)
+            words = plain(str(error), most=2000)
+            self.get_logger().warning(f'{request.origin} refused: {words}')
+            self._announcer.refused(request, words)
+            return False, words
         self._next_job = job
         return True, job.run_id
 
@@ -244,6 +245,10 @@ class Sequencer(ManagedNode):
         """Hold a run while a node has gone that it needs; go on with it when that one is back."""
         sequence, company = job.sequence, self._company
         gone, anew = company.gone(job.lives), company.started_anew(job.lives)
+        trouble = company.trouble(job.lives)
+        if trouble and not gone and not anew:
+            self._do(job, sequence.fail(trouble))
+            return
         if (gone or anew) and not sequence.is_held:
             who = ' and '.join(f'the {NODE_WORDS[name]}' for name in dict.fromkeys(gone + anew))
             self._do(job, sequence.hold(f'{who} has gone', now))

@@ -57,8 +57,8 @@ class SimulatedCmm(CellNode):
         self._tick()
 
     def _on_target(self, target):
-        if not (self._measured or self._failed):
-            # Time went on while this node was not there: it never stands before what was told already.
+        if target.run_id != self._run_id:
+            # Time went on while this node or this run was not there: it never stands before what was told already.
             told = convert.nanoseconds(target.header.stamp)
             self._switched_on += max(told - convert.nanoseconds(self._stamp(self._machine.time)), 0)
         answer = BallCentre(

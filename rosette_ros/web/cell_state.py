@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
+from rosette_ros.core.errors import plain
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.records import ErrorMotions
 from rosette_ros.data.assemble import STATUS_OK, AnswerTable, Phase, TargetTable, assemble_run
@@ -13,6 +14,8 @@ from rosette_ros.data.assemble import STATUS_OK, AnswerTable, Phase, TargetTable
 FAULTS_KEPT = 30
 EARLY_KEPT = 1000
 """So many answers wait for their targets."""
+MOST_BALLS = 1000
+"""A plate of more balls is not drawn."""
 SILENT = 4.0
 """A node that has said nothing about its health for so long is told to be silent, s."""
 HEALTHY, WARNING, FAULTY, SILENCE = 'healthy', 'warning', 'fault', 'silent'
@@ -89,7 +92,7 @@ class CellState:
         for name in _TARGET_COLUMNS:
             pieces.targets[name].append(row[name])
         pieces.asked[row['seq']] = (row['phase'], np.asarray(centre))
-        pieces.balls = row['balls']
+        pieces.balls = row['balls'] if row['balls'] <= MOST_BALLS else 0
         early, self._early = self._early, []
         for answer in early:  # topics keep their own order only: an answer may come before its target
             self._take(answer)
@@ -111,7 +114,8 @@ class CellState:
         phase, expected = pieces.asked[row['seq']]
         if phase == Phase.RUN and row['status'] == STATUS_OK:
             distance = float(np.linalg.norm(np.asarray(row['centre']) - expected))
-            pieces.cells[row['table_position'], row['ball']] = distance
+            if min(row['table_position'], row['ball']) > 0:
+                pieces.cells[row['table_position'], row['ball']] = distance
 
     def hear_progress(self, progress, clock):
         """Take the state of the calibration."""
@@ -152,7 +156,7 @@ class CellState:
     @property
     def cells(self):
         """{(table position, ball): distance from the expected place, m} of the run's ball centres."""
-        return dict(self._pieces.cells)
+        return {cell: distance for cell, distance in self._pieces.cells.items() if max(cell) <= self.balls}
 
     def health(self, now):
         """Return the NodeHealth of every node that was heard, those not heard for long as silent."""
@@ -166,4 +170,4 @@ class CellState:
         pieces = self._pieces
         targets = TargetTable(**{name: list(values) for name, values in pieces.targets.items()})
         answers = AnswerTable(**{name: list(values) for name, values in pieces.answers.items()})
-        return assemble_run(targets, answers, self._frame, pieces.run_id, f'run {pieces.run_id}')
+        return assemble_run(targets, answers, self._frame, pieces.run_id, plain(f'run {pieces.run_id}'))

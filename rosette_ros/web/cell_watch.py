@@ -128,10 +128,14 @@ class CellWatch:
             heard = self._ears.take()
             with self.lock:
                 for _, topic, message, _ in heard:
-                    try:
-                        self._handlers[topic](message)
-                    except RosetteError as error:
-                        self.state.faults.appendleft((_clock(), f'{topic}: not used: {error}'))
+                    self._hear(self._handlers[topic], topic, message)
+
+    def _hear(self, handler, topic, message):
+        """Take a message; one that is not what its topic wants is told among the faults."""
+        try:
+            handler(message)
+        except RosetteError as error:
+            self.state.faults.appendleft((_clock(), f'{topic}: not used: {error}'))
 
     def _lost(self, topic, count):
         with self.lock:

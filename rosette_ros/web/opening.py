@@ -14,6 +14,7 @@ from rosette_ros.web.door import MOST_UPLOAD
 from rosette_ros.web.widgets import button, marked, set_words
 
 MOST_NAME = 120
+"""Bytes of the longest name of a file; systems take 255."""
 
 
 class OpenDialog:
@@ -117,4 +118,4 @@ def safe_name(name):
     """Return the last part of a file's name, with nothing in it that means something to a system."""
     plain = PurePosixPath(name.replace('\\', '/')).name
     kept = ''.join(letter if letter.isprintable() and letter not in '<>:"|?*' else '_' for letter in plain)
-    return kept[-MOST_NAME:].lstrip('.') or 'upload'
+    return kept.encode()[-MOST_NAME:].decode(errors='ignore').lstrip('.') or 'upload'

@@ -146,7 +146,7 @@ def test_repeated_balls_are_averaged():
              for name in ('table_position', 'ball', 'table_angle', 'time', 'temperature',
                           'approach', 'table_travel')}
     both = first.replace(centre=np.concatenate([first.centre, second.centre + noise]),
-                         repeats=True, **twice)
+                         repeats=True, session=None, **twice)
     mean = first.replace(centre=first.centre + 0.5 * noise)
     assert np.abs(fit(both).error_motions.values - fit(mean).error_motions.values).max() < 1e-14
     assert np.allclose(fit(both).error_motions.u * np.sqrt(2), fit(mean).error_motions.u, rtol=1e-6)

@@ -7,6 +7,7 @@ from synthetic import synthetic_run
 
 from rosette_ros.analysis import diagnose
 from rosette_ros.core.effects.contract import between_readings
+from rosette_ros.core.errors import InvalidData
 
 N, SIGMA = 12, 1e-7
 PAUSE = 78
@@ -55,3 +56,13 @@ def test_every_pause_is_among_the_moments(paused):
     assert 0.5 * (paused.time[PAUSE - 1] + paused.time[PAUSE]) in moments
     assert moments.size in (10, 11)
     assert (np.diff(moments) > 0).all()
+
+
+def test_numbers_that_no_calculation_ends_with_are_refused_in_words(paused, monkeypatch):
+    """Whoever asks, the evaluator above all, gets a reason and no traceback."""
+    def diverge(*_):
+        raise np.linalg.LinAlgError('Eigenvalues did not converge')
+
+    monkeypatch.setattr('rosette_ros.core.diagnosis._diagnose', diverge)
+    with pytest.raises(InvalidData, match='cannot be diagnosed .Eigenvalues did not converge.; look at its times'):
+        diagnose(paused)

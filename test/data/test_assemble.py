@@ -255,3 +255,14 @@ def test_the_travel_goes_on_where_the_table_counted_anew(after, wanted):
     travel = np.concatenate([TURNED[:5], after])
     run = assemble_run(targets(row, session=np.repeat([1, 2], [5, 4])), answers(given, table_travel=travel), None)
     assert run.table_travel == pytest.approx(np.concatenate([TURNED[:5], wanted]), abs=1e-12)
+
+
+def test_times_do_not_fall_over_a_pause():
+    """A clock that was set back, or a simulated one that began anew: the pause is as long as readings are apart."""
+    session = np.repeat([1, 2], [4, 5])
+    stamp = 10**9 * (np.arange(1, 10) - np.where(session == 2, 5000, 0) + 10_000)
+    run = assemble_run(targets(ASKED, session=session), answers(GIVEN, stamp_ns=stamp), None)
+    assert run.time.tolist() == list(range(9))
+    later = 10**9 * (np.arange(1, 10) + np.where(session == 2, 5000, 0))
+    run = assemble_run(targets(ASKED, session=session), answers(GIVEN, stamp_ns=later), None)
+    assert run.time[4] - run.time[3] == 5001

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """RUN on the command line: told by its content, not by its name."""
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -70,3 +72,14 @@ def test_logs_are_read_without_ros(make_cell, tmp_path):
     done = subprocess.run([sys.executable, '-c', script, str(log)], capture_output=True,
                           text=True, check=True)
     assert float(done.stdout) == read_log(log).to_run().centre[3, 1]
+
+
+@pytest.mark.parametrize('kind', ['device', 'pipe'])
+def test_what_never_ends_is_not_read(tmp_path, kind):
+    """A device or a pipe is refused before it is opened."""
+    path = Path('/dev/zero')
+    if kind == 'pipe':
+        path = tmp_path / 'pipe'
+        os.mkfifo(path)
+    with pytest.raises(InvalidData, match='got a device or a pipe; write it to a file first'):
+        open_run(path)

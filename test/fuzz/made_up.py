@@ -22,8 +22,12 @@ MOST_BYTES = 400 << 20
 
 def tried(share=1.0):
     """Return the settings of a door: all of the examples in a campaign, else this share of them."""
-    return settings(max_examples=EXAMPLES if IS_CAMPAIGN else max(int(share * EXAMPLES), 1), deadline=None,
-                    derandomize=not IS_CAMPAIGN, suppress_health_check=list(HealthCheck))
+    return settings(
+        max_examples=EXAMPLES if IS_CAMPAIGN else max(int(share * EXAMPLES), 1),
+        deadline=None,
+        derandomize=not IS_CAMPAIGN,
+        suppress_health_check=list(HealthCheck),
+    )
 
 
 def corpus(name):
@@ -55,10 +59,49 @@ def bounded(seconds=MOST_SECONDS, most=MOST_BYTES):
         signal.signal(signal.SIGPROF, before)
 
 
-NASTY = st.sampled_from([
-    '', ' ', 'nan', 'NaN', '-nan', 'inf', '-inf', '1e999', '-0', '0x10', '1_0', '1,5', '٣', '½', '+', '--1',
-    '1e-400', '9' * 400, '2147483648', '-1', '0', '1.5', 'true', 'None', '\x00', '\ufeff', '"', "'", '=1+1',
-    '#', '# schema: x', '<b>', '1e308', '1e-308', '99999999999999999999', '١٢', '\u202e1', '1 2', '\t3'])
+NASTY = st.sampled_from(
+    [
+        '',
+        ' ',
+        'nan',
+        'NaN',
+        '-nan',
+        'inf',
+        '-inf',
+        '1e999',
+        '-0',
+        '0x10',
+        '1_0',
+        '1,5',
+        '٣',
+        '½',
+        '+',
+        '--1',
+        '1e-400',
+        '9' * 400,
+        '2147483648',
+        '-1',
+        '0',
+        '1.5',
+        'true',
+        'None',
+        '\x00',
+        '\ufeff',
+        '"',
+        "'",
+        '=1+1',
+        '#',
+        '# schema: x',
+        '<b>',
+        '1e308',
+        '1e-308',
+        '99999999999999999999',
+        '١٢',
+        '\u202e1',
+        '1 2',
+        '\t3',
+    ]
+)
 WORDS = st.one_of(NASTY, st.text(max_size=12), st.floats().map(repr), st.integers().map(str))
 
 
@@ -72,9 +115,9 @@ def mutated(draw, original):
         if kind == 'byte' and at < len(data):
             data[at] = draw(st.integers(0, 255))
         elif kind == 'cut':
-            del data[at:at + draw(st.integers(1, 60))]
+            del data[at : at + draw(st.integers(1, 60))]
         elif kind == 'double':
-            data[at:at] = data[at:at + draw(st.integers(1, 200))]
+            data[at:at] = data[at : at + draw(st.integers(1, 200))]
         elif kind == 'word':
             data[at:at] = draw(WORDS).encode('utf-8', 'surrogatepass')
         elif kind == 'end':
@@ -82,17 +125,45 @@ def mutated(draw, original):
     return bytes(data)
 
 
-NAMES = st.sampled_from(['schema', 'base', 'effects', 'name', 'tau', 'frame_drift', 'frame_warmup', 'axes',
-                         'direction', 'expression', 'per', 'own', 'table_motions', 'rosette-model/1',
-                         'hidden', 'seed', 'kind', 'plate', 'balls', 'cmm', 'probing', 'table', 'xyz'])
+NAMES = st.sampled_from(
+    [
+        'schema',
+        'base',
+        'effects',
+        'name',
+        'tau',
+        'frame_drift',
+        'frame_warmup',
+        'axes',
+        'direction',
+        'expression',
+        'per',
+        'own',
+        'table_motions',
+        'rosette-model/1',
+        'hidden',
+        'seed',
+        'kind',
+        'plate',
+        'balls',
+        'cmm',
+        'probing',
+        'table',
+        'xyz',
+    ]
+)
 SCALARS = st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=8), NAMES, NASTY)
 
 
 def trees(names, scalars=SCALARS):
     """Return what YAML can say, a few levels deep, with these names as keys."""
-    return st.recursive(scalars, lambda inner: st.one_of(
-        st.lists(inner, max_size=4), st.dictionaries(st.one_of(names, st.text(max_size=5)), inner, max_size=4)),
-        max_leaves=12)
+    return st.recursive(
+        scalars,
+        lambda inner: st.one_of(
+            st.lists(inner, max_size=4), st.dictionaries(st.one_of(names, st.text(max_size=5)), inner, max_size=4)
+        ),
+        max_leaves=12,
+    )
 
 
 TREES = trees(NAMES)
@@ -103,9 +174,39 @@ def dumped(tree):
     return yaml.safe_dump(tree, allow_unicode=True).encode('utf-8', 'surrogatepass')
 
 
-TRICKS = st.sampled_from([
-    '[' * 5000, '{a: ' * 400, '&a [*a]', '9' * 5000, '2001-13-45', '0b2', '!!python/object:os.system {}', '? [a, b]\n: c',
-    '!!binary "/w=="', '!!set {1, 2, 3}', '!!float nope', '!!int ""', '!!timestamp x', '-\t-', '%YAML 9.9\n---\n', '--- a\n--- b',
-    ''.join(f'a{k}: &a{k} [{", ".join([f"*a{k - 1}"] * 9) if k else "x"}]\n' for k in range(9)), '<<: {a: b}', '<<: [1]', '<<: x',
-    '"\\ud800"', '\x07', '=: 1', '1:60:60', '.inf', '~: ~', 'a: b: c', "'", '|', '>', '*a'])
+TRICKS = st.sampled_from(
+    [
+        '[' * 5000,
+        '{a: ' * 400,
+        '&a [*a]',
+        '9' * 5000,
+        '2001-13-45',
+        '0b2',
+        '!!python/object:os.system {}',
+        '? [a, b]\n: c',
+        '!!binary "/w=="',
+        '!!set {1, 2, 3}',
+        '!!float nope',
+        '!!int ""',
+        '!!timestamp x',
+        '-\t-',
+        '%YAML 9.9\n---\n',
+        '--- a\n--- b',
+        ''.join(f'a{k}: &a{k} [{", ".join([f"*a{k - 1}"] * 9) if k else "x"}]\n' for k in range(9)),
+        '<<: {a: b}',
+        '<<: [1]',
+        '<<: x',
+        '"\\ud800"',
+        '\x07',
+        '=: 1',
+        '1:60:60',
+        '.inf',
+        '~: ~',
+        'a: b: c',
+        "'",
+        '|',
+        '>',
+        '*a',
+    ]
+)
 """YAML that is none, or more than it seems."""

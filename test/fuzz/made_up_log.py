@@ -16,7 +16,7 @@ import numpy as np
 import zstandard
 from geometry_msgs.msg import Point
 from hypothesis import strategies as st
-from made_up import NASTY, TRICKS, WORDS, dumped, mutated, trees
+from made_up import TRICKS, WORDS, dumped, mutated, trees
 from rclpy.serialization import serialize_message
 from rosette_msgs.msg import BallCentre, CalibrationEvent, ErrorMotions, ProbeTarget, RunState
 from std_msgs.msg import Header
@@ -31,13 +31,20 @@ from rosette_ros.nodes.programme import Phase, make_programme
 
 MAGIC = b'\x89MCAP0\r\n'
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, METADATA = 1, 2, 3, 4, 5, 6, 7, 12
-LIBRARY = TypeLibrary([prefix for prefix in [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
-                       if prefix])
+LIBRARY = TypeLibrary(
+    [prefix for prefix in [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix] if prefix]
+)
 RUN_ID = 'run'
 BALLS, RADIUS = 3, 0.1
 FRAME = Frame(rotation_matrix(np.array([0.01, -0.02, 0.3])), np.array([0.35, 0.26, -0.3]))
-TOPICS = {'probe_target': ProbeTarget, 'ball_centre': BallCentre, 'run_state': RunState,
-          'error_motions': ErrorMotions, 'calibration_event': CalibrationEvent, 'tf_static': None}
+TOPICS = {
+    'probe_target': ProbeTarget,
+    'ball_centre': BallCentre,
+    'run_state': RunState,
+    'error_motions': ErrorMotions,
+    'calibration_event': CalibrationEvent,
+    'tf_static': None,
+}
 TYPES = {'tf_static': 'tf2_msgs/msg/TFMessage'}
 _U4, _U8 = struct.Struct('<I'), struct.Struct('<Q')
 _RECORD, _CHUNK_HEAD = struct.Struct('<BQ'), struct.Struct('<QQQI')
@@ -46,29 +53,70 @@ _RECORD, _CHUNK_HEAD = struct.Struct('<BQ'), struct.Struct('<QQQI')
 def calibration():
     """Return the messages of a small calibration as (topic, message, stamp in ns), in their order."""
     programme = make_programme(plan(BALLS, 'diagonal'), RADIUS, FRAME, repeats=2)
-    said = [('run_state', RunState(text='ready'), 0),
-            ('calibration_event', CalibrationEvent(run_id=RUN_ID, kind=2, origin='calibrate'), 0)]
+    said = [
+        ('run_state', RunState(text='ready'), 0),
+        ('calibration_event', CalibrationEvent(run_id=RUN_ID, kind=2, origin='calibrate'), 0),
+    ]
     phase, rng = Phase.IDLE, np.random.default_rng(1)
     for index in range(programme.total):
         target, stamp = programme.target(index), 20_000_000_000 * (index + 1)
         if target.phase is Phase.RUN and phase is not Phase.RUN:
-            said.append(('tf_static', convert.frame_message(FRAME, 'machine', 'table', convert.time_message(stamp)), stamp))
+            said.append(
+                ('tf_static', convert.frame_message(FRAME, 'machine', 'table', convert.time_message(stamp)), stamp)
+            )
         if target.phase is not phase:
             phase = target.phase
-            said.append(('run_state', convert.state_message(phase, RUN_ID, 'diagonal', index, programme.total, 'on',
-                                                            convert.time_message(stamp)), stamp))
+            said.append(
+                (
+                    'run_state',
+                    convert.state_message(
+                        phase, RUN_ID, 'diagonal', index, programme.total, 'on', convert.time_message(stamp)
+                    ),
+                    stamp,
+                )
+            )
         centre = FRAME.to_outer(target.nominal + 1e-6 * rng.standard_normal(3))
-        said.append(('probe_target', convert.target_message(
-            target, RUN_ID, 1, 1, centre, 'machine', convert.time_message(stamp)), stamp))
-        said.append(('ball_centre', BallCentre(
-            header=Header(stamp=convert.time_message(stamp + 10_000_000_000), frame_id='machine'), run_id=RUN_ID,
-            seq=target.seq, table_position=target.table_position, ball=target.ball,
-            cmm_position=target.cmm_position, table_angle=target.table_angle, table_travel=float(index),
-            approach=target.approach, centre=Point(**dict(zip('xyz', centre.tolist(), strict=True))),
-            temperature=20.0), stamp + 10_000_000_000))
+        said.append(
+            (
+                'probe_target',
+                convert.target_message(target, RUN_ID, 1, 1, centre, 'machine', convert.time_message(stamp)),
+                stamp,
+            )
+        )
+        said.append(
+            (
+                'ball_centre',
+                BallCentre(
+                    header=Header(stamp=convert.time_message(stamp + 10_000_000_000), frame_id='machine'),
+                    run_id=RUN_ID,
+                    seq=target.seq,
+                    table_position=target.table_position,
+                    ball=target.ball,
+                    cmm_position=target.cmm_position,
+                    table_angle=target.table_angle,
+                    table_travel=float(index),
+                    approach=target.approach,
+                    centre=Point(**dict(zip('xyz', centre.tolist(), strict=True))),
+                    temperature=20.0,
+                ),
+                stamp + 10_000_000_000,
+            )
+        )
     curves = {f'{u}{name}': [1e-6] * BALLS for u in ('', 'u_') for name in ('ctx', 'cty', 'ctz', 'crx', 'cry', 'crz')}
-    said.append(('error_motions', ErrorMotions(run_id=RUN_ID, balls=BALLS, radius=RADIUS, model_name='base',
-                                               angle=nominal_angles(BALLS).tolist(), **curves), stamp))
+    said.append(
+        (
+            'error_motions',
+            ErrorMotions(
+                run_id=RUN_ID,
+                balls=BALLS,
+                radius=RADIUS,
+                model_name='base',
+                angle=nominal_angles(BALLS).tolist(),
+                **curves,
+            ),
+            stamp,
+        )
+    )
     said.append(('run_state', RunState(run_id=RUN_ID, phase=6, order='diagonal', text='done'), stamp))
     return said
 
@@ -115,8 +163,11 @@ class Chunk:
         """Return its bytes."""
         data = b''.join(record.dump() for record in self.records)
         packed = {'lz4': lz4.frame.compress, 'zstd': zstandard.compress}.get(self.compression, bytes)(data)
-        content = _CHUNK_HEAD.pack(*self.head, len(data) if self.size is None else self.size,
-                                   zlib.crc32(data) if self.crc is None else self.crc)
+        content = _CHUNK_HEAD.pack(
+            *self.head,
+            len(data) if self.size is None else self.size,
+            zlib.crc32(data) if self.crc is None else self.crc,
+        )
         content += text(self.compression) + _U8.pack(len(packed) if self.packed is None else self.packed) + packed
         return Record(CHUNK, content, self.length).dump()
 
@@ -127,8 +178,10 @@ class Chunk:
             if isinstance(record, Record) and record.opcode == MESSAGE and len(record.content) >= 22:
                 found.setdefault(record.content[:2], []).append(record.content[6:14] + _U8.pack(at))
             at += len(record.dump())
-        return b''.join(Record(MESSAGE_INDEX, channel + _U4.pack(16 * len(pairs)) + b''.join(pairs)).dump()
-                        for channel, pairs in found.items())
+        return b''.join(
+            Record(MESSAGE_INDEX, channel + _U4.pack(16 * len(pairs)) + b''.join(pairs)).dump()
+            for channel, pairs in found.items()
+        )
 
 
 def text(words):
@@ -149,20 +202,20 @@ def records_in(data, at=0):
     while at + _RECORD.size <= len(data):
         opcode, length = _RECORD.unpack_from(data, at)
         at += _RECORD.size + length
-        found.append(Record(opcode, data[at - length:at]))
+        found.append(Record(opcode, data[at - length : at]))
     return found
 
 
 def parsed(data):
     """Return the records and Chunks of a whole file, without its magic bytes."""
     found = []
-    for record in records_in(data[:-len(MAGIC)], len(MAGIC)):
+    for record in records_in(data[: -len(MAGIC)], len(MAGIC)):
         if record.opcode != CHUNK:
             found.append(record)
             continue
         start, end, _, _ = _CHUNK_HEAD.unpack_from(record.content)
         fields = Fields(record.content, _CHUNK_HEAD.size)
-        compression, packed = fields.text().decode(), record.content[fields.at + 8:]
+        compression, packed = fields.text().decode(), record.content[fields.at + 8 :]
         plain = {'lz4': lz4.frame.decompress, 'zstd': zstandard.decompress}.get(compression, bytes)(packed)
         found.append(Chunk((start, end), compression, records_in(plain)))
     return found
@@ -188,7 +241,7 @@ class Fields:
 
     def number(self, form):
         """Return the next number."""
-        value, = struct.unpack_from(form, self.content, self.at)
+        (value,) = struct.unpack_from(form, self.content, self.at)
         self.at += struct.calcsize(form)
         return value
 
@@ -196,7 +249,7 @@ class Fields:
         """Return the next text, bytes."""
         length = self.number('<I')
         self.at += length
-        return self.content[self.at - length:self.at]
+        return self.content[self.at - length : self.at]
 
     def mapping(self):
         """Return the next mapping, bytes to bytes."""
@@ -217,35 +270,148 @@ def small_log(compression='none', chunk_size=2500):
 
 def loose(records):
     """Return records without chunks: what stood in them stands by itself."""
-    return [copy(inner) for record in records if record.opcode != MESSAGE_INDEX
-            for inner in (record.records if isinstance(record, Chunk) else [record])]
+    return [
+        copy(inner)
+        for record in records
+        if record.opcode != MESSAGE_INDEX
+        for inner in (record.records if isinstance(record, Chunk) else [record])
+    ]
 
 
 # Changes -----------------------------------------------------------------------------------------
 
-LENGTHS = st.one_of(st.sampled_from([0, 1, 8, 21, 22, 2**31 - 1, 2**31, 2**32, 2**40, 2**60, 2**63 - 1, 2**63,
-                                     2**64 - 1]), st.integers(0, 300), st.integers(0, 2**64 - 1))
-TEXTS = st.one_of(WORDS, st.binary(max_size=6), st.sampled_from([
-    '/ball_centre', '/tf_static', '/probe_target', '/run_state', 'rosette_msgs/msg/BallCentre', 'tf2_msgs/msg/TFMessage',
-    'rosette_msgs/msg/ProbeTarget', 'rosette_msgs/msg/RunState', 'rosette_msgs/msg/ErrorMotions', 'cdr', 'ros2msg',
-    'ros2idl', 'json', '/', 'a/b/c/d', 'x' * 300]))
-KINDS = ['bool', 'byte', 'char', 'int8', 'uint8', 'int16', 'uint16', 'int32', 'uint32', 'int64', 'uint64', 'float32',
-         'float64', 'string', 'wstring', 'string<=3', 'std_msgs/Header', 'Header', 'geometry_msgs/Point', 'X', 'nowhere/X']
+LENGTHS = st.one_of(
+    st.sampled_from([0, 1, 8, 21, 22, 2**31 - 1, 2**31, 2**32, 2**40, 2**60, 2**63 - 1, 2**63, 2**64 - 1]),
+    st.integers(0, 300),
+    st.integers(0, 2**64 - 1),
+)
+TEXTS = st.one_of(
+    WORDS,
+    st.binary(max_size=6),
+    st.sampled_from(
+        [
+            '/ball_centre',
+            '/tf_static',
+            '/probe_target',
+            '/run_state',
+            'rosette_msgs/msg/BallCentre',
+            'tf2_msgs/msg/TFMessage',
+            'rosette_msgs/msg/ProbeTarget',
+            'rosette_msgs/msg/RunState',
+            'rosette_msgs/msg/ErrorMotions',
+            'cdr',
+            'ros2msg',
+            'ros2idl',
+            'json',
+            '/',
+            'a/b/c/d',
+            'x' * 300,
+        ]
+    ),
+)
+KINDS = [
+    'bool',
+    'byte',
+    'char',
+    'int8',
+    'uint8',
+    'int16',
+    'uint16',
+    'int32',
+    'uint32',
+    'int64',
+    'uint64',
+    'float32',
+    'float64',
+    'string',
+    'wstring',
+    'string<=3',
+    'std_msgs/Header',
+    'Header',
+    'geometry_msgs/Point',
+    'X',
+    'nowhere/X',
+]
 LINES = st.one_of(
-    WORDS, TRICKS, st.builds('{}{} {}{}'.format, st.sampled_from(KINDS),
-                             st.sampled_from(['', '', '[]', '[3]', '[0]', '[<=3]', '[1000000000]', '[' + '9' * 30 + ']',
-                                              '[' + '9' * 5000 + ']', '[', '[-1]']),
-                             st.sampled_from(['x', 'seq', 'run_id', 'header', 'status', '9x', 'x=3', 'x "y"', '']),
-                             st.sampled_from(['', ' # x', '=1', ' 5'])),
-    st.sampled_from(['=' * 80, '===', 'MSG: std_msgs/Header', 'MSG: rosette_msgs/BallCentre', 'MSG: a/X', 'X x', 'X[100] x',
-                     'MSG: ', '=' * 80 + '\nMSG: rosette_msgs/X\nX x', '=' * 80 + '\nMSG: rosette_msgs/X\nfloat64[0] x']))
-QOS = trees(st.sampled_from(['history', 'depth', 'reliability', 'durability', 'deadline', 'sec', 'nsec', 'lifespan',
-                             'liveliness', 'liveliness_lease_duration', 'avoid_ros_namespace_conventions']))
-BAG = trees(st.sampled_from(['version', 'storage_identifier', 'relative_file_paths', 'custom_data', 'message_count', 'files',
-                             'rosbag2_bagfile_information', 'rosette.repeatability_m', 'rosette.repeated_balls']))
-YAMLS = st.one_of(TRICKS, QOS.map(dumped), BAG.map(dumped), BAG.map(lambda tree: dumped({'custom_data': tree})), WORDS,
-                  st.builds('custom_data: {{rosette.repeatability_m: {!r}}}'.format, WORDS),
-                  TRICKS.map(lambda trick: f'custom_data:\n {trick}'))
+    WORDS,
+    TRICKS,
+    st.builds(
+        '{}{} {}{}'.format,
+        st.sampled_from(KINDS),
+        st.sampled_from(
+            [
+                '',
+                '',
+                '[]',
+                '[3]',
+                '[0]',
+                '[<=3]',
+                '[1000000000]',
+                '[' + '9' * 30 + ']',
+                '[' + '9' * 5000 + ']',
+                '[',
+                '[-1]',
+            ]
+        ),
+        st.sampled_from(['x', 'seq', 'run_id', 'header', 'status', '9x', 'x=3', 'x "y"', '']),
+        st.sampled_from(['', ' # x', '=1', ' 5']),
+    ),
+    st.sampled_from(
+        [
+            '=' * 80,
+            '===',
+            'MSG: std_msgs/Header',
+            'MSG: rosette_msgs/BallCentre',
+            'MSG: a/X',
+            'X x',
+            'X[100] x',
+            'MSG: ',
+            '=' * 80 + '\nMSG: rosette_msgs/X\nX x',
+            '=' * 80 + '\nMSG: rosette_msgs/X\nfloat64[0] x',
+        ]
+    ),
+)
+QOS = trees(
+    st.sampled_from(
+        [
+            'history',
+            'depth',
+            'reliability',
+            'durability',
+            'deadline',
+            'sec',
+            'nsec',
+            'lifespan',
+            'liveliness',
+            'liveliness_lease_duration',
+            'avoid_ros_namespace_conventions',
+        ]
+    )
+)
+BAG = trees(
+    st.sampled_from(
+        [
+            'version',
+            'storage_identifier',
+            'relative_file_paths',
+            'custom_data',
+            'message_count',
+            'files',
+            'rosbag2_bagfile_information',
+            'rosette.repeatability_m',
+            'rosette.repeated_balls',
+        ]
+    )
+)
+YAMLS = st.one_of(
+    TRICKS,
+    QOS.map(dumped),
+    BAG.map(dumped),
+    BAG.map(lambda tree: dumped({'custom_data': tree})),
+    WORDS,
+    st.builds('custom_data: {{rosette.repeatability_m: {!r}}}'.format, WORDS),
+    TRICKS.map(lambda trick: f'custom_data:\n {trick}'),
+)
 
 
 @st.composite
@@ -261,11 +427,15 @@ def changed_schema(draw, content):
     else:
         lines = [line for line in parts[3].decode().split('\n') if line.strip() and line[0] != '#'] or ['']
         for _ in range(draw(st.integers(1, 3))):
-            at, how = draw(st.integers(0, len(lines) - 1)), draw(st.sampled_from(
-                ['line', 'kind', 'kind', 'kind', 'drop', 'twice', 'swap', 'end']))
+            at, how = (
+                draw(st.integers(0, len(lines) - 1)),
+                draw(st.sampled_from(['line', 'kind', 'kind', 'kind', 'drop', 'twice', 'swap', 'end'])),
+            )
             words = lines[at].split(' ', 1)
             if how == 'kind' and len(words) == 2:
-                lines[at] = f'{draw(st.sampled_from(KINDS))}{draw(st.sampled_from(["", "", "[]", "[2]", "[0]"]))} {words[1]}'
+                lines[at] = (
+                    f'{draw(st.sampled_from(KINDS))}{draw(st.sampled_from(["", "", "[]", "[2]", "[0]"]))} {words[1]}'
+                )
             elif how == 'drop':
                 del lines[at]
             elif how == 'twice':
@@ -299,11 +469,16 @@ def changed_channel(draw, content):
 
 
 EXTREME = st.one_of(
-    st.sampled_from([_U4.pack(0), _U4.pack(1), _U4.pack(2**31), _U4.pack(2**32 - 1), _U4.pack(10_000), _U4.pack(10_001)]),
+    st.sampled_from(
+        [_U4.pack(0), _U4.pack(1), _U4.pack(2**31), _U4.pack(2**32 - 1), _U4.pack(10_000), _U4.pack(10_001)]
+    ),
     st.floats().map(lambda value: struct.pack('<d', value)),
     st.sampled_from([0.0, -0.0, 1e308, -1e308, 5e-324, float('nan'), float('inf'), float('-inf')]).map(
-        lambda value: struct.pack('<d', value)),
-    st.integers(0, 255).map(lambda value: bytes([value])), st.binary(min_size=1, max_size=8))
+        lambda value: struct.pack('<d', value)
+    ),
+    st.integers(0, 255).map(lambda value: bytes([value])),
+    st.binary(min_size=1, max_size=8),
+)
 
 
 @st.composite
@@ -317,7 +492,7 @@ def changed_message(draw, content):
     if part == 'time':
         return content[:6] + _U8.pack(draw(LENGTHS)) + content[14:]
     if part == 'cut':
-        return content[:draw(st.integers(0, len(content)))]
+        return content[: draw(st.integers(0, len(content)))]
     if part == 'more':
         return content + draw(st.binary(max_size=9))
     changed = bytearray(content)
@@ -325,7 +500,7 @@ def changed_message(draw, content):
         new = draw(EXTREME)
         at = 22 + 4 + len(new) * draw(st.integers(0, max((len(content) - 26) // len(new) - 1, 0)))
         at = draw(st.sampled_from([at, 22])) if draw(st.integers(0, 9)) == 0 else at
-        changed[at:at + len(new)] = new
+        changed[at : at + len(new)] = new
     return bytes(changed)
 
 
@@ -343,8 +518,13 @@ CHANGES = {SCHEMA: changed_schema, CHANNEL: changed_channel, MESSAGE: changed_me
 
 def _places(records):
     """Return where every record stands: (list that holds it, position)."""
-    return [(home, at) for record in [None, *records] if record is None or isinstance(record, Chunk)
-            for home in [records if record is None else record.records] for at in range(len(home))]
+    return [
+        (home, at)
+        for record in [None, *records]
+        if record is None or isinstance(record, Chunk)
+        for home in [records if record is None else record.records]
+        for at in range(len(home))
+    ]
 
 
 @st.composite
@@ -356,8 +536,11 @@ def changed_records(draw, records, most=3):
             record.records = [copy(inner) for inner in record.records]
     for _ in range(draw(st.integers(1, most))):
         places = _places(records)
-        wanted = draw(st.sampled_from(
-            [None, None, SCHEMA, SCHEMA, SCHEMA, CHANNEL, CHANNEL, MESSAGE, MESSAGE, MESSAGE, METADATA, CHUNK]))
+        wanted = draw(
+            st.sampled_from(
+                [None, None, SCHEMA, SCHEMA, SCHEMA, CHANNEL, CHANNEL, MESSAGE, MESSAGE, MESSAGE, METADATA, CHUNK]
+            )
+        )
         some = [place for place in places if wanted in (None, place[0][place[1]].opcode)] or places
         home, at = some[draw(st.integers(0, len(some) - 1))]
         how = draw(st.sampled_from(['content'] * 14 + ['drop', 'twice', 'move', 'length', 'opcode', 'bytes']))
@@ -409,6 +592,5 @@ def changed_logs(draw):
         records = draw(changed_records(records))
     data = unparsed(records, draw(st.booleans()))
     if how == 'cut':
-        return data[:draw(st.integers(0, len(data)))]
+        return data[: draw(st.integers(0, len(data)))]
     return data if how == 'records' else draw(mutated(data))
-

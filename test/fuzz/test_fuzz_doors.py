@@ -58,9 +58,16 @@ def check_table(data):
         assert '\n' not in str(error)
         return
     text = data.decode('utf-8-sig')
-    rows = list(csv.DictReader(io.StringIO('\n'.join(
-        line for line in re.split('\r\n|\r|\n', text) if not line.lstrip().startswith('#') and line.strip())),
-        skipinitialspace=True))
+    rows = list(
+        csv.DictReader(
+            io.StringIO(
+                '\n'.join(
+                    line for line in re.split('\r\n|\r|\n', text) if not line.lstrip().startswith('#') and line.strip()
+                )
+            ),
+            skipinitialspace=True,
+        )
+    )
     assert run.size == len(rows)
     for axis, name in enumerate(('x_mm', 'y_mm', 'z_mm')):
         column = next(key for key in rows[0] if key.strip() == name)
@@ -118,8 +125,13 @@ def check_model(data):
 
 
 @many
-@given(st.one_of(mutated(MODEL), TREES.map(dumped),
-                 st.builds(lambda effects: dumped({'schema': 'rosette-model/1', 'effects': effects}), TREES)))
+@given(
+    st.one_of(
+        mutated(MODEL),
+        TREES.map(dumped),
+        st.builds(lambda effects: dumped({'schema': 'rosette-model/1', 'effects': effects}), TREES),
+    )
+)
 def test_a_model(data):
     """YAML of models: text and trees."""
     check_model(data)
@@ -178,11 +190,60 @@ def test_a_machine_of_the_corpus(data, tmp_path):
     check_machine(data, tmp_path / 'machine.yaml')
 
 
-TOKENS = st.lists(st.sampled_from([
-    't', 'T', 'phi', 'alpha', 'ψ', 'approach', 'pi', 'sin', 'cos', 'exp', 'sqrt', 'step', '(', ')', '+', '-',
-    '*', '/', '**', '^', '1', '2.5', '1e9', '.', '__class__', '[', ']', 'lambda', ':', 'x', ',', '"a"', '0j',
-    'if', 'else', '==', '%', '//', '9**9', '\n', '#', ' ', 'import os', '@', '1_000', '{}', 'f""']),
-    max_size=24).map(''.join)
+TOKENS = st.lists(
+    st.sampled_from(
+        [
+            't',
+            'T',
+            'phi',
+            'alpha',
+            'ψ',
+            'approach',
+            'pi',
+            'sin',
+            'cos',
+            'exp',
+            'sqrt',
+            'step',
+            '(',
+            ')',
+            '+',
+            '-',
+            '*',
+            '/',
+            '**',
+            '^',
+            '1',
+            '2.5',
+            '1e9',
+            '.',
+            '__class__',
+            '[',
+            ']',
+            'lambda',
+            ':',
+            'x',
+            ',',
+            '"a"',
+            '0j',
+            'if',
+            'else',
+            '==',
+            '%',
+            '//',
+            '9**9',
+            '\n',
+            '#',
+            ' ',
+            'import os',
+            '@',
+            '1_000',
+            '{}',
+            'f""',
+        ]
+    ),
+    max_size=24,
+).map(''.join)
 
 
 @many
@@ -202,10 +263,19 @@ def test_an_expression(text):
 NUMBERS = st.one_of(st.floats(), st.floats(-1, 1), st.sampled_from([0.0, 1e-9, 1e300, -1e300]))
 SMALL = st.integers(-3, 40)
 ANSWERS = st.builds(
-    Answer, run_id=st.sampled_from(['run', 'other', '']), seq=SMALL, table_position=SMALL, ball=SMALL,
-    cmm_position=SMALL, ok=st.booleans(), text=st.text(max_size=5),
-    frame_id=st.sampled_from(['machine', 'table', '', 'cell/table', 'x']), table_angle=NUMBERS,
-    table_travel=NUMBERS, centre=st.tuples(NUMBERS, NUMBERS, NUMBERS).map(np.array))
+    Answer,
+    run_id=st.sampled_from(['run', 'other', '']),
+    seq=SMALL,
+    table_position=SMALL,
+    ball=SMALL,
+    cmm_position=SMALL,
+    ok=st.booleans(),
+    text=st.text(max_size=5),
+    frame_id=st.sampled_from(['machine', 'table', '', 'cell/table', 'x']),
+    table_angle=NUMBERS,
+    table_travel=NUMBERS,
+    centre=st.tuples(NUMBERS, NUMBERS, NUMBERS).map(np.array),
+)
 
 
 @many
@@ -219,8 +289,19 @@ def test_answers_to_the_sequencer(answers):
     for now, answer in enumerate(answers):
         if answer == 'right' and not sequence.phase.is_end:
             target = programme.target(min(sequence.done, programme.total - 1))
-            answer = Answer('run', target.seq, target.table_position, target.ball, target.cmm_position,
-                            True, '', 'table', target.table_angle, 0.0, target.nominal)
+            answer = Answer(
+                'run',
+                target.seq,
+                target.table_position,
+                target.ball,
+                target.cmm_position,
+                True,
+                '',
+                'table',
+                target.table_angle,
+                0.0,
+                target.nominal,
+            )
         if answer == 'right':
             continue
         before = sequence.done
@@ -235,23 +316,66 @@ def test_answers_to_the_sequencer(answers):
         assert sequence.text
 
 
-ROW = {'run_id': 'run', 'stamp_ns': 5, 'frame_id': 'table', 'text': '', 'status': 0, 'approach': 1,
-       'temperature': 20.0, 'form_error': 0.0, 'table_travel': 0.0}
+ROW = {
+    'run_id': 'run',
+    'stamp_ns': 5,
+    'frame_id': 'table',
+    'text': '',
+    'status': 0,
+    'approach': 1,
+    'temperature': 20.0,
+    'form_error': 0.0,
+    'table_travel': 0.0,
+}
 
 
 @many
-@given(st.lists(st.tuples(SMALL, st.integers(0, 5), st.integers(0, 5), NUMBERS,
-                          st.tuples(NUMBERS, NUMBERS, NUMBERS), st.integers(0, 2)), max_size=30))
+@given(
+    st.lists(
+        st.tuples(
+            SMALL,
+            st.integers(0, 5),
+            st.integers(0, 5),
+            NUMBERS,
+            st.tuples(NUMBERS, NUMBERS, NUMBERS),
+            st.integers(0, 2),
+        ),
+        max_size=30,
+    )
+)
 def test_answers_to_the_evaluator(rows):
     """Whatever is on the graph: a run is made of what counts, or refused in words."""
     gathering = Gathering()
     scheme = plan(3, 'row')
     for seq, (i, j) in enumerate(zip(scheme.table_position, scheme.ball, strict=True), 1):
-        gathering.add_target({'run_id': 'run', 'seq': seq, 'attempt': 1, 'session': 1, 'phase': 3, 'balls': 3,
-                              'radius': 0.1, 'table_position': int(i), 'ball': int(j), 'stamp_ns': 1}, 0.0)
+        gathering.add_target(
+            {
+                'run_id': 'run',
+                'seq': seq,
+                'attempt': 1,
+                'session': 1,
+                'phase': 3,
+                'balls': 3,
+                'radius': 0.1,
+                'table_position': int(i),
+                'ball': int(j),
+                'stamp_ns': 1,
+            },
+            0.0,
+        )
     for seq, i, j, angle, centre, status in rows:
-        gathering.add_answer({**ROW, 'seq': seq, 'table_position': i, 'ball': j, 'table_angle': angle,
-                              'centre': centre, 'status': status}, 0.0)
+        gathering.add_answer(
+            {
+                **ROW,
+                'seq': seq,
+                'table_position': i,
+                'ball': j,
+                'table_angle': angle,
+                'centre': centre,
+                'status': status,
+            },
+            0.0,
+        )
     gathering.expect('run', 9, 0.0)
     try:
         run = gathering.to_run('run')

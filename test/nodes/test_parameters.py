@@ -10,7 +10,7 @@ from rcl_interfaces.msg import ParameterType
 from rclpy.parameter import Parameter
 
 from rosette_ros.core.errors import InvalidConfig
-from rosette_ros.nodes import evaluator, recorder, sequencer, simulated_cmm
+from rosette_ros.nodes import evaluator, managed, recorder, sequencer, simulated_cmm
 from rosette_ros.nodes.runner import CellNode
 from rosette_ros.nodes.settings import Wanted
 
@@ -112,7 +112,7 @@ def test_descriptors_tell_type_range_and_meaning(example):
     assert node.describe_parameter('machine').read_only
 
 
-NODES = {'sequencer': sequencer.CALIBRATION + sequencer.CELL,
+NODES = {'sequencer': (*sequencer.CALIBRATION, *sequencer.CELL, managed.AUTOSTART),
          'cmm': simulated_cmm.WANTED, 'evaluator': evaluator.WANTED,
          'recorder': recorder.WANTED}
 

@@ -17,7 +17,7 @@ def messages(n=4, run_id='a'):
     for k in range(run.size):
         place = {'run_id': run_id, 'seq': k + 1, 'table_position': int(run.table_position[k]),
                  'ball': int(run.ball[k]), 'stamp_ns': int(1e9 * run.time[k])}
-        row = {**place, 'attempt': 1, 'phase': 3, 'balls': n, 'radius': run.radius}
+        row = {**place, 'attempt': 1, 'session': 1, 'phase': 3, 'balls': n, 'radius': run.radius}
         targets.append((row, run.centre[k] + [3e-6, 0, 4e-6]))
         answers.append({**place, 'status': 0, 'frame_id': 'table', 'table_angle': run.table_angle[k],
                         'table_travel': run.table_travel[k], 'approach': 1, 'centre': tuple(run.centre[k]),

@@ -1,0 +1,325 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every field of every message, goal and recorded setting that the sequencer takes."""
+
+from types import SimpleNamespace
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from made_up import TRICKS, WORDS, bounded, dumped, mutated, trees, tried
+from made_up_log import BALLS, RADIUS, RUN_ID
+from made_up_messages import TEXTS, changed, is_plain, messages
+from mute import FIELDS, TAUGHT, Mute, check_words
+from rclpy.time import Time
+from rosette_msgs.action import Calibrate
+from rosette_msgs.msg import BallCentre, CalibrationEvent, ErrorMotions, ProbeTarget, RunState
+from rosette_msgs.srv import Recall
+
+from rosette_ros.core.errors import RosetteError
+from rosette_ros.core.scheme import plan
+from rosette_ros.nodes import convert
+from rosette_ros.nodes.jobs import Job, Request, make_job
+from rosette_ros.nodes.programme import Phase, make_programme
+from rosette_ros.nodes.sequence import Ask, Finish, Limits, Locate, Remark, Sequence, Tell, Verify
+from rosette_ros.nodes.sequencer import CALIBRATION, Sequencer
+from rosette_ros.nodes.settings import (
+    OPTIONS,
+    PLANNED,
+    RUN,
+    format_settings,
+    limits_of,
+    parse_settings,
+    programme_of,
+    wanted_changes,
+)
+
+# The sequencer ------------------------------------------------------------------------------------
+
+PROGRAMME = make_programme(plan(BALLS, 'diagonal'), RADIUS, TAUGHT, 2)
+
+
+SETTINGS = {one.name: one.default for one in PLANNED} | {
+    'plate.balls': BALLS,
+    'plate.radius_m': RADIUS,
+    'order': 'diagonal',
+    'repeats': 2,
+    'table.origin_m': (0.0, 0.0, 0.0),
+}
+VALUES = {one.name: one.default for one in CALIBRATION} | SETTINGS
+ACTIVE = SimpleNamespace(current_state=(3, 'active'))
+
+
+class Parameters(dict):
+    """The parameters of a node."""
+
+    def values(self, wanted):
+        """Return name to value for some of them."""
+        return {one.name: self[one.name] for one in wanted}
+
+
+class MuteSequencer(Mute, Sequencer):
+    """A sequencer without a graph, in the middle of a run."""
+
+    def __init__(self, sequence):
+        """Have asked for the first target."""
+        Mute.__init__(
+            self,
+            parameters=Parameters(VALUES, state_rate_hz=10.0, recorder_timeout_s=1.0, require_recorder=True),
+            _targets=self,
+            _taken=set(),
+            _frames=self,
+            _recorder=SimpleNamespace(is_there=False),
+            _last='',
+            _last_level=0,
+            _next_job=None,
+            _company=SimpleNamespace(silent=list, missing=lambda with_recorder: []),
+            _state_machine=ACTIVE,
+        )
+        self._carry_out = {
+            Ask: self._ask,
+            Locate: self._locate,
+            Remark: self._remark,
+            Verify: self._verify,
+            Tell: self._tell,
+            Finish: self._finish,
+        }
+        self._announcer = SimpleNamespace(
+            refused=lambda request, words: None,
+            tell=self._say,
+            ended=self._say,
+            tell_progress=lambda job, rate: self._say(job),
+        )
+        self._job = Job(sequence, Request('calibrate'), 'diagonal', opening=False)
+        self._do(self._job, sequence.begin(0.0))
+
+    def _say(self, job):
+        sequence = job.sequence
+        self.publish(
+            convert.state_message(
+                sequence.phase,
+                job.run_id,
+                job.order,
+                sequence.done,
+                sequence.programme.total,
+                sequence.describe(),
+                self.now().to_msg(),
+            )
+        )
+
+
+@st.composite
+def answers(draw, most=25):
+    """Return what to do at each step: the right answer, or one of which fields are changed, or any."""
+    return draw(
+        st.lists(
+            st.one_of(
+                st.none(),
+                st.none(),
+                changed(BallCentre(), **FIELDS),
+                messages(BallCentre, **FIELDS),
+                st.sets(st.sampled_from([*BallCentre.get_fields_and_field_types()]), max_size=2).flatmap(
+                    lambda names: st.tuples(st.just(names), messages(BallCentre, **FIELDS))
+                ),
+            ),
+            max_size=most,
+        )
+    )
+
+
+def right_answer(node):
+    """Return the right answer to what was asked last."""
+    target = next(one for one in reversed(node.published) if isinstance(one, ProbeTarget))
+    answer = BallCentre(
+        run_id=target.run_id,
+        seq=target.seq,
+        table_position=target.table_position,
+        ball=target.ball,
+        cmm_position=target.cmm_position,
+        table_angle=target.table_angle,
+        centre=target.centre,
+    )
+    answer.header.frame_id, answer.header.stamp = target.header.frame_id, target.header.stamp
+    return answer
+
+
+@tried(0.3)
+@given(answers(), st.one_of(messages(ErrorMotions), messages(ErrorMotions, run_id=st.just(RUN_ID))))
+def test_what_the_sequencer_hears(steps, motions):
+    """Answers and error motions: what is asked can be sent, and what is not used has no consequence."""
+    node = MuteSequencer(Sequence(RUN_ID, PROGRAMME, Limits(attempts=3)))
+    job = node._job
+    with bounded():
+        for step in steps:
+            answer, done, stamp = right_answer(node), job.sequence.done, job.stamp_ns
+            if isinstance(step, BallCentre):
+                answer = step
+            elif step is not None:
+                for name in step[0]:
+                    setattr(answer, name, getattr(step[1], name))
+            node._on_ball_centre(answer)
+            if job.sequence.done > done:
+                assert (answer.run_id, answer.status) == (RUN_ID, BallCentre.STATUS_OK)
+                assert np.isfinite([answer.centre.x, answer.centre.y, answer.centre.z, answer.table_angle]).all()
+            else:
+                assert job.stamp_ns <= max(stamp, Time(seconds=100).nanoseconds)
+        node._on_error_motions(motions)
+        if node._job is not None:
+            node.health()
+    check_words([*node.words, node._last, job.sequence.text])
+    for message in node.published:
+        if isinstance(message, RunState):
+            assert is_plain(message.text)
+
+
+SETTINGS_TEXT = format_settings(SETTINGS).encode()
+NAMES = st.sampled_from([one.name for one in CALIBRATION])
+SETTINGS_TEXTS = st.one_of(
+    st.just(SETTINGS_TEXT.decode()),
+    TEXTS,
+    TRICKS,
+    mutated(SETTINGS_TEXT).map(lambda data: data.decode('utf-8', 'replace').replace('\0', '')),
+    trees(NAMES).map(lambda tree: dumped(tree).decode('utf-8', 'replace')),
+    st.tuples(NAMES, trees(NAMES)).map(lambda pair: dumped({**_plain_settings(), pair[0]: pair[1]}).decode()),
+    st.tuples(NAMES, TRICKS).map(lambda pair: f'{SETTINGS_TEXT.decode()}\n{pair[0]}: {pair[1]}'),
+)
+
+
+def _plain_settings():
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in SETTINGS.items()}
+
+
+def check_settings(values, wanted):
+    """Every value is one that its setting allows."""
+    for one in wanted:
+        if one.name in values:
+            assert one.check(values[one.name], 'again') == values[one.name]
+
+
+@tried()
+@given(SETTINGS_TEXTS)
+def test_settings_of_a_recorded_run(text):
+    """What an event says that a run was planned with."""
+    try:
+        with bounded():
+            values = parse_settings(text, 'here')
+    except RosetteError as error:
+        assert str(error).startswith('here')
+        check_words([str(error)])
+        return
+    check_settings(values, PLANNED)
+    if values['plate.balls'] <= 12:
+        with bounded():
+            assert programme_of(values).total >= 9
+
+
+OPTION_NAMES = st.sampled_from([*(one.name for one in OPTIONS), 'plate.balls', 'order'])
+OPTION_TEXTS = st.one_of(
+    TEXTS,
+    TRICKS,
+    st.just(''),
+    trees(OPTION_NAMES).map(lambda tree: dumped(tree).decode('utf-8', 'replace')),
+    st.builds('{}: {}'.format, OPTION_NAMES, st.one_of(WORDS, TRICKS)),
+    st.dictionaries(
+        OPTION_NAMES, st.one_of(st.integers(0, 5), st.floats(), st.booleans(), st.just('forward')), max_size=3
+    ).map(lambda tree: dumped(tree).decode()),
+)
+
+
+@tried()
+@given(
+    messages(
+        Calibrate.Goal,
+        order=st.one_of(st.sampled_from(['', 'row', 'random', 'sensitive']), TEXTS),
+        options=OPTION_TEXTS,
+    )
+)
+def test_goals(goal):
+    """What a goal asks for: every value allowed, or refused in one line."""
+    try:
+        with bounded():
+            changes = wanted_changes(goal.order, goal.seed, goal.options)
+    except RosetteError as error:
+        check_words([str(error)])
+        assert len(str(error)) < 2000
+        return
+    check_settings(changes, RUN + OPTIONS)
+    values = {**VALUES, **changes}
+    if values['repeats'] <= 100:
+        with bounded():
+            assert programme_of(values).total >= 9
+            limits_of(values)
+
+
+def recalled_calibration():
+    """Return what a recorder recalls of the sound calibration."""
+    response = Recall.Response(success=True, run_id=RUN_ID, log=RUN_ID)
+    programme = programme_of(VALUES)
+    sequence = Sequence(RUN_ID, programme, Limits())
+    node = MuteSequencer(sequence)
+    while sequence.phase is not Phase.EVALUATION:
+        answer = right_answer(node)
+        response.answers.append(answer)
+        node._on_ball_centre(answer)
+    response.targets = [one for one in node.published if isinstance(one, ProbeTarget)]
+    response.events = [CalibrationEvent(run_id=RUN_ID, kind=2, settings=SETTINGS_TEXT.decode())]
+    return response
+
+
+RECALLED = recalled_calibration()
+
+
+@st.composite
+def recalls(draw):
+    """Return a recalled calibration in which messages are changed, left out, added."""
+    made = Recall.Response(
+        success=draw(st.integers(0, 9)) > 0,
+        run_id=draw(st.one_of(st.just(RUN_ID), TEXTS)),
+        message=draw(TEXTS),
+        log=draw(TEXTS),
+    )
+    for name in ('targets', 'answers', 'events'):
+        kept = list(getattr(RECALLED, name))
+        kept = kept[: draw(st.integers(0, len(kept)))] if draw(st.booleans()) else kept
+        for _ in range(draw(st.integers(0, 2))):
+            fields = {**FIELDS, 'settings': SETTINGS_TEXTS}
+            at = draw(st.integers(0, len(kept)))
+            source = getattr(RECALLED, name)[0]
+            kept[at : at + draw(st.integers(0, 1))] = [
+                draw(changed(kept[min(at, len(kept) - 1)] if kept else source, **fields))
+            ]
+        setattr(made, name, kept)
+    made.error_motions = draw(st.lists(messages(ErrorMotions), max_size=1))
+    return made
+
+
+@tried(0.3)
+@given(recalls(), OPTION_TEXTS)
+def test_what_is_recalled_of_a_run(recalled, options):
+    """Gone on with, or refused in one line: what contradicts the plan is not measured on."""
+    node = MuteSequencer(Sequence(RUN_ID, PROGRAMME, Limits()))
+    node._job = None
+    with bounded():
+        accepted, words = node._prepare(Request('calibrate', options=options), recalled)
+    check_words([*node.words, '' if accepted else words])
+    if not accepted:
+        return
+    job, sequence = node._next_job, node._next_job.sequence
+    assert recalled.success
+    if sequence.programme.total > 2000:
+        return
+    node = MuteSequencer(sequence)
+    node._job.stamp_ns = job.stamp_ns
+    with bounded():
+        for _ in range(3):
+            if node._job is not None and sequence.phase is not Phase.EVALUATION:
+                node._on_ball_centre(right_answer(node))
+    check_words([*node.words, sequence.text])
+    for seq, answer in sequence._earlier.answers.items():
+        assert 1 <= seq <= sequence.programme.total
+        assert np.isfinite(answer.centre).all()
+
+
+def test_a_sound_recall_is_gone_on_with():
+    """Else nothing that is accepted would ever be met."""
+    job = make_job(Request('calibrate'), VALUES, (), RECALLED)
+    assert len(job.sequence._earlier.answers) == PROGRAMME.total
