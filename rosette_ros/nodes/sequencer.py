@@ -172,7 +172,8 @@ class Sequencer(ManagedNode):
 
     def _open_log(self, job):
         """Open the log as soon as all nodes have had the time to find each other."""
-        job.is_waiting = not self._company.is_settled(self.seconds())
+        lacks_recorder = self.parameters['require_recorder'] and not self._recorder.is_there
+        job.is_waiting = lacks_recorder or not self._company.is_settled(self.seconds())
         if job.is_waiting:
             return
         if self._recorder.is_there:

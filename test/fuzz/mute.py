@@ -64,11 +64,7 @@ def check_words(words):
 
 
 FIELDS = {
-    'run_id': RUN_IDS,
-    'seq': SMALL,
-    'table_position': SMALL,
-    'ball': SMALL,
-    'balls': SMALL,
+    'run_id': RUN_IDS, 'seq': SMALL, 'table_position': SMALL, 'ball': SMALL, 'balls': SMALL,
     'frame_id': st.one_of(st.sampled_from(['machine', 'table']), TEXTS),
     'child_frame_id': st.one_of(st.just('table'), TEXTS),
 }
@@ -77,7 +73,7 @@ FIELDS = {
 def heard(*topics):
     """Return lists of (topic, message): a sound calibration in which some are changed, left out or moved."""
     own = [(topic, message) for topic, message, _ in SAID if topic in topics]
-    first = {topic: message for topic, message in reversed(own)}
+    first = dict(reversed(own))
     near = [changed(message, **FIELDS).map(lambda made, topic=topic: (topic, made)) for topic, message in own]
     far = [
         messages(type(message), **FIELDS).map(lambda made, topic=topic: (topic, made))

@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a cell does when a part of it is missing, silent, wrong, or ended."""
 
+import resource
 import signal
 import subprocess
 import sys
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rosette_msgs.msg import BallCentre, ProbeTarget
+from rosette_msgs.srv import StartRecording
+from std_msgs.msg import Header
 
 from rosette_ros.analysis import analyse
 from rosette_ros.core.errors import CellError
@@ -22,6 +26,7 @@ from rosette_ros.nodes import convert, qos
 from rosette_ros.nodes.cell import MODULES, cell_environment
 from rosette_ros.nodes.client import CellClient
 from rosette_ros.nodes.programme import Phase
+from rosette_ros.nodes.recorder import Recorder
 
 N = 3
 OTHERS = ('recorder', 'evaluator', 'sequencer')
@@ -246,6 +251,56 @@ def test_missing_parts_are_named_at_both_doors(cell_of, domain_id):
     for words in wanted:
         assert words in why
         assert words in str(refusal.value)
+
+
+def test_a_twin_in_the_same_domain_is_named(cell_and_cmm, client, peer, wait_until):
+    """Two recorders under one name would both be commanded: refused, and what to do is said."""
+    cell, _ = cell_and_cmm
+    twin = peer.node.create_publisher(Header, 'recorder/alive', qos.ALIVE)
+
+    def is_seen():
+        twin.publish(Header(frame_id='recorder of another cell'))
+        return '2 nodes named recorder: wanted one in this domain' in cell.output('sequencer')
+
+    wait_until(is_seen)
+    twin.publish(Header(frame_id='recorder of another cell'))
+    started, why = client.start()
+    assert not started
+    assert 'is another cell running? Give each its own (--domain, --namespace)' in why
+
+
+def test_a_disk_that_refuses_ends_the_run_at_once_and_it_is_resumed(cell_of, domain_id):
+    """The recorder may write no further byte: nothing is measured for nothing. With room again it goes on."""
+    with cell_of(N, params={'cmm': {'answer_s': 0.1}}) as cell, CellClient(domain_id) as client:
+        limits = resource.prlimit(cell.pid('recorder'), resource.RLIMIT_FSIZE)
+        done = []
+
+        def look(progress):
+            if not done and progress.phase is not Phase.IDLE:
+                size = (cell.log_dir / progress.run_id / f'{progress.run_id}_0.mcap').stat().st_size
+                resource.prlimit(cell.pid('recorder'), resource.RLIMIT_FSIZE, (size + 100, limits[1]))
+            done.append(progress)
+
+        outcome = client.calibrate(check=cell.check, on_progress=look)
+        assert not outcome.success
+        assert 'cannot write the log: File too large' in outcome.message
+        assert max(one.done for one in done) < done[0].total
+        resource.prlimit(cell.pid('recorder'), resource.RLIMIT_FSIZE, limits)
+        outcome = client.calibrate(check=cell.check, resume=outcome.run_id)
+        assert outcome.success, outcome.message
+    assert read_log(outcome.log).to_run().size == N * N
+
+
+def test_too_little_room_is_refused_before_a_ball_is_measured(ros, tmp_path, monkeypatch):
+    """A log that would soon end is not begun."""
+    monkeypatch.setattr('shutil.disk_usage', lambda _: SimpleNamespace(free=19e6))
+    with ros('-p', f'log_dir:={tmp_path}'):
+        node = Recorder()
+        response = node._on_start(StartRecording.Request(run_id='a'), StartRecording.Response())
+        node.destroy_node()
+    assert not response.success
+    assert 'wanted 20 MB of room for the log (least_free_mb), got 19.0 MB' in response.message
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_clean_end_on_sigint_and_sigterm_in_the_middle_of_a_run(cell_of, domain_id):
