@@ -30,6 +30,8 @@ GAUGE = (
     'harmonics of the table error above n/2',
 )
 """What no three-rosette run can know, in words for every result."""
+_MOST_GAUGE = 13
+_LARGE = 40  # balls; what runs of smaller plates lack is told one by one
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,6 +262,7 @@ class DenseSpace:
         self.n = run.n
         self.lever = lever
         self.terms = tuple(terms)
+        _refuse_far_too_few(run, terms)
         self._root = np.ones(run.size) if weight is None else np.sqrt(weight / np.mean(weight))
         self._parts = base_parts(run, terms, self._root)
         self.rank = sum(part.rank for part in self._parts)
@@ -322,6 +325,15 @@ class DenseSpace:
         z, w = (part.cofactor() for part in self._parts)
         z, w = z.reshape(5, n), w.reshape(7, n)
         return np.stack([w[0], w[1], z[0], z[1] / r**2, z[2] / r**2, w[2] / r**2], axis=-1)
+
+
+def _refuse_far_too_few(run, terms):
+    """Refuse a run of a large plate whose readings are fewer than its unknowns before anything is made for these."""
+    unknowns = run.n * sum({'table_motions': 6}.get(term, 3) for term in terms) - _MOST_GAUGE
+    if run.n > _LARGE and 3 * run.size < unknowns:
+        raise NotDeterminable(
+            f'{run.source}: too few ball centres: {run.size} of {run.n**2} cannot give rank {unknowns} (wanted at least '
+            f'{5 * run.n - 6} well spread ball centres). Measure the missing balls: rosette calibrate --resume RUN')
 
 
 def _basis(parts):

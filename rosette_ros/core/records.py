@@ -140,7 +140,7 @@ class Run:
     def completeness(self):
         """Measured share of the n*n pairs of table position and ball."""
         cell = (self.table_position - 1) * self.n + self.ball - 1
-        return np.count_nonzero(np.bincount(cell, minlength=self.n**2)) / self.n**2
+        return _different(cell) / self.n**2
 
     def replace(self, **changes):
         """Return a copy with other values."""
@@ -190,11 +190,18 @@ def _check_run(run):
     _check_angles(run)
 
 
+def _different(cells):
+    """Return how many cells differ; few of a plate of many balls take no memory for all of them."""
+    if cells.max() < 8 * cells.size + 1024:
+        return np.count_nonzero(np.bincount(cells))
+    return np.unique(cells).size
+
+
 def _check_duplicates(run):
     if run.repeats:
         return
     cell = (run.table_position - 1) * run.n + run.ball - 1
-    if np.bincount(cell).max() > 1:
+    if _different(cell) < cell.size:
         order = np.argsort(cell, kind='stable')
         again = np.flatnonzero(np.diff(cell[order]) == 0)
         first, second = order[again[0]] + 1, order[again[0] + 1] + 1

@@ -30,6 +30,8 @@ WANTED = (
            'measured, Hz of wall time', 0.1, 10.0),
     Wanted('answer_s', 0.0, 'wall time that each answer takes, s; 0: as fast as the computer allows', 0.0, 0.3),
 )
+FARTHEST = 100.0
+"""A centre that is farther from the origin of the machine is taken for a mistake, m."""
 
 
 class SimulatedCmm(CellNode):
@@ -123,9 +125,11 @@ class SimulatedCmm(CellNode):
         if short_frame(target.header.frame_id) != MACHINE_FRAME:
             raise CellError(f'wanted a target in the frame {MACHINE_FRAME!r}, got '
                             f'{target.header.frame_id!r}')
+        aim = convert.point_array(target.centre)
+        if not all(abs(value) < FARTHEST for value in aim.tolist()):
+            raise CellError(f'wanted a target within {FARTHEST:g} m, got the centre {tuple(aim.tolist())}')
         short = sum(1e-6 * strike.fault.short_urad for strike in faults if strike.kind == 'table_short')
-        return machine.measure(target.table_position, target.ball, target.approach,
-                               convert.point_array(target.centre), short)
+        return machine.measure(target.table_position, target.ball, target.approach, aim, short)
 
     def _stamp(self, time):
         return convert.time_message(self._switched_on + round(1e9 * (time - self._back)))

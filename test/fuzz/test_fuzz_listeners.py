@@ -54,7 +54,7 @@ CMM_CONFIG = MachineConfig().changed(plate={'balls': BALLS, 'circle_radius_mm': 
 TARGETS = [message for topic, message, _ in SAID if topic == 'probe_target']
 
 
-@tried(0.3)
+@tried(0.2)
 @given(
     st.lists(
         st.one_of(messages(ProbeTarget, **FIELDS), *[changed(one, **FIELDS) for one in TARGETS[3:6]]),
@@ -90,7 +90,7 @@ class MuteWatch(Mute, CellWatch):
         Mute.__init__(self, state=CellState(), _node=SimpleNamespace(get_namespace=lambda: '/rosette'))
 
 
-@tried(0.3)
+@tried(0.12)
 @given(
     heard('probe_target', 'ball_centre', 'run_state', 'tf_static', 'error_motions', 'calibration_event'),
     messages(DiagnosticArray, hardware_id=st.one_of(st.just('rosette'), TEXTS)),
@@ -99,12 +99,8 @@ def test_what_the_studio_hears(said, health):
     """A running cell: whatever is said, the page has something that it can draw."""
     watch = MuteWatch()
     handlers = {
-        'probe_target': watch._on_target,
-        'ball_centre': watch._on_answer,
-        'run_state': watch._on_state,
-        'tf_static': watch._on_frame,
-        'error_motions': watch._on_motions,
-        'calibration_event': watch._on_event,
+        'probe_target': watch._on_target, 'ball_centre': watch._on_answer, 'run_state': watch._on_state,
+        'tf_static': watch._on_frame, 'error_motions': watch._on_motions, 'calibration_event': watch._on_event,
     }
     with bounded():
         watch._on_health(health)
@@ -122,7 +118,7 @@ def test_what_the_studio_hears(said, health):
     assert np.isfinite(run.centre).all()
 
 
-@tried()
+@tried(0.2)
 @given(messages(Calibrate.Result, lists=2), st.integers(0, 6))
 def test_results_and_states_that_a_client_hears(result, status):
     """How a calibration ended, and where it stands."""

@@ -90,19 +90,8 @@ def log_dir(tmp_path_factory):
 LOG_NAMES = st.one_of(
     st.sampled_from(
         [
-            RUN_ID,
-            'run_part2',
-            'cut',
-            'empty',
-            'file',
-            '../outside',
-            './run',
-            'new',
-            'new_2',
-            'RUN',
-            'run/',
-            'run/.',
-            'empty/..',
+            RUN_ID, 'run_part2', 'cut', 'empty', 'file', '../outside', './run', 'new', 'new_2', 'RUN', 'run/',
+            'run/.', 'empty/..',
         ]
     ),
     TEXTS,
@@ -119,7 +108,7 @@ REQUESTS = st.lists(
 )
 
 
-@tried(0.15)
+@tried(0.12)
 @given(REQUESTS)
 def test_what_the_recorder_is_asked(log_dir, requests):
     """No log is written over or outside the folder, and every answer says yes or why not in one line."""
@@ -155,11 +144,7 @@ def test_what_the_recorder_is_asked(log_dir, requests):
 
 
 SENT = {
-    '/ball_centre': BallCentre,
-    '/run_state': RunState,
-    '/clock': Clock,
-    '/rosout': Log,
-    '/tf_static': TFMessage,
+    '/ball_centre': BallCentre, '/run_state': RunState, '/clock': Clock, '/rosout': Log, '/tf_static': TFMessage,
     '/probe_target': ProbeTarget,
 }
 
@@ -174,7 +159,7 @@ def sent_bytes(draw):
     return topic, draw(st.one_of(st.just(data), mutated(data), st.binary(max_size=12)))
 
 
-@tried(0.3)
+@tried(0.08)
 @given(st.lists(sent_bytes(), min_size=1, max_size=6))
 def test_bytes_that_the_recorder_hears(tmp_path_factory, said):
     """Bytes of another version of a message, or none: they are recorded, and told."""

@@ -4,9 +4,10 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_up import TRICKS, WORDS, bounded, dumped, mutated, trees, tried
+from made_up import TRICKS, WORDS, bounded, corpus, dumped, mutated, trees, tried
 from made_up_log import BALLS, RADIUS, RUN_ID
 from made_up_messages import TEXTS, changed, is_plain, messages
 from mute import FIELDS, TAUGHT, Mute, check_words
@@ -76,11 +77,7 @@ class MuteSequencer(Mute, Sequencer):
             _state_machine=ACTIVE,
         )
         self._carry_out = {
-            Ask: self._ask,
-            Locate: self._locate,
-            Remark: self._remark,
-            Verify: self._verify,
-            Tell: self._tell,
+            Ask: self._ask, Locate: self._locate, Remark: self._remark, Verify: self._verify, Tell: self._tell,
             Finish: self._finish,
         }
         self._announcer = SimpleNamespace(
@@ -142,7 +139,7 @@ def right_answer(node):
     return answer
 
 
-@tried(0.3)
+@tried(0.1)
 @given(answers(), st.one_of(messages(ErrorMotions), messages(ErrorMotions, run_id=st.just(RUN_ID))))
 def test_what_the_sequencer_hears(steps, motions):
     """Answers and error motions: what is asked can be sent, and what is not used has no consequence."""
@@ -195,7 +192,7 @@ def check_settings(values, wanted):
             assert one.check(values[one.name], 'again') == values[one.name]
 
 
-@tried()
+@tried(0.5)
 @given(SETTINGS_TEXTS)
 def test_settings_of_a_recorded_run(text):
     """What an event says that a run was planned with."""
@@ -225,7 +222,7 @@ OPTION_TEXTS = st.one_of(
 )
 
 
-@tried()
+@tried(0.4)
 @given(
     messages(
         Calibrate.Goal,
@@ -248,6 +245,15 @@ def test_goals(goal):
         with bounded():
             assert programme_of(values).total >= 9
             limits_of(values)
+
+
+@pytest.mark.parametrize('text', [data.decode() for data in (*corpus('options'), *corpus('settings'))])
+def test_settings_and_options_of_the_corpus(text):
+    """What once broke the door."""
+    for read in (lambda: wanted_changes('', 0, text), lambda: parse_settings(text, 'here')):
+        with pytest.raises(RosetteError) as error, bounded():
+            read()
+        check_words([str(error.value)])
 
 
 def recalled_calibration():
@@ -292,7 +298,7 @@ def recalls(draw):
     return made
 
 
-@tried(0.3)
+@tried(0.12)
 @given(recalls(), OPTION_TEXTS)
 def test_what_is_recalled_of_a_run(recalled, options):
     """Gone on with, or refused in one line: what contradicts the plan is not measured on."""

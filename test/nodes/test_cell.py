@@ -210,6 +210,7 @@ def test_what_the_plain_service_started_another_one_cancels(cell, module_domain_
         assert client.cancel() == (True, run_id)
         wait_until(lambda: f'run {run_id}: cancelled' in cell.output('sequencer'))
         wait_until(lambda: client.cancel() == (False, 'wanted a run to cancel, got none that is on'))
+    wait_until(lambda: f'log of run {run_id}' in cell.output('recorder'))
 
 
 @pytest.mark.parametrize(('order', 'options', 'words'), [
