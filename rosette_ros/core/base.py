@@ -332,8 +332,9 @@ def _refuse_far_too_few(run, terms):
     unknowns = run.n * sum({'table_motions': 6}.get(term, 3) for term in terms) - _MOST_GAUGE
     if run.n > _LARGE and 3 * run.size < unknowns:
         raise NotDeterminable(
-            f'{run.source}: too few ball centres: {run.size} of {run.n**2} cannot give rank {unknowns} (wanted at least '
-            f'{5 * run.n - 6} well spread ball centres). Measure the missing balls: rosette calibrate --resume RUN')
+            f'{run.source}: too few ball centres: {run.size} of {run.n**2} cannot give rank {unknowns} '
+            f'(wanted at least {5 * run.n - 6} well spread ball centres). Measure the missing '
+            'balls: rosette calibrate --resume RUN')
 
 
 def _basis(parts):
