@@ -57,7 +57,7 @@ class Watch:
     def lives(self):
         """How many processes beat under this name at the moment."""
         now = self._node.seconds()
-        self._heard = {life: heard for life, heard in self._heard.items() if now - heard < 2.5 * qos.BEAT_PERIOD}
+        self._heard = {life: heard for life, heard in self._heard.items() if now - heard < qos.BEAT_LOST}
         return len(self._heard)
 
     def _on_beat(self, message):

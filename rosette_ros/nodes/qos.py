@@ -29,12 +29,15 @@ HEALTH = _profile(10)
 
 BEAT_PERIOD = 0.5
 """A node beats so often, s."""
+BEAT_LOST = 2.5 * BEAT_PERIOD
+"""Who has not been heard for so long does not beat at the moment, s."""
 ALIVE = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE,
+    history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL, deadline=Duration(seconds=1),
     liveliness=LivelinessPolicy.AUTOMATIC, liveliness_lease_duration=Duration(nanoseconds=700_000_000))
 """Heartbeats: the middleware tells within the lease that a process is no more, within the deadline that a
-node has stopped to beat. On a topic of their own, so that a CMM with other QoS still fits the cell."""
+node has stopped to beat. On a topic of their own, so that a CMM with other QoS still fits the cell. Ten deep: in a
+queue of one the beat of a twin would replace the other's."""
 
 COLLECT = _profile(5000)
 COLLECT_LATCHED = _profile(5000, DurabilityPolicy.TRANSIENT_LOCAL)

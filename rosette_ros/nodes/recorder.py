@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recorder: everything that the cell says, one log per run."""
 
+import math
 import os
 import re
 import shutil
@@ -98,6 +99,8 @@ class Recorder(CellNode):
         self._rosout_topic = self.resolve_topic_name(names.ROSOUT)
         self._answer_topic = self.resolve_topic_name(names.BALL_CENTRE)
         self._answers = {}
+        self._beats = {self.resolve_topic_name(f'{name}/{names.ALIVE}'): -math.inf
+                       for name in names.NODES if name != names.RECORDER}
         self._state_topic = self.resolve_topic_name(names.RUN_STATE)
         self._simulated = self.get_parameter('use_sim_time').value
         self._simulated_now = 0
@@ -145,6 +148,8 @@ class Recorder(CellNode):
         self._tape.take(Message(topic, data, time_ns, published, now))
         if topic == self._answer_topic and self._tape.is_open:
             self._note_answer(data)
+        if topic in self._beats:
+            self._beats[topic] = now
         if topic == self._state_topic:
             self._close_orphan(decoded(data, RunState))
         if topic in self._questions:
@@ -223,7 +228,7 @@ class Recorder(CellNode):
                 earlier, links = self._earlier(request.resumes)
                 directory = next_part(self._log_dir, request.run_id)
             self._check_room(directory)
-            self._until(self.ears.is_connected, MATCH_TIMEOUT)
+            self._until(self._is_connected, MATCH_TIMEOUT)
             self.hear(self.ears.take())
             self._tape.open(directory, request.run_id, self.seconds(), self.now().nanoseconds, earlier, links)
             self._answers = {}
@@ -237,6 +242,16 @@ class Recorder(CellNode):
             self.get_logger().info(f'recording run {request.run_id} to {directory}')
             response.success, response.log = True, str(directory)
         return response
+
+    def _is_connected(self):
+        """Return whether all who are known on the graph are heard.
+
+        That this side is connected to a publisher does not say that the publisher is to this side. A heartbeat says
+        so for its whole node: it comes after the middleware of that node has learned of all subscriptions here.
+        """
+        now = self.seconds()
+        return self.ears.is_connected() and all(
+            now - heard < qos.BEAT_LOST or not self.count_publishers(topic) for topic, heard in self._beats.items())
 
     def _check_room(self, directory):
         """Refuse to begin a log that would soon end for want of room."""
@@ -308,6 +323,7 @@ class Recorder(CellNode):
         while not condition() and self.seconds() < deadline:
             time.sleep(BUSY_PERIOD)
             self.hear(self.ears.take())
+            self._beat.beat_if_due(self.seconds())
 
     def _directory(self, run_id):
         if not _RUN_NAME.fullmatch(run_id):

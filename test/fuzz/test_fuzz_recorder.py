@@ -50,6 +50,7 @@ class MuteRecorder(Mute, Recorder):
             _rosout_topic='/rosout',
             _answer_topic='/ball_centre',
             _answers={},
+            _beats={},
             _state_topic='/run_state',
             _simulated=True,
             _simulated_now=0,

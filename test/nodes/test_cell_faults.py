@@ -234,7 +234,7 @@ def test_recorder_that_dies_ends_the_run_in_words(cell_and_cmm, client, wait_unt
     assert outcome.success, outcome.message
     log = read_log(outcome.log)
     assert log.to_run().size == N * N
-    assert len(cmm.asked) - asked == len(set(log.targets.seq.tolist())) - 8, 'only what was missing'
+    assert min(seq for seq, _ in cmm.asked[asked:]) == 9, 'only what was missing'
 
 
 def test_missing_parts_are_named_at_both_doors(cell_of, domain_id):
@@ -257,14 +257,11 @@ def test_a_twin_in_the_same_domain_is_named(cell_and_cmm, client, peer, wait_unt
     """Two recorders under one name would both be commanded: refused, and what to do is said."""
     cell, _ = cell_and_cmm
     twin = peer.node.create_publisher(Header, 'recorder/alive', qos.ALIVE)
-
-    def is_seen():
-        twin.publish(Header(frame_id='recorder of another cell'))
-        return '2 nodes named recorder: wanted one in this domain' in cell.output('sequencer')
-
-    wait_until(is_seen)
-    twin.publish(Header(frame_id='recorder of another cell'))
+    beat = peer.node.create_timer(0.1, lambda: twin.publish(Header(frame_id='recorder of another cell')))
+    wait_until(lambda: '2 nodes named recorder: wanted one in this domain' in cell.output('sequencer'))
     started, why = client.start()
+    peer.node.destroy_timer(beat)
+    peer.node.destroy_publisher(twin)
     assert not started
     assert 'is another cell running? Give each its own (--domain, --namespace)' in why
 
