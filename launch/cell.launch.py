@@ -5,8 +5,8 @@ from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
-from launch.substitutions import LaunchConfiguration
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironmentVariable, Shutdown
+from launch.substitutions import EnvironmentVariable, LaunchConfiguration
 from launch_ros.actions import Node
 
 from rosette_ros.nodes import names
@@ -49,6 +49,10 @@ def generate_launch_description() -> LaunchDescription:
                 'log_dir',
                 default_value='',
                 description='Folder in which every run gets a folder of its own; empty: as the config says',
+            ),
+            *(
+                SetEnvironmentVariable(name, EnvironmentVariable(name, default_value=value))
+                for name, value in names.ENVIRONMENT.items()
             ),
             OpaqueFunction(function=cell),
         ]

@@ -24,7 +24,6 @@ ROSDEP_KEYS = {
     'matplotlib': 'python3-matplotlib',
     'mcap': 'mcap-ros2-support',
     'mcap_ros2': 'mcap-ros2-support',
-    'nicegui': 'python3-nicegui-pip',
     'numpy': 'python3-numpy',
     'pydantic': 'python3-pydantic',
     'rich': 'python3-rich',
@@ -33,6 +32,8 @@ ROSDEP_KEYS = {
     'zstandard': 'mcap-ros2-support',
 }
 """Imported module to rosdep key; ROS packages are their own keys."""
+WITHOUT_KEY = {'nicegui'}
+"""Imported modules that rosdep does not know; the README says how to install them."""
 
 SCRIPT = re.compile(r"'(\w+) = ([\w.]+):(\w+)'")
 
@@ -56,8 +57,8 @@ def clone(setup_venv, monkeypatch, tmp_path):
     """The set-up in a small clone whose steps write down that they were done and do nothing else."""
     for name, text in {
         'msg_defs/msg/A.msg': 'float64 a\n', 'tools/tf2_msgs/package.xml': '', 'requirements/requirements.lock': '',
-        'tools/venv_hook.py': '', 'tools/idl_cache.py': '', 'package.xml': '', 'setup.cfg': '',
-        'setup.py': '',
+        'tools/venv_hook.py': '', 'tools/idl_cache.py': '', 'tools/byte_code.py': '', 'package.xml': '',
+        'setup.cfg': '', 'setup.py': '',
     }.items():
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -67,6 +68,7 @@ def clone(setup_venv, monkeypatch, tmp_path):
     for name, value in {
         'ROOT': tmp_path, 'VENV': venv, 'STATE': state, 'LOCK': tmp_path / 'requirements/requirements.lock',
         'HOOK': tmp_path / 'tools/venv_hook.py', 'IDL_CACHE': tmp_path / 'tools/idl_cache.py',
+        'BYTE_CODE': tmp_path / 'tools/byte_code.py',
         'INTERFACES': (tmp_path / 'msg_defs', tmp_path / 'tools/tf2_msgs'), 'check_machine': lambda: None,
     }.items():
         monkeypatch.setattr(setup_venv, name, value)
@@ -75,6 +77,7 @@ def clone(setup_venv, monkeypatch, tmp_path):
                         lambda: (state.mkdir(parents=True, exist_ok=True), done.append('packages')))
     monkeypatch.setattr(setup_venv, 'build_messages', lambda: done.append('messages'))
     monkeypatch.setattr(setup_venv, 'install_package', lambda: done.append('package'))
+    monkeypatch.setattr(setup_venv, 'compile_imports', lambda: done.append('byte code'))
     setup_venv.done = done
     return setup_venv
 
@@ -159,7 +162,8 @@ def test_setup_py_has_the_same_version():
 
 def test_package_xml_declares_what_is_imported_and_nothing_else():
     """Every module that the package and its launch file import has its rosdep key in package.xml."""
-    needed = {ROSDEP_KEYS.get(name, name) for name in imported('rosette_ros', 'launch')}
+    needed = {ROSDEP_KEYS.get(name, name) for name in imported('rosette_ros', 'launch') - WITHOUT_KEY}
+    assert all(f'pip install {name}' in (ROOT / 'README.md').read_text() for name in WITHOUT_KEY)
     assert declared(manifest('package.xml'), 'depend', 'exec_depend') == needed
 
 
@@ -208,16 +212,16 @@ def test_second_setup_does_nothing(setup_venv):
 def test_steps_are_done_once(clone):
     """The first set-up does all steps, the second none."""
     clone.set_up()
-    assert clone.done == ['packages', 'messages', 'package']
+    assert clone.done == ['packages', 'messages', 'package', 'byte code']
     clone.set_up()
-    assert clone.done == ['packages', 'messages', 'package']
+    assert clone.done == ['packages', 'messages', 'package', 'byte code']
 
 
 @pytest.mark.parametrize('name, again', [
-    ('requirements/requirements.lock', ['packages', 'messages', 'package']),
-    ('msg_defs/msg/A.msg', ['messages']),
-    ('msg_defs/msg/B.msg', ['messages']),
-    ('setup.py', ['package']),
+    ('requirements/requirements.lock', ['packages', 'messages', 'package', 'byte code']),
+    ('msg_defs/msg/A.msg', ['messages', 'byte code']),
+    ('msg_defs/msg/B.msg', ['messages', 'byte code']),
+    ('setup.py', ['package', 'byte code']),
 ])
 def test_what_changed_is_done_again(clone, name, again):
     """A changed or new file brings back the steps that depend on it, and only those."""
@@ -259,10 +263,10 @@ def test_moved_clone_is_set_up_again(clone, monkeypatch, tmp_path):
     assert clone.pending() == []
     moved = tmp_path.with_name(f'{tmp_path.name}_moved')
     tmp_path.rename(moved)
-    for name in ('ROOT', 'VENV', 'STATE', 'LOCK', 'HOOK', 'IDL_CACHE'):
+    for name in ('ROOT', 'VENV', 'STATE', 'LOCK', 'HOOK', 'IDL_CACHE', 'BYTE_CODE'):
         monkeypatch.setattr(clone, name, moved / getattr(clone, name).relative_to(tmp_path))
     monkeypatch.setattr(clone, 'INTERFACES', (moved / 'msg_defs', moved / 'tools/tf2_msgs'))
-    assert [stamp.name for _, stamp, *_ in clone.pending()] == ['packages', 'messages', 'package']
+    assert [stamp.name for _, stamp, *_ in clone.pending()] == ['packages', 'messages', 'package', 'byte_code']
 
 
 def test_foreign_environment_is_kept(setup_venv, monkeypatch, tmp_path):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes .venv: the pinned packages, the messages of msg_defs/ and this package, and the command .venv/bin/rosette.
 
-Each of the three steps has a stamp in .venv/rosette that holds a hash of everything the step depends on. A step whose
+Each of its steps has a stamp in .venv/rosette that holds a hash of everything the step depends on. A step whose
 stamp fits is skipped; a step's stamp is removed before its work and written after it, so an interrupted step is done
 again. Run it through `make setup`; `setup.sh missing` prints the Debian packages that are missing, and does nothing.
 """
@@ -26,6 +26,7 @@ LOG = STATE / 'setup.log'
 LOCK = ROOT / 'requirements' / 'requirements.lock'
 HOOK = ROOT / 'tools' / 'venv_hook.py'
 IDL_CACHE = ROOT / 'tools' / 'idl_cache.py'
+BYTE_CODE = ROOT / 'tools' / 'byte_code.py'
 INTERFACES = (ROOT / 'msg_defs', ROOT / 'tools' / 'tf2_msgs')
 
 VERSION = f'{sys.version_info.major}.{sys.version_info.minor}'
@@ -111,6 +112,7 @@ def pending() -> list[tuple[str, Path, str, Callable[[], None]]]:
         ('packages', STATE / 'packages', packages_key, install_packages),
         ('messages, about a minute', STATE / 'messages', messages_key, build_messages),
         ('rosette_ros', STATE / 'package', package_key, install_package),
+        ('byte code', STATE / 'byte_code', digest([BYTE_CODE], messages_key + package_key), compile_imports),
     ]
     if not holds(STATE / 'packages', packages_key):
         return steps
@@ -337,6 +339,14 @@ def console_scripts() -> list[str]:
     """Return the names of the commands that rosette_ros installs."""
     [entry_points] = SITE_PACKAGES.glob('rosette_ros-*.dist-info/entry_points.txt')
     return re.findall(r'^(\S+)\s*=', entry_points.read_text(), flags=re.MULTILINE)
+
+
+# Step 4: byte code
+
+
+def compile_imports() -> None:
+    """Compile what rosette_ros imports, once, instead of at the first start or, without a cache, at every start."""
+    run([VENV / 'bin' / 'python', BYTE_CODE])
 
 
 # Running programs

@@ -36,6 +36,10 @@ VERBS = {
 }
 """Verb: (module in rosette_ros.cli, what it does). A new verb is a new module and a line here."""
 
+_SOURCE = 'source the set-up file of ROS 2 and of the workspace'
+INSTALL = {'rclpy': _SOURCE, 'rosette_msgs': _SOURCE, 'nicegui': 'pip install nicegui plotly'}
+"""Package: how it is installed, where that is not its name alone."""
+
 EXIT_OK, EXIT_ERROR, EXIT_INTERRUPTED = 0, 2, 130
 
 
@@ -102,7 +106,7 @@ def parse(argv):
     for verb, (module, text) in VERBS.items():
         of_verb = verbs.add_parser(verb, help=text, description=f'{text[0].upper()}{text[1:]}.')
         if verb == asked:
-            implementation = importlib.import_module(f'rosette_ros.cli.{module}')
+            implementation = _implementation(verb, module)
             implementation.add_arguments(of_verb)
             of_verb.set_defaults(run=implementation.run)
     if not asked.startswith('-') and asked not in VERBS:
@@ -110,6 +114,18 @@ def parse(argv):
         hint = f'; did you mean {near[0]!r}?' if near else ''
         raise UsageError(f'verb: wanted one of {", ".join(VERBS)}, got {asked!r}{hint}')
     return parser.parse_args(argv or [asked])
+
+
+def _implementation(verb, module):
+    """Return the module of a verb; a package that it needs and that is not installed is named."""
+    try:
+        return importlib.import_module(f'rosette_ros.cli.{module}')
+    except ModuleNotFoundError as error:
+        package = (error.name or '').partition('.')[0]
+        if package in ('', 'rosette_ros'):
+            raise
+        raise UsageError(f'{verb}: wanted the Python package {package}, got none; '
+                         f'{INSTALL.get(package, f"pip install {package}")}') from error
 
 
 if __name__ == '__main__':

@@ -25,7 +25,7 @@ def head(run):
 def curve_table(motions, title='Six error motions of the table'):
     """Return the table of six curves, µm and µrad, with expanded uncertainties.
 
-    Where the uncertainty is the same at all angles it stands below, else beside every value.
+    Where the uncertainty is the same at all angles it stands below all values, else below each.
     """
     values, expanded = 1e6 * motions.values, COVERAGE_FACTOR * 1e6 * motions.u
     places = [decimals(float(np.median(column))) for column in expanded.T]
@@ -50,7 +50,7 @@ def _curve_head(curve):
 
 
 def _cell(value, u, digits, with_u):
-    return signed(value, digits) + (f' ±{fixed(u, digits)}' if with_u else '')
+    return signed(value, digits) + (f'\n±{fixed(u, digits)}' if with_u else '')
 
 
 def deviation_table(report):

@@ -8,8 +8,8 @@ from pathlib import Path
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.data.bag_metadata import FILE_NAME, parse_qos
 from rosette_ros.data.log_files import custom_data, file_number, find_files, open_files
-from rosette_ros.data.log_writer import LogWriter
 from rosette_ros.data.schemas import TypeDefinition
+from rosette_ros.data.whole_log import whole_log
 
 FROM_KEY = 'rosette.repaired_from'
 """Entry of custom_data that names the log from which a repaired one was made."""
@@ -36,7 +36,8 @@ def repair_log(path, directory=None):
     The new log has a summary, indexes and metadata.yaml, schemas, QoS and times as they were; the old
     one is not touched. directory: of the new log, repaired_name(path) if None.
 
-    Raises InvalidData where the log is whole, holds nothing, is none, or the directory holds a log.
+    Raises InvalidData where the log is whole, holds nothing, is none, or the directory holds a log, CellError where
+    the disk refuses; nothing is left then.
     """
     path = Path(path)
     listing, problems = _files(path)
@@ -48,7 +49,7 @@ def repair_log(path, directory=None):
     if not problems:
         raise InvalidData(f'{path}: is whole; there is nothing to repair')
     _refuse_inside(path, directory)
-    with LogWriter(directory, directory.name, compression='lz4',
+    with whole_log(directory, directory.name, compression='lz4',
                    custom_data={**custom_data(read), FROM_KEY: path.name}) as writer:
         kinds, left_out = {}, Counter()
         for file in open_files(listing):

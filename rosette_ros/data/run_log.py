@@ -17,8 +17,8 @@ from rosette_ros.data.log_reader import (
     REPEATABILITY_KEY,
     REPEATS_KEY,
 )
-from rosette_ros.data.log_writer import LogWriter
 from rosette_ros.data.ros2msg import parse_schema
+from rosette_ros.data.whole_log import whole_log
 
 TARGET_TOPIC, ANSWER_TOPIC = '/rosette/probe_target', '/rosette/ball_centre'
 MAX_SECONDS = 2**31
@@ -33,7 +33,8 @@ def write_log(run, directory, library, name=None):
     the name of the directory. Each reading becomes a ProbeTarget and a BallCentre in the table
     frame; the repeatability goes to custom_data. Times are kept to 1 ns, counted from 0.
 
-    Raises InvalidData where the directory holds a log, or the run is longer than stamps can tell.
+    Raises InvalidData where the directory holds a log, or the run is longer than stamps can tell, CellError where
+    the disk refuses; nothing is left then.
     """
     directory = Path(directory)
     if run.time[-1] - run.time[0] >= MAX_SECONDS:
@@ -43,7 +44,7 @@ def write_log(run, directory, library, name=None):
     run_id = run.run_id or directory.name
     kinds = {TARGET_TOPIC: PROBE_TARGET, ANSWER_TOPIC: BALL_CENTRE}
     messages = {}
-    with LogWriter(directory, name or directory.name, custom_data=_known(run)) as writer:
+    with whole_log(directory, name or directory.name, custom_data=_known(run)) as writer:
         for topic, columns in _columns(run, run_id, stamp).items():
             definition = library.definition(kinds[topic])
             writer.add_topic(topic, definition, (LATCHED if topic == TARGET_TOPIC else Qos(),))

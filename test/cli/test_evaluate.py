@@ -156,3 +156,5 @@ def test_missing_balls_show_in_the_uncertainty(rosette, make_table):
     out = rosette('evaluate', path).out
     assert '34 of 36 ball centres' in out
     assert out.count('±') == 36
+    assert '…' not in out
+    assert max(map(len, out.splitlines())) <= 100

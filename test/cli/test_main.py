@@ -27,6 +27,20 @@ def test_unknown_option_is_refused(refused):
     assert 'unrecognized arguments: --js' in refused('evaluate', 'run.csv', '--js')
 
 
+@pytest.mark.parametrize(('verb', 'package', 'what_to_do'), [
+    ('studio', 'nicegui', 'pip install nicegui plotly'),
+    ('calibrate', 'rclpy', 'source the set-up file of ROS 2 and of the workspace'),
+])
+def test_a_package_that_is_not_installed_is_named(verb, package, what_to_do):
+    """rosdep does not bring all that one verb needs; the other verbs work without."""
+    without = f'import sys; sys.modules[{package!r}] = None; from rosette_ros.cli.main import main; sys.exit(main())'
+    done = subprocess.run([sys.executable, '-c', without, verb], capture_output=True, text=True, timeout=60,
+                          check=False)
+    assert done.returncode == 2
+    assert done.stdout == ''
+    assert done.stderr == f'rosette: {verb}: wanted the Python package {package}, got none; {what_to_do}\n'
+
+
 def test_without_a_verb_comes_the_help(capsys):
     """Every verb stands in it."""
     with pytest.raises(SystemExit) as end:
