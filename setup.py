@@ -17,7 +17,7 @@ setup(
     python_requires='>=3.11',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     include_package_data=False,
-    package_data={PACKAGE: ['**/*.yaml', '**/*.j2', '**/*.css', '**/*.js', '**/*.svg']},
+    package_data={PACKAGE: ['**/*.yaml', '**/*.j2', '**/*.css', '**/*.js', '**/*.svg', '**/*.xml']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),

@@ -19,7 +19,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rosette_msgs.msg import BallCentre, ProbeTarget
 
-from rosette_ros.nodes import qos
+from rosette_ros.nodes import environment, qos
 from rosette_ros.nodes.cell import Cell, cell_environment
 from rosette_ros.nodes.client import CellClient
 from rosette_ros.nodes.programme import Phase
@@ -124,7 +124,7 @@ def cell_rate(folder):
 
 def main():
     """Print both rates and their ratio."""
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.update(environment.added(os.environ))
     before = bare_rate()
     with tempfile.TemporaryDirectory() as folder:
         loop, outcome = cell_rate(Path(folder))

@@ -1,18 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """How many messages a second the recorder takes without losing one.
 
-    python -m benchmarks.recorder_rate [--seconds 60] [--rate N] [--split-mb 0] [--compression none] [--json]
+    python -m benchmarks.recorder_rate [--seconds 60] [--rate N] [--split-mb 0] [--compression none]
+                                       [--keep-last] [--json]
 
 The recorder node runs in a process and ROS domain of its own; its log is opened and closed by its services. Two
-processes publish ProbeTarget and BallCentre as in a cell: rclpy, the cell's QoS, the same topics. First the rate is
+processes publish ProbeTarget and BallCentre as in a cell: rclpy, the same topics, reliable. First the rate is
 raised until one of the two cannot keep it: a publisher keeps a rate if it sends at least 98 % of what is due. Then both
-publish at the highest rate that they kept. The log is read by the mcap library: every seq has to be in it, once.
+publish at the highest rate that they kept. The log is read by the mcap library: every seq has to be in it, once. Where
+messages were lost, the rate is lowered by a tenth and all is measured again, until none is.
 
-Publishers at their limit take all that a small computer has, and nothing slows them down: the cell's queues keep the
-last messages. Where messages were lost, the rate is lowered by a tenth and all is measured again, until none is.
+The publishers keep what is not acknowledged (history: keep all) and wait where that is too much, so that a rate that
+they keep is one that arrives. With --keep-last they have the depths of the cell, where at most one target is on its
+way: what is replaced before it arrived is lost, and nothing slows the publishers down.
 """
 
 import argparse
+import copy
 import itertools
 import json
 import os
@@ -27,16 +31,20 @@ from pathlib import Path
 import rclpy
 from mcap.reader import make_reader
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.qos import HistoryPolicy
 from rclpy.serialization import deserialize_message
 from rosette_msgs.msg import BallCentre, ProbeTarget
 from rosette_msgs.srv import StartRecording, StopRecording
 
-from rosette_ros.nodes import names, qos
+from rosette_ros.nodes import environment, names, qos
 from rosette_ros.nodes.cell import MODULES, Cell, cell_environment
 
 DOMAIN = 101
+RCLError = rclpy_implementation.RCLError
 KINDS = {names.PROBE_TARGET: (ProbeTarget, qos.TARGET), names.BALL_CENTRE: (BallCentre, qos.ANSWER)}
 RUN_ID = 'rosette_20260412_083000_diagonal'
 FIRST_RATE, LEAST_RATE, FINEST = 1000, 100, 0.05
@@ -86,11 +94,14 @@ class Report:
 # A publisher, in a process of its own
 
 
-def publisher_main(topic):
+def publisher_main(topic, keeps_last):
     """Publish as standard input asks, `RATE SECONDS` a line; answer each with what was sent."""
     rclpy.init()
     kind, profile = KINDS[topic]
     node = Node(f'load_{topic}', namespace=names.NAMESPACE, enable_rosout=False)
+    profile = copy.copy(profile)
+    if not keeps_last:
+        profile.history = HistoryPolicy.KEEP_ALL
     publisher = node.create_publisher(kind, topic, profile)
     message = kind(run_id=RUN_ID, table_position=1, ball=1, cmm_position=1)
     message.header.frame_id = 'machine'
@@ -108,25 +119,30 @@ def publisher_main(topic):
 
 
 def publish(publisher, message, rate, seconds):
-    """Publish seq 1, 2, 3 ... at a rate for so long; return how many."""
+    """Publish seq 1, 2, 3 ... at a rate for so long, wait until the recorder has all; return how many."""
     sent, began = 0, time.perf_counter()
     while (now := time.perf_counter() - began) < seconds:
         if sent < rate * now:
+            message.seq = sent + 1
+            try:
+                publisher.publish(message)
+            except RCLError:  # no room: the recorder has not acknowledged enough
+                continue
             sent += 1
-            message.seq = sent
-            publisher.publish(message)
         else:
             time.sleep(1 / rate)
+    publisher.wait_for_all_acked(Duration(seconds=PATIENCE))
     return sent
 
 
 class Publishers:
     """The two processes that publish; a context manager."""
 
-    def __init__(self):
+    def __init__(self, keeps_last):
         """Start both and wait until they see the recorder."""
+        options = ['--keep-last'] if keeps_last else []
         self._processes = [subprocess.Popen(
-            [sys.executable, __file__, '--publish', topic], env=cell_environment(DOMAIN), text=True,
+            [sys.executable, __file__, '--publish', topic, *options], env=cell_environment(DOMAIN), text=True,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE) for topic in KINDS]
         for process in self._processes:
             if process.stdout.readline().strip() != 'ready':
@@ -283,21 +299,29 @@ def highest_rate(publishers, recording, numbers):
     return low, tuple(tried)
 
 
-def measure(seconds, rate=None, split_mb=0, compression='none'):
-    """Return the Report of so many seconds at a rate; None: at the highest that the publishers keep, and at less."""
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+def measure(seconds, rate=None, split_mb=0, compression='none', keeps_last=False, tell=lambda words: None):
+    """Return the Report of so many seconds at a rate; None: at the highest that the publishers keep, and at less.
+
+    tell: called with some lines of words about each rate as soon as it was tried.
+    """
+    os.environ.update(environment.added(os.environ))
     params = {names.RECORDER: {'max_file_mb': split_mb, 'compression': compression}}
     with tempfile.TemporaryDirectory() as folder, \
             Cell(DOMAIN, nodes=(names.RECORDER,), params=params, log_dir=folder, simulated_time=False), \
-            Publishers() as publishers, Recording() as recording:
+            Publishers(keeps_last) as publishers, Recording() as recording:
         if rate is not None:
-            return Report((), (one_rate(publishers, recording, RUN_ID, rate, seconds),))
+            result = one_rate(publishers, recording, RUN_ID, rate, seconds)
+            tell(words_of(result))
+            return Report((), (result,))
         numbers = itertools.count(1)
         rate, tried = highest_rate(publishers, recording, numbers)
-        results = [one_rate(publishers, recording, f'{RUN_ID}_{next(numbers)}', rate, seconds)]
-        while not results[-1].is_whole and rate > LEAST_RATE:
-            rate *= LESS
+        pairs = ', '.join(f'{asked:.0f} ({kept:.0f})' for asked, kept in tried)
+        tell(f'  asked of each publisher, 1/s (kept): {pairs}')
+        results = []
+        while not results or (not results[-1].is_whole and rate > LEAST_RATE):
             results.append(one_rate(publishers, recording, f'{RUN_ID}_{next(numbers)}', rate, seconds))
+            tell(words_of(results[-1]))
+            rate *= LESS
         return Report(tried, tuple(results))
 
 
@@ -326,25 +350,17 @@ def _result(log, sent, seconds, told, used):
         cpu_seconds=cpu, peak_memory=peak, growth=growth, others=others)
 
 
-def show(report):
-    """Print a Report for a person."""
-    if report.tried:
-        print('  asked of each publisher, 1/s (kept): '
-              + ', '.join(f'{rate:.0f} ({kept:.0f})' for rate, kept in report.tried))
-    for result in report.results:
-        show_result(result)
-
-
-def show_result(result):
-    """Print a Result for a person."""
-    print(f'  {len(KINDS)} topics at {result.rate:.0f} 1/s each for {result.seconds:g} s, '
-          f'{2 * result.rate:.0f} messages/s')
-    print(f'    published {result.published}, recorded {result.recorded}, lost {sum(result.lost.values())} '
-          f'(the recorder says {result.told}), twice {result.repeated}')
-    print(f'    log of {result.log_bytes / MEGABYTE:.1f} MB in {result.files} file(s)')
-    print(f'    recorder: {result.cpu_seconds:.1f} CPU seconds ({100 * result.cpu_seconds / result.seconds:.0f} % of a '
-          f'core), peak memory {result.peak_memory / MEGABYTE:.0f} MB, growth {result.growth / MEGABYTE:+.1f} MB')
-    print(f'    meanwhile other processes of this computer took {result.others:.1f} CPU seconds')
+def words_of(result):
+    """Return a Result in lines for a person."""
+    return (
+        f'  {len(KINDS)} topics at {result.rate:.0f} 1/s each for {result.seconds:g} s, '
+        f'{len(KINDS) * result.rate:.0f} messages/s\n'
+        f'    published {result.published}, recorded {result.recorded}, lost {sum(result.lost.values())} '
+        f'(the recorder says {result.told}), twice {result.repeated}\n'
+        f'    log of {result.log_bytes / MEGABYTE:.1f} MB in {result.files} file(s)\n'
+        f'    recorder: {result.cpu_seconds:.1f} CPU seconds ({100 * result.cpu_seconds / result.seconds:.0f} % of a '
+        f'core), peak memory {result.peak_memory / MEGABYTE:.0f} MB, growth {result.growth / MEGABYTE:+.1f} MB\n'
+        f'    meanwhile other processes of this computer took {result.others:.1f} CPU seconds')
 
 
 def main(args=None):
@@ -354,19 +370,20 @@ def main(args=None):
     parser.add_argument('--rate', type=float, help='messages per second and topic (default: the highest that is kept)')
     parser.add_argument('--split-mb', type=int, default=0, help="the recorder's max_file_mb")
     parser.add_argument('--compression', default='none', help="the recorder's compression")
+    parser.add_argument('--keep-last', action='store_true', help="publish with the cell's own history depths: what the "
+                        'recorder has not heard in time is replaced')
     parser.add_argument('--json', action='store_true', help='print one JSON object')
     parser.add_argument('--publish', choices=tuple(KINDS), help=argparse.SUPPRESS)
     options = parser.parse_args(args)
     if options.publish:
-        publisher_main(options.publish)
+        publisher_main(options.publish, options.keep_last)
         return 0
-    load = os.getloadavg()[0]
-    report = measure(options.seconds, options.rate, options.split_mb, options.compression)
+    tell = (lambda words: None) if options.json else (lambda words: print(words, flush=True))
+    tell(f'the recorder at the highest rate: {platform.machine()}, {os.cpu_count()} cores, load '
+         f'{os.getloadavg()[0]:.1f} before')
+    report = measure(options.seconds, options.rate, options.split_mb, options.compression, options.keep_last, tell)
     if options.json:
         print(json.dumps(asdict(report)))
-    else:
-        print(f'the recorder at the highest rate: {platform.machine()}, {os.cpu_count()} cores, load {load:.1f} before')
-        show(report)
     return 0 if report.results[-1].is_whole else 1
 
 

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Starts a calibration cell: ros2 launch rosette_ros cell.launch.py [simulate:=false] ..."""
 
+import os
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironmentVariable, Shutdown
-from launch.substitutions import EnvironmentVariable, LaunchConfiguration
+from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from rosette_ros.nodes import names
+from rosette_ros.nodes import environment, names
 
 PACKAGE = 'rosette_ros'
 CONFIG = Path(get_package_share_directory(PACKAGE)) / 'config' / 'cell.yaml'
@@ -50,10 +51,7 @@ def generate_launch_description() -> LaunchDescription:
                 default_value='',
                 description='Folder in which every run gets a folder of its own; empty: as the config says',
             ),
-            *(
-                SetEnvironmentVariable(name, EnvironmentVariable(name, default_value=value))
-                for name, value in names.ENVIRONMENT.items()
-            ),
+            *(SetEnvironmentVariable(name, value) for name, value in environment.added(os.environ).items()),
             OpaqueFunction(function=cell),
         ]
     )

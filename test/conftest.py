@@ -12,10 +12,10 @@ import hypothesis
 import pytest
 import yaml
 
-from rosette_ros.nodes import names
+from rosette_ros.nodes import environment
 from rosette_ros.nodes.cell import Cell
 
-os.environ.update({**names.ENVIRONMENT, **os.environ})
+os.environ.update(environment.added(os.environ))
 
 # How long an example takes says something of the computer, not of the code.
 hypothesis.settings.register_profile('rosette', deadline=None)

@@ -17,7 +17,7 @@ from rclpy.qos import (
 from rosette_msgs.msg import ErrorMotions
 
 from rosette_ros.core.errors import CellError
-from rosette_ros.nodes import names
+from rosette_ros.nodes import environment, names
 from rosette_ros.nodes.interfaces import interface_class
 
 INPUTS = (names.PROBE_TARGET, names.BALL_CENTRE, names.RUN_STATE, names.TF_STATIC, names.CLOCK)
@@ -40,7 +40,7 @@ class Player:
 
     def __init__(self, topics, domain=None):
         """Join the graph and announce the topics."""
-        os.environ.update({**names.ENVIRONMENT, **os.environ})
+        os.environ.update(environment.added(os.environ))
         chosen = {topic.name: topic for topic in topics if _last(topic.name) in _LAST_PARTS}
         answers = [name for name in chosen if _last(name) == names.BALL_CENTRE]
         if not answers:

@@ -80,7 +80,12 @@ class Fit:
 def mean_radius(run):
     """Return the mean radius of the circle of ball centres, equation (10), m."""
     x, y = run.centre[:, 0], run.centre[:, 1]
-    return float(np.mean(x * np.cos(run.alpha) + y * np.sin(run.alpha)))
+    return float(np.mean((x * np.cos(run.alpha) + y * np.sin(run.alpha))[_by_place(run)]))
+
+
+def _by_place(run):
+    """Return the indices that sort readings by table position and ball: sums do not depend on when one was taken."""
+    return np.lexsort((run.ball, run.table_position))
 
 
 def observed(run, plate=None):
@@ -223,9 +228,10 @@ def fit(run, model=None, settings=(), weight=None, space=None):
 
 def _mean_angles(run):
     """Return the mean actual angle at each table position, (n,), rad; nominal where none was read."""
-    index = run.table_position - 1
+    order = _by_place(run)
+    index = run.table_position[order] - 1
     count = np.bincount(index, minlength=run.n)
-    total = np.bincount(index, weights=run.angle_deviation, minlength=run.n)
+    total = np.bincount(index, weights=run.angle_deviation[order], minlength=run.n)
     return 2 * np.pi * np.arange(run.n) / run.n + total / np.maximum(count, 1)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import yaml
 
 from rosette_ros.core.errors import CellError, InvalidConfig
-from rosette_ros.nodes import names
+from rosette_ros.nodes import environment, names
 
 MODULES = {
     names.RECORDER: 'rosette_ros.nodes.recorder',
@@ -238,8 +238,8 @@ class Cell:
 
 def cell_environment(domain_id=None):
     """Return the environment for processes of a cell that stays on this computer."""
-    environment = {**names.ENVIRONMENT, **os.environ}
-    environment['PYTHONUNBUFFERED'] = '1'
+    made = {**os.environ, **environment.added(os.environ)}
+    made['PYTHONUNBUFFERED'] = '1'
     if domain_id is not None:
-        environment['ROS_DOMAIN_ID'] = str(domain_id)
-    return environment
+        made['ROS_DOMAIN_ID'] = str(domain_id)
+    return made

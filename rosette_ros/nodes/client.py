@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 from rosette_ros.core.errors import CellError
 from rosette_ros.core.records import ErrorMotions
 from rosette_ros.data.plain_yaml import load_plain
-from rosette_ros.nodes import convert, names, qos
+from rosette_ros.nodes import convert, environment, names, qos
 from rosette_ros.nodes.introspection import introspected_client
 from rosette_ros.nodes.programme import Phase
 from rosette_ros.nodes.settings import RESUME
@@ -95,7 +95,7 @@ class CellClient:
 
     def __init__(self, domain_id=None, namespace=names.NAMESPACE):
         """Join the graph; only cells on this computer are seen unless the environment says so."""
-        os.environ.update({**names.ENVIRONMENT, **os.environ})
+        os.environ.update(environment.added(os.environ))
         self._where, self._domain_id = f'/{namespace.strip("/")}', domain_id
         self._context = Context()
         self._context.init(domain_id=domain_id)

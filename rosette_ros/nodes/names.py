@@ -65,7 +65,3 @@ def remap_arguments(pairs):
 def enclave(namespace, node):
     """Return the name under which SROS2 keeps the keys and the permissions of a node."""
     return f'/{namespace.strip("/")}/{node}'.replace('//', '/')
-
-ENVIRONMENT = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}
-"""What holds for processes of a cell unless their environment says otherwise: they stay on this computer, and
-they do not talk by shared memory, where a killed process leaves ports behind that its successor cannot hear by."""

@@ -16,7 +16,7 @@ from tf2_msgs.msg import TFMessage
 
 from rosette_ros.core.errors import CellError, RosetteError
 from rosette_ros.data.assemble import TABLE_FRAME
-from rosette_ros.nodes import convert, names, qos
+from rosette_ros.nodes import convert, environment, names, qos
 from rosette_ros.nodes.client import CellClient
 from rosette_ros.nodes.ears import Ears
 from rosette_ros.nodes.programme import phase_name
@@ -39,7 +39,7 @@ class CellWatch:
 
     def __init__(self, domain_id=None, namespace=names.NAMESPACE):
         """Join the graph and listen."""
-        os.environ.update({**names.ENVIRONMENT, **os.environ})
+        os.environ.update(environment.added(os.environ))
         self.lock, self.state = threading.Lock(), CellState()
         self.outcome, self.problem = None, ''
         self._where = (domain_id, namespace)
