@@ -11,8 +11,9 @@ publish at the highest rate that they kept. The log is read by the mcap library:
 messages were lost, the rate is lowered by a tenth and all is measured again, until none is.
 
 The publishers keep what is not acknowledged (history: keep all) and wait where that is too much, so that a rate that
-they keep is one that arrives. With --keep-last they have the depths of the cell, where at most one target is on its
-way: what is replaced before it arrived is lost, and nothing slows the publishers down.
+they keep is one that arrives; where one of them did not keep it for the whole time, a lower one is tried too. With
+--keep-last they have the depths of the cell, where at most one target is on its way: what is replaced before it arrived
+is lost, and nothing slows the publishers down.
 """
 
 import argparse
@@ -57,13 +58,17 @@ MEGABYTE = 1e6
 
 @dataclass(frozen=True)
 class Result:
-    """What was sent and what is in the log; rate: messages per second and topic; memory in bytes.
+    """What was sent and what is in the log; memory in bytes.
+
+    rate: messages per second of the slower publisher; asked: of each; sent: how many by topic.
 
     lost, repeated: by comparing the log with what was sent; told: what the recorder says that it lost; growth:
     of its resident memory while the publishers sent; others: CPU seconds of whatever else ran on the computer.
     """
 
     rate: float
+    asked: float
+    sent: dict
     seconds: float
     published: int
     recorded: int
@@ -76,6 +81,11 @@ class Result:
     peak_memory: int
     growth: int
     others: float
+
+    @property
+    def is_kept(self):
+        """Whether both publishers kept the rate that was asked."""
+        return self.rate >= KEPT * self.asked
 
     @property
     def is_whole(self):
@@ -318,7 +328,7 @@ def measure(seconds, rate=None, split_mb=0, compression='none', keeps_last=False
         pairs = ', '.join(f'{asked:.0f} ({kept:.0f})' for asked, kept in tried)
         tell(f'  asked of each publisher, 1/s (kept): {pairs}')
         results = []
-        while not results or (not results[-1].is_whole and rate > LEAST_RATE):
+        while not results or (not (results[-1].is_whole and results[-1].is_kept) and rate > LEAST_RATE):
             results.append(one_rate(publishers, recording, f'{RUN_ID}_{next(numbers)}', rate, seconds))
             tell(words_of(results[-1]))
             rate *= LESS
@@ -332,10 +342,10 @@ def one_rate(publishers, recording, run_id, rate, seconds):
     sent = publishers.send(rate, seconds)
     used = usage.end()
     answer = recording.stop(run_id)
-    return _result(Path(answer.log), sent, seconds, answer.lost, used)
+    return _result(Path(answer.log), rate, sent, seconds, answer.lost, used)
 
 
-def _result(log, sent, seconds, told, used):
+def _result(log, asked, sent, seconds, told, used):
     recorded, lost, repeated = 0, {}, 0
     for topic, (kind, _) in KINDS.items():
         seqs = seqs_in(log, topic, kind)
@@ -345,7 +355,8 @@ def _result(log, sent, seconds, told, used):
     files = sorted(log.glob('*.mcap'))
     cpu, peak, growth, others = used
     return Result(
-        rate=min(sent.values()) / seconds, seconds=seconds, published=sum(sent.values()), recorded=recorded, lost=lost,
+        rate=min(sent.values()) / seconds, asked=asked, sent=sent, seconds=seconds,
+        published=sum(sent.values()), recorded=recorded, lost=lost,
         repeated=repeated, told=told, files=len(files), log_bytes=sum(path.stat().st_size for path in files),
         cpu_seconds=cpu, peak_memory=peak, growth=growth, others=others)
 
@@ -353,8 +364,10 @@ def _result(log, sent, seconds, told, used):
 def words_of(result):
     """Return a Result in lines for a person."""
     return (
-        f'  {len(KINDS)} topics at {result.rate:.0f} 1/s each for {result.seconds:g} s, '
-        f'{len(KINDS) * result.rate:.0f} messages/s\n'
+        f'  asked of each publisher {result.asked:.0f} 1/s for {result.seconds:g} s, '
+        f'{"kept" if result.is_kept else "not kept"}: '
+        f'{", ".join(f"{topic} {count / result.seconds:.0f}" for topic, count in result.sent.items())} 1/s, '
+        f'{result.published / result.seconds:.0f} messages/s in all\n'
         f'    published {result.published}, recorded {result.recorded}, lost {sum(result.lost.values())} '
         f'(the recorder says {result.told}), twice {result.repeated}\n'
         f'    log of {result.log_bytes / MEGABYTE:.1f} MB in {result.files} file(s)\n'

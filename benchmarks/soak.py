@@ -12,11 +12,12 @@ import shutil
 import sys
 import tempfile
 import time
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
 from mcap.reader import make_reader
+from rclpy.serialization import deserialize_message
+from rosette_msgs.msg import BallCentre, ProbeTarget
 
 from rosette_ros.cli.simulated_cell import make_cell, write_machine
 from rosette_ros.machine import MachineConfig
@@ -27,6 +28,7 @@ from rosette_ros.nodes.client import CellClient
 DOMAIN = 47
 ORDERS = ('diagonal', 'row', 'column', 'random')
 REPEATS = 10
+KINDS = {names.PROBE_TARGET: ProbeTarget, names.BALL_CENTRE: BallCentre}
 FLAT_MB = 10.0
 """A node that grows by more over the second half of the soak, MB, fails it."""
 MB = 1 << 20
@@ -38,13 +40,13 @@ def resident(pid):
     return pages * os.sysconf('SC_PAGE_SIZE') / MB
 
 
-def counts(log):
-    """Return how many messages of each topic stand in a log, as the mcap library reads them."""
-    found = Counter()
+def seqs(log, name, kind):
+    """Return the seq of every target or answer in a log, a set, as the mcap library reads it."""
+    found = set()
     for path in sorted(log.glob('*.mcap')):
         with open(path, 'rb') as stream:
-            for _, channel, _ in make_reader(stream, validate_crcs=True).iter_messages():
-                found[channel.topic] += 1
+            messages = make_reader(stream, validate_crcs=True).iter_messages([f'/{names.NAMESPACE}/{name}'])
+            found |= {deserialize_message(message.data, kind).seq for _, _, message in messages}
     return found
 
 
@@ -64,9 +66,8 @@ def soak(measurements, balls, folder):
             if not outcome.success:
                 problems.append(f'{outcome.run_id}: {outcome.message}')
                 break
-            found = counts(outcome.log)
-            for topic in (names.PROBE_TARGET, names.BALL_CENTRE):
-                lost += total - found[f'/{names.NAMESPACE}/{topic}']
+            for name, kind in KINDS.items():
+                lost += len(set(range(1, total + 1)) - seqs(outcome.log, name, kind))
             shutil.rmtree(outcome.log)
             measured += total
             for name in MODULES:

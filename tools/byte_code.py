@@ -24,7 +24,8 @@ def imported() -> list[str]:
 
 
 def main() -> None:
-    """Compile them; a file that does not compile was imported all the same and is left alone."""
+    """Compile them beside themselves; a file that does not compile was imported all the same and is left alone."""
+    sys.pycache_prefix = None
     for name in imported():
         if not Path(importlib.util.cache_from_source(name)).exists():
             py_compile.compile(name, quiet=2)

@@ -167,6 +167,16 @@ def write_bag_metadata(directory, mapping):
         stream.flush()
         os.fsync(stream.fileno())
     os.replace(temporary, target)
+    synchronise_folder(directory)
+
+
+def synchronise_folder(directory):
+    """Bring the names in a folder to the disk: a file of which only the content is there is lost without power."""
+    folder = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from rosette_ros.data.bag_metadata import (
     bag_mapping,
     bag_text,
     qos_text,
+    synchronise_folder,
     write_bag_metadata,
 )
 from rosette_ros.data.mcap_writer import COMPRESSIONS, McapWriter
@@ -233,6 +234,7 @@ class LogWriter:
         self._synchronise()
         self._head_size = self._writer.size
         unnamed.rename(path)
+        synchronise_folder(self.directory)
         self._files.append(self._file)
         self._note_safe()
         self._write_metadata_file()
@@ -350,12 +352,14 @@ class LogWriter:
         return CellError(self._failure)
 
     def _abandon(self):
-        """Give up the open file: drop what the disk did not take."""
+        """Give up the open file: drop what the disk did not take, and what waits for it to take more."""
         self._writer = None
         with contextlib.suppress(OSError, ValueError):
-            raw = self._stream.detach()
-            raw.truncate(self._safe_size)
-            raw.close()
+            raw = self._stream.raw  # detach() or close() would flush first, and fail
+            try:
+                raw.truncate(self._safe_size)
+            finally:
+                raw.close()
 
 
 def _nanoseconds(seconds):

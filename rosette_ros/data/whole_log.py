@@ -2,36 +2,40 @@
 """Writing a log from what is known already: all of it, or nothing."""
 
 import contextlib
+import glob
 from pathlib import Path
 
-from rosette_ros.core.errors import CellError
+from rosette_ros.core.errors import CellError, InvalidData
+from rosette_ros.data.bag_metadata import FILE_NAME
 from rosette_ros.data.log_writer import LogWriter
 
 
 @contextlib.contextmanager
 def whole_log(directory, name, **options):
-    """Open a LogWriter with its options; where the log cannot be written to its end, nothing of it is left.
+    """Open a LogWriter with its options; where the log cannot be written to its end, no file of it is left.
 
     Raises InvalidData where the directory holds a log, CellError where the disk refuses.
     """
     directory = Path(directory)
-    before = set(directory.iterdir()) if directory.is_dir() else None
+    was_there = directory.is_dir()
     try:
         with LogWriter(directory, name, **options) as writer:
             yield writer
+    except InvalidData:
+        raise  # nothing was begun: the directory holds the log of somebody else
     except BaseException as error:
-        _take_back(directory, before)
+        _take_back(directory, name, was_there)
         if isinstance(error, CellError) and isinstance(error.__cause__, OSError):
             raise CellError(f'{directory}: cannot write the log: {error.__cause__.strerror}; make room and try again, '
                             'nothing of it was kept') from error
         raise
 
 
-def _take_back(directory, before):
-    """Remove what was not there before; before: paths in the directory, None where there was no directory."""
+def _take_back(directory, name, was_there):
+    """Remove the files of a log that was begun, and its folder unless it was there before."""
     with contextlib.suppress(OSError):
-        for path in directory.iterdir():
-            if path not in (before or ()):
+        for pattern in (f'{glob.escape(name)}_*.mcap*', f'{FILE_NAME}*'):
+            for path in directory.glob(pattern):
                 path.unlink()
-        if before is None:
+        if not was_there:
             directory.rmdir()

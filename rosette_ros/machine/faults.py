@@ -17,7 +17,7 @@ from rosette_ros.machine.streams import part_generator
 
 FaultKind = Literal[
     'silent', 'late', 'twice', 'again', 'wrong_seq', 'wrong_run', 'not_a_number', 'infinite', 'failed',
-    'wrong_ball', 'outlier', 'clock_back', 'table_short', 'crash']
+    'wrong_ball', 'neighbour', 'outlier', 'clock_back', 'table_short', 'crash']
 
 
 class FaultSettings(Settings):

@@ -15,14 +15,17 @@ from rosette_ros.nodes import names, qos
 
 
 class Beat:
-    """The heartbeat of a node; words: why it cannot do its work, '' while it can."""
+    """The heartbeat of a node.
+
+    words: why it cannot do its work, '' while it can; hears: names of the processes whose beats it hears.
+    """
 
     def __init__(self, node):
         """Create the publisher on a Node."""
         self._node = node
         self._life = f'{node.get_name()} {uuid.uuid4().hex[:12]}'
         self._told = None
-        self.words = ''
+        self.words, self.hears = '', ()
         self._publisher = node.create_publisher(
             Header, f'{node.get_name()}/{names.ALIVE}', qos.ALIVE,
             event_callbacks=PublisherEventCallbacks(use_default_callbacks=False))
@@ -31,13 +34,20 @@ class Beat:
         """Beat where the last beat is long enough ago; now: steady time, s."""
         if self._told is None or now - self._told >= qos.BEAT_PERIOD:
             self._told = now
-            self._publisher.publish(Header(stamp=self._node.now().to_msg(), frame_id=f'{self._life}\n{self.words}'))
+            lines = (self._life, ' '.join(self.words.split()), *self.hears)
+            self._publisher.publish(Header(stamp=self._node.now().to_msg(), frame_id='\n'.join(lines)))
+
+
+def read_beat(frame_id):
+    """Return (life, words, hears) of a heartbeat; what it leaves out is '' or ()."""
+    life, *rest = frame_id.split('\n')
+    return life, ''.join(rest[:1]), tuple(rest[1:])
 
 
 class Watch:
     """What is known of the life of another node of the cell.
 
-    life: name of the process that beats, '' before the first beat; words: why it cannot do its work; has_gone:
+    life: name of the process that beats, '' before the first beat; words, hears: as of Beat; has_gone:
     whether one was there that is no more and nothing was heard of a successor; is_late: whether it does not beat
     in time.
     """
@@ -45,7 +55,7 @@ class Watch:
     def __init__(self, node, peer):
         """Watch the node named `peer` from a CellNode."""
         self._node, self._heard = node, {}
-        self.life = self.words = ''
+        self.life, self.words, self.hears = '', '', ()
         self._alive, self.has_gone = 0, False
         self.is_late = False
         node.create_subscription(
@@ -61,7 +71,7 @@ class Watch:
         return len(self._heard)
 
     def _on_beat(self, message):
-        self.life, _, self.words = message.frame_id.partition('\n')
+        self.life, self.words, self.hears = read_beat(message.frame_id)
         self.is_late = False
         self._heard[self.life] = self._node.seconds()
         if self._alive:  # else it is the last beat of one who has gone

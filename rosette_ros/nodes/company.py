@@ -52,8 +52,14 @@ class Company:
             self._node.get_logger().info(words)
 
     def is_settled(self, now):
-        """Whether all nodes have been there long enough to know each other."""
-        return self._complete_since is not None and now - self._complete_since >= SETTLING
+        """Whether all nodes have been there long enough to know each other, and the recorder hears the CMM."""
+        return (self._complete_since is not None and now - self._complete_since >= SETTLING
+                and self._is_recorded())
+
+    def _is_recorded(self):
+        """Return whether the recorder says that it hears the CMM; True where one of them does not beat."""
+        cmm, recorder = self._watches[names.CMM], self._watches[names.RECORDER]
+        return not (cmm.life and recorder.life) or recorder.has_gone or cmm.life in recorder.hears
 
     def lives(self):
         """Return the processes that serve a run now, by node; who does not beat is left out."""

@@ -11,7 +11,7 @@ from pathlib import Path
 RANGE, PEERS, RMW = 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS', 'RMW_IMPLEMENTATION'
 TRANSPORTS, PROFILES = 'FASTDDS_BUILTIN_TRANSPORTS', 'FASTRTPS_DEFAULT_PROFILES_FILE'
 FAST_DDS = ('', 'rmw_fastrtps_cpp', 'rmw_fastrtps_dynamic_cpp')
-LOCAL = 'LOCALHOST'
+LOCAL, WIDE = 'LOCALHOST', ('SUBNET', 'SYSTEM_DEFAULT')
 
 
 def added(given):
@@ -19,8 +19,10 @@ def added(given):
 
     What is given stays. The profile is for those who stay on this computer: nobody on another one could reach them.
     """
-    made = {name: value for name, value in ((RANGE, LOCAL), (TRANSPORTS, 'UDPv4')) if name not in given}
-    stays = given.get(RANGE, LOCAL) == LOCAL and not given.get(PEERS)
+    made = {} if given.get(RANGE) else {RANGE: LOCAL}
+    if TRANSPORTS not in given:
+        made[TRANSPORTS] = 'UDPv4'
+    stays = (given.get(RANGE) or LOCAL) not in WIDE and not given.get(PEERS)
     if stays and given.get(RMW, '') in FAST_DDS and PROFILES not in given:
         made[PROFILES] = str(Path(__file__).with_name('fastdds.xml'))
     return made

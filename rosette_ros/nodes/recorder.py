@@ -13,11 +13,13 @@ from rcl_interfaces.msg import Log
 from rosette_msgs.msg import BallCentre, RunState
 from rosette_msgs.srv import Recall, Recorded, StartRecording, StopRecording
 from service_msgs.msg import ServiceEventInfo
+from std_msgs.msg import Header
 
 from rosette_ros.core.errors import CellError, InvalidConfig, InvalidData, RosetteError, plain
 from rosette_ros.data.log_reader import RESUMES_KEY
 from rosette_ros.data.schemas import TypeLibrary
 from rosette_ros.nodes import convert, names, qos
+from rosette_ros.nodes.alive import read_beat
 from rosette_ros.nodes.follow_up import FollowUp, free_name
 from rosette_ros.nodes.interfaces import decoded, interface_class
 from rosette_ros.nodes.introspection import introspected_service
@@ -99,7 +101,7 @@ class Recorder(CellNode):
         self._rosout_topic = self.resolve_topic_name(names.ROSOUT)
         self._answer_topic = self.resolve_topic_name(names.BALL_CENTRE)
         self._answers = {}
-        self._beats = {self.resolve_topic_name(f'{name}/{names.ALIVE}'): -math.inf
+        self._beats = {self.resolve_topic_name(f'{name}/{names.ALIVE}'): ('', -math.inf)
                        for name in names.NODES if name != names.RECORDER}
         self._state_topic = self.resolve_topic_name(names.RUN_STATE)
         self._simulated = self.get_parameter('use_sim_time').value
@@ -149,7 +151,7 @@ class Recorder(CellNode):
         if topic == self._answer_topic and self._tape.is_open:
             self._note_answer(data)
         if topic in self._beats:
-            self._beats[topic] = now
+            self._beats[topic] = (read_beat(decoded(data, Header).frame_id)[0], now)
         if topic == self._state_topic:
             self._close_orphan(decoded(data, RunState))
         if topic in self._questions:
@@ -220,8 +222,6 @@ class Recorder(CellNode):
     # The doors
 
     def _on_start(self, request, response):
-        if self._follow_up.is_open:
-            self._end_follow_up()
         try:
             directory, earlier, links = self._directory(request.run_id), (), {}
             if request.resumes:
@@ -230,6 +230,8 @@ class Recorder(CellNode):
             self._check_room(directory)
             self._until(self._is_connected, MATCH_TIMEOUT)
             self.hear(self.ears.take())
+            if self._follow_up.is_open:
+                self._end_follow_up()
             self._tape.open(directory, request.run_id, self.seconds(), self.now().nanoseconds, earlier, links)
             self._answers = {}
             for message in earlier:
@@ -251,7 +253,8 @@ class Recorder(CellNode):
         """
         now = self.seconds()
         return self.ears.is_connected() and all(
-            now - heard < qos.BEAT_LOST or not self.count_publishers(topic) for topic, heard in self._beats.items())
+            now - heard < qos.BEAT_LOST or not self.count_publishers(topic)
+            for topic, (_, heard) in self._beats.items())
 
     def _check_room(self, directory):
         """Refuse to begin a log that would soon end for want of room."""
@@ -304,6 +307,9 @@ class Recorder(CellNode):
             response.message = f'wanted to close the log of run {plain(request.run_id)}, got {open_now}'
             return response
         self._drain()
+        if not self._tape.is_open:  # what was heard last: the sequencer was started anew
+            response.message = f'run {plain(request.run_id)}: its log was closed: {self._last}'
+            return response
         self._last_run = request.run_id
         response.success, response.message, summary = self._close()
         if summary:
@@ -339,6 +345,8 @@ class Recorder(CellNode):
         """Bring what is written to the disk; look for new topics."""
         self._tape.flush_if_due()
         self._beat.words = self._tape.failure if self._tape.is_open else ''
+        now = self.seconds()
+        self._beat.hears = tuple(life for life, heard in self._beats.values() if now - heard < qos.BEAT_LOST)
         if self._follow_up.is_over(self.seconds()):
             self._end_follow_up()
         if self.seconds() - self._discovered >= DISCOVERY_PERIOD:
@@ -363,6 +371,7 @@ class Recorder(CellNode):
         """Close an open log once the last messages are in."""
         if self._tape.is_open:
             self._drain()
+        if self._tape.is_open:
             self._close()
 
     def health(self):

@@ -129,7 +129,10 @@ class SimulatedCmm(CellNode):
         if not all(abs(value) < FARTHEST for value in aim.tolist()):
             raise CellError(f'wanted a target within {FARTHEST:g} m, got the centre {tuple(aim.tolist())}')
         short = sum(1e-6 * strike.fault.short_urad for strike in faults if strike.kind == 'table_short')
-        return machine.measure(target.table_position, target.ball, target.approach, aim, short)
+        ball = target.ball
+        if any(strike.kind == 'neighbour' for strike in faults):
+            ball, aim = ball % machine.n + 1, None
+        return machine.measure(target.table_position, ball, target.approach, aim, short)
 
     def _stamp(self, time):
         return convert.time_message(self._switched_on + round(1e9 * (time - self._back)))

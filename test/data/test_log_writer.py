@@ -260,6 +260,7 @@ def test_full_disk_ends_with_words_and_a_readable_log(tmp_path):
     log = read_log(tmp_path / 'log')
     assert log.messages > 50
     assert len(log.problems) == 1  # it has no end; no chunk is damaged
+    assert f'log_0.mcap, {(tmp_path / "log" / "log_0.mcap").stat().st_size} bytes' in last
 
 
 def test_after_a_refusal_the_writer_stays_refused(tmp_path, monkeypatch):

@@ -7,6 +7,10 @@ import sys
 
 import pytest
 
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.data.log_writer import LogWriter
+from rosette_ros.data.whole_log import whole_log
+
 COMMAND = 'import sys; from rosette_ros.cli.main import main; sys.exit(main())'
 
 
@@ -17,6 +21,20 @@ def _limited(*words):
 
     return subprocess.run([sys.executable, '-c', COMMAND, *map(str, words)], capture_output=True, text=True,
                           preexec_fn=limit, timeout=60, check=False)
+
+
+def test_a_log_that_is_there_stays_whatever_comes(tmp_path):
+    """Who is refused has begun nothing; who fails later takes back its own files alone."""
+    with LogWriter(tmp_path / 'log', 'log'):
+        before = sorted(tmp_path.rglob('*'))
+        with pytest.raises(InvalidData, match='holds'), whole_log(tmp_path / 'log', 'log'):
+            pytest.fail('wanted a refusal')
+        assert sorted(tmp_path.rglob('*')) == before
+    (tmp_path / 'own').mkdir()
+    (tmp_path / 'own' / 'notes.txt').write_text('mine')
+    with pytest.raises(KeyError), whole_log(tmp_path / 'own', 'log'):
+        raise KeyError
+    assert [path.name for path in (tmp_path / 'own').iterdir()] == ['notes.txt']
 
 
 @pytest.mark.parametrize('is_there', [False, True])

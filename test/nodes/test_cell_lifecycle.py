@@ -2,6 +2,7 @@
 """Heartbeats and lifecycle: who has gone is noticed and told, and calibrations can be held back."""
 
 import signal
+import time
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -58,7 +59,8 @@ class Integrator:
 
     def health(self, name):
         """Hear what was said and return the last words of a node about its health."""
-        self._executor.spin_once(timeout_sec=0.1)
+        for _ in range(100):
+            self._executor.spin_once(timeout_sec=0)
         return self._health.get(name, '')
 
     def _ask(self, client, request):
@@ -153,21 +155,39 @@ def test_a_cmm_that_is_stopped_hangs_and_is_told(cell, client):
     assert read_log(outcome.log).to_run().pauses == ()
 
 
+def killed_cmm(cell, client, integrator):
+    """Kill the CMM in a run; return the Outcome, what the state and the health said, and how late it said so, s."""
+    killed, told, words, noticed = [], [], [], []
+
+    def look(progress=None):
+        if progress:
+            told.append(progress.text)
+            if progress.done > 2 and not killed:
+                cell.signal_node(names.CMM, signal.SIGKILL)
+                killed.append(time.monotonic())
+                cell.wait_node(names.CMM)
+            if killed and not noticed and 'the CMM has gone' in progress.text:
+                noticed.append(time.monotonic() - killed[0])
+        if killed:
+            words.append(integrator.health('rosette/sequencer'))
+
+    outcome = client.calibrate(on_progress=look, check=look)
+    return outcome, told, words, noticed[0]
+
+
 def test_a_dead_cmm_is_noticed_long_before_its_answer_is_late(cell, client, integrator, wait_until):
     """Killed and not started again: told in the state and in the health at once; the run waits, then ends in words.
 
     An answer may take 120 s; the heartbeat tells within its lease.
     """
-    killed, told = [], []
-
-    def look(progress):
-        told.append(progress.text)
-        if progress.done > 2 and not killed:
-            killed.append(names.CMM)
-            cell.signal_node(names.CMM, signal.SIGKILL)
-            cell.wait_node(names.CMM)
-
-    outcome = client.calibrate(on_progress=look)
+    outcome, told, words, noticed = killed_cmm(cell, client, integrator)
+    for _ in range(2):  # a computer that is busy for a moment is given two further tries
+        if noticed >= 1.0:
+            cell.revive()
+            wait_until(lambda: cell.output('sequencer').strip().endswith(names.COMPLETE))
+            outcome, told, words, noticed = killed_cmm(cell, client, integrator)
+    assert noticed < 1.0
+    assert any('the CMM has gone' in one for one in words), sorted(set(words))
     wait_until(lambda: 'no CMM' in integrator.health('rosette/sequencer'))
     assert not outcome.success
     assert outcome.message == ('the CMM has gone and did not come back within 6 s; resume the run when it is there')

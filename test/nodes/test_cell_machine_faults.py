@@ -51,6 +51,7 @@ ASKED_AGAIN = {
     'not_a_number': ('wanted finite numbers', {}), 'infinite': ('wanted finite numbers', {}),
     'failed': ('the CMM reports: the stylus did not trigger', {}),
     'wrong_ball': ('wanted table position, ball, CMM position', {}),
+    'neighbour': (' mm of the target', {}),
     'late': ('no answer within 0.4 s', {'late_s': 0.6}),
     'twice': ('not used: answer to seq', {}), 'again': ('not used: answer to seq', {}),
     'clock_back': ('', {}), 'table_short': ('', {'short_urad': 400.0})}
@@ -126,8 +127,8 @@ def test_all_faults_together_in_a_share_of_the_answers(faulty_cell, tmp_path):
 
 
 def test_a_cmm_that_crashes_in_the_middle_is_waited_for(faulty_cell, module_domain_id):
-    """It dies at two balls, is started again, and goes on: the pauses are marked, the curves are true."""
-    faults = [{'kind': 'crash', 'at': [FIRST + 9, FIRST + 21]}]
+    """It dies after an answer and before one, is started again, and goes on: pauses are marked, curves are true."""
+    faults = [{'kind': 'silent', 'at': [FIRST + 21]}, {'kind': 'crash', 'at': [FIRST + 9, FIRST + 21]}]
     cell, _ = faulty_cell([])
     write_machine(CONFIG.changed(faults=faults), cell.machine)
     with CellClient(module_domain_id) as client:

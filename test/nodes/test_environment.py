@@ -17,7 +17,10 @@ PROFILE = Path(environment.__file__).with_name('fastdds.xml')
 @pytest.mark.parametrize(('given', 'wanted'), [
     ({}, {RANGE: LOCAL, TRANSPORTS: 'UDPv4', PROFILES: str(PROFILE)}),
     ({RANGE: LOCAL, 'RMW_IMPLEMENTATION': 'rmw_fastrtps_cpp'}, {TRANSPORTS: 'UDPv4', PROFILES: str(PROFILE)}),
+    ({RANGE: ''}, {RANGE: LOCAL, TRANSPORTS: 'UDPv4', PROFILES: str(PROFILE)}),
+    ({RANGE: 'localhost'}, {TRANSPORTS: 'UDPv4', PROFILES: str(PROFILE)}),  # rcl warns and stays here
     ({RANGE: 'SUBNET'}, {TRANSPORTS: 'UDPv4'}),
+    ({RANGE: 'SYSTEM_DEFAULT'}, {TRANSPORTS: 'UDPv4'}),
     ({'ROS_STATIC_PEERS': '192.0.2.7'}, {RANGE: LOCAL, TRANSPORTS: 'UDPv4'}),
     ({PROFILES: '/own.xml', TRANSPORTS: 'SHM'}, {RANGE: LOCAL}),
     ({'RMW_IMPLEMENTATION': 'rmw_cyclonedds_cpp'}, {RANGE: LOCAL, TRANSPORTS: 'UDPv4'}),
