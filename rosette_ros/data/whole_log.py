@@ -17,13 +17,14 @@ def whole_log(directory, name, **options):
     Raises InvalidData where the directory holds a log, CellError where the disk refuses.
     """
     directory = Path(directory)
-    was_there = directory.is_dir()
+    was_there, writer = directory.is_dir(), None
     try:
-        with LogWriter(directory, name, **options) as writer:
+        writer = LogWriter(directory, name, **options)
+        with writer:
             yield writer
-    except InvalidData:
-        raise  # nothing was begun: the directory holds the log of somebody else
     except BaseException as error:
+        if writer is None and isinstance(error, InvalidData):
+            raise  # nothing was begun: the directory holds the log of somebody else
         _take_back(directory, name, was_there)
         if isinstance(error, CellError) and isinstance(error.__cause__, OSError):
             raise CellError(f'{directory}: cannot write the log: {error.__cause__.strerror}; make room and try again, '

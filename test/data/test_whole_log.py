@@ -32,9 +32,10 @@ def test_a_log_that_is_there_stays_whatever_comes(tmp_path):
         assert sorted(tmp_path.rglob('*')) == before
     (tmp_path / 'own').mkdir()
     (tmp_path / 'own' / 'notes.txt').write_text('mine')
-    with pytest.raises(KeyError), whole_log(tmp_path / 'own', 'log'):
-        raise KeyError
-    assert [path.name for path in (tmp_path / 'own').iterdir()] == ['notes.txt']
+    for error in (KeyError, InvalidData):
+        with pytest.raises(error), whole_log(tmp_path / 'own', 'log'):
+            raise error('no')
+        assert [path.name for path in (tmp_path / 'own').iterdir()] == ['notes.txt']
 
 
 @pytest.mark.parametrize('is_there', [False, True])
