@@ -3,6 +3,10 @@
 # BLIND=... to the blind tests (python -m benchmarks.blind --help).
 
 VENV_PYTHON := .venv/bin/python
+# Tests run in WORKERS processes: cells mostly wait, so two for each core of a small computer. The tests of a file stay
+# together, as they share a cell or a studio; files start in the order of test/conftest.py, long ones first.
+WORKERS := 4
+SIDE_BY_SIDE := -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 .PHONY: help setup test demo bench blind fuzz soak docs pictures lint lock clean
 
@@ -11,12 +15,12 @@ help:
 	@echo 'make demo    calibrate a simulated cell: ROS 2 nodes, one log, six error motions, a report'
 	@echo 'make test    run the tests'
 	@echo 'make bench   run the benchmarks against peers'
-	@echo 'make blind   hide effects in the machine, let the diagnosis find them, print the confusion table'
-	@echo 'make fuzz    10 000 made-up inputs at every door (FUZZ=... for another number)'
-	@echo 'make soak    kill nodes in 30 runs, measure 100 000 balls, record 60 s at the highest rate'
-	@echo 'make docs    write the pages that are made from the library'
-	@echo 'make pictures  make the pictures of the docs anew (needs Chromium)'
-	@echo 'make lint    check style'
+	@echo 'make blind   blind tests: the machine hides effects, the diagnosis has to identify them'
+	@echo 'make fuzz    10 000 generated inputs at every interface (FUZZ=... for another number)'
+	@echo 'make soak    kill nodes in 30 runs, measure 100 000 balls, record at the highest rate for 60 s'
+	@echo 'make docs    write docs/effects.md, which is made from the library of effects'
+	@echo 'make pictures  make the pictures of the documentation again (needs Chromium)'
+	@echo 'make lint    check style and types'
 	@echo 'make lock    pin the newest packages that requirements/requirements.in allows'
 	@echo 'make clean   remove .venv and everything else that was made'
 
@@ -24,7 +28,7 @@ setup:
 	@tools/setup.sh
 
 test: setup
-	@$(VENV_PYTHON) -m pytest $(PYTEST)
+	@$(VENV_PYTHON) -m pytest $(SIDE_BY_SIDE) $(PYTEST)
 
 demo: setup
 	@.venv/bin/rosette demo
@@ -44,7 +48,7 @@ soak: setup
 	@$(VENV_PYTHON) -m benchmarks.recorder_rate
 
 docs: setup
-	@$(VENV_PYTHON) -m rosette_ros.cli.effects_page > docs/effects.md.new
+	@$(VENV_PYTHON) tools/effects_page.py > docs/effects.md.new
 	@mv docs/effects.md.new docs/effects.md
 
 pictures: setup
@@ -53,6 +57,7 @@ pictures: setup
 
 lint: setup
 	@.venv/bin/ruff check
+	@.venv/bin/mypy
 
 lock: setup
 	@.venv/bin/uv pip compile --quiet --upgrade --universal --fork-strategy fewest --python-version 3.11 \

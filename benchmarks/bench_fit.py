@@ -9,7 +9,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 from rosette_ros.analysis import analyse
-from rosette_ros.core.fit import mean_radius, observed
+from rosette_ros.core.model.least_squares import mean_radius, observed
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import plan
 

@@ -19,10 +19,10 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rosette_msgs.msg import BallCentre, ProbeTarget
 
-from rosette_ros.nodes import environment, qos
-from rosette_ros.nodes.cell import Cell, cell_environment
-from rosette_ros.nodes.client import CellClient
-from rosette_ros.nodes.programme import Phase
+from rosette_ros.cell.client import CellClient
+from rosette_ros.cell.supervisor import Cell, added_environment, cell_environment
+from rosette_ros.io.messages import Phase
+from rosette_ros.nodes import qos
 
 BALLS = 36
 DOMAIN = 48
@@ -124,7 +124,7 @@ def cell_rate(folder):
 
 def main():
     """Print both rates and their ratio."""
-    os.environ.update(environment.added(os.environ))
+    os.environ.update(added_environment(os.environ))
     before = bare_rate()
     with tempfile.TemporaryDirectory() as folder:
         loop, outcome = cell_rate(Path(folder))

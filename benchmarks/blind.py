@@ -2,12 +2,12 @@
 """Blind tests of the diagnosis: the simulated machine hides effects, the envelopes are opened after.
 
     python -m benchmarks.blind [--seeds 20] [--balls 12] [--strength 12] [--orders diagonal random]
-                               [--effects N] [--clean] [--out FILE]
+                               [--together N] [--clean] [--list]
 
 The machine draws its effects from its own physics and shares no code with the library that must name
-them. Each effect is scaled so that what the run can show of it (the part that the base model does
-not take up) has a norm of `strength` times the repeatability; effects of which the order shows less
-than a twentieth are left out and counted as hidden. The true parameters of what was hidden are those
+them. Each effect is scaled so that its observable part (which the base model does not absorb) has a norm
+of `strength` times the repeatability; effects with an observable share below LEAST_SHARE are left out
+and counted as not observable. The true parameters of what was hidden are those
 with which the library's columns describe the machine's own displacement best; the table says how many
 of those found lie within their expanded uncertainty (k = 2).
 """
@@ -42,7 +42,7 @@ class Trial:
     unexplained: str
     covered: tuple[bool, ...]
     rms: float
-    held_out: float
+    cross_validation: float
 
     @property
     def named(self):
@@ -64,12 +64,11 @@ def blind_run(balls, order, kinds, seed, strength, known_sigma=True, turning='fo
 
     The run is None where the order hides one of them; displacements: (N, 3) each, m.
     """
-    from rosette_ros.core.base import base_space
-    from rosette_ros.core.fit import mean_radius
+    from rosette_ros.core.model.base_model import base_space
+    from rosette_ros.core.model.least_squares import mean_radius
     from rosette_ros.core.scheme import plan
-    from rosette_ros.machine import Machine, MachineConfig
-    from rosette_ros.machine.hidden import KINDS
-    from rosette_ros.machine.hidden.base import Situation
+    from rosette_ros.simulation import Machine, MachineConfig
+    from rosette_ros.simulation.hidden import KINDS, Draw, Situation
 
     scheme = plan(balls, order, seed, turning)
     config = MachineConfig().changed(seed=seed, plate={'balls': balls})
@@ -82,7 +81,7 @@ def blind_run(balls, order, kinds, seed, strength, known_sigma=True, turning='fo
     space = base_space(clean, mean_radius(clean))
     shifts, shares = [], []
     for kind in kinds:
-        effect = KINDS[kind].draw(rng, 1.0, situation)
+        effect = KINDS[kind].draw(Draw(rng, 1.0, situation))
         hidden = Machine(config.changed(hidden=[effect.model_dump()]))
         hidden.align(repeats=10)
         shift = hidden.run(scheme).centre - clean.centre
@@ -104,9 +103,9 @@ def true_parameters(run, effect, setting, shift):
     setting: as it was found; its continuous parameters are searched within their brackets. There is no
     noise; table, plate and CMM take up what they can (where the plate lay when the run began is theirs).
     """
-    from rosette_ros.core.base import base_space
-    from rosette_ros.core.effects.contract import Setting
-    from rosette_ros.core.fit import mean_radius
+    from rosette_ros.core.effects.effect import Setting
+    from rosette_ros.core.model.base_model import base_space
+    from rosette_ros.core.model.least_squares import mean_radius
     space = base_space(run, mean_radius(run))
     target = space.residual(shift[None]).reshape(-1)
     continuous = {name: bracket for name, bracket in effect.brackets(run, setting).items()
@@ -143,7 +142,7 @@ def coverage(run, found, kinds, shifts):
 
 def trial(task):
     """Return the Trial of one task, or None where the order hides the effect."""
-    from rosette_ros.core.diagnosis import diagnose
+    from rosette_ros.core.diagnosis.diagnosis import diagnose
     balls, order, kinds, seed, strength, known, turning = task
     run, shares, shifts = blind_run(balls, order, kinds, seed, strength, known, turning)
     if run is None:
@@ -154,7 +153,7 @@ def trial(task):
         order, seed, tuple(kinds), tuple(shares), tuple(c.effect for c in claimed),
         tuple(c.look_alikes for c in claimed), found.unexplained_text,
         coverage(run, found, kinds, shifts), found.final.rms,
-        claimed[-1].held_out_after if claimed else np.nan)
+        claimed[-1].cross_validation_after if claimed else np.nan)
 
 
 def main(argv=None):
@@ -180,7 +179,7 @@ def main(argv=None):
 
 
 def _tasks(arguments):
-    from rosette_ros.machine.hidden import NAMED
+    from rosette_ros.simulation.hidden import NAMED
     kinds = arguments.kinds or [kind for kind in NAMED if kind != 'touch_dust']
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
     tasks = []
@@ -204,13 +203,13 @@ def table(results, arguments):
     for order, kinds, result in results:
         name = ' + '.join(kinds) if arguments.together == 1 else f'{arguments.together} together'
         groups.setdefault((order, name or 'nothing'), []).append(result)
-    yield '| order | hidden | runs | named | first | claimed instead | unexplained | within U | rms/sigma |'
+    yield '| order | hidden | runs | named | first | identified instead | unexplained | within U | rms/σ |'
     yield '|---|---|---|---|---|---|---|---|---|'
     total = Counter()
     for (order, name), trials in groups.items():
         seen = [t for t in trials if t is not None]
         if not seen:
-            yield f'| {order} | {name} | hidden by the order | | | | | | |'
+            yield f'| {order} | {name} | not observable | | | | | | |'
             continue
         wrong = Counter(' + '.join(t.claimed) or 'nothing' for t in seen if not t.named)
         named, first = sum(t.named for t in seen), sum(t.first for t in seen)
@@ -228,7 +227,7 @@ def table(results, arguments):
                     yield (f'    seed {t.seed} hidden {t.hidden} share {np.round(t.shares, 2)} '
                            f'claimed {t.claimed} alike {t.alike} left: {t.unexplained}')
     yield ''
-    yield (f'Runs: {total["runs"]}; the set named: {total["named"]}; the first claim true: {total["first"]}; '
+    yield (f'Runs: {total["runs"]}; set correct: {total["named"]}; first effect correct: {total["first"]}; '
            f'parameters within U: {total["within"]} of {total["parameters"]}')
 
 

@@ -41,8 +41,8 @@ from rclpy.serialization import deserialize_message
 from rosette_msgs.msg import BallCentre, ProbeTarget
 from rosette_msgs.srv import StartRecording, StopRecording
 
-from rosette_ros.nodes import environment, names, qos
-from rosette_ros.nodes.cell import MODULES, Cell, cell_environment
+from rosette_ros.cell.supervisor import MODULES, Cell, added_environment, cell_environment
+from rosette_ros.nodes import names, qos
 
 DOMAIN = 101
 RCLError = rclpy_implementation.RCLError
@@ -218,8 +218,10 @@ class Recording:
         return self._call(self._start, StartRecording.Request(run_id=run_id))
 
     def stop(self, run_id):
-        """Close it; return the response."""
-        return self._call(self._stop, StopRecording.Request(run_id=run_id))
+        """Close it, as soon as the request is in it; return the response."""
+        while not (response := self._call(self._stop, StopRecording.Request(run_id=run_id))).log:
+            time.sleep(0.1)
+        return response
 
     def _call(self, client, request):
         if not client.wait_for_service(PATIENCE):
@@ -227,7 +229,7 @@ class Recording:
         future = client.call_async(request)
         self._executor.spin_until_future_complete(future, PATIENCE)
         response = future.result()
-        if response is None or not response.success:
+        if response is None or not (response.success or getattr(response, 'missing', ())):
             raise RuntimeError(f'{client.srv_name}: {response.message if response else "no answer"}')
         return response
 
@@ -314,7 +316,7 @@ def measure(seconds, rate=None, split_mb=0, compression='none', keeps_last=False
 
     tell: called with some lines of words about each rate as soon as it was tried.
     """
-    os.environ.update(environment.added(os.environ))
+    os.environ.update(added_environment(os.environ))
     params = {names.RECORDER: {'max_file_mb': split_mb, 'compression': compression}}
     with tempfile.TemporaryDirectory() as folder, \
             Cell(DOMAIN, nodes=(names.RECORDER,), params=params, log_dir=folder, simulated_time=False), \

@@ -19,11 +19,11 @@ from mcap.reader import make_reader
 from rclpy.serialization import deserialize_message
 from rosette_msgs.msg import BallCentre, ProbeTarget
 
-from rosette_ros.cli.simulated_cell import make_cell, write_machine
-from rosette_ros.machine import MachineConfig
+from rosette_ros.cell.client import CellClient
+from rosette_ros.cell.supervisor import MODULES
+from rosette_ros.cli.demo_cell import make_cell, write_machine
 from rosette_ros.nodes import names
-from rosette_ros.nodes.cell import MODULES
-from rosette_ros.nodes.client import CellClient
+from rosette_ros.simulation import MachineConfig
 
 DOMAIN = 47
 ORDERS = ('diagonal', 'row', 'column', 'random')
@@ -71,7 +71,7 @@ def soak(measurements, balls, folder):
             shutil.rmtree(outcome.log)
             measured += total
             for name in MODULES:
-                memory[name].append(resident(cell.pid(name)))
+                memory[name].append(resident(cell.processes[name].popen.pid))
             if sys.stderr.isatty():
                 print(f'\r{measured} of {measurements}', end='', file=sys.stderr)
         return measured, time.monotonic() - began, memory, lost, problems

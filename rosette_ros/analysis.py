@@ -1,29 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The story in pure functions: every door calls them and none does an analysis of its own.
+"""The analysis of a run in pure functions: every interface calls them and none does an analysis of its own.
 
-A run and a model give a report (`analyse`), the place where the model fails (`compare`), the
-effect that is missing (`diagnose`), what changes when an effect comes or goes (`change`, `ladder`),
-whether another run confirms it (`cross_check`), and the next measurement (`advise`, `advise_run`).
+A run and a model give a report (`analyse`), the one verdict (`judge`), the place where the model fails (`compare`), the
+effect that is missing (`diagnose`), what changes when an effect is added or removed (`change`, `ladder`), whether
+another run confirms it (`cross_check`), the next measurement (`advise`, `advise_run`), and all of it (`summarise`).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from rosette_ros.core import compare as comparison
-from rosette_ros.core import crosscheck
-from rosette_ros.core.advice import advise, advise_run
-from rosette_ros.core.base import GAUGE
-from rosette_ros.core.diagnosis import diagnose, held_out_rms
-from rosette_ros.core.fit import Fit, fit
-from rosette_ros.core.model import Model, Term
-from rosette_ros.core.records import ErrorMotions, Run
-from rosette_ros.core.settings import choose_settings
+from rosette_ros.core.diagnosis import comparison as comparison
+from rosette_ros.core.diagnosis import second_run
+from rosette_ros.core.diagnosis.comparison import Comparison
+from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
+from rosette_ros.core.diagnosis.diagnosis import Diagnosis, diagnose, judge
+from rosette_ros.core.diagnosis.parameter_search import choose_settings
+from rosette_ros.core.diagnosis.second_run import CrossCheck
+from rosette_ros.core.diagnosis.verdict import Verdict
+from rosette_ros.core.model.base_model import GAUGE
+from rosette_ros.core.model.least_squares import Fit, FittedEffect, fit
+from rosette_ros.core.model.model import Model, Term
+from rosette_ros.core.planning.advice import Advice, advise, advise_run
+from rosette_ros.core.planning.visibility import Visibility, visibility
+from rosette_ros.core.records import ErrorMotions, Floats, Run
+
+STEPS = ('evaluate', 'compare', 'diagnose', 'ladder', 'advise')
+"""Parts of a summary in the order in which they are calculated."""
+MOST_BALLS_JUDGED = 36
+"""Larger plates are judged and diagnosed on request only: it takes seconds to minutes."""
+MOST_BALLS_ADVISED = 24
+"""On larger plates the orders are compared on request only: it would take longer than all the rest."""
 
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """What a run says under a model: error motions, plate and CMM deviations, fit, effects."""
+    """The result of a run under a model: error motions, plate and CMM deviations, fit, effects."""
 
     run: Run
     model: Model
@@ -35,39 +49,37 @@ class Report:
         return self.fit.error_motions
 
     @property
-    def plate(self):
+    def plate(self) -> Floats:
         """Plate deviations P, (n, 3), m, in the plate's frame."""
         return self.fit.plate
 
     @property
-    def cmm(self):
+    def cmm(self) -> Floats:
         """CMM deviations M, (n, 3), m, in the table frame."""
         return self.fit.cmm
 
     @property
-    def effects(self):
-        """The fitted effects, a tuple of FittedEffect."""
+    def effects(self) -> tuple[FittedEffect, ...]:
+        """The fitted effects."""
         return self.fit.effects
 
     @property
-    def gauge(self):
+    def gauge(self) -> tuple[str, ...]:
         """What no three-rosette run can know, in words."""
         return GAUGE
 
 
-def analyse(run, model=None, weight=None):
+def analyse(run: Run, model: Model | None = None) -> Report:
     """Return the Report of a run under a model (the base model if none is given).
 
-    run: Run; model: Model or None; weight: (N,) inverse relative variances, or None.
-
-    Raises NotDeterminable where the run cannot tell what the model asks.
+    Raises NotDeterminable where the run does not determine the model.
     """
     model = model or Model()
-    return Report(run, model, fit(run, model, choose_settings(run, model), weight))
+    return Report(run, model, fit(run, model, choose_settings(run, model)))
 
 
-def compare(run, model=None):
-    """Return the Comparison of a model with a run: where it fails, and by how much of sigma."""
+def compare(run: Run, model: Model | None = None) -> Comparison:
+    """Return the Comparison of a model with a run: where the residual is, and by how much of sigma."""
     return comparison.compare(analyse(run, model).fit)
 
 
@@ -75,84 +87,128 @@ def compare(run, model=None):
 class Change:
     """What changes when a model is replaced by another on the same run.
 
-    before, after: Report; held_out_before, held_out_after: error in left-out readings, m;
-    curve_change: largest change of each curve, (6,), m and rad; helps, hurts: whether the error in
-    readings that the fit did not use falls or rises by more than chance.
+    cross_validation_before, cross_validation_after: error of the cross-validation, m; curve_change: largest change of
+    each curve, (6,), m and rad; helps, hurts: whether that error falls or rises by more than chance.
     """
 
     before: Report
     after: Report
-    held_out_before: float
-    held_out_after: float
-    curve_change: np.ndarray
+    cross_validation_before: float
+    cross_validation_after: float
+    curve_change: Floats
     helps: bool
     hurts: bool
 
 
-def change(run, before, after):
+def change(run: Run, before: Model, after: Model) -> Change:
     """Return the Change from model `before` to model `after` on a run."""
-    reports = analyse(run, before), analyse(run, after)
-    held = [held_out_rms(run, report.fit) for report in reports]
-    shift = np.abs(reports[1].error_motions.values - reports[0].error_motions.values).max(axis=0)
-    # in units of sigma^2 the square sum of 3 N left-out errors falls by more than 12 + 2 k by chance
-    # for k amplitudes in less than one of a thousand cases (chi square of the gain)
-    extra = abs(reports[1].fit.rank - reports[0].fit.rank)
+    old, new = analyse(run, before), analyse(run, after)
+    error, left = (cross_validation_rms(run, report.fit) for report in (old, new))
+    shift = np.abs(new.error_motions.values - old.error_motions.values).max(axis=0)
+    # in units of sigma^2 the square sum of 3 N errors falls by more than 12 + 2 k by chance for k amplitudes in less
+    # than one of a thousand cases (chi square of the gain)
+    extra = abs(new.fit.rank - old.fit.rank)
     chance = 1 - (12 + 2 * extra) / (6 * run.size)
-    return Change(*reports, *held, shift, bool(held[1] < held[0] * chance),
-                  bool(held[0] < held[1] * chance))
+    return Change(old, new, error, left, shift, bool(left < error * chance), bool(error < left * chance))
 
 
 @dataclass(frozen=True, eq=False)
-class Rung:
-    """One model of a ladder: the effect that came last ('' for the base model) and its errors.
-
-    report: Report; held_out: error in left-out readings, m.
-    """
+class LadderStep:
+    """A model of a ladder: the effect added last ('' for the base model), and the error of its cross-validation, m."""
 
     added: str
     report: Report
-    held_out: float
+    cross_validation: float
 
 
-def ladder(run, model):
-    """Return the Rungs from the base terms of a model to the whole of it, effect after effect."""
-    rungs = []
+def ladder(run: Run, model: Model) -> tuple[LadderStep, ...]:
+    """Return the LadderSteps from the base terms of a model to the whole of it, effect after effect."""
+    steps = []
     for count in range(len(model.terms) + 1):
-        part = Model(model.base, model.terms[:count], model.repeated)
-        report = analyse(run, part)
+        report = analyse(run, Model(model.base, model.terms[:count], model.repeated))
         added = str(model.terms[count - 1]) if count else ''
-        rungs.append(Rung(added, report, held_out_rms(run, report.fit)))
-    return tuple(rungs)
+        steps.append(LadderStep(added, report, cross_validation_rms(run, report.fit)))
+    return tuple(steps)
 
 
-def claimed_model(diagnosis):
-    """Return the Model with all that a diagnosis claims; what stands twice has its settings fixed."""
+def claimed_model(diagnosis: Diagnosis) -> Model:
+    """Return the Model with all that a diagnosis claims; the settings of an effect that stands twice are fixed."""
     names = [term.name for term in (*diagnosis.model.terms, *diagnosis.terms)]
-    claimed = tuple(term if names.count(term.name) > 1 else Term(term.effect)
-                    for term in diagnosis.terms)
+    claimed = tuple(term if names.count(term.name) > 1 else Term(term.effect) for term in diagnosis.terms)
     return Model(diagnosis.final.model.base, (*diagnosis.model.terms, *claimed))
 
 
-def cross_check(run, diagnosis):
+def cross_check(run: Run, diagnosis: Diagnosis) -> CrossCheck:
     """Return the CrossCheck on a run of what a diagnosis of another run claims."""
     learnt = diagnosis.final.effects[len(diagnosis.final.effects) - len(diagnosis.terms):]
     model = Model(diagnosis.final.model.base, diagnosis.model.terms)
-    return crosscheck.cross_check(
-        run, model, tuple((term.effect, fitted)
-                          for term, fitted in zip(diagnosis.terms, learnt)))
+    return second_run.cross_check(run, model, tuple(zip((term.effect for term in diagnosis.terms), learnt)))
+
+
+@dataclass(frozen=True, eq=False)
+class Summary:
+    """All results of one run under one model.
+
+    report, comparison, diagnosis: of the model as given; ladder: from the base model over the model to all that is
+    claimed, effect after effect; advice: for the next run, None where there are too many balls to compare orders
+    unasked.
+    """
+
+    report: Report
+    comparison: Comparison
+    diagnosis: Diagnosis
+    ladder: tuple[LadderStep, ...]
+    advice: Advice | None
+
+    @property
+    def run(self) -> Run:
+        """The run."""
+        return self.report.run
+
+    @property
+    def model(self) -> Model:
+        """The model as given."""
+        return self.report.model
+
+    @property
+    def final(self) -> Report:
+        """The Report with all that is claimed: the best account of the run."""
+        return self.ladder[-1].report
+
+    @property
+    def verdict(self) -> Verdict:
+        """The one verdict."""
+        return self.diagnosis.verdict
+
+    @cached_property
+    def visibilities(self) -> tuple[Visibility, ...]:
+        """Visibility of every effect in the order in which this run was measured."""
+        if self.advice is not None:
+            return self.advice.present.visibilities
+        return visibility(self.run, self.run.repeatability or self.final.fit.sigma)
+
+
+def summarise(run: Run, model: Model | None = None, on_step: Callable[[str], object] | None = None) -> Summary:
+    """Return the Summary of a run under a model (the base model if none is given).
+
+    on_step: called with the name of each of STEPS before it is calculated. Raises NotDeterminable where the run does
+    not determine the model.
+    """
+    step = on_step or (lambda name: None)
+    step('evaluate')
+    report = analyse(run, model)
+    step('compare')
+    compared = comparison.compare(report.fit)
+    step('diagnose')
+    diagnosis = diagnose(run, model)
+    step('ladder')
+    steps = ladder(run, claimed_model(diagnosis))
+    step('advise')
+    advice = advise_run(run) if run.n <= MOST_BALLS_ADVISED else None
+    return Summary(report, compared, diagnosis, steps, advice)
 
 
 __all__ = [
-    'Change',
-    'Report',
-    'Rung',
-    'advise',
-    'advise_run',
-    'analyse',
-    'change',
-    'claimed_model',
-    'compare',
-    'cross_check',
-    'diagnose',
-    'ladder',
-]
+    'MOST_BALLS_ADVISED', 'MOST_BALLS_JUDGED', 'STEPS', 'Change', 'LadderStep', 'Report', 'Summary', 'Verdict',
+    'advise', 'advise_run', 'analyse', 'change', 'claimed_model', 'compare', 'cross_check', 'diagnose', 'judge',
+    'ladder', 'summarise']

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What tests of several rooms need: a ROS domain of their own, and small cells."""
+"""What tests of several folders need: a ROS domain of their own, and small cells; and which files start first."""
 
 import contextlib
 import functools
@@ -7,19 +7,34 @@ import os
 import random
 import socket
 import time
+from pathlib import Path
 
 import hypothesis
 import pytest
 import yaml
 
-from rosette_ros.nodes import environment
-from rosette_ros.nodes.cell import Cell
+from rosette_ros.cell.supervisor import Cell, added_environment
 
-os.environ.update(environment.added(os.environ))
+os.environ.update(added_environment(os.environ))
 
 # How long an example takes says something of the computer, not of the code.
 hypothesis.settings.register_profile('rosette', deadline=None)
 hypothesis.settings.load_profile('rosette')
+
+LONG = (
+    'nodes/test_several_cells.py', 'cli/test_cell_verbs.py', 'nodes/test_cell_faults.py', 'studio/test_studio_page.py',
+    'cell/test_supervisor.py', 'nodes/test_cell_machine_faults.py', 'test_one_verdict.py', 'test_golden.py',
+    'nodes/test_cell_kills.py', 'studio/test_live_cell.py', 'presentation/test_run_page.py', 'nodes/test_cell.py',
+    'nodes/test_cell_lifecycle.py', 'nodes/test_sros2_policy.py', 'cell/test_environment.py', 'cli/test_hidden_demo.py',
+    'nodes/test_cell_other_cmm.py', 'cli/test_verification_demo.py', 'nodes/test_log_session.py')
+"""Files that take longest, in the order of starting: all would wait for one that starts last."""
+
+
+def pytest_collection_modifyitems(items):
+    """Put the tests of long files first."""
+    place = {Path(__file__).parent / name: rank for rank, name in enumerate(LONG)}
+    items.sort(key=lambda item: place.get(item.path, len(LONG)))
+
 
 _DOMAINS = range(60, 100)
 _LOCK_PORT = 47000
@@ -91,7 +106,7 @@ def make_cell():
 def wait_until():
     """Return a function that waits until a condition holds and fails where it never does."""
 
-    def wait(condition, timeout=30.0):
+    def wait(condition, timeout=60.0):
         deadline = time.monotonic() + timeout
         while not condition():
             assert time.monotonic() < deadline, f'wanted this within {timeout} s'

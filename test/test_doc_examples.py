@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-import rosette_ros.units
+import rosette_ros.presentation.formatting
 
 DOCS = Path(__file__).parents[1] / 'docs'
 
@@ -21,4 +21,4 @@ def test_a_page_runs(name):
 
 def test_the_example_of_the_units_runs():
     """In the docstring."""
-    assert doctest.testmod(rosette_ros.units).failed == 0
+    assert doctest.testmod(rosette_ros.presentation.formatting).failed == 0

@@ -1,58 +1,68 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The walls of the house: which room may import which, and what works where there is no ROS."""
+"""The layers of the package: what may import what, what works without ROS, and how modules are named and sized."""
 
 import ast
+import re
 import subprocess
 import sys
+from collections import Counter
+from functools import cache
 from pathlib import Path
 
 import pytest
 
+from rosette_ros.cell.supervisor import MODULES
+from rosette_ros.cli.main import VERBS
+
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / 'rosette_ros'
 FILES = sorted(PACKAGE.rglob('*.py'))
-ROS = frozenset(('rclpy', 'rosette_msgs', 'rosgraph_msgs', 'std_msgs', 'std_srvs', 'geometry_msgs',
-                 'tf2_msgs', 'diagnostic_msgs', 'action_msgs', 'builtin_interfaces',
-                 'rcl_interfaces', 'service_msgs', 'ament_index_python', 'launch', 'launch_ros'))
-MACHINE_MAY = frozenset(('core.errors', 'core.geometry', 'core.records', 'core.scheme',
-                         'core.alignment', 'core'))
-"""What the simulated machine shares with the evaluation: records and geometry, no physics."""
+ROS = frozenset(('rclpy', 'rosette_msgs', 'rosgraph_msgs', 'std_msgs', 'std_srvs', 'geometry_msgs', 'tf2_msgs',
+                 'diagnostic_msgs', 'action_msgs', 'builtin_interfaces', 'lifecycle_msgs', 'rcl_interfaces',
+                 'service_msgs', 'ament_index_python', 'launch', 'launch_ros'))
+SIMULATION_MAY = frozenset(('core.errors', 'core.geometry', 'core.records', 'core.scheme', 'core',
+                            'io.safe_yaml'))
+"""What the simulated machine shares with the evaluation: records, geometry and how YAML is read, no physics."""
 
 ALLOWED = {
     '__init__': set(),
     'core': {'core'},
-    'data': {'core', 'data'},
-    'machine': {'core', 'machine'},
+    'io': {'core', 'io'},
+    'simulation': {'core', 'io', 'simulation'},
+    'calibration': {'core', 'io', 'calibration'},
     'analysis': {'core', 'analysis'},
-    'story': {'core', 'analysis'},
-    'units': set(),
-    'words': {'core', 'report_json', 'units'},
-    'report_json': {'core', 'analysis'},
-    'diagnosis_json': {'core', 'analysis', 'report_json'},
-    'pictures': {'core', 'data', 'analysis', 'story', 'report_json', 'units', 'words', 'pictures'},
-    'report': {'core', 'data', 'analysis', 'story', 'report_json', 'diagnosis_json', 'units', 'words',
-               'pictures', 'report'},
-    'nodes': {'core', 'data', 'machine', 'analysis', 'nodes'},
-    'web': {'core', 'data', 'analysis', 'story', 'report_json', 'diagnosis_json', 'units', 'words',
-            'pictures', 'report', 'nodes', 'web'},
-    'cli': {'core', 'data', 'machine', 'analysis', 'story', 'units', 'words', 'report_json',
-            'diagnosis_json', 'pictures', 'report', 'nodes', 'web', 'cli'},
+    'presentation': {'core', 'io', 'analysis', 'presentation'},
+    'nodes': {'core', 'io', 'simulation', 'analysis', 'calibration', 'nodes'},
+    'cell': {'core', 'io', 'calibration', 'nodes', 'cell'},
+    'studio': {'core', 'io', 'analysis', 'presentation', 'calibration', 'nodes', 'cell', 'studio'},
+    'cli': {'core', 'io', 'simulation', 'analysis', 'presentation', 'calibration', 'nodes', 'cell', 'studio', 'cli'},
 }
-"""Room: the rooms it may import. Arrows point one way only."""
+"""Layer: the layers it may import. Arrows point one way only."""
 
-WITHOUT_ROS = ('core', 'data', 'machine', 'analysis', 'story', 'units', 'words', 'report_json',
-               'diagnosis_json', 'pictures', 'report')
+WITHOUT_ROS = ('core', 'io', 'simulation', 'analysis', 'presentation', 'calibration')
+MCAP_MAY = {'io/log_reader.py', 'io/log_writer.py'}
+"""The only files that know the library of the log format."""
+IN_CLI = {f'rosette_ros.cli.{name}' for name, _ in VERBS.values()}
+STARTED_BY_NAME = {'rosette_ros.cli.main', *MODULES.values(), *IN_CLI}
+"""Modules that nobody has to import: commands, nodes, verbs."""
+MOST_LINES = 450
 
 
-def room(path):
-    """Return the room of a file: its folder or, at the top, its own name."""
+def layer(path):
+    """Return the layer of a file: its folder or, at the top, its own name."""
     inside = path.relative_to(PACKAGE)
     return inside.parts[0] if len(inside.parts) > 1 else inside.stem
 
 
+@cache
 def tree_of(path):
     """Return the syntax tree of a file."""
     return ast.parse(path.read_text(encoding='utf-8'))
+
+
+def module_of(path):
+    """Return the full name of a file's module; a package is called as its folder."""
+    return '.'.join(('rosette_ros', *path.relative_to(PACKAGE).with_suffix('').parts)).removesuffix('.__init__')
 
 
 def imports(tree):
@@ -68,7 +78,7 @@ def imports(tree):
 
 
 def own(names):
-    """Return imports of this package as paths inside it: rosette_ros.core.fit -> core.fit."""
+    """Return imports of this package as paths inside it: rosette_ros.core.model.least_squares -> core.model...."""
     return sorted(name.partition('.')[2] for name in names
                   if name.startswith('rosette_ros.') and name != 'rosette_ros.__version__')
 
@@ -80,7 +90,7 @@ def is_module(name):
 
 
 def wrong_arrows(here, tree):
-    """Return what a file in the room `here` imports from rooms that are not below it."""
+    """Return what a file in the layer `here` imports from layers that are not below it."""
     if any(name.startswith('.') for name in imports(tree)):
         return ['a relative import']
     allowed = ALLOWED.get(here, set())
@@ -90,15 +100,14 @@ def wrong_arrows(here, tree):
 def outside_of_core(tree):
     """Return what does not belong in the core: other libraries, files, clocks, printing, eval."""
     tops = {name.split('.')[0] for name in imports(tree)}
-    foreign = {top for top in tops - {'numpy', 'scipy', 'rosette_ros'}
-               if top not in sys.stdlib_module_names}
+    foreign = {top for top in tops - {'numpy', 'scipy', 'rosette_ros'} if top not in sys.stdlib_module_names}
     worldly = tops & {'os', 'io', 'pathlib', 'time', 'datetime', 'logging', 'subprocess'}
     calls = {node.func.id for node in ast.walk(tree)
              if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
     return sorted(foreign | worldly | (calls & {'print', 'open', 'input', 'eval', 'exec'}))
 
 
-def hidden_imports(tree):
+def nested_imports(tree):
     """Return the lines of imports inside functions: they hide an arrow."""
     return sorted({node.lineno for function in ast.walk(tree)
                    if isinstance(function, (ast.FunctionDef, ast.AsyncFunctionDef))
@@ -106,17 +115,37 @@ def hidden_imports(tree):
                    if isinstance(node, (ast.Import, ast.ImportFrom))})
 
 
-def offenders(rule, *rooms):
-    """Return {file: what the rule says of it} of the files of some rooms (all) that break it."""
-    chosen = [path for path in FILES if not rooms or room(path) in rooms]
+def mcap_imports(tree):
+    """Return the modules of the log format's library that a file imports."""
+    return sorted(name for name in imports(tree) if re.match(r'mcap(_ros2)?(\.|$)', name))
+
+
+def texts(tree):
+    """Return the texts in a file: a module may be imported by its name."""
+    return {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+
+
+def classes(tree):
+    """Return the names of the classes at the top of a file."""
+    return [node.name for node in tree.body if isinstance(node, ast.ClassDef)]
+
+
+def repeated(names):
+    """Return the names that occur more than once."""
+    return sorted(name for name, count in Counter(names).items() if count > 1)
+
+
+def offenders(rule, *layers):
+    """Return {file: what the rule finds in it} of the files of some layers (all) that break it."""
+    chosen = [path for path in FILES if not layers or layer(path) in layers]
     assert chosen
-    said = {str(path.relative_to(PACKAGE)): rule(path) for path in chosen}
-    return {path: words for path, words in said.items() if words}
+    found = {path.relative_to(PACKAGE).as_posix(): rule(path) for path in chosen}
+    return {path: words for path, words in found.items() if words}
 
 
 def test_arrows_point_one_way():
-    """A room imports only the rooms below it; a new room has to be given its place here."""
-    assert offenders(lambda path: wrong_arrows(room(path), tree_of(path))) == {}
+    """A layer imports only the layers below it; a new layer has to be given its place here."""
+    assert offenders(lambda path: wrong_arrows(layer(path), tree_of(path))) == {}
 
 
 def test_core_knows_numbers_only():
@@ -124,54 +153,96 @@ def test_core_knows_numbers_only():
     assert offenders(lambda path: outside_of_core(tree_of(path)), 'core') == {}
 
 
-def test_the_machine_shares_no_physics_with_the_evaluation():
+def test_the_simulated_machine_shares_no_physics_with_the_evaluation():
     """What it hides must be found, not recognised: no effects, no model, no fit."""
     assert offenders(lambda path: [
         name for name in own(imports(tree_of(path)))
-        if name.startswith('core') and is_module(name) and name not in MACHINE_MAY],
-        'machine') == {}
+        if name.startswith(('core', 'io.')) and is_module(name) and name not in SIMULATION_MAY], 'simulation') == {}
 
 
 def test_no_ros_below_the_nodes():
     """Whoever has no ROS can still evaluate."""
-    assert offenders(lambda path: {name.split('.')[0] for name in imports(tree_of(path))} & ROS,
-                     *WITHOUT_ROS) == {}
+    assert offenders(lambda path: {name.split('.')[0] for name in imports(tree_of(path))} & ROS, *WITHOUT_ROS) == {}
 
 
-def test_rooms_without_ros_import_where_ros_is_not():
+def test_layers_without_ros_import_where_ros_is_not():
     """Every module of them, in a process in which ROS cannot be imported."""
-    modules = ['.'.join(('rosette_ros', *path.relative_to(PACKAGE).with_suffix('').parts))
-               for path in FILES if room(path) in WITHOUT_ROS]
-    script = (
-        'import importlib, sys\n'
-        f'for name in {sorted(ROS)!r}: sys.modules[name] = None\n'
-        f'for name in {modules!r}: importlib.import_module(name.removesuffix(".__init__"))\n')
-    done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
-                          check=False)
+    modules = [module_of(path) for path in FILES if layer(path) in WITHOUT_ROS]
+    script = ('import importlib, sys\n'
+              f'for name in {sorted(ROS)!r}: sys.modules[name] = None\n'
+              f'for name in {modules!r}: importlib.import_module(name)\n')
+    done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
 
-def test_every_file_says_its_licence():
+def test_who_fits_no_model_starts_without_scipy():
+    """It takes half of the time of importing a node, and a cell has four of them."""
+    script = ('import importlib, sys\n'
+              'for name in ("nodes.recorder", "nodes.sequencer", "cell.client", "cell.supervisor"):\n'
+              '    importlib.import_module(f"rosette_ros.{name}")\n'
+              '    if "scipy" in sys.modules: sys.exit(name)\n')
+    done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_every_file_states_its_licence():
     """In its first line."""
     first = '# SPDX-License-Identifier: Apache-2.0\n'
-    assert offenders(
-        lambda path: not path.read_text(encoding='utf-8').startswith(first)) == {}
+    assert offenders(lambda path: not path.read_text(encoding='utf-8').startswith(first)) == {}
 
 
 def test_imports_stand_at_the_top():
     """An import inside a function hides an arrow."""
-    assert offenders(lambda path: hidden_imports(tree_of(path))) == {}
+    assert offenders(lambda path: nested_imports(tree_of(path))) == {}
+
+
+def test_the_log_format_is_known_to_reader_and_writer_only():
+    """Both of them use the library of the format; nobody else does."""
+    assert set(offenders(lambda path: mcap_imports(tree_of(path)))) == MCAP_MAY
+
+
+def test_no_two_modules_have_one_name():
+    """A name leads to one file; the verbs of the command line are called as the user calls them."""
+    assert repeated(path.stem for path in FILES
+                    if path.stem != '__init__' and module_of(path) not in IN_CLI) == []
+
+
+def test_no_two_classes_have_one_name():
+    """In the whole package."""
+    assert repeated(name for path in FILES for name in classes(tree_of(path))) == []
+
+
+def test_every_module_is_used_by_the_package():
+    """What only tests or tools use belongs to them."""
+    trees = [tree_of(path) for path in (*FILES, ROOT / 'launch' / 'cell.launch.py')]
+    used = STARTED_BY_NAME.union(*map(imports, trees), *map(texts, trees))
+    assert [module_of(path) for path in FILES if path.stem != '__init__' and module_of(path) not in used] == []
+
+
+def test_files_are_short():
+    """A file is a subject, not a heap."""
+    lines = {path.relative_to(PACKAGE).as_posix(): len(path.read_text(encoding='utf-8').splitlines()) for path in FILES}
+    assert {path: count for path, count in lines.items() if count > MOST_LINES} == {}
+
+
+def test_long_test_files_are_there():
+    """Those that start first: a file that was moved would start last."""
+    tests = ROOT / 'test'
+    [files] = [node.value for node in tree_of(tests / 'conftest.py').body
+               if isinstance(node, ast.Assign) and node.targets[0].id == 'LONG']
+    assert [name for name in ast.literal_eval(files) if not (tests / name).is_file()] == []
 
 
 @pytest.mark.parametrize(('rule', 'text', 'found'), [
-    (lambda tree: wrong_arrows('core', tree), 'import rosette_ros.data.labels', ['data.labels']),
-    (lambda tree: wrong_arrows('data', tree), 'from rosette_ros.nodes import names',
-     ['nodes', 'nodes.names']),
-    (lambda tree: wrong_arrows('attic', tree), 'from rosette_ros.core import fit',
-     ['core', 'core.fit']),
+    (lambda tree: wrong_arrows('core', tree), 'import rosette_ros.io.open_run', ['io.open_run']),
+    (lambda tree: wrong_arrows('io', tree), 'from rosette_ros.nodes import names', ['nodes', 'nodes.names']),
+    (lambda tree: wrong_arrows('attic', tree), 'from rosette_ros.core import fit', ['core', 'core.fit']),
     (lambda tree: wrong_arrows('core', tree), 'from . import fit', ['a relative import']),
     (outside_of_core, 'import rich, time\nprint(1)', ['print', 'rich', 'time']),
-    (hidden_imports, 'def f():\n    import os', [2]),
+    (nested_imports, 'def f():\n    import os', [2]),
+    (mcap_imports, 'import mcap_ros2.writer\nfrom mcap.reader import x\nimport mcapx',
+     ['mcap.reader', 'mcap.reader.x', 'mcap_ros2.writer']),
+    (lambda tree: repeated(classes(tree)), 'class A: pass\nclass B: pass\nclass A: pass', ['A']),
 ])
 def test_the_rules_see_what_is_wrong(rule, text, found):
     """Each rule on a text that breaks it."""

@@ -11,16 +11,14 @@ from pathlib import Path
 import matplotlib as mpl
 from playwright.sync_api import sync_playwright
 
-from rosette_ros.analysis import analyse
+from rosette_ros.analysis import analyse, summarise
 from rosette_ros.core.scheme import plan
-from rosette_ros.data.csv_table import write_csv
-from rosette_ros.machine import Machine, MachineConfig
-from rosette_ros.pictures.style import LOOK
-from rosette_ros.report import Source, open_source, pictures_of, report_html
-from rosette_ros.report.page import write_text
-from rosette_ros.report.verification import MakerTable, verify
-from rosette_ros.report.verification_page import verification_pictures
-from rosette_ros.story import tell
+from rosette_ros.io.ball_centre_table import write_csv
+from rosette_ros.io.text_file import write_text
+from rosette_ros.presentation.plots.plot_style import LOOK
+from rosette_ros.presentation.report import Source, open_source, pictures_of, report_html
+from rosette_ros.presentation.report.verification import MakerTable, verification_pictures, verify
+from rosette_ros.simulation import Machine, MachineConfig
 
 IMAGES = Path(__file__).parents[1] / 'docs' / 'images'
 BROWSER = Path('/usr/bin/chromium')
@@ -46,14 +44,14 @@ def main():
         table = Path(folder) / 'run.csv'
         write_csv(run, table)
         run, source = open_source(table)
-        story = tell(run)
-        pictures = pictures_of(story)
+        summary = summarise(run)
+        pictures = pictures_of(summary)
         for name in SHOWN:
-            keep(pictures[name].figure, f'report-{name.replace("_", "-")}.png')
+            keep(pictures[name], f'report-{name.replace("_", "-")}.png')
         page = Path(folder) / 'page.html'
-        write_text(page, report_html(story, source, 'rosette report run.csv', pictures=pictures))
+        write_text(page, report_html(summary, source, 'rosette report run.csv', pictures=pictures))
         photograph(page, options.browser)
-    keep(verification_pictures(verification())['verification_curves'].figure, 'report-verification.png')
+    keep(verification_pictures(verification())['verification_curves'], 'report-verification.png')
 
 
 def keep(figure, name):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the pictures of docs/studio.md: a real page in a real browser, beside a simulated cell.
+"""Makes the images of docs/studio.md: the page in a real browser, beside a simulated cell.
 
 python tools/studio_pictures.py [FOLDER]; the browser is the one that tools/browser.sh names.
 """
@@ -14,10 +14,10 @@ from pathlib import Path
 
 from playwright.sync_api import expect, sync_playwright
 
+from rosette_ros.cell.supervisor import Cell
 from rosette_ros.core.scheme import plan
-from rosette_ros.data.csv_table import write_csv
-from rosette_ros.machine import Machine, MachineConfig
-from rosette_ros.nodes.cell import Cell
+from rosette_ros.io.ball_centre_table import write_csv
+from rosette_ros.simulation import Machine, MachineConfig
 
 ROOT = Path(__file__).parents[1]
 FLAGS = ('--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking',
@@ -28,7 +28,7 @@ DOMAIN = 63
 
 
 def main(folder):
-    """Write all pictures into a folder."""
+    """Write all images into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     browser_path = subprocess.run([ROOT / 'tools' / 'browser.sh'], check=True, capture_output=True, text=True)
     with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright:
@@ -45,7 +45,7 @@ def main(folder):
 
 
 def picture_run(browser, address, folder):
-    """Picture a run: verdict, preview, dark, tablet, after adding."""
+    """Take images of a run: verdict, preview, dark, tablet, after adding."""
     for name, size, scheme in (('verdict', DESKTOP, 'light'), ('dark', DESKTOP, 'dark'), ('tablet', TABLET, 'light')):
         page = browser.new_page(viewport=size, color_scheme=scheme)
         page.goto(address)
@@ -53,7 +53,7 @@ def picture_run(browser, address, folder):
         page.screenshot(path=folder / f'studio-{name}.png')
         if name == 'verdict':
             page.get_by_test_id('verdict-preview').click()
-            expect(page.get_by_test_id('preview-words')).to_contain_text('helps')
+            expect(page.get_by_test_id('preview-words')).to_contain_text('It helps')
             page.wait_for_timeout(3000)
             page.screenshot(path=folder / 'studio-preview.png')
             page.get_by_test_id('preview-add').click()
@@ -63,7 +63,7 @@ def picture_run(browser, address, folder):
 
 
 def picture_cell(browser, address, folder):
-    """Picture the tab of a running cell after a calibration."""
+    """Take an image of the tab of a running cell after a calibration."""
     page = browser.new_page(viewport=DESKTOP)
     page.goto(address)
     page.get_by_test_id('open-close').click()
@@ -71,14 +71,15 @@ def picture_cell(browser, address, folder):
     page.get_by_test_id('connect').click()
     expect(page.get_by_test_id('health-table')).to_contain_text('sequencer: healthy')
     page.get_by_test_id('start').click()
-    expect(page.get_by_test_id('outcome')).to_contain_text('Done', timeout=60_000)
+    expect(page.get_by_test_id('live-words')).to_contain_text('Result of run', timeout=60_000)
+    expect(page.get_by_test_id('open-log')).to_be_visible(timeout=60_000)
     page.wait_for_timeout(3000)
     page.screenshot(path=folder / 'studio-cell.png')
     page.close()
 
 
 def settle(page, level):
-    """Wait until the verdict stands and everything is drawn."""
+    """Wait until the verdict is shown and everything is drawn."""
     expect(page.get_by_test_id('verdict')).to_have_class(re.compile(rf'\b{level}\b'), timeout=60_000)
     expect(page.get_by_test_id('step')).to_be_hidden(timeout=60_000)
     page.wait_for_timeout(2000)

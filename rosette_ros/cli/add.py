@@ -1,68 +1,142 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette add: puts an effect, a base term or a term of one's own into a model file."""
+"""rosette add: adds an effect, a base term or a user-defined term to a model file; what `remove` shares with it."""
 
 import argparse
+import contextlib
+import math
+from pathlib import Path
 
+from rich.markup import escape
+
+from rosette_ros.analysis import Change, analyse, change
 from rosette_ros.cli.arguments import add_formats
-from rosette_ros.cli.model_change import ADD, add_file, carry_out, model_before
-from rosette_ros.core.base import BASE_TERMS
-from rosette_ros.core.effects.expression import FUNCTIONS, NAMES
-from rosette_ros.core.effects.own import DIRECTIONS, PER
-from rosette_ros.core.errors import InvalidModel
+from rosette_ros.cli.console import console, head, print_json, print_parts
+from rosette_ros.core.effects.custom_term import DIRECTIONS, FUNCTIONS, NAMES, PER
+from rosette_ros.core.errors import InvalidModel, NotDeterminable
+from rosette_ros.core.model.model import BASE_TERMS, Model
+from rosette_ros.core.records import Run
+from rosette_ros.io.model_file import read_model, write_model
+from rosette_ros.io.open_run import open_run
+from rosette_ros.presentation.formatting import micro
+from rosette_ros.presentation.json_output import change_json
+from rosette_ros.presentation.tables import change_errors, curve_changes, fitted_effects
+
+ADD, REMOVE = 'add', 'remove'
 
 
-def add_arguments(parser):
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = (
-        'A term of your own is amplitude x direction x expression, for example\n'
+        'A user-defined term is amplitude x direction x expression, for example\n'
         '  rosette add wave --model m.yaml --direction z --expression "t*cos(3*alpha)"\n'
         f'Expressions know {", ".join(NAMES)}\nand the functions {", ".join(FUNCTIONS)}.')
     parser.add_argument('effect', metavar='EFFECT', help='name of an effect (rosette effects), of a '
-                        'part of the base model, or, with --expression, of a term of your own')
+                        'part of the base model, or, with --expression, of a user-defined term')
     add_file(parser)
     parser.add_argument('--set', metavar='NAME=VALUE', dest='settings', action='append',
                         type=assignment, default=[], help='fix a searched parameter of the effect, '
-                        'SI units, as in a model file: --set tau=600; may stand several times')
-    parser.add_argument('--direction', metavar='D', help='of a term of your own: '
-                        f'{", ".join(DIRECTIONS)}')
-    parser.add_argument('--expression', metavar='E', help='of a term of your own')
-    parser.add_argument('--per', metavar='P', help='one amplitude for each: '
-                        f'{", ".join(PER)} (default all)')
+                        'SI units, as in a model file: --set tau=600; may be repeated')
+    parser.add_argument('--direction', metavar='D', help=f'of a user-defined term: {", ".join(DIRECTIONS)}')
+    parser.add_argument('--expression', metavar='E', help='of a user-defined term')
+    parser.add_argument('--per', metavar='P', help=f'one amplitude for each: {", ".join(PER)} (default all)')
     add_formats(parser)
 
 
-def assignment(text):
-    """Return (name, value) of NAME=VALUE; a value that is no number is a word."""
+def assignment(text: str) -> tuple[str, int | float | str]:
+    """Return (name, value) of NAME=VALUE; a value that is no number is a text."""
     name, equals, value = text.partition('=')
     if not (name and equals and value):
         raise argparse.ArgumentTypeError(f'wanted NAME=VALUE such as tau=600, got {text!r}')
     for kind in (int, float):
-        try:
+        with contextlib.suppress(ValueError):
             return name, kind(value)
-        except ValueError:
-            continue
     return name, value
 
 
-def run(options):
+def run(options: argparse.Namespace) -> None:
     """Add to the model file."""
     before = model_before(options.model)
-    carry_out(options, ADD, options.effect, before, extended(before, options))
+    change_file(options, ADD, before, extended(before, options))
 
 
-def extended(model, options):
-    """Return the model with what the options ask for; raises InvalidModel."""
+def extended(model: Model, options: argparse.Namespace) -> Model:
+    """Return the model with what the options ask for; raise InvalidModel."""
     name, settings = options.effect, dict(options.settings)
-    own = {key: value for key, value in (('direction', options.direction),
-                                         ('expression', options.expression),
-                                         ('per', options.per)) if value is not None}
+    own = {key: value for key in ('direction', 'expression', 'per') if (value := getattr(options, key)) is not None}
     if own and settings:
         raise InvalidModel(f'{name}: wanted either --set for an effect of the library or '
-                           '--direction and --expression for a term of your own, got both')
+                           '--direction and --expression for a user-defined term, got both')
     if own:
         return model.with_entry({'own': name, **own})
     if name in BASE_TERMS and settings:
-        raise InvalidModel(f'{name}: wanted no --set, it has no settings, got '
-                           f'{", ".join(settings)}')
+        raise InvalidModel(f'{name}: wanted no --set, it has no settings, got {", ".join(settings)}')
     return model.with_effect(name, settings)
+
+
+def add_file(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments --model and --run."""
+    parser.add_argument('--model', metavar='FILE', required=True,
+                        help='model file (YAML) to change, made from the base model where there is none. It is '
+                        'rewritten at once, without the comments in it; --force is not needed')
+    parser.add_argument('--run', metavar='RUN', dest='run_path',
+                        help='log directory, .mcap file or CSV: show the error before and after')
+
+
+def model_before(path: str) -> Model:
+    """Return the model of a file, the base model where there is none."""
+    return read_model(path) if Path(path).exists() else Model()
+
+
+def change_file(options: argparse.Namespace, action: str, before: Model, after: Model) -> None:
+    """Change the model file and print what the change does to a run, where one is given.
+
+    Raises before anything is written where the run does not determine what the new model asks.
+    """
+    name, measured = options.effect, open_run(options.run_path) if options.run_path else None
+    done, words = (None, '') if measured is None else compared(measured, action, name, before, after)
+    write_model(after, options.model, force=True)
+    if options.json:
+        print_json(change_json(action, name, options.model, (before, after), done, words))
+        return
+    out = console()
+    out.print(f'{escape(str(options.model))}: {escape(str(after))}', soft_wrap=True)
+    if measured is not None:
+        out.print(f'\n{head(measured)}')
+        out.print(f'[bold]{escape(words)}[/]')
+        print_parts(out, () if done is None else (change_errors(done), curve_changes(done),
+                                                  fitted_effects(done.after.effects, 'Effects in the model now')))
+    elif action == ADD:
+        out.print('With --run RUN the error before and after is shown.')
+
+
+def compared(measured: Run, action: str, name: str, before: Model, after: Model) -> tuple[Change | None, str]:
+    """Return the change on a run and what it means; no change where the old model did not fit.
+
+    Raises NotDeterminable where the run does not determine what the new model asks.
+    """
+    try:
+        done = change(measured, before, after)
+    except NotDeterminable as error:
+        if action == ADD:
+            raise
+        analyse(measured, after)
+        return None, f'The model before could not be fitted: {error}'
+    return done, judgement(action, name, done)
+
+
+def judgement(action: str, name: str, done: Change) -> str:
+    """Return a sentence on whether a change is for the better."""
+    before, after = done.cross_validation_before, done.cross_validation_after
+    errors = f'{micro(before)} to {micro(after)} µm'
+    if not (math.isfinite(before) and math.isfinite(after)):
+        return f'Whether {name} helps cannot be judged: too few readings for a cross-validation.'
+    if action == ADD and done.helps:
+        return f'{name} helps: the cross-validation error falls from {errors}.'
+    if action == ADD:
+        return (f'{name} does not lower the cross-validation error ({errors}): it only describes noise. '
+                f'Remove it with rosette remove {name}.')
+    if done.hurts:
+        return (f'{name} is needed: without it the cross-validation error rises from {errors}. '
+                f'Add it again with rosette add {name}.')
+    return f'{name} is not needed: without it the cross-validation error changes from {errors}, no more than by chance.'

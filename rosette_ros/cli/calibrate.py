@@ -1,82 +1,126 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette calibrate: asks a running cell for a calibration and ends with its result."""
+"""rosette calibrate: requests a calibration of a running cell and ends with its result."""
 
+import argparse
 import sys
+import time
 from pathlib import Path
+from typing import Any
 
 from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
 
-from rosette_ros.cli.arguments import whole
-from rosette_ros.cli.domain import add_domain, add_namespace
-from rosette_ros.cli.main import UsageError
-from rosette_ros.cli.progress import ProgressDisplay
-from rosette_ros.cli.screen import console
-from rosette_ros.cli.summary import curve_table
+from rosette_ros.cell.client import CalibrationOutcome, CellClient
+from rosette_ros.cli.arguments import UsageError, add_domain, add_namespace, positive, whole
+from rosette_ros.cli.console import console, print_parts, print_verdict
 from rosette_ros.core.errors import CellError
-from rosette_ros.core.scheme import ORDERS
-from rosette_ros.nodes.client import CellClient
+from rosette_ros.core.scheme import ORDERS, TURNINGS
+from rosette_ros.io.messages import PHASE_WORDS, CalibrationProgress
+from rosette_ros.presentation.tables import curves
 
-INTERRUPTED = 130
 
-
-def add_arguments(parser):
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb takes."""
-    parser.add_argument('--order', default='', help=f'one of {", ".join(ORDERS)} '
-                        '(default: as the sequencer is configured)')
+    parser.add_argument('--order', default='',
+                        help=f'one of {", ".join(ORDERS)} (default: as the sequencer is configured)')
     parser.add_argument('--seed', type=whole(0, 2**53), default=0, help='draws the order random')
+    parser.add_argument('--balls', type=whole(3, 1000), default=0, help='number of balls and of table positions')
+    parser.add_argument('--radius-mm', type=positive('mm'), default=0.0, help='nominal radius of the circle of centres')
+    parser.add_argument('--turning', choices=TURNINGS, default='', help='sense in which the table turns')
+    parser.add_argument('--repeats', type=whole(0, 10_000), help='readings of the repeatability check, 0: none')
+    parser.add_argument('--drift-check', action=argparse.BooleanOptionalAction,
+                        help='whether the first ball is measured again after the run')
+    parser.add_argument('--attempts', type=whole(1, 1000), default=0,
+                        help='how often one target is asked before it is given up')
+    parser.add_argument('--skips', type=whole(0, 1000),
+                        help='how many balls of the run may be left out after that, 0: the run fails')
     parser.add_argument('--options', metavar='YAML', default='',
-                        help='further options of the goal, such as "repeats: 5"')
-    parser.add_argument('--resume', metavar='RUN',
-                        help='go on with a run that was broken off: its log, by name or path')
+                        help='further options of the goal, such as "limits.answer_timeout_s: 30"')
+    parser.add_argument('--resume', metavar='RUN', help='continue a run that was interrupted: its log, by name or path')
     add_namespace(parser)
     add_domain(parser)
 
 
-def run(options):
+def run(options: argparse.Namespace) -> None:
     """Run the calibration to its end; Ctrl-C cancels it."""
     if options.resume is not None and not options.resume.strip():
         raise UsageError('--resume: wanted the log of a run, by name or path, got nothing; without --resume a new '
                          'run begins')
+    resume = options.resume or ''
+    if resume and Path(resume).is_dir():  # on this computer: by its whole path
+        resume = str(Path(resume).resolve())
     with CellClient(options.domain, options.namespace) as client:
-        outcome = calibrate(client, order=options.order, seed=options.seed,
-                            options=options.options, resume=_log(options.resume or ''))
-    if outcome.cancelled:
-        print(f'rosette: {outcome.message}{_rest(outcome, client)}', file=sys.stderr)
-        return INTERRUPTED
+        outcome = calibrate(
+            client, order=options.order, seed=options.seed, balls=options.balls, radius=1e-3 * options.radius_mm,
+            turning=options.turning, repeats=options.repeats, drift_check=options.drift_check,
+            attempts=options.attempts, skips=options.skips, options=options.options, resume=resume)
     out = console()
     out.print(f'[bold]{escape(outcome.run_id)}[/]')
-    out.print(curve_table(outcome.error_motions))
+    print_parts(out, [curves(outcome.error_motions) if outcome.error_motions else None])
     out.print(f'\n{escape(outcome.message)}', soft_wrap=True)
     if outcome.verdict:
-        out.print(escape(outcome.verdict), soft_wrap=True)
+        print_verdict(out, outcome.verdict)
     if outcome.log:
         out.print(f'\nLog: {escape(str(outcome.log))}', soft_wrap=True)
-    return 0
 
 
-def _log(resume):
-    """Return how the cell is told which log is meant: by its whole path where it is on this computer."""
-    path = Path(resume)
-    return str(path.resolve()) if resume and path.is_dir() else resume
+def calibrate(client: CellClient, **goal: Any) -> CalibrationOutcome:
+    """Run a calibration with progress on stderr and return its successful outcome; goal: of CellClient.calibrate.
 
-
-def _rest(outcome, client):
-    """Say where the measured balls are, and how to go on."""
-    if not outcome.log:
-        return ''
-    return f'; what was measured is in {outcome.log}, go on with: {client.resume_command(outcome.log)}'
-
-
-def calibrate(client, **goal):
-    """Run a calibration with progress on stderr and return its Outcome.
-
-    Raises CellError where the cell refuses, fails or goes away.
+    Raises CellError where the cell refuses, fails or disconnects, and KeyboardInterrupt, with words, where the
+    calibration was cancelled.
     """
     with ProgressDisplay() as display:
         try:
             outcome = client.calibrate(on_progress=display.show, **goal)
         except TimeoutError as error:
-            raise CellError(f'{error}; look at the output of the sequencer') from error
-    if not (outcome.success or outcome.cancelled):
-        raise CellError(f'calibration failed: {outcome.message}{_rest(outcome, client)}')
+            raise CellError(f'{error}; see the output of the sequencer') from error
+    rest = (f'; what was measured is in {outcome.log}, continue with: {client.resume_command(outcome.log)}'
+            if outcome.log else '')
+    if outcome.cancelled:
+        raise KeyboardInterrupt(f'{outcome.message}{rest}')
+    if not outcome.success:
+        raise CellError(f'calibration failed: {outcome.message}{rest}')
     return outcome
+
+
+class ProgressDisplay(Progress):
+    """Shows the progress of a calibration on stderr: a bar on a terminal, and a line per phase, which stays."""
+
+    def __init__(self) -> None:
+        """Prepare; nothing is shown before the context is entered."""
+        out = console(sys.stderr)
+        super().__init__(SpinnerColumn(), TextColumn('{task.description:<22}'), BarColumn(bar_width=32),
+                         MofNCompleteColumn(), TextColumn('{task.fields[rate]}'), console=out, transient=True,
+                         disable=not out.is_terminal)
+        self._bar = self.add_task('waiting for the cell', total=None, rate='')
+        self._phase: int | None = None
+        self._began, self._from, self._done = 0.0, 0, 0
+
+    def stop(self) -> None:
+        """End the display."""
+        self._end_phase()
+        super().stop()
+
+    def show(self, progress: CalibrationProgress) -> None:
+        """Show the progress."""
+        self._done = max(self._done, progress.done)
+        phase = progress.phase if progress.is_running else None
+        if phase != self._phase:
+            self._end_phase()
+            self._phase, self._began, self._from = phase, time.monotonic(), self._done
+        balls, spent = self._spent()
+        self.update(self._bar, completed=self._done, total=progress.total,
+                    description='' if phase is None else PHASE_WORDS[phase],
+                    rate=f'{balls / spent:.0f} balls/s' if balls > 1 and spent > 0.2 else '')
+
+    def _spent(self) -> tuple[int, float]:
+        """Return the balls measured in this phase and its wall time so far, s."""
+        return self._done - self._from, time.monotonic() - self._began
+
+    def _end_phase(self) -> None:
+        if self._phase is not None:
+            balls, spent = self._spent()
+            what = f'{balls:4d} balls' if balls else ' ' * 10
+            self.console.print(f'  {PHASE_WORDS[self._phase]:<22}{what}  {spent:5.1f} s')
+        self._phase = None

@@ -1,89 +1,84 @@
 # SPDX-License-Identifier: Apache-2.0
 """rosette effects: the library of physical effects, or one of them explained."""
 
+from argparse import ArgumentParser, Namespace
+
 from rich.markup import escape
 
 from rosette_ros.cli.arguments import add_formats
-from rosette_ros.cli.screen import console, pairs, print_json, table
-from rosette_ros.core.advice import planned_run
+from rosette_ros.cli.console import console, pairs, print_json, print_parts, rich_table
+from rosette_ros.core.effects.effect import Effect, Quantity
 from rosette_ros.core.effects.library import EFFECTS, effect
+from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.scheme import plan
-from rosette_ros.diagnosis_json import effects_json
-from rosette_ros.units import scale_of
-from rosette_ros.words import MEANINGS
+from rosette_ros.presentation.formatting import MEANINGS, scale_of
+from rosette_ros.presentation.json_output import effects_json
+from rosette_ros.presentation.table_format import Table, words
 
 CARRIES = {
     'all': 'settings and sizes hold for the next run of the same cell',
     'shape': 'the settings hold for the next run, phases and sizes do not',
     'nothing': 'an event of one run',
 }
-"""What of an effect a later run shares, in words."""
+"""What of an effect a later run shares."""
 KINDS = {'scale': 'searched and refined', 'phase': 'searched and refined',
-         'instant': 'searched: a moment between two readings', 'choice': 'one of a few, tried all'}
+         'instant': 'searched: a moment between two readings', 'choice': 'one of a few, all are tried'}
 
 
-def add_arguments(parser):
+def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.add_argument('name', metavar='NAME', nargs='?', help='one effect, explained')
     add_formats(parser)
 
 
-def run(options):
+def run(options: Namespace) -> None:
     """Print the library or one effect."""
-    if options.name is None:
-        chosen = tuple(MEANINGS.values())
-    else:
-        chosen = (MEANINGS.get(options.name) or effect(options.name),)
+    chosen = tuple(MEANINGS.values()) if options.name is None else (MEANINGS.get(options.name) or effect(options.name),)
     if options.json:
         print_json(effects_json(chosen, {one.name: amplitudes(one) for one in chosen}))
     elif options.name is None:
-        show_library(chosen)
+        out = console()
+        out.print(rich_table(Table('library', 'Effects that a model may have and a diagnosis may name', (
+            words('name', 'name', [one.name for one in chosen]),
+            words('meaning', 'meaning', [one.meaning for one in chosen])))))
+        out.print('\nThe first three are the base model. [bold]rosette effects NAME[/] explains one; custom terms: '
+                  '[bold]rosette add --help[/].')
     else:
         show_effect(chosen[0])
 
 
-def amplitudes(one):
-    """Return the Quantities fitted at one setting of an effect; none for the base model's parts."""
+def amplitudes(one: Effect) -> tuple[Quantity, ...]:
+    """Return what is fitted at one setting of an effect; nothing for the parts of the base model."""
     if one.name not in EFFECTS:
         return ()
     example = planned_run(plan(12, 'random', turning='alternate'), 0.1825)
-    return one.amplitudes(example, one.settings(example)[0])
+    return tuple(one.amplitudes(example, one.settings(example)[0]))
 
 
-def show_library(chosen):
-    """Print the table of names and meanings."""
-    made = table(title='Effects that a model may have and a diagnosis may name')
-    made.add_column('name', justify='left', no_wrap=True)
-    made.add_column('what it means', justify='left', overflow='fold')
-    for one in chosen:
-        if one.name == next(iter(EFFECTS)):
-            made.add_section()
-        made.add_row(one.name, escape(one.meaning))
-    out = console()
-    out.print(made)
-    out.print('\nThe first three are the base model. [bold]rosette effects NAME[/] explains one; '
-              'terms of your own: [bold]rosette add --help[/].')
-
-
-def show_effect(one):
-    """Print everything about one effect."""
-    out = console()
-    out.print(f'[bold]{one.name}[/]: {escape(one.meaning)}\n')
-    rows = [('Where to look', one.look), ('Added to p', one.formula),
+def facts(one: Effect) -> list[tuple[str, str]]:
+    """Return what is known of an effect, as (name, text)."""
+    return [('Where to look', one.look), ('Added to p', one.formula),
             ('Needs', ', '.join(one.depends_on) or 'nothing but the indices'),
             ('In the next run', CARRIES[one.carries]), ('Source', one.source)]
-    out.print(pairs([(name, escape(text)) for name, text in rows]))
-    quantities = [(quantity, 'fitted') for quantity in amplitudes(one)]
-    quantities += [(quantity, KINDS[quantity.kind]) for quantity in one.searched]
-    if not quantities:
-        return
-    made = table(title='\nParameters')
-    for name in ('name', 'meaning', 'SI unit', 'shown in', 'how'):
-        made.add_column(name, justify='left', overflow='fold')
-    for quantity, how in quantities:
-        shown = scale_of(quantity.unit, quantity.name).unit
-        made.add_row(quantity.name, escape(quantity.meaning), escape(quantity.unit),
-                     escape(shown), how)
-    out.print(made)
-    out.print('\nPhysical names mean: columns of this form, fitted together with the base model. '
-              'Values in model files and --set are in SI units.')
+
+
+def parameters(one: Effect) -> Table:
+    """Return the table of the parameters of an effect; without rows where it has none."""
+    every = [*((quantity, 'fitted') for quantity in amplitudes(one)),
+             *((quantity, KINDS[quantity.kind]) for quantity in one.searched)]
+    return Table('parameters', 'Parameters', (
+        words('parameter', 'parameter', [quantity.name for quantity, _ in every]),
+        words('meaning', 'meaning', [quantity.meaning for quantity, _ in every]),
+        words('unit_si', 'SI unit', [quantity.unit for quantity, _ in every]),
+        words('unit', 'shown in', [scale_of(quantity.unit, quantity.name).unit for quantity, _ in every]),
+        words('how', 'how', [how for _, how in every])))
+
+
+def show_effect(one: Effect) -> None:
+    """Print everything about one effect."""
+    out, table = console(), parameters(one)
+    out.print(f'[bold]{one.name}[/]: {escape(one.meaning)}')
+    print_parts(out, [pairs([(name, escape(text)) for name, text in facts(one)])])
+    if table.rows:
+        print_parts(out, [table, 'Physical names mean: columns of this form, fitted together with the base '
+                          'model. Values in model files and --set are in SI units.'])

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """rosette export: a run becomes a ball-centre table (CSV), exact enough to evaluate from."""
 
+import argparse
 import sys
 
 from rich.markup import escape
 
 from rosette_ros.cli.arguments import add_run, add_run_id
-from rosette_ros.cli.screen import console
-from rosette_ros.cli.summary import head
-from rosette_ros.data.csv_table import format_csv, write_csv
-from rosette_ros.data.open_run import open_run
+from rosette_ros.cli.console import console, head
+from rosette_ros.io.ball_centre_table import format_csv, write_csv
+from rosette_ros.io.open_run import open_run
 
 
-def add_arguments(parser):
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_run(parser)
     add_run_id(parser)
@@ -21,7 +21,7 @@ def add_arguments(parser):
     parser.add_argument('--force', action='store_true', help='overwrite the table')
 
 
-def run(options):
+def run(options: argparse.Namespace) -> None:
     """Write the table."""
     run = open_run(options.run_path, options.run_id)
     if options.output == '-':

@@ -1,39 +1,40 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette demo --hidden: a machine hides something and the readings alone tell what.
+"""rosette demo --hidden: a machine hides effects, and the readings alone show which.
 
-What is hidden is sealed before anything is measured; the digest on the screen proves that nothing
-was changed until the envelope is opened beside the answer.
+What is hidden is sealed before anything is measured; the digest on the screen proves that nothing was changed until the
+envelope is opened and compared with the diagnosis.
 """
 
 import math
 import random
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from rich.console import Console
 from rich.markup import escape
 
-from rosette_ros.analysis import (
-    advise_run,
-    analyse,
-    claimed_model,
-    diagnose,
-    ladder,
-)
-from rosette_ros.analysis import compare as compare_model
+from rosette_ros.analysis import Report, advise_run, summarise
 from rosette_ros.cli import compare as compare_verb
 from rosette_ros.cli import diagnose as diagnose_verb
-from rosette_ros.cli.human import sentence
-from rosette_ros.cli.screen import pairs, table
-from rosette_ros.cli.summary import head, residual_words
-from rosette_ros.cli.truth import compare as compare_truth
-from rosette_ros.cli.truth import shown
-from rosette_ros.core.base import base_space
-from rosette_ros.core.scheme import ORDERS, Scheme
-from rosette_ros.data.log_reader import read_log
-from rosette_ros.data.model_file import write_model
-from rosette_ros.machine import Machine
-from rosette_ros.machine.envelope import open_envelope, seal_envelope
-from rosette_ros.words import exact
+from rosette_ros.cli.console import head, pairs, rich_table
+from rosette_ros.cli.demo_cell import compare as compare_truth
+from rosette_ros.cli.demo_cell import shown
+from rosette_ros.core.diagnosis.diagnosis import Diagnosis
+from rosette_ros.core.diagnosis.verdict import Level
+from rosette_ros.core.geometry import Frame
+from rosette_ros.core.model.base_model import base_space
+from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.scheme import Scheme
+from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.model_file import write_model
+from rosette_ros.presentation.formatting import exact, residual_words, sigmas
+from rosette_ros.presentation.table_format import Table, column, words
+from rosette_ros.presentation.tables import nested_models
+from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.simulation.envelope import open_envelope, seal_envelope
 
 ENVELOPE, MODEL = 'envelope.json', 'model.yaml'
 HIDDEN_SIZES = {'most': 3, 'smallest_sigma': 2.0}
@@ -43,154 +44,123 @@ SURE_SIGMA = 12.0
 
 
 @dataclass(frozen=True)
-class HiddenStory:
-    """What is told of a machine that hides effects drawn from a seed."""
+class HiddenDemo:
+    """A machine that hides effects drawn from a seed: the analysis of its run, then the envelope."""
 
     seed: int
-    order: str
-    turning: str
+    order: str = 'sensitive'
+    turning: str = 'forward'
 
     @property
-    def groups(self):
-        """What the machine's configuration says of it."""
+    def groups(self) -> dict[str, Any]:
+        """Settings of the machine's configuration."""
         return {'hidden': {'seed': self.seed, **HIDDEN_SIZES}}
 
-    def prepare(self, out, config, folder):
-        """Seal the envelope before anything is measured."""
+    def prepare(self, out: Console, config: MachineConfig, folder: Path) -> None:
+        """Seal the envelope before anything is measured; the files of the folder are copied to the log."""
         digest = seal_envelope(folder / ENVELOPE, Machine(config))
-        out.print(f'It hides something, drawn from seed {self.seed}. The sealed envelope has the '
-                  f'digest\n  sha256 {digest}')
+        out.print(f'It hides effects drawn from seed {self.seed}. The sealed envelope has the digest\n'
+                  f'  sha256 {digest}')
 
-    def papers(self, folder):
-        """Return the files that go into the log's folder besides the machine."""
-        return (folder / ENVELOPE,)
-
-    def tell(self, out, config, log_path, seconds):
-        """Print the whole story, all of it from the log alone until the envelope is opened."""
+    def show(self, out: Console, config: MachineConfig, log_path: Path, seconds: float) -> None:
+        """Print the analysis, from the log alone until the envelope is opened."""
         log = read_log(log_path)
         run = log.to_run()
-        report = analyse(run)
+        summary = summarise(run)
         out.print(f'\n{head(run)}')
-        chapter(out, '1', 'evaluate: does the base model explain the readings?')
-        out.print(residual_words(report.fit))
-        chapter(out, '2', 'compare: where does it fail?')
-        compare_verb.show(out, compare_model(run))
-        chapter(out, '3', 'diagnose: what is missing?')
-        diagnosis = diagnose(run)
-        diagnose_verb.show(out, run, diagnosis, diagnose_verb.hidden_effects(run, diagnosis))
-        chapter(out, '4', 'add: does the error fall?')
-        model = claimed_model(diagnosis)
-        rungs = ladder(run, model)
-        out.print(compare_verb.ladder_table(rungs))
-        write_model(model, log_path / MODEL, force=True)
-        frame = log.frame_of(run.run_id)
-        tell_truth(out, config, frame, report, rungs[-1].report)
-        chapter(out, '5', 'advise: what to measure next?')
-        out.print(sentence(advise_run(run).text))
-        chapter(out, '6', 'the envelope')
-        open_beside(out, config, log_path, run, diagnosis)
-        self.where(out, config, log_path, seconds)
-
-    def where(self, out, config, log_path, seconds):
-        """Print where everything is."""
+        section(out, '1', 'evaluate: does the base model explain the readings?')
+        out.print(residual_words(summary.report.fit))
+        section(out, '2', 'compare: where does it fail?')
+        compare_verb.show(out, summary.comparison, summary.verdict)
+        section(out, '3', 'diagnose: what is missing?')
+        diagnose_verb.show(out, summary.diagnosis, diagnose_verb.invisible_effects(summary.diagnosis))
+        section(out, '4', 'add: does the error fall?')
+        out.print(rich_table(nested_models(summary.ladder)))
+        write_model(summary.final.model, log_path / MODEL, force=True)
+        show_truth(out, config, log.frame_of(run.run_id), summary.report, summary.final)
+        section(out, '5', 'advise: what to measure next?')
+        out.print((summary.advice or advise_run(run)).text)
+        section(out, '6', 'the envelope')
+        show_envelope(out, config, log_path, run, summary.diagnosis)
         out.print()
         out.print(pairs([
             ('Log', escape(shown(log_path))), ('Model', escape(shown(log_path / MODEL))),
-            ('Again', f'rosette demo --hidden {self.seed} --seed {config.seed} --balls '
-                      f'{config.plate.balls}'),
+            ('Repeat', f'rosette demo --hidden {self.seed} --seed {config.seed} --balls {config.plate.balls}'),
             ('Took', f'{seconds:.1f} s')]))
 
 
-def story_of(seed):
-    """Return the HiddenStory of a seed; a negative one stands for a seed that is drawn now."""
-    seed = random.SystemRandom().randrange(10**6) if seed < 0 else seed
-    if 'sensitive' in ORDERS:
-        return HiddenStory(seed, 'sensitive', 'forward')
-    return HiddenStory(seed, 'random', 'alternate')
+def demo_of(seed: int) -> HiddenDemo:
+    """Return the demonstration of a seed; a negative one stands for a seed that is drawn now."""
+    return HiddenDemo(random.SystemRandom().randrange(10**6) if seed < 0 else seed)
 
 
-def chapter(out, number, title):
-    """Print the head of a chapter."""
+def section(out: Console, number: str, title: str) -> None:
+    """Print the head of a section."""
     out.print()
     out.rule(f'[bold]{number}  {title}[/]', align='left', style='dim')
 
 
-def tell_truth(out, config, frame, before, after):
+def show_truth(out: Console, config: MachineConfig, frame: Frame | None, before: Report, after: Report) -> None:
     """Print how far the six curves are from those built into the machine, before and after."""
-    words = []
+    sizes = []
     for report in (before, after):
         found = compare_truth(report, config, frame)
         off = 1e6 * np.sqrt(np.mean((report.error_motions.values - found.truth)**2, axis=0))
-        words.append(f'{np.sqrt(np.mean(off[:3]**2)):.3f} µm and '
-                     f'{np.sqrt(np.mean(off[3:]**2)):.2f} µrad rms ({found.rms:.2f} standard '
-                     'uncertainties)')
-    out.print(f'\nThe six curves are off those built into the machine by\n  {words[0]} before,\n'
-              f'  {words[1]} after; 1 standard uncertainty is expected.')
+        sizes.append(f'{np.sqrt(np.mean(off[:3]**2)):.3f} µm and {np.sqrt(np.mean(off[3:]**2)):.2f} µrad rms '
+                     f'({found.rms:.2f} standard uncertainties)')
+    out.print(f'\nThe six curves differ from those built into the machine by\n  {sizes[0]} before,\n'
+              f'  {sizes[1]} after; 1 standard uncertainty is expected.')
 
 
-def open_beside(out, config, log_path, run, diagnosis):
+def show_envelope(out: Console, config: MachineConfig, log_path: Path, run: Run, diagnosis: Diagnosis) -> None:
     """Open the envelope and print what was hidden beside what was found."""
     envelope = open_envelope(log_path / ENVELOPE)
     strengths = visible_strengths(config, run, envelope.hidden)
     out.print(f'sha256 {envelope.digest}, as it was sealed\n')
-    made = table(title='What was hidden, and what was found')
-    for name, side in (('hidden', 'left'), ('with', 'left'), ('visible', 'right'),
-                       ('answer', 'left')):
-        made.add_column(name, justify=side, overflow='fold', no_wrap=name == 'visible')
-    for hidden, strength in zip(envelope.hidden, strengths, strict=True):
-        made.add_row(hidden['kind'], escape(content(hidden)), f'{strength:.0f} σ',
-                     answer(hidden['kind'], strength, diagnosis))
-    out.print(made)
-    kinds = {hidden['kind'] for hidden in envelope.hidden}
-    wrong = [name for name in diagnosis.missing if name not in kinds]
-    if wrong:
+    kinds = [hidden['kind'] for hidden in envelope.hidden]
+    answers = [answer(kind, strength, diagnosis) for kind, strength in zip(kinds, strengths, strict=True)]
+    out.print(rich_table(Table('hidden', 'What was hidden, and what was found', (
+        words('kind', 'hidden', kinds),
+        words('parameters', 'with', map(content, envelope.hidden)), column('strength', 'visible', strengths, sigmas),
+        words('answer', 'answer', [text for text, _ in answers])), levels=tuple(level for _, level in answers))))
+    if wrong := [name for name in diagnosis.missing if name not in kinds]:
         out.print(f'[yellow]Named but not hidden: {escape(", ".join(wrong))}[/]')
-    out.print('visible: norm of what the effect does to the readings beyond all that table, plate '
-              f'and CMM could do, in σ of a coordinate; from {SURE_SIGMA:g} σ a name is expected')
+    out.print('visible: norm of the part of the effect in the readings that table, plate and CMM cannot cause, in σ '
+              f'of a coordinate; from {SURE_SIGMA:g} σ a name is expected')
 
 
-def content(hidden):
+def content(hidden: Mapping[str, Any]) -> str:
     """Return the parameters of a hidden effect as text."""
     return ', '.join(f'{key} {_value(value)}' for key, value in hidden.items() if key != 'kind')
 
 
-def _value(value):
+def _value(value: Any) -> str:
     if isinstance(value, (list, tuple)):
         return f'({", ".join(_value(one) for one in value)})'
     return exact(value, 3) if isinstance(value, float) and math.isfinite(value) else str(value)
 
 
-def answer(kind, strength, diagnosis):
-    """Return what the diagnosis said of a hidden effect."""
-    alike = [entry.effect for entry in diagnosis.candidates
-             if entry.claimed and kind in entry.look_alikes]
+def answer(kind: str, strength: float, diagnosis: Diagnosis) -> tuple[str, Level]:
+    """Return what the diagnosis found of a hidden effect."""
+    alike = [entry.effect for entry in diagnosis.candidates if entry.claimed and kind in entry.look_alikes]
     if kind in diagnosis.missing:
-        return '[green]named[/]'
+        return 'named', Level.GOOD
     if alike:
-        return f'[green]named as {alike[0]}, said to look the same here[/]'
+        return f'named as {alike[0]}, which looks the same here, as stated', Level.GOOD
     if kind in diagnosis.invisible:
-        return '[yellow]this order hides it, as was said[/]'
+        return 'not observable in this order, as stated', Level.DOUBTFUL
     if strength < SURE_SIGMA:
-        return '[yellow]too small to be named[/]'
-    return '[red]not named[/]' + (', but said to be left unexplained' if diagnosis.unexplained
-                                  else '')
+        return 'too small to be named', Level.DOUBTFUL
+    return 'not named' + (', but stated to be left unexplained' if diagnosis.unexplained else ''), Level.BAD
 
 
-def visible_strengths(config, run, hidden):
+def visible_strengths(config: MachineConfig, run: Run, hidden: Sequence[Mapping[str, Any]]) -> Floats:
     """Return the norm of what each hidden effect adds to the residual of the base model, in sigma.
 
     The machine measures twice, with one effect and without any; the noise is the same in both.
     """
-    scheme = Scheme(run.n, 'as measured', 0, run.table_position, run.ball,
-                    np.where(run.approach < 0, -1, 1))
-    clean = _centres(config, scheme, ())
-    space = base_space(run, run.radius)
-    sigma = 1e-6 * config.probing.repeatability_um
-    moved = np.array([_centres(config, scheme, (effect,)) - clean for effect in hidden])
-    left = space.residual(moved.reshape(len(hidden), run.size, 3))
-    return np.linalg.norm(left.reshape(len(hidden), -1), axis=1) / sigma
-
-
-def _centres(config, scheme, hidden):
-    quiet = config.changed(hidden=list(hidden), hidden_draw=None)
-    return Machine(quiet).run(scheme).centre
+    scheme = Scheme(run.n, 'as measured', 0, run.table_position, run.ball, np.where(run.approach < 0, -1, 1))
+    clean, *moved = (Machine(config.changed(hidden=each, hidden_draw=None)).run(scheme).centre
+                     for each in ([], *([effect] for effect in hidden)))
+    left = base_space(run, run.radius).residual(np.array(moved).reshape(len(hidden), run.size, 3) - clean)
+    return np.linalg.norm(left.reshape(len(hidden), -1), axis=1) / (1e-6 * config.probing.repeatability_um)

@@ -1,38 +1,47 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `rosette`: finds the verb, runs it, and is the one door through which errors leave.
+"""The command `rosette`: finds the verb, runs it, and is the one place where errors are printed.
 
-A verb is a module with `add_arguments(parser)` and `run(options)`. It is imported only when it is
-asked for, so that `rosette plan` waits for neither ROS nor the plotting library.
+A verb is a module with `add_arguments(parser)` and `run(options)`. It is imported on demand, so that `rosette plan`
+loads neither ROS nor the plotting library.
 """
 
 import argparse
+import codecs
 import difflib
 import importlib
+import io
 import os
 import signal
 import sys
+from collections.abc import Sequence
+from types import FrameType, ModuleType
+from typing import Any, NoReturn
 
 from rosette_ros import __version__
+from rosette_ros.cli.arguments import UsageError
 from rosette_ros.core.errors import RosetteError
 
+SIGNS = {'−': '-', '–': '-', '─': '-', '±': '+-', '→': '->', 'µ': 'u', '°': 'deg', 'σ': 'sigma', 'Δ': 'd', '·': '.',
+         **dict(zip('▁▂▃▄▅▆▇█', '12345678', strict=True))}
+"""Signs that are printed, and what a terminal without them shows: a number keeps its sign."""
 VERBS = {
     'demo': ('demo', 'calibrate a simulated rotary table from start to end'),
     'plan': ('plan', 'the target list of a measuring scheme'),
-    'cell': ('cell', 'a whole cell on this computer: starts its nodes, restarts what dies'),
+    'cell': ('cell', 'a whole cell on this computer: starts its nodes, restarts failed nodes'),
     'calibrate': ('calibrate', 'start a calibration in a running cell and wait for the result'),
     'evaluate': ('evaluate', 'the six error motions of a run, with uncertainties'),
-    'compare': ('compare', 'a model against a run: where it fails, by how much of the noise'),
+    'compare': ('compare', 'a model compared with a run: where it fails, by how much of the noise'),
     'diagnose': ('diagnose', 'which physical effect is missing from the model'),
     'effects': ('effects', 'the library of physical effects, or one of them explained'),
-    'add': ('add', 'put an effect into a model file; with --run, the error before and after'),
-    'remove': ('remove', 'take an effect out of a model file; with --run, before and after'),
+    'add': ('add', 'add an effect to a model file; with --run, the error before and after'),
+    'remove': ('remove', 'remove an effect from a model file; with --run, the error before and after'),
     'advise': ('advise', 'what an order of measurement can show, and what to measure next'),
-    'report': ('report', 'a run told on one page: verdict, curves, residuals, candidates, conditions'),
+    'report': ('report', 'a run on one page: verdict, curves, residuals, candidates, conditions'),
     'studio': ('studio', 'a page in the browser: verdict, curves, maps, what is missing, a running cell'),
     'info': ('info', 'what is in a run'),
     'import': ('import_csv', 'a ball-centre table (CSV) becomes a log'),
     'export': ('export_csv', 'a run becomes a ball-centre table (CSV)'),
-    'replay': ('replay', 'put a log back onto the graph, for an evaluator'),
+    'replay': ('replay', 'publish the messages of a log again, for an evaluator'),
 }
 """Verb: (module in rosette_ros.cli, what it does). A new verb is a new module and a line here."""
 
@@ -43,32 +52,39 @@ INSTALL = {'rclpy': _SOURCE, 'rosette_msgs': _SOURCE, 'nicegui': 'pip install ni
 EXIT_OK, EXIT_ERROR, EXIT_INTERRUPTED = 0, 2, 130
 
 
-class UsageError(RosetteError):
-    """The command was not given as it is meant."""
-
-
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose complaints leave by the same door as all others."""
+    """An argument parser that raises its errors, so that main prints them as all others."""
 
-    def __init__(self, **settings):
-        """Take options in full only: an abbreviation may mean another thing tomorrow."""
+    def __init__(self, **settings: Any) -> None:
+        """Take options in full only: an abbreviation may mean another option in a later version."""
         super().__init__(allow_abbrev=False, **settings)
 
-    def error(self, message):
+    def error(self, message: str) -> NoReturn:
         """Raise UsageError instead of printing the usage over several lines."""
         raise UsageError(f'{message} (see {self.prog} --help)')
 
 
-def main(argv=None):
+def _without_signs(error: UnicodeError) -> tuple[str, int]:
+    """Return what a terminal that lacks a sign shows in its place, '?' where nothing is known."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return ''.join(SIGNS.get(one, '?') for one in error.object[error.start:error.end]), error.end
+
+
+codecs.register_error('signs', _without_signs)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code: 0, 2 after an error in one line, 130 after Ctrl-C.
 
-    argv: the words after `rosette`; None takes them from the process. What is not a RosetteError
-    is a fault of the program and comes with its traceback.
+    argv: the words after `rosette`; None takes them from the process. What is not a RosetteError is an error of the
+    program and leaves its traceback.
     """
     for stream in (sys.stdout, sys.stderr):
-        stream.reconfigure(errors='replace')  # a terminal without µ shows '?' in its place
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors='signs')
     for number in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) is signal.SIG_DFL:  # nohup must stay what it is
+        if signal.getsignal(number) is signal.SIG_DFL:  # nohup stays as it is
             signal.signal(number, _end)
     try:
         options = parse(sys.argv[1:] if argv is None else list(argv))
@@ -77,27 +93,27 @@ def main(argv=None):
     except RosetteError as error:
         print(f'rosette: {" ".join(str(error).split())}', file=sys.stderr)
         return EXIT_ERROR
-    except KeyboardInterrupt:
-        print('rosette: interrupted', file=sys.stderr)
+    except KeyboardInterrupt as interrupt:
+        print(f'rosette: {str(interrupt) or "interrupted"}', file=sys.stderr)
         return EXIT_INTERRUPTED
     except BrokenPipeError:
-        # Whoever read our output has seen enough; nothing more can be written, at exit neither.
+        # The reader of our output has closed it; nothing can be written, not even at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK
     return EXIT_OK if code is None else code
 
 
-def _end(number, frame):
-    """Leave through all `with` blocks: a cell that was started must not outlive its command."""
+def _end(number: int, frame: FrameType | None) -> NoReturn:
+    """Leave through all `with` blocks: a cell ends with the command that started it."""
     signal.signal(number, signal.SIG_IGN)
     sys.exit(128 + number)
 
 
-def parse(argv):
-    """Return the options of a command, with `run`, what carries it out."""
+def parse(argv: Sequence[str]) -> argparse.Namespace:
+    """Return the options of a command; `run` of them carries it out."""
     parser = Parser(
         prog='rosette', description='Calibrates rotary tables by the three-rosette method: table, '
-        'ball plate and measuring machine are separated, nothing has to be calibrated before.',
+        'ball plate and measuring machine are separated, none has to be calibrated before.',
         epilog='RUN is a log directory, an .mcap file or a ball-centre table (CSV). '
         '`rosette VERB --help` explains a verb.')
     parser.add_argument('--version', action='version', version=f'rosette {__version__}')
@@ -116,8 +132,8 @@ def parse(argv):
     return parser.parse_args(argv or [asked])
 
 
-def _implementation(verb, module):
-    """Return the module of a verb; a package that it needs and that is not installed is named."""
+def _implementation(verb: str, module: str) -> ModuleType:
+    """Return the module of a verb; raise UsageError, naming the package, where one is not installed."""
     try:
         return importlib.import_module(f'rosette_ros.cli.{module}')
     except ModuleNotFoundError as error:

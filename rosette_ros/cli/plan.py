@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """rosette plan: the target list of a scheme, Table 1 of Kniel et al. (2019) for any n."""
 
+import argparse
 import sys
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from rich.markup import escape
 
 from rosette_ros.cli.arguments import add_formats, positive, whole
-from rosette_ros.cli.screen import console, pairs, print_json, table
-from rosette_ros.core.scheme import ORDERS, TURNINGS, plan
-from rosette_ros.core.travel import travel
-from rosette_ros.words import exact, fixed
+from rosette_ros.cli.console import console, pairs, print_json, print_parts
+from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, plan
+from rosette_ros.presentation.formatting import exact, plain, signs
+from rosette_ros.presentation.table_format import Table, column
 
 MOST_BALLS = 1000
 ANGLE_PLACES = 9
@@ -20,89 +23,88 @@ WIDEST_MAP = 20
 """Most balls for which the map of the scheme fits on a screen."""
 
 
-def add_arguments(parser):
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb takes."""
-    parser.add_argument('--balls', metavar='N', type=whole(None, MOST_BALLS), required=True,
-                        help='balls on the plate = table positions')
-    parser.add_argument('--radius-mm', metavar='R', type=positive('mm'), required=True,
-                        help='radius of the circle of ball centres')
-    parser.add_argument('--order', required=True, help=f'one of {", ".join(ORDERS)}')
-    parser.add_argument('--seed', type=whole(0, 2**63 - 1), default=0,
-                        help='draws the order random (default 0)')
-    parser.add_argument('--turning', default='forward',
-                        help=f'sense of the table: {" or ".join(TURNINGS)} (default forward)')
+    add_plan(parser, MOST_BALLS)
     add_formats(parser, csv='print the list as a table, coordinates with two decimals')
 
 
-def run(options):
+def add_plan(parser: argparse.ArgumentParser, most_balls: int, radius_mm: float | None = None) -> None:
+    """Add what plans a run: --balls, --order, --radius-mm, required where it has no default, --turning, --seed."""
+    required, default = radius_mm is None, '' if radius_mm is None else f' (default {radius_mm:g})'
+    parser.add_argument('--balls', metavar='N', type=whole(None, most_balls), required=required,
+                        help='balls on the plate = table positions')
+    parser.add_argument('--order', required=required, help=f'one of {", ".join(ORDERS)}')
+    parser.add_argument('--radius-mm', metavar='R', type=positive('mm'), required=required, default=radius_mm,
+                        help=f'radius of the circle of ball centres{default}')
+    parser.add_argument('--turning', default='forward',
+                        help=f'sense of the table: {" or ".join(TURNINGS)} (default forward)')
+    parser.add_argument('--seed', type=whole(0, 2**63 - 1), default=0, help='draws the order random (default 0)')
+
+
+def run(options: argparse.Namespace) -> None:
     """Print the plan."""
     scheme = plan(options.balls, options.order, options.seed, options.turning)
-    radius = 1e-3 * options.radius_mm
     if options.csv:
-        sys.stdout.write(format_table(scheme, options.radius_mm))
+        lines = (','.join(row) for row in rows(scheme, options.radius_mm))
+        sys.stdout.write('\n'.join([HEADER, *lines]) + '\n')
     elif options.json:
-        print_json(plan_json(scheme, radius))
+        print_json(plan_json(scheme, 1e-3 * options.radius_mm))
     else:
         show(scheme, options.radius_mm)
 
 
-def rows(scheme, radius_mm):
+def rows(scheme: Scheme, radius_mm: float) -> Iterator[tuple[str, ...]]:
     """Yield the texts of each target in the order of HEADER; no coordinate reads -0.00."""
     centres = scheme.centres(radius_mm)
     for seq, (k, i, j, centre) in enumerate(zip(
             scheme.cmm_position, scheme.table_position, scheme.ball, centres, strict=True), 1):
-        yield (str(seq), str(k), str(i), str(j), *(fixed(float(value), 2) for value in centre),
+        yield (str(seq), str(k), str(i), str(j), *(plain(float(value), 2) for value in centre),
                exact(360 * (int(i) - 1) / scheme.n, ANGLE_PLACES))
 
 
-def format_table(scheme, radius_mm):
-    """Return the target list as CSV text."""
-    return '\n'.join([HEADER, *(','.join(row) for row in rows(scheme, radius_mm))]) + '\n'
-
-
-def plan_json(scheme, radius):
+def plan_json(scheme: Scheme, radius: float) -> dict[str, Any]:
     """Return the plan as plain lists and dicts, SI, schema rosette-plan/1."""
-    way = travel(scheme, radius)
+    way = scheme.travel(radius)
     return {
-        'schema': 'rosette-plan/1', 'n': scheme.n, 'radius_m': radius, 'order': scheme.order,
-        'seed': scheme.seed, 'cmm_position': scheme.cmm_position.tolist(),
-        'table_position': scheme.table_position.tolist(), 'ball': scheme.ball.tolist(),
-        'table_angle_rad': scheme.table_angle.tolist(), 'approach': scheme.approach.tolist(),
-        'centre_m': scheme.centres(radius).tolist(),
+        'schema': 'rosette-plan/1', 'n': scheme.n, 'radius_m': radius, 'order': scheme.order, 'seed': scheme.seed,
+        'cmm_position': scheme.cmm_position.tolist(), 'table_position': scheme.table_position.tolist(),
+        'ball': scheme.ball.tolist(), 'table_angle_rad': scheme.table_angle.tolist(),
+        'approach': scheme.approach.tolist(), 'centre_m': scheme.centres(radius).tolist(),
         'travel': {'table_rad': way.table_angle, 'table_moves': way.table_moves,
                    'cmm_m': way.cmm_way, 'cmm_moves': way.cmm_moves}}
 
 
-def show(scheme, radius_mm):
-    """Print the plan for a person: the map, the list, what it costs in motion."""
+def show(scheme: Scheme, radius_mm: float) -> None:
+    """Print the plan for a person: the map, the list, the motion that it takes."""
     out = console()
-    out.print(f'[bold]{scheme.n**2} targets[/]: {scheme.n} balls on a circle of R = '
-              f'{exact(radius_mm, 6)} mm, {scheme.n} table positions, '
-              f'order {escape(scheme.order)}')
-    if scheme.n <= WIDEST_MAP:
-        out.print(sequence_map(scheme))
-    listing = table('seq', 'CMM pos.', 'table pos.', 'ball', 'x / mm', 'y / mm', 'z / mm',
-                    'table / deg', 'turn', title='Targets')
-    for row, sense in zip(rows(scheme, radius_mm), scheme.approach, strict=True):
-        listing.add_row(*row, '+' if sense > 0 else '−')
-    out.print(listing)
-    way = travel(scheme, 1e-3 * radius_mm)
-    out.print(pairs([
-        ('Table', f'turns {way.table_turns:.4g} times round in {way.table_moves} moves'),
-        ('CMM', f'goes {way.cmm_way:.4g} m in {way.cmm_moves} moves (straight from ball to ball)'),
-        ('Order', CASES[scheme.order]),
-    ]))
+    out.print(f'[bold]{scheme.n**2} targets[/]: {scheme.n} balls on a circle of R = {exact(radius_mm, 6)} mm, '
+              f'{scheme.n} table positions, order {escape(scheme.order)}')
+    way = scheme.travel(1e-3 * radius_mm)
+    print_parts(out, [sequence_map(scheme) if scheme.n <= WIDEST_MAP else None, targets(scheme, radius_mm), pairs([
+        ('Table', f'{way.table_turns:.4g} turns in {way.table_moves} moves'),
+        ('CMM', f'{way.cmm_way:.4g} m in {way.cmm_moves} moves (straight from ball to ball)'),
+        ('Order', CASES[scheme.order])])])
 
 
-def sequence_map(scheme):
-    """Return the map of the scheme: which measurement is made where (the paper's Figure 3)."""
+def targets(scheme: Scheme, radius_mm: float) -> Table:
+    """Return the table of the targets."""
+    heads = ('seq', 'CMM position', 'table position', 'ball', 'x', 'y', 'z', 'table angle')
+    units = ('', '', '', '', 'mm', 'mm', 'mm', '°')
+    texts = zip(*rows(scheme, radius_mm), strict=True)
+    return Table('targets', 'Targets', (
+        *(column(*one) for one in zip(HEADER.split(','), heads, texts, [signs] * len(heads), units)),
+        column('approach', 'turn', scheme.approach, lambda sense: '+' if sense > 0 else '−')))
+
+
+def sequence_map(scheme: Scheme) -> Table:
+    """Return the map of the scheme: which measurement is made where (Figure 3 of the paper)."""
     grid = np.zeros((scheme.n, scheme.n), dtype=int)
     grid[scheme.table_position - 1, scheme.ball - 1] = np.arange(1, scheme.n**2 + 1)
-    made = table('table\\ball', *map(str, range(1, scheme.n + 1)),
-                 title='When each ball is measured')
-    for position, line in enumerate(grid, 1):
-        made.add_row(str(position), *map(str, line))
-    return made
+    every = range(1, scheme.n + 1)
+    return Table('sequence', 'When each ball is measured', (
+        column('table_position', 'table \\ ball', every, str),
+        *(column(f'ball_{ball}', str(ball), grid[:, ball - 1], str) for ball in every)))
 
 
 CASES = {

@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette remove: takes an effect, a term of one's own or a base term out of a model file."""
+"""rosette remove: removes an effect, a base term or a user-defined term from a model file."""
 
+import argparse
+
+from rosette_ros.cli.add import REMOVE, add_file, change_file, model_before
 from rosette_ros.cli.arguments import add_formats
-from rosette_ros.cli.model_change import REMOVE, add_file, carry_out, model_before
 
 
-def add_arguments(parser):
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb takes."""
-    parser.add_argument('effect', metavar='EFFECT', help='name as it stands in the model; of '
-                        'several with one name the last')
+    parser.add_argument('effect', metavar='EFFECT', help='name as in the model; the last of several with one name')
     add_file(parser)
     add_formats(parser)
 
 
-def run(options):
+def run(options: argparse.Namespace) -> None:
     """Remove from the model file."""
     before = model_before(options.model)
-    carry_out(options, REMOVE, options.effect, before, before.without_effect(options.effect))
+    change_file(options, REMOVE, before, before.without_effect(options.effect))

@@ -1,129 +1,138 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette replay: a log goes back onto the graph, and what an evaluator says of it comes back."""
+"""rosette replay: publishes what an evaluator reads from a log, and compares the error motions that it publishes."""
 
+import argparse
+import os
 import sys
+import time
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
+from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
+from rosette_msgs.msg import ErrorMotions as ErrorMotionsMessage
 
 from rosette_ros.analysis import analyse
-from rosette_ros.cli.arguments import positive
-from rosette_ros.cli.domain import add_domain
-from rosette_ros.cli.player import Player
-from rosette_ros.cli.screen import console
-from rosette_ros.cli.summary import curve_table
+from rosette_ros.cell.supervisor import Cell, added_environment
+from rosette_ros.cli.arguments import add_domain, positive
+from rosette_ros.cli.console import console, rich_table
 from rosette_ros.core.errors import CellError, InvalidData
 from rosette_ros.core.records import ErrorMotions
-from rosette_ros.data.log_files import iter_log
-from rosette_ros.data.log_reader import read_log
+from rosette_ros.io.bag_metadata import Qos, TopicSummary
+from rosette_ros.io.log_reader import LoggedMessage, iter_log, read_log
+from rosette_ros.io.log_run import LogRun
 from rosette_ros.nodes import names
-from rosette_ros.nodes.cell import Cell
-from rosette_ros.nodes.convert import error_motions_record
+from rosette_ros.nodes.conversions import error_motions_record
+from rosette_ros.nodes.interfaces import interface_class
+from rosette_ros.presentation.tables import curves
 
+INPUTS = (names.PROBE_TARGET, names.BALL_CENTRE, names.RUN_STATE, names.TF_STATIC, names.CLOCK)
+"""What an evaluator reads, by the last part of the topic."""
+FASTEST = 4000
+"""Most messages per second: the queue of a subscriber, some thousand long, must not overflow."""
+LIVE_PATIENCE = 1.5
+"""How long a running cell is searched for before anything is published, s."""
 SEARCH_TIMEOUT, START_TIMEOUT, RESULT_TIMEOUT = 5.0, 20.0, 60.0
+_BATCH = 100
+_STEP = 0.05
 
 
-def add_arguments(parser):
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.add_argument('log', metavar='RUN', help='log directory or .mcap file')
-    parser.add_argument('--rate', metavar='X', type=positive('times the recorded pace'),
-                        help='how many times as fast as recorded (default: as fast as it goes)')
+    parser.add_argument('--rate', metavar='X', type=positive('times the recorded rate'),
+                        help='times the recorded rate (default: as fast as possible)')
     add_domain(parser)
 
 
-def run(options):
+def run(options: argparse.Namespace) -> None:
     """Replay and compare."""
     log = read_log(options.log)
     expected = expected_motions(log)
     out = console()
-    with Player(log.topics, options.domain) as player:
+    with LogPlayer(log.topics, options.domain) as player:
         if player.await_evaluator(SEARCH_TIMEOUT):
             found = replay(player, options, log, expected)
         else:
-            player.refuse_live_cell()
-            out.print('No evaluator on the graph: one is started for this replay.')
-            with Cell(options.domain, player.namespace, nodes=(names.EVALUATOR,),
-                      remappings=player.remappings) as cell:
+            player.refuse_running_cell()
+            out.print('No evaluator in this ROS domain: starting one for this replay.')
+            with Cell(options.domain, player.namespace, nodes=(names.EVALUATOR,), remappings=player.remappings) as cell:
                 if not player.await_evaluator(START_TIMEOUT):
-                    raise CellError('replay: the evaluator has started but does not hear us; '
-                                    'another middleware, or a firewall on the loopback?')
+                    raise CellError('replay: the evaluator has started but does not receive the messages; another '
+                                    'middleware, or a firewall on the loopback interface?')
                 found = replay(player, options, log, expected)
                 cell.check()
-    differ = [show(out, run_id, error_motions_record(found[run_id]), wanted)
-              for run_id, wanted in expected.items()]
+    differ = [show(out, run_id, error_motions_record(found[run_id]), wanted) for run_id, wanted in expected.items()]
     if any(differ):
-        raise InvalidData(f'{options.log}: the error motions that came back are not those that '
-                          'were expected; another version of the software, or another model?')
+        raise InvalidData(f'{options.log}: wanted the expected error motions, got others; another version of the '
+                          'software, or another model?')
 
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """What should come back for one run: curves, where they come from, and whether u counts.
-
-    The repeatability of an imported table is in its log, but not on the graph.
-    """
+    """The curves expected of one run, and their source."""
 
     motions: ErrorMotions
     source: str
     with_u: bool
+    """Whether their uncertainties are expected too: the repeatability of an imported table is in no message."""
 
 
-def expected_motions(log):
-    """Return by run_id what is Expected of every run with a result.
+def expected_motions(log: LogRun) -> dict[str, Expected]:
+    """Return by run_id what is expected: as published in the log, or (an imported table) as evaluated now.
 
-    As published in the log; where nothing was published (an imported table), as evaluated now.
     Raises InvalidData where there is no run to evaluate.
     """
     expected = {run_id: Expected(published.motions, 'in the log', True) for run_id in log.run_ids
-                if (published := log.latest_error_motions(run_id)) is not None}
+                if (published := log.latest_error_motions(run_id))}
     if not expected and not log.states:
         run = log.to_run()
         if not run.is_complete:
-            raise InvalidData(f'{log.path}: wanted all {run.n**2} ball centres, for which an '
-                              f'evaluator waits, got {run.size}; try rosette evaluate')
-        report = analyse(run)
-        expected = {report.run.run_id: Expected(report.error_motions, 'of rosette evaluate',
-                                                report.run.repeatability is None)}
+            raise InvalidData(f'{log.path}: wanted all {run.n**2} ball centres, for which an evaluator waits, got '
+                              f'{run.size}; try rosette evaluate')
+        expected = {run.run_id: Expected(analyse(run).error_motions, 'of rosette evaluate', run.repeatability is None)}
     if not expected:
         ended = '; '.join(f'run {state.run_id}: {state.text}' for state in log.states)
-        raise InvalidData(f'{log.path}: wanted a run that was evaluated, got none ({ended}); try '
-                          'rosette evaluate on what was measured')
+        raise InvalidData(f'{log.path}: wanted a run that was evaluated, got none ({ended}); try rosette evaluate on '
+                          'what was measured')
     return expected
 
 
-def replay(player, options, log, expected):
-    """Publish the log and return the ErrorMotions messages that came back, by run_id."""
-    player.refuse_live_cell()
+def replay(player: 'LogPlayer', options: argparse.Namespace, log: LogRun,
+           expected: Mapping[str, Expected]) -> dict[str, ErrorMotionsMessage]:
+    """Publish the log and return the error motions received, by run_id."""
+    player.refuse_running_cell()
     screen = console(sys.stderr)
     with Progress(*Progress.get_default_columns(), console=screen, transient=True,
                   disable=not screen.is_terminal) as bar:
-        messages = bar.track(iter_log(options.log), total=log.messages, description='replay')
-        player.play(messages, options.rate)
+        player.play(bar.track(iter_log(options.log), total=log.messages, description='replay'), options.rate)
     found = player.await_motions(expected, RESULT_TIMEOUT)
     missing = [run_id for run_id in expected if run_id not in found]
     if missing:
-        raise CellError(f'replay: wanted the error motions of run {missing[0]} within '
-                        f'{RESULT_TIMEOUT:g} s, got none; see the output of the evaluator')
+        raise CellError(f'replay: wanted the error motions of run {missing[0]} within {RESULT_TIMEOUT:g} s, got none; '
+                        'see the output of the evaluator')
     return found
 
 
-def show(out, run_id, got, expected):
-    """Print the curves that came back; return whether they differ from what was expected."""
+def show(out: Console, run_id: str, got: ErrorMotions, expected: Expected) -> bool:
+    """Print the curves received; return whether they differ from those expected."""
     out.print(f'[bold]{escape(run_id)}[/]')
-    out.print(curve_table(got))
+    out.print(rich_table(curves(got)))
     what = difference(got, expected)
-    if what:
-        out.print(f'\n[red]{what} those {expected.source}[/]')
-    else:
-        parts = 'curves and uncertainties' if expected.with_u else 'curves'
-        out.print(f'\n[green]{parts} equal to those {expected.source}, bit for bit[/]')
+    parts = 'curves and uncertainties' if expected.with_u else 'curves'
+    out.print(f'\n[red]{what} those {expected.source}[/]' if what else
+              f'\n[green]{parts} equal to those {expected.source}, bit for bit[/]')
     return bool(what)
 
 
-def difference(got, expected):
-    """Return in words how the ErrorMotions that came back differ, empty: not by a bit."""
+def difference(got: ErrorMotions, expected: Expected) -> str:
+    """Return in words how the error motions received differ, empty: not by a bit."""
     wanted = expected.motions
     if got.values.shape != wanted.values.shape or not np.array_equal(got.angle, wanted.angle):
         return 'other table angles than'
@@ -133,3 +142,118 @@ def difference(got, expected):
     if expected.with_u and not np.array_equal(got.u, wanted.u):
         return 'other uncertainties than'
     return ''
+
+
+class LogPlayer:
+    """Publishes logged messages, byte for byte, and collects the error motions received; a context manager.
+
+    topics: of the log; domain: ROS domain, None for that of the environment. Raises CellError where the log holds no
+    ball centres.
+    """
+
+    def __init__(self, topics: Sequence[TopicSummary], domain: int | None = None) -> None:
+        """Join the graph and announce the topics."""
+        os.environ.update(added_environment(os.environ))
+        inputs = {_last(name) for name in INPUTS}
+        chosen = {topic.name: topic for topic in topics if _last(topic.name) in inputs}
+        answers = [name for name in chosen if _last(name) == names.BALL_CENTRE]
+        if not answers:
+            raise CellError(f'replay: wanted a log with the topic {names.BALL_CENTRE}, got '
+                            f'{", ".join(topic.name for topic in topics) or "no topics"}')
+        self.namespace = answers[0].rpartition('/')[0] or '/'
+        self._context = Context()
+        self._context.init(domain_id=domain)
+        self._node = Node(f'player_{os.getpid()}', namespace=self.namespace, context=self._context, enable_rosout=False)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._publishers = {name: self._node.create_publisher(interface_class(topic.type_name), name,
+                                                              qos_profile(topic.qos, topic.messages))
+                            for name, topic in chosen.items()}
+        self._motions: list[ErrorMotionsMessage] = []
+        self._node.create_subscription(ErrorMotionsMessage, names.ERROR_MOTIONS, self._motions.append, 10)
+
+    def __enter__(self) -> 'LogPlayer':
+        """Return the player."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    @property
+    def remappings(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of names with which an evaluator reads the topics as they were recorded."""
+        return () if names.TF_STATIC in self._publishers else names.remappings(self.namespace)
+
+    def refuse_running_cell(self) -> None:
+        """Raise CellError where a CMM or a sequencer, searched during LIVE_PATIENCE, is on the graph."""
+        deadline = time.monotonic() + LIVE_PATIENCE
+        while True:
+            for topic in map(self._node.resolve_topic_name, (names.BALL_CENTRE, names.PROBE_TARGET)):
+                if self._node.count_publishers(topic) > (topic in self._publishers):
+                    raise CellError(f'replay: {topic} has another publisher: a live cell is on this graph, and '
+                                    'recorded targets would move its machine. End the cell, or choose another --domain')
+            if time.monotonic() > deadline:
+                return
+            self.spin(_STEP)
+
+    def await_evaluator(self, timeout: float) -> bool:
+        """Return whether an evaluator receives all topics within `timeout`, s."""
+        wanted = [publisher for name, publisher in self._publishers.items() if _last(name) != _last(names.CLOCK)]
+        deadline = time.monotonic() + timeout
+        while time.monotonic() < deadline:
+            if (all(publisher.get_subscription_count() for publisher in wanted)
+                    and self._node.count_publishers(names.ERROR_MOTIONS) > 0):
+                return True
+            self.spin(_STEP)
+        return False
+
+    def play(self, messages: Iterable[LoggedMessage], rate: float | None = None) -> None:
+        """Publish those logged messages whose topics are announced; rate: None as fast as FASTEST allows."""
+        began, start = time.monotonic(), None
+        chosen = (message for message in messages if message.topic in self._publishers)
+        for count, message in enumerate(chosen):
+            start = message.log_time if start is None else start
+            if rate:
+                self._spin_until(began + 1e-9 * (message.log_time - start) / rate)
+            elif count % _BATCH == 0:
+                self._spin_until(began + count / FASTEST)
+            self._publishers[message.topic].publish(message.data)
+
+    def _spin_until(self, due: float) -> None:
+        while (left := due - time.monotonic()) > 0:
+            self.spin(min(_STEP, left))
+
+    def await_motions(self, run_ids: Iterable[str], timeout: float) -> dict[str, ErrorMotionsMessage]:
+        """Return the error motions received by run_id, once those of all the runs are there or `timeout` is over."""
+        deadline = time.monotonic() + timeout
+        while not {one.run_id for one in self._motions} >= set(run_ids) and time.monotonic() < deadline:
+            self.spin(_STEP)
+        return {one.run_id: one for one in self._motions}
+
+    def spin(self, timeout: float) -> None:
+        """Let callbacks run for at most `timeout`, s."""
+        self._executor.spin_once(timeout_sec=max(timeout, 0.0))
+
+
+def _last(topic: str) -> str:
+    return topic.rpartition('/')[2]
+
+
+def qos_profile(recorded: Sequence[Qos], messages: int) -> QoSProfile:
+    """Return the QoS profile to publish with: the first recorded one, defaults where there is none.
+
+    The queue is as long as there are messages, so that none is dropped before a subscriber has it. Limits in time
+    (deadline, lifespan, lease) are left out: they were promises of a live cell.
+    """
+    qos = recorded[0] if recorded else Qos()
+    return QoSProfile(
+        depth=max(qos.depth, messages, 1),
+        history=HistoryPolicy.KEEP_ALL if qos.history == 'keep_all' else HistoryPolicy.KEEP_LAST,
+        reliability=ReliabilityPolicy.BEST_EFFORT if qos.reliability == 'best_effort' else ReliabilityPolicy.RELIABLE,
+        durability=(DurabilityPolicy.TRANSIENT_LOCAL if qos.durability == 'transient_local' else
+                    DurabilityPolicy.VOLATILE),
+        liveliness=(LivelinessPolicy.MANUAL_BY_TOPIC if qos.liveliness == 'manual_by_topic' else
+                    LivelinessPolicy.AUTOMATIC))

@@ -1,36 +1,35 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette report: a run told on one page, or several runs beside one another as in the paper."""
+"""rosette report: the page of a run, or of several runs that must agree as in the paper."""
 
 import shlex
+from argparse import ArgumentParser, Namespace
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from matplotlib.figure import Figure
+from rich.console import Console
 from rich.markup import escape
 
-from rosette_ros.analysis import analyse
-from rosette_ros.cli.arguments import add_run_id
-from rosette_ros.cli.compare import add_model, model_of
-from rosette_ros.cli.screen import console
-from rosette_ros.cli.summary import head
+from rosette_ros.analysis import analyse, summarise
+from rosette_ros.cli.arguments import add_model, add_run_id
+from rosette_ros.cli.console import console, head, print_verdict
+from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.pictures.style import save
-from rosette_ros.report.page import refuse_existing, report_html, write_text
-from rosette_ros.report.parts import Overlay, pictures_of
-from rosette_ros.report.sources import digest, open_source
-from rosette_ros.report.tables import tables_of
-from rosette_ros.report.verification import read_maker, verify
-from rosette_ros.report.verification_page import (
-    verification_html,
-    verification_pictures,
-    verification_tables,
-)
-from rosette_ros.story import BAD, GOOD, tell
-
-FORMATS = ('svg', 'png')
-COLOURS = {GOOD: 'green', BAD: 'red'}
+from rosette_ros.core.model.model import Model
+from rosette_ros.io.model_file import read_model
+from rosette_ros.io.text_file import refuse_existing, write_text
+from rosette_ros.presentation.plots.plot_style import save
+from rosette_ros.presentation.plots.result_plots import Series
+from rosette_ros.presentation.report import verification
+from rosette_ros.presentation.report.provenance import digest, open_source
+from rosette_ros.presentation.report.run_page import pictures_of, report_html
+from rosette_ros.presentation.report.verification import Conclusion, Verification, read_maker, verify
+from rosette_ros.presentation.table_format import Table
+from rosette_ros.presentation.tables import tables_of
 
 
-def add_arguments(parser):
+def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.add_argument('run_path', metavar='RUN', nargs='?',
                         help='log directory, .mcap file or ball-centre table (CSV)')
@@ -47,12 +46,12 @@ def add_arguments(parser):
     parser.add_argument('--maker', metavar='FILE', help="with --compare: the maker's correction tables, CSV "
                         'with the columns table_angle_deg,ctz_um,crz_urad')
     parser.add_argument('--figures', metavar='DIR', help='write every figure as a file of its own, too')
-    parser.add_argument('--format', choices=FORMATS, default='svg', help='of these files (default svg)')
+    parser.add_argument('--format', choices=('svg', 'png'), default='svg', help='of these files (default svg)')
     parser.add_argument('--tables', metavar='DIR', help='write every table as CSV, too')
-    parser.add_argument('--force', action='store_true', help='overwrite what is there')
+    parser.add_argument('--force', action='store_true', help='overwrite existing files')
 
 
-def run(options):
+def run(options: Namespace) -> None:
     """Write the report."""
     if options.maker and not options.compare:
         raise InvalidData('report: --maker goes with --compare only; leave it out')
@@ -64,92 +63,80 @@ def run(options):
         report_run(options)
 
 
-def report_run(options):
+def report_run(options: Namespace) -> None:
     """Write the report of one run."""
     path = output_of(options, Path(options.run_path).absolute().stem)
-    model = model_of(options)
-    run, source = open_source(options.run_path, options.run_id)
+    model = read_model(options.model)
+    measured, source = open_source(options.run_path, options.run_id)
     overlays = []
     for place in options.overlay:
         other, other_source = open_source(place)
-        overlays.append(Overlay(other.run_id or str(place), analyse(other, model)))
+        overlays.append(Series(other.run_id or str(place), analyse(other, model).error_motions))
         source = replace(source, files=(*source.files, *other_source.files))
     if options.model:
         source = replace(source, files=(*source.files, digest(options.model)))
     out = console()
     with out.status('evaluating') as status:
-        story = tell(run, model, lambda step: status.update(f'{step} …'))
+        summary = summarise(measured, model, lambda step: status.update(f'{step} …'))
         status.update('drawing …')
-        pictures = pictures_of(story, overlays)
-        text = report_html(story, source, command_of(options), overlays, pictures)
-        write_text(path, text, options.force)
-        if options.figures:
-            write_figures(pictures, options)
-        if options.tables:
-            write_tables(tables_of(story), options)
-    out.print(head(run))
-    say(out, story.verdict, path)
+        pictures = pictures_of(summary, overlays)
+        write_text(path, report_html(summary, source, command_of(options), overlays, pictures), options.force)
+        write_parts(options, pictures, tables_of(summary))
+    out.print(head(measured))
+    print_result(out, summary.verdict, path)
 
 
-def compare_runs(options):
+def compare_runs(options: Namespace) -> None:
     """Write the report on runs that must agree."""
     path = output_of(options, 'verification')
     for name, given in (('--run-id', options.run_id), ('--overlay', options.overlay)):
         if given:
             raise InvalidData(f'report: {name} does not go with --compare; leave it out')
-    verification = verification_of(options.compare, options.maker, model_of(options))
-    pictures = verification_pictures(verification)
-    write_text(path, verification_html(verification, command_of(options), pictures), options.force)
-    if options.figures:
-        write_figures(pictures, options)
-    if options.tables:
-        write_tables(verification_tables(verification), options)
-    say(console(), verification.verdict, path)
+    verified = verification_of(options.compare, options.maker, read_model(options.model))
+    pictures = verification.verification_pictures(verified)
+    page = verification.verification_html(verified, command_of(options), pictures)
+    write_text(path, page, options.force)
+    write_parts(options, pictures, verification.verification_tables(verified))
+    print_result(console(), verified.verdict, path)
 
 
-def verification_of(paths, maker=None, model=None):
-    """Return the Verification of runs by their paths; maker: path of the maker's table, or None."""
+def verification_of(paths: Iterable[Path | str], maker: Path | str | None = None,
+                    model: Model | None = None) -> Verification:
+    """Return the Verification of runs by their paths; maker: path of the maker's table."""
     opened = [open_source(path) for path in paths]
     table = read_maker(maker) if maker else None
-    return verify([(analyse(run, model), source) for run, source in opened], table)
+    return verify([(analyse(measured, model), source) for measured, source in opened], table)
 
 
-def output_of(options, name):
-    """Return the page's path; raises InvalidData where it stands already, before any work is done."""
+def output_of(options: Namespace, name: str) -> Path:
+    """Return the page's path; raises InvalidData where it exists already, before any work is done."""
     path = Path(options.output or f'{name}.html')
     refuse_existing(path, options.force)
     if not path.parent.is_dir():
-        raise InvalidData(f'{path}: wanted a name in a folder that is there, got none; make {path.parent} first')
+        raise InvalidData(f'{path}: wanted a name in a folder that exists, got none; make {path.parent} first')
     return path
 
 
-def command_of(options):
+def command_of(options: Namespace) -> str:
     """Return the command line that makes the same report again."""
     words = ['rosette', 'report', *([str(options.run_path)] if options.run_path else [])]
     for name in ('run_id', 'model', 'output', 'overlay', 'compare', 'maker'):
-        value = getattr(options, name)
-        if value:
+        if value := getattr(options, name):
             words += [f'--{name.replace("_", "-")}', *(value if isinstance(value, list) else [value])]
     return shlex.join(map(str, words))
 
 
-def write_figures(pictures, options):
-    """Write every Picture into a folder."""
-    folder = folder_of(options.figures)
-    for name, picture in pictures.items():
-        path = folder / f'{name}.{options.format}'
+def write_parts(options: Namespace, pictures: Mapping[str, Figure], tables: Iterable[Table]) -> None:
+    """Write every figure and every table into the folders that the options name."""
+    for name, figure in pictures.items() if options.figures else ():
+        path = folder_of(options.figures) / f'{name}.{options.format}'
         refuse_existing(path, options.force)
-        save(picture.figure, path)
+        save(figure, path)
+    for table in tables if options.tables else ():
+        write_text(folder_of(options.tables) / f'{table.name}.csv', table.csv(), options.force)
 
 
-def write_tables(tables, options):
-    """Write every Table into a folder."""
-    folder = folder_of(options.tables)
-    for table in tables:
-        write_text(folder / f'{table.name}.csv', table.csv(), options.force)
-
-
-def folder_of(path):
+def folder_of(path: str) -> Path:
     """Make a folder and return it."""
     try:
         Path(path).mkdir(parents=True, exist_ok=True)
@@ -158,9 +145,7 @@ def folder_of(path):
     return Path(path)
 
 
-def say(out, verdict, path):
+def print_result(out: Console, verdict: Verdict | Conclusion, path: Path | str) -> None:
     """Print the verdict and where the page is."""
-    colour = COLOURS.get(verdict.level, 'yellow')
-    out.print(f'[{colour}]{escape(verdict.sentence)}[/]')
-    out.print(escape(verdict.action))
+    print_verdict(out, verdict)
     out.print(f'[bold]Report[/]  {escape(str(path))}', soft_wrap=True)

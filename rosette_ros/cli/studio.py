@@ -1,46 +1,48 @@
 # SPDX-License-Identifier: Apache-2.0
 """rosette studio: a page in the browser: verdict, curves, maps, what is missing, a running cell."""
 
+import argparse
 import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from rosette_ros.cli.arguments import whole
-from rosette_ros.cli.domain import add_domain, add_namespace
+from rosette_ros.cli.arguments import add_domain, add_namespace, whole
 from rosette_ros.core.errors import InvalidConfig, InvalidData
-from rosette_ros.data.open_run import is_log
-from rosette_ros.web.server import Wanted, is_loopback, serve
+from rosette_ros.io.open_run import is_log
+from rosette_ros.studio.page import StudioOptions
+from rosette_ros.studio.server import is_loopback, serve
 
 TOKEN_VARIABLE = 'ROSETTE_STUDIO_TOKEN'
 SHORTEST_TOKEN = 12
 RUNS = Path('rosette-runs')
 
 
-def add_arguments(parser):
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.add_argument('runs', metavar='RUN', nargs='*',
                         help='log directory, .mcap file or ball-centre table (CSV) to open')
     parser.add_argument('--port', type=whole(0, 65535), default=0, metavar='P',
-                        help='port to listen on (default: any that is free; the address is printed)')
+                        help='port to listen on (default: any free one; the address is printed)')
     parser.add_argument('--host', default='127.0.0.1', metavar='H', help='address to listen on (default '
                         '127.0.0.1: this computer alone); any other one needs a token')
-    parser.add_argument('--token', metavar='T', help=f'what the page asks for before it lets anyone in, at '
+    parser.add_argument('--token', metavar='T', help=f'token that the page asks for at sign-in, at '
                         f'least {SHORTEST_TOKEN} characters (default: {TOKEN_VARIABLE} of the environment)')
     add_namespace(parser)
     add_domain(parser)
     parser.add_argument('--no-browser', action='store_true', help='print the address and open no browser')
 
 
-def run(options):
+def run(options: argparse.Namespace) -> None:
     """Serve the page until Ctrl-C."""
     for path in options.runs:
-        is_log(path)  # a path that is not there is told here and now
-    serve(wanted(options, os.environ), lambda address: print(f'rosette studio: {address}', flush=True))
+        is_log(path)  # raises at once where the path does not exist
+    serve(studio_options(options, os.environ), lambda address: print(f'rosette studio: {address}', flush=True))
 
 
-def wanted(options, environment):
-    """Return the Wanted of the options.
+def studio_options(options: argparse.Namespace, environment: Mapping[str, str]) -> StudioOptions:
+    """Return the options of the server.
 
-    Raises InvalidConfig where an address that others can reach comes without a token.
+    Raises InvalidConfig where an address that other computers can reach comes without a token.
     """
     token = options.token if options.token is not None else environment.get(TOKEN_VARIABLE) or None
     if token is not None and (len(token) < SHORTEST_TOKEN or not token.isascii() or not token.isprintable()):
@@ -49,15 +51,14 @@ def wanted(options, environment):
     if token is None and not is_loopback(options.host):
         raise InvalidConfig(f'--host {options.host}: others can reach this address; wanted a token with it '
                             f'(--token T or {TOKEN_VARIABLE}), got none')
-    return Wanted(tuple(options.runs), suggestions(options.runs), options.host, options.port, token,
-                  options.domain, not options.no_browser, options.namespace)
+    return StudioOptions(tuple(options.runs), suggestions(options.runs), options.host, options.port, token,
+                         options.domain, not options.no_browser, options.namespace)
 
 
-def suggestions(given):
+def suggestions(given: Sequence[str]) -> tuple[str, ...]:
     """Return the paths that the page offers: those given, then what lies in ./rosette-runs, newest first."""
     try:
-        found = sorted(RUNS.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True) \
-            if RUNS.is_dir() else []
+        found = sorted(RUNS.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True) if RUNS.is_dir() else []
     except OSError as error:
         raise InvalidData(f'{RUNS}: cannot be read: {error.strerror}') from error
     near = [str(path) for path in found if path.is_dir() or path.suffix in ('.mcap', '.csv')]

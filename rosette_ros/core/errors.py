@@ -30,7 +30,12 @@ class CellError(RosetteError):
     """A running cell did not answer, refused, or stopped."""
 
 
-def plain(text, most=500):
-    """Return the words of a stranger for one line of a log or a screen: what cannot be shown there is a space."""
+def plain(text: str, most: int = 500) -> str:
+    """Return text of outside origin as one line of at most `most` characters; what is not printable becomes a space."""
     kept = text if len(text) <= most else f'{text[:most]}...'
     return ' '.join(''.join(letter if letter.isprintable() else ' ' for letter in kept).split())
+
+
+def one_line(error: Exception) -> str:
+    """Return the words of an error as every interface prints them."""
+    return ' '.join(str(error).split())

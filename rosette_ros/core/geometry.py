@@ -1,28 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Angles, rotations and rigid transforms: right-handed, z along the table axis, radians, metres."""
+"""Angles, rotations, frames and how the table frame is found: right-handed, z along the table axis, radians, metres."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rosette_ros.core.errors import NotDeterminable
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 TWO_PI = 2.0 * np.pi
 
 
-def wrap(angle):
-    """Return `angle` brought into [-pi, pi), same shape, rad."""
-    return (np.asarray(angle, dtype=float) + np.pi) % TWO_PI - np.pi
+def wrap(angle: ArrayLike) -> Floats:
+    """Return an angle of any shape, rad, brought into [-pi, pi)."""
+    wrapped: Floats = (np.asarray(angle, dtype=float) + np.pi) % TWO_PI - np.pi
+    return wrapped
 
 
-def nominal_angles(n):
+def nominal_angles(n: int) -> Floats:
     """Return phi_i = 2 pi (i - 1) / n for i = 1..n, shape (n,), rad."""
     return TWO_PI * np.arange(n) / n
 
 
-def rotate_z(angle, vector):
-    """Return R_z(angle) vector.
-
-    `angle` has shape (...), rad; `vector` has shape (..., 3); they broadcast.
-    """
+def rotate_z(angle: ArrayLike, vector: ArrayLike) -> Floats:
+    """Return R_z(angle) vector; angle (...), rad, and vector (..., 3) broadcast."""
     angle, vector = np.asarray(angle, dtype=float), np.asarray(vector, dtype=float)
     c, s = np.cos(angle), np.sin(angle)
     x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
@@ -30,11 +35,8 @@ def rotate_z(angle, vector):
     return np.stack([c * x - s * y, s * x + c * y, z], axis=-1)
 
 
-def rotation_matrix(vector):
-    """Return the exact rotation matrix of a rotation vector (Rodrigues).
-
-    `vector` has shape (..., 3), rad; the result (..., 3, 3).
-    """
+def rotation_matrix(vector: ArrayLike) -> Floats:
+    """Return the exact rotation matrix (..., 3, 3) of a rotation vector (..., 3), rad (Rodrigues)."""
     vector = np.asarray(vector, dtype=float)
     angle = np.linalg.norm(vector, axis=-1)[..., None, None]
     x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
@@ -42,59 +44,109 @@ def rotation_matrix(vector):
     cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*vector.shape, 3)
     # np.sinc is sin(pi x)/(pi x): both factors stay exact as the angle goes to zero.
     half = np.sinc(angle / TWO_PI)
-    return np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * half**2 * (cross @ cross)
+    matrix: Floats = np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * half**2 * (cross @ cross)
+    return matrix
 
 
 @dataclass(frozen=True)
 class Frame:
     """A right-handed frame given in another: p_outer = rotation p_inner + origin.
 
-    `rotation` has shape (3, 3), its columns are the inner axes; `origin` has shape (3,), m.
+    rotation: (3, 3), its columns are the inner axes; origin: (3,), m.
     """
 
-    rotation: np.ndarray
-    origin: np.ndarray
+    rotation: Floats
+    origin: Floats
 
     @staticmethod
-    def identity():
+    def identity() -> 'Frame':
         """Return the frame that changes nothing."""
         return Frame(np.eye(3), np.zeros(3))
 
-    def to_outer(self, points):
-        """Return points of the inner frame in the outer one, shape (..., 3), m."""
-        return np.asarray(points) @ self.rotation.T + self.origin
+    def to_outer(self, points: ArrayLike) -> Floats:
+        """Return points (..., 3) of the inner frame in the outer one, m."""
+        outer: Floats = np.asarray(points) @ self.rotation.T + self.origin
+        return outer
 
-    def to_inner(self, points):
-        """Return points of the outer frame in the inner one, shape (..., 3), m."""
-        return (np.asarray(points) - self.origin) @ self.rotation
+    def to_inner(self, points: ArrayLike) -> Floats:
+        """Return points (..., 3) of the outer frame in the inner one, m."""
+        inner: Floats = (np.asarray(points) - self.origin) @ self.rotation
+        return inner
 
-    def quaternion(self):
+    def quaternion(self) -> Floats:
         """Return the unit quaternion (x, y, z, w) of the rotation, w >= 0."""
         r = self.rotation
         # The largest of the four squared components is taken first: no small divisor.
-        squares = np.array([
-            1 + r[0, 0] - r[1, 1] - r[2, 2],
-            1 - r[0, 0] + r[1, 1] - r[2, 2],
-            1 - r[0, 0] - r[1, 1] + r[2, 2],
-            1 + r[0, 0] + r[1, 1] + r[2, 2],
-        ])
+        x, y, z = np.diag(r)
+        squares = np.array([1 + x - y - z, 1 - x + y - z, 1 - x - y + z, 1 + x + y + z])
         largest = int(np.argmax(squares))
         products = np.array([
             [squares[0], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[2, 1] - r[1, 2]],
             [r[0, 1] + r[1, 0], squares[1], r[1, 2] + r[2, 1], r[0, 2] - r[2, 0]],
             [r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], squares[2], r[1, 0] - r[0, 1]],
-            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], squares[3]],
-        ])
-        q = products[largest] / np.linalg.norm(products[largest])
+            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], squares[3]]])
+        q: Floats = products[largest] / np.linalg.norm(products[largest])
         return q if q[3] >= 0 else -q
 
     @staticmethod
-    def from_quaternion(quaternion, origin):
+    def from_quaternion(quaternion: ArrayLike, origin: ArrayLike) -> 'Frame':
         """Return the frame of a quaternion (x, y, z, w) and an origin (3,), m."""
-        x, y, z, w = np.asarray(quaternion, dtype=float) / np.linalg.norm(quaternion)
+        quaternion = np.asarray(quaternion, dtype=float)
+        x, y, z, w = quaternion / np.linalg.norm(quaternion)
         rotation = np.array([
             [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
             [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ])
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
         return Frame(rotation, np.asarray(origin, dtype=float))
+
+
+def table_frame(axis_points: ArrayLike, plane_points: ArrayLike) -> Frame:
+    """Return the table frame in the frame of the given points: steps (a)-(d) of Kniel et al. (2019), section 2.2.
+
+    z is the table axis, x goes through ball 1, the origin is where the axis meets the plane of the ball centres.
+    axis_points: (m, 3) centres of one ball at m >= 3 table positions in the order of counter-clockwise turning, m;
+    plane_points: (n, 3) centres of all balls at table angle 0, ball 1 first, m.
+
+    Raises NotDeterminable where the points do not span a circle or a plane.
+    """
+    axis_points = np.asarray(axis_points, dtype=float)
+    plane_points = np.asarray(plane_points, dtype=float)
+    z = _normal(axis_points, 'table axis: centres of one ball at several table positions')
+    mean = axis_points.mean(axis=0)
+    turning = np.cross(axis_points - mean, np.roll(axis_points, -1, axis=0) - mean).sum(axis=0)
+    z = z if z @ turning > 0 else -z
+    on_axis = _circle_centre(axis_points, z)
+    normal = _normal(plane_points, 'plane of the balls: centres of all balls')
+    if abs(normal @ z) < 0.5:
+        angle = np.rad2deg(np.arccos(abs(normal @ z)))
+        raise NotDeterminable('local frame: wanted the plane of the balls about perpendicular to the table axis, got '
+                              f'{angle:.1f} deg between its normal and the axis; check that the targets are the balls '
+                              'that were asked for')
+    origin = on_axis + z * (normal @ (plane_points.mean(axis=0) - on_axis)) / (normal @ z)
+    x = plane_points[0] - origin
+    x = x - z * (z @ x)
+    x = x / np.linalg.norm(x)
+    return Frame(np.stack([x, np.cross(z, x), z], axis=-1), origin)
+
+
+def _normal(points: Floats, what: str) -> Floats:
+    if points.ndim != 2 or points.shape[1:] != (3,) or len(points) < 3:
+        raise NotDeterminable(f'{what}: wanted at least 3 points, got shape {points.shape}')
+    singular, vectors = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[1:]
+    if singular[1] < 1e-6 * singular[0] or singular[0] == 0:
+        raise NotDeterminable(f'{what}: wanted points that span a plane, got points on a line; measure more positions')
+    normal: Floats = vectors[2]
+    return normal
+
+
+def _circle_centre(points: Floats, normal: Floats) -> Floats:
+    """Return the centre of the least-squares circle of points in the plane across `normal`."""
+    u = np.linalg.svd(normal[None, :])[2][1]
+    v = np.cross(normal, u)
+    mean = points.mean(axis=0)
+    flat = (points - mean) @ np.stack([u, v], axis=-1)
+    # |p|^2 = 2 c.p + (r^2 - |c|^2) is linear in centre c; points are centred, so it is well scaled.
+    matrix = np.column_stack([2 * flat, np.ones(len(flat))])
+    centre = np.linalg.lstsq(matrix, (flat**2).sum(axis=1), rcond=None)[0][:2]
+    on_plane: Floats = mean + centre[0] * u + centre[1] * v
+    return on_plane

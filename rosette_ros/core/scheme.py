@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measuring schemes: in which order the n*n pairs of table position and ball are measured.
+"""Measuring schemes: in which order the n*n pairs of table position and ball are measured, with which motion.
 
 Indices are one-based as on the shop floor. Table position i, ball j and CMM position k are tied by
 k = (i + j - 2) mod n + 1. Source: Kniel et al. (2019), section 2.2 and Table 1.
@@ -8,52 +8,81 @@ k = (i + j - 2) mod n + 1. Source: Kniel et al. (2019), section 2.2 and Table 1.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rosette_ros.core.errors import InvalidPlan
-from rosette_ros.core.geometry import TWO_PI, nominal_angles, wrap
-from rosette_ros.core.sensitive import sensitive, sensitive_approach
+from rosette_ros.core.geometry import TWO_PI, Floats, Ints, nominal_angles, wrap
+from rosette_ros.core.sensitive_order import sensitive
 
 TURNINGS = ('forward', 'alternate')
+
+
+@dataclass(frozen=True)
+class Travel:
+    """Motion of one run from its first target to its last: angle turned in all, rad; straight CMM way, m."""
+
+    table_angle: float
+    table_moves: int
+    cmm_way: float
+    cmm_moves: int
+
+    @property
+    def table_turns(self) -> float:
+        """Revolutions of the table, both senses counted."""
+        return self.table_angle / TWO_PI
 
 
 @dataclass(frozen=True, eq=False)
 class Scheme:
     """The order of one run, N rows in the order of measuring.
 
-    n: number of balls and of table positions; order: its name; seed: of a drawn order;
-    table_position, ball: (N,) one-based; approach: (N,) +1 or -1, sense in which the table turns
-    (last turned) to get there.
+    n: number of balls and of table positions; order: its name; seed: of a drawn order; table_position, ball: (N,)
+    one-based; approach: (N,) +1 or -1, sense in which the table turns (last turned) to get there.
     """
 
     n: int
     order: str
     seed: int
-    table_position: np.ndarray
-    ball: np.ndarray
-    approach: np.ndarray
+    table_position: Ints
+    ball: Ints
+    approach: Ints
 
     @property
-    def cmm_position(self):
+    def cmm_position(self) -> Ints:
         """(N,) one-based CMM position k."""
         return cmm_position(self.n, self.table_position, self.ball)
 
     @property
-    def table_angle(self):
+    def table_angle(self) -> Floats:
         """(N,) nominal table angle in [0, 2 pi), rad."""
         return nominal_angles(self.n)[self.table_position - 1]
 
-    def centres(self, radius):
+    def centres(self, radius: float) -> Floats:
         """Return the nominal ball centres in the table frame for a circle radius [m], (N, 3), m."""
-        alpha = nominal_angles(self.n)[self.cmm_position - 1]
-        return radius * np.stack([np.cos(alpha), np.sin(alpha), np.zeros_like(alpha)], axis=-1)
+        return nominal_places(self.n, radius, self.table_position, self.ball)
+
+    def travel(self, radius: float) -> Travel:
+        """Return the motion that the scheme takes for a circle radius [m]."""
+        table = np.abs(np.diff(unwrap_travel(self.table_angle, self.approach, self.n)))
+        cmm = np.linalg.norm(np.diff(self.centres(radius), axis=0), axis=1)
+        moved = cmm > 1e-9 * radius
+        return Travel(float(table.sum()), int(np.count_nonzero(table > 1e-9)),
+                      float(cmm[moved].sum()), int(np.count_nonzero(moved)))
 
 
-def cmm_position(n, table_position, ball):
+def cmm_position(n: int, table_position: ArrayLike, ball: ArrayLike) -> Ints:
     """Return k = (i + j - 2) mod n + 1, one-based, for one-based i and j of any shape."""
-    return (np.asarray(table_position) + np.asarray(ball) - 2) % n + 1
+    position: Ints = (np.asarray(table_position) + np.asarray(ball) - 2) % n + 1
+    return position
 
 
-def unwrap_travel(angle, approach, n):
+def nominal_places(n: int, radius: float, table_position: ArrayLike, ball: ArrayLike) -> Floats:
+    """Return the nominal ball centres in the table frame, (..., 3), in the unit of the radius."""
+    azimuth = TWO_PI * (cmm_position(n, table_position, ball) - 1) / n
+    return np.asarray(radius * np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth)], axis=-1))
+
+
+def unwrap_travel(angle: ArrayLike, approach: ArrayLike, n: int) -> Floats:
     """Return the cumulative (unwrapped) table angle of readings in measuring order, (N,), rad.
 
     angle: (N,) rad, in any turn; approach: (N,) sense of the last table move, 0 if unknown (taken
@@ -61,87 +90,90 @@ def unwrap_travel(angle, approach, n):
     smaller than half a table division is followed as it is: the table stood, or was corrected.
     """
     angle = np.asarray(angle, dtype=float)
-    if angle.size == 0:
-        return angle.copy()
-    if np.ptp(angle) > TWO_PI * (1 + 0.5 / n):
-        return angle.copy()  # given unwrapped
+    if angle.size == 0 or np.ptp(angle) > TWO_PI * (1 + 0.5 / n):
+        return angle.copy()  # empty, or given unwrapped
     step = wrap(np.diff(angle))
     sense = np.where(np.asarray(approach)[1:] < 0, -1, 1)
     against = (np.sign(step) == -sense) & (np.abs(step) > np.pi / n)
     step = np.where(against, step + sense * TWO_PI, step)
     # wrap() sends half a turn to -pi, which the sense above has already put right.
-    return angle[0] + np.concatenate([[0.0], np.cumsum(step)])
+    travel: Floats = angle[0] + np.concatenate([[0.0], np.cumsum(step)])
+    return travel
 
 
-def travel_sense(coordinate, tolerance):
+def travel_sense(coordinate: Floats, tolerance: float) -> Floats:
     """Return the sense (+1, -1) of the last move of one axis before each reading, (N,).
 
-    coordinate: (N,) positions in measuring order, m. 0 until the axis has moved once by more than
-    `tolerance`, m.
+    coordinate: (N,) positions in measuring order, m. 0 until the axis has moved once by more than `tolerance`, m.
     """
-    step = np.diff(np.asarray(coordinate, dtype=float), prepend=coordinate[:1])
+    step = np.diff(coordinate, prepend=coordinate[:1])
     moved = np.abs(step) > tolerance
     last = np.maximum.accumulate(np.where(moved, np.arange(step.size), -1))
     return np.where(last >= 0, np.sign(step[np.maximum(last, 0)]), 0.0)
 
 
-def _row(n, turning, rng):
+Pairs = tuple[Ints, Ints]
+"""Table positions and balls in measuring order, zero-based, each (N,)."""
+
+
+def _row(n: int, turning: str, seed: int) -> Pairs:
     i, k = np.repeat(np.arange(n), n), np.tile(np.arange(n), n)
     return i, (k - i) % n
 
 
-def _diagonal(n, turning, rng):
+def _diagonal(n: int, turning: str, seed: int) -> Pairs:
     k, s = np.repeat(np.arange(n), n), np.tile(np.arange(n), n)
     if turning == 'alternate':
         s = np.where(k % 2 == 1, n - 1 - s, s)
     return (k + s) % n, (-s) % n
 
 
-def _column(n, turning, rng):
+def _column(n: int, turning: str, seed: int) -> Pairs:
     j, i = np.repeat(np.arange(n), n), np.tile(np.arange(n), n)
     if turning == 'alternate':
         i = np.where(j % 2 == 1, n - 1 - i, i)
     return i, j
 
 
-def _random(n, turning, rng):
-    cell = rng.permutation(n * n)
+def _random(n: int, turning: str, seed: int) -> Pairs:
+    cell = np.random.default_rng(seed).permutation(n * n)
     return cell // n, cell % n
 
 
-ORDERS = {'row': _row, 'diagonal': _diagonal, 'column': _column, 'random': _random,
-          'sensitive': sensitive}
+def _sensitive(n: int, turning: str, seed: int) -> Pairs:
+    return sensitive(n)[:2]
 
 
-def plan(n, order='diagonal', seed=0, turning='forward'):
+ORDERS = {'row': _row, 'diagonal': _diagonal, 'column': _column, 'random': _random, 'sensitive': _sensitive}
+
+
+def plan(n: int, order: str = 'diagonal', seed: int = 0, turning: str = 'forward') -> Scheme:
     """Return the Scheme of one complete run.
 
-    order: a key of ORDERS. `row`: table outer, CMM and plate inner (the paper's case 1);
-    `diagonal`: CMM outer (case 2, Table 1); `column`: ball outer (case 3); `random`: a shuffle
-    drawn from `seed`; `sensitive`: small steps of the table in which every effect of the library
-    shows (docs/orders.md). turning: `forward` turns the table counter-clockwise always;
-    `alternate` turns it backwards in every second inner loop (every second move in `random`), so
-    that backlash shows; `sensitive` has senses of its own whatever it says.
+    order: a key of ORDERS. `row`: table outer, CMM and plate inner (the paper's case 1); `diagonal`: CMM outer (case 2,
+    Table 1); `column`: ball outer (case 3); `random`: a shuffle drawn from `seed`; `sensitive`: small steps of the
+    table in which every effect of the library shows (docs/orders.md). turning: `forward` turns the table
+    counter-clockwise always; `alternate` turns it backwards in every second inner loop (every second move in `random`),
+    so that backlash shows; `sensitive` has senses of its own whatever it says.
 
     Raises InvalidPlan for fewer than three balls, an unknown order or an unknown turning.
     """
     if isinstance(n, bool) or int(n) != n or n < 3:
-        raise InvalidPlan(
-            f'number of balls: wanted a whole number of at least 3, got {n}; '
-            'with fewer the table, plate and CMM cannot be separated')
+        raise InvalidPlan(f'number of balls: wanted a whole number of at least 3, got {n}; '
+                          'with fewer the table, plate and CMM cannot be separated')
     n = int(n)
     if order not in ORDERS:
         raise InvalidPlan(f'order: wanted one of {", ".join(ORDERS)}, got {order!r}')
     if turning not in TURNINGS:
         raise InvalidPlan(f'turning: wanted one of {", ".join(TURNINGS)}, got {turning!r}')
-    i, j = ORDERS[order](n, turning, np.random.default_rng(seed))
+    i, j = ORDERS[order](n, turning, seed)
     return Scheme(n, order, int(seed), i + 1, j + 1, _approach(n, order, turning, i))
 
 
-def _approach(n, order, turning, i):
+def _approach(n: int, order: str, turning: str, i: Ints) -> Ints:
     """Return the sense of the last table move for positions i (zero-based) in measuring order."""
     if order == 'sensitive':
-        return sensitive_approach(n)
+        return sensitive(n)[2]
     if turning == 'forward':
         return np.ones(i.size, dtype=int)
     step = wrap(nominal_angles(n)[i] - nominal_angles(n)[np.roll(i, 1)])

@@ -1,192 +1,260 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The evaluator: turns a finished run into six error motions, with the same code as offline.
-
-It says at once what the model lacks, and answers questions about the last runs: see Questions.
-"""
+"""The evaluator: turns a finished run into six error motions, with the same code as offline, and diagnoses it."""
 
 import sys
+from collections.abc import Iterable, Mapping
+from typing import Any
 
-from rosette_msgs.msg import BallCentre, ProbeTarget, RunState
+from geometry_msgs.msg import TransformStamped
+from rcl_interfaces.msg import Parameter, ParameterType
+from rosette_msgs.msg import BallCentre, Diagnosis, ErrorMotions, Model, ProbeTarget, RunState
+from rosette_msgs.srv import AddEffect, Diagnose, Recall, RemoveEffect
 from tf2_msgs.msg import TFMessage
 
-from rosette_ros.core.errors import RosetteError, plain
-from rosette_ros.core.model import Model
-from rosette_ros.data.assemble import MACHINE_FRAME, TABLE_FRAME
-from rosette_ros.data.model_file import read_model
-from rosette_ros.nodes import convert, names, qos
-from rosette_ros.nodes.analyst import Analyst
-from rosette_ros.nodes.gathering import Gathering
-from rosette_ros.nodes.questions import Questions
-from rosette_ros.nodes.recorder_link import Recalls
-from rosette_ros.nodes.results import Results
-from rosette_ros.nodes.runner import ERROR, OK, CellNode, run_node
-from rosette_ros.nodes.sequence import short_frame
-from rosette_ros.nodes.settings import Wanted
+from rosette_ros.analysis import MOST_BALLS_JUDGED, Report
+from rosette_ros.calibration.settings import Wanted
+from rosette_ros.core.errors import InvalidModel, RosetteError, plain
+from rosette_ros.core.model import model as core
+from rosette_ros.core.records import Run
+from rosette_ros.io.messages import TABLE_FRAME, TableFrame, answer_of, table_frame_of, target_of
+from rosette_ros.io.model_file import parse_entry, read_model
+from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.nodes import conversions, names, qos
+from rosette_ros.nodes.base_node import ERROR, OK, CellNode, Health, run_node
+from rosette_ros.nodes.evaluation import ModelChange, ModelInUse, RunCollection
+from rosette_ros.nodes.interfaces import introspected_service
+from rosette_ros.nodes.recorder_client import Recalls
 
 WANTED = (
-    Wanted('quiet_s', 1.0, 'a run of which no state is told is evaluated when all its balls are '
-           'in and nothing more has come for so long, s of wall time', 0.01, 3600.0),
-    Wanted('patience_s', 10.0, 'how long missing messages are waited for before that is reported, '
-           's of wall time', 0.01, 3600.0),
+    Wanted('quiet_s', 1.0, 'a run without states of a sequencer is evaluated when all its balls are in and nothing '
+           'more has arrived for so long, s of wall time', 0.01, 3600.0),
+    Wanted('patience_s', 10.0, 'how long missing messages are waited for before that is reported, s of wall time',
+           0.01, 3600.0),
     Wanted('model', '', 'model file (YAML) to start with; empty: the base model', read_only=True),
-    Wanted('diagnose_after_run', True, 'whether a run is diagnosed as soon as it is evaluated, so '
-           'that the diagnosis is in its log'),
-    Wanted('diagnose_most_balls', 36, 'plates with more balls are diagnosed on request only: it '
-           'takes its time', 0, 1000),
+    Wanted('diagnose_after_run', True, 'whether a run is diagnosed as soon as it is evaluated, so that the diagnosis '
+           'is in its log'),
+    Wanted('diagnose_most_balls', MOST_BALLS_JUDGED, 'plates with more balls are diagnosed on request only: it takes '
+           'its time', 0, 1000),
 )
-
-
 RECALL_AFTER, RECALL_PERIOD, RECALL_TIMEOUT = 0.3, 2.0, 60.0
-"""Pieces that are missing for so long are asked for, again after so long, and waited for so long, s."""
-
-_NOTHING_ON = (RunState.PHASE_IDLE, RunState.PHASE_DONE, RunState.PHASE_CANCELLED,
-               RunState.PHASE_FAILED)
+"""Messages that are missing for so long are requested from the recorder, again after so long, with a timeout, s."""
 
 
 class Evaluator(CellNode):
-    """Listens from its start on; publishes error motions when a run is complete."""
+    """Evaluates and diagnoses runs under the model in use, which requests may change.
 
-    is_patient = True
+    Topics: subscribes to `probe_target`, `ball_centre`, `run_state`, `/tf_static`; publishes `model`, `diagnosis`,
+    `error_motions`, in this order, all latched. Services: `evaluator/diagnose`, `evaluator/add_effect`,
+    `evaluator/remove_effect`, answered after their calculation, during which messages wait. Parameters: WANTED.
+    """
 
-    def __init__(self):
-        """Stand up the interfaces and publish the model in use."""
+    def __init__(self) -> None:
+        """Create the interfaces and publish the model in use."""
         super().__init__(names.EVALUATOR, WANTED)
         path = self.parameters['model']
-        self._analyst = Analyst(read_model(path) if path else Model())
-        self._gathering = Gathering()
+        self._in_use = ModelInUse(read_model(path) if path else core.Model())
+        self._runs = RunCollection()
         self._level, self._last = OK, 'no run yet'
-        self._complained = set()
-        self._is_busy = False
+        self._reported: set[str] = set()
         self._recorder = Recalls(self)
-        self._recalled = {}
-        self._results = Results(self)
-        self._questions = Questions(self, self._analyst, self._results)
+        self._recalled: dict[str, float] = {}
+        self._motions_out = self.create_publisher(ErrorMotions, names.ERROR_MOTIONS, qos.RESULT)
+        self._model_out = self.create_publisher(Model, names.MODEL, qos.RESULT)
+        self._diagnosis_out = self.create_publisher(Diagnosis, names.DIAGNOSIS, qos.RESULT)
+        introspected_service(self, Diagnose, names.DIAGNOSE, self._on_diagnose)
+        introspected_service(self, AddEffect, names.ADD_EFFECT, self._on_add)
+        introspected_service(self, RemoveEffect, names.REMOVE_EFFECT, self._on_remove)
         self.on(names.PROBE_TARGET, ProbeTarget, self._on_target, qos.COLLECT_LATCHED)
         self.on(names.BALL_CENTRE, BallCentre, self._on_answer, qos.COLLECT)
         self.on(names.TF_STATIC, TFMessage, self._on_frames, qos.COLLECT_LATCHED)
         self.on(names.RUN_STATE, RunState, self._on_state, qos.COLLECT_LATCHED)
-        self._results.tell_model(self._analyst.model)
+        self._model_out.publish(conversions.model_message(self._in_use.model, self.now().to_msg()))
 
-    @property
-    def is_busy(self):
-        """Whether a run is on."""
-        return self._is_busy
+    # Runs
 
-    def hear(self, heard):
-        """Hand every message to its handler; evaluate what has become complete."""
-        super().hear(heard)
-        if heard:
-            self._evaluate_ready()
+    def _on_target(self, message: ProbeTarget) -> None:
+        self._runs.add_target(target_of(message), self.seconds())
+        self._evaluate_ready()
 
-    def _on_target(self, message):
-        self._gathering.add_target(convert.target_row(message), self.seconds())
+    def _on_answer(self, message: BallCentre) -> None:
+        self._runs.add_answer(answer_of(message), self.seconds())
+        self._evaluate_ready()
 
-    def _on_answer(self, message):
-        self._gathering.add_answer(convert.answer_row(message), self.seconds())
+    def _on_frames(self, message: TFMessage) -> None:
+        for frame in self._frames_in(message.transforms):
+            self._runs.add_frame(frame)
+        self._evaluate_ready()
 
-    def _on_frames(self, message):
-        for stamp_ns, frame in self._frames_in(message.transforms):
-            self._gathering.add_frame(stamp_ns, frame)
-
-    def _frames_in(self, transforms):
-        """Return (stamp in ns, Frame) of the table frames among transforms; what is none is told."""
+    def _frames_in(self, transforms: Iterable[TransformStamped]) -> list[TableFrame]:
+        """Return the table frames among transforms; a malformed one is reported."""
         frames = []
-        for one in filter(_is_table, transforms):
+        for one in transforms:
             try:
-                frames.append((convert.nanoseconds(one.header.stamp), convert.frame_record(one.transform)))
+                frames.append(table_frame_of(one))
             except RosetteError as error:
                 self.get_logger().error(f'{names.TF_STATIC}: not used: {error}')
-        return frames
+        return [frame for frame in frames if frame is not None]
 
-    def _on_state(self, message):
-        self._is_busy = message.phase not in _NOTHING_ON
+    def _on_state(self, message: RunState) -> None:
+        run_id, now = message.run_id, self.seconds()
         if message.phase == RunState.PHASE_IDLE:
-            self._gathering.end_all()
-            return
-        if message.phase in (RunState.PHASE_CANCELLED, RunState.PHASE_FAILED):
-            self._gathering.forget(message.run_id)
-            self._recalled.pop(message.run_id, None)
+            self._runs.end_all()
+        elif message.phase in (RunState.PHASE_CANCELLED, RunState.PHASE_FAILED):
+            self._runs.forget(run_id)
+            self._recalled.pop(run_id, None)
         elif message.phase == RunState.PHASE_EVALUATION:
-            self._gathering.expect(message.run_id, message.done, self.seconds())
+            self._runs.expect(run_id, message.done, now)
         else:
-            self._gathering.note_state(message.run_id, self.seconds(),
-                                       message.phase == RunState.PHASE_DONE)
+            self._runs.note_state(run_id, now, message.phase == RunState.PHASE_DONE)
+        self._evaluate_ready()
 
-    def wake(self):
-        """Evaluate what has become complete; report what does not."""
+    def wake(self) -> None:
+        """Evaluate what is complete; request or report what is missing."""
         now = self.seconds()
         self._recorder.tick(now)
         self._evaluate_ready()
-        self._recall(now)
-        for run_id, lacks in self._gathering.late(self.seconds(), self.parameters['patience_s']):
-            if run_id not in self._complained:
-                self._complained.add(run_id)
-                self._report_failure(run_id, lacks)
-
-    def _recall(self, now):
-        """Ask the recorder for what this node has not heard itself, again and again while it is lacking."""
-        for run_id in self._gathering.lacking():
-            asked = self._recalled.setdefault(run_id, now - RECALL_PERIOD + RECALL_AFTER)
-            if now - asked >= RECALL_PERIOD and self._recorder.is_there:
+        for run_id in self._runs.lacking():
+            requested = self._recalled.setdefault(run_id, now - RECALL_PERIOD + RECALL_AFTER)
+            if now - requested >= RECALL_PERIOD and self._recorder.is_there:
                 self._recalled[run_id] = now
                 self._recorder.recall(run_id, RECALL_TIMEOUT, self._on_recalled)
+        for run_id, lacks in self._runs.late(now, self.parameters['patience_s']):
+            if run_id not in self._reported:
+                self._reported.add(run_id)
+                self._report_failure(run_id, lacks)
 
-    def _on_recalled(self, recalled):
-        if not recalled.success:
-            self.get_logger().warning(f'pieces of a run are missing and not recalled: {plain(recalled.message)}')
+    def _on_recalled(self, response: Recall.Response) -> None:
+        if not response.success:
+            self.get_logger().warning(f'messages of a run are missing and not recalled: {plain(response.message)}')
             return
-        frames = self._frames_in(recalled.frames)
-        self._gathering.recall(
-            recalled.run_id, [convert.target_row(one) for one in recalled.targets],
-            [convert.answer_row(one) for one in recalled.answers], frames, self.seconds())
-        self.get_logger().info(plain(f'run {recalled.run_id}: recalled {len(recalled.answers)} answers from its log'))
+        recorded = RunAnswers(response.run_id, self._frames_in(response.frames))
+        for target in response.targets:
+            recorded.add_target(target_of(target))
+        for answer in response.answers:
+            recorded.add_answer(answer_of(answer))
+        self._runs.add_recorded(recorded, self.seconds())
+        self.get_logger().info(plain(f'run {response.run_id}: recalled {len(response.answers)} answers from its log'))
         self._evaluate_ready()
 
-    def _evaluate_ready(self):
-        for run_id in self._gathering.ready(self.seconds(), self.parameters['quiet_s']):
+    def _evaluate_ready(self) -> None:
+        for run_id in self._runs.ready(self.seconds(), self.parameters['quiet_s']):
             try:
-                run = self._gathering.to_run(run_id)
-                report = self._analyst.evaluate(run)
+                run = self._runs.to_run(run_id)
+                report = self._in_use.evaluate(run)
             except RosetteError as error:
                 self._report_failure(run_id, str(error))
-            else:
-                self._publish(run, report)
+                continue
+            self._publish(report, self._diagnose_after(run))
+            self._level, self._last = OK, plain(f'run {run_id} is evaluated, {run.size} ball centres')
+            self.get_logger().info(self._last)
 
-    def _publish(self, run, report):
-        """Make the results known: the error motions last, since they end the run and its log."""
-        self._diagnose(run)
-        self._results.tell(report)
-        self._level, self._last = OK, plain(f'run {run.run_id} is evaluated, {run.size} ball centres')
-        self.get_logger().info(self._last)
-
-    def _diagnose(self, run):
-        """Publish the diagnosis of a run that has just been evaluated, where that is wanted."""
+    def _diagnose_after(self, run: Run) -> bool:
+        """Publish the diagnosis of a run that was evaluated, where that is wanted; return whether it was published."""
         if not self.parameters['diagnose_after_run']:
-            return
+            return False
         if run.n > self.parameters['diagnose_most_balls']:
-            self.get_logger().info(f'run {run.run_id} has {run.n} balls: it is diagnosed when '
-                                   f'{names.DIAGNOSE} is called')
-            return
+            self.get_logger().info(f'run {run.run_id} has {run.n} balls: it is diagnosed when {names.DIAGNOSE} is '
+                                   'called')
+            return False
         try:
-            self.get_logger().info(self._questions.diagnose(run.run_id).verdict)
+            self.get_logger().info(self._diagnose(run.run_id).verdict)
         except RosetteError as error:
             self.get_logger().warning(f'run {run.run_id} could not be diagnosed: {error}')
+            return False
+        return True
 
-    def _report_failure(self, run_id, words):
-        self._level, self._last = ERROR, plain(f'run {run_id} could not be evaluated: {words}')
+    def _publish(self, report: Report, is_diagnosed: bool) -> ErrorMotions:
+        """Publish model and error motions; these come last, since they end a run."""
+        stamp = self.now().to_msg()
+        self._model_out.publish(conversions.model_message(report.model, stamp, report))
+        message = conversions.error_motions_message(report, stamp, TABLE_FRAME)
+        message.diagnosed = is_diagnosed
+        self._motions_out.publish(message)
+        return message
+
+    def _diagnose(self, run_id: str = '') -> Diagnosis:
+        """Diagnose a run and publish the message; raises RosetteError."""
+        message = conversions.diagnosis_message(*self._in_use.diagnose(run_id), self.now().to_msg())
+        self._diagnosis_out.publish(message)
+        return message
+
+    def _report_failure(self, run_id: str, reason: str) -> None:
+        self._level, self._last = ERROR, plain(f'run {run_id} could not be evaluated: {reason}')
         self.get_logger().error(self._last)
 
-    def health(self):
-        """Say what became of the last run."""
-        return self._level, self._last, {'model': self._analyst.model}
+    # Services: what becomes known is published too, before the response
+
+    def _on_diagnose(self, request: Diagnose.Request, response: Diagnose.Response) -> Diagnose.Response:
+        try:
+            response.diagnosis = self._diagnose(request.run_id)
+        except RosetteError as error:
+            return self._refuse(names.DIAGNOSE, error, response)
+        response.success, response.message = True, response.diagnosis.verdict
+        return response
+
+    def _on_add(self, request: AddEffect.Request, response: AddEffect.Response) -> AddEffect.Response:
+        try:
+            change = self._in_use.add(request.run_id, request.effect, entry_of(request))
+        except RosetteError as error:
+            return self._refuse(names.ADD_EFFECT, error, response)
+        return self._answer(change, response)
+
+    def _on_remove(self, request: RemoveEffect.Request, response: RemoveEffect.Response) -> RemoveEffect.Response:
+        try:
+            change = self._in_use.remove(request.run_id, request.effect)
+        except RosetteError as error:
+            return self._refuse(names.REMOVE_EFFECT, error, response)
+        return self._answer(change, response)
+
+    def _answer(self, change: ModelChange, response: Any) -> Any:
+        """Publish and answer what a new model says of a run, and what it still lacks."""
+        stamp = self.now().to_msg()
+        response.before = conversions.model_message(change.model_before, stamp, change.before)
+        response.after = conversions.model_message(change.after.model, stamp, change.after)
+        response.error_motions = self._publish(change.after, is_diagnosed=False)
+        response.success, response.message = True, change.sentence
+        try:
+            self._diagnose(change.run.run_id)
+        except RosetteError as error:
+            response.message += f'; not diagnosed: {error}'
+        self.get_logger().info(response.message)
+        return response
+
+    def _refuse(self, name: str, error: RosetteError, response: Any) -> Any:
+        response.success, response.message = False, ' '.join(str(error).split())
+        self.get_logger().warning(f'{name}: {response.message}')
+        return response
+
+    def health(self) -> Health:
+        """Return what became of the last run."""
+        return self._level, self._last, {'model': self._in_use.model}
 
 
-def _is_table(transform):
-    return (short_frame(transform.header.frame_id) == MACHINE_FRAME
-            and short_frame(transform.child_frame_id) == TABLE_FRAME)
+def entry_of(request: AddEffect.Request) -> Mapping[str, object]:
+    """Return the effect of a request as a model file describes it; raises InvalidModel."""
+    own = {name: getattr(request, name) for name in ('direction', 'expression', 'per') if getattr(request, name)}
+    settings = {plain(one.name): _setting(one) for one in request.settings}
+    given = [*(['settings'] if settings else ()), *own]
+    if request.definition and given:
+        raise InvalidModel(f'definition: wanted it empty, or no {", ".join(given)} beside it')
+    if settings and own:
+        raise InvalidModel(f"settings: wanted none for a user's own term ({', '.join(own)}), got {', '.join(settings)}")
+    if own:
+        return {'own': request.effect, **own}
+    return settings or parse_entry(request.definition, 'definition')
 
 
-def main(args=None):
+def _setting(parameter: Parameter) -> float | str:
+    """Return the value of an effect's setting; raises InvalidModel."""
+    value, name = parameter.value, plain(parameter.name)
+    fields = {ParameterType.PARAMETER_DOUBLE: 'double_value', ParameterType.PARAMETER_INTEGER: 'integer_value',
+              ParameterType.PARAMETER_STRING: 'string_value'}
+    if value.type not in fields:
+        raise InvalidModel(f'settings: {name}: wanted a number or a text, got a parameter of type {value.type}')
+    return getattr(value, fields[value.type])
+
+
+def main(args: list[str] | None = None) -> int:
     """Run the evaluator; returns the exit code."""
     return run_node(names.EVALUATOR, Evaluator, args)
 

@@ -1,20 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Message classes by their names, parts of services and actions included, and messages from their bytes."""
+"""ROS interfaces: classes by their names, messages from their bytes, services whose traffic can be recorded."""
 
 import importlib
 import re
+from collections.abc import Callable
+from typing import Any
 
+from rclpy.client import Client
+from rclpy.node import Node
+from rclpy.qos import qos_profile_services_default
 from rclpy.serialization import deserialize_message
+from rclpy.service import Service
+from rclpy.service_introspection import ServiceIntrospectionState
 
 from rosette_ros.core.errors import InvalidConfig, InvalidData
 
 _NAME = re.compile(r'([a-z][a-z0-9_]*)/(msg|srv|action)/([A-Z][A-Za-z0-9_]*)')
 
 
-def interface_class(type_name):
-    """Return the class of a type name.
-
-    type_name: `package/msg/Type`, `package/srv/Type_Event` or `package/action/Type_FeedbackMessage`.
+def interface_class(type_name: str) -> type:
+    """Return the class of `package/msg/Type`, `package/srv/Type_Event` or `package/action/Type_FeedbackMessage`.
 
     Raises InvalidConfig where it is not installed.
     """
@@ -33,10 +38,24 @@ def interface_class(type_name):
         raise InvalidConfig(f'{type_name}: wanted an installed interface, got: {error}') from error
 
 
-def decoded(data, message_class):
-    """Return the message that CDR bytes hold; raises InvalidData where they are none of it."""
+def decoded(data: bytes, message_class: type) -> Any:
+    """Return the message of CDR bytes, an instance of its class; raises InvalidData where they are none of it."""
     try:
         return deserialize_message(bytes(data), message_class)
-    except RuntimeError as error:  # whatever the middleware calls it
+    except RuntimeError as error:  # each middleware has its own words
         raise InvalidData(f'{message_class.__name__}: wanted its CDR, got {len(data)} bytes that are none; was it '
                           'sent with another version of the message?') from error
+
+
+def introspected_client(node: Node, service_type: type, name: str) -> Client:
+    """Return a client that publishes its traffic on `<name>/_service_event`."""
+    client = node.create_client(service_type, name)
+    client.configure_introspection(node.get_clock(), qos_profile_services_default, ServiceIntrospectionState.CONTENTS)
+    return client
+
+
+def introspected_service(node: Node, service_type: type, name: str, callback: Callable[..., Any]) -> Service:
+    """Return a service that publishes its traffic on `<name>/_service_event`."""
+    service = node.create_service(service_type, name, callback)
+    service.configure_introspection(node.get_clock(), qos_profile_services_default, ServiceIntrospectionState.CONTENTS)
+    return service

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every name that the cell uses on the graph, once. Names without a slash are relative."""
 
+from collections.abc import Iterable
+
 SEQUENCER, CMM, EVALUATOR, RECORDER = 'sequencer', 'cmm', 'evaluator', 'recorder'
 NODES = (SEQUENCER, CMM, EVALUATOR, RECORDER)
 NAMESPACE = 'rosette'
@@ -36,18 +38,18 @@ DIAGNOSTICS = '/diagnostics'
 ROSOUT = '/rosout'
 PARAMETER_EVENTS = '/parameter_events'
 OF_A_DOMAIN = ('/tf', TF_STATIC, CLOCK)
-"""Frames and time: all that is in a ROS domain has them in common, unless they are remapped."""
+"""Frames and time: all nodes of a ROS domain share them, unless they are remapped."""
 
 READY = 'ready'
-"""A node logs this word when its interfaces stand."""
+"""A node logs this word when its interfaces are created."""
 COMPLETE = 'the cell is complete'
-"""The sequencer logs this sentence when it sees every part that a calibration needs."""
+"""The sequencer logs this sentence when every node that a calibration needs is present."""
 
 PARENT_PID = 'ROSETTE_CELL_PID'
-"""Environment variable: process whose end is the end of a node, set by cell.Cell."""
+"""Environment variable, set by cell.supervisor: a node ends when this process does."""
 
 
-def remappings(namespace):
+def remappings(namespace: str) -> tuple[tuple[str, str], ...]:
     """Return the pairs (name, name instead) by which a cell has frames and time of its own.
 
     None in the namespace that is the default: there the names are those that ROS tools expect.
@@ -57,11 +59,11 @@ def remappings(namespace):
     return tuple((name, name.lstrip('/')) for name in OF_A_DOMAIN)
 
 
-def remap_arguments(pairs):
+def remap_arguments(pairs: Iterable[tuple[str, str]]) -> list[str]:
     """Return the arguments of a node for pairs (name, name instead); they come behind --ros-args."""
     return [part for old, new in pairs for part in ('-r', f'{old}:={new}')]
 
 
-def enclave(namespace, node):
+def enclave(namespace: str, node: str) -> str:
     """Return the name under which SROS2 keeps the keys and the permissions of a node."""
     return f'/{namespace.strip("/")}/{node}'.replace('//', '/')

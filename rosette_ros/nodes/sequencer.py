@@ -2,115 +2,120 @@
 """The sequencer: runs calibrations, asks the CMM for one ball after the other."""
 
 import sys
+from collections.abc import Callable, Sequence
+from typing import Any
 
-from rclpy.action import CancelResponse, GoalResponse
-from rclpy.event_handler import PublisherEventCallbacks
+from builtin_interfaces.msg import Time
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.task import Future
 from rosette_msgs.action import Calibrate
-from rosette_msgs.msg import BallCentre, ErrorMotions, ProbeTarget
-from rosette_msgs.srv import Recall, StartRecording, StopRecording
+from rosette_msgs.msg import BallCentre, CalibrationEvent, ErrorMotions, ProbeTarget, RunState
+from rosette_msgs.srv import Recall, Recorded, StartRecording, StopRecording
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
+from rosette_ros.calibration.goal import Job, Request, make_job
+from rosette_ros.calibration.settings import LIMITS, PLANNED, RESUME, Wanted, goal_changes
+from rosette_ros.calibration.state_machine import Ask, Command, Finish, Locate, PublishState, Remark, Results, Verify
 from rosette_ros.core.errors import CellError, RosetteError, plain
-from rosette_ros.data.assemble import MACHINE_FRAME, TABLE_FRAME
-from rosette_ros.nodes import convert, names, qos
-from rosette_ros.nodes.announcer import Announcer
-from rosette_ros.nodes.company import SETTLING, Company
-from rosette_ros.nodes.introspection import introspected_service
-from rosette_ros.nodes.jobs import Request, make_job
-from rosette_ros.nodes.long_action import LongActionServer
-from rosette_ros.nodes.managed import ManagedNode
-from rosette_ros.nodes.programme import Phase
-from rosette_ros.nodes.recorder_link import RecorderLink
-from rosette_ros.nodes.runner import ERROR, OK, WARN, run_node
-from rosette_ros.nodes.sequence import Ask, Finish, Locate, Remark, Tell, Verify
-from rosette_ros.nodes.settings import LIMITS, PLANNED, RESUME, Wanted, wanted_changes
+from rosette_ros.io.messages import MACHINE_FRAME, TABLE_FRAME, Phase, answer_of, nanoseconds
+from rosette_ros.nodes import conversions, names, qos
+from rosette_ros.nodes.base_node import ERROR, OK, WARN, Health, ManagedNode, run_node
+from rosette_ros.nodes.interfaces import introspected_service
+from rosette_ros.nodes.liveliness import SETTLING, CellMonitor
+from rosette_ros.nodes.recorder_client import RecorderLink
 
 CALIBRATION = PLANNED + LIMITS
 CELL = (
     Wanted('require_recorder', True, 'whether a run without a log is refused'),
-    Wanted('recorder_timeout_s', 10.0, 'wall time for opening or closing a log, s', 0.1, 1e4),
-    Wanted('state_rate_hz', 10.0, 'most states per second of wall time while a phase lasts, Hz',
-           0.1, 1e4),
+    Wanted('recorder_timeout_s', 10.0, 'wall time for opening, verifying or closing a log, s', 0.1, 1e4),
+    Wanted('state_rate_hz', 10.0, 'most states per second of wall time while a phase lasts, Hz', 0.1, 1e4),
 )
 NODE_WORDS = {names.CMM: 'CMM', names.RECORDER: 'recorder'}
-RECALL_TIMEOUT = 60.0
-"""How long the recorder may read in the log of an earlier part, s."""
-RESULT_KEPT = 3600
-"""How long the result of a goal can be fetched, s."""
-FAREWELLS = 10
-"""So many more steps at the end, in which the client of a goal is told its result."""
+END_EVENTS = {Phase.DONE: CalibrationEvent.SUCCEEDED, Phase.CANCELLED: CalibrationEvent.CANCELLED,
+              Phase.FAILED: CalibrationEvent.FAILED}
+RECALL_TIMEOUT = 60.0  # how long the recorder may read in the log of an earlier part, s
+RESULT_KEPT = 3600  # how long the result of a goal can be fetched, s
+ANSWERS_TIMEOUT = 2.0  # how long answers may be under way to the log, s; then they are asked again
+FAREWELL = 0.5  # how long a node that ends still serves the client of its goal, which fetches the result, s
+
+
+class CalibrateServer(ActionServer):
+    """An action server whose goals end by `send_result` and not by the return of a callback.
+
+    A coroutine that waits for hours would be run by the executor in every step."""
+
+    def notify_execute(self, goal_handle: Any, execute_callback: Callable[..., Any] | None) -> None:
+        """Start nothing: the state machine carries the goal on."""
+
+    def send_result(self, goal_handle: Any, result: Calibrate.Result) -> None:
+        """Send the result of a goal whose final state is set."""
+        super().notify_execute(goal_handle, lambda _: result)
 
 
 class Sequencer(ManagedNode):
-    """Two doors (action and service), one calibration at a time; none while the node is not active."""
+    """One calibration at a time, by action or service; none while the node is not active."""
 
-    def __init__(self):
-        """Declare parameters and stand up all interfaces."""
+    def __init__(self) -> None:
         super().__init__(names.SEQUENCER, CALIBRATION + CELL)
-        self._job = self._next_job = None
-        self._taken = set()
-        self._last = 'no run yet'
-        self._last_level = OK
-        self._announcer = Announcer(self)
-        self._carry_out = {Ask: self._ask, Locate: self._locate, Remark: self._remark, Verify: self._verify,
-                           Tell: self._tell, Finish: self._finish}
-        # A CMM that asks for another quality of service shall be noticed.
-        self._targets = self.create_publisher(ProbeTarget, names.PROBE_TARGET, qos.TARGET,
-                                              event_callbacks=PublisherEventCallbacks())
+        self._job: Job | None = None
+        self._next_job: Job | None = None
+        self._taken: set[str] = set()
+        self._last, self._last_level = 'no run yet', OK
+        self._published = 0.0
+        self._states = self.create_publisher(RunState, names.RUN_STATE, qos.STATE)
+        self._events = self.create_publisher(CalibrationEvent, names.CALIBRATION_EVENT, qos.EVENT)
+        self._targets = self.create_publisher(ProbeTarget, names.PROBE_TARGET, qos.TARGET)
         self._frames = self.create_publisher(TFMessage, names.TF_STATIC, qos.RESULT)
-        self.on(names.BALL_CENTRE, BallCentre, self._on_ball_centre, qos.ANSWER,
-                tell_incompatible=True)
+        self.on(names.BALL_CENTRE, BallCentre, self._on_ball_centre, qos.ANSWER)
         self.on(names.ERROR_MOTIONS, ErrorMotions, self._on_error_motions, qos.RESULT)
         self._recorder = RecorderLink(self)
-        self._company = Company(self, self._recorder)
-        introspected_service(self, Trigger, names.START_CALIBRATION, self._on_trigger)
-        introspected_service(self, Trigger, names.CANCEL_CALIBRATION, self._on_cancel_trigger)
-        self._action = LongActionServer(
-            self, Calibrate, names.CALIBRATE, goal_callback=self._on_goal,
-            handle_accepted_callback=self._on_accepted, cancel_callback=self._on_cancel,
-            result_timeout=RESULT_KEPT)
-        self._announcer.tell_idle()
+        self._cell = CellMonitor(self, self._recorder)
+        introspected_service(self, Trigger, names.START_CALIBRATION, self._on_start)
+        introspected_service(self, Trigger, names.CANCEL_CALIBRATION, self._on_cancel_service)
+        self._action = CalibrateServer(
+            self, Calibrate, names.CALIBRATE, execute_callback=lambda goal_handle: None, goal_callback=self._on_goal,
+            handle_accepted_callback=self._on_accepted, cancel_callback=self._on_cancel, result_timeout=RESULT_KEPT)
+        self._states.publish(RunState(header=self._header(), phase=int(Phase.IDLE), text='ready'))
         self.autostart()
 
-    def destroy_node(self):
-        """Take the action down before the node it stands on."""
+    def destroy_node(self) -> None:
         self._action.destroy()
         super().destroy_node()
 
-    # The doors
+    # Requests
 
-    def _on_trigger(self, request, response):
+    def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success, response.message = self._prepare(Request(names.START_CALIBRATION))
         if response.success:
-            self._open(self._next_job)
+            self._accept()
         return response
 
-    def _on_cancel_trigger(self, request, response):
-        """Cancel what is on, by whichever door it came."""
+    def _on_cancel_service(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Cancel the calibration that is on, by whichever interface it was requested."""
         job = self._job
         response.success = job is not None and not job.is_over
-        if not response.success:
+        if job is None or job.is_over:
             response.message = 'wanted a run to cancel, got none that is on'
             return response
         response.message = job.run_id
-        self._announcer.cancel_requested(job)
+        self._publish_event(job.request, CalibrationEvent.CANCEL_REQUESTED, 'cancel requested', job)
         self._do(job, job.sequence.cancel())
         return response
 
-    async def _on_goal(self, goal):
-        request = Request(names.CALIBRATE, goal.order, goal.seed, goal.options)
+    async def _on_goal(self, goal: Calibrate.Goal) -> GoalResponse:
+        request = Request.of_goal(names.CALIBRATE, goal)
         recalled = await self._recalled(request)
         accepted, _ = self._prepare(request, recalled)
         return GoalResponse.ACCEPT if accepted else GoalResponse.REJECT
 
-    async def _recalled(self, request):
-        """Return what is recorded of the run that a request goes on with, a Recall.Response; None: a new run."""
+    async def _recalled(self, request: Request) -> Recall.Response | None:
+        """Return what is recorded of the run that a request resumes; None: a new run."""
         try:
-            name = wanted_changes(request.order, request.seed, request.options).get(RESUME.name)
+            name = str(goal_changes(request).get(RESUME.name, ''))
         except RosetteError:
-            return None  # the reason is told when the job is made
+            return None  # the reason is given when the job is made
         if not name:
             return None
         if not self._recorder.is_there:
@@ -119,61 +124,66 @@ class Sequencer(ManagedNode):
         self._recorder.recall(name, RECALL_TIMEOUT, answer.set_result)
         return await answer
 
-    def _on_accepted(self, goal_handle):
-        self._next_job.goal = goal_handle
-        goal_handle.execute()
-        self._open(self._next_job)
+    def _on_accepted(self, goal_handle: Any) -> None:
+        if self._next_job is not None:
+            self._next_job.goal = goal_handle
+            goal_handle.execute()
+            self._accept()
 
-    def _on_cancel(self, goal_handle):
+    def _on_cancel(self, goal_handle: Any) -> CancelResponse:
         job = self._job
         if job is None or job.goal is not goal_handle or job.is_over:
             return CancelResponse.REJECT
-        self._announcer.cancel_requested(job)
+        self._publish_event(job.request, CalibrationEvent.CANCEL_REQUESTED, 'cancel requested', job)
         # The goal may only become "canceled" once this callback has returned.
         self.executor.create_task(lambda: self._do(job, job.sequence.cancel()))
         return CancelResponse.ACCEPT
 
-    def _prepare(self, request, recalled=None):
+    def _prepare(self, request: Request, recalled: Recall.Response | None = None) -> tuple[bool, str]:
         """Prepare the job of a request; return (True, run_id) or (False, why not)."""
         try:
             job = self._make_job(request, recalled)
         except RosetteError as error:
             words = plain(str(error), most=2000)
             self.get_logger().warning(f'{request.origin} refused: {words}')
-            self._announcer.refused(request, words)
+            for kind in (CalibrationEvent.REQUESTED, CalibrationEvent.REJECTED):
+                self._publish_event(request, kind, words)
             return False, words
         self._next_job = job
         return True, job.run_id
 
-    def _make_job(self, request, recalled):
+    def _make_job(self, request: Request, recalled: Recall.Response | None) -> Job:
         """Return the job of a request; raises RosetteError with the reason why not."""
         if not self.is_active:
-            raise CellError(f'the sequencer is {self.state}: calibrations are held back until it is activated '
-                            f'(ros2 lifecycle set {self.get_fully_qualified_name()} activate)')
+            raise CellError(f'the sequencer is not active: no calibration starts until it is activated (ros2 lifecycle '
+                            f'set {self.get_fully_qualified_name()} activate)')
         if self._job is not None:
-            raise CellError(f'run {self._job.run_id} is on ({_progress(self._job)}); '
-                            'wait for its end or cancel it')
-        missing = self._company.missing(self.parameters['require_recorder'])
+            raise CellError(f'run {self._job.run_id} is on ({self._job.progress}); wait for its end or cancel it')
+        missing = self._cell.missing(self.parameters['require_recorder'])
         if missing:
             raise CellError('; '.join(missing))
         return make_job(request, self.parameters.values(CALIBRATION), self._taken, recalled)
 
     # From request to result
 
-    def _open(self, job):
-        """Take a job on: the log first, then the first target."""
+    def _accept(self) -> None:
+        """Accept the job that was prepared: the log first, then the first target."""
+        job, self._next_job = self._next_job, None
+        if job is None:
+            return
         self._job, job.since = job, self.seconds()
         self._taken.add(job.run_id)
-        self._look(job.since)
-        self._announcer.accepted(job)
-        goes_on = f', goes on from {job.resumes}' if job.resumes else ''
-        self.get_logger().info(f'run {job.run_id}: {job.sequence.programme.total} balls{goes_on}')
+        self._cell.update(job.since, self.parameters['require_recorder'])
+        for kind in (CalibrationEvent.REQUESTED, CalibrationEvent.ACCEPTED):
+            self._publish_event(job.request, kind, f'run {job.run_id}', job)
+        continues = f', continues {job.resumes}' if job.resumes else ''
+        self.get_logger().info(f'run {job.run_id}: {job.sequence.plan.total} balls{continues}')
         self._open_log(job)
 
-    def _open_log(self, job):
-        """Open the log as soon as all nodes have had the time to find each other."""
+    def _open_log(self, job: Job) -> None:
+        """Open the log as soon as all nodes have had the time to discover each other."""
         lacks_recorder = self.parameters['require_recorder'] and not self._recorder.is_there
-        job.is_waiting = lacks_recorder or not self._company.is_settled(self.seconds())
+        job.is_waiting = lacks_recorder or not self._cell.is_settled(self.seconds())
         if job.is_waiting:
             return
         if self._recorder.is_there:
@@ -181,243 +191,250 @@ class Sequencer(ManagedNode):
         else:
             self._on_opened(StartRecording.Response(success=True))
 
-    def _on_opened(self, response):
+    def _on_opened(self, response: StartRecording.Response) -> None:
         job = self._job
+        if job is None:
+            return
         job.opening, job.recording, job.log = False, bool(response.log), response.log or job.log
-        job.lives = self._company.lives()
+        job.processes = self._cell.processes()
         job.sequence.verifies = job.recording
         if job.is_over:
-            self._close(job)
+            self._close(job, end_is_recorded=False)
         elif response.success:
             self._do(job, job.sequence.begin(self.seconds()))
         else:
             self._do(job, job.sequence.fail(f'no log: {response.message}'))
 
-    def _on_ball_centre(self, message):
+    def _on_ball_centre(self, message: BallCentre) -> None:
         job = self._job
         if job is None or job.is_over:
             return
         done = job.sequence.done
-        commands = job.sequence.answer(convert.answer_record(message), self.seconds())
+        commands = job.sequence.answer(answer_of(message), self.seconds())
         if not any(isinstance(command, Remark) for command in commands):  # else it is not used, nor is its time
-            job.stamp_ns = max(job.stamp_ns, convert.nanoseconds(message.header.stamp))
+            job.stamp_ns = max(job.stamp_ns, nanoseconds(message.header.stamp))
         self._do(job, commands)
-        if job.sequence.done > done:
-            self._announcer.tell_progress(job, self._state_rate)
+        if job.sequence.done > done and self.seconds() - self._published >= 1.0 / self.parameters['state_rate_hz']:
+            self._publish_state(job)
 
-    def _on_error_motions(self, message):
+    def _on_error_motions(self, message: ErrorMotions) -> None:
         job = self._job
         if job is not None and message.run_id == job.run_id:
             job.motions = message
-            self._do(job, job.sequence.evaluated(self.seconds()))
+            results = Results(nanoseconds(message.header.stamp), message.model_hash, message.diagnosed)
+            self._do(job, job.sequence.evaluated(results, self.seconds()))
 
     @property
-    def is_busy(self):
+    def is_busy(self) -> bool:
         """Whether a calibration is on."""
         return self._job is not None
 
-    def wake(self):
-        """Look after the time limits and who is there."""
+    def wake(self) -> None:
+        """Check the time limits and which nodes are connected."""
         now = self.seconds()
         self._recorder.tick(now)
         job = self._job
-        if job is not None and job.is_over and self._has_lost(job, names.RECORDER):
-            self._recorder.give_up('the recorder has gone, the last answers may not be in the log')
+        if job is not None and job.is_over and names.RECORDER in (
+                self._cell.disconnected(job.processes) + self._cell.restarted(job.processes)):
+            self._recorder.give_up('the recorder is disconnected, the last answers may not be in the log')
             job = self._job
         if job is None or job.is_waiting or job.sequence.is_held:
-            self._look(now)
+            self._cell.update(now, self.parameters['require_recorder'])
         if job is None:
             return
         if job.is_waiting and job.is_over:
             self._on_closed(StopRecording.Response(success=True))
         elif job.is_waiting and now - job.since > self._recorder_timeout + SETTLING:
-            self._do(job, job.sequence.fail(self._company.words))
+            self._do(job, job.sequence.fail(self._cell.status))
         elif job.is_waiting:
             self._open_log(job)
         else:
             if not (job.opening or job.is_over):
-                self._look_after(job, now)
+                self._check_nodes(job, now)
             self._do(job, job.sequence.tick(now))
 
-    def _look(self, now):
-        self._company.look(now, self.parameters['require_recorder'])
-
-    def _look_after(self, job, now):
-        """Hold a run while a node has gone that it needs; go on with it when that one is back."""
-        sequence, company = job.sequence, self._company
-        gone, anew = company.gone(job.lives), company.started_anew(job.lives)
-        trouble = company.trouble(job.lives)
-        if trouble and not gone and not anew:
-            self._do(job, sequence.fail(trouble))
+    def _check_nodes(self, job: Job, now: float) -> None:
+        """Hold a run while a node that it needs is disconnected; continue when that one is back."""
+        sequence, cell = job.sequence, self._cell
+        gone, restarted = cell.disconnected(job.processes), cell.restarted(job.processes)
+        problems = cell.problems(job.processes)
+        if problems and not gone and not restarted:
+            self._do(job, sequence.fail(problems))
             return
-        if (gone or anew) and not sequence.is_held:
-            who = ' and '.join(f'the {NODE_WORDS[name]}' for name in dict.fromkeys(gone + anew))
-            self._do(job, sequence.hold(f'{who} has gone', now))
+        if (gone or restarted) and not sequence.is_held:
+            who = ' and '.join(f'the {NODE_WORDS[name]}' for name in dict.fromkeys(gone + restarted))
+            self._do(job, sequence.hold(f'{who} is disconnected', now))
         if gone or not sequence.is_held:
             return
-        if not anew:
-            self._do(job, sequence.go_on(now, anew=False))
-        elif company.is_settled(now):
-            job.lives = company.lives()
-            if names.RECORDER in anew and job.recording:
+        if not restarted:
+            self._do(job, sequence.resume_asking(now, restarted=False))
+        elif cell.is_settled(now):
+            job.processes = cell.processes()
+            if names.RECORDER in restarted and job.recording:
                 self._reopen(job)
             else:
-                self._do(job, sequence.go_on(now, anew=True))
+                self._do(job, sequence.resume_asking(now, restarted=True))
 
-    def _has_lost(self, job, name):
-        return name in self._company.gone(job.lives) or name in self._company.started_anew(job.lives)
-
-    def _reopen(self, job):
-        """Go on in a new log with what the recorder that has gone had brought to the disk."""
+    def _reopen(self, job: Job) -> None:
+        """Continue in a new log with what the disconnected recorder had written to the disk."""
         job.opening, job.recording = True, False
 
-        def on_recalled(recalled):
-            sequence = job.sequence
-            if job.is_over or not recalled.success:
+        def on_recalled(recalled: Recall.Response) -> None:
+            if not (job.is_over or recalled.success):
+                self._do(job, job.sequence.fail(f'the recorder was restarted: {recalled.message}'))
+            if job.is_over:
                 job.opening = False
-                self._do(job, sequence.fail(f'the recorder has gone: {recalled.message}') if not job.is_over else ())
-                if job.is_over:
-                    self._close(job)
+                self._close(job)
                 return
-            job.go_on_from(recalled)
-            self._announcer.resumed(job)
+            job.continue_from(recalled)
+            text = f'run {job.run_id} continues {job.resumes}'
+            self._publish_event(job.request, CalibrationEvent.ACCEPTED, text, job)
             self._recorder.start(job.run_id, job.resumes, self._recorder_timeout, self._on_opened)
 
         self._recorder.recall(job.run_id, RECALL_TIMEOUT, on_recalled)
 
-    def _stamp(self, job):
+    # Commands of the state machine
+
+    def _do(self, job: Job, commands: Sequence[Command]) -> None:
+        for command in commands:
+            match command:
+                case Ask(target):
+                    self._targets.publish(conversions.target_message(target, self._stamp(job)))
+                case Locate(frame):
+                    # In a run that is resumed: when its alignment found the frame, should the old log lack that.
+                    stamp = conversions.time_message(job.located_ns) if job.located_ns else self._stamp(job)
+                    self._frames.publish(conversions.frame_message(frame, MACHINE_FRAME, TABLE_FRAME, stamp))
+                case Remark(text):
+                    self.get_logger().warning(f'run {job.run_id}: {text}')
+                case PublishState():
+                    self._publish_state(job)
+                case Verify():
+                    self._verify(job, command)
+                case Finish():
+                    self._finish(job, command)
+
+    def _stamp(self, job: Job) -> Time:
         """Return the ROS time, in a run never less than before."""
         job.stamp_ns = max(job.stamp_ns, self.now().nanoseconds)
-        return convert.time_message(job.stamp_ns)
+        return conversions.time_message(job.stamp_ns)
 
-    def _do(self, job, commands):
-        """Carry out the commands of the sequence."""
-        for command in commands:
-            self._carry_out[type(command)](job, command)
-
-    def _ask(self, job, command):
-        self._targets.publish(convert.target_message(
-            command.target, job.run_id, command.attempt, command.session, command.centre,
-            command.frame_id, self._stamp(job)))
-
-    def _locate(self, job, command):
-        # In a run that goes on: where its alignment found the frame, should the old log have missed that.
-        stamp = convert.time_message(job.located_ns) if job.located_ns else self._stamp(job)
-        self._frames.publish(convert.frame_message(command.frame, MACHINE_FRAME, TABLE_FRAME, stamp))
-
-    def _remark(self, job, command):
-        self.get_logger().warning(f'run {job.run_id}: {command.text}')
-
-    def _verify(self, job, command):
-        """Ask the recorder which answers are in the log."""
+    def _publish_state(self, job: Job) -> None:
         sequence = job.sequence
+        self._published = self.seconds()
+        state = RunState(header=self._header(), run_id=job.run_id, phase=int(sequence.phase), order=job.order,
+                         done=sequence.done, total=sequence.plan.total, text=sequence.describe())
+        self._states.publish(state)
+        if job.goal is not None and job.goal.is_active:
+            job.goal.publish_feedback(Calibrate.Feedback(state=state))
 
-        def on_recorded(response):
+    def _publish_event(self, request: Request, kind: int, text: str, job: Job | None = None) -> None:
+        goal = job.goal if job else None
+        self._events.publish(CalibrationEvent(
+            header=self._header(), run_id=job.run_id if job else '', kind=kind, origin=request.origin,
+            order=job.order if job else request.order, goal_id=bytes(goal.goal_id.uuid).hex() if goal else '',
+            seed=request.seed, options=request.options, fields=request.fields, settings=job.settings if job else '',
+            resumes=job.resumes if job else '', text=text))
+
+    def _header(self) -> Header:
+        return Header(stamp=self.now().to_msg())
+
+    def _verify(self, job: Job, command: Verify) -> None:
+        """Have the recorder report what is in the log."""
+        sequence, timeout, results = job.sequence, self._recorder_timeout, command.results
+        request = Recorded.Request(run_id=job.run_id, phase=int(command.phase))
+        patience = 0.8 * timeout if results else min(ANSWERS_TIMEOUT, 0.8 * timeout)
+        if results:
+            request.error_motions = conversions.time_message(results.stamp_ns)
+            request.model_hash, request.diagnosis = results.model_hash, results.diagnosed
+
+        def on_recorded(response: Recorded.Response) -> None:
             if job.sequence is not sequence or sequence.is_held:
-                return  # the recorder was started anew meanwhile
-            if not response.success:
+                return  # the recorder was restarted meanwhile
+            if response.success:
+                recorded = set(zip(response.seq, response.stamp_ns, strict=True))
+                self._do(job, sequence.verified(recorded, response.missing, self.seconds()))
+            else:
                 self._do(job, sequence.not_verified(response.message, self.seconds()))
-                return
-            stamps = {}
-            for seq, stamp in zip(response.seq, response.stamp_ns, strict=True):
-                stamps.setdefault(seq, []).append(stamp)
-            self._do(job, sequence.verified(stamps, self.seconds()))
 
-        self._recorder.recorded(job.run_id, command.answers, self._recorder_timeout, on_recorded)
+        self._recorder.recorded(request, command.answers, patience, timeout, on_recorded)
 
-    def _tell(self, job, command):
-        self._announcer.tell(job)
-
-    def _finish(self, job, command):
-        self._announcer.ended(job)
+    def _finish(self, job: Job, command: Finish) -> None:
+        self._publish_event(job.request, END_EVENTS[command.phase], command.text, job)
         words = f'run {job.run_id}: {command.phase.name.lower()}: {command.text}'
         if command.phase is Phase.FAILED:
             self.get_logger().error(words)
         else:
             self.get_logger().info(words)
         if job.goal is not None:
-            _end_goal(job.goal, command.phase)
+            if command.phase is Phase.DONE:
+                job.goal.succeed()
+            elif command.phase is Phase.CANCELLED and job.goal.is_cancel_requested:
+                job.goal.canceled()
+            else:
+                job.goal.abort()
         self._close(job)
 
-    def _close(self, job):
+    def _close(self, job: Job, end_is_recorded: bool = True) -> None:
         """Close the log of a job that is over; while it is being opened, wait for that."""
         if job.opening:
             return
         if job.recording and self._recorder.is_there:
             job.recording = False
-            self._recorder.stop(job.run_id, self._recorder_timeout, self._on_closed)
+            request = StopRecording.Request(run_id=job.run_id)
+            if end_is_recorded:
+                request.answers, request.phase = job.sequence.done, int(job.sequence.phase)
+            self._recorder.stop(request, self._recorder_timeout, self._on_closed)
         else:
             self._on_closed(StopRecording.Response(success=True, log=job.log))
 
-    def _on_closed(self, response):
+    def _on_closed(self, response: StopRecording.Response) -> None:
         job, self._job = self._job, None
-        sequence, closed = job.sequence, response.success
-        words = sequence.text if closed else f'{sequence.text}; closing the log: {response.message}'
-        if not closed:
-            self.get_logger().error(f'run {job.run_id}: closing the log: {response.message}')
+        if job is None:
+            return
+        sequence, words = job.sequence, job.sequence.text
+        if not response.success:
+            lacks = f'it lacks {", ".join(response.missing)}' if response.missing else response.message
+            words = f'{words}; closing the log: {lacks}'
+            self.get_logger().error(f'run {job.run_id}: closing the log: {lacks}')
+        succeeded = sequence.phase is Phase.DONE and response.success
         self._last = f'last run {job.run_id} {sequence.phase.name.lower()}: {words}'
-        self._last_level = ERROR if sequence.phase is Phase.FAILED or not closed else OK
+        self._last_level = OK if succeeded or (sequence.phase is Phase.CANCELLED and response.success) else ERROR
         if job.goal is not None:
-            self._action.finish(job.goal, Calibrate.Result(
-                success=sequence.phase is Phase.DONE, message=words, run_id=job.run_id,
-                error_motions=job.motions, log=response.log or job.log))
+            self._action.send_result(job.goal, Calibrate.Result(
+                success=succeeded, message=words, run_id=job.run_id, error_motions=job.motions or ErrorMotions(),
+                log=response.log or job.log))
 
-    def finish(self):
+    def finish(self) -> None:
         """End a running calibration in good order."""
         job = self._job
         if job is None:
             return
         self._do(job, job.sequence.cancel('the sequencer was stopped'))
-        deadline = self.seconds() + self._recorder_timeout
-        while self._job is not None and self.seconds() < deadline:
-            self.step()
-        for _ in range(FAREWELLS):
-            self.step()
+        self.spin_until(lambda: self._job is None, self._recorder_timeout)
+        self.spin_until(lambda: False, FAREWELL)
 
-    def health(self):
+    def health(self) -> Health:
         """Say whether a calibration can start, or how far the present one is."""
         job = self._job
         if job is not None:
             sequence = job.sequence
-            silent = ''.join(f'; {name} does not beat: it hangs, or its computer is overloaded'
-                             for name in self._company.silent())
-            level = WARN if silent or sequence.is_held else OK
-            return level, f'{_progress(job)}: {sequence.describe()}{silent}', {
-                'run_id': job.run_id, 'done': sequence.done, 'total': sequence.programme.total}
+            silent = ''.join(f'; {name} sends no heartbeat: it hangs, or its computer is overloaded'
+                             for name in self._cell.late())
+            return WARN if silent or sequence.is_held else OK, f'{job.progress}: {sequence.describe()}{silent}', {
+                'run_id': job.run_id, 'done': sequence.done, 'total': sequence.plan.total}
         if not self.is_active:
-            return WARN, f'{self.state}: calibrations are held back until the node is activated', {}
-        missing = self._company.missing(self.parameters['require_recorder'])
+            return WARN, 'not active: no calibration starts until the node is activated', {}
+        missing = self._cell.missing(self.parameters['require_recorder'])
         if missing:
             return WARN, '; '.join(missing), {'last': self._last}
         return self._last_level, f'ready; {self._last}', {}
 
     @property
-    def _state_rate(self):
-        return self.parameters['state_rate_hz']
-
-    @property
-    def _recorder_timeout(self):
-        return self.parameters['recorder_timeout_s']
+    def _recorder_timeout(self) -> float:
+        return float(self.parameters['recorder_timeout_s'])
 
 
-def _progress(job):
-    sequence = job.sequence
-    if job.is_over:
-        return 'its log is being closed'
-    return (f'{sequence.phase.name.lower().replace("_", " ")}, {sequence.done} of '
-            f'{sequence.programme.total} balls')
-
-
-def _end_goal(goal, phase):
-    if phase is Phase.DONE:
-        goal.succeed()
-    elif phase is Phase.CANCELLED and goal.is_cancel_requested:
-        goal.canceled()
-    else:
-        goal.abort()
-
-
-def main(args=None):
+def main(args: list[str] | None = None) -> int:
     """Run the sequencer; returns the exit code."""
     return run_node(names.SEQUENCER, Sequencer, args)
 

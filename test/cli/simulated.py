@@ -6,8 +6,8 @@ import tempfile
 from pathlib import Path
 
 from rosette_ros.core.scheme import plan
-from rosette_ros.data.csv_table import write_csv
-from rosette_ros.machine import Machine, MachineConfig
+from rosette_ros.io.ball_centre_table import write_csv
+from rosette_ros.simulation import Machine, MachineConfig
 
 DRIFT = {'kind': 'frame_drift', 'rate_um_per_h': [2.5, 0.0, 1.5]}
 WARP = {'kind': 'plate_warp', 'rate_um_per_h': 2.0}

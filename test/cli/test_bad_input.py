@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bad input through the command line: one line that says where, what was wanted, what came."""
+"""Bad input through the command line: one line: where, what was wanted, what came."""
 
 import pytest
 
@@ -46,7 +46,7 @@ TABLES = {
 
 @pytest.mark.parametrize('fault', TABLES)
 def test_a_faulty_table(refused, make_table, fault):
-    """File, line, column, wanted, got; the same words at every door."""
+    """File, line, column, wanted, got; the same words in every verb."""
     edit, words = TABLES[fault]
     path = make_table(edit=edit)
     line = refused('evaluate', path)

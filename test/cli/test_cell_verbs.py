@@ -11,12 +11,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
+from rosette_ros.analysis import judge
 from rosette_ros.core.records import CURVES
-from rosette_ros.data.log_reader import read_log
+from rosette_ros.io.log_reader import read_log
 
 COMMAND = (sys.executable, '-m', 'rosette_ros.cli.main')
-TIMEOUT = 120
+TIMEOUT = 240
+BALLS, REPEATS = 6, 3
+SILENT = {'kind': 'silent', 'at': [REPEATS + 2 * BALLS + 1], 'always': True}
+"""The first target of the run has no answer: it is still on when it is cancelled."""
 
 
 @dataclass(frozen=True)
@@ -56,16 +61,23 @@ def published(log):
             {keys[curve]: motions.uncertainty(curve).tolist() for curve in CURVES})
 
 
-def test_demo_tells_the_whole_story(demo):
+def test_demo_prints_every_part(demo):
     """Phases, curves, fit, truth, picture, log, what to do next; no colour in a pipe."""
     for words in ('repeatability check', 'table axis and frame', 'run', 'drift check'):
         assert words in demo.err
     assert '25 balls' in demo.err
     for words in ('5 balls on R = 182.5 mm, 25 ball centres', 'EXC', 'U (k=2)',
-                  'the model fits', 'eccentricity', 'Difference to the truth: rms',
+                  'The model fits', 'eccentricity', 'Difference to the truth: rms',
                   'is expected', f'rosette evaluate {demo.log}'):
         assert words in demo.out
     assert '\x1b' not in demo.out + demo.err
+
+
+def test_demo_and_evaluate_print_the_same_verdict(demo, rosette):
+    """Decided once, in the same words."""
+    verdict = judge(read_log(demo.log).to_run())
+    for out in (demo.out, rosette('evaluate', demo.log).out):
+        assert verdict.sentence in ' '.join(out.split())
 
 
 def test_demo_leaves_log_picture_and_machine(demo):
@@ -83,7 +95,7 @@ def test_demo_leaves_log_picture_and_machine(demo):
 
 def test_demo_agrees_with_the_truth(demo):
     """The rms of 30 normalised errors, 20 of them free, is 1 within four standard deviations."""
-    [line] = [line for line in demo.out.splitlines() if 'Difference to the truth' in line]
+    [line] = [line for line in demo.out.splitlines() if 'Difference to the truth: rms' in line]
     rms, spread = float(line.split()[5]), float(line.split()[10])
     assert spread == pytest.approx(1 / np.sqrt(40), abs=0.01)
     assert abs(rms - 1) < 4 * spread
@@ -112,13 +124,13 @@ def test_replay_gives_the_same_numbers_again(demo, rosette):
     answer = rosette('replay', demo.log, '--domain', demo.domain)
     assert answer.err == ''
     assert answer.code == 0
-    assert 'No evaluator on the graph: one is started for this replay.' in answer.out
+    assert 'No evaluator in this ROS domain: starting one for this replay.' in answer.out
     assert 'equal to those in the log, bit for bit' in answer.out
 
 
 def test_calibrate_cancel_and_refusal(domain_id, make_cell, tmp_path, rosette, refused):
     """A run to its end, a refused goal, a replay that is refused beside a live cell, Ctrl-C."""
-    with make_cell(domain_id, tmp_path, balls=16) as cell:
+    with make_cell(domain_id, tmp_path, balls=BALLS) as cell:
         words = ('calibrate', '--domain', domain_id)
         assert 'calibration refused: goal: order: wanted one of row, diagonal' in refused(
             *words, '--order', 'zigzag')
@@ -128,8 +140,13 @@ def test_calibrate_cancel_and_refusal(domain_id, make_cell, tmp_path, rosette, r
         [log] = cell.log_dir.iterdir()
         assert f'Log: {log}' in done.out
         assert log.name.endswith('_row')
+        verdict = judge(read_log(log).to_run())
+        for out in (done.out, rosette('evaluate', log).out):
+            assert f'{verdict.sentence} {verdict.action}' in ' '.join(out.split())
         assert '4 balls' in done.err
         assert 'a live cell is on this graph' in refused('replay', log, '--domain', domain_id)
+        machine = yaml.safe_load(cell.machine.read_text())
+        cell.machine.write_text(yaml.safe_dump({**machine, 'faults': [SILENT]}))
         with start(*words, '--order', 'column') as process:
             for line in process.stderr:
                 if 'table axis and frame' in line:

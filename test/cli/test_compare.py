@@ -25,7 +25,7 @@ def test_json_has_its_keys(rosette):
     got = json.loads(answer.out, parse_constant=pytest.fail)
     assert got['schema'] == 'rosette-comparison/1'
     assert set(got) == {'schema', 'run_id', 'model', 'fit', 'failing', 'summary', 'axis_rms_m',
-                        'groups', 'neighbours', 'worst_readings', 'harmonics'}
+                        'groups', 'neighbours', 'worst_readings', 'harmonics', 'outcome', 'level', 'verdict', 'action'}
     assert set(got['groups']) == {'table position', 'ball', 'CMM position', 'time', 'sequence'}
     assert len(got['groups']['ball']['rms_m']) == 8
     assert {'reading', 'table_position', 'ball', 'cmm_position', 'residual_m', 'size_sigma',
@@ -64,7 +64,7 @@ def test_what_a_person_sees(rosette):
     """Verdict first, σ and where it comes from, bars, the map with the loud ball, no colour."""
     answer = rosette('compare', simulated_table('slip'))
     lines = answer.out.splitlines()
-    assert 'the model fails' in ' '.join(lines[1:3])
+    assert 'The model lacks ball_slip' in lines[1]
     assert 'is the repeatability.' in answer.out
     bars = next(line for line in lines if line.startswith('ball '))
     assert bars.split()[1][3] == '█'
@@ -81,7 +81,7 @@ def test_what_a_person_sees(rosette):
 def test_without_a_repeatability_the_scale_is_said(rosette):
     """The residual itself is what readings are measured by then."""
     path = simulated_table('slip', repeatability=None, repeatability_dof=None)
-    assert 'no repeatability is known' in rosette('compare', path).out
+    assert 'the repeatability is not known' in ' '.join(rosette('compare', path).out.split())
 
 
 def test_missing_balls_are_blank(rosette, tmp_path):
@@ -93,7 +93,7 @@ def test_missing_balls_are_blank(rosette, tmp_path):
     path.write_text('\n'.join([*head, *rows]) + '\n')
     answer = rosette('compare', path)
     assert '63 of 64 ball centres' in answer.out
-    assert 'Strongest waves' not in answer.out
+    assert 'Strongest harmonics' not in answer.out
     assert json.loads(rosette('compare', path, '--json').out)['harmonics'] == []
 
 
@@ -101,8 +101,8 @@ def test_the_ladder_falls_with_every_right_effect(rosette, model):
     """Base model, drift, warp: the error in readings left out goes down to the noise."""
     path = simulated_table('drift_and_warp')
     got = json.loads(rosette('compare', path, '--model', model, '--ladder', '--json').out)
-    assert [rung['added'] for rung in got['ladder']] == ['', 'frame_drift', 'plate_warp']
-    held = [rung['held_out_rms_m'] for rung in got['ladder']]
+    assert [step['added'] for step in got['ladder']] == ['', 'frame_drift', 'plate_warp']
+    held = [step['held_out_rms_m'] for step in got['ladder']]
     assert held[0] > 2 * held[2] and held[0] > held[1] > held[2]
     assert held[2] == pytest.approx(SIGMA, rel=0.25)
     assert got['ladder'][2]['fit']['reduced_chi_square'] < got['ladder'][0]['fit'][
@@ -110,7 +110,7 @@ def test_the_ladder_falls_with_every_right_effect(rosette, model):
     out = rosette('compare', path, '--model', model, '--ladder').out
     base, drift, warp = out.splitlines()[-3:]
     assert base.startswith('base model ') and drift.startswith('+ frame_drift ')
-    assert warp.startswith('+ plate_warp ') and drift.split()[-2].startswith('-')
+    assert warp.startswith('+ plate_warp ') and drift.split()[-2].startswith('−')
     assert DRIFT['kind'] in out
 
 

@@ -57,9 +57,10 @@ def test_what_a_person_sees(rosette, tables):
     assert lines[0].startswith('drift_and_warp_1: 8 balls')
     assert lines[1].startswith('The model lacks ')
     flat = ' '.join(out.split())
-    for words in ('<1e-6', 'µm/h', 'axes xyz', 'U (k=2)', 'The probe drifts steadily',
-                  'Look at:', 'Not claimed: the next best', 'table_backlash', 'harmless',
-                  'rosette add frame_drift --model FILE', 'would show table_backlash to'):
+    for words in ('<1e−6', 'µm/h', 'axes xyz', 'U: expanded uncertainty (k = 2)', 'The probe drifts steadily',
+                  'Look at:', 'Not identified: the next best', 'table_backlash', 'negligible',
+                  'rosette add frame_drift --model FILE', 'measure next in an order that shows',
+                  'Measure next in order sensitive: visible shares'):
         assert words in flat
     assert ' um' not in out
     assert max(map(len, lines)) <= 100
@@ -72,7 +73,7 @@ def test_a_clean_run_lacks_nothing(rosette, tables):
     got = diagnosed(rosette, tables[2])
     assert got['missing'] == []
     assert not any(entry['claimed'] for entry in got['candidates'])
-    assert 'Nothing is missing that this run can show' in rosette('diagnose', tables[2]).out
+    assert 'The model fits: ' in rosette('diagnose', tables[2]).out
 
 
 def test_with_the_effects_in_the_model_nothing_is_missing(rosette, tables, tmp_path):
@@ -92,7 +93,7 @@ def test_a_base_term_left_out_is_missed(rosette, tables, tmp_path):
     got = diagnosed(rosette, simulated_table(order='diagonal'), '--model', model)
     assert got['missing'] == ['plate_deviations']
     out = rosette('diagnose', simulated_table(order='diagonal'), '--model', model).out
-    assert 'The balls do not stand at their nominal places' in out
+    assert 'The balls are not at their nominal positions' in out
 
 
 def test_without_temperatures_their_effects_are_not_judged(rosette):

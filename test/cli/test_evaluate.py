@@ -8,6 +8,8 @@ from math import cos, fsum, pi, sin
 
 import pytest
 
+from rosette_ros.analysis import MOST_BALLS_JUDGED
+
 CURVES = ('ctx_m', 'cty_m', 'ctz_m', 'crx_rad', 'cry_rad', 'crz_rad')
 ORDERS = ('row', 'diagonal', 'column', 'random')
 
@@ -97,7 +99,7 @@ def test_repeatability_of_a_residual_500_times_larger_is_not_believed(rosette, m
     fit = json.loads(rosette('evaluate', path, '--json').out)['fit']
     assert fit['sigma_m'] == fit['rms_m'] > 100 * fit['repeatability_m']
     out = ' '.join(rosette('evaluate', path).out.split())
-    assert 'the model does not explain the readings' in out
+    assert 'The readings scatter more than stated' in out
 
 
 def test_a_model_file_is_used(rosette, make_table, tmp_path):
@@ -158,3 +160,11 @@ def test_missing_balls_show_in_the_uncertainty(rosette, make_table):
     assert out.count('±') == 36
     assert '…' not in out
     assert max(map(len, out.splitlines())) <= 100
+
+
+def test_a_large_plate_is_judged_on_request(rosette, make_table):
+    """One line names the verb that does; the keys of the verdict are null."""
+    path = make_table(MOST_BALLS_JUDGED + 1)
+    got = json.loads(rosette('evaluate', path, '--json').out)
+    assert [got[key] for key in ('outcome', 'level', 'verdict', 'action')] == [None] * 4
+    assert 'Plates of more than 36 balls are judged on request: rosette diagnose RUN' in rosette('evaluate', path).out

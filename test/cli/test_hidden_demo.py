@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette demo --hidden: the story, and the envelope beside the answer."""
+"""rosette demo --hidden: the analysis of a run, and the envelope beside the answer."""
 
 import re
 import subprocess
@@ -11,18 +11,18 @@ import pytest
 import yaml
 
 from rosette_ros.analysis import analyse, diagnose
-from rosette_ros.cli.hidden_demo import answer, content, story_of, visible_strengths
+from rosette_ros.cli.hidden_demo import answer, content, demo_of, visible_strengths
 from rosette_ros.core.scheme import plan
-from rosette_ros.data.log_reader import read_log
-from rosette_ros.data.model_file import read_model
-from rosette_ros.machine import Machine, MachineConfig, load_machine
-from rosette_ros.machine.envelope import open_envelope
+from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.model_file import read_model
+from rosette_ros.simulation import Machine, MachineConfig, load_machine
+from rosette_ros.simulation.envelope import open_envelope
 
 SEED, BALLS, TIMEOUT = 3, 6, 180
 
 
 @pytest.fixture(scope='module')
-def told(tmp_path_factory, module_domain_id):
+def shown(tmp_path_factory, module_domain_id):
     """Run the demo once; return what it printed and the folder of its log."""
     runs = tmp_path_factory.mktemp('hidden') / 'runs'
     command = [sys.executable, '-m', 'rosette_ros.cli.main', 'demo', '--hidden', SEED, '--balls',
@@ -34,9 +34,9 @@ def told(tmp_path_factory, module_domain_id):
     return done.stdout, log
 
 
-def test_the_story_has_all_its_chapters(told):
+def test_sections_in_order(shown):
     """In order, with the digest before the first one and again at the end; no colour in a pipe."""
-    out, log = told
+    out, log = shown
     heads = re.findall(r'^(\d)  (\w+)', out, re.MULTILINE)
     assert heads == [('1', 'evaluate'), ('2', 'compare'), ('3', 'diagnose'), ('4', 'add'),
                      ('5', 'advise'), ('6', 'the')]
@@ -47,9 +47,9 @@ def test_the_story_has_all_its_chapters(told):
     assert '\x1b' not in out
 
 
-def test_what_is_told_is_in_the_files(told):
+def test_what_is_shown_is_in_the_files(shown):
     """The envelope holds what the machine file draws; the model is what the log's run lacks."""
-    out, log = told
+    out, log = shown
     written = yaml.safe_load((log / 'machine.yaml').read_text())
     assert written['hidden']['seed'] == SEED
     machine = Machine(load_machine(log / 'machine.yaml'))
@@ -61,12 +61,12 @@ def test_what_is_told_is_in_the_files(told):
     last = out.split('What was hidden, and what was found')[1]
     for hidden in envelope.hidden:
         line = next(line for line in last.splitlines() if line.startswith(hidden['kind']))
-        assert ('named' in line) or ('too small' in line) or ('hides' in line)
+        assert ('named' in line) or ('too small' in line) or ('not observable' in line)
 
 
-def test_the_ladder_is_that_of_the_model(told):
+def test_the_ladder_is_that_of_the_model(shown):
     """Base model first, then what was added."""
-    out, log = told
+    out, log = shown
     ladder = out.split('4  add')[1].split('5  advise')[0]
     added = [line.split()[1] for line in ladder.splitlines() if line.startswith('+ ')]
     assert added == [term.name for term in read_model(log / 'model.yaml').terms]
@@ -76,10 +76,10 @@ def test_the_ladder_is_that_of_the_model(told):
 
 def test_a_drawn_seed_is_not_the_same_twice():
     """Without a seed the machine is new each time, and the order one that shows things."""
-    seeds = {story_of(-1).seed for _ in range(20)}
+    seeds = {demo_of(-1).seed for _ in range(20)}
     assert len(seeds) > 15
-    assert story_of(7).seed == 7
-    assert story_of(7).order in ('sensitive', 'random')
+    assert demo_of(7).seed == 7
+    assert demo_of(7).order in ('sensitive', 'random')
 
 
 def test_visible_strength_is_that_of_the_machine_alone():
@@ -96,7 +96,7 @@ def test_visible_strength_is_that_of_the_machine_alone():
 
 @pytest.mark.parametrize(('kind', 'strength', 'words'), [
     ('frame_drift', 30.0, 'named'), ('frame_warmup', 30.0, 'named as frame_drift'),
-    ('table_backlash', 0.1, 'this order hides it'), ('plate_warp', 5.0, 'too small to be named'),
+    ('table_backlash', 0.1, 'not observable in this order'), ('plate_warp', 5.0, 'too small to be named'),
     ('plate_creep', 40.0, 'not named'),
 ])
 def test_answers(kind, strength, words):
@@ -104,10 +104,10 @@ def test_answers(kind, strength, words):
     claimed = SimpleNamespace(effect='frame_drift', claimed=True, look_alikes=('frame_warmup',))
     found = SimpleNamespace(missing=('frame_drift',), candidates=(claimed,),
                             invisible=('table_backlash',), unexplained=False)
-    assert words in answer(kind, strength, found)
+    assert words in answer(kind, strength, found)[0]
 
 
 def test_content_is_short():
     """Three decimals, vectors in brackets."""
     assert content({'kind': 'frame_step', 'at_h': 0.82612, 'step_um': (0.5, -0.25, 0.0)}) == (
-        'at_h 0.826, step_um (0.5, -0.25, 0)')
+        'at_h 0.826, step_um (0.5, −0.25, 0)')

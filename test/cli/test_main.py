@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The door itself: verbs, help, errors, exit codes."""
+"""The command itself: verbs, help, errors, exit codes."""
 
 import contextlib
 import os
@@ -11,7 +11,7 @@ import time
 import pytest
 
 from rosette_ros import __version__
-from rosette_ros.cli import main as door
+from rosette_ros.cli import main as main_module
 from rosette_ros.cli.main import VERBS, main
 
 
@@ -52,7 +52,7 @@ def test_without_a_verb_comes_the_help(capsys):
 
 @pytest.mark.parametrize('verb', VERBS)
 def test_every_verb_explains_itself(verb, capsys):
-    """`rosette VERB --help` works and says what the verb does."""
+    """`rosette VERB --help` works and describes the verb."""
     with pytest.raises(SystemExit) as end:
         main([verb, '--help'])
     assert end.value.code == 0
@@ -71,7 +71,7 @@ def test_ctrl_c_ends_with_130(monkeypatch, capsys):
     """As the shell expects of an interrupted program."""
     def interrupt(argv):
         raise KeyboardInterrupt
-    monkeypatch.setattr(door, 'parse', interrupt)
+    monkeypatch.setattr(main_module, 'parse', interrupt)
     assert main(['plan']) == 130
     assert capsys.readouterr().err == 'rosette: interrupted\n'
 
@@ -85,7 +85,7 @@ def test_a_termination_leaves_in_good_order(monkeypatch):
             stack.callback(left.append, 'ended')
             os.kill(os.getpid(), signal.SIGTERM)
             time.sleep(10)
-    monkeypatch.setattr(door, 'parse', terminate)
+    monkeypatch.setattr(main_module, 'parse', terminate)
     before = signal.getsignal(signal.SIGTERM)
     try:
         with pytest.raises(SystemExit) as end:
@@ -96,11 +96,11 @@ def test_a_termination_leaves_in_good_order(monkeypatch):
     assert left == ['ended']
 
 
-def test_a_fault_of_the_program_is_not_hidden(monkeypatch):
+def test_an_error_of_the_program_is_not_hidden(monkeypatch):
     """What is no RosetteError leaves with its traceback."""
     def fail(argv):
         raise ZeroDivisionError('a bug')
-    monkeypatch.setattr(door, 'parse', fail)
+    monkeypatch.setattr(main_module, 'parse', fail)
     with pytest.raises(ZeroDivisionError, match='a bug'):
         main(['plan'])
 
@@ -119,7 +119,7 @@ def test_plan_waits_for_nothing_it_does_not_need():
     assert len(done.stdout.splitlines()) == 37
 
 
-def test_a_reader_that_has_seen_enough_is_no_error():
+def test_a_closed_output_is_no_error():
     """As with `rosette plan ... | head -1`."""
     command = [sys.executable, '-m', 'rosette_ros.cli.main', 'plan', '--balls', '72',
                '--radius-mm', '182.5', '--order', 'row', '--csv']
@@ -127,3 +127,11 @@ def test_a_reader_that_has_seen_enough_is_no_error():
         assert process.stdout.readline().startswith(b'seq,cmm_position')
         process.stdout.close()
         assert process.stderr.read() == b''
+
+
+def test_a_terminal_without_the_signs_shows_others():
+    """Of a number above all the minus sign; nothing is replaced by a question mark."""
+    done = subprocess.run([sys.executable, '-m', 'rosette_ros.cli.main', 'plan', '--balls', '3', '--radius-mm', '182.5',
+                           '--order', 'row'], capture_output=True, check=True,
+                          env={**os.environ, 'PYTHONIOENCODING': 'ascii'})
+    assert b'|-91.25 ' in done.stdout and b'?' not in done.stdout

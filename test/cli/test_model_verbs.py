@@ -2,6 +2,7 @@
 """rosette add and remove: the model file, the error before and after, and what is refused."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ def model(tmp_path):
 
 
 def content(path):
-    """Return what a model file says, read without the package."""
+    """Return the content of a model file, read without the package."""
     return yaml.safe_load(path.read_text(encoding='utf-8'))
 
 
@@ -45,13 +46,13 @@ def test_remove_gives_the_file_back_as_it_was(rosette, model):
 
 
 def test_the_right_effect_helps(rosette, model):
-    """Before and after: residual, χ², readings left out, curves, uncertainties, parameters."""
+    """Before and after: residual, χ², cross-validation, curves, uncertainties, parameters."""
     run = simulated_table('drift_and_warp')
     answer = rosette('add', 'frame_drift', '--model', model, '--run', run)
     flat = ' '.join(answer.out.split())
-    assert 'frame_drift helps: the error in readings left out of the fit falls from' in flat
-    for words in ('residual / µm', 'reduced χ²', 'readings left out / µm', 'largest change',
-                  'U (k=2) before', 'U (k=2) after', 'crz', 'µm/h'):
+    assert 'frame_drift helps: the cross-validation error falls from' in flat
+    for words in ('residual µm', 'reduced χ²', 'cross-validation error µm', 'largest',
+                  'U before', 'U after', 'crz', 'µm/h'):
         assert words in flat
     got = json.loads(rosette('add', 'plate_warp', '--model', model, '--run', run, '--json').out)
     assert got['schema'] == 'rosette-change/1'
@@ -65,12 +66,11 @@ def test_the_right_effect_helps(rosette, model):
 
 
 def test_a_wrong_effect_only_describes_noise(rosette, model):
-    """Its residual falls a little, the error in readings left out does not; the words say so."""
+    """Its residual falls a little, the cross-validation error does not; the words say so."""
     run = simulated_table(seed=5)
     answer = rosette('add', 'plate_creep', '--model', model, '--run', run)
     flat = ' '.join(answer.out.split())
-    assert 'plate_creep does not lower the error in readings left out: it only describes noise' \
-        in flat
+    assert re.search(r'plate_creep does not lower the cross-validation error \(.*\): it only describes noise', flat)
     assert 'rosette remove plate_creep' in flat
     flat = ' '.join(rosette('remove', 'plate_creep', '--model', model, '--run', run).out.split())
     assert 'plate_creep is not needed' in flat
@@ -83,7 +83,7 @@ def test_a_needed_effect_is_said_to_be_needed(rosette, model):
     got = json.loads(rosette('remove', 'frame_drift', '--model', model, '--run', run,
                              '--json').out)
     assert got['hurts'] and not got['helps']
-    assert got['sentence'].startswith('frame_drift is needed: without it the error in readings')
+    assert got['sentence'].startswith('frame_drift is needed: without it the cross-validation error')
     assert content(model)['effects'] == []
 
 
@@ -136,7 +136,7 @@ REFUSED = {
     'not arithmetic': (('wave', '--direction', 'z', '--expression', '__import__("os")'),
                        'expression: wanted'),
     'a name of the library': (('frame_drift', '--direction', 'z', '--expression', 't'),
-                              'frame_drift is the name of an effect of the library'),
+                              'frame_drift is the name of a library effect'),
 }
 
 

@@ -53,8 +53,8 @@ def test_the_list_for_a_person(rosette):
     """Map, targets, cost in motion."""
     out = rosette('plan', '--balls', 6, '--radius-mm', 182.5, '--order', 'diagonal').out
     assert '36 targets: 6 balls on a circle of R = 182.5 mm' in out
-    assert 'turns 6.667 times round in 35 moves' in out
-    assert 'goes 0.9125 m in 5 moves' in out  # five sides of a hexagon
+    assert '6.667 turns in 35 moves' in out
+    assert '0.9125 m in 5 moves' in out  # five sides of a hexagon
     assert '\x1b' not in out
 
 
@@ -64,7 +64,7 @@ def test_seed_draws_the_random_order(rosette):
     assert rosette(*words, 1).out == rosette(*words, 1).out != rosette(*words, 2).out
 
 
-@pytest.mark.parametrize(('words', 'said'), [
+@pytest.mark.parametrize(('words', 'message'), [
     (('--balls', 2), 'number of balls: wanted a whole number of at least 3, got 2; with fewer '
                      'the table, plate and CMM cannot be separated'),
     (('--order', 'zigzag'), "order: wanted one of row, diagonal, column, random, sensitive, got 'zigzag'"),
@@ -75,13 +75,13 @@ def test_seed_draws_the_random_order(rosette):
     (('--radius-mm', 'nan'), "--radius-mm: wanted a positive number (mm), got 'nan'"),
     (('--seed', '-1'), '--seed: wanted a whole number in 0 .. '),
 ])
-def test_what_cannot_be_planned(refused, words, said):
-    """Each in one line that says what was wanted and what came."""
+def test_what_cannot_be_planned(refused, words, message):
+    """Each in one line with what was wanted and what came."""
     given = {'--balls': 6, '--radius-mm': 182.5, '--order': 'row'} | dict([words])
-    assert said in refused('plan', *(f'{key}={value}' for key, value in given.items()))
+    assert message in refused('plan', *(f'{key}={value}' for key, value in given.items()))
 
 
-def test_what_is_not_said_is_asked_for(refused):
+def test_a_missing_option_is_named(refused):
     """A missing option is named."""
     assert 'the following arguments are required: --order' in refused(
         'plan', '--balls', 6, '--radius-mm', 182.5)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette replay: what it expects to come back, and how it tells a difference."""
+"""rosette replay: what it expects, and how it reports a difference."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from rosette_ros.cli.replay import Expected, difference, expected_motions
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import nominal_angles
 from rosette_ros.core.records import ErrorMotions
-from rosette_ros.data.log_reader import read_log
+from rosette_ros.io.log_reader import read_log
 
 
 @pytest.fixture
@@ -34,7 +34,7 @@ def test_uncertainties_count_where_the_graph_can_know_them(motions):
     assert difference(other, Expected(motions, 'of rosette evaluate', False)) == ''
 
 
-def test_other_angles_are_told_first(motions):
+def test_other_angles_are_reported_first(motions):
     """Curves at other angles cannot be compared."""
     other = ErrorMotions(motions.angle + 1e-9, motions.values, motions.u)
     assert difference(other, Expected(motions, 'in the log', True)) == 'other table angles than'
@@ -56,7 +56,7 @@ def test_a_table_is_no_log(refused, make_table):
 
 
 def test_an_incomplete_import_cannot_be_replayed(rosette, make_table, tmp_path):
-    """Too little for an evaluation: said before anything goes onto the graph."""
+    """Too little for an evaluation: reported before anything is published."""
     table = make_table(edit=lambda lines: ['# balls: 6', *lines[:15]])
     rosette('import', table, '-o', tmp_path / 'log')
     with pytest.raises(InvalidData, match='wanted all 36 ball centres, .* got 10; try rosette'):

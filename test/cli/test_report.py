@@ -26,9 +26,9 @@ def test_page_figures_and_tables_of_a_run(rosette, here):
     answer = rosette('report', path, '--model', model, '-o', 'page.html', '--overlay', simulated_table('clean', N),
                      '--figures', 'figures', '--format', 'png', '--tables', 'tables')
     assert (answer.code, answer.err) == (0, '')
-    assert 'The model explains the readings' in answer.out and 'page.html' in answer.out
+    assert 'The model fits: ' in answer.out and 'page.html' in answer.out
     page = (here / 'page.html').read_text(encoding='utf-8')
-    assert 'The model explains the readings' in page
+    assert 'The model fits: ' in page
     assert 'Drawn over it: clean_1' in page
     assert f'rosette report {path} --model {model} --output page.html --overlay' in page
     figures = sorted(file.name for file in (here / 'figures').iterdir())
@@ -65,7 +65,7 @@ def test_the_page_is_named_after_the_run_and_never_overwritten(rosette, refused,
     (('RUN', '--format', 'gif'), 'invalid choice'),
     (('nowhere.csv',), 'nowhere.csv: wanted a log directory, an .mcap file or a CSV table'),
     (('RUN', '-o', 'nowhere/page.html'),
-     'nowhere/page.html: wanted a name in a folder that is there, got none; make nowhere first'),
+     'nowhere/page.html: wanted a name in a folder that exists, got none; make nowhere first'),
 ])
 def test_what_cannot_be_reported(refused, here, words, said):
     """One line; no file is left behind."""

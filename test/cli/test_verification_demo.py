@@ -8,8 +8,8 @@ import yaml
 
 from rosette_ros.analysis import analyse
 from rosette_ros.cli.report import verification_of
-from rosette_ros.data.open_run import open_run
-from rosette_ros.report.verification import PAPER
+from rosette_ros.io.open_run import open_run
+from rosette_ros.presentation.report.verification import PAPER
 
 BALLS = 8
 

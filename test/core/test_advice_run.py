@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from synthetic import synthetic_run
 
-from rosette_ros.core.advice import VARIANTS, advise_run, best_of, compared_orders, scheme_of
+from rosette_ros.core.diagnosis.parameter_search import choose_settings
 from rosette_ros.core.errors import InvalidModel
-from rosette_ros.core.model import Model
+from rosette_ros.core.model.model import Model
+from rosette_ros.core.planning.advice import VARIANTS, advise_run, best_of, compared_orders, scheme_of
+from rosette_ros.core.planning.visibility import visibility
 from rosette_ros.core.scheme import ORDERS
-from rosette_ros.core.settings import choose_settings
-from rosette_ros.core.visibility import visibility
 
 
 @pytest.mark.parametrize('order', [name for name in ORDERS if name != 'random'])

@@ -6,9 +6,9 @@ import pytest
 
 from rosette_ros.analysis import claimed_model, cross_check, diagnose, ladder
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.model import Model
+from rosette_ros.core.model.model import Model
 from rosette_ros.core.scheme import plan
-from rosette_ros.machine import Machine, MachineConfig
+from rosette_ros.simulation import Machine, MachineConfig
 
 SIGMA = 1e-7
 CYCLE = {'kind': 'frame_cycle', 'cosine_um': [0.6, 0.0, 0.4], 'period_min': 11.0}
@@ -39,7 +39,7 @@ def test_a_rate_is_confirmed_with_its_size(creeping):
     assert entry.p < 1e-6
     assert check.after.rms == pytest.approx(SIGMA, rel=0.2)
     assert check.carried.rms == pytest.approx(SIGMA, rel=0.25)
-    assert check.held_out_after < 0.7 * check.held_out_before
+    assert check.cross_validation_after < 0.7 * check.cross_validation_before
     assert check.after.dof == check.before.dof - 2, 'nothing is searched on the second run'
 
 
@@ -58,7 +58,7 @@ def test_what_is_not_there_is_not_seen(creeping):
     check = cross_check(machine_run(3), creeping)
     assert check.confirmed is False
     assert check.effects[0].outcome == 'not seen'
-    assert check.held_out_after > 0.98 * check.held_out_before
+    assert check.cross_validation_after > 0.98 * check.cross_validation_before
 
 
 def test_an_order_that_hides_it_cannot_check_it(creeping):
@@ -77,7 +77,7 @@ def test_a_cycle_keeps_its_period_but_not_its_phase():
     check = cross_check(machine_run(5, CYCLE), found)
     entry, = check.effects
     assert (entry.outcome, entry.carries, entry.same_size) == ('confirmed', 'shape', None)
-    assert check.carried is None and np.isnan(check.held_out_carried)
+    assert check.carried is None and np.isnan(check.cross_validation_carried)
     assert entry.setting['period'] == pytest.approx(660, rel=0.05)
     assert [one.name for one in entry.found] == [one.name for one in entry.learnt
                                                  if one.name != 'period']
@@ -120,15 +120,15 @@ def test_every_effect_says_what_it_shares_with_the_next_run():
 
 
 def test_the_ladder_goes_from_the_base_to_the_whole_model():
-    """Each rung is the fit of one effect more; the last is the model itself."""
+    """Each step is the fit of one effect more; the last is the model itself."""
     run = machine_run(1, CREEP, CYCLE)
     model = claimed_model(diagnose(run))
-    rungs = ladder(run, model)
-    assert [rung.added for rung in rungs] == ['', *(str(term) for term in model.terms)]
+    steps = ladder(run, model)
+    assert [step.added for step in steps] == ['', *(str(term) for term in model.terms)]
     assert set(model.names[3:]) == {'plate_creep', 'frame_cycle'}
-    assert rungs[0].report.model == Model()
-    assert rungs[-1].report.model == model
-    held = [rung.held_out for rung in rungs]
+    assert steps[0].report.model == Model()
+    assert steps[-1].report.model == model
+    held = [step.cross_validation for step in steps]
     assert held == sorted(held, reverse=True)
     assert held[-1] == pytest.approx(SIGMA, rel=0.25)
 

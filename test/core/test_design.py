@@ -4,14 +4,23 @@
 import numpy as np
 import pytest
 
-from rosette_ros.core.base import CompleteSpace, DenseSpace
-from rosette_ros.core.design import Judge, Order, Pace, anneal, design_readings, design_sweeps, journey, swept
-from rosette_ros.core.effects.contract import Setting
+from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.model.base_model import CompleteSpace, DenseSpace
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import plan
-from rosette_ros.core.sensitive import Sweeps, order_from_text, reading_text, shortest_way
-from rosette_ros.core.travel import travel
+from rosette_ros.core.sensitive_order import READINGS, SWEEPS, Sweeps, order_from_text, shortest_way
+from tools.design_orders import (
+    MODULE,
+    anneal,
+    design_readings,
+    design_sweeps,
+    reading_text,
+    source,
+    sweeps_text,
+    swept,
+)
+from tools.order_cost import Judge, Order, Pace, journey
 
 PACE = Pace()
 RADIUS = PACE.radius
@@ -71,7 +80,7 @@ CMM_WAY = {11: 0.76, 13: 0.64, 14: 0.65}
 def test_less_motion_than_random(n):
     """Table and CMM travel less than in a random order, and the table turns in both senses."""
     mine, drawn = plan(n, 'sensitive'), plan(n, 'random', 1, 'alternate')
-    mine_way, drawn_way = travel(mine, RADIUS), travel(drawn, RADIUS)
+    mine_way, drawn_way = mine.travel(RADIUS), drawn.travel(RADIUS)
     assert mine_way.table_angle < 0.8 * drawn_way.table_angle
     assert journey(order_of(mine), PACE).motion < 0.85 * journey(order_of(drawn), PACE).motion
     assert abs(np.mean(mine.approach)) < 0.45
@@ -174,12 +183,20 @@ def test_texts_come_back():
     rng = np.random.default_rng(5)
     sweeps = Sweeps(rng.permutation(72), 1 - 2 * rng.integers(0, 2, 72), rng.integers(0, 36, 72),
                     rng.integers(0, 72, 72))
-    again = Sweeps.from_text(*sweeps.text())
+    again = Sweeps.from_text(*sweeps_text(sweeps))
     for name in ('ball', 'sense', 'gap', 'shift'):
         assert np.array_equal(getattr(again, name), getattr(sweeps, name))
     readings = np.array([0, 9, 3]), np.array([8, 0, 1]), np.array([1, -1, 1])
     assert all(np.array_equal(*pair) for pair in
                zip(order_from_text(reading_text(*readings)), readings, strict=True))
+
+
+def test_the_module_is_as_its_design_writes_it():
+    """Written again, the tables of the module come out as they stand; one more order is one more entry."""
+    text = MODULE.read_text(encoding='utf-8')
+    assert source({'READINGS': READINGS, 'SWEEPS': SWEEPS}, text) == text
+    more = source({'SWEEPS': {**SWEEPS, 17: sweeps_text(Sweeps.by_rule(17))}}, text)
+    assert len(more.splitlines()) == len(text.splitlines()) + 1
 
 
 def test_shortest_way():

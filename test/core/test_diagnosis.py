@@ -3,17 +3,18 @@
 
 import numpy as np
 import pytest
+from monte_carlo import monte_carlo
 from synthetic import synthetic_run
 
 from rosette_ros.analysis import analyse
-from rosette_ros.core.compare import compare
-from rosette_ros.core.diagnosis import diagnose
-from rosette_ros.core.fit import fit
-from rosette_ros.core.heldout import HeldOut
-from rosette_ros.core.model import Model
+from rosette_ros.core.diagnosis.comparison import compare
+from rosette_ros.core.diagnosis.cross_validation import CrossValidation
+from rosette_ros.core.diagnosis.diagnosis import diagnose
+from rosette_ros.core.diagnosis.verdict import Outcome
+from rosette_ros.core.model.least_squares import fit
+from rosette_ros.core.model.model import Model
 from rosette_ros.core.scheme import plan
-from rosette_ros.core.uncertainty import monte_carlo
-from rosette_ros.machine import Machine, MachineConfig
+from rosette_ros.simulation import Machine, MachineConfig
 
 SIGMA = 1e-7
 
@@ -43,10 +44,10 @@ def test_the_hidden_effect_is_named(kind):
     assert top.effect == kind and top.claimed and top.p < 1e-3
     assert top.rms_after < top.rms_before
     assert abs(top.rms_after / SIGMA - 1) < 3 * 0.041  # 301 degrees of freedom: sigma to 4 %
-    assert abs(top.held_out_after / SIGMA - 1) < 4 * 0.041
-    assert top.held_out_after < top.held_out_before
+    assert abs(top.cross_validation_after / SIGMA - 1) < 4 * 0.041
+    assert top.cross_validation_after < top.cross_validation_before
     assert not found.unexplained
-    assert f'The model lacks {kind}' in found.verdict
+    assert f'The model lacks {kind}' in found.verdict.sentence
 
 
 def test_amplitudes_are_those_of_the_machine():
@@ -69,14 +70,14 @@ def test_clean_runs_yield_no_name(order):
     """Noise alone is not given a name (the blind tests count this over hundreds of runs)."""
     found = diagnose(machine_run(order, seed=5))
     assert found.missing == () and not found.unexplained
-    assert found.verdict.startswith('Nothing is missing that this run can show')
+    assert found.verdict.outcome == Outcome.FITS
 
 
 def test_hidden_by_the_order_is_said_and_not_claimed():
     """Backlash of a table that turns one way only cannot be seen, and is not claimed."""
     found = diagnose(machine_run('diagonal', hidden=[{'kind': 'table_backlash', 'width_urad': 9.0}]))
     assert found.missing == ()
-    assert 'table_backlash' in found.invisible and 'cannot show' in found.verdict
+    assert 'table_backlash' in found.invisible and 'in an order that shows table_zero_drift, ' in found.verdict.action
 
 
 def test_backlash_shows_when_the_table_turns_both_ways():
@@ -118,15 +119,15 @@ def test_adding_the_right_effect_ends_the_search():
 def test_a_wrong_effect_does_not_help_left_out_readings():
     """Terms that only describe noise do not lower the held-out error by more than chance."""
     found = diagnose(machine_run('random', seed=8))
-    worse = [c.held_out_after > c.held_out_before * 0.985 for c in found.candidates]
+    worse = [c.cross_validation_after > c.cross_validation_before * 0.985 for c in found.candidates]
     assert all(worse) and len(worse) > 10
 
 
-def test_held_out_error_of_noise_is_sigma():
+def test_cross_validation_error_of_noise_is_sigma():
     """The held-out error is free of the model's appetite: sigma for white noise."""
     run, *_ = synthetic_run(12, noise=SIGMA)
     result = fit(run)
-    blocks = HeldOut(result.joint, run.size)
+    blocks = CrossValidation(result.joint, run.size)
     nothing = np.zeros((0, 3 * run.size))
     rms = blocks.rms([(result.residual.reshape(-1), nothing)] * blocks.folds)
     assert abs(rms / SIGMA - 1) < 0.15
@@ -142,11 +143,11 @@ def test_same_run_same_answer():
 def test_comparison_says_where_it_fails():
     """A ball that moved shows as that ball; a clean run fails nowhere."""
     hidden = [{'kind': 'ball_slip', 'ball': 4, 'shift_um': [1.5, 1.0, 0.5], 'at_h': 1.0}]
-    failing = compare(analyse(machine_run('diagonal', hidden=hidden)).fit)
-    groups = {grouping.label: grouping for grouping in failing.groupings}
-    assert failing.failing and groups['ball'].keys[groups['ball'].worst] == '4'
+    moved = compare(analyse(machine_run('diagonal', hidden=hidden)).fit)
+    groups = {grouping.label: grouping for grouping in moved.groupings}
+    assert groups['ball'].keys[groups['ball'].worst] == '4'
     clean = compare(analyse(machine_run('diagonal')).fit)
-    assert not clean.failing and 'as far as it can tell' in clean.summary
+    assert 'at ball 4' in moved.summary and 'at ball' not in clean.summary
     assert np.allclose(clean.axis_rms, SIGMA, rtol=0.2)
 
 

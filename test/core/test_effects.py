@@ -7,15 +7,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import RADIUS, synthetic_run
 
-from rosette_ros.core.effects.contract import Setting
+from rosette_ros.core.diagnosis.unnamed_terms import UNNAMED_TERMS
+from rosette_ros.core.effects.effect import FixedEffect, Setting
 from rosette_ros.core.effects.library import EFFECTS, effect
-from rosette_ros.core.effects.pinned import Pinned
 from rosette_ros.core.errors import InvalidModel
-from rosette_ros.core.fit import fit
-from rosette_ros.core.model import Model
-from rosette_ros.core.structure import STRUCTURES
+from rosette_ros.core.model.least_squares import fit
+from rosette_ros.core.model.model import Model
 
-EVERY = [*EFFECTS.values(), *STRUCTURES]
+EVERY = [*EFFECTS.values(), *UNNAMED_TERMS]
 FIXED_NAMES = {
     'frame_drift', 'frame_warmup', 'frame_temperature', 'frame_cycle', 'frame_step',
     'table_zero_drift', 'axis_tilt_drift', 'table_backlash', 'asynchronous_motion', 'table_warmup',
@@ -91,14 +90,14 @@ def test_columns_do_not_depend_on_the_ball_centres(subject):
 
 
 @pytest.mark.parametrize('subject', EVERY, ids=lambda e: e.name)
-def test_pinned_values_hold(subject):
+def test_fixed_values_hold(subject):
     """A fixed parameter stays as it was given in every setting, and is not refined."""
     run = warm_run()
     setting = subject.settings(run)[0]
     for name, value in setting.items():
-        pinned = Pinned.of(subject, {name: value})
-        assert all(entry[name] == value for entry in pinned.settings(run))
-        assert name not in pinned.brackets(run, setting)
+        fixed = FixedEffect(subject, Setting({name: value}))
+        assert all(entry[name] == value for entry in fixed.settings(run))
+        assert name not in fixed.brackets(run, setting)
 
 
 def test_directions_of_the_forms():
@@ -147,3 +146,20 @@ def test_effects_are_what_the_run_says(order, n):
     for subject in EFFECTS.values():
         for setting in few_settings(subject, run):
             assert subject.columns(run, setting).shape[:2] == (n * n, 3)
+
+
+def test_whole_numbers_may_be_written_with_a_point():
+    """A model file that says `reading: 3.0` means the third reading, and `ball: 2.0` the second ball."""
+    run = warm_run()
+    for name, whole in (('outlier', {'reading': 3}), ('ball_slip', {'ball': 2, 't0': 500.0}),
+                        ('ball_form', {'ball': 2, 'harmonic': 3, 'part': 'xy'})):
+        pointed = Setting({key: float(value) if isinstance(value, int) else value for key, value in whole.items()})
+        assert np.array_equal(EFFECTS[name].columns(run, pointed), EFFECTS[name].columns(run, Setting(whole))), name
+        assert EFFECTS[name].amplitudes(run, pointed) == EFFECTS[name].amplitudes(run, Setting(whole))
+
+
+@pytest.mark.parametrize('value', [0, -1.0, float('nan'), float('inf'), 10**400, True, 'long'])
+def test_what_a_scale_cannot_be(value):
+    """A time constant is a positive number that a float can hold."""
+    with pytest.raises(InvalidModel, match=r'effect frame_warmup: tau: wanted a positive number \(s\), got'):
+        Model().with_effect('frame_warmup', {'tau': value})

@@ -7,9 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rosette_ros.core.alignment import table_frame
 from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.geometry import Frame, rotate_z, rotation_matrix, wrap
+from rosette_ros.core.geometry import Frame, rotate_z, rotation_matrix, table_frame, wrap
 
 NANOMETRE = 1e-9
 component = st.floats(-3, 3)

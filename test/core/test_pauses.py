@@ -6,7 +6,7 @@ import pytest
 from synthetic import synthetic_run
 
 from rosette_ros.analysis import diagnose
-from rosette_ros.core.effects.contract import between_readings
+from rosette_ros.core.effects.run_functions import between_readings
 from rosette_ros.core.errors import InvalidData
 
 N, SIGMA = 12, 1e-7
@@ -63,6 +63,6 @@ def test_numbers_that_no_calculation_ends_with_are_refused_in_words(paused, monk
     def diverge(*_):
         raise np.linalg.LinAlgError('Eigenvalues did not converge')
 
-    monkeypatch.setattr('rosette_ros.core.diagnosis._diagnose', diverge)
-    with pytest.raises(InvalidData, match='cannot be diagnosed .Eigenvalues did not converge.; look at its times'):
+    monkeypatch.setattr('rosette_ros.core.diagnosis.diagnosis.choose_settings', diverge)
+    with pytest.raises(InvalidData, match='cannot be diagnosed .Eigenvalues did not converge.; check its times'):
         diagnose(paused)

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from synthetic import synthetic_run
 
-from rosette_ros.core.base import CompleteSpace
+from rosette_ros.core.diagnosis.comparison import spectrum
 from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.spectrum import spectrum
+from rosette_ros.core.model.base_model import BaseLines, CompleteSpace
 
 RUN = synthetic_run(9, 'random', 1)[0]
 
@@ -37,9 +37,9 @@ def test_what_the_base_model_takes_is_not_seen(p, q, axis):
 
 def test_the_lines_count_the_rank():
     """The points that the base model takes are its rank: one for each of z, two for each of w."""
-    space = CompleteSpace(RUN, RUN.radius)
-    axial, plane = space.lines
-    assert axial.sum() + 2 * plane.sum() == space.rank + 0
+    lines = BaseLines.of(9)
+    axial, plane = lines.shares
+    assert axial.sum() + 2 * plane.sum() == lines.rank == 12 * 9 - 13
 
 
 def test_a_residual_has_nothing_on_whole_lines():

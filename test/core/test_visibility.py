@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from synthetic import synthetic_run
 
-from rosette_ros.core.advice import advise, planned_run
-from rosette_ros.core.base import base_space
-from rosette_ros.core.effects.contract import Setting
+from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.fit import fit
+from rosette_ros.core.model.base_model import base_space
+from rosette_ros.core.model.least_squares import fit
+from rosette_ros.core.planning.advice import advise, planned_run
+from rosette_ros.core.planning.visibility import visibility
 from rosette_ros.core.scheme import plan
-from rosette_ros.core.visibility import visibility
 
 # Shares for n = 12 from an independent check: row, diagonal, column, random. Those of a random order
 # depend on its seed.

@@ -19,13 +19,14 @@ from rclpy.serialization import serialize_message
 from rosette_msgs.msg import BallCentre, CalibrationEvent, ErrorMotions, ProbeTarget, RunState
 from std_msgs.msg import Header
 
+from rosette_ros.calibration.calibration_plan import plan_calibration
 from rosette_ros.core.geometry import Frame, nominal_angles, rotation_matrix
 from rosette_ros.core.scheme import plan
-from rosette_ros.data.bag_metadata import Qos
-from rosette_ros.data.log_writer import LogWriter
-from rosette_ros.data.schemas import TypeLibrary
-from rosette_ros.nodes import convert
-from rosette_ros.nodes.programme import Phase, make_programme
+from rosette_ros.io.bag_metadata import Qos
+from rosette_ros.io.log_writer import LogWriter
+from rosette_ros.io.messages import Phase
+from rosette_ros.io.type_definitions import TypeLibrary
+from rosette_ros.nodes import conversions
 
 MAGIC = b'\x89MCAP0\r\n'
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, METADATA = 1, 2, 3, 4, 5, 6, 7, 12
@@ -46,34 +47,39 @@ _RECORD, _CHUNK_HEAD = struct.Struct('<BQ'), struct.Struct('<QQQI')
 
 def calibration():
     """Return the messages of a small calibration as (topic, message, stamp in ns), in their order."""
-    programme = make_programme(plan(BALLS, 'diagonal'), RADIUS, FRAME, repeats=2)
+    planned = plan_calibration(plan(BALLS, 'diagonal'), RADIUS, FRAME, repeats=2)
     said = [
         ('run_state', RunState(text='ready'), 0),
         ('calibration_event', CalibrationEvent(run_id=RUN_ID, kind=2, origin='calibrate'), 0),
     ]
     phase, rng = Phase.IDLE, np.random.default_rng(1)
-    for index in range(programme.total):
-        target, stamp = programme.target(index), 20_000_000_000 * (index + 1)
+    for index in range(planned.total):
+        target, stamp = planned.target(index), 20_000_000_000 * (index + 1)
         if target.phase is Phase.RUN and phase is not Phase.RUN:
             said.append(
-                ('tf_static', convert.frame_message(FRAME, 'machine', 'table', convert.time_message(stamp)), stamp)
+                ('tf_static',
+                 conversions.frame_message(FRAME, 'machine', 'table', conversions.time_message(stamp)), stamp)
             )
         if target.phase is not phase:
             phase = target.phase
             said.append(
                 (
                     'run_state',
-                    convert.state_message(
-                        phase, RUN_ID, 'diagonal', index, programme.total, 'on', convert.time_message(stamp)
+                    RunState(
+                        header=Header(stamp=conversions.time_message(stamp)), run_id=RUN_ID, phase=int(phase),
+                        order='diagonal', done=index, total=planned.total, text='on',
                     ),
                     stamp,
                 )
             )
-        centre = FRAME.to_outer(target.nominal + 1e-6 * rng.standard_normal(3))
+        centre = FRAME.to_outer(target.centre + 1e-6 * rng.standard_normal(3))
         said.append(
             (
                 'probe_target',
-                convert.target_message(target, RUN_ID, 1, 1, centre, 'machine', convert.time_message(stamp)),
+                conversions.target_message(
+                    target._replace(run_id=RUN_ID, attempt=1, session=1, centre=centre, frame_id='machine'),
+                    conversions.time_message(stamp),
+                ),
                 stamp,
             )
         )
@@ -81,7 +87,7 @@ def calibration():
             (
                 'ball_centre',
                 BallCentre(
-                    header=Header(stamp=convert.time_message(stamp + 10_000_000_000), frame_id='machine'),
+                    header=Header(stamp=conversions.time_message(stamp + 10_000_000_000), frame_id='machine'),
                     run_id=RUN_ID,
                     seq=target.seq,
                     table_position=target.table_position,

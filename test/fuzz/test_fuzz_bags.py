@@ -16,10 +16,10 @@ from made_up_log import calibration, small_log, write_log
 from test_fuzz_doors import TABLE, cells_changed
 
 from rosette_ros.core.errors import RosetteError
-from rosette_ros.data.bag_metadata import TOP_KEY
-from rosette_ros.data.log_reader import read_log
-from rosette_ros.data.repair import repair_log
-from rosette_ros.web.opening import read_upload, safe_name
+from rosette_ros.io.bag_metadata import TOP_KEY
+from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.log_repair import repair_log
+from rosette_ros.studio.panels.open_dialog import read_upload, safe_name
 
 NAMES = [
     'version', 'storage_identifier', 'relative_file_paths', 'custom_data', 'message_count', 'files', TOP_KEY,

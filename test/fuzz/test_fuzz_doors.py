@@ -19,17 +19,20 @@ from hypothesis import strategies as st
 from made_up import TREES, TRICKS, WORDS, bounded, corpus, dumped, mutated, tried
 
 from rosette_ros.analysis import analyse
-from rosette_ros.core.effects.expression import evaluate, names_in, parse
-from rosette_ros.core.errors import NotDeterminable, RosetteError
+from rosette_ros.calibration.calibration_plan import plan_calibration
+from rosette_ros.calibration.state_machine import Limits, Sequence
+from rosette_ros.core.effects.custom_term import evaluate, names_in, parse
+from rosette_ros.core.errors import InvalidModel, NotDeterminable, RosetteError
 from rosette_ros.core.geometry import Frame
+from rosette_ros.core.model.model import Model
 from rosette_ros.core.scheme import plan
-from rosette_ros.data.csv_table import format_csv, parse_csv
-from rosette_ros.data.model_file import parse_entry, parse_model
-from rosette_ros.machine import Machine, MachineConfig
-from rosette_ros.machine.config import load_machine
-from rosette_ros.nodes.gathering import Gathering
-from rosette_ros.nodes.programme import Answer, Phase, make_programme
-from rosette_ros.nodes.sequence import Limits, Sequence
+from rosette_ros.io.ball_centre_table import format_csv, parse_csv
+from rosette_ros.io.messages import Answer, Phase, Target
+from rosette_ros.io.model_file import parse_entry
+from rosette_ros.io.safe_yaml import parse_yaml
+from rosette_ros.nodes.evaluation import RunCollection
+from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.simulation.machine_config import load_machine
 
 many = tried()
 
@@ -110,6 +113,11 @@ effects:
   - {name: frame_warmup, tau: 600.0}
   - {own: mine, direction: axial, expression: t*cos(3*alpha), per: ball}
 """
+
+
+def parse_model(data, source):
+    """Return the model of a file's bytes."""
+    return Model.from_mapping(parse_yaml(data, source, InvalidModel), source)
 
 
 def test_what_is_mutated_is_sound_itself():
@@ -240,12 +248,16 @@ ANSWERS = st.builds(
     table_position=SMALL,
     ball=SMALL,
     cmm_position=SMALL,
-    ok=st.booleans(),
+    status=st.integers(0, 2),
     text=st.text(max_size=5),
-    frame_id=st.sampled_from(['machine', 'table', '', 'cell/table', 'x']),
     table_angle=NUMBERS,
     table_travel=NUMBERS,
-    centre=st.tuples(NUMBERS, NUMBERS, NUMBERS).map(np.array),
+    approach=st.integers(-1, 1),
+    centre=st.tuples(NUMBERS, NUMBERS, NUMBERS),
+    form_error=NUMBERS,
+    temperature=NUMBERS,
+    frame_id=st.sampled_from(['machine', 'table', '', 'cell/table', 'x']),
+    stamp_ns=st.integers(0, 2**62),
 )
 
 
@@ -253,25 +265,29 @@ ANSWERS = st.builds(
 @given(st.lists(st.one_of(ANSWERS, st.just('right')), max_size=30))
 def test_answers_to_the_sequencer(answers):
     """Whatever the CMM says: only what was asked for counts, and the run goes on or ends in words."""
-    programme = make_programme(plan(3, 'diagonal'), 0.1, Frame(np.eye(3), np.zeros(3)), repeats=2)
-    sequence = Sequence('run', programme, Limits(attempts=2))
+    planned = plan_calibration(plan(3, 'diagonal'), 0.1, Frame(np.eye(3), np.zeros(3)), repeats=2)
+    sequence = Sequence('run', planned, Limits(attempts=2))
     sequence.begin(0.0)
     right = 0
     for now, answer in enumerate(answers):
         if answer == 'right' and not sequence.phase.is_end:
-            target = programme.target(min(sequence.done, programme.total - 1))
+            target = planned.target(min(sequence.done, planned.total - 1))
             answer = Answer(
                 'run',
                 target.seq,
                 target.table_position,
                 target.ball,
                 target.cmm_position,
-                True,
+                0,
                 '',
-                'table',
                 target.table_angle,
                 0.0,
-                target.nominal,
+                1,
+                target.centre,
+                0.0,
+                20.0,
+                'table',
+                0,
             )
         if answer == 'right':
             continue
@@ -281,17 +297,11 @@ def test_answers_to_the_sequencer(answers):
         if sequence.done > before:
             right += 1
             assert answer.run_id == 'run'
-            assert answer.ok
+            assert answer.status == 0
             assert np.isfinite(answer.centre).all()
     assert sequence.done == right
     if sequence.phase is Phase.FAILED:
         assert sequence.text
-
-
-ROW = {
-    'run_id': 'run', 'stamp_ns': 5, 'frame_id': 'table', 'text': '', 'status': 0, 'approach': 1,
-    'temperature': 20.0, 'form_error': 0.0, 'table_travel': 0.0,
-}
 
 
 @many
@@ -310,28 +320,18 @@ ROW = {
 )
 def test_answers_to_the_evaluator(rows):
     """Whatever is on the graph: a run is made of what counts, or refused in words."""
-    gathering = Gathering()
+    runs = RunCollection()
     scheme = plan(3, 'row')
     for seq, (i, j) in enumerate(zip(scheme.table_position, scheme.ball, strict=True), 1):
-        gathering.add_target(
-            {
-                'run_id': 'run', 'seq': seq, 'attempt': 1, 'session': 1, 'phase': 3, 'balls': 3, 'radius': 0.1,
-                'table_position': int(i), 'ball': int(j), 'stamp_ns': 1,
-            },
-            0.0,
-        )
+        where = (0, 0.0, 0, (0.0, 0.0, 0.0), 'table')
+        runs.add_target(Target('run', seq, 1, 1, 3, 3, 0.1, int(i), int(j), *where, 1), 0.0)
     for seq, i, j, angle, centre, status in rows:
-        gathering.add_answer(
-            {
-                **ROW, 'seq': seq, 'table_position': i, 'ball': j, 'table_angle': angle, 'centre': centre,
-                'status': status,
-            },
-            0.0,
-        )
-    gathering.expect('run', 9, 0.0)
+        answer = Answer('run', seq, i, j, 0, status, '', angle, 0.0, 0, centre, 0.0, 20.0, 'table', 5)
+        runs.add_answer(answer, 0.0)
+    runs.expect('run', 9, 0.0)
     try:
         with bounded():
-            run = gathering.to_run('run')
+            run = runs.to_run('run')
     except RosetteError as error:
         assert 'run' in str(error)
         return

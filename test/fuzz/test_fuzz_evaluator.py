@@ -11,19 +11,17 @@ from made_up_log import BALLS, RUN_ID
 from made_up_messages import TEXTS, messages
 from mute import FIELDS, RUN_IDS, SAID, Mute, check_words, defaults, heard
 from rclpy.serialization import serialize_message
-from rosette_msgs.msg import RunState
+from rosette_msgs.msg import Diagnosis, ErrorMotions, RunState
 from rosette_msgs.srv import AddEffect, Diagnose, Recall, RemoveEffect
 
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.model import Model
+from rosette_ros.core.model.model import Model
+from rosette_ros.core.records import CURVES
 from rosette_ros.core.scheme import plan
-from rosette_ros.machine import Machine, MachineConfig
-from rosette_ros.nodes import convert
-from rosette_ros.nodes.analyst import Analyst
+from rosette_ros.nodes.evaluation import ModelInUse, RunCollection
 from rosette_ros.nodes.evaluator import WANTED as EVALUATOR_WANTED
 from rosette_ros.nodes.evaluator import Evaluator
-from rosette_ros.nodes.gathering import Gathering
-from rosette_ros.nodes.questions import Questions
+from rosette_ros.simulation import Machine, MachineConfig
 
 # The evaluator ------------------------------------------------------------------------------------
 
@@ -31,22 +29,33 @@ from rosette_ros.nodes.questions import Questions
 class MuteEvaluator(Mute, Evaluator):
     """An evaluator without a graph."""
 
-    def __init__(self):
-        """Have heard nothing."""
+    def __init__(self, measured=None):
+        """Have received nothing; measured: a run that was evaluated before."""
         Mute.__init__(
             self,
             parameters=defaults(EVALUATOR_WANTED, diagnose_after_run=False),
-            _analyst=Analyst(Model()),
-            _gathering=Gathering(),
+            _in_use=ModelInUse(Model().with_effect('frame_drift') if measured else Model()),
+            _runs=RunCollection(),
             _level=0,
             _last='',
-            _complained=set(),
-            _is_busy=False,
+            _reported=set(),
             _recalled={},
-            reports=[],
             _recorder=SimpleNamespace(is_there=False, tick=lambda now: None),
+            _model_out=self,
+            _motions_out=self,
         )
-        self._results = SimpleNamespace(tell=self.reports.append)
+        if measured:
+            self._in_use.evaluate(measured)
+
+    @property
+    def motions(self):
+        """What was published of error motions."""
+        return [one for one in self.published if isinstance(one, ErrorMotions)]
+
+    def _diagnose(self, run_id=''):
+        """Find the run; a diagnosis takes its time, and says nothing of the request."""
+        self._in_use.run(run_id)
+        return Diagnosis()
 
 
 @tried(0.08)
@@ -63,16 +72,14 @@ def test_what_the_evaluator_hears(said, recalled):
     with bounded():
         for topic, message in said:
             handlers[topic](message)
-            node._evaluate_ready()
         node._on_recalled(recalled)
         node.wake()
         node.clock += 100
         node.wake()
         node.health()
     check_words([*node.words, node._last])
-    for report in node.reports:
-        assert np.isfinite(report.error_motions.values).all()
-        serialize_message(convert.error_motions_message(report.run, report, node.now().to_msg(), 'table'))
+    for message in node.motions:
+        assert np.isfinite([getattr(message, curve) for curve in CURVES]).all()
 
 
 def test_the_evaluator_evaluates_what_is_sound():
@@ -86,8 +93,7 @@ def test_the_evaluator_evaluates_what_is_sound():
         elif topic == 'tf_static':
             node._on_frames(message)
     node._on_state(RunState(run_id=RUN_ID, phase=RunState.PHASE_EVALUATION, done=18))
-    node._evaluate_ready()
-    assert [report.run.size for report in node.reports] == [BALLS**2]
+    assert [(one.balls, one.completeness) for one in node.motions] == [(BALLS, 1.0)]
 
 
 # Questions to the evaluator -----------------------------------------------------------------------
@@ -127,19 +133,7 @@ DEFINITIONS = st.one_of(
 )
 
 
-def questions():
-    """Return Questions without a graph, about one run, and the words that are logged."""
-    made, node = object.__new__(Questions), Mute()
-    made._node, made._analyst = node, Analyst(Model().with_effect('frame_drift'))
-    made._analyst.evaluate(MEASURED)
-    made._results = SimpleNamespace(
-        tell=lambda report: convert.error_motions_message(report.run, report, node.now().to_msg(), 'table')
-    )
-    made.diagnose = lambda run_id='': None  # takes its time, and says nothing of the request
-    return made, node
-
-
-QUESTIONS = questions()
+ASKED = MuteEvaluator(MEASURED)
 
 
 @tried(0.08)
@@ -151,8 +145,8 @@ QUESTIONS = questions()
 )
 def test_effects_that_are_added_and_removed(request):
     """Refused in one line, and the model is as it was; or the model has changed and its curves are numbers."""
-    asked, node = questions()
-    before = asked._analyst.model
+    asked = MuteEvaluator(MEASURED)
+    before = asked._in_use.model
     adds = isinstance(request, AddEffect.Request)
     with bounded(4.0):
         if adds:
@@ -160,12 +154,12 @@ def test_effects_that_are_added_and_removed(request):
         else:
             response = asked._on_remove(request, RemoveEffect.Response())
     serialize_message(response.after)
-    check_words([*node.words, response.message])
+    check_words([*asked.words, response.message])
     if not response.success:
-        assert asked._analyst.model is before
+        assert asked._in_use.model is before
         assert response.message
         return
-    assert asked._analyst.model.hash == response.after.hash != before.hash
+    assert asked._in_use.model.hash == response.after.hash != before.hash
     assert len(response.after.effects) + len(response.after.base) == len(before.terms) + len(before.base) + (
         1 if adds else -1
     )
@@ -177,10 +171,8 @@ def test_effects_that_are_added_and_removed(request):
 @given(messages(Diagnose.Request, run_id=TEXTS))
 def test_runs_that_are_asked_for(request):
     """A run that is not there is refused in one line, and the runs that are there are named."""
-    asked, node = QUESTIONS
-    node.words.clear()
-    asked.diagnose = lambda run_id: asked._analyst.run(run_id) and Diagnose.Response().diagnosis
+    ASKED.words.clear()
     with bounded():
-        response = asked._on_diagnose(request, Diagnose.Response())
+        response = ASKED._on_diagnose(request, Diagnose.Response())
     assert response.success == (request.run_id in ('', RUN_ID))
-    check_words([*node.words, response.message])
+    check_words([*ASKED.words, response.message])

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every field of what the simulated CMM, the studio and a client hear."""
 
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,13 +16,13 @@ from mute import FIELDS, SAID, Mute, check_words, heard
 from rosette_msgs.action import Calibrate
 from rosette_msgs.msg import BallCentre, ProbeTarget
 
+from rosette_ros.cell.client import outcome_of
 from rosette_ros.core.errors import RosetteError
-from rosette_ros.machine import Machine, MachineConfig
-from rosette_ros.nodes.client import outcome_of
 from rosette_ros.nodes.simulated_cmm import SimulatedCmm
-from rosette_ros.web.cell_state import CellState
-from rosette_ros.web.cell_watch import CellWatch
-from rosette_ros.web.figures import filling_figure
+from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.studio.cell_watcher import CellWatcher
+from rosette_ros.studio.figures import filling_figure
+from rosette_ros.studio.live_state import CellState
 
 # The simulated CMM, the studio, the client --------------------------------------------------------
 
@@ -41,10 +42,8 @@ class MuteCmm(Mute, SimulatedCmm):
             _measured=0,
             _failed=0,
             _struck=0,
-            _late=[],
             _last_answer=None,
-            _back=0.0,
-            _ticked=0.0,
+            _set_back=0.0,
             _clock_out=self,
             _answers=self,
         )
@@ -82,30 +81,27 @@ def test_what_the_simulated_cmm_hears(targets):
     check_words(node.words)
 
 
-class MuteWatch(Mute, CellWatch):
-    """What watches a cell for the studio, without a graph."""
+class MuteWatcher(Mute, CellWatcher):
+    """The studio's watcher of a cell without a graph."""
 
     def __init__(self):
-        """Have heard nothing."""
-        Mute.__init__(self, state=CellState(), _node=SimpleNamespace(get_namespace=lambda: '/rosette'))
+        """Have received nothing."""
+        node = SimpleNamespace(get_namespace=lambda: '/rosette')
+        Mute.__init__(self, state=CellState(), lock=threading.Lock(), _node=node)
 
 
 @tried(0.12)
 @given(
-    heard('probe_target', 'ball_centre', 'run_state', 'tf_static', 'error_motions', 'calibration_event'),
+    heard('probe_target', 'ball_centre', 'run_state', 'tf_static', 'error_motions', 'calibration_event', 'diagnosis'),
     messages(DiagnosticArray, hardware_id=st.one_of(st.just('rosette'), TEXTS)),
 )
-def test_what_the_studio_hears(said, health):
-    """A running cell: whatever is said, the page has something that it can draw."""
-    watch = MuteWatch()
-    handlers = {
-        'probe_target': watch._on_target, 'ball_centre': watch._on_answer, 'run_state': watch._on_state,
-        'tf_static': watch._on_frame, 'error_motions': watch._on_motions, 'calibration_event': watch._on_event,
-    }
+def test_what_the_studio_receives(said, health):
+    """From a running cell: whatever it is, the page has something that it can draw."""
+    watch = MuteWatcher()
     with bounded():
-        watch._on_health(health)
+        watch._receive('diagnostics', health)
         for topic, message in said:
-            watch._hear(handlers[topic], topic, message)
+            watch._receive(topic, message)
         state = watch.state
         state.health(1.0)
         if state.balls:

@@ -16,9 +16,8 @@ from mcap.stream_reader import StreamReader
 
 from rosette_ros.cli.info import log_facts, run_rows
 from rosette_ros.core.errors import RosetteError
-from rosette_ros.data.log_files import iter_log
-from rosette_ros.data.log_reader import read_log
-from rosette_ros.data.repair import repair_log
+from rosette_ros.io.log_reader import iter_log, read_log
+from rosette_ros.io.log_repair import repair_log
 
 DATA = frozenset((FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK))
 

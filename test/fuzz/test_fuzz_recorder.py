@@ -19,13 +19,16 @@ from rosette_msgs.srv import Recall, Recorded, StartRecording, StopRecording
 from rosgraph_msgs.msg import Clock
 from tf2_msgs.msg import TFMessage
 
-from rosette_ros.nodes.follow_up import FollowUp
 from rosette_ros.nodes.interfaces import interface_class
-from rosette_ros.nodes.recorder import QUESTIONS, Recorder
+from rosette_ros.nodes.log_session import FollowUp, LogSession, Retention, RunContents
+from rosette_ros.nodes.recorder import REQUESTS as ASKED
 from rosette_ros.nodes.recorder import WANTED as RECORDER_WANTED
-from rosette_ros.nodes.tape import Memory, Tape
+from rosette_ros.nodes.recorder import Recorder
 
 # The recorder -------------------------------------------------------------------------------------
+
+
+KINDS = {'/probe_target': ProbeTarget, '/ball_centre': BallCentre, '/run_state': RunState, '/tf_static': TFMessage}
 
 
 class MuteRecorder(Mute, Recorder):
@@ -33,39 +36,38 @@ class MuteRecorder(Mute, Recorder):
 
     def __init__(self, log_dir):
         """Keep logs in a folder."""
-        tape = Tape(2.0, lambda topic: [], dict)
+        session = LogSession(2.0, lambda topic: [], dict)
         for topic, kind in TOPICS.items():
-            tape.add_topic(
-                f'/{topic}', LIBRARY.definition(TYPES.get(topic) or f'rosette_msgs/msg/{kind.__name__}'), Memory.NONE
+            session.add_topic(
+                f'/{topic}', LIBRARY.definition(TYPES.get(topic) or f'rosette_msgs/msg/{kind.__name__}'), Retention.NONE
             )
         for topic, type_name in OTHERS.items():
-            tape.add_topic(topic, LIBRARY.definition(type_name), Memory.NONE)
+            session.add_topic(topic, LIBRARY.definition(type_name), Retention.NONE)
         Mute.__init__(
             self,
             parameters=defaults(RECORDER_WANTED, log_dir=str(log_dir)),
             _library=LIBRARY,
-            _tape=tape,
+            _session=session,
+            _contents=RunContents('', list),
+            _stop_asked=0.0,
             _in_cell='rosette',
             _clock_topic='/clock',
             _rosout_topic='/rosout',
-            _answer_topic='/ball_centre',
-            _answers={},
-            _beats={},
-            _state_topic='/run_state',
-            _simulated=True,
+            _kinds=KINDS,
+            _processes={},
+            _is_simulated=True,
             _simulated_now=0,
             _last='',
             _last_run='',
             _follow_up=FollowUp(10.0),
-            _questions={topic: interface_class(type_name) for topic, type_name in OTHERS.items() if 'srv' in type_name},
-            ears=SimpleNamespace(is_connected=lambda: True, take=list, topics=()),
         )
+        self._handlers = self._make_handlers()
 
 
 OTHERS = {
     '/clock': 'rosgraph_msgs/msg/Clock',
     '/rosout': 'rcl_interfaces/msg/Log',
-    **{f'/{name}/_service_event': type_name for name, type_name in QUESTIONS},
+    **{f'/{name}/_service_event': type_name for name, type_name in ASKED},
 }
 
 
@@ -102,7 +104,7 @@ REQUESTS = st.lists(
         messages(StartRecording.Request, run_id=LOG_NAMES, resumes=st.one_of(st.just(''), LOG_NAMES)),
         messages(StopRecording.Request, run_id=LOG_NAMES),
         messages(Recall.Request, run=LOG_NAMES),
-        messages(Recorded.Request, run_id=LOG_NAMES, wanted=st.integers(0, 0)),
+        messages(Recorded.Request, run_id=LOG_NAMES),
     ),
     min_size=1,
     max_size=4,
@@ -120,23 +122,22 @@ def test_what_the_recorder_is_asked(log_dir, requests):
         StopRecording.Request: (node._on_stop, StopRecording),
         Recorded.Request: (node._on_recorded, Recorded),
     }
-    node.parameters['drain_s'] = 0.0
     try:
         with bounded():
             for request in requests:
                 on, kind = doors[type(request)]
-                was_open = node._tape.is_open
+                was_open = node._session.is_open
                 response = on(request, kind.Response())
                 serialize_message(response) if hasattr(response, 'get_fields_and_field_types') else None
                 check_words([*node.words, response.message])
                 assert response.success or response.message
                 if kind is StartRecording:
-                    assert response.success or node._tape.is_open == was_open
+                    assert response.success or node._session.is_open == was_open
                 if kind is Recall and response.success:
                     assert (log_dir / response.log).is_dir()
     finally:
-        if node._tape.is_open:
-            node._tape.close()
+        if node._session.is_open:
+            node._session.close()
         after = kept(log_dir.parent)
         for path in set(after) - set(before):
             assert path.parent.parent == log_dir
@@ -166,11 +167,13 @@ def test_bytes_that_the_recorder_hears(tmp_path_factory, said):
     """Bytes of another version of a message, or none: they are recorded, and told."""
     node = MuteRecorder(tmp_path_factory.getbasetemp() / 'heard')
     written = []
-    node._tape = SimpleNamespace(
-        take=written.append, is_open=True, run_id=RUN_ID, close=lambda: None, failure='', messages=0
+    node._session = SimpleNamespace(
+        take=lambda message: not written.append(message), is_open=True, run_id=RUN_ID, close=lambda: None, failure='',
+        messages=0,
     )
-    node._close = lambda: None
+    node._close = lambda: ''
     with bounded():
-        node.hear([(k, topic, data, k) for k, (topic, data) in enumerate(said)])
+        for topic, data in said:
+            node._receive(topic, data)
     check_words(node.words)
     assert len(written) + len(node.words) >= sum(topic != '/rosout' for topic, _ in said)

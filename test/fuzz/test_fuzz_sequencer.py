@@ -16,27 +16,28 @@ from rosette_msgs.action import Calibrate
 from rosette_msgs.msg import BallCentre, CalibrationEvent, ErrorMotions, ProbeTarget, RunState
 from rosette_msgs.srv import Recall
 
-from rosette_ros.core.errors import RosetteError
-from rosette_ros.core.scheme import plan
-from rosette_ros.nodes import convert
-from rosette_ros.nodes.jobs import Job, Request, make_job
-from rosette_ros.nodes.programme import Phase, make_programme
-from rosette_ros.nodes.sequence import Ask, Finish, Limits, Locate, Remark, Sequence, Tell, Verify
-from rosette_ros.nodes.sequencer import CALIBRATION, Sequencer
-from rosette_ros.nodes.settings import (
+from rosette_ros.calibration.calibration_plan import plan_calibration
+from rosette_ros.calibration.goal import Job, Request, make_job
+from rosette_ros.calibration.settings import (
     OPTIONS,
     PLANNED,
+    PLATE,
     RUN,
     format_settings,
+    goal_changes,
     limits_of,
     parse_settings,
-    programme_of,
-    wanted_changes,
+    plan_of,
 )
+from rosette_ros.calibration.state_machine import Limits, Sequence
+from rosette_ros.core.errors import RosetteError
+from rosette_ros.core.scheme import plan
+from rosette_ros.io.messages import Phase
+from rosette_ros.nodes.sequencer import CALIBRATION, Sequencer
 
 # The sequencer ------------------------------------------------------------------------------------
 
-PROGRAMME = make_programme(plan(BALLS, 'diagonal'), RADIUS, TAUGHT, 2)
+PLAN = plan_calibration(plan(BALLS, 'diagonal'), RADIUS, TAUGHT, 2)
 
 
 SETTINGS = {one.name: one.default for one in PLANNED} | {
@@ -47,7 +48,7 @@ SETTINGS = {one.name: one.default for one in PLANNED} | {
     'table.origin_m': (0.0, 0.0, 0.0),
 }
 VALUES = {one.name: one.default for one in CALIBRATION} | SETTINGS
-ACTIVE = SimpleNamespace(current_state=(3, 'active'))
+ACTIVE = SimpleNamespace(is_activated=True)
 
 
 class Parameters(dict):
@@ -69,39 +70,18 @@ class MuteSequencer(Mute, Sequencer):
             _targets=self,
             _taken=set(),
             _frames=self,
+            _states=self,
+            _events=self,
+            _published=0.0,
             _recorder=SimpleNamespace(is_there=False),
             _last='',
             _last_level=0,
             _next_job=None,
-            _company=SimpleNamespace(silent=list, missing=lambda with_recorder: []),
-            _state_machine=ACTIVE,
-        )
-        self._carry_out = {
-            Ask: self._ask, Locate: self._locate, Remark: self._remark, Verify: self._verify, Tell: self._tell,
-            Finish: self._finish,
-        }
-        self._announcer = SimpleNamespace(
-            refused=lambda request, words: None,
-            tell=self._say,
-            ended=self._say,
-            tell_progress=lambda job, rate: self._say(job),
+            _cell=SimpleNamespace(late=list, missing=lambda with_recorder: []),
+            _active=ACTIVE,
         )
         self._job = Job(sequence, Request('calibrate'), 'diagonal', opening=False)
         self._do(self._job, sequence.begin(0.0))
-
-    def _say(self, job):
-        sequence = job.sequence
-        self.publish(
-            convert.state_message(
-                sequence.phase,
-                job.run_id,
-                job.order,
-                sequence.done,
-                sequence.programme.total,
-                sequence.describe(),
-                self.now().to_msg(),
-            )
-        )
 
 
 @st.composite
@@ -143,7 +123,7 @@ def right_answer(node):
 @given(answers(), st.one_of(messages(ErrorMotions), messages(ErrorMotions, run_id=st.just(RUN_ID))))
 def test_what_the_sequencer_hears(steps, motions):
     """Answers and error motions: what is asked can be sent, and what is not used has no consequence."""
-    node = MuteSequencer(Sequence(RUN_ID, PROGRAMME, Limits(attempts=3)))
+    node = MuteSequencer(Sequence(RUN_ID, PLAN, Limits(attempts=3)))
     job = node._job
     with bounded():
         for step in steps:
@@ -206,7 +186,7 @@ def test_settings_of_a_recorded_run(text):
     check_settings(values, PLANNED)
     if values['plate.balls'] <= 12:
         with bounded():
-            assert programme_of(values).total >= 9
+            assert plan_of(values).total >= 9
 
 
 OPTION_NAMES = st.sampled_from([*(one.name for one in OPTIONS), 'plate.balls', 'order'])
@@ -234,23 +214,23 @@ def test_goals(goal):
     """What a goal asks for: every value allowed, or refused in one line."""
     try:
         with bounded():
-            changes = wanted_changes(goal.order, goal.seed, goal.options)
+            changes = goal_changes(Request.of_goal('calibrate', goal))
     except RosetteError as error:
         check_words([str(error)])
         assert len(str(error)) < 2000
         return
-    check_settings(changes, RUN + OPTIONS)
+    check_settings(changes, PLATE + RUN + OPTIONS)
     values = {**VALUES, **changes}
-    if values['repeats'] <= 100:
+    if values['repeats'] <= 100 and values['plate.balls'] <= 12:
         with bounded():
-            assert programme_of(values).total >= 9
+            assert plan_of(values).total >= 9
             limits_of(values)
 
 
 @pytest.mark.parametrize('text', [data.decode() for data in (*corpus('options'), *corpus('settings'))])
 def test_settings_and_options_of_the_corpus(text):
     """What once broke the door."""
-    for read in (lambda: wanted_changes('', 0, text), lambda: parse_settings(text, 'here')):
+    for read in (lambda: goal_changes(Request('calibrate', options=text)), lambda: parse_settings(text, 'here')):
         with pytest.raises(RosetteError) as error, bounded():
             read()
         check_words([str(error.value)])
@@ -259,8 +239,7 @@ def test_settings_and_options_of_the_corpus(text):
 def recalled_calibration():
     """Return what a recorder recalls of the sound calibration."""
     response = Recall.Response(success=True, run_id=RUN_ID, log=RUN_ID)
-    programme = programme_of(VALUES)
-    sequence = Sequence(RUN_ID, programme, Limits())
+    sequence = Sequence(RUN_ID, plan_of(VALUES), Limits())
     node = MuteSequencer(sequence)
     while sequence.phase is not Phase.EVALUATION:
         answer = right_answer(node)
@@ -302,7 +281,7 @@ def recalls(draw):
 @given(recalls(), OPTION_TEXTS)
 def test_what_is_recalled_of_a_run(recalled, options):
     """Gone on with, or refused in one line: what contradicts the plan is not measured on."""
-    node = MuteSequencer(Sequence(RUN_ID, PROGRAMME, Limits()))
+    node = MuteSequencer(Sequence(RUN_ID, PLAN, Limits()))
     node._job = None
     with bounded():
         accepted, words = node._prepare(Request('calibrate', options=options), recalled)
@@ -311,7 +290,7 @@ def test_what_is_recalled_of_a_run(recalled, options):
         return
     job, sequence = node._next_job, node._next_job.sequence
     assert recalled.success
-    if sequence.programme.total > 2000:
+    if sequence.plan.total > 2000:
         return
     node = MuteSequencer(sequence)
     node._job.stamp_ns = job.stamp_ns
@@ -320,12 +299,12 @@ def test_what_is_recalled_of_a_run(recalled, options):
             if node._job is not None and sequence.phase is not Phase.EVALUATION:
                 node._on_ball_centre(right_answer(node))
     check_words([*node.words, sequence.text])
-    for seq, answer in sequence._earlier.answers.items():
-        assert 1 <= seq <= sequence.programme.total
+    for target, answer in sequence.earlier.counting():
+        assert 1 <= target.seq <= sequence.plan.total
         assert np.isfinite(answer.centre).all()
 
 
 def test_a_sound_recall_is_gone_on_with():
     """Else nothing that is accepted would ever be met."""
     job = make_job(Request('calibrate'), VALUES, (), RECALLED)
-    assert len(job.sequence._earlier.answers) == PROGRAMME.total
+    assert job.sequence.earlier.answered == PLAN.total

@@ -11,10 +11,13 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosette_msgs.msg import Heartbeat
+from std_srvs.srv import Trigger
 
-from rosette_ros.nodes.client import CellClient
-from rosette_ros.nodes.interfaces import interface_class
+from rosette_ros.cell.client import CellClient
+from rosette_ros.nodes import names
+from rosette_ros.nodes.interfaces import interface_class, introspected_client
 
 
 @pytest.fixture
@@ -39,6 +42,20 @@ def client(domain_id):
         yield made
 
 
+@pytest.fixture(scope='session')
+def trigger():
+    """Return a function that calls a Trigger service of a client's cell and returns (success, message)."""
+
+    def call(client, name):
+        service = introspected_client(client._node, Trigger, name)
+        assert client._spin_until(service.service_is_ready, 10.0)
+        response = client._await(service.call_async(Trigger.Request()), 10.0, None)
+        client._node.destroy_client(service)
+        return response.success, response.message
+
+    return call
+
+
 class Peer:
     """A node of the test in a thread of its own: hears raw messages, publishes, answers."""
 
@@ -61,14 +78,26 @@ class Peer:
             QoSProfile(depth=10_000), raw=True))
 
     def start(self):
-        """Start listening; returns once there is somebody to listen to, and a little later."""
+        """Start listening; returns once the nodes that publish send it here, too."""
         self._thread.start()
-        deadline = time.monotonic() + 20
-        while not all(one.get_publisher_count() for one in self._subscriptions):
-            assert time.monotonic() < deadline, 'wanted publishers of all topics'
-            time.sleep(0.05)
-        time.sleep(1.0)
+        self._wait(lambda: all(one.get_publisher_count() for one in self._subscriptions), 'publishers of all topics')
+        # DDS announces subscriptions in their order: a node whose heartbeat comes here knows of all the others.
+        found = {info.node_name for one in self._subscriptions
+                 for info in self.node.get_publishers_info_by_topic(one.topic_name)} & set(names.NODES)
+        beating = set()
+        for name in found:
+            self.node.create_subscription(
+                Heartbeat, f'{name}/{names.ALIVE}', lambda beat: beating.add(beat.node),
+                QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+        self._wait(lambda: found <= beating, f'heartbeats of {", ".join(found)}')
         return self
+
+    @staticmethod
+    def _wait(condition, wanted):
+        deadline = time.monotonic() + 60
+        while not condition():
+            assert time.monotonic() < deadline, f'wanted {wanted} within 60 s'
+            time.sleep(0.02)
 
     def stop(self):
         """Leave the graph."""

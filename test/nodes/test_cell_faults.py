@@ -13,20 +13,18 @@ import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
-from rosette_msgs.msg import BallCentre, ProbeTarget
+from rosette_msgs.msg import BallCentre, ErrorMotions, Heartbeat, ProbeTarget, RunState
 from rosette_msgs.srv import StartRecording
-from std_msgs.msg import Header
 
 from rosette_ros.analysis import analyse
+from rosette_ros.cell.client import CellClient
+from rosette_ros.cell.supervisor import MODULES, cell_environment
 from rosette_ros.core.errors import CellError
-from rosette_ros.data.log_files import iter_log
-from rosette_ros.data.log_reader import read_log
-from rosette_ros.machine import Machine, MachineConfig
-from rosette_ros.nodes import convert, qos
-from rosette_ros.nodes.cell import MODULES, cell_environment
-from rosette_ros.nodes.client import CellClient
-from rosette_ros.nodes.programme import Phase
+from rosette_ros.io.log_reader import iter_log, read_log
+from rosette_ros.io.messages import Phase
+from rosette_ros.nodes import conversions, qos
 from rosette_ros.nodes.recorder import Recorder
+from rosette_ros.simulation import Machine, MachineConfig
 
 N = 3
 OTHERS = ('recorder', 'evaluator', 'sequencer')
@@ -47,10 +45,10 @@ class PeerCmm:
     def _on_target(self, target):
         self.asked.append((target.seq, target.attempt))
         reading = self.machine.measure(target.table_position, target.ball, target.approach,
-                                       convert.point_array(target.centre))
+                                       conversions.point_array(target.centre))
         answer = BallCentre(run_id=target.run_id, seq=target.seq, ball=target.ball,
                             table_position=target.table_position, cmm_position=target.cmm_position)
-        convert.fill_answer(answer, reading, self._node.get_clock().now().to_msg(), 'machine')
+        conversions.fill_answer(answer, reading, self._node.get_clock().now().to_msg(), 'machine')
         answer = self.wrong(target, answer)
         if answer is not None:
             self.send(answer)
@@ -75,7 +73,7 @@ def shared_cell(peer, module_domain_id, make_cell, tmp_path_factory, wait_until)
     peer.start()
     with make_cell(module_domain_id, tmp_path_factory.mktemp('cell'), N, nodes=OTHERS,
                    simulated_time=False) as cell:
-        wait_until(lambda: 'the cell is complete' in cell.output('sequencer'))
+        wait_until(lambda: 'the cell is complete' in cell.processes['sequencer'].text())
         yield cell, cmm
 
 
@@ -117,6 +115,44 @@ def test_silent_cmm_ends_the_run_in_the_configured_time_and_the_log_is_kept(cell
     assert [event.kind for event in log.events] == [1, 2, 7]
 
 
+def test_cancel_ends_at_once_and_leaves_a_valid_log(cell_and_cmm, client):
+    """Ctrl-C in the client cancels the goal while an answer is awaited; the log is closed and says so."""
+    cell, cmm = cell_and_cmm
+    cmm.wrong = lambda target, answer: answer if target.phase != Phase.RUN else None
+    interrupted = []
+
+    def interrupt(progress):
+        if progress.phase == Phase.RUN and not interrupted:
+            interrupted.append(progress.done)
+            signal.raise_signal(signal.SIGINT)
+
+    outcome = client.calibrate(on_progress=interrupt, check=cell.check)
+    assert outcome.cancelled
+    assert not outcome.success
+    assert outcome.error_motions is None
+    log = read_log(outcome.log)
+    assert not log.truncated
+    assert log.problems == ()
+    assert [event.kind for event in log.events if event.run_id == outcome.run_id] == [1, 2, 4, 6]
+    assert log.states[-1].phase == Phase.CANCELLED
+    assert interrupted == [len(log.answers)]
+    assert not log.error_motions
+    cmm.wrong = lambda target, answer: answer
+    assert client.calibrate(check=cell.check).success
+
+
+def test_what_the_plain_service_started_another_one_cancels(cell_and_cmm, client, wait_until, trigger):
+    """cancel_calibration ends whichever run is on, and says so where none is."""
+    cell, cmm = cell_and_cmm
+    cmm.wrong = lambda target, answer: None
+    started, run_id = trigger(client, 'start_calibration')
+    assert started
+    assert trigger(client, 'cancel_calibration') == (True, run_id)
+    wait_until(lambda: f'run {run_id}: cancelled' in cell.processes['sequencer'].text())
+    wait_until(lambda: trigger(client, 'cancel_calibration') == (False, 'wanted a run to cancel, got none that is on'))
+    wait_until(lambda: f'log of run {run_id}' in cell.processes['recorder'].text())
+
+
 def test_faulty_cmm_is_asked_again_and_the_run_ends_well(cell_and_cmm, client):
     """Late, failed, not finite, of another run, twice: each is refused, the ball is repeated."""
     cell, cmm = cell_and_cmm
@@ -141,7 +177,7 @@ def test_faulty_cmm_is_asked_again_and_the_run_ends_well(cell_and_cmm, client):
     assert outcome.success, outcome.message
     assert sent_twice == [15]
     assert [seq for seq, attempt in cmm.asked if attempt == 2] == [4, 12, 13, 14]
-    said = cell.output('sequencer')
+    said = cell.processes['sequencer'].text()
     for words in ('no answer within 0.5 s; asking again', 'the CMM reports: door open',
                   'wanted finite numbers', "not used: answer to run 'another'",
                   'not used: answer to seq 15, waiting for seq 16'):
@@ -154,7 +190,7 @@ def test_faulty_cmm_is_asked_again_and_the_run_ends_well(cell_and_cmm, client):
 
 
 def test_second_calibration_is_refused_at_both_doors_while_one_is_on(cell_and_cmm, client,
-                                                                     module_domain_id):
+                                                                     module_domain_id, trigger):
     """In words, and the first one goes on to its end."""
     cell, cmm = cell_and_cmm
     refused, said = threading.Event(), []
@@ -165,12 +201,12 @@ def test_second_calibration_is_refused_at_both_doors_while_one_is_on(cell_and_cm
         return answer
 
     def intrude(progress):
-        if progress.phase is Phase.RUN and not said:
+        if progress.phase == Phase.RUN and not said:
             with CellClient(module_domain_id) as second:
                 with pytest.raises(CellError) as refusal:
                     second.calibrate()
                 said.append(str(refusal.value))
-                said.append(second.start())
+                said.append(trigger(second, 'start_calibration'))
             refused.set()
 
     cmm.wrong = wrong
@@ -214,21 +250,21 @@ def test_recorder_that_dies_ends_the_run_in_words(cell_and_cmm, client, wait_unt
 
     def wrong(target, answer):
         if target.seq == 9:
-            cell.signal_node('recorder', signal.SIGINT)
+            cell.processes['recorder'].popen.send_signal(signal.SIGINT)
             return None
         return answer
 
     cmm.wrong = wrong
     outcome = client.calibrate(options='{limits.answer_timeout_s: 30, limits.return_timeout_s: 3}')
-    assert 'the recorder has gone and did not come back within 3 s' in outcome.message
+    assert 'the recorder is disconnected and did not come back within 3 s' in outcome.message
     assert not outcome.success
-    assert cell.wait_node('recorder') == 0
+    assert cell.processes['recorder'].popen.wait(15) == 0
     log = read_log(outcome.log)
     assert not log.truncated
     assert len(log.answers) == 8
     cmm.wrong = lambda target, answer: answer
     cell.start_node('recorder')
-    wait_until(lambda: cell.output('sequencer').strip().endswith('the cell is complete'))
+    wait_until(lambda: cell.processes['sequencer'].text().strip().endswith('the cell is complete'))
     asked = len(cmm.asked)
     outcome = client.calibrate(check=cell.check, resume=outcome.run_id)
     assert outcome.success, outcome.message
@@ -237,29 +273,56 @@ def test_recorder_that_dies_ends_the_run_in_words(cell_and_cmm, client, wait_unt
     assert min(seq for seq, _ in cmm.asked[asked:]) == 9, 'only what was missing'
 
 
-def test_missing_parts_are_named_at_both_doors(cell_of, domain_id):
+def test_a_run_whose_log_lacks_a_result_is_no_success(cell_of, domain_id, make_peer, wait_until):
+    """Error motions without their model: the recorder waits for it a bounded time, and the run fails in words."""
+    peer = make_peer(domain_id)
+    PeerCmm(peer)
+    evaluator = peer.node.create_publisher(ErrorMotions, 'error_motions', qos.RESULT)
+
+    def evaluate(state):
+        if state.phase == Phase.EVALUATION:
+            evaluator.publish(ErrorMotions(header=state.header, run_id=state.run_id, model_hash='of no model'))
+
+    peer.node.create_subscription(RunState, 'run_state', evaluate, qos.STATE)
+    peer.start()
+    try:
+        with cell_of(N, nodes=('recorder', 'sequencer'), simulated_time=False,
+                     sequencer={'recorder_timeout_s': 1.5}) as cell, CellClient(domain_id) as client:
+            wait_until(lambda: 'the cell is complete' in cell.processes['sequencer'].text())
+            outcome = client.calibrate(check=cell.check)
+    finally:
+        peer.stop()
+    assert not outcome.success
+    assert outcome.message == ('the log lacks the model; all ball centres are in it: evaluate it offline')
+    log = read_log(outcome.log)
+    assert log.states[-1].phase == Phase.FAILED
+    assert [event.kind for event in log.events] == [1, 2, 7]
+    assert log.to_run().size == N * N
+
+
+def test_missing_parts_are_named_at_both_doors(cell_of, domain_id, trigger):
     """A calibration does not start without a CMM, an evaluator and a recorder."""
     wanted = (
-        'no CMM: wanted one that listens to probe_target and answers ball_centre, got none',
+        'no CMM: wanted one that subscribes to probe_target and publishes ball_centre, got none',
         'no evaluator: wanted one that publishes error_motions, got none',
         'no recorder: wanted its service recorder/start_recording, got none')
     with cell_of(N, nodes=('sequencer',)) as cell, CellClient(domain_id) as client:
         with pytest.raises(CellError, match='calibration refused: no CMM') as refusal:
             client.calibrate(check=cell.check)
-        started, why = client.start()
+        started, why = trigger(client, 'start_calibration')
     assert not started
     for words in wanted:
         assert words in why
         assert words in str(refusal.value)
 
 
-def test_a_twin_in_the_same_domain_is_named(cell_and_cmm, client, peer, wait_until):
+def test_a_twin_in_the_same_domain_is_named(cell_and_cmm, client, peer, wait_until, trigger):
     """Two recorders under one name would both be commanded: refused, and what to do is said."""
     cell, _ = cell_and_cmm
-    twin = peer.node.create_publisher(Header, 'recorder/alive', qos.ALIVE)
-    beat = peer.node.create_timer(0.1, lambda: twin.publish(Header(frame_id='recorder of another cell')))
-    wait_until(lambda: '2 nodes named recorder: wanted one in this domain' in cell.output('sequencer'))
-    started, why = client.start()
+    twin = peer.node.create_publisher(Heartbeat, 'recorder/alive', qos.ALIVE)
+    beat = peer.node.create_timer(0.1, lambda: twin.publish(Heartbeat(process='recorder of another cell')))
+    wait_until(lambda: '2 nodes named recorder: wanted one in this domain' in cell.processes['sequencer'].text())
+    started, why = trigger(client, 'start_calibration')
     peer.node.destroy_timer(beat)
     peer.node.destroy_publisher(twin)
     assert not started
@@ -269,20 +332,20 @@ def test_a_twin_in_the_same_domain_is_named(cell_and_cmm, client, peer, wait_unt
 def test_a_disk_that_refuses_ends_the_run_at_once_and_it_is_resumed(cell_of, domain_id):
     """The recorder may write no further byte: nothing is measured for nothing. With room again it goes on."""
     with cell_of(N, params={'cmm': {'answer_s': 0.1}}) as cell, CellClient(domain_id) as client:
-        limits = resource.prlimit(cell.pid('recorder'), resource.RLIMIT_FSIZE)
+        limits = resource.prlimit(cell.processes['recorder'].popen.pid, resource.RLIMIT_FSIZE)
         done = []
 
         def look(progress):
-            if not done and progress.phase is not Phase.IDLE:
+            if not done and progress.phase != Phase.IDLE:
                 size = (cell.log_dir / progress.run_id / f'{progress.run_id}_0.mcap').stat().st_size
-                resource.prlimit(cell.pid('recorder'), resource.RLIMIT_FSIZE, (size + 100, limits[1]))
+                resource.prlimit(cell.processes['recorder'].popen.pid, resource.RLIMIT_FSIZE, (size + 100, limits[1]))
             done.append(progress)
 
         outcome = client.calibrate(check=cell.check, on_progress=look)
         assert not outcome.success
         assert 'cannot write the log: File too large' in outcome.message
         assert max(one.done for one in done) < done[0].total
-        resource.prlimit(cell.pid('recorder'), resource.RLIMIT_FSIZE, limits)
+        resource.prlimit(cell.processes['recorder'].popen.pid, resource.RLIMIT_FSIZE, limits)
         outcome = client.calibrate(check=cell.check, resume=outcome.run_id)
         assert outcome.success, outcome.message
     assert read_log(outcome.log).to_run().size == N * N
@@ -307,23 +370,23 @@ def test_clean_end_on_sigint_and_sigterm_in_the_middle_of_a_run(cell_of, domain_
     interrupted = []
 
     def interrupt(progress):
-        if progress.phase is Phase.RUN and not interrupted:
+        if progress.phase == Phase.RUN and not interrupted:
             interrupted.append(progress)
-            cell.signal_node('cmm', signal.SIGTERM)
+            cell.processes['cmm'].popen.send_signal(signal.SIGTERM)
             for name in ('recorder', 'evaluator', 'sequencer'):
-                cell.signal_node(name, signal.SIGINT)
+                cell.processes[name].popen.send_signal(signal.SIGINT)
 
     with CellClient(domain_id) as client:
         try:
             outcome = client.calibrate(on_progress=interrupt)
         except CellError as error:
-            assert 'the sequencer has gone' in str(error)
+            assert 'the sequencer is disconnected' in str(error)
         else:
             assert not outcome.success
-    codes = {name: cell.wait_node(name) for name in MODULES}
+    codes = {name: cell.processes[name].popen.wait(15) for name in MODULES}
     assert codes == dict.fromkeys(MODULES, 0)
     for name in MODULES:
-        assert 'Traceback' not in cell.output(name)
+        assert 'Traceback' not in cell.processes[name].output.read_text(errors='replace')
     cell.stop()
     run_id = interrupted[0].run_id
     log = read_log(cell.log_dir / run_id)

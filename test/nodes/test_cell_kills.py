@@ -14,11 +14,11 @@ from rclpy.serialization import deserialize_message
 from rosette_msgs.msg import BallCentre
 
 from rosette_ros.analysis import analyse
+from rosette_ros.cell.client import CellClient
+from rosette_ros.cell.supervisor import MODULES
 from rosette_ros.core.errors import CellError
-from rosette_ros.data.log_reader import read_log
+from rosette_ros.io.log_reader import read_log
 from rosette_ros.nodes import names
-from rosette_ros.nodes.cell import MODULES
-from rosette_ros.nodes.client import CellClient
 
 N, REPEATS = 5, 3
 TOTAL = REPEATS + 2 * N + N * N + 1
@@ -62,14 +62,15 @@ def killed_run(cell, domain, name, moment):
     def look(progress):
         if progress.done >= moment and not killed:
             killed.append(name)
-            cell.signal_node(name, signal.SIGKILL)
-            cell.wait_node(name)
-            cell.revive()
+            cell.processes[name].popen.send_signal(signal.SIGKILL)
+            cell.processes[name].popen.wait(15)
+            cell.restart_failed()
 
     with CellClient(domain) as client:
         outcome = completed(lambda: client.calibrate(on_progress=look), killed)
         run_id = client._run_id
-        if outcome is None or not outcome.success or 'closing the log' in outcome.message:
+    if outcome is None or not outcome.success or 'closing the log' in outcome.message:
+        with CellClient(domain) as client:
             outcome = completed(lambda: client.calibrate(resume=run_id), ())
     assert killed, 'the node was killed'
     return run_id, outcome
@@ -113,7 +114,7 @@ def test_a_node_is_killed_at_any_moment(killable, undisturbed, seed):
     folder = last_part(cell.log_dir, run_id)
     log = read_log(folder)
     assert log.problems == ()
-    in_log = set(log.answers.seq[log.answers.run_id.equal(run_id)].tolist())
+    in_log = {answer.seq for answer in log.runs[run_id].answers}
     assert answered(heard, run_id) <= in_log
     assert in_log == set(range(1, TOTAL + 1))
     run = log.to_run()

@@ -6,12 +6,11 @@ import pytest
 import yaml
 
 from rosette_ros.analysis import analyse, diagnose
-from rosette_ros.cli.simulated_cell import write_machine
-from rosette_ros.cli.truth import compare
-from rosette_ros.data.log_reader import read_log
-from rosette_ros.machine import MachineConfig
-from rosette_ros.nodes.cell import Cell
-from rosette_ros.nodes.client import CellClient
+from rosette_ros.cell.client import CellClient
+from rosette_ros.cell.supervisor import Cell
+from rosette_ros.cli.demo_cell import compare, write_machine
+from rosette_ros.io.log_reader import read_log
+from rosette_ros.simulation import MachineConfig
 
 N = 6
 REPEATS = 4
@@ -64,7 +63,7 @@ def test_the_curves_are_true_whatever_goes_wrong(faulty_cell, kind):
     faults = [{'kind': kind, 'at': [FIRST + 5, FIRST + 20], **settings}]
     cell, outcome = faulty_cell(faults)
     assert outcome.success, outcome.message
-    assert words in cell.output('sequencer')
+    assert words in cell.processes['sequencer'].text()
     rms, run, report = off_the_truth(outcome, faults)
     assert run.size == N * N
     assert rms < 1.8, 'the six curves are true within their uncertainties (36 numbers)'
@@ -79,7 +78,7 @@ def test_a_ball_that_fails_for_good_is_left_out_and_told(faulty_cell):
     cell, outcome = faulty_cell(faults)
     assert outcome.success, outcome.message
     assert '2 left out: table position ' in outcome.message
-    assert 'the stylus did not trigger; left out, 2 of at most 3' in cell.output('sequencer')
+    assert 'the stylus did not trigger; left out, 2 of at most 3' in cell.processes['sequencer'].text()
     rms, run, _ = off_the_truth(outcome, faults)
     assert run.size == N * N - 2
     assert rms < 1.8
@@ -132,10 +131,11 @@ def test_a_cmm_that_crashes_in_the_middle_is_waited_for(faulty_cell, module_doma
     cell, _ = faulty_cell([])
     write_machine(CONFIG.changed(faults=faults), cell.machine)
     with CellClient(module_domain_id) as client:
-        outcome = client.calibrate(check=cell.revive)
+        outcome = client.calibrate(check=cell.restart_failed)
     assert outcome.success, outcome.message
-    assert cell.output('cmm').count('the CMM crashes, as its configuration wants it') == 2
-    assert 'the run goes on in session 3' in cell.output('sequencer')
+    output = cell.processes['cmm'].output.read_text(errors='replace')
+    assert output.count('the CMM crashes, as its configuration wants it') == 2
+    assert 'the run continues in session 3' in cell.processes['sequencer'].text()
     rms, run, _ = off_the_truth(outcome, faults)
     assert run.size == N * N
     assert len(run.pauses) == 2

@@ -7,16 +7,16 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from rosette_ros.cell.client import CellClient
+from rosette_ros.cell.supervisor import cell_environment
 from rosette_ros.core.errors import CellError
-from rosette_ros.data.log_reader import read_log
-from rosette_ros.nodes.cell import cell_environment
-from rosette_ros.nodes.client import CellClient
+from rosette_ros.io.log_reader import read_log
+from rosette_ros.nodes import names
 
 pytest.importorskip('cyclonedds')
 
@@ -44,35 +44,53 @@ def cell(module_domain_id, make_cell, tmp_path_factory):
         yield running
 
 
-def run_with(cmm, cell, domain):
-    """Run a calibration with a CMM in another process, once it is seen; return its Outcome."""
+@contextlib.contextmanager
+def process_of(cell, wait_until, *command, **settings):
+    """Yield a CMM in a process of its own, once the sequencer finds the cell complete."""
+    before = len(cell.processes['sequencer'].text())
+    with subprocess.Popen([sys.executable, *map(str, command)], **settings) as process:
+        try:
+            wait_until(lambda: names.COMPLETE in cell.processes['sequencer'].text()[before:])
+            yield process
+        except BaseException:
+            process.kill()
+            raise
+
+
+def run_with(cmm, cell, domain, wait_until):
+    """Run calibrations until one succeeds; return its Outcome.
+
+    A CMM without heartbeat does not know whom it has found: those that have not found it yet miss its first answers.
+    """
+    outcomes = []
+
+    def succeeded():
+        with contextlib.suppress(CellError):
+            outcomes.append(client.calibrate(options=OPTIONS, check=cell.check))
+        assert cmm.poll() is None
+        return outcomes and outcomes[-1].success
+
     with CellClient(domain) as client:
-        for _ in range(30):
-            with contextlib.suppress(CellError):
-                outcome = client.calibrate(options=OPTIONS, check=cell.check)
-                break
-            time.sleep(1.0)
-    assert outcome.success, outcome.message
-    assert cmm.poll() is None
-    return outcome
+        wait_until(succeeded, 120)
+    return outcomes[-1]
 
 
 @pytest.fixture
-def cyclone_cmm(module_domain_id):
+def cyclone_cmm(cell, module_domain_id, wait_until):
     """Run a CMM on another DDS in a process without ROS."""
     environment = {**os.environ, 'CYCLONEDDS_URI': ONLY_THIS_COMPUTER}
-    process = subprocess.Popen([sys.executable, str(SCRIPT), str(module_domain_id), 'rosette'],
-                               stdin=subprocess.PIPE, env=environment)
-    yield process
-    process.stdin.close()
-    assert process.wait(20) == 0
+    with process_of(cell, wait_until, SCRIPT, module_domain_id, 'rosette', stdin=subprocess.PIPE,
+                    env=environment) as process:
+        yield process
+        process.stdin.close()
+        assert process.wait(60) == 0
 
 
-def test_cyclone_dds_takes_the_place_of_the_simulated_cmm(cyclone_cmm, cell, module_domain_id):
+def test_cyclone_dds_takes_the_place_of_the_simulated_cmm(cyclone_cmm, cell, module_domain_id, wait_until):
     """A whole calibration with a CMM on Cyclone DDS: every ball is taken, logged and evaluated."""
-    outcome = run_with(cyclone_cmm, cell, module_domain_id)
+    outcome = run_with(cyclone_cmm, cell, module_domain_id, wait_until)
     log = read_log(outcome.log)
-    assert set(log.answers.text) == {'cyclone'}
+    assert {answer.text for answer in log.answers} == {'cyclone'}
     assert log.to_run().is_complete
     # Every ball lies where it is expected once the table, 1 mm beside, is found: no deviations.
     assert np.abs(outcome.error_motions.values).max() < 1e-12
@@ -81,25 +99,21 @@ def test_cyclone_dds_takes_the_place_of_the_simulated_cmm(cyclone_cmm, cell, mod
 
 
 @pytest.fixture
-def documented_cmm(module_domain_id, tmp_path):
+def documented_cmm(cell, module_domain_id, tmp_path, wait_until):
     """Run the example of the document as it stands there."""
     (code,) = re.findall(r'```python\n(.*?)```', DOCUMENT.read_text(encoding='utf-8'), re.DOTALL)
     script = tmp_path / 'my_cmm.py'
     script.write_text(code, encoding='utf-8')
-    process = subprocess.Popen(
-        [sys.executable, str(script), '--ros-args', '-r', '__ns:=/rosette'],
-        env=cell_environment(module_domain_id))
-    # It answers within a millisecond, so every part must have found it before the first target.
-    time.sleep(5.0)
-    yield process
-    process.send_signal(signal.SIGINT)
-    assert process.wait(20) == 0
+    with process_of(cell, wait_until, script, '--ros-args', '-r', '__ns:=/rosette',
+                    env=cell_environment(module_domain_id)) as process:
+        yield process
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 0
 
 
-def test_documented_example_takes_the_place_of_the_simulated_cmm(documented_cmm, cell,
-                                                                 module_domain_id):
+def test_documented_example_takes_the_place_of_the_simulated_cmm(documented_cmm, cell, module_domain_id, wait_until):
     """What docs/real-cmm.md says is enough."""
-    outcome = run_with(documented_cmm, cell, module_domain_id)
+    outcome = run_with(documented_cmm, cell, module_domain_id, wait_until)
     run = read_log(outcome.log).to_run()
     assert run.is_complete
     assert np.abs(outcome.error_motions.values).max() < 1e-12

@@ -17,20 +17,19 @@ from rclpy.qos import (
     ReliabilityPolicy,
 )
 from rclpy.serialization import deserialize_message, serialize_message
-from rosette_msgs.msg import BallCentre, ErrorMotions, Model, ProbeTarget, RunState
-from rosgraph_msgs.msg import Clock
+from rosette_msgs.msg import BallCentre, ErrorMotions, Model
 from tf2_msgs.msg import TFMessage
 
 from rosette_ros.analysis import analyse
+from rosette_ros.calibration.calibration_plan import plan_calibration
 from rosette_ros.core.geometry import Frame
-from rosette_ros.core.model import Model as CoreModel
+from rosette_ros.core.model.model import Model as CoreModel
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.scheme import plan
-from rosette_ros.data.assemble import AnswerTable, TargetTable
-from rosette_ros.data.bag_metadata import INFINITE, Qos
-from rosette_ros.machine import Machine, MachineConfig
-from rosette_ros.nodes import convert
-from rosette_ros.nodes.programme import Phase, make_programme
+from rosette_ros.io.bag_metadata import INFINITE, Qos
+from rosette_ros.io.messages import STATUS_OK, answer_of, nanoseconds, table_frame_of, target_of
+from rosette_ros.nodes import conversions
+from rosette_ros.simulation import Machine, MachineConfig
 
 STAMP = Time(sec=1_800_000_000, nanosec=123_456_789)
 NUMBERS = st.floats(-1e3, 1e3)
@@ -43,26 +42,12 @@ def over_the_wire(message):
 
 def test_target_message_says_what_the_target_says():
     """Every field of the target arrives."""
-    programme = make_programme(plan(5, 'random', 3), 0.1825, Frame.identity(), 2)
-    for index in range(programme.total):
-        target = programme.target(index)
-        message = over_the_wire(convert.target_message(target, 'run', 2, 3, [1.0, 2.0, 3.0], 'machine',
-                                                       STAMP))
-        assert message.header.stamp == STAMP
-        assert message.header.frame_id == 'machine'
-        assert (message.run_id, message.attempt, message.session) == ('run', 2, 3)
-        for name in ('seq', 'phase', 'balls', 'radius', 'table_position', 'ball', 'cmm_position',
-                     'table_angle', 'approach'):
-            assert getattr(message, name) == getattr(target, name)
-        assert convert.point_array(message.centre).tolist() == [1.0, 2.0, 3.0]
-
-
-def test_rows_have_the_columns_of_the_tables():
-    """What the evaluator collects is what the log reader reads."""
-    target = convert.target_row(ProbeTarget(run_id='a', seq=3))
-    answer = convert.answer_row(BallCentre(run_id='a', seq=3, text='x'))
-    assert len(TargetTable(**{name: [value] for name, value in target.items()})) == 1
-    assert len(AnswerTable(**{name: [value] for name, value in answer.items()})) == 1
+    planned = plan_calibration(plan(5, 'random', 3), 0.1825, Frame.identity(), 2)
+    for index in range(planned.total):
+        target = planned.target(index)
+        target = target._replace(run_id='run', attempt=2, session=3, centre=(1.0, 2.0, 3.0), frame_id='machine')
+        message = over_the_wire(conversions.target_message(target, STAMP))
+        assert target_of(message) == target._replace(stamp_ns=nanoseconds(STAMP))
 
 
 @given(st.lists(NUMBERS, min_size=3, max_size=3), NUMBERS, st.integers(0, 2**31 - 1),
@@ -71,23 +56,15 @@ def test_answer_keeps_every_bit(centre, angle, sec, nanosec):
     """Stamps in ns and coordinates are exact."""
     message = BallCentre(run_id='a', seq=7, table_position=1, ball=2, cmm_position=3,
                          table_angle=angle, table_travel=angle)
-    message.centre = convert.point(centre)
+    message.centre = conversions.point(centre)
     message.header.stamp = Time(sec=sec, nanosec=nanosec)
     message.header.frame_id = 'machine'
     back = over_the_wire(message)
-    record, row = convert.answer_record(back), convert.answer_row(back)
-    assert record.centre.tolist() == centre
-    assert record.ok
-    assert row['centre'] == tuple(centre)
-    assert row['stamp_ns'] == sec * 10**9 + nanosec
-    assert convert.time_message(row['stamp_ns']) == message.header.stamp
-
-
-@given(st.integers(0, 2**31 - 1), st.integers(0, 999_999_999))
-def test_clock_is_read_from_its_bytes(sec, nanosec):
-    """The recorder reads the time without building a message."""
-    data = serialize_message(Clock(clock=Time(sec=sec, nanosec=nanosec)))
-    assert convert.clock_nanoseconds(data) == sec * 10**9 + nanosec
+    answer = answer_of(back)
+    assert answer.centre == tuple(centre)
+    assert (answer.status, answer.table_angle, answer.frame_id) == (STATUS_OK, angle, 'machine')
+    assert answer.stamp_ns == sec * 10**9 + nanosec
+    assert conversions.time_message(answer.stamp_ns) == message.header.stamp
 
 
 def test_reading_fills_the_answer():
@@ -95,10 +72,10 @@ def test_reading_fills_the_answer():
     machine = Machine(MachineConfig())
     reading = machine.measure(2, 3)
     message = BallCentre()
-    convert.fill_answer(message, reading, STAMP, 'machine')
+    conversions.fill_answer(message, reading, STAMP, 'machine')
     back = over_the_wire(message)
     assert back.status == BallCentre.STATUS_OK
-    assert convert.point_array(back.centre).tolist() == reading.centre.tolist()
+    assert conversions.point_array(back.centre).tolist() == reading.centre.tolist()
     for name in ('table_angle', 'table_travel', 'approach', 'form_error', 'temperature'):
         assert getattr(back, name) == getattr(reading, name)
 
@@ -106,11 +83,11 @@ def test_reading_fills_the_answer():
 def test_frame_survives_the_transform():
     """Quaternion and back: rounding only."""
     frame = Machine(MachineConfig()).true_frame
-    message = over_the_wire(convert.frame_message(frame, 'machine', 'table', STAMP))
+    message = over_the_wire(conversions.frame_message(frame, 'machine', 'table', STAMP))
     assert isinstance(message, TFMessage)
     transform = message.transforms[0]
     assert (transform.header.frame_id, transform.child_frame_id) == ('machine', 'table')
-    back = convert.frame_record(transform.transform)
+    back = table_frame_of(transform).frame
     assert back.rotation == pytest.approx(frame.rotation, abs=1e-15)
     assert back.origin.tolist() == frame.origin.tolist()
 
@@ -123,9 +100,9 @@ def report():
 
 def test_error_motions_survive_bit_for_bit(report):
     """The published curves are the calculated ones."""
-    message = over_the_wire(convert.error_motions_message(report.run, report, STAMP, 'table'))
+    message = over_the_wire(conversions.error_motions_message(report, STAMP, 'table'))
     assert isinstance(message, ErrorMotions)
-    back = convert.error_motions_record(message)
+    back = conversions.error_motions_record(message)
     assert np.array_equal(back.values, report.error_motions.values)
     assert np.array_equal(back.u, report.error_motions.u)
     assert np.array_equal(back.angle, report.error_motions.angle)
@@ -139,12 +116,12 @@ def test_error_motions_survive_bit_for_bit(report):
 
 def test_model_message_before_and_after_a_fit(report):
     """Before the first run there are no numbers; after it there are."""
-    before = over_the_wire(convert.model_message(CoreModel(), STAMP))
+    before = over_the_wire(conversions.model_message(CoreModel(), STAMP))
     assert isinstance(before, Model)
     assert (before.run_id, before.name) == ('', str(CoreModel()))
     assert math.isnan(before.residual_rms)
     assert math.isnan(before.reduced_chi_square)
-    after = over_the_wire(convert.model_message(report.model, STAMP, report))
+    after = over_the_wire(conversions.model_message(report.model, STAMP, report))
     assert after.run_id == 'r1'
     assert after.residual_rms == report.fit.rms
     assert after.reduced_chi_square == report.fit.reduced_chi_square
@@ -156,31 +133,16 @@ def test_fitted_effects_are_named_with_their_parameters():
     model = CoreModel().with_effect('frame_drift')
     run = Machine(MachineConfig().changed(plate={'balls': 5})).run(plan(5, 'column'), run_id='r2')
     fitted = analyse(run, model)
-    message = convert.model_message(model, STAMP, fitted)
+    message = conversions.model_message(model, STAMP, fitted)
     assert [effect.name for effect in message.effects] == ['frame_drift']
     sent, parameters = message.effects[0], fitted.effects[0].parameters
     assert len(parameters) > 0
     assert [(name, value, u, unit) for name, value, u, unit in zip(
         sent.parameter, sent.value, sent.u, sent.unit, strict=True)] == [
             (one.name, one.value, one.u, one.unit) for one in parameters]
-    assert [e.name for e in convert.model_message(model, STAMP).effects] == ['frame_drift']
+    assert [e.name for e in conversions.model_message(model, STAMP).effects] == ['frame_drift']
 
 
-@given(st.text(st.characters(exclude_characters='\0', exclude_categories=['Cs'])), st.text('ab/', max_size=9),
-       st.integers(0, 2**32 - 1), st.sampled_from([BallCentre.STATUS_OK, BallCentre.STATUS_FAILED]))
-def test_the_head_of_an_answer_is_that_of_the_message(run_id, frame_id, seq, status):
-    """Texts of any length, as rclpy serialises them."""
-    message = BallCentre(run_id=run_id, seq=seq, table_position=7, ball=8, cmm_position=9, status=status, text='x')
-    message.header.stamp, message.header.frame_id = STAMP, frame_id
-    assert convert.answer_head(serialize_message(message)) == (convert.nanoseconds(STAMP), run_id, seq, status)
-
-
-def test_state_message():
-    """Phase, counts and text."""
-    message = over_the_wire(convert.state_message(Phase.RUN, 'a', 'row', 3, 9, 'text', STAMP))
-    assert isinstance(message, RunState)
-    assert (message.phase, message.done, message.total) == (RunState.PHASE_RUN, 3, 9)
-    assert (message.run_id, message.order, message.text) == ('a', 'row', 'text')
 
 
 def test_qos_becomes_the_words_of_a_bag():
@@ -189,7 +151,7 @@ def test_qos_becomes_the_words_of_a_bag():
         history=HistoryPolicy.KEEP_ALL, depth=0, reliability=ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL, deadline=Duration(seconds=2),
         liveliness=LivelinessPolicy.MANUAL_BY_TOPIC)
-    assert convert.qos_record(profile) == Qos(
+    assert conversions.qos_record(profile) == Qos(
         history='keep_all', depth=10, reliability='best_effort', durability='transient_local',
-        deadline_ns=2 * 10**9, lifespan_ns=0, liveliness='manual_by_topic', liveliness_lease_ns=0)
+        deadline=2 * 10**9, lifespan=0, liveliness='manual_by_topic', liveliness_lease_duration=0)
     assert INFINITE == 2**63 - 1

@@ -11,10 +11,9 @@ from rosette_msgs.msg import Diagnosis
 from rosette_msgs.srv import AddEffect, Diagnose, RemoveEffect
 
 from rosette_ros.analysis import analyse, diagnose
-from rosette_ros.core.model import Model
-from rosette_ros.data.log_files import iter_log
-from rosette_ros.data.log_reader import read_log
-from rosette_ros.nodes.client import CellClient
+from rosette_ros.cell.client import CellClient
+from rosette_ros.core.model.model import Model
+from rosette_ros.io.log_reader import iter_log, read_log
 
 N = 6
 HIDDEN = [{'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}]
@@ -105,7 +104,7 @@ def test_the_log_of_a_run_holds_its_diagnosis(calibrated):
     assert offline.missing == ('frame_drift',)
     assert message.run_id == calibrated.run_id
     assert message.missing == ['frame_drift']
-    assert message.verdict == offline.verdict
+    assert message.verdict == offline.verdict.sentence
     assert message.invisible == list(offline.invisible)
     top, wanted = message.candidates[0], offline.candidates[0]
     assert (top.effect, top.p, top.rms_before, top.rms_after) == (
@@ -171,7 +170,7 @@ def test_every_change_is_published(story, ask, wait_until):
 def test_questions_after_the_run_have_a_log_of_their_own(story, cell, calibrated, wait_until):
     """It holds questions, answers and what was published; the log of the run is not touched."""
     follow = calibrated.log.with_name(f'{calibrated.run_id}_analysis')
-    wait_until(lambda: f'log of run {follow.name}' in cell.output('recorder'))
+    wait_until(lambda: f'log of run {follow.name}' in cell.processes['recorder'].text())
     followers = sorted(calibrated.log.parent.glob(f'{calibrated.run_id}_analysis*'))
     events = [data for log in followers
               for data in messages_of(log, 'evaluator/add_effect/_service_event')]

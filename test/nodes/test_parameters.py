@@ -9,10 +9,10 @@ import yaml
 from rcl_interfaces.msg import ParameterType
 from rclpy.parameter import Parameter
 
+from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import InvalidConfig
-from rosette_ros.nodes import evaluator, managed, recorder, sequencer, simulated_cmm
-from rosette_ros.nodes.runner import CellNode
-from rosette_ros.nodes.settings import Wanted
+from rosette_ros.nodes import base_node, evaluator, recorder, sequencer, simulated_cmm
+from rosette_ros.nodes.base_node import CellNode
 
 CELL_YAML = Path(__file__).parents[2] / 'config' / 'cell.yaml'
 WANTED = (Wanted('plate.balls', 12, 'number of balls', 3, 1000),
@@ -112,7 +112,7 @@ def test_descriptors_tell_type_range_and_meaning(example):
     assert node.describe_parameter('machine').read_only
 
 
-NODES = {'sequencer': (*sequencer.CALIBRATION, *sequencer.CELL, managed.AUTOSTART),
+NODES = {'sequencer': (*sequencer.CALIBRATION, *sequencer.CELL, base_node.AUTOSTART),
          'cmm': simulated_cmm.WANTED, 'evaluator': evaluator.WANTED,
          'recorder': recorder.WANTED}
 

@@ -1,35 +1,37 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The recorder when something is heard at an unwelcome moment: what it hears is put into its ear."""
+"""The recorder's services, and messages that arrive at an unwelcome moment."""
 
 import pytest
+from builtin_interfaces.msg import Time
 from rclpy.serialization import serialize_message
-from rosette_msgs.msg import RunState
-from rosette_msgs.srv import Diagnose_Event, StartRecording, StopRecording
+from rosette_msgs.msg import CalibrationEvent, Diagnosis, ErrorMotions, Model, RunState
+from rosette_msgs.srv import Diagnose, Recorded, StartRecording, StopRecording
 from service_msgs.msg import ServiceEventInfo
+from std_msgs.msg import Header
 
-from rosette_ros.data.log_reader import read_log
+from rosette_ros.io.log_reader import read_log
+from rosette_ros.nodes import recorder as recorder_module
 from rosette_ros.nodes.recorder import Recorder
 
-QUESTION = Diagnose_Event(info=ServiceEventInfo(event_type=ServiceEventInfo.REQUEST_RECEIVED))
+QUESTION = Diagnose.Event(info=ServiceEventInfo(event_type=ServiceEventInfo.REQUEST_RECEIVED))
 IDLE = RunState(phase=RunState.PHASE_IDLE)
+STAMP = Time(sec=7)
 
 
 @pytest.fixture
 def recorder(ros, tmp_path):
-    """Yield (Recorder, what it will hear next: a list of (topic, message))."""
+    """Yield a Recorder whose messages come from the test alone."""
     with ros('-r', '__ns:=/rosette', '-p', f'log_dir:={tmp_path}'):
-        node, soon = Recorder(), []
-        node._until(lambda: False, 0.1)
-
-        def take():
-            heard = [(k + 1, topic, serialize_message(message), k + 1) for k, (topic, message) in enumerate(soon)]
-            soon.clear()
-            return heard
-
-        node.ears.take = take
-        yield node, soon
-        node.finish()
+        node = Recorder()
+        yield node
+        if node._session.is_open:
+            node._close()
         node.destroy_node()
+
+
+def receive(node, name, message):
+    """Let a message arrive."""
+    node._receive(node.resolve_topic_name(name), serialize_message(message))
 
 
 def start(node, run_id):
@@ -37,35 +39,76 @@ def start(node, run_id):
     return node._on_start(StartRecording.Request(run_id=run_id), StartRecording.Response())
 
 
-def stop(node, run_id):
-    """Close it."""
-    return node._on_stop(StopRecording.Request(run_id=run_id), StopRecording.Response())
+def stop(node, run_id, phase=0, is_recorded=True):
+    """Close it; is_recorded: whether the traffic of the request arrives first."""
+    request = StopRecording.Request(run_id=run_id, phase=phase)
+    if is_recorded:
+        info = ServiceEventInfo(event_type=ServiceEventInfo.REQUEST_RECEIVED)
+        receive(node, 'recorder/stop_recording/_service_event', StopRecording.Event(info=info, request=[request]))
+    return node._on_stop(request, StopRecording.Response())
 
 
-def test_a_question_does_not_stand_in_the_way_of_a_run(recorder, tmp_path):
-    """It is heard while the log of the next run is being opened: that one is opened all the same."""
-    node, soon = recorder
-    assert start(node, 'first').success
-    assert stop(node, 'first').success
-    soon.append(('/rosette/evaluator/diagnose/_service_event', QUESTION))
-    response = start(node, 'second')
+def test_a_request_to_the_evaluator_does_not_prevent_a_run(recorder, tmp_path):
+    """Its log is closed when the log of the next run is opened."""
+    assert start(recorder, 'first').success
+    assert stop(recorder, 'first').success
+    receive(recorder, 'evaluator/diagnose/_service_event', QUESTION)
+    assert recorder._session.run_id == 'first_analysis'
+    response = start(recorder, 'second')
     assert response.success, response.message
-    assert stop(node, 'second').success
-    assert {path.name for path in tmp_path.iterdir()} >= {'first', 'second'}
+    assert stop(recorder, 'second').success
+    assert {path.name for path in tmp_path.iterdir()} == {'first', 'first_analysis', 'second'}
     assert all(not read_log(path).truncated for path in tmp_path.iterdir())
 
 
-def test_a_sequencer_that_is_started_anew_while_a_log_is_closed(recorder, tmp_path):
-    """It says that nothing is on: the log is closed once, and whoever asked is told."""
-    node, soon = recorder
-    assert start(node, 'run').success
-    soon.append(('/rosette/run_state', IDLE))
-    response = stop(node, 'run')
+def test_a_sequencer_that_is_restarted_while_a_log_is_open(recorder, tmp_path):
+    """Its idle state closes the log once, and the answer to a late request names the reason."""
+    assert start(recorder, 'run').success
+    receive(recorder, 'run_state', IDLE)
+    response = stop(recorder, 'run')
     assert not response.success
-    assert response.message.startswith('run run: its log was closed: run run: ')
+    assert response.message.startswith('wanted to close the log of run run, got no log open; run run: ')
     assert not read_log(tmp_path / 'run').truncated
-    assert start(node, 'next').success
-    soon.append(('/rosette/run_state', IDLE))
-    node.finish()
-    assert not node.is_busy
-    assert not read_log(tmp_path / 'next').truncated
+
+
+def test_a_log_is_closed_when_it_holds_the_end(recorder, tmp_path):
+    """State and event of the end, of this run, and the request itself; until then it stays open and says so."""
+    assert start(recorder, 'run').success
+    done = {'run_id': 'run', 'phase': RunState.PHASE_DONE, 'is_recorded': False}
+    assert stop(recorder, **done).missing == ['this request', 'the event of the end', 'the state done']
+    receive(recorder, 'run_state', RunState(run_id='another', phase=RunState.PHASE_DONE))
+    receive(recorder, 'run_state', RunState(run_id='run', phase=RunState.PHASE_DONE))
+    response = stop(recorder, 'run', RunState.PHASE_DONE)
+    assert (response.success, response.log, response.missing) == (False, '', ['the event of the end'])
+    assert response.message == 'the log lacks the event of the end'
+    receive(recorder, 'calibration_event', CalibrationEvent(run_id='run', kind=CalibrationEvent.SUCCEEDED))
+    response = stop(recorder, 'run', RunState.PHASE_DONE)
+    assert (response.success, response.log, response.missing) == (True, str(tmp_path / 'run'), [])
+    assert response.messages == len(read_log(tmp_path / 'run').states) + 3
+
+
+def test_a_log_that_lacks_its_end_is_closed_after_a_bounded_time(recorder, tmp_path, monkeypatch):
+    """The answer says what it lacks, and the run does not end in success."""
+    assert start(recorder, 'run').success
+    assert not stop(recorder, 'run', RunState.PHASE_DONE).log
+    monkeypatch.setattr(recorder_module, 'LAST_MESSAGES', 0.0)
+    response = stop(recorder, 'run', RunState.PHASE_DONE)
+    assert not response.success
+    assert response.log == str(tmp_path / 'run')
+    assert response.message == 'the log lacks the event of the end, the state done'
+    assert not read_log(tmp_path / 'run').truncated
+
+
+def test_what_is_recorded_of_a_result_is_answered(recorder):
+    """Error motions by their stamp, the model by its hash, the diagnosis by its run."""
+    assert start(recorder, 'run').success
+    request = Recorded.Request(run_id='run', error_motions=STAMP, model_hash='abc', diagnosis=True)
+    missing = recorder._on_recorded(request, Recorded.Response()).missing
+    assert missing == ['the table frame', 'the error motions', 'the model', 'the diagnosis']
+    receive(recorder, 'error_motions', ErrorMotions(run_id='run', header=Header(stamp=Time(sec=6))))
+    receive(recorder, 'model', Model(run_id='run', hash='abc'))
+    assert recorder._on_recorded(request, Recorded.Response()).missing[1:] == [
+        'the error motions', 'the diagnosis']
+    receive(recorder, 'error_motions', ErrorMotions(run_id='run', header=Header(stamp=STAMP)))
+    receive(recorder, 'diagnosis', Diagnosis(run_id='run'))
+    assert recorder._on_recorded(request, Recorded.Response()).missing == ['the table frame']

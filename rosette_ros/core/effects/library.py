@@ -1,18 +1,58 @@
 # SPDX-License-Identifier: Apache-2.0
 """The table of names: every effect that files, messages and the screen may name."""
 
-from rosette_ros.core.effects.frame import FRAME_EFFECTS
-from rosette_ros.core.effects.plate import PLATE_EFFECTS
-from rosette_ros.core.effects.reading import READING_EFFECTS
-from rosette_ros.core.effects.table import TABLE_EFFECTS
+from rosette_ros.core.effects import frame_effects as frame
+from rosette_ros.core.effects import plate_effects as plate
+from rosette_ros.core.effects import reading_effects as reading
+from rosette_ros.core.effects import table_effects as table
+from rosette_ros.core.effects.effect import Effect
 from rosette_ros.core.errors import InvalidModel
 
-EFFECTS = {effect.name: effect
-           for effect in (*FRAME_EFFECTS, *TABLE_EFFECTS, *PLATE_EFFECTS, *READING_EFFECTS)}
+EFFECTS: dict[str, Effect] = {one.name: one for one in (
+    frame.FrameDrift(), frame.FrameWarmup(), frame.FrameTemperature(), frame.FrameCycle(), frame.FrameStep(),
+    table.TableZeroDrift(), table.AxisTiltDrift(), table.TableBacklash(), table.AsynchronousMotion(),
+    table.TableWarmup(),
+    plate.PlateCreep(), plate.PlateSlip(), plate.PlateExpansion(), plate.PlateWarp(), plate.BallSlip(),
+    plate.BallForm(),
+    reading.CmmReversal(), reading.Outlier())}
+"""By name; their order is that of every table and page."""
 
 
-def effect(name):
+def effect(name: str) -> Effect:
     """Return the effect of a name; raise InvalidModel, listing the known ones, if there is none."""
     if name not in EFFECTS:
         raise InvalidModel(f'effect: wanted one of {", ".join(EFFECTS)}, got {name!r}')
     return EFFECTS[name]
+
+
+class TableMotions(Effect):
+    name = 'table_motions'
+    meaning = 'The six error motions of the table: the result of a calibration.'
+    look = 'The bearing, the encoder and the correction tables of the rotary table.'
+    formula = 'T_i + Theta_i x R_z(phi_i) b_j'
+    depends_on = ('table_position',)
+    source = 'Kniel et al. (2019), equations (1) to (16)'
+    carries = 'all'
+
+
+class PlateDeviations(Effect):
+    name = 'plate_deviations'
+    meaning = 'The balls are not at their nominal positions; the plate need not be calibrated.'
+    look = 'No fault: every plate has them, and they turn with it.'
+    formula = 'R_z(phi_i) P_j'
+    depends_on = ('ball',)
+    source = 'Kniel et al. (2019), section 2.1'
+    carries = 'all'
+
+
+class CmmDeviations(Effect):
+    name = 'cmm_deviations'
+    meaning = 'At each of its positions the CMM has a constant measuring error.'
+    look = 'Correction of the linear axes; squareness and scales of the CMM.'
+    formula = 'M_k'
+    depends_on = ('cmm_position',)
+    source = 'Kniel et al. (2019), section 2.1'
+    carries = 'all'
+
+
+BASE_EFFECTS: tuple[Effect, ...] = (TableMotions(), PlateDeviations(), CmmDeviations())

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What one calibration measures, in order: the scheme and the phases around it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rosette_ros.core.geometry import Frame, nominal_angles
+from rosette_ros.core.records import Ints
+from rosette_ros.core.scheme import Scheme, cmm_position, nominal_places
+from rosette_ros.io.messages import TABLE_FRAME, Phase, Target
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationPlan:
+    """All targets of one calibration, N in the order of asking.
+
+    phase, table_position, ball, approach: (N,), approach 0 where the table stays; taught: the table frame in machine
+    coordinates as roughly known before the alignment."""
+
+    scheme: Scheme
+    radius: float
+    taught: Frame
+    phase: Ints
+    table_position: Ints
+    ball: Ints
+    approach: Ints
+
+    @property
+    def total(self) -> int:
+        """N, the number of targets over all phases."""
+        return self.phase.size
+
+    def target(self, index: int) -> Target:
+        """Return the target at 0..N-1, seq is index + 1, with its nominal centre, before it is asked (attempt 0)."""
+        n = self.scheme.n
+        position, ball = int(self.table_position[index]), int(self.ball[index])
+        x, y, z = nominal_places(n, self.radius, position, ball).tolist()
+        return Target(
+            run_id='', seq=index + 1, attempt=0, session=0, phase=Phase(int(self.phase[index])), balls=n,
+            radius=self.radius, table_position=position, ball=ball, cmm_position=int(cmm_position(n, position, ball)),
+            table_angle=float(nominal_angles(n)[position - 1]), approach=int(self.approach[index]), centre=(x, y, z),
+            frame_id=TABLE_FRAME, stamp_ns=0)
+
+    def place_in_phase(self, index: int) -> tuple[int, int]:
+        """Return (place, size): the place of a target in its phase, one-based, and the size of the phase."""
+        same = np.flatnonzero(self.phase == self.phase[index])
+        return int(np.searchsorted(same, index)) + 1, same.size
+
+
+def plan_calibration(scheme: Scheme, radius: float, taught: Frame, repeats: int = 10,
+                     drift_check: bool = True) -> CalibrationPlan:
+    """Return the CalibrationPlan of a scheme.
+
+    Repeatability check: ball 1 at table position 1, `repeats` times. Alignment: ball 1 at every table position (the
+    axis), then every ball at table position 1 (the plane and the x axis). The n*n run in the order of `scheme`. Drift
+    check: the first ball of the run once more. Source: Kniel et al. (2019), section 2.2, steps (a)-(d)."""
+    every, first = np.arange(1, scheme.n + 1), np.ones(scheme.n, dtype=int)
+    last = slice(0, 1 if drift_check else 0)
+    parts = [
+        (Phase.REPEATABILITY, *(np.ones(repeats, dtype=int),) * 3),
+        (Phase.ALIGNMENT, every, first, first),
+        (Phase.ALIGNMENT, first, every, first),
+        (Phase.RUN, scheme.table_position, scheme.ball, scheme.approach),
+        (Phase.DRIFT_CHECK, scheme.table_position[last], scheme.ball[last], scheme.approach[last]),
+    ]
+    phase = np.concatenate([np.full(part[1].size, part[0]) for part in parts])
+    position, ball, sense = (np.concatenate([part[column] for part in parts]) for column in (1, 2, 3))
+    stays = np.diff(position, prepend=0) == 0
+    return CalibrationPlan(scheme, radius, taught, phase, position, ball, np.where(stays, 0, sense))

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A calibration from its request on: what was asked, what is planned, what an earlier part of the run has measured."""
+
+import dataclasses
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any
+
+import yaml
+
+from rosette_ros.calibration import settings
+from rosette_ros.calibration.calibration_plan import CalibrationPlan
+from rosette_ros.calibration.settings import Value
+from rosette_ros.calibration.state_machine import Sequence
+from rosette_ros.core.errors import CellError
+from rosette_ros.io.messages import Phase, answer_of, target_of
+from rosette_ros.io.run_assembly import RunAnswers
+
+
+@dataclass(frozen=True)
+class Request:
+    """Who asks for a calibration, by which interface, and the fields of the goal as in Calibrate.action."""
+
+    origin: str
+    order: str = ''
+    seed: int = 0
+    options: str = ''
+    balls: int = 0
+    radius: float = 0.0
+    turning: str = ''
+    repeats: int = 0
+    drift_check: int = 0
+    attempts: int = 0
+    skips: int = 0
+    resume: str = ''
+
+    @staticmethod
+    def of_goal(origin: str, goal: Any) -> 'Request':
+        """Return the Request of a Calibrate goal."""
+        return Request(origin, **{one.name: getattr(goal, one.name) for one in dataclasses.fields(Request)[1:]})
+
+    @property
+    def fields(self) -> str:
+        """The fields of the goal that are set, besides those of CalibrationEvent, as YAML."""
+        own = {name: value for name, value in list(dataclasses.asdict(self).items())[4:] if value}
+        return yaml.safe_dump(own, sort_keys=False) if own else ''
+
+
+@dataclass(eq=False)
+class Job:
+    """The calibration that is on: its sequence, its goal handle, its log."""
+
+    sequence: Sequence
+    request: Request
+    order: str
+    settings: str = ''  # what it was planned with, YAML
+    resumes: str = ''  # name of the log that it continues
+    goal: Any = None  # None: requested by the service
+    log: str = ''
+    since: float = 0.0  # steady time at which it was accepted, s
+    is_waiting: bool = False  # for the nodes to be connected
+    stamp_ns: int = 0  # latest ROS time of the run so far, ns
+    located_ns: int = 0  # when its phase RUN began in an earlier part, ns, 0 if it did not
+    processes: dict[str, str] = field(default_factory=dict)  # those of the nodes that serve it, by node
+    opening: bool = True  # its log
+    recording: bool = False
+    motions: Any = None  # the ErrorMotions message as published
+
+    @property
+    def run_id(self) -> str:
+        """The name of the run."""
+        return self.sequence.run_id
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing is measured any more; the log may still be open."""
+        return self.sequence.phase.is_end
+
+    @property
+    def progress(self) -> str:
+        """How far it is, in words."""
+        sequence = self.sequence
+        if self.is_over:
+            return 'its log is being closed'
+        return f'{sequence.phase.name.lower().replace("_", " ")}, {sequence.done} of {sequence.plan.total} balls'
+
+    def continue_from(self, recalled: Any) -> None:
+        """Continue from what the recorder has recalled, a Recall.Response, in a new session."""
+        before = self.sequence
+        self.sequence = Sequence(self.run_id, before.plan, before.limits, earlier_answers(recalled, before.plan),
+                                 before.session)
+        self.resumes, self.located_ns = recalled.log, _run_begin(self.sequence.earlier)
+
+
+def make_job(request: Request, configured: Mapping[str, Value], taken: Collection[str], recalled: Any = None) -> Job:
+    """Return the Job of a request.
+
+    configured: the settings of the sequencer, name to value; taken: run_ids that are used; recalled: the
+    Recall.Response of the run that is resumed, None for a new run. Raises RosetteError with the reason why not."""
+    changes = settings.goal_changes(request)
+    changes.pop(settings.RESUME.name, None)
+    values = {**configured, **changes}
+    if recalled is not None:
+        return _resumed_job(request, recalled, changes, values)
+    run_id = settings.run_name(datetime.now(UTC), str(values['order']), taken)
+    return Job(Sequence(run_id, settings.plan_of(values), settings.limits_of(values)), request, str(values['order']),
+               settings.format_settings(values))
+
+
+def _resumed_job(request: Request, recalled: Any, changes: Mapping[str, Value], values: Mapping[str, Value]) -> Job:
+    """Return the Job that measures what an earlier part of a run lacks."""
+    if not recalled.success:
+        raise CellError(recalled.message)
+    run_id = recalled.run_id
+    recorded = [event.settings for event in recalled.events if event.settings]
+    planned = settings.parse_settings(recorded[-1], f'resume: run {run_id}') if recorded else dict(values)
+    refuse_other_plan(changes, planned, run_id)
+    values = {**values, **planned}
+    plan = settings.plan_of(values)
+    earlier = earlier_answers(recalled, plan)
+    if earlier.answered == plan.total and recalled.error_motions:
+        raise CellError(f'resume: run {run_id} lacks nothing: all {plan.total} targets are answered and its error '
+                        'motions are published')
+    latest = max((*(one.stamp_ns for one in earlier.targets), *(one.stamp_ns for one in earlier.answers)), default=0)
+    return Job(Sequence(run_id, plan, settings.limits_of(values), earlier), request, str(values['order']),
+               settings.format_settings(values), recalled.log, stamp_ns=latest, located_ns=_run_begin(earlier))
+
+
+def refuse_other_plan(changes: Mapping[str, Value], planned: Mapping[str, Value], run_id: str) -> None:
+    """Refuse a goal that changes, name to value, what decided the plan of the run that it resumes."""
+    for name in (wanted.name for wanted in settings.PLATE + settings.RUN):
+        if name in changes and changes[name] != planned[name]:
+            raise CellError(f'resume: run {run_id}: {name}: wanted {planned[name]!r} as the run began, got '
+                            f'{changes[name]!r}; leave it out')
+
+
+def earlier_answers(recalled: Any, plan: CalibrationPlan) -> RunAnswers:
+    """Return what a Recall.Response holds of its run; raises CellError where that is not what was planned."""
+    earlier = RunAnswers(recalled.run_id)
+    for target in map(target_of, recalled.targets):
+        if target.run_id == earlier.run_id:
+            planned = plan.target(target.seq - 1) if 1 <= target.seq <= plan.total else None
+            same = ('balls', 'radius', 'phase', 'table_position', 'ball')
+            if planned is None or any(getattr(target, name) != getattr(planned, name) for name in same):
+                raise CellError(
+                    f'resume: run {earlier.run_id}: target {target.seq}: wanted '
+                    f'{planned or f"one of {plan.total} targets"} as planned, the log has table position '
+                    f'{target.table_position}, ball {target.ball} of {target.balls}, phase {target.phase}; the run was '
+                    'planned with other settings')
+            earlier.add_target(target)
+    for answer in map(answer_of, recalled.answers):
+        if answer.run_id == earlier.run_id:
+            earlier.add_answer(answer)
+    return earlier
+
+
+def _run_begin(earlier: RunAnswers) -> int:
+    """Return when the first target of phase RUN was asked, ns, 0 where none was."""
+    return min((target.stamp_ns for target in earlier.targets if target.phase == Phase.RUN), default=0)

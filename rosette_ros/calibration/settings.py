@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a calibration is asked to do: the configured settings and what a goal changes. No ROS."""
+
+import difflib
+import itertools
+import re
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+import yaml
+
+from rosette_ros.calibration.calibration_plan import CalibrationPlan, plan_calibration
+from rosette_ros.calibration.state_machine import Limits
+from rosette_ros.core.errors import InvalidConfig, one_line
+from rosette_ros.core.geometry import Frame, rotation_matrix
+from rosette_ros.core.scheme import ORDERS, TURNINGS, plan
+from rosette_ros.io.safe_yaml import load_plain
+
+MAX_OPTIONS = 10_000  # longest YAML text taken from a goal, characters
+_MOST = 1e300  # whole numbers beyond are no float
+
+Value = bool | int | float | str | tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """One setting: what is allowed, low and high included, and what it means."""
+
+    name: str
+    default: Value  # of the type that is wanted; a tuple: a list of that many numbers
+    text: str
+    low: float = -_MOST
+    high: float = _MOST
+    choices: tuple[str, ...] = ()
+    read_only: bool = False  # fixed once the node runs
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether a number has to lie in low .. high."""
+        return self.high < _MOST
+
+    def check(self, value: Any, where: str) -> Value:
+        """Return `value` in the right type, or raise InvalidConfig in words."""
+        if isinstance(self.default, tuple):
+            is_list = isinstance(value, (list, tuple)) and len(value) == len(self.default)
+            if is_list and all(self._fits(one, float) for one in value):
+                return tuple(map(float, value))
+        elif self._fits(value, type(self.default)):
+            return type(self.default)(value)
+        raise InvalidConfig(f'{where}: {self.name}: wanted {self.wanted()} ({self.text}), got {value!r:.80}')
+
+    def wanted(self) -> str:
+        """Return in words what is allowed."""
+        if self.choices:
+            return f'one of {", ".join(self.choices)}'
+        bounds = f' in {self.low:g} .. {self.high:g}' if self.is_bounded else ''
+        if isinstance(self.default, tuple):
+            return f'a list of {len(self.default)} numbers{bounds}'
+        words = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
+        return words[type(self.default)] + bounds
+
+    def _fits(self, value: Any, kind: type) -> bool:
+        """Whether one value is allowed where a `kind` is wanted; a number without fraction is a whole one."""
+        if kind in (bool, str):
+            return isinstance(value, kind) and (not self.choices or value in self.choices)
+        return (isinstance(value, (int, float)) and not isinstance(value, bool) and self.low <= value <= self.high
+                and (kind is float or value == int(value)))
+
+
+PLATE = (
+    Wanted('plate.balls', 12, 'number of balls on the plate and of table positions', 3, 1000),
+    Wanted('plate.radius_m', 0.1825, 'nominal radius of the circle of ball centres, m', 1e-3, 10.0),
+)
+TABLE = (
+    Wanted('table.origin_m', (0.35, 0.26, -0.3), 'where the centre of the plate roughly is, x y z in machine '
+           'coordinates, m', -100.0, 100.0),
+    Wanted('table.azimuth_deg', 0.0, 'where ball 1 roughly is at table angle 0, counted counter-clockwise from the '
+           'machine x axis, degrees', -360.0, 360.0),
+)
+RUN = (
+    Wanted('order', 'diagonal', 'order of measurement', choices=tuple(ORDERS)),
+    Wanted('seed', 0, 'draws the order "random"', 0, 2**53),
+    Wanted('turning', 'forward', 'sense in which the table turns', choices=TURNINGS),
+    Wanted('repeats', 10, 'readings of the repeatability check, 0: none', 0, 10_000),
+    Wanted('drift_check', True, 'whether the first ball is measured again after the run'),
+)
+LIMITS = (
+    Wanted('limits.answer_timeout_s', Limits.answer_timeout, 'wall time after which a target is asked again, s', 0.01,
+           1e5),
+    Wanted('limits.attempts', Limits.attempts, 'how often one target is asked before it is given up', 1, 1000),
+    Wanted('limits.skips', Limits.skips, 'how many balls of the run may be left out after that, never two in a row; 0: '
+           'the run fails', 0, 1000),
+    Wanted('limits.evaluation_timeout_s', Limits.evaluation_timeout, 'wall time for the evaluation, s', 0.01, 1e5),
+    Wanted('limits.return_timeout_s', Limits.return_timeout, 'wall time that a run waits for a disconnected CMM or '
+           'recorder, before it fails (it can be resumed), s', 0.0, 1e5),
+    Wanted('limits.search_m', Limits.search, 'how far a ball may lie from where it is expected before the alignment, m',
+           1e-6, 1.0),
+    Wanted('limits.distance_m', Limits.distance, 'the same after the alignment, m', 1e-6, 1.0),
+    Wanted('limits.angle_rad', Limits.angle, 'how far the table may stand from the commanded angle, rad', 1e-9, 0.5),
+)
+RESUME = Wanted('resume', '', 'the log to continue: the name of its folder, or its path')
+OPTIONS = RUN[2:] + LIMITS[:5] + (RESUME,)  # what the options of a goal may change for one calibration
+PLANNED = PLATE + TABLE + RUN  # what decides which targets a calibration has
+FIELDS = {'order': 'order', 'balls': 'plate.balls', 'radius': 'plate.radius_m', 'turning': 'turning',
+          'repeats': 'repeats', 'drift_check': 'drift_check', 'attempts': 'limits.attempts', 'skips': 'limits.skips',
+          'resume': 'resume'}
+"""Fields of a goal by the setting that each changes."""
+_NONE: dict[str, dict[int, Value]] = {'repeats': {-1: 0}, 'skips': {-1: 0}, 'drift_check': {-1: False, 1: True}}
+"""What the constants of Calibrate.action stand for."""
+
+
+def goal_changes(goal: Any) -> dict[str, Value]:
+    """Return what a goal (any object with the fields of Calibrate's) changes, name to value; raises InvalidConfig."""
+    known = {wanted.name: wanted for wanted in (*PLATE, *RUN, *LIMITS, RESUME)}
+    changes = {}
+    for field, name in FIELDS.items():
+        value = getattr(goal, field)
+        if value:
+            changes[name] = known[name].check(_NONE.get(field, {}).get(value, value), 'goal')
+    if goal.order or goal.seed:
+        changes['seed'] = known['seed'].check(goal.seed, 'goal')
+    options = parse_options(goal.options)
+    for name in options:
+        if name in changes:
+            raise InvalidConfig(f'options: {name}: wanted it once, got it in the fields of the goal too; leave it out')
+    return {**changes, **options}
+
+
+def parse_options(text: str) -> dict[str, Value]:
+    """Return what a YAML mapping of names from OPTIONS, or no text, changes, name to value; raises InvalidConfig."""
+    if len(text) > MAX_OPTIONS:
+        raise InvalidConfig(f'options: wanted at most {MAX_OPTIONS} characters, got {len(text)}')
+    try:
+        given = load_plain(text)
+    except yaml.YAMLError as error:
+        raise InvalidConfig(f'options: wanted a YAML mapping, got text that is none: {one_line(error)}') from None
+    if not isinstance(given, (dict, type(None))):
+        raise InvalidConfig(f'options: wanted a YAML mapping such as "repeats: 5", got {text!r:.80}')
+    known, changes = {wanted.name: wanted for wanted in OPTIONS}, {}
+    for name, value in (given or {}).items():
+        if name not in known:
+            raise InvalidConfig(unknown_name('options', str(name)[:80], known))
+        changes[name] = known[name].check(value, 'options')
+    return changes
+
+
+def plan_of(values: Mapping[str, Any]) -> CalibrationPlan:
+    """Return the CalibrationPlan for settings (name to value, all of PLANNED)."""
+    scheme = plan(values['plate.balls'], values['order'], values['seed'], values['turning'])
+    azimuth = np.deg2rad(values['table.azimuth_deg'])
+    taught = Frame(rotation_matrix(np.array([0.0, 0.0, azimuth])), np.array(values['table.origin_m']))
+    return plan_calibration(scheme, values['plate.radius_m'], taught, values['repeats'], values['drift_check'])
+
+
+def limits_of(values: Mapping[str, Any]) -> Limits:
+    """Return the Limits for settings (name to value, all of LIMITS): fields are names without prefix and unit."""
+    return Limits(**{re.sub(r'limits\.|_(s|m|rad)$', '', wanted.name): values[wanted.name] for wanted in LIMITS})
+
+
+def format_settings(values: Mapping[str, Value]) -> str:
+    """Return the settings that decide the targets of a calibration as YAML; values: name to value."""
+    plain = {one.name: values[one.name] for one in PLANNED}
+    lists = {name: list(value) for name, value in plain.items() if isinstance(value, tuple)}
+    return yaml.safe_dump({**plain, **lists}, sort_keys=False)
+
+
+def parse_settings(text: str, where: str) -> dict[str, Value]:
+    """Return the settings that format_settings wrote, name to value; raises InvalidConfig in words."""
+    try:
+        given = load_plain(text) if len(text) <= MAX_OPTIONS else None
+    except yaml.YAMLError:
+        given = None
+    if not isinstance(given, dict):
+        raise InvalidConfig(f'{where}: wanted the settings of the run as a YAML mapping, got {text[:80]!r}')
+    return {wanted.name: wanted.check(given.get(wanted.name), where) for wanted in PLANNED}
+
+
+def run_name(when: datetime, order: str, taken: Collection[str]) -> str:
+    """Return a run_id such as `rosette_20260412_083000_diagonal` that is not in `taken`."""
+    name = f'rosette_{when:%Y%m%d_%H%M%S}_{order}'
+    more = (f'{name}_{count}' for count in itertools.count(2))
+    return name if name not in taken else next(one for one in more if one not in taken)
+
+
+def unknown_name(where: str, name: str, known: Iterable[str]) -> str:
+    """Return the words for a name that does not exist, with the likely and all known ones."""
+    near = difflib.get_close_matches(name, known, 1)
+    hint = f'; did you mean {near[0]}?' if near else ''
+    return f'{where}: unknown name {name!r}{hint} Known: {", ".join(known)}'

@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A client of a running cell: asks for a calibration, shows progress, cancels on Ctrl-C."""
+
+import os
+import signal
+import threading
+import time
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.task import Future
+from rosette_msgs.action import Calibrate
+from rosette_msgs.msg import CalibrationEvent, Diagnosis, RunState
+
+from rosette_ros.cell.supervisor import added_environment
+from rosette_ros.core.diagnosis.verdict import Verdict
+from rosette_ros.core.errors import CellError
+from rosette_ros.core.records import ErrorMotions
+from rosette_ros.io.messages import CalibrationProgress, Phase, progress_of
+from rosette_ros.nodes import conversions, names, qos
+
+CANCEL_TIMEOUT = 30.0
+RESUME_TIMEOUT = 90.0  # a sequencer has the recorder read in the log of a run before it accepts to resume it, s
+_STEP = 0.1
+_REASON_TIMEOUT = 2.0
+_DIAGNOSIS_TIMEOUT = 10.0  # a diagnosis that was published before the result may be received after it, s
+_DISCONNECTED = 3.0  # a sequencer that is not on the graph for so long is taken to be disconnected, s
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationOutcome:
+    """How a calibration has ended; error_motions: None without success; verdict: of the diagnosis of the run, None
+    where there was none."""
+
+    success: bool
+    cancelled: bool
+    message: str
+    run_id: str
+    log: Path | None
+    error_motions: ErrorMotions | None
+    verdict: Verdict | None = None
+
+
+class _Interrupt:
+    """Takes SIGINT while a calibration is on: an exception in the middle of rclpy would break it.
+
+    A second one acts as usual. Outside the main thread nothing is taken."""
+
+    def __init__(self) -> None:
+        self.received = False
+        self._before: Any = None
+
+    def __enter__(self) -> '_Interrupt':
+        if threading.current_thread() is threading.main_thread():
+            self._before = signal.signal(signal.SIGINT, self._take)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._before is not None:
+            signal.signal(signal.SIGINT, self._before)
+
+    def _take(self, number: int, frame: FrameType | None) -> None:
+        self.received = True
+        signal.signal(signal.SIGINT, self._before)
+
+
+class CellClient:
+    """Talks to the sequencer of a cell; a context manager. After a restart of the sequencer, make a new one: until DDS
+    drops what was killed, requests of the old one may go there.
+
+    domain_id: ROS domain, None for that of the environment; namespace: of the cell."""
+
+    def __init__(self, domain_id: int | None = None, namespace: str = names.NAMESPACE) -> None:
+        """Join the graph; only cells on this computer are seen unless the environment says so."""
+        os.environ.update(added_environment(os.environ))
+        self._where, self._domain_id = f'/{namespace.strip("/")}', domain_id
+        self._context = Context()
+        self._context.init(domain_id=domain_id)
+        self._node = Node(f'client_{uuid.uuid4().hex[:8]}', namespace=self._where, context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._rejections: list[str] = []
+        self._node.create_subscription(CalibrationEvent, names.CALIBRATION_EVENT, self._on_event, qos.EVENT)
+        self._run_id, self._is_restarted, self._has_state = '', False, False
+        self._verdicts: dict[str, Verdict | None] = {}
+        self._node.create_subscription(Diagnosis, names.DIAGNOSIS, self._on_diagnosis, qos.RESULT)
+        self._action = ActionClient(self._node, Calibrate, names.CALIBRATE)
+        # The last one: DDS announces subscriptions in their order, so a sequencer whose state is received knows those
+        # of feedback and events, too.
+        self._node.create_subscription(RunState, names.RUN_STATE, self._on_state, qos.STATE)
+
+    def __enter__(self) -> 'CellClient':
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._executor.shutdown()
+        self._action.destroy()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def wait(self, timeout: float = 10.0) -> None:
+        """Wait for a sequencer; raises CellError where none answers in time."""
+        if not self._spin_until(lambda: self._action.server_is_ready() and self._has_state
+                                and self._node.count_publishers(names.CALIBRATION_EVENT) > 0, timeout):
+            raise CellError(f'cell {self._where}: wanted a sequencer within {timeout:g} s, got none; start the cell, '
+                            'check namespace and ROS_DOMAIN_ID')
+
+    def calibrate(
+            self, order: str = '', seed: int = 0, options: str = '',
+            on_progress: Callable[[CalibrationProgress], object] | None = None,
+            check: Callable[[], object] | None = None, timeout: float | None = None, resume: str = '', *,
+            balls: int = 0, radius: float = 0.0, turning: str = '', repeats: int | None = None,
+            drift_check: bool | None = None, attempts: int = 0, skips: int | None = None) -> CalibrationOutcome:
+        """Run a calibration to its end and return its CalibrationOutcome.
+
+        The fields of the goal are those of Calibrate.action; '', 0 or None: as configured, and a new run where `resume`
+        is empty; radius: m. check: called now and then, may raise (a cell's own check); timeout: s, after which the
+        calibration is cancelled. KeyboardInterrupt cancels it and waits for its clean end.
+
+        Raises CellError where the sequencer is not there, refuses, or is disconnected."""
+        self.wait()
+        self._rejections.clear()
+        self._run_id, self._is_restarted = '', False
+
+        def on_feedback(message: Any) -> None:
+            if on_progress and message.feedback.state.phase in list(Phase):
+                on_progress(progress_of(message.feedback.state))
+
+        goal = Calibrate.Goal(
+            order=order, seed=seed, options=options, balls=balls, radius=float(radius), turning=turning,
+            attempts=attempts, resume=resume, repeats=_count(repeats), skips=_count(skips),
+            drift_check={None: Calibrate.Goal.AS_CONFIGURED, True: Calibrate.Goal.YES,
+                         False: Calibrate.Goal.NO}[drift_check])
+        handle = self._await(self._action.send_goal_async(goal, feedback_callback=on_feedback),
+                             RESUME_TIMEOUT if resume else 10.0, check)
+        if not handle.accepted:
+            self._spin_until(lambda: bool(self._rejections), _REASON_TIMEOUT)  # the action has no field for the reason
+            reason = self._rejections[-1] if self._rejections else 'see the log of the sequencer'
+            raise CellError(f'cell {self._where}: calibration refused: {reason}')
+        result = handle.get_result_async()
+        with _Interrupt() as interrupt:
+            try:
+                response = self._await(result, timeout, check, interrupt)
+            except (KeyboardInterrupt, TimeoutError):
+                handle.cancel_goal_async()
+                response = self._await(result, CANCEL_TIMEOUT, check)
+        outcome = outcome_of(response)
+        if outcome.success and response.result.error_motions.diagnosed:
+            self._spin_until(lambda: outcome.run_id in self._verdicts, _DIAGNOSIS_TIMEOUT)
+        return replace(outcome, verdict=self._verdicts.get(outcome.run_id))
+
+    def _await(self, future: Future, timeout: float | None, check: Callable[[], object] | None,
+               interrupt: _Interrupt | None = None) -> Any:
+        began = seen = time.monotonic()
+        while not future.done():
+            self._executor.spin_once(timeout_sec=_STEP)
+            if check:
+                check()
+            if interrupt and interrupt.received:
+                raise KeyboardInterrupt
+            now = time.monotonic()
+            seen = now if self._action.server_is_ready() else seen
+            if now - seen > _DISCONNECTED or (interrupt and self._is_restarted):
+                event = 'was restarted' if self._is_restarted else 'is disconnected'
+                hint = f', resume with: {self.resume_command(self._run_id)}' if self._run_id else ''
+                raise CellError(f'cell {self._where}: the sequencer {event}; what was measured is in the log{hint}')
+            if timeout is not None and now - began > timeout:
+                raise TimeoutError(f'cell {self._where}: no answer within {timeout:g} s')
+        return future.result()
+
+    def resume_command(self, run: str | Path) -> str:
+        """Return the command that resumes a run of this cell."""
+        domain = '' if self._domain_id is None else f' --domain {self._domain_id}'
+        namespace = '' if self._where == f'/{names.NAMESPACE}' else f' --namespace {self._where[1:]}'
+        return f'rosette calibrate --resume {run}{domain}{namespace}'
+
+    def _on_diagnosis(self, message: Diagnosis) -> None:
+        self._verdicts = {message.run_id: conversions.verdict_record(message)}
+
+    def _on_state(self, state: RunState) -> None:
+        """A sequencer that is idle while a calibration of it is on, is another process."""
+        self._has_state = True
+        if state.phase == Phase.IDLE:
+            self._is_restarted = True
+
+    def _spin_until(self, condition: Callable[[], bool], timeout: float) -> bool:
+        deadline = time.monotonic() + timeout
+        while not condition() and time.monotonic() < deadline:
+            self._executor.spin_once(timeout_sec=_STEP)
+        return condition()
+
+    def _on_event(self, event: CalibrationEvent) -> None:
+        if event.kind == CalibrationEvent.REJECTED and event.origin == names.CALIBRATE:
+            self._rejections.append(event.text)
+        elif event.kind == CalibrationEvent.ACCEPTED:
+            self._run_id = event.run_id
+
+
+def _count(number: int | None) -> int:
+    """Return the field of a goal for a number that may be 0."""
+    return 0 if number is None else number or Calibrate.Goal.NONE
+
+
+def outcome_of(response: Any) -> CalibrationOutcome:
+    """Return the CalibrationOutcome of a calibrate result with its status."""
+    result = response.result
+    motions = conversions.error_motions_record(result.error_motions) if result.success else None
+    return CalibrationOutcome(
+        success=result.success, cancelled=response.status == GoalStatus.STATUS_CANCELED,
+        message=result.message, run_id=result.run_id,
+        log=Path(result.log) if result.log else None, error_motions=motions)

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the demonstrations share: a simulated cell in a free ROS domain, and results compared with its truth."""
+
+import contextlib
+import random
+import shutil
+import socket
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import yaml
+from rich.console import Console
+
+from rosette_ros.analysis import Report
+from rosette_ros.cell.client import CellClient
+from rosette_ros.cell.supervisor import Cell
+from rosette_ros.cli.calibrate import calibrate
+from rosette_ros.cli.cell import make_folder, started
+from rosette_ros.core.errors import CellError
+from rosette_ros.core.geometry import Frame
+from rosette_ros.core.records import CURVES, Floats, remove_gauge
+from rosette_ros.presentation.formatting import fixed
+from rosette_ros.presentation.table_format import Table, column, words
+from rosette_ros.simulation import Machine, MachineConfig
+
+MACHINE = 'machine.yaml'
+FIRST_PORT, PORTS_PER_DOMAIN = 7400, 250
+"""DDS-RTPS 2.2, section 9.6.1.1: port of discovery by multicast = 7400 + 250 domain."""
+HIGHEST = 101
+"""Highest domain whose ports lie below those that Linux assigns on its own."""
+
+
+def free_domain() -> int:
+    """Return a domain that nothing seems to use on this computer; raise CellError where all are in use."""
+    for domain in random.sample(range(1, HIGHEST + 1), HIGHEST):
+        with contextlib.suppress(OSError):
+            for offset in (0, 10, 11):
+                with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                    probe.bind(('', FIRST_PORT + PORTS_PER_DOMAIN * domain + offset))
+            return domain
+    raise CellError(f'ROS domain: wanted a free one in 1 .. {HIGHEST}, found none; end other ROS programs or choose '
+                    'one with --domain')
+
+
+def write_machine(config: MachineConfig, path: Path) -> None:
+    """Write a machine configuration as YAML."""
+    values = config.model_dump(mode='json', exclude={'hidden_draw'})
+    if config.hidden_draw is not None:
+        values['hidden'] = config.hidden_draw.model_dump(mode='json', exclude_none=True)
+    path.write_text(yaml.safe_dump(values, sort_keys=False), encoding='utf-8')
+
+
+def make_cell(config: MachineConfig, machine: Path, domain: int, logs: Path) -> Cell:
+    """Return the cell with the simulated machine of a configuration, written to the file `machine`."""
+    origin = [1e-3 * float(x) for x in config.placement.origin_mm]
+    return Cell(domain, machine=machine, log_dir=logs, params={'sequencer': {
+        'plate.balls': config.plate.balls, 'plate.radius_m': config.radius, 'table.origin_m': origin}})
+
+
+@dataclass(frozen=True)
+class DemoCell:
+    """A running cell with a simulated machine: its client, the machine's file, the folder of the logs."""
+
+    cell: Cell
+    client: CellClient
+    machine: Path
+    logs: Path
+    began: float
+
+    @property
+    def seconds(self) -> float:
+        """Wall time since the beginning, s."""
+        return time.monotonic() - self.began
+
+    def calibrate(self, order: str, seed: int, options: str = '') -> Path:
+        """Run a calibration with progress on stderr; return the folder of its log, with the files of the machine."""
+        outcome = calibrate(self.client, order=order, seed=seed, options=options, check=self.cell.check)
+        if outcome.log is None:
+            raise CellError('demo: wanted the log of the run, got none; see the output of the recorder')
+        for path in self.machine.parent.iterdir():
+            shutil.copy(path, outcome.log)
+        return outcome.log
+
+
+@contextlib.contextmanager
+def demo_cell(out: Console, what: str, config: MachineConfig, domain: int | None, output: str) -> Iterator[DemoCell]:
+    """Start a cell with a simulated machine, end it afterwards.
+
+    what: printed, what is measured; domain: ROS domain, None for a free one; output: folder of the logs.
+    """
+    began = time.monotonic()
+    domain = free_domain() if domain is None else domain
+    logs = make_folder(output)
+    out.print(f'{what}, machine drawn from seed {config.seed}; four ROS 2 nodes in domain {domain}')
+    with tempfile.TemporaryDirectory(prefix='rosette_demo_') as folder:
+        machine = Path(folder) / MACHINE
+        write_machine(config, machine)
+        with started(out, make_cell(config, machine, domain, logs)) as cell, CellClient(domain) as client:
+            made = DemoCell(cell, client, machine, logs, began)
+            out.print(f'  nodes are running after     {made.seconds:5.1f} s')
+            yield made
+
+
+@dataclass(frozen=True, eq=False)
+class TruthComparison:
+    """Results and the truth of the simulated machine, both freed of the gauge.
+
+    truth: (n, 6), m and rad; error: (n, 6) differences in units of the standard uncertainty.
+    """
+
+    truth: Floats
+    error: Floats
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the normalised errors; 1 is expected."""
+        return float(np.sqrt(np.mean(self.error**2)))
+
+    @property
+    def rms_spread(self) -> float:
+        """Standard deviation expected of the rms: 6 n values, ten of them fixed by the gauge."""
+        return float(1 / np.sqrt(2 * (self.error.size - 10)))
+
+
+def compare(report: Report, config: MachineConfig, frame: Frame | None) -> TruthComparison:
+    """Return the comparison of a report with the machine's truth in the frame that was found."""
+    motions = report.error_motions
+    truth = remove_gauge(Machine(config).table_truth(motions.angle, frame))
+    return TruthComparison(truth, (motions.values - truth) / motions.u)
+
+
+def truth_table(comparison: TruthComparison) -> Table:
+    """Return the table of differences to the truth, by curve."""
+    two = partial(fixed, places=2)
+    return Table('truth', 'Difference to the truth in standard uncertainties', (
+        words('curve', 'curve', CURVES), column('rms', 'rms', np.sqrt(np.mean(comparison.error**2, axis=0)), two),
+        column('largest', 'largest', np.abs(comparison.error).max(axis=0), two)))
+
+
+def shown(path: Path) -> str:
+    """Return a path as short as it can be typed from here."""
+    path, here = Path(path).absolute(), Path.cwd()
+    return str(path.relative_to(here) if path.is_relative_to(here) else path)

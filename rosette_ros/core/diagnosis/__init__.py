@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which physical effect is missing: candidates, search, significance, cross-validation."""

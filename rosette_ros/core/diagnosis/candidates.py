@@ -1,0 +1,364 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Columns of the candidates: every effect at every setting, freed of the model and made orthonormal once.
+
+With B the q columns of a setting and M the projection on what the model leaves, the orthonormal rows are U = T B M with
+T from the eigenvectors of B M B' (directions below DROP are left out). Its gain, the fall of the residual's square sum
+when it is added beside members with orthonormal rows A, is y' (1 - U A' A U')^-1 y with y = U r and r the residual
+after A. Since M r = r and M A' = A', the products U r = T (B r) ask for raw columns only: those of whole families are
+products of few waves and directions, or nearly empty, and B M B' = B B' - (B Q')(B Q')' by the basis Q of the model.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain, groupby
+from typing import Any, cast
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import NDArray
+
+from rosette_ros.core.effects.effect import Effect, Factors, Setting
+from rosette_ros.core.model.base_model import BaseSpace
+from rosette_ros.core.model.least_squares import JointSpace
+from rosette_ros.core.records import Bools, Ints, Run
+
+Reals = NDArray[np.floating[Any]]
+"""Numbers in double precision, or in single where the search only compares."""
+
+DROP = 0.02
+"""Directions of an effect, and effects, with a smaller visible share are left out of the search: to be
+seen at all they would have to be as large as no cell has them."""
+HIDDEN_SHARE = 0.05
+"""Visible share below which an order of measurement hides an effect."""
+CHUNK = 512
+RIDGE = 1e-3
+SMALL = 1000
+FEW = 32
+EMPTY = 0.25
+"""Share of numbers that are not zero below which columns are kept as sparse."""
+
+
+class Projection:
+    """Rows (m, N, 3) freed of a model; many rows of a small run in single precision.
+
+    Single precision is for the search and simulated noise: the score of the best is computed anew in double precision.
+    """
+
+    def __init__(self, space: BaseSpace | JointSpace, size: int) -> None:
+        if space.basis is None:
+            raise ValueError('wanted readings of equal weight: effects are not searched among others')
+        self.basis, self.size = space.basis, size
+        self._residual = cast(Callable[[Reals], Reals], space.residual)  # keeps the precision of its argument
+
+    @cached_property
+    def columns(self) -> Reals:
+        """The model's basis in single precision, (3 N, rank)."""
+        return np.ascontiguousarray(self.basis.rows().astype(np.float32).T)
+
+    def along(self, direction: Reals) -> tuple[Reals, Ints]:
+        """Return what a unit along its direction (N, 3) at each reading has of the basis.
+
+        As (N, some) in single precision and the numbers of these basis rows: the others have none.
+        """
+        basis = self.basis
+        axial, plane = len(basis.axial), len(basis.axial) + len(basis.plane)
+        direction = direction.astype(np.float32)
+        parts, places = [], []
+        columns = self.columns.reshape(self.size, 3, -1)
+        for part, axes in ((slice(0, axial), (2,)), (slice(axial, plane), (0, 1)),
+                           (slice(plane, basis.rank), (0, 1, 2))):
+            used = [columns[:, axis, part] * direction[:, axis, None] for axis in axes if direction[:, axis].any()]
+            if used:
+                parts.append(sum(used[1:], used[0]))
+                places.append(np.arange(part.start, part.stop))
+        return np.concatenate(parts, axis=1), np.concatenate(places)
+
+    def __call__(self, rows: Reals) -> Reals:
+        """Return the rows freed of the model, same shape."""
+        if len(rows) >= FEW:
+            rows = rows.astype(np.float32)
+        return self.basis.residual(rows) if 3 * self.size <= SMALL else self._residual(rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Dense:
+    """Orthonormal rows as they are, (blocks, q, 3 N), float32."""
+
+    rows: Reals
+
+    def products(self, rows: Reals) -> Reals:
+        """Return the products with rows (m, 3 N), (blocks, q, m)."""
+        b, q, wide = self.rows.shape
+        return (self.rows.reshape(b * q, wide) @ rows.T).reshape(b, q, -1)
+
+
+@dataclass(frozen=True, eq=False)
+class Sparse:
+    """Raw columns that are mostly zero, (blocks * q, 3 N)."""
+
+    rows: scipy.sparse.csr_array
+    q: int
+
+    def products(self, rows: Reals) -> Reals:
+        """Return the products with rows (m, 3 N), (blocks, q, m)."""
+        return np.asarray(self.rows @ rows.T).reshape(-1, self.q, len(rows))
+
+
+@dataclass(frozen=True, eq=False)
+class Waves:
+    """Raw columns that are waves (v, m, N) times directions (D, N, 3), float32."""
+
+    waves: Reals
+    directions: Reals
+
+    def products(self, rows: Reals) -> Reals:
+        """Return the products of every wave and direction with rows (r, 3 N), (v, m, D, r)."""
+        v, m, size = self.waves.shape
+        weighted = self.directions.transpose(1, 0, 2) @ rows.reshape(len(rows), size, 3).transpose(1, 2, 0)
+        product = self.waves.reshape(v * m, size) @ weighted.reshape(size, -1)
+        return product.reshape(v, m, len(self.directions), len(rows))
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """All settings of one effect that have q columns.
+
+    bank: what holds their columns; places: index of each block's in the products of the bank (None: as they come); mix:
+    (blocks, q, q), T of above, None where the bank's rows are orthonormal; ranks: (blocks,) visible directions; shares:
+    (blocks,) visible shares; chances: number of settings that count as separate chances in the search.
+    """
+
+    effect: Effect
+    settings: tuple[Setting, ...]
+    q: int
+    bank: Dense | Sparse | Waves
+    places: tuple[Ints, Ints, Ints] | None
+    mix: Reals | None
+    ranks: Ints
+    shares: Reals
+    chances: float
+
+    @property
+    def name(self) -> str:
+        """The name of the effect."""
+        return self.effect.name
+
+    @cached_property
+    def by_rank(self) -> tuple[tuple[int, Ints], ...]:
+        """Pairs of a rank above 0 and the numbers of the blocks that have it."""
+        return tuple((int(rank), np.flatnonzero(self.ranks == rank)) for rank in np.unique(self.ranks[self.ranks > 0]))
+
+    def picked(self, products: Reals) -> Reals:
+        """Return U times rows, (blocks, q, m), from the products of the bank with the rows."""
+        if self.places is not None:
+            products = products[self.places]
+        products = products.reshape(len(self.settings), self.q, -1)
+        if self.mix is None:
+            return products
+        return products * self.mix if self.q == 1 else self.mix @ products
+
+
+def products_of(families: Sequence[Family], rows: Reals) -> Iterator[tuple[Family, Reals]]:
+    """Yield (family, U times rows (m, 3 N)) of families; those of one effect share their bank."""
+    rows = np.ascontiguousarray(rows, dtype=np.float32)
+    for _, sharing in groupby(families, key=lambda family: id(family.bank)):
+        first = next(sharing)
+        found = first.bank.products(rows)
+        yield from ((family, family.picked(found)) for family in (first, *sharing))
+
+
+def gains(y: Reals, x: Reals | None = None) -> Reals:
+    """Return the gain of each block, (blocks, m), from y = U r (blocks, q, m) and x = U A' (blocks, q, k)."""
+    gain: Reals = np.sum(y * y, axis=1)
+    if x is None or not x.shape[-1]:
+        return gain
+    across = x.transpose(0, 2, 1)
+    if x.shape[1] == 1:
+        gain = y[:, 0]**2 / (1 + RIDGE - np.sum(x[:, 0]**2, axis=1))[:, None]
+    elif x.shape[2] >= x.shape[1]:
+        gram = np.eye(x.shape[1], dtype=x.dtype) * (1 + RIDGE) - x @ across
+        gain = np.sum(y * np.linalg.solve(gram, y), axis=1)
+    else:
+        # (c - x x')^-1 = (1 + x (c - x'x)^-1 x') / c: few members are quicker than many columns
+        shared = across @ y
+        gram = np.eye(x.shape[2], dtype=x.dtype) * (1 + RIDGE) - across @ x
+        found = shared / gram if gram.shape[1] == 1 else np.linalg.solve(gram, shared)
+        gain = (gain + np.sum(shared * found, axis=1)) / (1 + RIDGE)
+    return gain
+
+
+def whiten(blocks: Reals, project: Projection) -> tuple[Reals, Ints, Reals]:
+    """Return orthonormal rows (b, q, 3 N), ranks (b,), shares (b,) of blocks (b, q, N, 3)."""
+    b, q, n = blocks.shape[:3]
+    scale, moves = _lengths(blocks.reshape(b * q, 3 * n))
+    perp = project(blocks.reshape(b * q, n, 3)).reshape(b, q, 3 * n)
+    perp = perp / scale.reshape(b, q, 1).astype(perp.dtype)
+    gram = perp @ perp.transpose(0, 2, 1)
+    mix, ranks, shares = _mix(gram, moves.reshape(b, q))
+    return mix.astype(perp.dtype) @ perp, ranks, shares
+
+
+def _lengths(flat: Reals) -> tuple[Reals, Bools]:
+    """Return the length of the variation of columns (r, 3 N), each axis freed of its mean, and whether they vary."""
+    n = flat.shape[1] // 3
+    sums = flat.reshape(len(flat), n, 3).sum(axis=1) if len(flat) < FEW else flat @ np.tile(np.eye(3), (n, 1))
+    return _lengths_of(np.einsum('rs,rs->r', flat, flat), np.sum(sums**2, axis=1) / n)
+
+
+def _lengths_of(square: Reals, mean: Reals) -> tuple[Reals, Bools]:
+    varying = square - mean
+    moves = varying > 1e-18 * square
+    return np.sqrt(np.where(moves, varying, np.where(square > 0, square, 1.0))), moves
+
+
+def _mix(gram: Reals, moves: Bools) -> tuple[Reals, Ints, Reals]:
+    """Return T (b, q, q), ranks and shares from B M B' (b, q, q) of columns of unit length."""
+    trace = np.trace(gram, axis1=1, axis2=2)
+    shares = np.sqrt(np.maximum(trace, 0) / np.maximum(moves.sum(axis=1), 1))
+    if gram.shape[1] == 1:
+        value, vector = gram[:, 0], np.ones_like(gram)
+    elif _all_seen(gram, shares):
+        # nothing is left out: the inverse of a Cholesky factor does as well, and is found sooner
+        return np.linalg.inv(np.linalg.cholesky(gram)), np.full(len(gram), gram.shape[1]), shares
+    else:
+        value, vector = np.linalg.eigh(gram)
+    keep = (value > DROP**2) & (shares[:, None] > DROP)
+    root = np.where(keep, 1 / np.sqrt(np.where(keep, value, 1.0)), 0.0)
+    return (vector * root[:, None, :]).transpose(0, 2, 1), keep.sum(axis=1), shares
+
+
+def _all_seen(gram: Reals, shares: Reals) -> bool:
+    """Return whether every direction of every block, and every block, is seen by more than DROP."""
+    if shares.min() <= DROP:
+        return False
+    try:
+        np.linalg.cholesky(gram - DROP**2 * np.eye(gram.shape[1], dtype=gram.dtype))
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
+def why_not_judged(effect: Effect, run: Run) -> str:
+    """Return why an effect cannot be judged on a run, empty where it can."""
+    return effect.unavailable(run) or ('' if effect.settings(run) else 'what it depends on does not change in this run')
+
+
+def families(run: Run, effects: Sequence[Effect], project: Projection, keep_hidden: bool = False) -> tuple[Family, ...]:
+    """Return the families of the effects that a run can judge; keep_hidden: also those of which it shows nothing."""
+    out: list[Family] = []
+    for effect in effects:
+        if not effect.unavailable(run):
+            settings = effect.settings(run)
+            factors = effect.factors(run, settings) if settings else None
+            out += (_wave_families(run, effect, settings, factors, project) if factors
+                    else _families(run, effect, settings, project))
+    return tuple(family for family in out if keep_hidden or family.ranks.any())
+
+
+def _by_width(widths: Sequence[int]) -> list[tuple[int, list[int]]]:
+    return [(width, [place for place, other in enumerate(widths) if other == width]) for width in sorted(set(widths))]
+
+
+def _families(run: Run, effect: Effect, settings: Sequence[Setting], project: Projection) -> list[Family]:
+    out = []
+    chances = effect.independent_settings(run)
+    for q, places in _by_width([effect.width(run, setting) for setting in settings]):
+        some = tuple(settings[place] for place in places)
+        step = max(1, CHUNK // q)
+        blocks = (effect.blocks(run, some[start:start + step]) for start in range(0, len(some), step))
+        first = next(blocks)
+        sparse = np.count_nonzero(first) < EMPTY * first.size
+        parts = [(_sparse if sparse else _dense)(part, project) for part in chain([first], blocks)]
+        rows, mixes, ranks, shares = (list(each) for each in zip(*parts))
+        bank, mix = ((Sparse(scipy.sparse.vstack(rows, format='csr'), q), np.concatenate(mixes))
+                     if sparse else (Dense(np.concatenate(rows)), None))
+        out.append(Family(effect, some, q, bank, None, mix, np.concatenate(ranks), np.concatenate(shares), chances))
+    return out
+
+
+def _dense(blocks: Reals, project: Projection) -> tuple[Reals, None, Ints, Reals]:
+    rows, ranks, shares = whiten(blocks, project)
+    return rows.astype(np.float32), None, ranks, shares
+
+
+def _sparse(blocks: Reals, project: Projection) -> tuple[scipy.sparse.csr_array, Reals, Ints, Reals]:
+    b, q, n = blocks.shape[:3]
+    rows = _compressed(blocks.reshape(b * q, 3 * n))
+    square = np.asarray(rows.multiply(rows).sum(axis=1)).reshape(-1)
+    sums = rows @ np.tile(np.eye(3), (n, 1))
+    scale, moves = _lengths_of(square, np.sum(sums**2, axis=1) / n)
+    rows.data = rows.data / np.repeat(scale, np.diff(rows.indptr))
+    rows = rows.astype(np.float32)
+    inside = (rows @ project.columns).reshape(b, q, -1)
+    whole = (rows @ rows.T).toarray().reshape(b, q, b, q)[np.arange(b), :, np.arange(b)]
+    mix, ranks, shares = _mix(whole - inside @ inside.transpose(0, 2, 1), moves.reshape(b, q))
+    return rows, mix.astype(np.float32), ranks, shares
+
+
+def _compressed(flat: Reals) -> scipy.sparse.csr_array:
+    """Return a matrix as a sparse one; much faster than numpy's search for numbers that are not zero."""
+    values = flat.reshape(-1)
+    places = np.flatnonzero(values != 0)
+    row, column = np.divmod(places, flat.shape[1])
+    start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=len(flat)))])
+    return scipy.sparse.csr_array((values[places], column, start), shape=flat.shape)
+
+
+def _wave_families(run: Run, effect: Effect, settings: Sequence[Setting], factors: Factors,
+                   project: Projection) -> list[Family]:
+    m = factors.waves.shape[1]
+    scale, moves = _wave_lengths(factors)
+    waves = factors.waves
+    if _are_inside(factors.directions, project):
+        waves = waves - waves.mean(axis=2, keepdims=True)  # a constant is the model's: no lost digits
+    bank = Waves(waves.astype(np.float32), factors.directions.astype(np.float32))
+    gram = _wave_gram(bank, project) / (scale[:, :, None] * scale[:, None])
+    chances, d = effect.independent_settings(run), len(factors.directions)
+    out = []
+    for q, places in _by_width([m * len(which) for _, which in factors.of_setting]):
+        wave = np.array([factors.of_setting[place][0] for place in places])
+        which = np.array([factors.of_setting[place][1] for place in places])
+        column = (np.arange(m)[None, :, None] * d + which[:, None]).reshape(len(places), q)
+        mix, ranks, shares = _mix(gram[wave[:, None, None], column[:, :, None], column[:, None]],
+                                  moves[wave[:, None], column])
+        mix = (mix / scale[wave[:, None], column][:, None]).astype(np.float32)
+        where = (wave[:, None, None], np.arange(m)[None, :, None], which[:, None])
+        out.append(Family(effect, tuple(settings[k] for k in places), q, bank, where, mix, ranks, shares, chances))
+    return out
+
+
+def _wave_lengths(factors: Factors) -> tuple[Reals, Bools]:
+    """Return lengths of all columns by their variation and whether they vary, (v, m D)."""
+    waves, directions = factors.waves, factors.directions
+    v, m, n = waves.shape
+    flat = waves.reshape(v * m, n)
+    square = flat**2 @ np.sum(directions**2, axis=2).T
+    means = flat @ np.moveaxis(directions, 0, 1).reshape(n, -1)
+    mean = np.sum(means.reshape(v * m, -1, 3)**2, axis=2) / n
+    scale, moves = _lengths_of(square, mean)
+    return scale.reshape(v, -1), moves.reshape(v, -1)
+
+
+def _are_inside(directions: Reals, project: Projection) -> bool:
+    left = project(directions)
+    return bool(np.abs(left).max() < 1e-9 * np.abs(directions).max())
+
+
+def _wave_gram(bank: Waves, project: Projection) -> Reals:
+    """Return B M B' of all columns of each wave, (v, m D, m D), by B B' - (B Q')(B Q')'."""
+    v, m, n = bank.waves.shape
+    d = len(bank.directions)
+    along = [project.along(direction) for direction in bank.directions]
+    both = np.einsum('anc,bnc->nab', bank.directions, bank.directions).reshape(n, d * d)
+    out = np.empty((v, m * d, m * d))
+    for start in range(0, v, CHUNK):
+        waves = bank.waves[start:start + CHUNK]
+        taken = np.zeros((len(waves), m, d, project.basis.rank), dtype=np.float32)
+        for k, (part, places) in enumerate(along):
+            taken[:, :, k, places] = (waves.reshape(-1, n) @ part).reshape(len(waves), m, -1)
+        inside = taken.reshape(len(waves), m * d, -1)
+        pairs = (waves[:, :, None] * waves[:, None]).reshape(-1, n) @ both
+        whole = pairs.reshape(-1, m, m, d, d).transpose(0, 1, 3, 2, 4).reshape(-1, m * d, m * d)
+        out[start:start + CHUNK] = whole - inside @ inside.transpose(0, 2, 1)
+    return out

@@ -1,0 +1,243 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Model against measurement: where the residual is, and by how much of sigma."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy import special
+
+from rosette_ros.core.diagnosis.candidates import Projection, Reals
+from rosette_ros.core.diagnosis.verdict import UNLIKELY
+from rosette_ros.core.errors import NotDeterminable
+from rosette_ros.core.model.base_model import BaseLines
+from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.model.model import BASE_TERMS
+from rosette_ros.core.records import Floats, Ints, Run
+
+AXES = ('x', 'y', 'z')
+SECTIONS = 12
+DRAWS = 400
+
+
+@dataclass(frozen=True, eq=False)
+class Grouping:
+    """Residuals grouped by one thing.
+
+    label: what by; keys: (g,) group names; rms: (g, 3) root mean square per axis, m, scaled so that sigma is expected
+    under the right model; mean: (g, 3), m; p: probability that noise spreads its groups as unevenly.
+    """
+
+    label: str
+    keys: tuple[str, ...]
+    rms: Floats
+    mean: Floats
+    p: float
+
+    @property
+    def worst(self) -> int:
+        """Index of the group with the largest rms."""
+        return int(np.argmax(np.sum(self.rms**2, axis=1)))
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One reading that fits badly: number, indices, residual (3,), m, its size in sigma, and p of as large a one."""
+
+    number: int
+    table_position: int
+    ball: int
+    cmm_position: int
+    residual: tuple[float, ...]
+    size: float
+    p: float
+
+
+@dataclass(frozen=True, eq=False)
+class Harmonic:
+    """A line of the residual's spectrum that stands out: waves per turn of table and of CMM position, amplitude, m."""
+
+    axis: str
+    table_waves: int
+    cmm_waves: int
+    amplitude: float
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Where a model leaves a residual: by axis, table position, ball, CMM position, time and sequence.
+
+    axis_rms: (3,) m; sizes: (N,) residual of each reading, rms over the axes, m, scaled as of Grouping; neighbour_p:
+    probability that noise leaves neighbours in time as alike; worst: readings, worst first; harmonics: strongest lines
+    on complete runs; summary: one sentence, which judges nothing.
+    """
+
+    fit: Fit
+    axis_rms: Floats
+    sizes: Floats
+    groupings: tuple[Grouping, ...]
+    neighbour_correlation: float
+    neighbour_p: float
+    worst: tuple[Reading, ...]
+    harmonics: tuple[Harmonic, ...]
+    summary: str
+
+
+def compare(fit: Fit, seed: int = 0) -> Comparison:
+    """Return the Comparison of a fit with its run; seed: of the noise through the same model to compare with."""
+    run, residual = fit.run, fit.residual
+    project = Projection(fit.joint, run.size)
+    noise = project(np.random.default_rng(seed).standard_normal((DRAWS, run.size, 3)))
+    expected = np.mean(noise**2, axis=0)
+    groupings = tuple(_grouping(label, index, keys, residual, noise, expected) for label, index, keys in _indices(run))
+    correlation, neighbour_p = _neighbours(residual, noise)
+    axis_rms = np.sqrt(np.sum(residual**2, axis=0) / np.sum(expected, axis=0))
+    sizes = np.sqrt(np.mean(residual**2 / np.maximum(expected, 1e-12), axis=1))
+    return Comparison(fit, axis_rms, sizes, groupings, correlation, neighbour_p, _worst(fit, noise, expected),
+                      _harmonics(fit), _summary(fit, groupings, neighbour_p, axis_rms))
+
+
+def _indices(run: Run) -> Iterator[tuple[str, Ints, list[str]]]:
+    every = [str(k + 1) for k in range(run.n)]
+    yield 'table position', run.table_position - 1, every
+    yield 'ball', run.ball - 1, every
+    yield 'CMM position', run.cmm_position - 1, every
+    sections = min(SECTIONS, run.size // 3)
+    time = run.time - run.time[0]
+    edge = np.linspace(0, time[-1] or 1.0, sections + 1)
+    section = np.clip(np.searchsorted(edge, time, side='right') - 1, 0, sections - 1)
+    yield 'time', section, [f'{a / 60:.0f}-{b / 60:.0f} min' for a, b in pairwise(edge)]
+    order = np.arange(run.size) * sections // run.size
+    yield 'sequence', order, [f'{np.flatnonzero(order == s)[0] + 1}-{np.flatnonzero(order == s)[-1] + 1}'
+                              for s in range(sections)]
+
+
+def _sums(index: Ints, count: int, values: Reals) -> Floats:
+    """Return sums of values (m, N, 3) over groups, (m, count, 3)."""
+    hot = np.zeros((count, index.size))
+    hot[index, np.arange(index.size)] = 1.0
+    sums: Floats = np.einsum('gn,mnc->mgc', hot, values, optimize=True)
+    return sums
+
+
+def _grouping(label: str, index: Ints, keys: Sequence[str], residual: Floats, noise: Reals,
+              expected: Reals) -> Grouping:
+    count = len(keys)
+    squares = _sums(index, count, residual[None]**2)[0]
+    wanted = _sums(index, count, expected[None])[0]
+    number = np.maximum(np.bincount(index, minlength=count), 1)[:, None]
+    mean = _sums(index, count, residual[None])[0] / number
+    rms = np.where(wanted > 1e-12, np.sqrt(squares / np.maximum(wanted, 1e-12)), 0.0)
+    every = np.concatenate([residual[None], noise])
+    total = np.sum(every**2, axis=(1, 2))
+    # the most uneven group, each draw in units of its own scatter
+    uneven = (_sums(index, count, every**2) / np.maximum(wanted, 1e-12) / total[:, None, None] * total[1:].mean())
+    statistic = uneven.max(axis=(1, 2))
+    p = (1 + np.count_nonzero(statistic[1:] >= statistic[0])) / statistic.size
+    return Grouping(label, tuple(keys), rms, mean, float(p))
+
+
+def _neighbours(residual: Floats, noise: Reals) -> tuple[float, float]:
+    every = np.concatenate([residual[None], noise])
+    value = (np.sum(every[:, 1:] * every[:, :-1], axis=(1, 2)) / np.sum(every**2, axis=(1, 2)))
+    centre = value[1:].mean()
+    z = (value[0] - centre) / value[1:].std()
+    return float(value[0] - centre), float(2 * special.ndtr(-abs(z)))
+
+
+def _worst(fit: Fit, noise: Reals, expected: Reals) -> tuple[Reading, ...]:
+    run, scale = fit.run, np.sqrt(np.maximum(expected, 1e-12))
+    size = np.sqrt(np.sum((fit.residual / scale)**2, axis=1)) / fit.rms
+    total = np.sqrt(np.sum(noise**2, axis=(1, 2)) / fit.dof)
+    largest = np.sqrt(np.sum((noise / scale)**2, axis=2)).max(axis=1) / total
+    return tuple(Reading(int(k + 1), int(run.table_position[k]), int(run.ball[k]), int(run.cmm_position[k]),
+                         tuple(fit.residual[k].tolist()), float(size[k]),
+                         float((1 + np.count_nonzero(largest >= size[k])) / (largest.size + 1)))
+                 for k in np.argsort(size)[::-1][:10])
+
+
+def _on_grid(run: Run, displacement: Floats) -> Floats:
+    """Return a displacement (N, 3) on the grid of table and CMM positions of a complete run, (n, n, 3)."""
+    grid = np.zeros((run.n, run.n, 3))
+    grid[run.table_position - 1, run.cmm_position - 1] = displacement
+    return grid
+
+
+def _harmonics(fit: Fit) -> tuple[Harmonic, ...]:
+    run, n = fit.run, fit.run.n
+    if not run.is_complete:
+        return ()
+    grid, total = _on_grid(run, fit.residual), np.sum(fit.residual**2)
+    lines = []
+    for axis in range(3):
+        spectrum = np.fft.fft2(grid[..., axis]) / n**2
+        for p in range(n // 2 + 1):
+            for q in range(n):
+                mirror = (-p % n, -q % n)
+                if (p, q) > mirror:
+                    continue
+                both = 1 if (p, q) == mirror else 2
+                power = abs(spectrum[p, q])**2 * both
+                lines.append(Harmonic(AXES[axis], p, q if q <= n // 2 else q - n, float(abs(spectrum[p, q]) * both),
+                                      float(power * n**2 / total) if total else 0.0))
+    return tuple(sorted(lines, key=lambda line: -line.share)[:10])
+
+
+def _summary(fit: Fit, groupings: Sequence[Grouping], neighbour_p: float, axis_rms: Floats) -> str:
+    chi = fit.reduced_chi_square
+    times = '' if chi is None else f', {np.sqrt(chi):.2g} times the repeatability'
+    places = sorted((one for one in groupings if one.p < UNLIKELY), key=lambda one: one.p)
+    where = ''.join(f', at {one.label} {one.keys[one.worst]}' for one in places[:3])
+    alike = '; neighbours in the sequence are alike' if neighbour_p < UNLIKELY else ''
+    return f'The residual is {fit.rms * 1e6:.3g} µm{times}; most along {AXES[int(np.argmax(axis_rms))]}{where}{alike}.'
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Sizes of the waves of table and CMM position in a displacement, and which of them the base model describes.
+
+    On the grid of table positions i and CMM positions k of a complete run, z and w = x + iy have the spectra
+    Z(p, q) = 1/n^2 sum z_ik exp(-2 pi i (p i + q k)/n) and W(p, q) likewise. Noise has the same expected size in all.
+
+    waves: (n,) p and q alike, in rising order, -n/2 <= p < n/2; axial, plane: (n, n) sizes by (p, q) of z and of x +
+    iy, m; axial_base, plane_base: (n, n) share of each point that the base model takes, 0, 1/2 or 1.
+    """
+
+    waves: Ints
+    axial: Floats
+    plane: Floats
+    axial_base: Floats
+    plane_base: Floats
+
+    @property
+    def left(self) -> Floats:
+        """Sizes where the base model does not take all, (2, n, n), m, zero elsewhere."""
+        return np.stack([self.axial * (self.axial_base < 1), self.plane * (self.plane_base < 1)])
+
+    @property
+    def seen(self) -> float:
+        """Share of the square sum that lies where the base model takes nothing, from 0 to 1."""
+        total = np.sum(self.axial**2) + np.sum(self.plane**2)
+        left = np.sum(self.axial**2 * (1 - self.axial_base)) + np.sum(self.plane**2 * (1 - self.plane_base))
+        return float(left / total) if total else 0.0
+
+
+def spectrum(run: Run, displacement: Floats, terms: tuple[str, ...] = BASE_TERMS) -> Spectrum:
+    """Return the Spectrum of a displacement (N, 3), m, on a complete run.
+
+    The mean of each axis is left out: a constant is no displacement between readings. terms: of the base model.
+
+    Raises NotDeterminable where the run is not complete.
+    """
+    if not run.is_complete:
+        raise NotDeterminable(f'{run.source}: a spectrum wants every ball once in every table '
+                              f'position, got {run.size} readings for n = {run.n}; use compare')
+    n = run.n
+    grid = _on_grid(run, displacement - displacement.mean(axis=0))
+    sizes = (np.abs(np.fft.fft2(part) / n**2) for part in (grid[..., 2], grid[..., 0] + 1j * grid[..., 1]))
+    frequency = np.fft.fftfreq(n)
+    order = np.argsort(frequency)
+    parts = (part[np.ix_(order, order)] for part in (*sizes, *BaseLines.of(n, terms).shares))
+    return Spectrum(np.rint(frequency[order] * n).astype(int), *parts)

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cross-validation: the error in readings that the fit did not use.
+
+With M = 1 - H the projection on the residuals and f a block of readings, the error of their prediction from all others
+is u_f = M_ff^-1 r_f, and r_f' u_f / (3 size) estimates sigma^2 as the residuals of a fit do: a term that only describes
+noise raises it, one that is right brings it down to sigma. Nonlinear parameters are searched again without each block.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rosette_ros.core.diagnosis.candidates import Projection, Reals
+from rosette_ros.core.diagnosis.parameter_search import effect_problems, search_settings
+from rosette_ros.core.diagnosis.search import Problem
+from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.model.least_squares import Fit, JointSpace, fit
+from rosette_ros.core.model.model import Model
+from rosette_ros.core.records import Floats, Ints, Run
+
+FOLDS = 8
+LARGEST = 100  # readings in a block: keeps the matrices of large runs small
+SAFE = 1e-3
+"""Smallest diagonal element of a Cholesky factor that is not taken as singular."""
+IMPUTATIONS = 2
+"""How often the settings of effects are searched without a block of readings, each time better."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """One block: its coordinates, their rows freed of the model, M_ff^-1 or None where it is singular."""
+
+    index: Ints
+    rows: Floats
+    inverse: Reals | None
+
+    def solve(self, added: Floats, residual: Floats) -> tuple[Reals, int]:
+        """Return M_ff^-1 r_f with rows (k, 3 N) added to the model, and how many could be predicted.
+
+        Added rows A take A_f' A_f from M_ff: few of them go by (M - A'A)^-1 = M^-1 + M^-1 A' (1 - A M^-1 A')^-1 A M^-1.
+        """
+        part, vector = added[:, self.index], residual[self.index]
+        if self.inverse is not None and 2 * len(part) <= len(vector):
+            error = self.inverse @ vector
+            if not len(part):
+                return error, len(vector)
+            mixed = self.inverse @ part.T
+            small = np.eye(len(part)) - part @ mixed
+            if _is_sound(small):
+                return error + mixed @ np.linalg.solve(small, part @ error), len(vector)
+        return _solve(self.rows[:, self.index] - part.T @ part, vector)
+
+
+class CrossValidation:
+    """Blocks of readings that are left out under a model.
+
+    Every reading is in one of FOLDS random blocks (a sample of each in large runs). A fit is given as its residual
+    (3 N,) and the orthonormal rows (k, 3 N) that it adds to the model.
+    """
+
+    def __init__(self, space: JointSpace, size: int, seed: int = 0) -> None:
+        """Draw the blocks of a run of `size` readings and project them off the model."""
+        basis = Projection(space, size).basis.rows()
+        order = np.random.default_rng(seed).permutation(size)
+        self.folds = max(2, min(FOLDS, size // 4))
+        self._blocks = []
+        for fold in range(self.folds):
+            readings = np.sort(order[fold::self.folds][:LARGEST])
+            index = (3 * readings[:, None] + np.arange(3)).reshape(-1)
+            units = np.zeros((index.size, 3 * size))
+            units[np.arange(index.size), index] = 1.0
+            rows = units - basis[:, index].T @ basis
+            own = rows[:, index]
+            self._blocks.append(_Block(index, rows, np.linalg.inv(own) if _is_sound(own) else None))
+
+    def training_residuals(self, residual: Floats, rows: Floats) -> Floats:
+        """Return residuals of fits without each block, zero in it, (folds, 3 N)."""
+        return np.array([residual - block.solve(rows, residual)[0] @ (block.rows - rows[:, block.index].T @ rows)
+                         for block in self._blocks])
+
+    def imputed(self, residual: Floats, fits: Sequence[tuple[Floats, Floats]]) -> Floats:
+        """Return residuals (3 N,) of the model with the prediction by fits in place of each block, (folds, 3 N).
+
+        A search in them does without the block: a step of expectation and maximisation.
+        """
+        return np.array([residual - block.solve(rows, left)[0] @ block.rows
+                         for block, (left, rows) in zip(self._blocks, fits, strict=True)])
+
+    def rms(self, fits: Sequence[tuple[Floats, Floats]]) -> float:
+        """Return the rms error of prediction by a fit for each block, NaN where none determines the model."""
+        total, count = 0.0, 0
+        for block, (residual, rows) in zip(self._blocks, fits, strict=True):
+            error, kept = block.solve(rows, residual)
+            total += float(residual[block.index] @ error)
+            count += kept
+        return float(np.sqrt(total / count)) if count else float('nan')
+
+    def rms_of(self, residual: Floats, rows: Floats | None = None) -> float:
+        """Return the same for one fit whose settings are not searched without each block."""
+        return self.rms([_fit(residual, rows)] * self.folds)
+
+
+def _fit(residual: Floats, rows: Floats | None = None) -> tuple[Floats, Floats]:
+    return residual, np.zeros((0, residual.size)) if rows is None else rows
+
+
+def cross_validation_rms(run: Run, fitted: Fit, seed: int = 0) -> float:
+    """Return the error of the cross-validation of a fit, m."""
+    if not fitted.model.terms:
+        return CrossValidation(fitted.joint, run.size, seed).rms_of(fitted.residual.reshape(-1))
+    base = fit(run, Model(fitted.model.base))
+    blocks = CrossValidation(base.joint, run.size, seed)
+    whole = Problem(run, base.joint, base.residual, base.dof, (), ())
+    problems = effect_problems(run, fitted.model, base.joint, base.residual, base.dof)
+    fits = [_fit(whole.residual)] * blocks.folds
+    # at first the effects count for nothing in a block, then for what they predict there
+    for _ in range(IMPUTATIONS if any(term.effect.searched for term in fitted.model.terms) else 1):
+        imputed = blocks.imputed(whole.residual, fits) * whole.scale
+        fits = [_with_settings(whole, fitted.model, search_settings(
+            run, fitted.model, [problem.on(one.reshape(-1, 3)) for problem in problems])) for one in imputed]
+    return whole.scale * blocks.rms(fits)
+
+
+def _with_settings(problem: Problem, model: Model, settings: Sequence[Setting]) -> tuple[Floats, Floats]:
+    members = [problem.member(term.effect, setting, 1.0) for term, setting in zip(model.terms, settings)]
+    chosen = problem.select([member for member in members if member])
+    return chosen.residual, chosen.rows
+
+
+def _is_sound(matrix: Floats) -> bool:
+    """Return whether a symmetric matrix is positive definite, and not nearly singular."""
+    try:
+        return bool(np.diag(np.linalg.cholesky(matrix)).min() > SAFE)
+    except np.linalg.LinAlgError:
+        return False
+
+
+def _solve(matrix: Floats, vector: Floats) -> tuple[Reals, int]:
+    """Return the minimum-norm solution and how many coordinates could be predicted at all."""
+    if _is_sound(matrix):
+        return np.linalg.solve(matrix, vector), len(vector)
+    value, basis = np.linalg.eigh(matrix)
+    keep = value > 1e-6
+    return basis[:, keep] @ ((basis[:, keep].T @ vector) / value[keep]), int(keep.sum())

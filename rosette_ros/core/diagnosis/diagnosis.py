@@ -1,0 +1,352 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which physical effect is missing: claimed only with a probability that counts the whole search."""
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import special
+
+from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, why_not_judged
+from rosette_ros.core.diagnosis.cross_validation import CrossValidation
+from rosette_ros.core.diagnosis.parameter_search import choose_settings
+from rosette_ros.core.diagnosis.search import Member, Offer, Problem, Selection, searched_count
+from rosette_ros.core.diagnosis.unnamed_terms import UnnamedTerm
+from rosette_ros.core.diagnosis.verdict import Verdict, decide, left_over
+from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.model.least_squares import Fit, JointSpace, Parameter, fit
+from rosette_ros.core.model.model import BASE_TERMS, Model, Term
+from rosette_ros.core.records import Floats, Run
+
+CLAIM = 0.002
+"""Search-wide probability below which a name is claimed; 5 % is what the users were promised."""
+CLAIM_BASE = 1e-4
+"""The same for a term of the base model."""
+LOOK_ALIKE = 8.0
+"""Difference of scores (twice the log Bayes factor) below which two effects cannot be distinguished."""
+DRAWS = 300
+NOISELESS = 1e-10
+"""Residual rms, m, below which nothing is searched: a tenth of a nanometre concerns nobody."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An effect that could be what the model lacks.
+
+    p: search-wide probability that noise does as well; rms of the fit and of the cross-validation before and after
+    adding it, m; delta_bic: before minus after, positive favours it; parameters: of the joint fit.
+    """
+
+    effect: str
+    setting: Mapping[str, float | str]
+    p: float
+    visible_fraction: float
+    rms_before: float
+    rms_after: float
+    cross_validation_before: float
+    cross_validation_after: float
+    delta_bic: float
+    parameters: tuple[Parameter, ...]
+    look_alikes: tuple[str, ...]
+    claimed: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """What the search finds that a model lacks.
+
+    model, fit: as given; final: the fit with all that is claimed; missing: names claimed, strongest first, and terms,
+    the effects of them; shapes: what the unnamed terms depend on that were found beside them; look_alikes: effects that
+    would look like a claimed one; invisible: effects that this order of measurement hides.
+    """
+
+    model: Model
+    fit: Fit
+    final: Fit
+    missing: tuple[str, ...]
+    terms: tuple[Term, ...]
+    shapes: str
+    look_alikes: tuple[str, ...]
+    invisible: tuple[str, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """The one decision."""
+        return decide(self.fit, self.final, self.missing, self.shapes, self.look_alikes, self.invisible)
+
+    @property
+    def unexplained_text(self) -> str:
+        """What is left that no named effect explains; empty where nothing is."""
+        return left_over(self.final, self.shapes)
+
+    @property
+    def unexplained(self) -> bool:
+        """Whether something is left that no named effect explains."""
+        return bool(self.unexplained_text)
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis(Finding):
+    """A Finding with all candidates, best first, and the effects that the run's records cannot judge, with reasons."""
+
+    candidates: tuple[Candidate, ...]
+    unavailable: tuple[tuple[str, str], ...]
+
+
+def judge(run: Run, model: Model | None = None, seed: int = 0) -> Verdict:
+    """Return the Verdict of `diagnose` without what only a diagnosis shows; arguments and errors as there."""
+    with _bounded(run):
+        return _Search(run, model or Model(), seed).finding.verdict
+
+
+def diagnose(run: Run, model: Model | None = None, seed: int = 0) -> Diagnosis:
+    """Return the Diagnosis of a run under a model (the base model if none is given).
+
+    seed: of the simulated noise and of the blocks of the cross-validation; the same run gives the same answer. Raises
+    NotDeterminable where the run does not determine the model, InvalidData where its times, temperatures or travels
+    are such that no calculation ends.
+    """
+    with _bounded(run):
+        search = _Search(run, model or Model(), seed)
+        return Diagnosis(**vars(search.finding), candidates=_Candidates(search).all(), unavailable=search.unavailable)
+
+
+@contextmanager
+def _bounded(run: Run) -> Iterator[None]:
+    """Turn an iteration without end into InvalidData."""
+    try:
+        yield
+    except np.linalg.LinAlgError as error:
+        raise InvalidData(f'{run.source}: cannot be diagnosed ({error}); check its times, temperatures and '
+                          'travels') from error
+
+
+def f_test(before: Fit, after: Fit) -> float:
+    """Return the probability that noise makes the square sum fall as much from one fit to one with more parameters."""
+    extra, left = after.rank - before.rank, max(after.rms**2 * after.dof, 1e-300)
+    if extra <= 0:
+        return 1.0
+    return float(special.fdtrc(extra, after.dof, max(before.rms**2 * before.dof - left, 0.0) / extra
+                               / (left / after.dof)))
+
+
+def missing_base(run: Run, start: Fit) -> tuple[str, ...]:
+    """Return the base terms that a model lacks and the run asks for, in order.
+
+    Every cell has plate and CMM deviations, so an absent term needs less than an effect does: an F-test over all sets
+    of absent terms, and of those that pass the best by Akaike's criterion.
+    """
+    model = start.model
+    absent = [term for term in BASE_TERMS if term not in model.base]
+    sets = [chosen for size in range(1, len(absent) + 1) for chosen in itertools.combinations(absent, size)]
+    best: tuple[str, ...] = ()
+    best_score, rss = 0.0, start.rms**2 * start.dof
+    for chosen in sets:
+        tried = fit(run, Model((*model.base, *chosen), model.terms), start.settings)
+        score = start.dof * np.log(rss / max(tried.rms**2 * tried.dof, 1e-300)) - 2 * (tried.rank - start.rank)
+        if f_test(start, tried) * len(sets) < CLAIM_BASE and score > best_score:
+            best, best_score = chosen, score
+    return best
+
+
+class _Search:
+    """The search on one run: what it chooses, its null distribution, and what the verdict rests on."""
+
+    def __init__(self, run: Run, model: Model, seed: int) -> None:
+        """Free the readings of the model, to whose fit, `start`, the `absent` base terms are added in `base`."""
+        self.run, self.seed = run, seed
+        self.start = base = fit(run, model, choose_settings(run, model))
+        self.absent = missing_base(run, self.start)
+        if self.absent:
+            base = fit(run, Model((*model.base, *self.absent), model.terms), self.start.settings)
+        self.base, joint = base, base.joint
+        self.space = JointSpace(joint.space, joint.every, np.zeros((0, run.size, 3)))
+        self.dof = 3 * run.size - joint.space.rank - self.space.rank
+        self.problem = Problem(run, self.space, self.space.residual(base.residual[None])[0], self.dof)
+        self.noiseless = base.rms < NOISELESS
+
+    @cached_property
+    def finding(self) -> Finding:
+        """All that the verdict rests on."""
+        members = self.chosen.members
+        named = tuple(member for member in members if member.named)
+        missing = tuple(dict.fromkeys([*self.absent, *(member.name for member in named)]))
+        return Finding(
+            self.start.model, self.start, self.final_fit(named), missing,
+            tuple(Term(member.effect, member.setting) for member in named),
+            '; '.join(member.effect.describe(member.setting) for member in members
+                      if isinstance(member.effect, UnnamedTerm)),
+            tuple(sorted(set(itertools.chain(*self.look_alikes.values())))), self._invisible(missing))
+
+    @cached_property
+    def null(self) -> Floats:
+        """Best scores of pure noise, sorted: the null distribution of the search."""
+        rng = np.random.default_rng(self.seed)
+        return np.sort(self.problem.null_scores(DRAWS if self.run.n < 48 else DRAWS // 2, rng))
+
+    def p(self, score: float) -> float:
+        """Return the probability that noise reaches a score anywhere; it falls exponentially beyond what is drawn."""
+        above = np.count_nonzero(self.null >= score)
+        if above >= 10:
+            return (above + 1) / (self.null.size + 1)
+        edge = self.null[int(0.8 * self.null.size)]
+        scale = max(2.2, 1.1 * float(np.mean(self.null[self.null > edge] - edge)))
+        return float(min(0.2, 0.2 * np.exp(-(score - edge) / scale)))
+
+    def score_beside(self, selection: Selection, place: int) -> float:
+        """Return the score on the grid (as noise is scored) of one member of a selection beside the others."""
+        rest = self.problem.select(selection.without(place))
+        offers = self.problem.offers([rest], (selection.members[place].name,))[0]
+        return max((offer.score for offer in offers), default=-np.inf)
+
+    @cached_property
+    def chosen(self) -> Selection:
+        """The Selection that the search ends with: each member holds beside the others."""
+        if self.noiseless:
+            return self.problem.empty
+        selection = self.problem.grow()
+        while selection.members:
+            scores = [self.score_beside(selection, place) for place in range(len(selection.members))]
+            weakest = int(np.argmin(scores))
+            if self.p(scores[weakest]) <= CLAIM:
+                break
+            selection = self.problem.swap(self.problem.select(selection.without(weakest)))
+        falls = [self.problem.select(selection.without(place)).rss for place in range(len(selection.members))]
+        # unnamed shapes come last: the named effects are judged without them
+        order = sorted(range(len(falls)), key=lambda place: (not selection.members[place].named, -falls[place]))
+        return self.problem.select(tuple(selection.members[place] for place in order))
+
+    def final_fit(self, members: Sequence[Member]) -> Fit:
+        """Return the joint fit of the model with members added."""
+        terms = tuple(Term(member.effect) for member in members)
+        model = Model(self.base.model.base, (*self.base.model.terms, *terms), repeated=True)
+        return fit(self.run, model, (*self.base.settings, *(member.setting for member in members)),
+                   space=self.base.joint.space)
+
+    @cached_property
+    def look_alikes(self) -> dict[int, tuple[str, ...]]:
+        """Effects that would look nearly the same, by the place of each named member of the selection."""
+        out = {}
+        for place, member in enumerate(self.chosen.members):
+            if member.named:
+                rest = self.problem.select(self.chosen.without(place))
+                least = max(self.chosen.score - rest.score - LOOK_ALIKE, 0)
+                out[place] = tuple(rival.name for rival, score, _ in self.problem.rivals(rest)
+                                   if rival.named and rival.name != member.name and score > least)
+        return out
+
+    @cached_property
+    def unavailable(self) -> tuple[tuple[str, str], ...]:
+        """Effects that the run's records cannot judge, with the reason."""
+        return tuple((name, reason) for name, effect in EFFECTS.items() if (reason := why_not_judged(effect, self.run)))
+
+    def _invisible(self, missing: Sequence[str]) -> tuple[str, ...]:
+        shares: dict[str, float] = {}
+        for family in self.problem.families:
+            shares[family.name] = max(shares.get(family.name, 0.0), float(family.shares.max()))
+        known = {*missing, *(term.name for term in self.base.model.terms), *(name for name, _ in self.unavailable)}
+        return tuple(name for name in EFFECTS if name not in known and shares.get(name, 0.0) < HIDDEN_SHARE)
+
+
+class _Candidates:
+    """The candidates of a search, with their cross-validation."""
+
+    def __init__(self, search: _Search) -> None:
+        self.search, self.problem = search, search.problem
+        self.blocks = CrossValidation(search.space, search.run.size, search.seed)
+        self._without_blocks: dict[tuple[int, ...], _WithoutBlocks] = {}
+
+    def all(self) -> tuple[Candidate, ...]:
+        """Return all candidates: claimed ones, each beside those before it, then the others beside all claimed."""
+        search, problem, chosen, before = self.search, self.problem, self.search.chosen, self.problem.empty
+        out = [self._base_term(term) for term in search.absent]
+        for place, member in enumerate(chosen.members):
+            if member.named:
+                p = search.p(search.score_beside(chosen, place))
+                out.append(self._effect(member, before, p, search.look_alikes[place], True, (member.name,)))
+            before = problem.select((*before.members, member))
+        if search.noiseless:
+            return tuple(out)
+        others = [(search.p(score), -gain, rival) for rival, gain, score in problem.rivals(chosen)
+                  if rival.named and rival.name not in chosen.names
+                  and search.dof > len(chosen.rows) + len(rival.rows) + searched_count((*chosen.members, rival))]
+        among = tuple(rival.name for _, _, rival in others if rival.effect.searched)
+        named = problem.select([member for member in chosen.members if member.named])
+        for p, _, rival in sorted(others, key=lambda entry: entry[:2]):
+            out.append(self._effect(rival, named, p, (), False, among))
+        return tuple(out)
+
+    def _effect(self, member: Member, before: Selection, p: float, look_alikes: tuple[str, ...], claimed: bool,
+                among: Sequence[str]) -> Candidate:
+        """Return the Candidate of a member beside a selection; among: as of _WithoutBlocks.settings."""
+        after, scale = self.problem.select((*before.members, member)), self.problem.scale
+        used, more = (len(each.rows) + searched_count(each.members) for each in (before, after))
+        rms_before, rms_after = (scale * float(np.sqrt(each.rss / (self.search.dof - count)))
+                                 for each, count in ((before, used), (after, more)))
+        size = 3 * self.search.run.size
+        parameters = self.search.final_fit([each for each in after.members if each.named]).effects[-1].parameters
+        return Candidate(
+            member.name, dict(member.setting), p, member.share, rms_before, rms_after,
+            scale * self._without(before).rms, scale * self._rms_with(member, before, among),
+            float(size * np.log(before.rss / after.rss) - (more - used) * np.log(size)), parameters,
+            look_alikes, claimed)
+
+    def _without(self, before: Selection) -> '_WithoutBlocks':
+        key = tuple(id(member) for member in before.members)
+        if key not in self._without_blocks:
+            selections = [Selection(before.members, before.rows, residual, float(residual @ residual), 0.0)
+                          for residual in self.blocks.training_residuals(before.residual, before.rows)]
+            self._without_blocks[key] = _WithoutBlocks(
+                self.blocks.rms_of(before.residual, before.rows), self.problem, selections)
+        return self._without_blocks[key]
+
+    def _rms_with(self, member: Member, before: Selection, among: Sequence[str]) -> float:
+        """Return the error of the cross-validation, in sigma, with an effect searched without each block."""
+        found: dict[Setting, tuple[Floats, Floats]] = {}
+        fits = []
+        for setting in self._without(before).settings(member, among):
+            if setting not in found:
+                again = (member if setting is member.setting else
+                         self.problem.member(member.effect, setting, member.chances))
+                after = self.problem.select((*before.members, *([again] if again else ())))
+                found[setting] = after.residual, after.rows
+            fits.append(found[setting])
+        return self.blocks.rms(fits)
+
+    def _base_term(self, term: str) -> Candidate:
+        run, after = self.search.run, self.search.base
+        before = fit(run, after.model.without_effect(term), after.settings)
+        left, rss = (each.rms**2 * each.dof for each in (after, before))
+        error, error_with = (CrossValidation(each.joint, run.size, self.search.seed).rms_of(each.residual.reshape(-1))
+                             for each in (before, after))
+        size = 3 * run.size
+        return Candidate(term, {}, min(f_test(before, after) * 7, 1.0), 1.0, before.rms, after.rms, error, error_with,
+                         float(size * np.log(rss / left) - (after.rank - before.rank) * np.log(size)), (), (), True)
+
+
+class _WithoutBlocks:
+    """A selection fitted without each block of readings; rms: the error of its cross-validation in sigma."""
+
+    def __init__(self, rms: float, problem: Problem, selections: Sequence[Selection]) -> None:
+        self.rms, self._problem, self._selections = rms, problem, selections
+        self._offers: dict[str, list[Offer | None]] = {}
+
+    def settings(self, member: Member, among: Sequence[str]) -> list[Setting]:
+        """Return the best setting of a member's effect without each block.
+
+        among: names of the effects that will be asked for beside this selection; they are scored together.
+        """
+        if not member.effect.searched:
+            return [member.setting] * len(self._selections)
+        if member.name not in self._offers:
+            offers = self._problem.offers(self._selections, among, allow_repeats=True)
+            for name in among:
+                self._offers[name] = [next((offer for offer in found if offer.family.name == name), None)
+                                      for found in offers]
+        return [member.setting if offer is None or len(offer.family.settings) == 1 else offer.setting
+                for offer in self._offers[member.name]]

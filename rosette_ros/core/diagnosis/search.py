@@ -1,0 +1,364 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The search: which named effects, at which nonlinear parameters, explain what a model leaves.
+
+Sets of effects are grown side by side (beam search), refitted jointly with the model at every step, and judged by
+
+    score = nu ln(RSS_0 / RSS) - sum over effects of (k (1 + ln(A / k)) + 2 ln(chances * effects)),
+
+twice the logarithm of an approximate Bayes factor. k amplitudes with A the square of their visible part over sigma^2
+have a normal prior whose width is the one that suits them best (empirical Bayes), so that one amplitude costs about as
+much as in the Bayesian information criterion and many small ones, such as the form of every ball, do not cost more than
+they must. The search costs the number of separate chances that an effect had; small runs pay nu / (nu - k) times as
+much. The score is free of a stated sigma: a wrong repeatability cannot make a cause out of noise.
+"""
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from rosette_ros.core.diagnosis.candidates import SMALL, Family, Projection, Reals, families, gains, products_of, whiten
+from rosette_ros.core.diagnosis.unnamed_terms import UNNAMED_TERMS, UnnamedTerm
+from rosette_ros.core.effects.effect import Bracket, Effect, Setting
+from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.model.least_squares import JointSpace
+from rosette_ros.core.records import Floats, Ints, Run
+
+UNNAMED_PRIOR = 10.0
+"""An unnamed term must beat named effects by this score."""
+REPEATABLE = ('outlier', 'ball_slip', 'ball_form', 'frame_cycle', 'asynchronous_motion')
+"""Effects that can be present more than once."""
+MOST_EFFECTS = 5
+BEAM = 4
+BRANCHES = 7
+MANY_ROWS = 4
+"""An effect of so many amplitudes is compared with several simpler ones in its place."""
+HOPELESS = -5.0
+"""Score gain on the grid below which no refinement of continuous parameters can make it pay."""
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """One effect at one setting: its rows freed of the model, (k, 3 N), orthonormal."""
+
+    effect: Effect
+    setting: Setting
+    rows: Floats
+    chances: float
+    share: float
+
+    @property
+    def name(self) -> str:
+        """The name of the effect."""
+        return self.effect.name
+
+    @property
+    def named(self) -> bool:
+        """Whether it is a physical effect of the library."""
+        return not isinstance(self.effect, UnnamedTerm)
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """A set of members fitted jointly: residual (3 N,), its square sum, orthonormal rows, score."""
+
+    members: tuple[Member, ...]
+    rows: Floats
+    residual: Floats
+    rss: float
+    score: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the members."""
+        return tuple(member.name for member in self.members)
+
+    def without(self, place: int) -> tuple[Member, ...]:
+        """Return the members but one."""
+        return self.members[:place] + self.members[place + 1:]
+
+
+class Offer(NamedTuple):
+    """The best block of a family beside a selection, and the gain of the score by adding it."""
+
+    score: float
+    family: Family
+    block: int
+
+    @property
+    def setting(self) -> Setting:
+        """The setting of the block."""
+        return self.family.settings[self.block]
+
+
+class Problem:
+    """What is searched: a run, the model's projection, the residual in sigma, and the families of effects."""
+
+    def __init__(self, run: Run, space: JointSpace, residual: Floats, dof: int,
+                 effects: Sequence[Effect] = tuple(EFFECTS.values()),
+                 unnamed: Sequence[UnnamedTerm] = UNNAMED_TERMS) -> None:
+        """Build the families once; space, residual (N, 3), m, and its degrees of freedom: of the model."""
+        self.run, self.dof = run, dof
+        self.project = Projection(space, run.size)
+        self._made: dict[tuple[str, Setting, float], Member | None] = {}
+        self._scale_to(residual)
+        self.families = families(run, (*effects, *unnamed), self.project)
+
+    def _scale_to(self, residual: Floats) -> None:
+        self.scale = float(np.sqrt(np.sum(residual**2) / self.dof)) or 1.0
+        self.residual = residual.reshape(-1) / self.scale
+
+    def on(self, residual: Floats) -> 'Problem':
+        """Return the same problem for another residual (N, 3), m; the families are shared."""
+        other = copy.copy(self)
+        other.__dict__.pop('empty', None)
+        other._scale_to(residual)
+        return other
+
+    @cached_property
+    def empty(self) -> Selection:
+        """The selection of nothing."""
+        rss = float(self.residual @ self.residual)
+        return Selection((), np.zeros((0, self.residual.size)), self.residual, rss, 0.0)
+
+    def member(self, effect: Effect, setting: Setting, chances: float) -> Member | None:
+        """Return an effect at a setting as a Member, or None where it cannot be seen; small runs keep what was made."""
+        key = effect.name, setting, chances
+        if key in self._made:
+            return self._made[key]
+        block = np.moveaxis(effect.columns(self.run, setting), -1, 0)
+        rows, _, share = whiten(block[None], self.project)
+        rows = rows[0][np.any(rows[0] != 0, axis=1)]
+        made = Member(effect, setting, rows, chances, float(share[0])) if len(rows) else None
+        if 3 * self.run.size <= SMALL:
+            self._made[key] = made
+        return made
+
+    def select(self, members: Sequence[Member]) -> Selection:
+        """Return the joint Selection of members."""
+        members = tuple(members)
+        if not members:
+            return self.empty
+        stacked = np.concatenate([member.rows for member in members])
+        value, vector = np.linalg.eigh(stacked @ stacked.T)
+        keep = value > 1e-3
+        rows = (vector[:, keep] / np.sqrt(value[keep])).T @ stacked
+        residual = self.residual - (rows @ self.residual) @ rows
+        residual = residual - (rows @ residual) @ rows
+        rss = max(float(residual @ residual), 1e-300)
+        coefficients = vector[:, keep] @ ((vector[:, keep].T @ (stacked @ self.residual)) / value[keep])
+        spent, start = 0.0, 0
+        for member in members:
+            stop = start + len(member.rows)
+            energy = float(np.sum(coefficients[start:stop]**2)) * self.dof / rss
+            spent += float(cost(energy, stop - start)) + search_cost(member.effect, member.chances)
+            start = stop
+        score = self.dof * np.log(self.empty.rss / rss) - spent * self.dof / self._left(rows, members)
+        return Selection(members, rows, residual, rss, float(score))
+
+    def _left(self, rows: Floats, members: Sequence[Member]) -> int:
+        """Return the degrees of freedom that members and their orthonormal rows leave, at least one."""
+        return max(self.dof - len(rows) - searched_count(members), 1)
+
+    def offers(self, selections: Sequence[Selection], names: Sequence[str] | None = None,
+               allow_repeats: bool = False) -> list[list[Offer]]:
+        """Return, for each selection, the Offers of all families, best first.
+
+        names: of the effects to look at, None for all; allow_repeats: offer effects that are in the selection already.
+        """
+        stacked = np.concatenate([np.vstack([s.residual[None], s.rows]) for s in selections])
+        offers: list[list[Offer]] = [[] for _ in selections]
+        wanted = [family for family in self.families if names is None or family.name in names]
+        for family, products in products_of(wanted, stacked):
+            start = 0
+            for selection, found in zip(selections, offers):
+                stop = start + 1 + len(selection.rows)
+                part = products[..., start:stop]
+                start = stop
+                if (family.name in selection.names and family.name not in REPEATABLE and not allow_repeats):
+                    continue
+                gain = gains(part[..., :1], part[..., 1:])
+                score, best = _best_scores(family, selection.rss, gain, self._left(selection.rows, selection.members))
+                found.append(Offer(float(score[0]), family, int(best[0])))
+        return [sorted(found, key=lambda offer: -offer.score) for found in offers]
+
+    def refine(self, member: Member, others: Selection, brackets: Mapping[str, Bracket] | None = None) -> Member:
+        """Return a member with its continuous parameters refined beside others; brackets: its own if None."""
+        if brackets is None:
+            brackets = member.effect.brackets(self.run, member.setting)
+        for name, bracket in brackets.items():
+            better = self.member(member.effect, self._best_value(member, others, name, bracket), member.chances)
+            if better and _gain(better, others) >= _gain(member, others):
+                member = better
+        return member
+
+    def _best_value(self, member: Member, others: Selection, name: str, bracket: Bracket) -> Setting:
+        def loss(value: float) -> float:
+            tried = self.member(member.effect, Setting({**member.setting, name: float(value)}), member.chances)
+            return -_gain(tried, others) if tried else 0.0
+
+        best: float | str = member.setting[name]
+        if isinstance(bracket, tuple):
+            best = minimize_scalar(loss, bounds=bracket, method='bounded',
+                                   options={'maxiter': 9, 'xatol': 5e-3 * (bracket[1] - bracket[0])}).x
+        else:
+            best = min(bracket, key=loss, default=best)
+        return Setting({**member.setting, name: float(best)})
+
+    def grow(self) -> Selection:
+        """Return the best Selection that the beam search finds; empty where nothing pays.
+
+        An unnamed term, or an effect of many amplitudes, may stand for several simpler effects that no exchange of one
+        for one can find: each such member is compared with a search of its own that does without it.
+        """
+        best = self.swap(self._beam(self.empty))
+        for _ in range(2):
+            better = best
+            for place, member in enumerate(best.members):
+                if member.named and len(member.rows) < MANY_ROWS:
+                    continue
+                rest = self.select(best.without(place))
+                better = max(better, self._beam(rest, member.name), key=lambda s: s.score)
+            if better is best:
+                return best
+            best = self.swap(better)
+        return best
+
+    def _beam(self, start: Selection, without: str = '') -> Selection:
+        """Return the best Selection from `start` on; without: an effect to be left out, and all unnamed terms."""
+        beam, best = [start], start
+        for _ in range(MOST_EFFECTS - len(start.members)):
+            children: dict[frozenset[object], Selection] = {}
+            for selection, offers in zip(beam, self.offers(beam)):
+                if without:
+                    offers = [offer for offer in offers if offer.family.name != without
+                              and not isinstance(offer.family.effect, UnnamedTerm)]
+                for offer in offers[:BRANCHES]:
+                    if offer.score < HOPELESS:
+                        break
+                    child = self.child(selection, offer)
+                    if child is not None:
+                        children.setdefault(_key(child), child)
+            ranked = sorted(children.values(), key=lambda child: -child.score)
+            beam = [self.settle(child) for child in ranked[:BEAM]]
+            if not beam:
+                break
+            top = max(beam, key=lambda child: child.score)
+            if top.score <= best.score and not without:
+                break
+            best = max(best, top, key=lambda selection: selection.score)
+        return best
+
+    def child(self, selection: Selection, offer: Offer, refined: bool = True) -> Selection | None:
+        """Return the selection with an offer taken, None where it cannot be seen."""
+        member = self.member(offer.family.effect, offer.setting, offer.family.chances)
+        if member is None:
+            return None
+        return self.select((*selection.members, self.refine(member, selection) if refined else member))
+
+    def settle(self, selection: Selection) -> Selection:
+        """Return the selection with every member's continuous parameters refined beside the rest."""
+        if len(selection.members) < 2:
+            return selection
+        for place in range(len(selection.members)):
+            refined = self.refine(selection.members[place], self.select(selection.without(place)))
+            tried = self.select((*selection.members[:place], refined, *selection.members[place + 1:]))
+            selection = tried if tried.score >= selection.score else selection
+        return selection
+
+    def swap(self, selection: Selection) -> Selection:
+        """Return the selection after exchanging or dropping members while that helps."""
+        for _ in range(4):
+            best = selection
+            rests = [self.select(selection.without(place)) for place in range(len(selection.members))]
+            for rest, offers in zip(rests, self.offers(rests) if rests else []):
+                best = max(best, rest, key=lambda each: each.score)
+                for offer in offers[:3]:
+                    child = self.child(rest, offer) if offer.score > HOPELESS else None
+                    if child is not None and child.score > best.score:
+                        best = self.settle(child)
+            if best.score <= selection.score + 1e-9:
+                return selection
+            selection = best
+        return selection
+
+    def rivals(self, rest: Selection) -> list[tuple[Member, float, float]]:
+        """Return the best Member of each effect beside `rest`, its score gain, and that before refining, best first."""
+        best: dict[str, Offer] = {}
+        for offer in self.offers([rest])[0]:
+            best.setdefault(offer.family.name, offer)
+        out = []
+        for offer in best.values():
+            child = self.child(rest, offer, refined=offer.score > HOPELESS)
+            if child is not None:
+                out.append((child.members[-1], child.score - rest.score, offer.score))
+        return sorted(out, key=lambda rival: -rival[1])
+
+    def null_scores(self, draws: int, rng: np.random.Generator) -> Floats:
+        """Return the best score of any effect in `draws` runs of pure noise, (draws,).
+
+        The noise is white, goes through the same projection and the same families; a share of about
+        a tenth of the library's score is not refined, alike for noise and data.
+        """
+        n = self.run.size
+        noise = self.project(rng.standard_normal((draws, n, 3))).reshape(draws, 3 * n)
+        rss = np.sum(noise**2, axis=1)
+        best = np.full(draws, -np.inf)
+        named = [family for family in self.families if not isinstance(family.effect, UnnamedTerm)]
+        for family, products in products_of(named, noise):
+            best = np.maximum(best, _best_scores(family, rss, gains(products), self.dof)[0])
+        return best
+
+
+def _best_scores(family: Family, rss: float | Floats, gain: Reals, dof: int) -> tuple[Floats, Ints]:
+    """Return the best score gain of a family's blocks, (m,), and its block, (m,).
+
+    rss: square sums, (m,) or one; gain: (blocks, m), their fall; dof: degrees of freedom of rss. Of blocks of one rank
+    the one with the largest gain has the best score.
+    """
+    columns = np.arange(gain.shape[1])
+    best, block = np.full(gain.shape[1], -np.inf), np.zeros(gain.shape[1], dtype=int)
+    for rank, places in family.by_rank:
+        largest = places[np.argmax(gain[places], axis=0)]
+        fall = gain[largest, columns].astype(float)
+        left = np.maximum(rss - fall, 1e-12 * rss)
+        score = dof * np.log(rss / left) - cost(fall * dof / left, rank) - search_cost(family.effect, family.chances)
+        block = np.where(score > best, largest, block)
+        best = np.maximum(score, best)
+    return best, block
+
+
+def searched_count(members: Sequence[Member]) -> int:
+    """Return how many numbers of members are searched; choices do not count."""
+    return sum(parameter.kind != 'choice' for member in members for parameter in member.effect.searched)
+
+
+def cost(energy: float | Floats, k: int) -> Floats:
+    """Return the cost of k > 0 amplitudes of a square sum in sigma^2: k (1 + ln(energy / k)), or `energy` below k."""
+    return np.where(energy > k, k * (1 + np.log(np.maximum(energy, k) / k)), energy)
+
+
+def search_cost(effect: Effect, chances: float) -> float:
+    """Return what the search of an effect with so many separate chances costs."""
+    extra = UNNAMED_PRIOR if isinstance(effect, UnnamedTerm) else 0.0
+    return float(2 * np.log(chances * len(EFFECTS))) + extra
+
+
+def _gain(member: Member, others: Selection) -> float:
+    """Return the fall of the square sum when a member joins a selection."""
+    x = member.rows @ others.rows.T
+    y = member.rows @ others.residual
+    gram = np.eye(len(y)) * (1 + 1e-9) - x @ x.T
+    value, vector = np.linalg.eigh(gram)
+    keep = value > 1e-3
+    return float(np.sum((vector[:, keep].T @ y)**2 / value[keep]))
+
+
+def _key(selection: Selection) -> frozenset[object]:
+    return frozenset((m.name, *sorted((k, v) for k, v in m.setting.items() if not isinstance(v, float)))
+                     for m in selection.members)
+

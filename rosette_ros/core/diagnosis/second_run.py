@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Is what one run taught true in another run that had no part in it?
+
+Effects learnt on run A keep their settings (time constant, period, order ...) on run B; nothing is searched there.
+Their amplitudes are fitted to B, which shows whether the shape is there. Where physics demands that they stay the same
+from run to run they are also taken from A as they are, which asks for everything at once.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import special
+
+from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, Projection, whiten
+from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
+from rosette_ros.core.diagnosis.diagnosis import f_test
+from rosette_ros.core.diagnosis.parameter_search import choose_settings
+from rosette_ros.core.effects.effect import Effect, Setting
+from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter, fit
+from rosette_ros.core.model.model import Model, Term
+from rosette_ros.core.planning.visibility import DETECTABLE
+from rosette_ros.core.records import Floats, Run
+
+Learnt = tuple[Effect, FittedEffect]
+"""An effect and how it was fitted to run A."""
+SURE = 0.01
+"""Probability that noise does as well, below which an effect is confirmed, over all that are checked."""
+CONFIRMED, NOT_SEEN, HIDDEN, TOO_WEAK, EVENT, NOT_JUDGED = (
+    'confirmed', 'not seen', 'hidden', 'too weak', 'event', 'not judged')
+
+
+@dataclass(frozen=True, eq=False)
+class CheckedEffect:
+    """One effect of run A on run B.
+
+    carries: as of Effect; outcome: CONFIRMED, NOT_SEEN, HIDDEN (by B's order), TOO_WEAK (the size learnt on A would not
+    show in B), EVENT (nothing that comes again) or NOT_JUDGED; reason: in words; visible_fraction: in B; p: probability
+    that noise in B does as well; rms and error of the cross-validation in B without and with it, m, all other checked
+    effects being there; learnt, found: its parameters in A and B; same_size: whether the amplitudes agree within their
+    uncertainties, None where they need not.
+    """
+
+    name: str
+    setting: Setting
+    carries: str
+    outcome: str
+    reason: str
+    visible_fraction: float = float('nan')
+    p: float = float('nan')
+    rms_without: float = float('nan')
+    rms_with: float = float('nan')
+    cross_validation_without: float = float('nan')
+    cross_validation_with: float = float('nan')
+    learnt: tuple[Parameter, ...] = ()
+    found: tuple[Parameter, ...] = ()
+    same_size: bool | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class CrossCheck:
+    """Run B with and without what run A taught.
+
+    before, after: fit of B; carried: fit of B less the effects that carry over with the amplitudes of A, None without
+    any; cross_validation_*: their errors of the cross-validation, m; confirmed: whether all effects that B can judge
+    are confirmed, None where it can judge none.
+    """
+
+    before: Fit
+    after: Fit
+    carried: Fit | None
+    cross_validation_before: float
+    cross_validation_after: float
+    cross_validation_carried: float
+    effects: tuple[CheckedEffect, ...]
+    confirmed: bool | None
+    text: str
+
+
+def cross_check(run: Run, model: Model, learnt: Sequence[Learnt]) -> CrossCheck:
+    """Return the CrossCheck on run B of effects that were learnt on another one; model: of B without them.
+
+    Raises NotDeterminable where B does not determine the model.
+    """
+    before = fit(run, model, choose_settings(run, model))
+    refused = [_refusal(effect, fitted, before) for effect, fitted in learnt]
+    usable = [pair for pair, words in zip(learnt, refused) if words is None]
+    after = _with(before, usable)
+    error, error_with = _error(before), _error(after)
+    carried = _carried(before, usable)
+    judged = iter(_judge(before, after, usable, error_with))
+    effects = tuple(next(judged) if words is None else
+                    CheckedEffect(effect.name, fitted.setting, effect.carries, *words, learnt=fitted.parameters)
+                    for (effect, fitted), words in zip(learnt, refused))
+    outcomes = [entry.outcome for entry in effects if entry.outcome in (CONFIRMED, NOT_SEEN)]
+    confirmed = all(outcome == CONFIRMED for outcome in outcomes) if outcomes else None
+    return CrossCheck(before, after, carried, error, error_with, _error(carried) if carried else float('nan'),
+                      effects, confirmed, _text(effects, before, after, carried))
+
+
+def _refusal(effect: Effect, fitted: FittedEffect, before: Fit) -> tuple[str, str] | None:
+    if effect.carries == 'nothing':
+        return EVENT, 'an event of the run it was learnt on, which need not come again'
+    reason = effect.unavailable(before.run)
+    if reason:
+        return NOT_JUDGED, reason
+    if not _visible_share(effect, fitted.setting, before) >= HIDDEN_SHARE:
+        return HIDDEN, 'the order of measurement hides it'
+    return None
+
+
+def _visible_share(effect: Effect, setting: Setting, before: Fit) -> float:
+    block = np.moveaxis(effect.columns(before.run, setting), -1, 0)
+    return float(whiten(block[None], Projection(before.joint, before.run.size))[2][0])
+
+
+def _with(before: Fit, pairs: Sequence[Learnt]) -> Fit:
+    """Return the fit with the effects of some pairs more, at the settings of A."""
+    terms = [Term(effect, fitted.setting) for effect, fitted in pairs]
+    model = Model(before.model.base, (*before.model.terms, *terms), repeated=True)
+    return fit(before.run, model, (*before.settings, *(term.fixed for term in terms)))
+
+
+def _error(fitted: Fit) -> float:
+    """Return the error of the cross-validation of a fit whose settings are taken as known, m."""
+    terms = tuple(Term(term.effect, setting) for term, setting in zip(fitted.model.terms, fitted.settings))
+    return cross_validation_rms(fitted.run, replace(fitted, model=Model(fitted.model.base, terms, repeated=True)))
+
+
+def _carried(before: Fit, pairs: Sequence[Learnt]) -> Fit | None:
+    """Return the fit of the run less what carries over with A's amplitudes, None without any."""
+    moved = [_displacement(before.run, *pair) for pair in pairs if pair[0].carries == 'all']
+    if not moved:
+        return None
+    return fit(before.run.replace(centre=before.run.centre - sum(moved)), before.model, before.settings)
+
+
+def _displacement(run: Run, effect: Effect, fitted: FittedEffect) -> Floats:
+    columns = effect.columns(run, fitted.setting)
+    moved: Floats = columns @ np.array([parameter.value for parameter in fitted.parameters[:columns.shape[-1]]])
+    return moved
+
+
+def _judge(before: Fit, after: Fit, pairs: Sequence[Learnt], error_with: float) -> list[CheckedEffect]:
+    """Return the CheckedEffect of each pair, judged by leaving it out of all."""
+    out = []
+    for place, (effect, fitted) in enumerate(pairs):
+        without = _with(before, [*pairs[:place], *pairs[place + 1:]])
+        p, error_without = f_test(without, after), _error(without)
+        found = after.effects[len(before.effects) + place]
+        moved = after.joint.space.residual(_displacement(before.run, effect, fitted)[None])
+        strength = float(np.linalg.norm(moved)) / after.sigma
+        outcome, reason = CONFIRMED, 'it is there'
+        if not (p < SURE / len(pairs) and error_with < error_without):
+            outcome, reason = NOT_SEEN, 'the error of the cross-validation does not fall with it'
+            if strength < DETECTABLE:
+                outcome, reason = TOO_WEAK, (f'at the size learnt it stands {strength:.1f} sigma above the noise here, '
+                                             'too little to be decided')
+        same = _same_size(fitted, found) if effect.carries == 'all' and outcome == CONFIRMED else None
+        share = _visible_share(effect, fitted.setting, before)
+        out.append(CheckedEffect(effect.name, fitted.setting, effect.carries, outcome, reason, share, p, without.rms,
+                                 after.rms, error_without, error_with, fitted.parameters, found.parameters, same))
+    return out
+
+
+def _same_size(learnt: FittedEffect, found: FittedEffect) -> bool:
+    """Return whether amplitudes of two runs agree: chi square of their differences, 1 %."""
+    pairs = list(zip(learnt.parameters, found.parameters))
+    chi = sum((a.value - b.value)**2 / (a.u**2 + b.u**2) for a, b in pairs
+              if a.name == b.name and np.isfinite(a.u + b.u) and a.u + b.u > 0)
+    return bool(special.chdtrc(max(len(pairs), 1), chi) > SURE)
+
+
+def _text(effects: Sequence[CheckedEffect], before: Fit, after: Fit, carried: Fit | None) -> str:
+    parts = []
+    for entry in effects:
+        if entry.outcome == CONFIRMED:
+            size = {True: ', at the size that was learnt', False: ', with another size', None: ''}[entry.same_size]
+            parts.append(f'{entry.name} is confirmed{size}.')
+        elif entry.outcome == NOT_SEEN:
+            parts.append(f'{entry.name} is not seen: {entry.reason}.')
+        else:
+            parts.append(f'{entry.name} cannot be checked: {entry.reason}.')
+    if any(entry.outcome == CONFIRMED for entry in effects):
+        parts.append(f'The residual of this run falls from {before.rms * 1e6:.3f} µm to {after.rms * 1e6:.3f} µm.')
+    if carried is not None:
+        parts.append(f'With the amplitudes as they were learnt and nothing fitted it is {carried.rms * 1e6:.3f} µm.')
+    return ' '.join(parts) or 'Nothing was learnt, so there is nothing to check.'

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The one decision whether a model fits a run, and the words for it: every interface prints these as they stand."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit
+    from rosette_ros.core.model.least_squares import Fit
+
+UNLIKELY = 0.01
+"""Probability of lack of fit below which readings scatter more than stated.
+
+The chi square test (F test where the repeatability has degrees of freedom) gives the probability that noise of the
+stated repeatability leaves as much. At 5 % one sound run of twenty would be refused, too many where a cell measures
+every day; at 1e-6 a repeatability stated a third too small would pass on a plate of 6 balls. At 1 % a run of 12 balls
+(301 degrees of freedom) is refused from 1.10 times the stated repeatability, one of 6 balls (49) from 1.24 times.
+"""
+SMALLEST_P = 1e-12
+
+
+class Outcome(StrEnum):
+    """What a run decides about a model."""
+
+    FITS = 'fits'
+    NAMED = 'named effect missing'
+    UNNAMED = 'unnamed effect missing'
+    SCATTERS = 'scatters more than stated'
+    NO_REPEATABILITY = 'cannot be said: no repeatability'
+    NOT_DETERMINABLE = 'not determinable'
+
+
+class Level(StrEnum):
+    """How an outcome is shown."""
+
+    GOOD = 'good'
+    DOUBTFUL = 'doubtful'
+    BAD = 'bad'
+
+
+LEVELS = {
+    Outcome.FITS: Level.GOOD, Outcome.NAMED: Level.BAD, Outcome.UNNAMED: Level.BAD, Outcome.SCATTERS: Level.DOUBTFUL,
+    Outcome.NO_REPEATABILITY: Level.DOUBTFUL, Outcome.NOT_DETERMINABLE: Level.BAD}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The outcome, one sentence for a person, and what to do next."""
+
+    outcome: Outcome
+    sentence: str
+    action: str
+
+    @property
+    def level(self) -> Level:
+        """How the outcome is shown."""
+        return LEVELS[self.outcome]
+
+    @property
+    def model_fails(self) -> bool:
+        """Whether the model, with the stated repeatability, is refuted."""
+        return self.outcome in (Outcome.NAMED, Outcome.UNNAMED, Outcome.SCATTERS)
+
+
+def left_over(final: 'Fit', shapes: str = '') -> str:
+    """Return what no named effect explains of a fit, in words, empty where nothing is; shapes: found by the search."""
+    p = final.lack_of_fit_p
+    return shapes if shapes or p is None or p >= UNLIKELY else _beside_repeatability(final)
+
+
+def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = '', look_alikes: Sequence[str] = (),
+           hidden: Sequence[str] = ()) -> Verdict:
+    """Return the Verdict on a model.
+
+    fit: of the model as given; final: with all named effects that the search claims, `missing`; shapes: as of
+    `left_over`; look_alikes: effects that would look like a claimed one; hidden: effects that the order of measurement
+    cannot show.
+    """
+    left, rms = left_over(final, shapes), _um(fit.rms)
+    basis = ('' if fit.run.repeatability is not None else
+             '; the repeatability is not known, so this is judged by the structure of the residual alone')
+    action = []
+    if missing:
+        names, it = ' and '.join(missing), 'it' if len(missing) == 1 else 'them'
+        more = f'; something is left that no named effect explains: {left}' if left else ''
+        outcome = Outcome.NAMED
+        sentence = f'The model lacks {names}: with {it} the residual falls from {rms} to {_um(final.rms)}{more}{basis}.'
+        commands = ', '.join(f'rosette add {name} --model FILE' for name in missing)
+        action.append(f'check {names} in the cell or add {it} to the model: {commands}')
+        if look_alikes:
+            action.append(f'in this order {" and ".join(look_alikes)} would look nearly the same')
+    elif shapes:
+        outcome, sentence = Outcome.UNNAMED, f'Something is missing that no named effect explains: {left}{basis}.'
+        action.append('look at the residual maps, and check the cell for what the residual depends on')
+    elif left:
+        outcome, sentence = Outcome.SCATTERS, f'The readings scatter more than stated: {left}.'
+        action.append('measure the repeatability again, check the resolution of the coordinates, and look at the '
+                      'residual maps')
+    elif basis:
+        outcome = Outcome.NO_REPEATABILITY
+        sentence = ('It cannot be said whether the model fits, as the repeatability is not known; no structure is '
+                    f'found in the residual of {rms}.')
+        action.append('measure the repeatability')
+    else:
+        outcome, sentence = Outcome.FITS, f'The model fits: {_beside_repeatability(fit)}.'
+    if hidden:
+        action.append(f'measure next in an order that shows {", ".join(hidden)} (rosette advise)')
+    text = '; '.join(action) or 'nothing needs to be done'
+    return Verdict(outcome, sentence, f'{text[0].upper()}{text[1:]}.')
+
+
+def not_determinable(reason: str) -> Verdict:
+    """Return the Verdict on a run from which the model cannot be determined; reason: that of the error, in one line."""
+    return Verdict(Outcome.NOT_DETERMINABLE, reason, 'Measure more balls, or remove what was added to the model.')
+
+
+def _beside_repeatability(fit: 'Fit') -> str:
+    """Return how large the residual is beside the stated repeatability; empty where none is."""
+    known, p = fit.run.repeatability, fit.lack_of_fit_p
+    if known is None or p is None:
+        return ''
+    return (f'the residual of {_um(fit.rms)} is {fit.rms / known:.2f} times the stated repeatability of {_um(known)} '
+            f'({f"p = {p:.2g}" if p >= SMALLEST_P else f"p < {SMALLEST_P:g}"}), and no structure is found in it')
+
+
+def _um(metres: float) -> str:
+    return f'{1e6 * metres:#.3g} µm'

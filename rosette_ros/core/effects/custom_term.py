@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A custom term: a direction times a safe expression of a reading's quantities.
+
+The text of an expression is parsed to a tree of which only numbers, known names, + - * / **, the functions of FUNCTIONS
+and parentheses are allowed; the tree is walked, never compiled or executed. Length, depth and exponents are bounded, so
+that the cost is too.
+"""
+
+import ast
+import operator
+import warnings
+from collections.abc import Callable, Mapping
+from typing import TypeGuard
+
+import numpy as np
+
+from rosette_ros.core.effects import run_functions as on
+from rosette_ros.core.effects.effect import Effect, Quantity, Setting
+from rosette_ros.core.errors import InvalidModel
+from rosette_ros.core.records import Floats, Ints, Run
+
+LONGEST = 300
+DEEPEST = 30
+LARGEST_POWER = 12
+
+NAMES = {
+    't': ('s', 'time since the first reading'),
+    'T': ('K', 'temperature minus the first temperature'),
+    'phi': ('rad', 'table angle'),
+    'beta': ('rad', 'azimuth of the ball on the plate'),
+    'alpha': ('rad', 'azimuth of the CMM position'),
+    'psi': ('rad', 'cumulative table travel'),
+    'approach': ('', 'sense of the last table move, +1 or -1'),
+    'pi': ('', 'the number pi'),
+}
+GREEK = {'φ': 'phi', 'β': 'beta', 'α': 'alpha', 'ψ': 'psi', 'Ψ': 'psi', 'π': 'pi', 'Psi': 'psi'}
+Function = Callable[..., Floats]
+FUNCTIONS: dict[str, Function] = {
+    'sin': np.sin, 'cos': np.cos, 'exp': np.exp, 'log': np.log, 'sqrt': np.sqrt,
+    'abs': np.abs, 'sign': np.sign, 'tanh': np.tanh, 'step': lambda x: (x > 0) * 1.0}
+_BINARY: dict[type[ast.operator], Function] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
+    ast.Pow: operator.pow}
+_UNARY: dict[type[ast.unaryop], Function] = {ast.UAdd: operator.pos, ast.USub: operator.neg}
+
+PER = ('all', 'ball', 'table_position', 'cmm_position')
+DIRECTIONS: dict[str, Callable[[Run], Floats]] = {
+    'x': lambda run: on.unit(0, run.size), 'y': lambda run: on.unit(1, run.size),
+    'z': lambda run: on.unit(2, run.size), 'axial': lambda run: on.unit(2, run.size),
+    'plate_x': lambda run: on.plate_axes(run)[..., 0], 'plate_y': lambda run: on.plate_axes(run)[..., 1],
+    'radial': lambda run: on.radial(run.alpha), 'tangential': lambda run: on.tangential(run.alpha),
+    'tilt_x': lambda run: on.axial_tilts(run)[..., 0], 'tilt_y': lambda run: on.axial_tilts(run)[..., 1]}
+"""Direction of a custom term by name: machine, plate, radial, tangential, axial, tilt."""
+_NEEDS = {'t': 'time', 'T': 'temperature', 'psi': 'table_travel', 'approach': 'approach'}
+
+
+def parse(text: object) -> ast.expr:
+    """Return the tree of an expression; raise InvalidModel for anything but arithmetic on what is known."""
+    if not isinstance(text, str) or not text.strip():
+        raise InvalidModel(f'expression: wanted a text such as t*cos(3*alpha), got {text!r}')
+    if len(text) > LONGEST:
+        raise InvalidModel(f'expression: wanted at most {LONGEST} characters, got {len(text)}; shorten it')
+    for letter, name in GREEK.items():
+        text = text.replace(letter, name)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore', SyntaxWarning)  # what is odd is refused below or harmless
+            tree = ast.parse(text.strip().replace('^', '**'), mode='eval').body
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        raise InvalidModel(f'expression: cannot be read: {text!r}: {error}') from None
+    _check(tree, 0)
+    return tree
+
+
+def names_in(tree: ast.expr) -> set[str]:
+    """Return the names of quantities in a tree."""
+    functions = {node.func.id for node in ast.walk(tree)
+                 if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
+    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)} - functions
+
+
+def evaluate(tree: ast.expr, values: Mapping[str, Floats | float]) -> Floats | float:
+    """Return the value of a tree of `parse` for quantities by name, each (N,) or a number."""
+    match tree:
+        case ast.Constant(value=int() | float() as number):
+            return np.float64(number)  # divides by zero without an exception
+        case ast.Name(id=name):
+            return values[name]
+        case ast.UnaryOp(op=op, operand=operand):
+            return _UNARY[type(op)](evaluate(operand, values))
+        case ast.Call(func=ast.Name(id=name), args=[argument]):
+            return FUNCTIONS[name](evaluate(argument, values))
+        case ast.BinOp(left=left, op=operation, right=right):
+            return _BINARY[type(operation)](evaluate(left, values), evaluate(right, values))
+    raise TypeError(f'wanted a tree of parse, got {ast.dump(tree)}')
+
+
+def _is_number(value: object) -> TypeGuard[int | float]:
+    return type(value) in (int, float)
+
+
+def _check(node: ast.expr, depth: int) -> None:
+    if depth > DEEPEST:
+        raise InvalidModel(f'expression: wanted at most {DEEPEST} nested levels, got more')
+    inner: list[ast.expr] = []
+    if isinstance(node, ast.Constant) and _is_number(node.value):
+        if abs(node.value) > 1e12:
+            raise InvalidModel('expression: wanted numbers up to 1e12, got a larger one')
+    elif isinstance(node, ast.Name):
+        if node.id not in NAMES:
+            raise InvalidModel(f'expression: wanted names among {", ".join(NAMES)}, got {node.id!r}')
+    elif isinstance(node, ast.UnaryOp) and type(node.op) in _UNARY:
+        inner = [node.operand]
+    elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        if node.func.id not in FUNCTIONS or len(node.args) != 1 or node.keywords:
+            raise InvalidModel(f'expression: wanted functions of one argument among '
+                               f'{", ".join(FUNCTIONS)}, got {node.func.id!r}')
+        inner = node.args
+    elif isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
+        exponent = node.right.value if isinstance(node.right, ast.Constant) else None
+        if isinstance(node.op, ast.Pow) and not (_is_number(exponent) and abs(exponent) <= LARGEST_POWER):
+            raise InvalidModel(f'expression: wanted a number up to {LARGEST_POWER} as exponent')
+        inner = [node.left, node.right]
+    else:
+        raise InvalidModel(f'expression: wanted arithmetic on {", ".join(NAMES)} and the functions '
+                           f'{", ".join(FUNCTIONS)}, got {type(node).__name__}')
+    for one in inner:
+        _check(one, depth + 1)
+
+
+class CustomTerm(Effect):
+    """amplitude x direction x expression, one amplitude for all readings or one per group.
+
+    direction: a key of DIRECTIONS; expression: in NAMES; per: one of PER. Raises InvalidModel for others.
+    """
+
+    meaning = "A term defined by the user."
+
+    def __init__(self, name: str, direction: object, expression: object, per: object = 'all') -> None:
+        for key, value, known in (('direction', direction, DIRECTIONS), ('per', per, PER)):
+            if not isinstance(value, str) or value not in known:
+                raise InvalidModel(f'custom term {name}: {key}: wanted one of {", ".join(known)}, got {value!r}')
+        try:
+            names = names_in(parse(expression))
+        except InvalidModel as error:
+            raise InvalidModel(f'custom term {name}: {error}') from None
+        self.name, self.direction, self.expression, self.per = name, str(direction), str(expression), str(per)
+        self.depends_on = tuple(_NEEDS[one] for one in sorted(names) if one in _NEEDS)
+        self.formula = f'{expression} along {direction}'
+
+    @staticmethod
+    def from_mapping(mapping: Mapping[str, object]) -> 'CustomTerm':
+        """Return the term of a mapping with own, direction, expression and per; raise InvalidModel."""
+        unknown = set(mapping) - {'own', 'direction', 'expression', 'per'}
+        if unknown:
+            raise InvalidModel(f'custom term: wanted the keys own, direction, expression, per, '
+                               f'got {sorted(map(str, unknown))[0]!r}')
+        name = mapping.get('own')
+        if not isinstance(name, str) or not name.isidentifier() or len(name) > 60:
+            raise InvalidModel(f'custom term: own: wanted a name of letters, digits and _, got {name!r}')
+        for key in ('direction', 'expression'):
+            if key not in mapping:
+                raise InvalidModel(f'custom term {name}: wanted the key {key}; it is missing')
+        return CustomTerm(name, *(mapping.get(key, 'all') for key in ('direction', 'expression', 'per')))
+
+    def to_mapping(self) -> dict[str, str]:
+        """Return the term as a mapping for model files."""
+        return {'own': self.name, 'direction': self.direction, 'expression': self.expression, 'per': self.per}
+
+    def _groups(self, run: Run) -> list[tuple[str, Floats]]:
+        if self.per == 'all':
+            return [('', np.ones(run.size))]
+        index: Ints = getattr(run, self.per)
+        return [(f'_{k}', (index == k).astype(float)) for k in range(1, run.n + 1)]
+
+    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
+        """Return one amplitude for all readings, or one per group, in units of the expression."""
+        unit_name = 'rad' if self.direction.startswith('tilt') else 'm'
+        return tuple(Quantity(f'a{suffix}', unit_name, f'amplitude of {self.expression}')
+                     for suffix, _ in self._groups(run))
+
+    def columns(self, run: Run, setting: Setting) -> Floats:
+        """Return direction times expression per group, (N, 3, q); raise InvalidModel where it is not finite."""
+        values: dict[str, Floats | float] = {
+            't': on.seconds(run), 'T': on.temperature_change(run), 'phi': run.phi, 'beta': run.beta, 'alpha': run.alpha,
+            'psi': on.travel(run), 'approach': run.approach.astype(float), 'pi': np.pi}
+        with np.errstate(all='ignore'):
+            scalar = evaluate(parse(self.expression), values) * np.ones(run.size)
+        if not np.all(np.isfinite(scalar)):
+            place = int(np.flatnonzero(~np.isfinite(scalar))[0]) + 1
+            raise InvalidModel(f'custom term {self.name}: {self.expression} is not a finite number at '
+                               f'reading {place}; change the expression')
+        direction = DIRECTIONS[self.direction](run)
+        return np.stack([(scalar * group)[:, None] * direction for _, group in self._groups(run)], axis=-1)

@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an effect is: a name, its physics as columns, and what it means for an engineer.
+
+To add an effect, write a class with `quantities`, `columns` and, where something has to be searched, `settings`;
+then put an instance of it into the table of names in library.py. Nothing else changes.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from rosette_ros.core.effects.run_functions import between_readings
+from rosette_ros.core.errors import InvalidModel
+from rosette_ros.core.records import Floats, Run
+
+LARGEST = float(np.finfo(float).max)
+Bracket = tuple[float, float] | Floats
+"""Where to refine a parameter: between two values, or one of an array of values."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A parameter of an effect: its name, SI unit and, in words, what it is."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Searched(Quantity):
+    """A nonlinear parameter that is found by search.
+
+    kind: `scale` (positive, refined on a logarithmic scale), `phase` (refined on a linear scale), `instant` (a moment
+    between two readings, found exactly by trying all) or `choice` (one of a few values, never refined).
+    """
+
+    kind: str = 'choice'
+
+    def wanted_for(self, value: object) -> str:
+        """Return what is wanted in place of a value, or an empty string where the value can be."""
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            if self.kind == 'choice' or (abs(value) <= LARGEST and (self.kind != 'scale' or value > 0)):
+                return ''
+        elif self.kind == 'choice' and isinstance(value, str):
+            return ''
+        return 'a number or a word' if self.kind == 'choice' else (
+            f'a {"positive " if self.kind == "scale" else ""}number ({self.unit})')
+
+
+def per_axis(axes: str, one: Quantity) -> tuple[Quantity, ...]:
+    """Return a quantity for each of some axes; the meaning of `one` ends before the letter of the axis."""
+    return tuple(Quantity(f'{one.name}_{axis}', one.unit, f'{one.meaning} {axis}') for axis in axes)
+
+
+class Setting(dict[str, float | str]):
+    """The values of the searched parameters of an effect, by name; hashable."""
+
+    def __hash__(self) -> int:  # type: ignore[override]  # a setting is never changed
+        return hash(frozenset(self.items()))
+
+    def number(self, name: str) -> float:
+        """Return a value that is a number."""
+        return float(self[name])
+
+    def whole(self, name: str) -> int:
+        """Return a value that is a whole number, such as that of a ball."""
+        return int(self[name])
+
+    def word(self, name: str, default: str = '') -> str:
+        """Return a value that is a word."""
+        return str(self.get(name, default))
+
+
+def grid(**values: Iterable[float | str]) -> tuple[Setting, ...]:
+    """Return a Setting for each combination of values of searched parameters, the last one changing first."""
+    return tuple(Setting(zip(values, each)) for each in product(*values.values()))
+
+
+@dataclass(frozen=True, eq=False)
+class Factors:
+    """Columns of many settings as products w_vm(reading) e_d(reading).
+
+    waves: (v, m, N); directions: (D, N, 3); of_setting: for each setting its v and the numbers d of
+    its directions. Its columns are w_v1 e_d1, w_v1 e_d2 ... w_v2 e_d1 ...
+    """
+
+    waves: Floats
+    directions: Floats
+    of_setting: tuple[tuple[int, tuple[int, ...]], ...]
+
+
+class Effect:
+    """One physical effect; subclasses give `columns` and what they need of the rest.
+
+    name: fixed name in files, messages and on screen; meaning: a plain sentence; look: where to look in the cell;
+    formula: the form added to p; source: where it comes from; depends_on: quantities of a reading it needs; searched:
+    its nonlinear parameters; quantities: its amplitudes, where all settings have the same; carries: what of it a later
+    run of the same cell shares, `all` (settings and amplitudes), `shape` (settings; phases or sizes differ) or
+    `nothing` (an event).
+    """
+
+    name: str = ''
+    meaning: str = ''
+    look: str = ''
+    formula: str = ''
+    source: str = ''
+    depends_on: tuple[str, ...] = ()
+    searched: tuple[Searched, ...] = ()
+    quantities: tuple[Quantity, ...] = ()
+    carries: str = 'shape'
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and vars(self) == vars(other)
+
+    def __hash__(self) -> int:
+        return hash((type(self), self.name))
+
+    def unavailable(self, run: Run) -> str:
+        """Return why the effect cannot be judged on this run, or an empty string."""
+        if 'temperature' in self.depends_on and not np.all(np.isfinite(run.temperature)):
+            return 'the run has no temperatures'
+        if 'approach' in self.depends_on and not np.any(run.approach):
+            return 'the run does not say in which sense the table moved'
+        return ''
+
+    def settings(self, run: Run) -> tuple[Setting, ...]:
+        """Return the settings to try on this run; () means nothing to try."""
+        return (Setting(),)
+
+    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
+        """Return the Quantity of each column."""
+        return self.quantities
+
+    def columns(self, run: Run, setting: Setting) -> Floats:
+        """Return the displacement of every reading per unit of each amplitude, (N, 3, q), m/unit."""
+        return np.moveaxis(self.blocks(run, [setting])[0], 0, -1)
+
+    def blocks(self, run: Run, settings: Sequence[Setting]) -> Floats:
+        """Return the columns of many settings with as many amplitudes each, (b, q, N, 3).
+
+        The same as `columns` one by one; an effect with many settings may write it in place of `columns`, all at once.
+        """
+        return np.stack([np.moveaxis(self.columns(run, setting), -1, 0) for setting in settings])
+
+    def factors(self, run: Run, settings: Sequence[Setting]) -> Factors | None:
+        """Return the Factors of settings where columns are such products, else None."""
+        return None
+
+    def width(self, run: Run, setting: Setting) -> int:
+        """Return the number of columns of a setting."""
+        return len(self.amplitudes(run, setting))
+
+    def independent_settings(self, run: Run) -> int:
+        """Return how many settings count as separate chances in the search, at least 1."""
+        return max(1, len(self.settings(run)))
+
+    def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
+        """Return where to refine each continuous parameter of a setting found on the grid.
+
+        A positive scale is refined by half as much again to either side, an instant among those beside it.
+        """
+        out: dict[str, Bracket] = {}
+        for parameter in self.searched:
+            if parameter.kind == 'scale':
+                value = setting.number(parameter.name)
+                out[parameter.name] = (value / 1.6, value * 1.6)
+            elif parameter.kind == 'instant':
+                out[parameter.name] = self.instants(run, setting)
+        return out
+
+    def instants(self, run: Run, setting: Setting) -> Floats:
+        """Return the instants between readings that the grid has left out beside a setting."""
+        every = between_readings(run, most=run.size)
+        tried = between_readings(run)
+        if every.size == tried.size:
+            return np.zeros(0)
+        near = np.argsort(np.abs(tried - setting.number('t0')))[:3]
+        beside: Floats = every[(every >= tried[near].min()) & (every <= tried[near].max())]
+        return beside
+
+    def check_setting(self, setting: Setting) -> None:
+        """Raise InvalidModel unless the setting gives searched parameters values that can be."""
+        known = {parameter.name: parameter for parameter in self.searched}
+        for name, value in setting.items():
+            if name not in known:
+                words = ', '.join(known) or 'none'
+                raise InvalidModel(f'effect {self.name}: wanted settings among {words}, got {name!r}')
+            if wanted := known[name].wanted_for(value):
+                raise InvalidModel(f'effect {self.name}: {name}: wanted {wanted}, got {value!r}')
+
+
+class FixedEffect(Effect):
+    """Another effect of which some searched parameters are held at given values."""
+
+    def __init__(self, effect: Effect, fixed: Setting) -> None:
+        self.effect, self.fixed = effect, fixed
+        self.name, self.depends_on, self.searched = effect.name, effect.depends_on, effect.searched
+
+    def settings(self, run: Run) -> tuple[Setting, ...]:
+        """Return the effect's settings with the fixed values in their place, each once."""
+        return tuple(dict.fromkeys(Setting({**setting, **self.fixed}) for setting in self.effect.settings(run)))
+
+    def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
+        """Return the brackets of what is not fixed."""
+        return {name: bracket for name, bracket in self.effect.brackets(run, setting).items() if name not in self.fixed}
+
+    def independent_settings(self, run: Run) -> int:
+        """Return the effect's number, at most as many as there are settings left."""
+        return max(1, min(self.effect.independent_settings(run), len(self.settings(run))))
+
+    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
+        return self.effect.amplitudes(run, setting)
+
+    def blocks(self, run: Run, settings: Sequence[Setting]) -> Floats:
+        return self.effect.blocks(run, settings)
+
+    def factors(self, run: Run, settings: Sequence[Setting]) -> Factors | None:
+        return self.effect.factors(run, settings)

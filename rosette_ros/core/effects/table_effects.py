@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Effects of the rotary table: its zero, its axis, its bearing, its drive."""
+
+import numpy as np
+
+from rosette_ros.core.effects.effect import Bracket, Effect, Quantity, Searched, Setting, grid, per_axis
+from rosette_ros.core.effects.factored_effect import FactoredEffect, RunFunction
+from rosette_ros.core.effects.run_functions import axial_tilts, seconds, tangential, travel, unit
+from rosette_ros.core.geometry import TWO_PI
+from rosette_ros.core.records import Floats, Run
+
+
+class TableZeroDrift(Effect):
+    name = 'table_zero_drift'
+    meaning = "The table's angle drifts steadily relative to its encoder."
+    look = 'Encoder mount, coupling between encoder and table, heat of the torque motor.'
+    formula = 'omega t R e_t'
+    source = 'ISO 230-3 (distortion caused by rotary motion)'
+    depends_on = ('time',)
+    quantities = (Quantity('omega', 'rad/s', 'rate of turn of the zero'),)
+    carries = 'all'
+
+    def columns(self, run: Run, setting: Setting) -> Floats:
+        return (run.radius * seconds(run)[:, None] * tangential(run.alpha))[..., None]
+
+
+class AxisTiltDrift(Effect):
+    name = 'axis_tilt_drift'
+    meaning = 'The table axis tilts steadily in the machine.'
+    look = 'Foundation, levelling feet, one-sided heat on the machine bed.'
+    formula = 'R (theta_x sin alpha - theta_y cos alpha) t along z'
+    source = 'ISO 230-3 (thermal distortion)'
+    depends_on = ('time',)
+    quantities = per_axis('xy', Quantity('theta', 'rad/s', 'tilt rate about'))
+    carries = 'all'
+
+    def columns(self, run: Run, setting: Setting) -> Floats:
+        return seconds(run)[:, None, None] * axial_tilts(run)
+
+
+class TableBacklash(Effect):
+    name = 'table_backlash'
+    meaning = 'The angle at which the table stops depends on the sense in which it turned.'
+    look = 'Worm gear, clamping, friction between drive and encoder.'
+    formula = '1/2 b approach R e_t'
+    source = 'ISO 230-2 (reversal value B)'
+    depends_on = ('approach',)
+    quantities = (Quantity('b', 'rad', 'reversal value of the table angle'),)
+    carries = 'all'
+
+    def columns(self, run: Run, setting: Setting) -> Floats:
+        return (0.5 * run.radius * run.approach[:, None] * tangential(run.alpha))[..., None]
+
+
+_MOTIONS = {'radial': (0, 1), 'axial': (2,), 'tilt': (3, 4), 'all': (0, 1, 2, 3, 4)}
+_MOTION_NAMES = ('x', 'y', 'z', 'rx', 'ry')
+
+
+class TableOrder(RunFunction):
+    """cos and sin of nu Psi; orders from 0.1 to 5 per turn in steps of half the resolution, of which each is a chance.
+
+    Refined by half a resolution to either side.
+    """
+
+    def _turns(self, run: Run) -> float:
+        return max(float(np.ptp(run.table_travel)) / TWO_PI, 1.0)
+
+    def settings(self, run: Run) -> tuple[Setting, ...]:
+        turns = self._turns(run)
+        step = 0.5 / turns
+        orders = np.arange(max(0.1, step), min(run.n / 2, 5.0, max(1.2, 750 / turns)), step)
+        # Within half a resolution of a whole number it is synchronous: the base model's.
+        return grid(nu=orders[np.abs(orders - np.round(orders)) > 0.4 / turns].tolist())
+
+    def chances(self, run: Run) -> float:
+        return len(self.settings(run)) / 2
+
+    def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
+        nu, half = setting.number('nu'), 0.5 / self._turns(run)
+        return {'nu': (nu - half, nu + half)}
+
+    def at(self, run: Run, values: Floats) -> Floats:
+        angle = values * travel(run)
+        return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+class AsynchronousMotion(FactoredEffect):
+    name = 'asynchronous_motion'
+    meaning = 'The axis moves with a period that is no whole fraction of a turn: the motion does not repeat every turn.'
+    look = 'Cage and rolling elements of the bearing (about 0.4 per turn), belt or worm drive.'
+    formula = '(radial x, y; axial z; tilt) cos(nu Psi), sin(nu Psi)'
+    source = 'ISO 230-7 (asynchronous error motion)'
+    depends_on = ('table_travel',)
+    searched = (Searched('motion', '', 'radial, axial, tilt, or all of them'),
+                Searched('nu', '1', 'cycles per turn of the table', 'phase'))
+    function = TableOrder()
+    choices = grid(motion=_MOTIONS)
+
+    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
+        """Return cosine and sine amplitudes of each motion."""
+        motions = [_MOTION_NAMES[place] for place in self.which(setting)]
+        return tuple(Quantity(f'{part}_{motion}', 'rad' if motion[0] == 'r' else 'm', f'{name} amplitude of {motion}')
+                     for part, name in (('a', 'cosine'), ('b', 'sine')) for motion in motions)
+
+    def directions(self, run: Run) -> Floats:
+        """Return x, y, z and what tilts about x and y do at the ball, (5, N, 3)."""
+        axes = [unit(axis, run.size) for axis in range(3)]
+        return np.stack([*axes, *np.moveaxis(axial_tilts(run), -1, 0)])
+
+    def which(self, setting: Setting) -> tuple[int, ...]:
+        return _MOTIONS[setting.word('motion')]
+
+
+TURNED, UNWRAPPED = 'turned', 'unwrapped'
+
+
+class TableWarmup(Effect):
+    name = 'table_warmup'
+    meaning = 'The table grows along its axis as turning warms the bearing, and settles.'
+    look = 'Bearing friction and preload, torque motor; warm the table up by turning it before measuring.'
+    formula = 'a (1 - exp(-Psi/Psi0)) along z'
+    source = 'ISO 230-3 (thermal distortion caused by rotating components)'
+    depends_on = ('table_travel',)
+    quantities = (Quantity('a', 'm', 'final axial growth'),)
+    searched = (Searched('angle', '', 'which angle warms it: turned in either sense, or unwrapped'),
+                Searched('psi0', 'rad', 'angle after which 63 % are reached', 'scale'))
+
+    def _travelled(self, run: Run, angle: str) -> Floats:
+        if angle == UNWRAPPED:
+            return np.abs(travel(run))
+        return np.cumsum(np.abs(np.diff(run.table_travel, prepend=run.table_travel[:1])))
+
+    def settings(self, run: Run) -> tuple[Setting, ...]:
+        """Try angles from a fiftieth of the turned angle to the whole of it.
+
+        Where the table turned both ways, the angle may be the one that was turned, which is what
+        friction sees, or the unwrapped one.
+        """
+        turned = self._travelled(run, TURNED)
+        if turned[-1] == 0:
+            return ()
+        one_sense = np.allclose(self._travelled(run, UNWRAPPED), turned)
+        return grid(angle=(TURNED,) if one_sense else (TURNED, UNWRAPPED),
+                    psi0=np.geomspace(turned[-1] / 50, turned[-1], 14).tolist())
+
+    def independent_settings(self, run: Run) -> int:
+        """Neighbouring angles look alike."""
+        return 5
+
+    def columns(self, run: Run, setting: Setting) -> Floats:
+        growth = -np.expm1(-self._travelled(run, setting.word('angle', TURNED)) / setting.number('psi0'))
+        return (growth[:, None] * unit(2, run.size))[..., None]

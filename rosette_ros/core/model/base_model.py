@@ -1,0 +1,337 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The base model: table motions, plate deviations, CMM deviations, and what they can describe.
+
+Measurement equation, linear form:
+
+    p = R_z(phi_i) (b_j + P_j) + T_i + Theta_i x R_z(phi_i) b_j + M_k
+
+The 12 n unknowns have rank 12 n - 13 on a complete run. The 13 combinations that no three-rosette run can know are
+fixed by this gauge (the paper's, continued to plate and CMM): the means of T and Theta are zero; (ctx, cty) and (crx,
+cry) have no once-per-turn part that looks like eccentricity or tilt of the plate; M has zero mean along z, radially and
+tangentially, so that plate position, radius and turn stand in P.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from rosette_ros.core.errors import InvalidModel, NotDeterminable
+from rosette_ros.core.model.model import BASE_TERMS
+from rosette_ros.core.model.normal_equations import Part, base_parts
+from rosette_ros.core.records import CURVES, Bools, Floats, Run
+
+GAUGE = (
+    'means of ctx, cty, ctz, crx, cry, crz',
+    'once-per-turn part of (ctx, cty) that looks like eccentricity of the plate',
+    'once-per-turn part of (crx, cry) that looks like tilt of the plate',
+    'common height, radial scale and turn about z of plate and CMM',
+    'harmonics of the table error above n/2',
+)
+"""What no three-rosette run can know, in words for every result."""
+_MOST_GAUGE = 13
+_LARGE = 40  # balls; what runs of smaller plates lack is listed term by term
+SMALL = 333
+"""Readings up to which a basis that is at hand is quicker than an FFT."""
+
+Real = TypeVar('Real', bound=np.floating[Any])
+"""Single or double precision; a projection keeps that of its argument."""
+Spectra = NDArray[np.complexfloating[Any, Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class BaseParameters:
+    """Base parameters of m columns: curves (m, n, 6), plate and cmm (m, n, 3), m and rad."""
+
+    curves: Floats
+    plate: Floats
+    cmm: Floats
+
+
+def base_space(run: Run, lever: float, terms: tuple[str, ...] = BASE_TERMS,
+               weight: Floats | None = None) -> 'BaseSpace':
+    """Return the space of the base model on a run: CompleteSpace where it can be, else DenseSpace.
+
+    lever: radius at which rotations act, m; terms: subset of BASE_TERMS; weight: (N,) positive, inverse relative
+    variances, or None for equal ones. Raises NotDeterminable, with what cannot be determined, for too little data.
+    """
+    unknown = [term for term in terms if term not in BASE_TERMS]
+    if unknown:
+        raise InvalidModel(f'base: wanted some of {", ".join(BASE_TERMS)}, got {unknown[0]!r}')
+    if run.is_complete and (weight is None or np.ptp(weight) == 0):
+        return CompleteSpace(run, lever, terms)
+    return DenseSpace(run, lever, terms, weight)
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """Orthonormal rows that span a model on a run of N readings.
+
+    axial: (rz, N) along z; plane: (rw, N, 2) along x and y; mixed: (k, N, 3) along all axes.
+    """
+
+    axial: Floats
+    plane: Floats
+    mixed: Floats
+
+    @staticmethod
+    def of_parts(parts: tuple[Part, Part]) -> 'Basis':
+        """Return the basis of the base model's two parts, without weights."""
+        z, w = (np.ascontiguousarray(part.basis.T) for part in parts)
+        return Basis(z, w.reshape(len(w), -1, 2), np.zeros((0, z.shape[1], 3)))
+
+    @property
+    def rank(self) -> int:
+        """Number of rows."""
+        return len(self.axial) + len(self.plane) + len(self.mixed)
+
+    def residual(self, columns: NDArray[Real]) -> NDArray[Real]:
+        """Return columns (m, N, 3) freed of what the rows span, same shape and precision."""
+        rows: NDArray[Any] = self._single if columns.dtype == np.float32 else self._double
+        flat = columns.reshape(len(columns), rows.shape[1])
+        left: NDArray[Any] = flat - (flat @ rows.T) @ rows
+        return left.reshape(columns.shape)
+
+    @cached_property
+    def _double(self) -> Floats:
+        return self.rows()
+
+    @cached_property
+    def _single(self) -> NDArray[np.float32]:
+        return self.rows().astype(np.float32)
+
+    def rows(self) -> Floats:
+        """Return all rows, (rank, 3 N)."""
+        size = self.axial.shape[1]
+        out = np.zeros((self.rank, size, 3))
+        plane = len(self.axial) + len(self.plane)
+        out[:len(self.axial), :, 2] = self.axial
+        out[len(self.axial):plane, :, :2] = self.plane
+        out[plane:] = self.mixed
+        return out.reshape(self.rank, 3 * size)
+
+
+@dataclass(frozen=True, eq=False)
+class BaseLines:
+    """What the base model takes of the two-dimensional spectra of a complete run.
+
+    On the grid (table position i, CMM position k) with frequencies (p, q), z and w = x + iy, the base model is a set of
+    lines: q = 0 (T), p = 0 (M), p + q = 0 in z and 1 in w (P), q = +-1 in z (crx, cry), and of q = 1 in w the part with
+    c(p) = -conj c(-p) (crz). z, w: (n, n) whole points; crz: (n,) half of the point (p, 1) of w. crz takes half of each
+    point of its line that no other line takes; other lines meet it at p = 0 alone, which is its own mirror.
+    """
+
+    z: Bools
+    w: Bools
+    crz: Bools
+
+    @staticmethod
+    def of(n: int, terms: tuple[str, ...] = BASE_TERMS) -> 'BaseLines':
+        """Return the lines of some base terms for n balls."""
+        p, q = np.meshgrid(np.arange(n), np.arange(n), indexing='ij')
+        table, plate, cmm = (term in terms for term in BASE_TERMS)
+        z = table & ((q == 0) | (q == 1) | (q == n - 1)) | plate & ((p + q) % n == 0) | cmm & (p == 0)
+        w = table & (q == 0) | plate & ((p + q) % n == 1) | cmm & (p == 0)
+        return BaseLines(z, w, ~w[:, 1] & table)
+
+    @property
+    def rank(self) -> int:
+        """Rank of the base model."""
+        return int(self.z.sum() + 2 * self.w.sum() + self.crz.sum())
+
+    @property
+    def shares(self) -> tuple[Floats, Floats]:
+        """Share of each point (p, q) of the spectra of z and w that the base model takes, (n, n) each: 0, 1/2 or 1."""
+        plane = self.w.astype(float)
+        plane[:, 1] = np.maximum(plane[:, 1], 0.5 * self.crz)
+        return self.z.astype(float), plane
+
+
+class CompleteSpace:
+    """The base model on a complete, equally weighted run: projecting on its lines costs one FFT."""
+
+    def __init__(self, run: Run, lever: float, terms: tuple[str, ...] = BASE_TERMS) -> None:
+        self.n, self.lever, self.terms = run.n, lever, tuple(terms)
+        self._run = run
+        self._cell = (run.table_position - 1) * run.n + run.cmm_position - 1
+        self._reading = np.argsort(self._cell)
+        self._mirror = (-np.arange(run.n)) % run.n
+        self._lines = BaseLines.of(run.n, self.terms)
+        self.rank = self._lines.rank
+
+    @cached_property
+    def basis(self) -> Basis:
+        """Orthonormal rows that span the base model."""
+        return Basis.of_parts(base_parts(self._run, self.terms, np.ones(self._run.size)))
+
+    def _grid(self, values: NDArray[Real]) -> NDArray[Real]:
+        """Return values (m, N) on the grid of table and CMM positions, (m, n, n)."""
+        return values[:, self._reading].reshape(len(values), self.n, self.n)
+
+    def _plane_spectrum(self, columns: NDArray[Real]) -> Spectra:
+        kind = np.complex64 if columns.dtype == np.float32 else complex
+        w = np.empty((len(columns), self.n, self.n), dtype=kind)
+        w.real, w.imag = self._grid(columns[..., 0]), self._grid(columns[..., 1])
+        return scipy.fft.fft2(w, axes=(1, 2), overwrite_x=True, workers=_workers(columns))
+
+    def residual(self, columns: NDArray[Real]) -> NDArray[Real]:
+        """Return what the base model cannot describe of columns (m, N, 3), same shape and precision."""
+        out = np.zeros(columns.shape, dtype=columns.dtype)
+        if not len(columns):
+            return out
+        if 'basis' in self.__dict__ and len(self._cell) <= SMALL and columns.dtype == float:
+            return self.basis.residual(columns)
+        wide = self.n**2
+        if columns[..., 2].any():
+            z = scipy.fft.rfft2(self._grid(columns[..., 2]), axes=(1, 2), workers=_workers(columns))
+            z[:, self._lines.z[:, :self.n // 2 + 1]] = 0
+            z = scipy.fft.irfft2(z, s=(self.n, self.n), axes=(1, 2), overwrite_x=True, workers=_workers(columns))
+            out[..., 2] = z.reshape(-1, wide)[:, self._cell]
+        if columns[..., :2].any():
+            w = self._plane_spectrum(columns)
+            w[:, self._lines.w] = 0
+            line = w[:, :, 1]
+            kept = 0.5 * (line + line[:, self._mirror].conj())
+            w[:, :, 1] = np.where(self._lines.crz, kept, line)
+            w = scipy.fft.ifft2(w, axes=(1, 2), overwrite_x=True, workers=_workers(columns))
+            out[..., 0] = w.real.reshape(-1, wide)[:, self._cell]
+            out[..., 1] = w.imag.reshape(-1, wide)[:, self._cell]
+        return out
+
+    def parameters(self, columns: Floats) -> BaseParameters:
+        """Return the BaseParameters that describe columns (m, N, 3) best, in the gauge."""
+        n, m = self.n, len(columns)
+        z = scipy.fft.fft2(self._grid(columns[..., 2]), axes=(1, 2)) / n**2
+        w = self._plane_spectrum(columns) / n**2
+        curves, plate, cmm = np.zeros((m, n, 6)), np.zeros((m, n, 3)), np.zeros((m, n, 3))
+        if 'table_motions' in self.terms:
+            curves = self._curves(z, w)
+        index = np.arange(n)
+        if 'plate_deviations' in self.terms:
+            # j = k - i + 1: P_j's harmonic q stands at (p, q) = (-q, q) in z, (1 - q, q) in w
+            plate = _points(w[:, (1 - index) % n, index], z[:, (-index) % n, index])
+        if 'cmm_deviations' in self.terms:
+            line_z, line_w = z[:, 0, :].copy(), w[:, 0, :].copy()
+            line_z[:, 0] = 0
+            line_w[:, 1] = 0
+            cmm = _points(line_w, line_z)
+        return BaseParameters(curves, plate, cmm)
+
+    def _curves(self, z: Spectra, w: Spectra) -> Floats:
+        """Return the six curves (m, n, 6) from spectra divided by n*n."""
+        n = self.n
+        axial, radial = z[:, :, 0].copy(), w[:, :, 0].copy()
+        axial[:, 0] = 0
+        radial[:, [0, 1]] = 0
+        # z of a tilt: R (crx sin alpha - cry cos alpha) = -R/2 tau e^{i alpha} + conjugate with
+        # tau = cry + i crx, so the line q = 1 holds the spectrum of -R/2 tau.
+        tilt = -2 * z[:, :, 1] / self.lever
+        tilt[:, [0, n - 1]] = 0
+        turn: Spectra = w[:, :, 1] / (1j * self.lever)
+        turn = 0.5 * (turn + turn[:, self._mirror].conj())
+        turn[:, 0] = 0
+        ctz, xy, tilts, crz = (scipy.fft.ifft(part, axis=1) * n for part in (axial, radial, tilt, turn))
+        return np.stack([xy.real, xy.imag, ctz.real, tilts.imag, tilts.real, crz.real], axis=-1)
+
+    def curve_cofactor(self) -> Floats:
+        """Return the variances of the curves for unit variance of a coordinate, (n, 6).
+
+        They follow from counting the points of each line: var ctx = (n - 2)/n^2, var ctz = (n - 1)/n^2,
+        var crx = 2 (n - 2)/(n R)^2, var crz = (n - 1)/(n R)^2.
+        """
+        n, r = self.n, self.lever
+        if 'table_motions' not in self.terms:
+            return np.zeros((n, 6))
+        radial, axial = (n - 2) / n**2, (n - 1) / n**2
+        return np.tile([radial, radial, axial, 2 * radial / r**2, 2 * radial / r**2, axial / r**2], (n, 1))
+
+
+def _points(w: Spectra, z: Spectra) -> Floats:
+    """Return x, y, z, (m, n, 3), of harmonics (m, n) of x + iy and of z."""
+    z, w = (scipy.fft.ifft(part, axis=1) * w.shape[1] for part in (z, w))
+    return np.stack([w.real, w.imag, z.real], axis=-1)
+
+
+def _workers(columns: NDArray[Real]) -> int:
+    return 2 if columns.size > 200_000 else 1
+
+
+class DenseSpace:
+    """The base model on any run: missing or repeated balls, weights; by normal equations.
+
+    z and the xy part are independent: 5 n and 7 n unknowns. Rotations are scaled by the lever so
+    that all unknowns are lengths.
+    """
+
+    def __init__(self, run: Run, lever: float, terms: tuple[str, ...] = BASE_TERMS,
+                 weight: Floats | None = None) -> None:
+        self.n, self.lever, self.terms = run.n, lever, tuple(terms)
+        self._refuse_far_too_few(run)
+        self._root = np.ones(run.size) if weight is None else np.sqrt(weight / np.mean(weight))
+        self._parts = base_parts(run, self.terms, self._root)
+        self.rank = sum(part.rank for part in self._parts)
+        wanted = BaseLines.of(run.n, self.terms).rank
+        if self.rank < wanted:
+            missing = self._undetermined() or 'the separation of table, plate and CMM'
+            raise _too_few(run, f'give rank {self.rank} where {wanted} is needed', f'; cannot determine {missing}')
+
+    @cached_property
+    def basis(self) -> Basis | None:
+        """Orthonormal rows that span the base model; None where readings have weights."""
+        return Basis.of_parts(self._parts) if np.ptp(self._root) == 0 else None
+
+    def _refuse_far_too_few(self, run: Run) -> None:
+        """Refuse a run of a large plate with fewer readings than unknowns before memory for these is taken."""
+        unknowns = run.n * sum({'table_motions': 6}.get(term, 3) for term in self.terms) - _MOST_GAUGE
+        if run.n > _LARGE and 3 * run.size < unknowns:
+            raise _too_few(run, f'cannot give rank {unknowns}')
+
+    def _undetermined(self) -> str:
+        z, w = (part.undetermined().reshape(-1, self.n) for part in self._parts)
+        rows = [(f'{curve} at table position', row) for curve, row in zip(CURVES, (w[0], w[1], z[0], z[1], z[2], w[2]))]
+        rows += [('the deviation of ball', z[3]), ('the deviation of the CMM at position', z[4])]
+        names = [f'{what} {k + 1}' for what, row in rows for k in np.flatnonzero(row)]
+        return ', '.join(names[:6]) + (f' and {len(names) - 6} more' if len(names) > 6 else '')
+
+    def _split(self, columns: NDArray[Real]) -> tuple[Floats, Floats]:
+        """Return the weighted rows of z, (m, N), and of x and y, (m, 2 N)."""
+        plane = (columns[..., :2] * self._root[:, None]).reshape(len(columns), 2 * self._root.size)
+        return columns[..., 2] * self._root, plane
+
+    def residual(self, columns: NDArray[Real]) -> Floats:
+        """Return what the base model cannot describe of columns (m, N, 3), same shape.
+
+        Rows are weighted by the root of their weight, as least squares sees them.
+        """
+        z, w = (part.residual(rows) for part, rows in zip(self._parts, self._split(columns)))
+        return np.concatenate([w.reshape(len(columns), z.shape[1], 2), z[..., None]], axis=-1)
+
+    def parameters(self, columns: Floats) -> BaseParameters:
+        """Return the BaseParameters that describe columns (m, N, 3) best, in the gauge."""
+        z, w = (part.solve(rows).reshape(len(columns), -1, self.n)
+                for part, rows in zip(self._parts, self._split(columns)))
+        lever = self.lever
+        curves = np.stack([w[:, 0], w[:, 1], z[:, 0], z[:, 1] / lever, z[:, 2] / lever, w[:, 2] / lever], axis=-1)
+        plate = np.stack([w[:, 3], w[:, 4], z[:, 3]], axis=-1)
+        cmm = np.stack([w[:, 5], w[:, 6], z[:, 4]], axis=-1)
+        return BaseParameters(*(part * (term in self.terms) for term, part in zip(BASE_TERMS, (curves, plate, cmm))))
+
+    def curve_cofactor(self) -> Floats:
+        """Return the variances of the curves for unit variance of a coordinate, (n, 6)."""
+        if 'table_motions' not in self.terms:
+            return np.zeros((self.n, 6))
+        z, w = (part.cofactor().reshape(-1, self.n) for part in self._parts)
+        r = self.lever
+        return np.stack([w[0], w[1], z[0], z[1] / r**2, z[2] / r**2, w[2] / r**2], axis=-1)
+
+
+def _too_few(run: Run, rank: str, missing: str = '') -> NotDeterminable:
+    return NotDeterminable(
+        f'{run.source}: too few ball centres: {run.size} of {run.n**2} {rank} (at least {5 * run.n - 6} well spread '
+        f'ball centres){missing}. Measure the missing balls: rosette calibrate --resume RUN')
+
+
+BaseSpace = CompleteSpace | DenseSpace

@@ -1,0 +1,304 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The one least squares: base model and effects, jointly.
+
+Effects are linear in their amplitudes a. With D their columns, Q the base model's space and
+D_perp = D - Q Q' D, the joint solution is a = D_perp^+ y, the base parameters follow from y - D a.
+Nonlinear parameters enter the uncertainties by their tangents d(D a)/d(theta).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from rosette_ros.core.effects.effect import Searched, Setting
+from rosette_ros.core.errors import NotDeterminable
+from rosette_ros.core.geometry import TWO_PI, rotate_z
+from rosette_ros.core.model.base_model import BaseSpace, Basis, Real, base_space
+from rosette_ros.core.model.model import Model, Term
+from rosette_ros.core.records import ErrorMotions, Floats, Ints, Run
+
+HIDDEN = 1e-6
+"""Visible share below which an effect is taken as hidden altogether (rounding is 1e-15)."""
+REFINED = ('scale', 'phase')
+"""Kinds of searched parameters that have an uncertainty."""
+UNLIKELY = 1e-3
+"""Chance of as much lack of fit below which the residuals, not the repeatability, state the uncertainties."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A fitted parameter: value and standard uncertainty in an SI unit."""
+
+    name: str
+    value: float
+    u: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class FittedEffect:
+    """An effect with the setting in use, its parameters and its part of the model, (N, 3), m."""
+
+    name: str
+    setting: Setting
+    parameters: tuple[Parameter, ...]
+    displacement: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fitted model.
+
+    residual: (N, 3), m, observed minus model; plate, cmm: (n, 3), m; rms: root of the residuals' square sum per degree
+    of freedom, m; sigma: standard deviation of a coordinate in use for the uncertainties, m, and sigma_source, where it
+    comes from; reduced_chi_square: (rms/repeatability) squared, None where the repeatability is unknown; lack_of_fit_p:
+    probability that noise of the known repeatability leaves as much, None likewise.
+    """
+
+    run: Run
+    model: Model
+    error_motions: ErrorMotions
+    plate: Floats
+    cmm: Floats
+    residual: Floats
+    effects: tuple[FittedEffect, ...]
+    rank: int
+    dof: int
+    rms: float
+    sigma: float
+    sigma_source: str
+    reduced_chi_square: float | None
+    lack_of_fit_p: float | None
+    mean_radius: float
+    joint: 'JointSpace'
+
+    @cached_property
+    def settings(self) -> tuple[Setting, ...]:
+        """The settings of the effects, in the order of the model."""
+        return tuple(effect.setting for effect in self.effects)
+
+
+def mean_radius(run: Run) -> float:
+    """Return the mean radius of the circle of ball centres, equation (10), m."""
+    x, y = run.centre[:, 0], run.centre[:, 1]
+    return float(np.mean((x * np.cos(run.alpha) + y * np.sin(run.alpha))[_by_place(run)]))
+
+
+def _by_place(run: Run) -> Ints:
+    """Return the indices that sort readings by table position and ball: sums do not depend on when one was taken."""
+    return np.lexsort((run.ball, run.table_position))
+
+
+def observed(run: Run, plate: Floats | None = None) -> Floats:
+    """Return centres minus nominal centres at the actual table angle, (N, 3), m.
+
+    The base model is linear at nominal angles, so known parts are turned to the actual angle here:
+    p - R_z(phi + delta) b_j - (R_z(phi + delta) - R_z(phi)) P_j. plate: P, (n, 3), m, or None.
+    """
+    delta = run.angle_deviation
+    angle = run.alpha + delta
+    out = run.centre - run.radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(run.size)], axis=-1)
+    if plate is not None and np.any(delta):
+        turned = rotate_z(run.phi, plate[run.ball - 1])
+        out = out - (rotate_z(delta, turned) - turned)
+    return out
+
+
+class JointSpace:
+    """Base model and effects on one run: projection, solution and cofactors.
+
+    columns: (q, N, 3) of all effects together; tangents: (k, N, 3) of the nonlinear parameters, used for uncertainties
+    only; visible_share: (q + k,) share of each that the base model leaves; undetermined: (q + k,) whether the readings
+    leave it open; rank: of the columns.
+    """
+
+    def __init__(self, space: BaseSpace, columns: Floats, tangents: Floats) -> None:
+        self.space, self.columns, self.q = space, columns, len(columns)
+        self.every: Floats = np.concatenate([columns, tangents])
+        size = self.every.shape[1] * 3
+        flat = space.residual(self.every).reshape(len(self.every), size)
+        full = np.linalg.norm(self.every.reshape(len(self.every), size), axis=1)
+        scale = np.where(full > 0, full, 1.0)
+        self.visible_share: Floats = np.linalg.norm(flat, axis=1) / scale
+        self._flat, self._scale = flat, scale
+        self._solve, seen, _ = _pseudo_inverse(flat[:self.q], scale[:self.q])
+        self.rank = seen.shape[1]
+        inverse, _, null = _pseudo_inverse(flat, scale)
+        self.cofactor: Floats = inverse @ inverse.T
+        self.undetermined = np.abs(null).max(axis=1, initial=0) > 1e-3
+
+    def amplitudes(self, observed_perp: Floats) -> Floats:
+        """Return the least-squares amplitudes (q,) of base-free observations (N, 3)."""
+        return self._solve @ observed_perp.reshape(-1)
+
+    def residual(self, rows: NDArray[Real]) -> NDArray[Real] | Floats:
+        """Return rows (m, N, 3) freed of base model and effects."""
+        free = self.space.residual(rows)
+        if not self.q:
+            return free
+        flat: NDArray[Any] = free.reshape(len(free), -1)
+        for _ in range(2):
+            flat = flat - (flat @ self._solve.T) @ self._flat[:self.q]
+        return flat.reshape(rows.shape)
+
+    @cached_property
+    def basis(self) -> Basis | None:
+        """Orthonormal rows that span base model and effects; None where there are weights."""
+        base = self.space.basis
+        if base is None or not self.q:
+            return base
+        scaled = self._flat[:self.q] / self._scale[:self.q, None]
+        value, vector = np.linalg.eigh(scaled @ scaled.T)
+        keep = value > HIDDEN**2
+        rows = (vector[:, keep] / np.sqrt(value[keep])).T @ scaled
+        return Basis(base.axial, base.plane, rows.reshape(len(rows), -1, 3))
+
+    def curve_cofactor(self) -> Floats:
+        """Return variances of the curves per unit variance, (n, 6), effects' share included."""
+        cofactor = self.space.curve_cofactor()
+        if len(self.every):
+            bias = self.space.parameters(self.every).curves
+            cofactor = cofactor + np.einsum('anc,ab,bnc->nc', bias, self.cofactor, bias)
+        return cofactor
+
+
+def _pseudo_inverse(flat: Floats, scale: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the pseudo-inverse (q, 3 N) of rows (q, 3 N), and the seen and the unseen mixes of them, (q, k) each."""
+    if not len(flat):
+        return flat, np.zeros((0, 0)), np.zeros((0, 0))
+    scaled = flat / scale[:, None]
+    value, vector = np.linalg.eigh(scaled @ scaled.T)
+    keep = value > HIDDEN**2
+    mix = vector[:, keep] / value[keep]
+    return (mix @ vector[:, keep].T @ scaled) / scale[:, None], vector[:, keep], vector[:, ~keep]
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """An effect of a model at a setting: its columns (q, N, 3), and where they stand among those of all effects."""
+
+    term: Term
+    setting: Setting
+    columns: Floats
+    place: slice
+
+    def adjusted(self, *kinds: str) -> list[Searched]:
+        """Return the searched parameters of some kinds that are not fixed."""
+        return [one for one in self.term.effect.searched
+                if one.kind in kinds and one.name in self.setting and one.name not in self.term.fixed]
+
+
+def _parts(run: Run, model: Model, settings: Sequence[Mapping[str, float | str]]) -> list[_Part]:
+    parts, start = [], 0
+    for term, setting in zip(model.terms, map(Setting, settings), strict=True):
+        columns = np.moveaxis(term.effect.columns(run, setting), -1, 0)
+        parts.append(_Part(term, setting, columns, slice(start, start + len(columns))))
+        start += len(columns)
+    return parts
+
+
+def fit(run: Run, model: Model | None = None, settings: Sequence[Mapping[str, float | str]] = (),
+        weight: Floats | None = None, space: BaseSpace | None = None) -> Fit:
+    """Return the joint least-squares Fit of a model on a run.
+
+    settings: a Setting for each effect of the model, in its order; weight: (N,) inverse relative variances of the
+    readings, or None; space: of the base terms of the model where it is at hand from another fit of the same run and
+    weights. Raises NotDeterminable where readings are too few or an effect cannot be seen in this order.
+    """
+    model = model or Model()
+    lever = mean_radius(run)
+    space = space or base_space(run, lever, model.base, weight)
+    parts = _parts(run, model, settings)
+    columns = np.concatenate([np.zeros((0, run.size, 3)), *(part.columns for part in parts)])
+    linear = JointSpace(space, columns, np.zeros((0, run.size, 3)))
+    plate = None
+    for _ in range(4):
+        y = observed(run, plate)
+        perp = space.residual(y[None])[0]
+        amplitude = linear.amplitudes(perp)
+        rest = y - np.tensordot(amplitude, columns, axes=1)
+        base = space.parameters(rest[None])
+        if not np.any(run.angle_deviation):
+            break
+        plate = base.plate[0]
+    tangents = _tangents(run, parts, amplitude)
+    joint = JointSpace(space, columns, tangents) if len(tangents) else linear
+    for part in parts:
+        if not np.any(joint.visible_share[part.place] > HIDDEN):
+            raise refused_as_hidden(run, part.term)
+    weighted = joint.residual(y[None])[0] if joint.q else perp
+    rss = float(np.sum(weighted**2))
+    dof = 3 * run.size - space.rank - joint.rank - sum(len(part.adjusted(*REFINED, 'instant')) for part in parts)
+    if dof <= 0:
+        raise NotDeterminable(f'{run.source}: {3 * run.size} coordinates leave {dof} degrees of freedom for {model}; '
+                              'measure more balls or remove an effect')
+    sigma, source, chi, p = _noise(run, rss, dof)
+    root = np.ones(run.size) if weight is None else np.sqrt(weight / np.mean(weight))
+    u = sigma * np.sqrt(joint.curve_cofactor())
+    return Fit(run, model, ErrorMotions(_mean_angles(run), base.curves[0], u), base.plate[0], base.cmm[0],
+               weighted / root[:, None], _fitted(run, parts, amplitude, joint, sigma), space.rank + joint.rank,
+               dof, float(np.sqrt(rss / dof)), sigma, source, chi, p, lever, joint)
+
+
+def _mean_angles(run: Run) -> Floats:
+    """Return the mean actual angle at each table position, (n,), rad; nominal where none was read."""
+    order = _by_place(run)
+    index = run.table_position[order] - 1
+    count = np.bincount(index, minlength=run.n)
+    total = np.bincount(index, weights=run.angle_deviation[order], minlength=run.n)
+    return TWO_PI * np.arange(run.n) / run.n + total / np.maximum(count, 1)
+
+
+def refused_as_hidden(run: Run, term: Term) -> NotDeterminable:
+    """Return the error that refuses an effect of which a run shows nothing."""
+    return NotDeterminable(f'{run.source}: {term} cannot be seen in this order of measurement: the base model takes it '
+                           'up whole. Remove it, or measure in another order (rosette advise)')
+
+
+def _tangents(run: Run, parts: Sequence[_Part], amplitude: Floats) -> Floats:
+    """Return d(D a)/d(theta) of the refined parameters of all effects, (k, N, 3)."""
+    tangents = [np.zeros((0, run.size, 3))]
+    for part in parts:
+        for parameter in part.adjusted(*REFINED):
+            value = part.setting.number(parameter.name)
+            step = 1e-4 * value
+            above, below = (np.moveaxis(part.term.effect.columns(
+                run, Setting({**part.setting, parameter.name: value + sign * step})), -1, 0) for sign in (1, -1))
+            tangents.append(np.tensordot(amplitude[part.place], above - below, axes=1)[None] / (2 * step))
+    return np.concatenate(tangents)
+
+
+def _noise(run: Run, rss: float, dof: int) -> tuple[float, str, float | None, float | None]:
+    rms = float(np.sqrt(rss / dof))
+    known, known_dof = run.repeatability, run.repeatability_dof
+    if known is None:
+        return rms, 'residuals', None, None
+    chi = (rms / known)**2
+    p = float(special.chdtrc(dof, chi * dof) if known_dof is None else special.fdtrc(dof, known_dof, chi))
+    if p < UNLIKELY:
+        return rms, 'residuals (larger than the repeatability)', chi, p
+    if known_dof is None:
+        return known, 'repeatability', chi, p
+    pooled = np.sqrt((rss + known_dof * known**2) / (dof + known_dof))
+    return float(pooled), 'residuals and repeatability', chi, p
+
+
+def _fitted(run: Run, parts: Sequence[_Part], amplitude: Floats, joint: JointSpace,
+            sigma: float) -> tuple[FittedEffect, ...]:
+    u = np.where(joint.undetermined, np.inf, sigma * np.sqrt(np.diag(joint.cofactor)))
+    refined = iter(u[len(amplitude):])
+    out = []
+    for part in parts:
+        quantities = part.term.effect.amplitudes(run, part.setting)
+        parameters = [Parameter(quantity.name, float(value), float(error), quantity.unit) for quantity, value, error
+                      in zip(quantities, amplitude[part.place], u[part.place], strict=True)]
+        parameters += [Parameter(parameter.name, part.setting.number(parameter.name), float(next(refined)),
+                                 parameter.unit) for parameter in part.adjusted(*REFINED)]
+        out.append(FittedEffect(part.term.name, part.setting, tuple(parameters),
+                                np.tensordot(amplitude[part.place], part.columns, axes=1)))
+    return tuple(out)

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A model: which base terms and which effects describe a run."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from rosette_ros.core.effects.custom_term import CustomTerm
+from rosette_ros.core.effects.effect import Effect, Setting
+from rosette_ros.core.effects.library import EFFECTS, effect
+from rosette_ros.core.errors import InvalidModel
+
+SCHEMA = 'rosette-model/1'
+BASE_TERMS = ('table_motions', 'plate_deviations', 'cmm_deviations')
+Entry = str | dict[str, float | str]
+"""A term as it stands in a model file: the name of an effect, or a mapping."""
+
+
+@dataclass(frozen=True)
+class Term:
+    """An effect in a model with the searched parameters that the user has fixed."""
+
+    effect: Effect
+    fixed: Setting = field(default_factory=Setting)
+
+    @property
+    def name(self) -> str:
+        """The name of the effect."""
+        return self.effect.name
+
+    def to_entry(self) -> Entry:
+        """Return the term as it stands in a model file."""
+        if isinstance(self.effect, CustomTerm):
+            return {**self.effect.to_mapping()}
+        return {'name': self.name, **self.fixed} if self.fixed else self.name
+
+    @staticmethod
+    def from_entry(entry: object) -> 'Term':
+        """Return the term of an entry of a model file; raise InvalidModel."""
+        if isinstance(entry, str):
+            return Term(effect(entry))
+        if isinstance(entry, Mapping) and 'own' in entry:
+            custom = CustomTerm.from_mapping(entry)
+            if custom.name in EFFECTS or custom.name in BASE_TERMS:
+                raise InvalidModel(f'custom term: {custom.name} is the name of a library effect; choose another')
+            return Term(custom)
+        if not isinstance(entry, Mapping) or not isinstance(entry.get('name'), str):
+            raise InvalidModel(f'effects: wanted a name or a mapping with a name, got {entry!r}')
+        fixed = {key: value for key, value in entry.items() if key != 'name'}
+        return Term(effect(entry['name']), Setting(fixed))
+
+    def __str__(self) -> str:
+        fixed = ', '.join(f'{key}={value:g}' if isinstance(value, float) else f'{key}={value}'
+                          for key, value in sorted(self.fixed.items()))
+        return f'{self.name}({fixed})' if fixed else self.name
+
+
+@dataclass(frozen=True)
+class Model:
+    """Base terms (some of BASE_TERMS) and effects; prints itself as a sum.
+
+    repeated allows an effect to stand more than once with the same fixed parameters. Raises InvalidModel where it does
+    without, and for an unknown base term or setting.
+    """
+
+    base: tuple[str, ...] = BASE_TERMS
+    terms: tuple[Term, ...] = ()
+    repeated: bool = False
+
+    def __post_init__(self) -> None:
+        for name in self.base:
+            if name not in BASE_TERMS:
+                raise InvalidModel(f'model: base: wanted some of {", ".join(BASE_TERMS)}, got {name!r}')
+        object.__setattr__(self, 'base', tuple(name for name in BASE_TERMS if name in self.base))
+        seen = set()
+        for term in self.terms:
+            term.effect.check_setting(term.fixed)
+            if str(term) in seen and not self.repeated:
+                raise InvalidModel(f'model: effect {term} stands twice; remove one')
+            seen.add(str(term))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of base terms and effects."""
+        return self.base + tuple(term.name for term in self.terms)
+
+    def __str__(self) -> str:
+        return ' + '.join([*self.base, *map(str, self.terms)]) or 'nothing'
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of the model, hex: equal for equal models."""
+        return hashlib.sha256(json.dumps(self.to_mapping(), sort_keys=True).encode()).hexdigest()
+
+    def with_effect(self, name: str, fixed: Mapping[str, float | str] | None = None) -> 'Model':
+        """Return the model with an effect (or base term) more."""
+        if name in BASE_TERMS:
+            if name in self.base:
+                raise InvalidModel(f'model: {name} is in the model already')
+            return Model((*self.base, name), self.terms)
+        return Model(self.base, (*self.terms, Term(effect(name), Setting(fixed or {}))))
+
+    def with_entry(self, entry: object) -> 'Model':
+        """Return the model with an entry of a model file more: name, mapping or custom term."""
+        return Model(self.base, (*self.terms, Term.from_entry(entry)))
+
+    def without_effect(self, name: str) -> 'Model':
+        """Return the model without an effect (the last of that name) or base term."""
+        if name in self.base:
+            return Model(tuple(term for term in self.base if term != name), self.terms)
+        places = [k for k, term in enumerate(self.terms) if name in (term.name, str(term))]
+        if not places:
+            raise InvalidModel(f'model: wanted one of {", ".join(self.names)} to remove, got {name!r}')
+        return Model(self.base, self.terms[:places[-1]] + self.terms[places[-1] + 1:])
+
+    def to_mapping(self) -> dict[str, str | list[str] | list[Entry]]:
+        """Return the model as plain lists and dicts, schema rosette-model/1."""
+        return {'schema': SCHEMA, 'base': list(self.base), 'effects': [term.to_entry() for term in self.terms]}
+
+    @staticmethod
+    def from_mapping(mapping: object, source: str = 'model') -> 'Model':
+        """Return the Model of plain lists and dicts; raise InvalidModel, naming `source`."""
+        if not isinstance(mapping, dict):
+            raise InvalidModel(f'{source}: wanted a mapping with base and effects, got {type(mapping).__name__}')
+        unknown = set(mapping) - {'schema', 'base', 'effects'}
+        if unknown:
+            raise InvalidModel(f'{source}: wanted the keys schema, base, effects, got {sorted(map(str, unknown))[0]!r}')
+        if mapping.get('schema', SCHEMA) != SCHEMA:
+            raise InvalidModel(f'{source}: schema: wanted {SCHEMA}, got {mapping["schema"]!r}')
+        base = mapping.get('base', list(BASE_TERMS))
+        effects = mapping.get('effects') or []
+        for key, value in (('base', base), ('effects', effects)):
+            if not isinstance(value, list):
+                raise InvalidModel(f'{source}: {key}: wanted a list, got {value!r}')
+        try:
+            return Model(tuple(base), tuple(map(Term.from_entry, effects)))
+        except InvalidModel as error:
+            raise InvalidModel(f'{source}: {error}') from error

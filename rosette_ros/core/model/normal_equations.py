@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Least squares of the two independent parts of the base model, z and (x, y), by normal equations."""
+
+import numpy as np
+import scipy.linalg
+
+from rosette_ros.core.geometry import nominal_angles
+from rosette_ros.core.model.model import BASE_TERMS
+from rosette_ros.core.records import Bools, Floats, Run
+
+Gauge = tuple[Floats, Floats]
+"""Vectors (q, k) that no readings see, and the constraints (k, q) that fix them, of q unknowns."""
+
+
+def base_parts(run: Run, terms: tuple[str, ...], root: Floats) -> 'tuple[Part, Part]':
+    """Return the least squares of z and of x and y; root: (N,) root of the weights."""
+    return (Part(_z_design(run, terms), root, _z_gauge(run.n)),
+            Part(_w_design(run, terms), np.repeat(root, 2), _w_gauge(run.n)))
+
+
+class Part:
+    """Least squares of one independent part of the base model (z, or x and y together).
+
+    rank; basis: (rows, rank) orthonormal columns that span the weighted design.
+    """
+
+    def __init__(self, design: Floats, root: Floats, gauge: Gauge) -> None:
+        weighted = design * root[:, None]
+        value, vector = np.linalg.eigh(weighted.T @ weighted)
+        keep = value > 1e-9 * max(value[-1], 1.0)
+        self.rank = int(keep.sum())
+        self._null = vector[:, ~keep]
+        scaled = vector[:, keep] / np.sqrt(value[keep])
+        basis = weighted @ scaled
+        # One Cholesky step makes the basis orthonormal to rounding.
+        root_factor = np.linalg.cholesky(basis.T @ basis)
+        self.basis: Floats = scipy.linalg.solve_triangular(root_factor, basis.T, lower=True).T
+        # x -> x - G (C G)^-1 C x brings any solution into the gauge C x = 0.
+        self._gauge_vectors, constraints = gauge
+        shift = np.eye(design.shape[1]) - self._gauge_vectors @ np.linalg.solve(
+            constraints @ self._gauge_vectors, constraints)
+        self._mix: Floats = shift @ (scaled @ np.linalg.inv(root_factor).T)
+
+    def residual(self, rows: Floats) -> Floats:
+        """Return rows (m, rows) freed of the basis, twice for rounding's sake."""
+        for _ in range(2):
+            rows = rows - (rows @ self.basis) @ self.basis.T
+        return rows
+
+    def solve(self, rows: Floats) -> Floats:
+        """Return the unknowns (m, q) of rows (m, rows), in the gauge."""
+        return (rows @ self.basis) @ self._mix.T
+
+    def cofactor(self) -> Floats:
+        """Return the variances of the unknowns for unit variance of a coordinate, (q,)."""
+        cofactor: Floats = np.sum(self._mix**2, axis=1)
+        return cofactor
+
+    def undetermined(self) -> Bools:
+        """Return which unknowns the readings leave open beyond the gauge, (q,)."""
+        gauge = np.linalg.qr(self._gauge_vectors)[0]
+        beyond = self._null - gauge @ (gauge.T @ self._null)
+        vectors, value, _ = np.linalg.svd(beyond, full_matrices=False)
+        share = np.sum(vectors[:, value > 0.5]**2, axis=1)
+        is_open: Bools = share > max(0.5 * share.max(initial=0), 1e-6)
+        return is_open
+
+
+def _one_hot(run: Run) -> tuple[Floats, Floats, Floats]:
+    """Return which table position, ball and CMM position each reading has, (N, n) each."""
+    at, of, on = ((index[:, None] == np.arange(1, run.n + 1)).astype(float)
+                  for index in (run.table_position, run.ball, run.cmm_position))
+    return at, of, on
+
+
+def _z_design(run: Run, terms: tuple[str, ...]) -> Floats:
+    """Return the design of z, (N, 5 n): ctz, R crx, R cry, P_z, M_z."""
+    table, plate, cmm = (float(term in terms) for term in BASE_TERMS)
+    at, of, on = _one_hot(run)
+    sin, cos = np.sin(run.alpha)[:, None], np.cos(run.alpha)[:, None]
+    return np.hstack([table * at, table * sin * at, -table * cos * at, plate * of, cmm * on])
+
+
+def _w_design(run: Run, terms: tuple[str, ...]) -> Floats:
+    """Return the design of (x, y) interleaved, (2 N, 7 n): ctx, cty, R crz, P_x, P_y, M_x, M_y."""
+    table, plate, cmm = (float(term in terms) for term in BASE_TERMS)
+    at, of, on = _one_hot(run)
+    zero = np.zeros_like(at)
+    sin, cos = np.sin(run.alpha)[:, None], np.cos(run.alpha)[:, None]
+    sin_t, cos_t = np.sin(run.phi)[:, None], np.cos(run.phi)[:, None]
+    x = np.hstack([table * at, zero, -table * sin * at, plate * cos_t * of, -plate * sin_t * of, cmm * on, zero])
+    y = np.hstack([zero, table * at, table * cos * at, plate * sin_t * of, plate * cos_t * of, zero, cmm * on])
+    return np.stack([x, y], axis=1).reshape(2 * run.size, 7 * run.n)
+
+
+def _rows(*rows: list[Floats]) -> Floats:
+    """Return rows of n-vectors end to end, (k, q)."""
+    return np.array([np.concatenate(row) for row in rows])
+
+
+def _z_gauge(n: int) -> Gauge:
+    phi = nominal_angles(n)
+    c, s, one, o = np.cos(phi), np.sin(phi), np.ones(n), np.zeros(n)
+    vectors = _rows(
+        [one, o, o, o, -one],       # height of the table against the CMM
+        [o, o, o, one, -one],       # height of the plate against the CMM
+        [o, one, o, o, -s],         # mean tilt about x: z = R sin alpha
+        [o, o, one, o, c],          # mean tilt about y: z = -R cos alpha
+        [o, c, s, -s, o],           # tilt that turns: z = R sin(alpha - phi)
+        [o, -s, c, c, o])           # z = -R cos(alpha - phi)
+    return np.ascontiguousarray(vectors.T), _rows(
+        [one, o, o, o, o], [o, o, o, o, one], [o, one, o, o, o], [o, o, one, o, o], [o, c, s, o, o], [o, -s, c, o, o])
+
+
+def _w_gauge(n: int) -> Gauge:
+    phi = nominal_angles(n)
+    c, s, one, o = np.cos(phi), np.sin(phi), np.ones(n), np.zeros(n)
+    vectors = _rows(
+        [one, o, o, o, o, -one, o],     # mean of ctx against the CMM
+        [o, one, o, o, o, o, -one],     # mean of cty
+        [c, s, o, -one, o, o, o],       # eccentricity of the plate
+        [-s, c, o, o, -one, o, o],
+        [o, o, one, s, -c, o, o],       # mean turn of the table against the plate
+        [o, o, o, -s, c, s, -c],        # turn of the plate against the CMM
+        [o, o, o, c, s, -c, -s])        # radial scale of plate against CMM
+    return np.ascontiguousarray(vectors.T), _rows(
+        [one, o, o, o, o, o, o], [o, one, o, o, o, o, o], [c, s, o, o, o, o, o], [-s, c, o, o, o, o, o],
+        [o, o, one, o, o, o, o], [o, o, o, o, o, -s, c], [o, o, o, o, o, c, s])

@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the next run should be, so that it shows what this one cannot."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE
+from rosette_ros.core.planning.visibility import Visibility, visibility
+from rosette_ros.core.records import Run
+from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, plan, unwrap_travel
+
+SECONDS_PER_BALL = 30.0   # s, 20 touches and the move down and up
+TABLE_SPEED = 0.1         # rad/s
+CMM_SPEED = 0.05          # m/s
+VARIANTS = tuple((order, turning) for order in ORDERS for turning in TURNINGS
+                 if turning == 'forward' or order not in ('row', 'sensitive'))
+"""Orders and turnings that differ: a row never turns back, `sensitive` has senses of its own."""
+AS_MEASURED = 'as measured'
+"""Name of an order that is none of the known ones."""
+GOOD_SHARE = 0.3
+"""Visible share from which an order shows an effect well."""
+
+
+@dataclass(frozen=True, eq=False)
+class OrderAdvice:
+    """What one order shows: visibility of each effect, and what the run costs.
+
+    worst: smallest typical share over the wanted effects, and worst_effect, its name; travel_time: s of table and CMM
+    moves; duration: s of the whole run. `visibilities` of orders that are only compared hold the wanted effects alone.
+    """
+
+    order: str
+    turning: str
+    seed: int
+    visibilities: tuple[Visibility, ...]
+    worst: float
+    worst_effect: str
+    travel_time: float
+    duration: float
+
+    @property
+    def label(self) -> str:
+        """Order and turning in words."""
+        plain = (self.order, 'alternate') not in VARIANTS
+        return self.order if plain or self.turning == 'forward' else f'{self.order}, turning {self.turning}'
+
+    def share(self, name: str) -> float:
+        """Return the typical visible share of an effect."""
+        return next(entry.typical_share for entry in self.visibilities if entry.name == name)
+
+
+@dataclass(frozen=True, eq=False)
+class Advice:
+    """The present order, the recommended next one, and all that were compared.
+
+    weak: effects that the present order hides or shows badly; wanted: those that the next one must show; text: why.
+    """
+
+    present: OrderAdvice
+    best: OrderAdvice
+    orders: tuple[OrderAdvice, ...]
+    weak: tuple[str, ...]
+    wanted: tuple[str, ...]
+    text: str
+
+
+def planned_run(scheme: Scheme, radius: float, seconds_per_ball: float = SECONDS_PER_BALL) -> Run:
+    """Return a run as it is expected: nominal centres, times of moves and touches, slow warming.
+
+    The temperature rises by 0.1 K along half a sine, so that what follows the temperature is not the same as what
+    follows the time.
+    """
+    travel = unwrap_travel(scheme.table_angle, scheme.approach, scheme.n)
+    centres = scheme.centres(radius)
+    turn = np.abs(np.diff(travel, prepend=travel[:1])) / TABLE_SPEED
+    move = np.linalg.norm(np.diff(centres, axis=0, prepend=centres[:1]), axis=1) / CMM_SPEED
+    time = np.cumsum(seconds_per_ball + np.maximum(turn, move))
+    time = time - time[0]
+    return Run.from_readings(
+        scheme.n, radius, scheme.table_position, scheme.ball, centres, time=time,
+        temperature=20 + 0.1 * np.sin(0.5 * np.pi * time / time[-1]), approach=scheme.approach,
+        source=f'planned run, order {scheme.order}')
+
+
+def advise_order(scheme: Scheme, radius: float, sigma: float, wanted: Sequence[str] = (), names: Sequence[str] = (),
+                 run: Run | None = None) -> OrderAdvice:
+    """Return the OrderAdvice of a scheme.
+
+    wanted: names that count, all that can be judged if none; names: of the effects to look at, all if none; run: that
+    was measured so, without it the run is taken as it is expected.
+    """
+    planned = planned_run(scheme, radius)
+    seen = visibility(run or planned, sigma, names=names)
+    worst = min((entry for entry in seen if not entry.reason and (not wanted or entry.name in wanted)),
+                key=lambda entry: entry.typical_share)
+    turning = 'alternate' if np.any(scheme.approach < 0) else 'forward'
+    duration = float(planned.time[-1])
+    return OrderAdvice(scheme.order, turning, scheme.seed, seen, worst.typical_share, worst.name,
+                       duration - SECONDS_PER_BALL * (planned.size - 1), duration)
+
+
+def advise(n: int, order: str = 'diagonal', radius: float = 0.1825, sigma: float = 1e-7, wanted: Sequence[str] = (),
+           turning: str = 'forward', seed: int = 0) -> Advice:
+    """Return the Advice for a cell of n balls that measures in `order` now.
+
+    wanted: names of effects that the next run must show (the weak ones of the present order if none). The best order
+    has the largest worst share over what is wanted; of orders within a tenth of it, the one with the least travel.
+    """
+    return _advice(advise_order(plan(n, order, seed, turning), radius, sigma), n, radius, sigma, wanted, seed)
+
+
+def advise_run(run: Run, wanted: Sequence[str] = (), seed: int = 0) -> Advice:
+    """Return the Advice for the cell that measured a run, its own times and senses; arguments as of `advise`."""
+    sigma = run.repeatability or 1e-7
+    return _advice(advise_order(scheme_of(run), run.radius, sigma, run=run), run.n, run.radius, sigma, wanted, seed)
+
+
+def scheme_of(run: Run) -> Scheme:
+    """Return the Scheme in which a run was measured; its order is named where it is known."""
+    cell = (run.table_position, run.ball)
+    order = AS_MEASURED
+    if run.is_complete:
+        known = ((name, plan(run.n, name, 0, turning)) for name in ORDERS for turning in TURNINGS)
+        order = next((name for name, one in known if np.array_equal(cell, (one.table_position, one.ball))), order)
+    return Scheme(run.n, order, 0, *cell, run.approach)
+
+
+def compared_orders(n: int, radius: float, sigma: float, wanted: Sequence[str],
+                    seed: int = 0) -> tuple[OrderAdvice, ...]:
+    """Return the OrderAdvice of every order and turning, about the wanted effects alone."""
+    return tuple(advise_order(plan(n, name, seed, turning), radius, sigma, wanted, names=wanted)
+                 for name, turning in VARIANTS)
+
+
+def best_of(orders: Sequence[OrderAdvice]) -> OrderAdvice:
+    """Return the OrderAdvice with the least travel of those whose worst share is near the top."""
+    top = max(entry.worst for entry in orders)
+    return min((entry for entry in orders if entry.worst >= 0.9 * top), key=lambda entry: entry.travel_time)
+
+
+def _advice(present: OrderAdvice, n: int, radius: float, sigma: float, wanted: Sequence[str], seed: int) -> Advice:
+    judged = [entry for entry in present.visibilities if not entry.reason]
+    weak = tuple(entry.name for entry in judged if entry.typical_share < GOOD_SHARE)
+    wanted = tuple(wanted) or weak or tuple(entry.name for entry in judged)
+    every = compared_orders(n, radius, sigma, wanted, seed)
+    best = best_of(every)
+    best = advise_order(plan(n, best.order, seed, best.turning), radius, sigma, wanted)
+    return Advice(present, best, every, weak, wanted, _text(present, best, weak, wanted))
+
+
+def _text(present: OrderAdvice, best: OrderAdvice, weak: Sequence[str], wanted: Sequence[str]) -> str:
+    hidden = [name for name in weak if present.share(name) < HIDDEN_SHARE]
+    seen = [name for name in weak if name not in hidden]
+    parts = [] if weak else [f'Order {present.label} shows every effect of the library.']
+    if hidden:
+        parts.append(f'Order {present.label} hides {", ".join(hidden)}.')
+    if seen:
+        parts.append(f'It shows {", ".join(seen)} only weakly.')
+    if best.label != present.label and best.worst > present.worst + 0.02:
+        shares = ', '.join(f'{name} {present.share(name):.2f} → {best.share(name):.2f}' for name in wanted[:6])
+        longer = best.duration / present.duration - 1
+        parts.append(f'Measure next in order {best.label}: visible shares {shares}; the run takes '
+                     f'{abs(longer):.0%} {"longer" if longer >= 0 else "less"}.')
+    still = [name for name in wanted if best.share(name) < HIDDEN_SHARE]
+    if still:
+        parts.append(f'No order here shows {", ".join(still)}: repeat balls after turning the table the other way, or '
+                     'check it with another instrument.')
+    return ' '.join(parts)

@@ -1,0 +1,240 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosbag2's description of a log: metadata.yaml version 9, quality of service in its words, the files of a log.
+
+Every key is mandatory for rosbag2. The same mapping, without the top-level key, stands in each .mcap file as metadata
+record `rosbag2`. Source: rosbag2_storage (jazzy), metadata_io and yaml.hpp.
+"""
+
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.io.safe_yaml import BAD_VALUE, load_plain
+from rosette_ros.io.text_file import read_limited, reading
+
+VERSION = 9
+FILE_NAME = 'metadata.yaml'
+TOP_KEY = 'rosbag2_bagfile_information'
+METADATA_RECORD, METADATA_KEY = 'rosbag2', 'serialized_metadata'
+"""Name and key of the metadata record of an .mcap file that holds the description."""
+REPEATED_RECORD = 'rosette.repeated'
+"""Metadata record of a further file of a log: topic to the sequence numbers, by spaces, of what it repeats."""
+INFINITE = 9223372036 * 10**9 + 854775807
+"""Duration that rosbag2 writes for "no limit", ns."""
+MAX_BYTES = 1 << 20
+"""A larger metadata.yaml is refused: a log of a cell needs some ten thousand bytes."""
+
+_Dumper = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
+_TIMES = ('deadline', 'lifespan', 'liveliness_lease_duration')
+
+
+@dataclass(frozen=True)
+class Qos:
+    """Quality of service that a publisher offers, policies as rosbag2's words, durations in ns; rosbag2's nine keys."""
+
+    history: str = 'keep_last'
+    depth: int = 10
+    reliability: str = 'reliable'
+    durability: str = 'volatile'
+    deadline: int = INFINITE
+    lifespan: int = INFINITE
+    liveliness: str = 'automatic'
+    liveliness_lease_duration: int = INFINITE
+    avoid_ros_namespace_conventions: bool = False
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return the nine keys that rosbag2 wants, in its order."""
+        times = {name: dict(zip(('sec', 'nsec'), divmod(getattr(self, name), 10**9), strict=True)) for name in _TIMES}
+        return {**vars(self), **times}
+
+    @staticmethod
+    def from_mapping(mapping: Mapping[str, Any]) -> 'Qos':
+        """Return the Qos of a mapping that rosbag2 wrote; KeyError or TypeError if it is none."""
+        values: dict[str, Any] = {
+            name: kind(mapping[name]) for name, kind in Qos.__annotations__.items() if name not in _TIMES}
+        values |= {name: int(mapping[name]['sec']) * 10**9 + int(mapping[name]['nsec']) for name in _TIMES}
+        return Qos(**values)
+
+
+def qos_text(profiles: Iterable[Qos]) -> str:
+    """Return offered QoS profiles as the YAML text of a channel's metadata, '' for none."""
+    entries = [profile.as_mapping() for profile in profiles]
+    return yaml.dump(entries, Dumper=_Dumper, sort_keys=False) if entries else ''
+
+
+@lru_cache(maxsize=256)
+def parse_qos(text: str) -> tuple[Qos, ...]:
+    """Return the Qos in a channel's metadata; empty where the text is none: a replay then takes its own defaults."""
+    if len(text) > MAX_BYTES:
+        return ()
+    try:
+        return tuple(Qos.from_mapping(entry) for entry in load_plain(text) or ())
+    except (yaml.YAMLError, *BAD_VALUE):
+        return ()
+
+
+@dataclass(frozen=True)
+class TopicSummary:
+    """One topic of a log: its name, type, RIHS01 type hash, offered Qos, number of messages."""
+
+    name: str
+    type_name: str
+    hash: str
+    qos: tuple[Qos, ...] = ()
+    messages: int = 0
+
+
+@dataclass
+class FileSummary:
+    """One file of a log: its name, first and last log time in ns, number of messages."""
+
+    path: str
+    start_ns: int = 0
+    end_ns: int = 0
+    messages: int = 0
+
+    def count(self, log_time: int) -> None:
+        """Count one message more."""
+        self.start_ns = min(self.start_ns, log_time) if self.messages else log_time
+        self.end_ns = max(self.end_ns, log_time) if self.messages else log_time
+        self.messages += 1
+
+
+def span(files: Iterable[FileSummary]) -> tuple[int, int]:
+    """Return first and last log time in files, ns; zeros where they hold nothing."""
+    used = [entry for entry in files if entry.messages]
+    return min((entry.start_ns for entry in used), default=0), max((entry.end_ns for entry in used), default=0)
+
+
+def bag_mapping(topics: Iterable[TopicSummary], files: Sequence[FileSummary],
+                custom_data: Mapping[str, str]) -> dict[str, Any]:
+    """Return rosbag2's BagMetadata of a log as a mapping."""
+    start, end = span(files)
+    return {
+        'version': VERSION, 'storage_identifier': 'mcap',
+        'duration': {'nanoseconds': end - start},
+        'starting_time': {'nanoseconds_since_epoch': start},
+        'message_count': sum(entry.messages for entry in files),
+        'topics_with_message_count': [{
+            'topic_metadata': {
+                'name': topic.name, 'type': topic.type_name, 'serialization_format': 'cdr',
+                'offered_qos_profiles': [profile.as_mapping() for profile in topic.qos],
+                'type_description_hash': topic.hash},
+            'message_count': topic.messages} for topic in topics],
+        'compression_format': '', 'compression_mode': '', 'relative_file_paths': [entry.path for entry in files],
+        'files': [{
+            'path': entry.path, 'starting_time': {'nanoseconds_since_epoch': entry.start_ns},
+            'duration': {'nanoseconds': entry.end_ns - entry.start_ns},
+            'message_count': entry.messages} for entry in files],
+        'custom_data': dict(custom_data) if custom_data else None, 'ros_distro': 'jazzy'}
+
+
+def bag_text(mapping: Mapping[str, Any]) -> str:
+    """Return a BagMetadata mapping as YAML."""
+    return str(yaml.dump(mapping, Dumper=_Dumper, sort_keys=False, allow_unicode=True))
+
+
+def custom_data_in(records: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
+    """Return the custom_data in the metadata records of an .mcap file, by name; empty where there is none."""
+    text = records.get(METADATA_RECORD, {}).get(METADATA_KEY, '')
+    block = re.search(r'^custom_data:.*\n(?:[ \t-].*\n|\n)*', text, re.MULTILINE)  # of 25 kB it is most often one line
+    try:
+        found = load_plain(block[0] if block else text) if len(text) <= MAX_BYTES else None
+        return {str(key): str(value) for key, value in ((found or {}).get('custom_data') or {}).items()}
+    except (yaml.YAMLError, *BAD_VALUE):
+        return {}
+
+
+def write_bag_metadata(directory: Path, mapping: Mapping[str, Any]) -> None:
+    """Write `directory`/metadata.yaml as a whole or not at all: a killed writer leaves the old one."""
+    target = directory / FILE_NAME
+    temporary = target.with_suffix('.yaml.part')
+    with open(temporary, 'w', encoding='utf-8') as stream:
+        stream.write(bag_text({TOP_KEY: mapping}))
+        stream.flush()
+        os.fsync(stream.fileno())
+    os.replace(temporary, target)
+    synchronise_folder(directory)
+
+
+def synchronise_folder(directory: Path) -> None:
+    """Bring the names in a folder to the disk: a file of which only the content is there is lost without power."""
+    folder = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+@dataclass(frozen=True)
+class BagListing:
+    """What makes up a log: its .mcap files in order, custom_data of its metadata.yaml, what is wrong, in words."""
+
+    files: tuple[Path, ...]
+    custom_data: dict[str, str] = field(default_factory=dict)
+    problems: tuple[str, ...] = ()
+
+
+def find_files(path: str | Path) -> BagListing:
+    """Return the BagListing of a log directory or of one .mcap file.
+
+    Raises InvalidData where there is none, or metadata.yaml is none or names a file that is missing.
+    """
+    path = Path(path)
+    with reading(path, 'a log'):
+        if not path.is_dir():
+            if not path.exists():
+                raise InvalidData(f'{path}: wanted a log directory or an .mcap file, got nothing there; check the path')
+            return BagListing((path,))
+        if (path / FILE_NAME).is_file():
+            return read_bag_metadata(path / FILE_NAME)
+        if found := files_in(path):
+            return BagListing(found)
+        raise InvalidData(f'{path}: wanted a log directory with .mcap files, got none in it')
+
+
+def files_in(directory: Path) -> tuple[Path, ...]:
+    """Return the .mcap files in a directory, `<name>_<number>.mcap` in the order of their numbers."""
+    def number(path: Path) -> tuple[str, int]:
+        match = re.fullmatch(r'(.*)_(\d{1,9})', path.stem)
+        return (match[1], int(match[2])) if match else (path.stem, 0)
+
+    return tuple(sorted(directory.glob('*.mcap'), key=number))
+
+
+def read_bag_metadata(path: Path) -> BagListing:
+    """Return the BagListing of a metadata.yaml.
+
+    Raises InvalidData where it is not one, or names files that are missing or outside its folder.
+    """
+    data = read_limited(path, 'a log description', MAX_BYTES)
+    try:
+        bag = load_plain(data.decode())[TOP_KEY]
+        storage, names = bag['storage_identifier'], bag['relative_file_paths']
+        custom_data = {str(key): str(value) for key, value in (bag.get('custom_data') or {}).items()}
+    except (yaml.YAMLError, *BAD_VALUE) as error:
+        raise InvalidData(
+            f'{path}: wanted a rosbag2 description with {TOP_KEY}, storage_identifier and relative_file_paths, got '
+            f'{type(error).__name__}; give the .mcap file itself, or delete metadata.yaml') from error
+    if storage != 'mcap':
+        raise InvalidData(f'{path}: storage_identifier: wanted mcap, got {storage!r:.80}; convert the log with '
+                          '`ros2 bag convert`')
+    if not (isinstance(names, list) and names and all(isinstance(name, str) and Path(name).name == name
+                                                      for name in names) and len({*names}) == len(names)):
+        raise InvalidData(f'{path}: relative_file_paths: wanted names of files in the same folder, got {names!r:.200}; '
+                          'each is named once')
+    for name in names:
+        if not (path.parent / name).is_file():
+            raise InvalidData(f'{path}: names {name}, which is missing; put the file back, or delete metadata.yaml to '
+                              'read the files that are there')
+    others = sorted({one.name for one in path.parent.glob('*.mcap')} - {*names})
+    problems = (f'{path}: does not name {", ".join(others)}, which was not read; delete metadata.yaml to read all '
+                'files that are there',) if others else ()
+    return BagListing(tuple(path.parent / name for name in names), custom_data, problems)

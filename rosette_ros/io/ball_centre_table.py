@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The ball-centre table, rosette-ball-centres/1: a Run as a CSV file for people and spreadsheets.
+
+`# key: value` lines, a line of column names, then one line per reading in measuring order. A table angle within half a
+unit of its last written decimal of the nominal one means the nominal one: 51.43 at 7 balls is 360°/7, not an error of
+25 µrad.
+"""
+
+from collections.abc import Iterable
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.geometry import TWO_PI, Bools, Floats, nominal_angles
+from rosette_ros.core.records import Run
+from rosette_ros.core.scheme import cmm_position, nominal_places, unwrap_travel
+from rosette_ros.io.csv_parser import COLUMNS, SCHEMA, TRAVEL_COLUMN, CsvTable
+from rosette_ros.io.run_assembly import MAX_BALLS, misplaced
+from rosette_ros.io.text_file import read_limited, write_text
+
+MAX_BYTES = 256 << 20
+"""A larger table is refused; 360 balls make 17 MB."""
+TRAVEL_TOLERANCE = 1e-3
+"""A travel that angles and approach determine to within this, rad, is not written."""
+_UNIT = 2.0  # factor within which a ratio of radii is taken for a wrong unit
+
+
+def read_csv(path: str | Path) -> Run:
+    """Return the Run of a CSV table; raises InvalidData that names file, line and column where it is none."""
+    return parse_csv(read_limited(path, 'a table', MAX_BYTES), str(path))
+
+
+def parse_csv(data: bytes, source: str = 'table') -> Run:
+    """Return the Run of a CSV table given as bytes; `source` is named in errors."""
+    table = CsvTable(data, source)
+    n = _find_balls(table)
+    _check_rows(table, n)
+    angle = _angles(table, n)
+    _check_places(table, n)
+    columns = table.columns
+    travel = columns.get(TRAVEL_COLUMN)
+    return Run.from_readings(
+        n, table.radius, table.table_position, table.ball, _centre(table) / 1e3, table_angle=angle,
+        time=columns['time_s'], temperature=columns.get('temperature_C'), approach=columns.get('approach'),
+        table_travel=None if travel is None else np.deg2rad(travel), repeatability=table.repeatability,
+        repeatability_dof=table.repeatability_dof, run_id=table.run_id, repeats=table.repeats, session=table.session,
+        source=source)
+
+
+def write_csv(run: Run, path: str | Path, force: bool = False) -> None:
+    """Write a Run as a CSV table; raises InvalidData where the file exists, unless `force`, or cannot be written."""
+    write_text(path, format_csv(run), force)
+
+
+def format_csv(run: Run) -> str:
+    """Return a Run as the text of a CSV table.
+
+    Coordinates in mm with 12 decimals (1e-15 m); everything else such that reading it gives the same number, or one
+    that differs by the last bit.
+    """
+    names = list(COLUMNS)
+    integers = {'seq': np.arange(1, run.size + 1), 'table_position': run.table_position, 'ball': run.ball,
+                'cmm_position': run.cmm_position, 'approach': run.approach}
+    cells: dict[str, Iterable[str]] = {
+        **{name: map(str, values.tolist()) for name, values in integers.items()},
+        **{f'{axis}_mm': [f'{value:.12f}' for value in (run.centre[:, column] * 1e3).tolist()]
+           for column, axis in enumerate('xyz')},
+        'table_angle_deg': _angle_cells(run), 'time_s': map(repr, run.time.tolist()),
+        'temperature_C': ['' if value != value else repr(value) for value in run.temperature.tolist()]}
+    if np.ptp(run.table_travel - unwrap_travel(run.table_angle, run.approach, run.n)) >= TRAVEL_TOLERANCE:
+        names.append(TRAVEL_COLUMN)
+        cells[TRAVEL_COLUMN] = map(repr, np.rad2deg(run.table_travel).tolist())
+    rows = zip(*(cells[name] for name in names), strict=True)
+    return '\n'.join([*_heading(run), ','.join(names), *map(','.join, rows), ''])
+
+
+def _heading(run: Run) -> list[str]:
+    heading: dict[str, object] = {'schema': SCHEMA, 'radius_mm': _shifted(run.radius, 3), 'balls': run.n}
+    if run.repeatability is not None:
+        heading['repeatability_um'] = _shifted(run.repeatability, 6)
+        if run.repeatability_dof is not None:
+            heading['repeatability_dof'] = repr(float(run.repeatability_dof))
+    if run.repeats:
+        heading['repeated_balls'] = 'yes'
+    if run.pauses:
+        heading['pauses_before'] = ', '.join(str(first + 1) for first in run.pauses)
+    if run.run_id.split():
+        heading['run_id'] = ' '.join(run.run_id.split())  # a line break would end the line
+    return [f'# {key}: {value}' for key, value in heading.items()]
+
+
+def _shifted(value: float, digits: int) -> str:
+    """Return value * 10**digits as text, exactly: only the decimal point moves."""
+    return format(Decimal(repr(float(value))).scaleb(digits), 'f')
+
+
+def _angle_cells(run: Run) -> list[str]:
+    """Return the table angles in degrees: short where nominal, else with decimals to the end."""
+    nominal = run.table_angle == nominal_angles(run.n)[run.table_position - 1]
+    exact = (360.0 * (run.table_position - 1) / run.n).tolist()
+    return [repr(short) if is_nominal else f'{value:.15f}'
+            for is_nominal, short, value in zip(nominal.tolist(), exact, np.rad2deg(run.table_angle).tolist())]
+
+
+# What makes a table a run: indices, order, angles and places that fit each other
+
+
+def _find_balls(table: CsvTable) -> int:
+    """Return n, the number of balls and table positions, from the heading or the largest index."""
+    indices = {'table_position': table.table_position, 'ball': table.ball}
+    for name, index in indices.items():
+        for row in np.flatnonzero(index < 1):
+            raise table.wrong(row, name, 'at least 1', index[row], 'indices count from 1')
+    last = {name: int(index.max()) for name, index in indices.items()}
+    smaller, larger = sorted(last, key=lambda name: last[name])
+    if table.balls is None and last[smaller] < last[larger]:
+        raise table.wrong(
+            np.argmax(indices[larger]), larger, f'at most {last[smaller]}, as far as {smaller} goes', last[larger],
+            f'as many table positions as balls are measured; if some are missing, say so by "# balls: {last[larger]}"')
+    n = last[larger] if table.balls is None else table.balls
+    if not 3 <= n <= MAX_BALLS:
+        raise InvalidData(f'{table.source}: wanted 3 to {MAX_BALLS} balls, got {n}')
+    for name, index in indices.items():
+        for row in np.flatnonzero(index > n):
+            raise table.wrong(row, name, f'1..{n}', index[row], f'the heading says "# balls: {n}"')
+    if last[larger] < n and np.unique(table.table_position * (n + 1) + table.ball).size == last[larger]**2:
+        raise InvalidData(f'{table.source}: wanted a run with {n} balls, as the heading says ("# balls: {n}"), got a '
+                          f'complete one with {last[larger]}; correct the heading')
+    return n
+
+
+def _check_rows(table: CsvTable, n: int) -> None:
+    """Refuse unknown approaches, rows out of order, balls that stand twice and CMM positions of other balls."""
+    columns, i, j = table.columns, table.table_position, table.ball
+    approach, wanted = columns.get('approach', np.zeros(0)), cmm_position(n, i, j)
+    for row in np.flatnonzero(np.abs(approach) > 1):
+        raise table.wrong(row, 'approach', '1, -1 or 0 (unknown)', approach[row],
+                          'it is the sense of the last move of the table, counter-clockwise 1')
+    for name, falls, least, form in (('seq', np.less_equal, 'more than', 'd'), ('time_s', np.less, 'at least', '.12g')):
+        values = columns[name]
+        for row in np.flatnonzero(falls(np.diff(values), 0)):
+            raise table.wrong(row + 1, name, f'{least} {values[row]:{form}}, the row before',
+                              f'{values[row + 1]:{form}}', 'rows stand in the order of measuring')
+    order = np.lexsort((j, i))
+    for again in np.flatnonzero((np.diff(i[order]) == 0) & (np.diff(j[order]) == 0)) if not table.repeats else ():
+        first, second = order[again], order[again + 1]
+        raise InvalidData(
+            f'{table.source}: line {table.lines[second]}: wanted each pair of table position and ball once, got '
+            f'table_position {i[second]}, ball {j[second]} again (first in line {table.lines[first]}); remove one, or '
+            'say "# repeated_balls: yes"')
+    given = columns.get('cmm_position', wanted)
+    for row in np.flatnonzero(given != wanted):
+        raise table.wrong(row, 'cmm_position', f'{wanted[row]} for table_position {i[row]}, ball {j[row]} of {n}: '
+                          '(i + j - 2) mod n + 1', given[row], 'if there are more balls, say so by "# balls: ..."')
+
+
+def _angles(table: CsvTable, n: int) -> Floats:
+    """Return the table angles, nominal where the cell says no more than that, (N,), rad."""
+    angle = table.columns['table_angle_deg'].astype(float, copy=False)
+    position = table.table_position - 1
+    nominal = 360.0 * position / n
+    deviation = _wrapped(angle - nominal)
+    for row in np.flatnonzero(np.abs(deviation) > 180.0 / n):
+        raise table.wrong(row, 'table_angle_deg', f'about {nominal[row]:.6g} for table_position {position[row] + 1} '
+                          f'of {n}', table.angle_cells[row].strip(), _angle_advice(angle, nominal, n))
+    turns = np.rint((angle - nominal) / 360.0)
+    exact = TWO_PI * position / n
+    exact = np.where(turns == 0, exact, exact + TWO_PI * turns)
+    is_nominal: Bools = np.abs(deviation) <= 0.5 * _last_decimal(table.angle_cells) * (1 + 1e-6)
+    return np.where(is_nominal, exact, np.deg2rad(angle))
+
+
+def _wrapped(degrees: Floats) -> Floats:
+    """Return angles in [-180°, 180°)."""
+    return np.asarray((degrees + 180.0) % 360.0 - 180.0)
+
+
+def _last_decimal(cells: tuple[str, ...]) -> Floats:
+    """Return the value of the last written decimal of each number, (N,): 0.01 for 51.43."""
+    texts = np.strings.lower(np.strings.strip(np.array(cells)))
+    mantissa, _, exponent = np.strings.partition(texts, 'e')
+    point = np.strings.find(mantissa, '.')
+    decimals = np.where(point < 0, 0, np.strings.str_len(mantissa) - point - 1)
+    return np.asarray(10.0 ** (np.where(exponent == '', '0', exponent).astype(float) - decimals))
+
+
+def _angle_advice(angle: Floats, nominal: Floats, n: int) -> str:
+    if np.all(np.abs(angle - np.deg2rad(nominal)) < 0.02):
+        return 'these are radians; write degrees'
+    if np.all(np.abs(_wrapped(angle + nominal)) <= 180.0 / n):
+        return 'the table counts clockwise; table positions and angles count counter-clockwise'
+    return 'is the number of balls right? If some are missing, say so by "# balls: ..."'
+
+
+def _centre(table: CsvTable) -> Floats:
+    """Return the ball centres, (N, 3), mm."""
+    return np.stack([table.columns[f'{axis}_mm'] for axis in 'xyz'], axis=-1)
+
+
+def _check_places(table: CsvTable, n: int) -> None:
+    """Refuse ball centres that lie nearer to another ball's place than to their own, and wrong units."""
+    centre, radius = _centre(table), table.radius * 1e3
+    i, j = table.table_position, table.ball
+    measured = np.median(np.hypot(centre[:, 0], centre[:, 1]))
+    for factor, unit in ((1e-3, 'metres'), (1e3, 'micrometres')):
+        if not 1 / _UNIT < measured / radius / factor < _UNIT:
+            continue
+        if factor == 1e3 and radius < 1:
+            raise InvalidData(f'{table.source}: radius_mm: wanted about {measured:.4g}, as far as the ball centres lie '
+                              f'from the axis, got {radius:.6g}; this is metres, write millimetres')
+        raise InvalidData(f'{table.source}: columns x_mm, y_mm: wanted coordinates about {radius:.6g} mm from the '
+                          f'axis, as radius_mm says, got {measured:.4g}; these are {unit}, write millimetres')
+    for row in misplaced(n, radius, i, j, centre):
+        x, y, _ = nominal_places(n, radius, i, j)[row]
+        raise table.wrong(
+            row, 'x_mm, y_mm, z_mm', f'a place near ({x:.3f}, {y:.3f}, 0) for table_position {i[row]}, ball {j[row]}',
+            f'({", ".join(f"{value:.3f}" for value in centre[row])})', 'coordinates stand in the table frame: z along '
+            'the axis, ball 1 on +x at table position 1, counted counter-clockwise')

@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From the bytes of a ball-centre table to columns of numbers; errors name line and column."""
+
+import csv
+import difflib
+import re
+from collections.abc import Callable, Sequence
+from decimal import Decimal
+from typing import TypeVar
+
+import numpy as np
+
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.geometry import Floats, Ints
+
+SCHEMA = 'rosette-ball-centres/1'
+COLUMNS = ('seq', 'table_position', 'ball', 'cmm_position', 'table_angle_deg', 'x_mm', 'y_mm', 'z_mm', 'time_s',
+           'temperature_C', 'approach')
+"""Columns of the table in the order of writing; any order is read."""
+TRAVEL_COLUMN = 'table_travel_deg'
+"""Written only where angles and approach do not determine how the table travelled."""
+
+_OPTIONAL = frozenset(('cmm_position', 'temperature_C', 'approach', TRAVEL_COLUMN))
+_INTEGERS = frozenset(('seq', 'table_position', 'ball', 'cmm_position', 'approach'))
+_EMPTY = {'temperature_C': 'nan', 'approach': '0'}  # what an empty cell means
+_KEYS = ('schema', 'radius_mm', 'repeatability_um', 'repeatability_dof', 'run_id', 'balls', 'repeated_balls',
+         'pauses_before', 'note')
+_Value = TypeVar('_Value')
+
+
+def _wrong(source: str, line: int, column: str, wanted: str, got: object, advice: str = '') -> InvalidData:
+    place = f'{source}: line {line}' + (f': column {column}' if column else '')
+    return InvalidData(f'{place}: wanted {wanted}, got {got}' + (f'; {advice}' if advice else ''))
+
+
+def _lines(data: bytes, source: str) -> list[str]:
+    if not data.strip():
+        raise InvalidData(f'{source}: is empty; wanted a table of ball centres, {SCHEMA}')
+    if b'\0' in data:
+        raise InvalidData(f'{source}: is a binary file; wanted a table of ball centres as text, {SCHEMA}')
+    try:
+        return re.split('\r\n|\r|\n', data.decode('utf-8-sig'))
+    except UnicodeDecodeError as error:
+        line = data[:error.start].count(b'\n') + 1
+        raise InvalidData(f'{source}: line {line}: wanted text in UTF-8, got the byte 0x{data[error.start]:02x}; save '
+                          'the table as UTF-8') from error
+
+
+class _Heading:
+    """The `# key: value` lines of a table: (value, line) by key. Keys of other programs and remarks are skipped."""
+
+    def __init__(self, lines: list[str], source: str) -> None:
+        """Take the lines above the names of the columns; raises InvalidData where schema or radius are missing."""
+        self._source = source
+        self._values: dict[str, tuple[str, int]] = {}
+        for line, text in enumerate(lines, 1):
+            key, colon, value = (part.strip() for part in text[1:].partition(':'))
+            if key in self._values and key != 'note':
+                raise _wrong(source, line, '', f'{key} once', f'it again (first in line {self._values[key][1]})',
+                             'remove one of them')
+            if key in _KEYS:
+                self._values[key] = (value, line)
+            elif colon and (near := difflib.get_close_matches(key, _KEYS, 1, 0.75)):  # it would be ignored
+                raise _wrong(source, line, '', f'the key {near[0]}', repr(text[:80]), 'correct it')
+        wanted = f'"# schema: {SCHEMA}" in the first lines'
+        if 'schema' not in self._values:
+            raise InvalidData(f'{source}: wanted {wanted}, got none')
+        if self._values['schema'][0] != SCHEMA:
+            raise _wrong(source, self._values['schema'][1], '', wanted, repr(self._values['schema'][0]))
+        if 'radius_mm' not in self._values:
+            raise InvalidData(f'{source}: wanted "# radius_mm: ...", the nominal radius of the circle of ball centres, '
+                              'in the first lines, got none')
+
+    def value(self, key: str, wanted: str, convert: Callable[[str], _Value], absent: _Value) -> _Value:
+        """Return a value as `convert` makes it of its text; a ValueError says that it is not what is wanted."""
+        if key not in self._values:
+            return absent
+        text, line = self._values[key]
+        try:
+            return convert(text)
+        except ValueError as error:
+            raise _wrong(self._source, line, '', f'{key}: {wanted}', repr(text[:80])) from error
+
+    def positive(self, key: str, digits: int = 0) -> float | None:
+        """Return a number, its decimal point moved left by `digits`; None if absent."""
+        value = self.value(key, 'a positive number', _positive, None)
+        return None if value is None else float(value.scaleb(-digits))
+
+    def session(self, rows: int) -> Ints:
+        """Return the session of each row, (N,): `pauses_before: 74, 110` names the first rows after a pause."""
+        def sessions(text: str) -> Ints:
+            session = np.ones(rows, dtype=np.int64)
+            for cell in filter(None, map(str.strip, text.split(','))):
+                if not (cell.isascii() and cell.isdigit() and len(cell) < 10 and 2 <= int(cell) <= rows):
+                    raise ValueError
+                session[int(cell) - 1:] += 1
+            return session
+
+        return self.value('pauses_before', f'numbers of rows in 2..{rows}, separated by commas', sessions, sessions(''))
+
+
+class CsvTable:
+    """A table as it was written, N rows.
+
+    columns: array (N,) by column name, units as in the name; angle_cells: the texts of table_angle_deg; lines: line of
+    each row; radius, repeatability: m; balls: as the heading says, or None; session: (N,) 1 and one more from each row
+    of `pauses_before` on.
+    """
+
+    def __init__(self, data: bytes, source: str) -> None:
+        """Take a file's bytes; raises InvalidData, naming `source`, where it is no table."""
+        lines = _lines(data, source)
+        at = next((at for at, line in enumerate(lines) if line.strip() and not line.startswith('#')), len(lines))
+        heading = _Heading(lines[:at], source)
+        if at == len(lines):
+            raise InvalidData(f'{source}: wanted a line with the names of the columns ({",".join(COLUMNS)}), got none')
+        names = [name.strip() for name in lines[at].replace('"', '').split(',')]
+        _check_names(names, source, at + 1)
+        self.lines, rows = _rows(lines, at + 1, len(names), source)
+        cells = dict(zip(names, zip(*rows, strict=True), strict=True))
+        self.source, self.angle_cells = source, cells['table_angle_deg']
+        self.columns = {name: _numbers(cells[name], name, self.lines, source)
+                        for name in names if name in (*COLUMNS, TRAVEL_COLUMN)}
+        self.table_position, self.ball = (self.columns[name].astype(np.int64) for name in ('table_position', 'ball'))
+        self.radius = heading.positive('radius_mm', 3) or 0.0
+        self.repeatability = heading.positive('repeatability_um', 6)
+        self.repeatability_dof = heading.positive('repeatability_dof')
+        self.run_id = heading.value('run_id', 'a name', str, '')
+        self.balls = heading.value('balls', 'a whole number', _whole, None)
+        self.repeats = heading.value('repeated_balls', 'yes or no', _yes, False)
+        self.session = heading.session(len(rows))
+
+    def wrong(self, row: int | np.integer, column: str, wanted: str, got: object, advice: str = '') -> InvalidData:
+        """Return the InvalidData for one cell."""
+        return _wrong(self.source, self.lines[int(row)], column, wanted, got, advice)
+
+
+def _positive(text: str) -> Decimal:
+    if not _is_number(text) or not 0 < float(text) < np.inf:
+        raise ValueError
+    return Decimal(text)
+
+
+def _whole(text: str) -> int | None:
+    value = _positive(text)
+    if value != int(value):
+        raise ValueError
+    return int(value)
+
+
+def _yes(text: str) -> bool:
+    if text not in ('yes', 'no'):
+        raise ValueError
+    return text == 'yes'
+
+
+def _check_names(names: list[str], source: str, line: int) -> None:
+    for missing in (name for name in COLUMNS if name not in names and name not in _OPTIONAL):
+        is_other = len(names) == 1 and (';' in names[0] or '\t' in names[0])
+        raise _wrong(source, line, missing, 'this column', ','.join(names)[:200],
+                     'separate cells by commas, and write decimals with a point' if is_other else '')
+    for name in names:
+        near = difflib.get_close_matches(name, COLUMNS, 1, 0.75)
+        if near and name not in (*COLUMNS, TRAVEL_COLUMN):  # it would be ignored
+            raise _wrong(source, line, '', f'the column {near[0]}', repr(name), 'rename it')
+        if names.count(name) > 1:
+            raise _wrong(source, line, name, 'it once', f'{names.count(name)} of them')
+
+
+def _rows(lines: list[str], at: int, width: int, source: str) -> tuple[list[int], list[list[str]]]:
+    """Return (line of each row, cells of each row)."""
+    numbers = [index + 1 for index in range(at, len(lines)) if lines[index].strip()]
+    if not numbers:
+        raise InvalidData(f'{source}: wanted rows of ball centres, got none')
+    rows = []
+    for number in numbers:
+        text = lines[number - 1]
+        try:
+            row = next(csv.reader([text], strict=True)) if '"' in text else text.split(',')
+        except csv.Error as error:
+            raise _wrong(source, number, '', 'cells with closed quotes', str(error)) from error
+        if len(row) != width:
+            if row[0].startswith('#'):
+                raise _wrong(source, number, '', 'a reading', repr(text[:80]),
+                             'lines with # stand above the names of the columns')
+            advice = 'write decimals with a point, not a comma' if len(row) > width else 'is the row cut off?'
+            raise _wrong(source, number, '', f'{width} cells', len(row), advice)
+        rows.append(row)
+    return numbers, rows
+
+
+def _numbers(cells: Sequence[str], name: str, lines: list[int], source: str) -> Floats | Ints:
+    """Return one column as an array, (N,)."""
+    empty = np.array([name in _EMPTY and not cell.strip() for cell in cells])
+    texts = [_EMPTY[name] if is_empty else cell for cell, is_empty in zip(cells, empty)] if empty.any() else cells
+    joined = ''.join(texts)
+    try:
+        if '_' in joined or not joined.isascii():
+            raise ValueError('float() would take 1_000 and digits of other scripts')
+        values = np.fromiter(map(float, texts), float, len(texts))
+    except ValueError:
+        at = next(at for at, cell in enumerate(texts) if not _is_number(cell))
+        raise _wrong(source, lines[at], name, 'a number', repr(cells[at][:80])) from None
+    for row in np.flatnonzero(~np.isfinite(values) & ~empty).tolist():
+        raise _wrong(source, lines[row], name, 'a finite number', repr(cells[row][:80]),
+                     'leave out the row of a ball that was not measured')
+    if name not in _INTEGERS:
+        return values
+    for row in np.flatnonzero((values != np.floor(values)) | (np.abs(values) > 2**53)).tolist():
+        raise _wrong(source, lines[row], name, 'a whole number', repr(cells[row][:80]))
+    return values.astype(np.int64)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return '_' not in cell and cell.isascii()

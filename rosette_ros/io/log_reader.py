@@ -1,0 +1,406 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reading logs: the messages of .mcap files, decoded by the schemas that the log carries.
+
+A file is read from front to back, so that one that ends in the middle gives everything up to its last whole chunk.
+The mcap library parses the records, mcap-ros2-support the messages. Where records begin and end is found here, and
+their lengths are bounded before memory is asked for: behind a damaged record reading goes on with the next one.
+Source: MCAP specification, version 0.
+"""
+
+import contextlib
+import os
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterator
+from functools import lru_cache
+from io import BytesIO, StringIO
+from pathlib import Path
+from types import SimpleNamespace
+from typing import IO, Any, NamedTuple
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Header, Metadata, Schema, Statistics
+from mcap_ros2.decoder import DecoderFactory
+
+from rosette_ros.core.errors import InvalidData, plain
+from rosette_ros.io import bag_metadata as bag
+from rosette_ros.io.log_run import NEEDED, RECORDS, TF_MESSAGE, TF_STATIC, LogRun, check_version
+from rosette_ros.io.safe_yaml import BAD_VALUE
+from rosette_ros.io.text_file import reading
+
+MAGIC = b'\x89MCAP0\r\n'
+MAX_RECORD = 1 << 28
+"""Larger records and chunks are not read, bytes."""
+MAX_MESSAGE, MAX_SCHEMA = 1 << 22, 1 << 16
+"""Longer messages and schemas are not decoded, bytes: error motions of 10 000 balls take 1 MB."""
+
+_READ = frozenset((Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA,
+                   Opcode.STATISTICS))
+_RECORD_HEAD, _MESSAGE_HEAD = struct.Struct('<BQ'), struct.Struct('<HIqq')
+_DAMAGED = (EndOfFile, struct.error, ValueError)  # what the parsers of the library raise
+_SEQUENCE = 0xFFFFFFFF
+
+
+class LogChannel(NamedTuple):
+    """A channel of a file: its topic, and how its messages are written."""
+
+    topic: str
+    type_name: str
+    message_encoding: str
+    schema_encoding: str
+    schema_text: str
+    metadata: dict[str, str]
+
+    @property
+    def type_hash(self) -> str:
+        """The RIHS01 type hash, '' where the log has none."""
+        return self.metadata.get('topic_type_hash', '')
+
+    @property
+    def qos(self) -> tuple[bag.Qos, ...]:
+        """The quality of service that its publishers offered."""
+        return bag.parse_qos(self.metadata.get('offered_qos_profiles', ''))
+
+    @property
+    def is_static_frames(self) -> bool:
+        """Whether it carries latched transforms."""
+        return self.type_name == TF_MESSAGE and self.topic.rpartition('/')[2] == TF_STATIC
+
+
+class LoggedMessage(NamedTuple):
+    """One message as it stands in the log: CDR bytes, times in ns; number: 1, 2, 3 ... of its channel in the file."""
+
+    channel: LogChannel
+    log_time: int
+    publish_time: int
+    data: bytes
+    number: int
+
+    @property
+    def topic(self) -> str:
+        return self.channel.topic
+
+    @property
+    def type_name(self) -> str:
+        return self.channel.type_name
+
+
+class LogFile:
+    """One .mcap file as it is read.
+
+    channels: by number; metadata: of each metadata record by name, the last one wins; counts: messages by channel;
+    chunks: read so far; summary: of its messages; truncated: whether the end is missing; problems: in words;
+    skip_repeated: whether messages that the file repeats of an earlier one are skipped.
+    """
+
+    def __init__(self, path: Path, skip_repeated: bool = False) -> None:
+        """Open nothing yet."""
+        self.path, self._skip_repeated = path, skip_repeated
+        self.channels: dict[int, LogChannel] = {}
+        self.metadata: dict[str, dict[str, str]] = {}
+        self.counts: Counter[int] = Counter()
+        self.chunks, self.summary, self.truncated = 0, bag.FileSummary(path.name), False
+        self.problems: list[str] = []
+        self._schemas: dict[int, Schema] = {}
+        self._repeated: dict[str, set[int]] = {}
+        self._skipped = self._undescribed = 0
+        self._stated: int | None = None
+
+    def messages(self, wanted: Callable[[LogChannel], bool] = lambda channel: True) -> Iterator[LoggedMessage]:
+        """Yield the messages of the wanted channels; all are counted.
+
+        Raises InvalidData where it is no MCAP file of profile ros2.
+        """
+        with reading(self.path, 'a log'), open(self.path, 'rb', buffering=1 << 20) as stream:
+            yield from self._read(stream, wanted)
+
+    def _read(self, stream: IO[bytes], wanted: Callable[[LogChannel], bool]) -> Iterator[LoggedMessage]:
+        size = os.fstat(stream.fileno()).st_size
+        self._check_begin(stream, size)
+        for opcode, length in _records(stream, len(MAGIC), size):
+            if opcode == Opcode.FOOTER:
+                stream.seek(length, os.SEEK_CUR)
+                if stream.read(len(MAGIC) + 1) != MAGIC:
+                    self._note('wanted its end behind its footer, got something else; what stands there was not read')
+                break
+            if opcode in _READ and length > MAX_RECORD:
+                self._note(f'a record of {length} bytes was skipped; wanted at most {MAX_RECORD}')
+            elif opcode == Opcode.CHUNK:
+                data = self._chunk_data(stream.read(length))
+                self.chunks += 1
+                if data is not None:
+                    yield from self._in_chunk(data, wanted)
+            elif opcode in _READ:
+                yield from self._record(opcode, stream.read(length), wanted)
+        else:
+            self.truncated = True
+        if self._undescribed:
+            self._note(f'{self._undescribed} messages of channels that the log does not describe before them')
+        if not self.problems and self._stated not in (None, found := self.summary.messages + self._skipped):
+            self._note(f'wanted {self._stated} messages, as its summary says, got {found}; it was damaged')
+        if self.truncated:
+            self._note(f'ends in the middle: the writer was killed or the file was cut; '
+                       f'read {self.summary.messages} messages of {self.chunks} whole chunks')
+
+    def _check_begin(self, stream: IO[bytes], size: int) -> None:
+        """Refuse what is no MCAP file, or of another profile than ros2."""
+        magic = stream.read(len(MAGIC))
+        if not magic:
+            raise InvalidData(f'{self.path}: is empty; wanted an MCAP log')
+        if magic != MAGIC:
+            raise InvalidData(f'{self.path}: is not an MCAP file: wanted it to begin with {MAGIC!r}, got {magic!r}')
+        if size < len(MAGIC) + _RECORD_HEAD.size:
+            raise InvalidData(f'{self.path}: is empty behind its first {len(MAGIC)} bytes; wanted a log')
+        opcode, length = next(_records(stream, len(MAGIC), size), (None, 0))
+        if opcode is None:
+            return  # it ends in the middle of its first record
+        if opcode != Opcode.HEADER or length > MAX_RECORD:
+            raise InvalidData(f'{self.path}: is not an MCAP file: wanted a header record first, got a record of kind '
+                              f'{opcode}')
+        try:
+            profile = Header.read(_Content(stream.read(length))).profile
+        except _DAMAGED:
+            self._note('a damaged header record was skipped')
+            return
+        if profile != 'ros2':
+            raise InvalidData(f'{self.path}: profile: wanted ros2, got {profile!r:.80}; record with ROS 2, or convert '
+                              'the log')
+
+    def _note(self, problem: str) -> None:
+        """Note a problem, once."""
+        if (words := f'{self.path}: {problem}') not in self.problems:
+            self.problems.append(words)
+
+    def _record(self, opcode: int, content: bytes, wanted: Callable[[LogChannel], bool]) -> Iterator[LoggedMessage]:
+        """Take a record that is no chunk; a damaged one becomes a problem."""
+        if opcode == Opcode.MESSAGE:
+            yield from self._message(content, wanted)
+            return
+        try:
+            if opcode == Opcode.SCHEMA:
+                schema = Schema.read(_Content(content))
+                self._schemas[schema.id] = schema
+            elif opcode == Opcode.CHANNEL:
+                self._add_channel(Channel.read(_Content(content)))
+            elif opcode == Opcode.METADATA:
+                record = Metadata.read(_Content(content))
+                self.metadata[record.name] = record.metadata
+                if record.name == bag.REPEATED_RECORD and self._skip_repeated:
+                    self._repeated = {topic: {int(number) & _SEQUENCE for number in numbers.split()}
+                                      for topic, numbers in record.metadata.items()}
+            elif opcode == Opcode.STATISTICS:
+                self._stated = Statistics.read(_Content(content)).message_count
+        except _DAMAGED:
+            self._note(f'a damaged {Opcode(opcode).name.lower()} record was skipped')
+
+    def _add_channel(self, record: Channel) -> None:
+        schema = self._schemas.get(record.schema_id) or Schema(record.schema_id, b'', '', '')
+        channel = LogChannel(record.topic, schema.name, record.message_encoding, schema.encoding,
+                             schema.data.decode(errors='replace'), record.metadata)
+        if record.schema_id and record.schema_id not in self._schemas:
+            self._note(f'topic {record.topic!r}: its schema, number {record.schema_id}, is missing')
+        first = self.channels.setdefault(record.id, channel)
+        if first != channel:
+            self._note(f'channel {record.id} is described twice, of topic {channel.topic!r} and of {first.topic!r}; '
+                       'the first holds')
+
+    def _message(self, content: bytes, wanted: Callable[[LogChannel], bool]) -> Iterator[LoggedMessage]:
+        """Count a message, and yield it where its channel is wanted."""
+        if len(content) < _MESSAGE_HEAD.size:
+            self._note('a damaged message record was skipped')
+            return
+        number, sequence, log_time, publish_time = _MESSAGE_HEAD.unpack_from(content)
+        channel = self.channels.get(number)
+        if channel is not None and sequence in self._repeated.get(channel.topic, ()):
+            self._skipped += 1
+            return
+        self.summary.count(log_time)
+        self.counts[number] += 1
+        if channel is None:
+            self._undescribed += 1
+        elif wanted(channel):
+            yield LoggedMessage(channel, log_time, publish_time, content[_MESSAGE_HEAD.size:], self.counts[number])
+
+    def _chunk_data(self, content: bytes) -> bytes | None:
+        """Return the uncompressed bytes of a chunk record; None, and a problem, where it is damaged."""
+        place, wrong = f'chunk {self.chunks + 1}', 'its head'
+        try:
+            chunk = Chunk.read(_Content(content))
+            if chunk.compression not in ('', 'lz4', 'zstd'):
+                raise InvalidData(f'{self.path}: {place}: compression: wanted none, lz4 or zstd, got '
+                                  f'{chunk.compression!r}; decompress the log with `mcap decompress`')
+            wrong = f'its {chunk.compression} data'
+            data = _uncompressed(chunk) if chunk.uncompressed_size <= MAX_RECORD else b''
+            wrong = 'its length' if len(data) != chunk.uncompressed_size else 'its checksum'
+            if wrong == 'its checksum' and chunk.uncompressed_crc in (0, zlib.crc32(data)):
+                return data
+        except (*_DAMAGED, RuntimeError, EOFError, zstandard.ZstdError) as error:
+            wrong = 'its length' if isinstance(error, EndOfFile) else wrong
+        self._note(f'{place} is damaged ({wrong} is wrong): its messages are lost')
+        return None
+
+    def _in_chunk(self, data: bytes, wanted: Callable[[LogChannel], bool]) -> Iterator[LoggedMessage]:
+        stream, end = BytesIO(data), 0
+        for opcode, length in _records(stream, 0, len(data)):
+            end += _RECORD_HEAD.size + length
+            if opcode in (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL):
+                yield from self._record(opcode, stream.read(length), wanted)
+        if end != len(data):
+            self._note('a chunk does not end with a whole record: what stands behind the last whole one is lost')
+
+
+def _records(stream: IO[bytes], at: int, size: int) -> Iterator[tuple[int, int]]:
+    """Yield (opcode, length) of each whole record from `at` on, with the stream at its content."""
+    while at + _RECORD_HEAD.size <= size:
+        stream.seek(at)
+        opcode, length = _RECORD_HEAD.unpack(stream.read(_RECORD_HEAD.size))
+        at += _RECORD_HEAD.size + length
+        if at > size or not opcode:
+            return
+        yield opcode, length
+
+
+class _Content(ReadDataStream):
+    """The content of one record; a field that ends behind it raises EndOfFile."""
+
+    def __init__(self, content: bytes) -> None:
+        super().__init__(BytesIO(content))
+        self._size = len(content)
+
+    def read(self, length: int) -> bytes:
+        if self.count + length > self._size:
+            raise EndOfFile
+        return super().read(length)
+
+
+def _uncompressed(chunk: Chunk) -> bytes:
+    """Return at most one byte more than a chunk shall have: a wrong size is seen and takes no memory."""
+    most = chunk.uncompressed_size + 1
+    if chunk.compression == 'lz4':
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=most))
+    if chunk.compression == 'zstd':
+        with zstandard.ZstdDecompressor().stream_reader(chunk.data) as reader:
+            return reader.read(most)
+    return chunk.data
+
+
+# Messages
+
+
+class _Payload(bytes):
+    """Bytes of a message: a slice of them is whole, or raises ValueError; text that is no UTF-8 is replaced."""
+
+    def __getitem__(self, key: Any) -> Any:
+        found = super().__getitem__(key)
+        if isinstance(key, slice) and len(found) < key.stop - key.start:
+            raise ValueError('ends early')
+        return _Payload(found)
+
+    def decode(self, encoding: str = 'utf-8', errors: str = 'replace') -> str:
+        return super().decode(encoding, 'replace')
+
+
+@lru_cache(maxsize=64)
+def message_decoder(type_name: str, schema_text: str) -> Callable[[bytes], SimpleNamespace]:
+    """Return the function that decodes the CDR bytes of a type by its ros2msg text.
+
+    Raises InvalidData where the text is no definition; so does the function where bytes end early or are no CDR.
+    """
+    if len(schema_text) > MAX_SCHEMA:
+        raise InvalidData(f'schema of {type_name}: wanted at most {MAX_SCHEMA} bytes, got {len(schema_text)}')
+    printed = StringIO()  # the parser of the library prints the line that is wrong
+    try:
+        with contextlib.redirect_stderr(printed):
+            decoder = DecoderFactory().decoder_for('cdr', Schema(1, schema_text.encode(), 'ros2msg', type_name))
+    except Exception as error:  # it has many errors of its own and no base of them
+        raise InvalidData(f'schema of {type_name}: wanted a ros2msg definition, got one that is none: '
+                          f'{plain(printed.getvalue() or str(error), 200)}; the log was written wrongly') from error
+
+    def decode(data: bytes) -> SimpleNamespace:
+        if data[:2] != b'\0\1':
+            got = data[:2].hex(' ') or 'nothing'
+            raise InvalidData(f'{type_name}: wanted little-endian CDR (00 01), got {got}')
+        if len(data) > MAX_MESSAGE:
+            raise InvalidData(f'{type_name}: wanted a message of at most {MAX_MESSAGE} bytes, got {len(data)}')
+        try:
+            decoded: SimpleNamespace = decoder(_Payload(data))
+            return decoded
+        except (struct.error, IndexError) as error:
+            raise InvalidData(f'{type_name}: ends early, after {len(data)} bytes') from error
+        except (RuntimeError, *BAD_VALUE) as error:
+            raise InvalidData(f'{type_name}: cannot be decoded: {plain(str(error), 200)}') from error
+
+    return decode
+
+
+# Logs
+
+
+def open_files(paths: tuple[Path, ...]) -> list[LogFile]:
+    """Return a LogFile of each file of a log; what a later one repeats of an earlier one is skipped."""
+    return [LogFile(path, skip_repeated=row > 0) for row, path in enumerate(paths)]
+
+
+def custom_data_of(files: list[LogFile]) -> dict[str, str]:
+    """Return the custom_data in the metadata records of files that were read, of the last one that has any."""
+    return next(filter(None, (bag.custom_data_in(file.metadata) for file in reversed(files))), {})
+
+
+def iter_log(path: str | Path) -> Iterator[LoggedMessage]:
+    """Yield every message of a log, in the order of recording."""
+    for file in open_files(bag.find_files(path).files):
+        yield from file.messages()
+
+
+def read_log(path: str | Path) -> LogRun:
+    """Return what a log directory or an .mcap file holds; a log cut short gives what is whole.
+
+    Raises InvalidData where there is no log, it is empty, of another profile, or its ball centres cannot be decoded.
+    """
+    listing = bag.find_files(path)
+    files, log = open_files(listing.files), LogRun(Path(path), listing.files)
+    problems, checked = list(listing.problems), set[tuple[str, str]]()
+    for file in files:
+        for message in file.messages(_is_needed):
+            schema = (message.type_name, message.channel.schema_text)
+            try:
+                decoded = _decoded(message)
+                if message.type_name in RECORDS and schema not in checked:
+                    check_version(*schema, decoded)
+                    checked.add(schema)
+                log.add(message.type_name, decoded)
+            except (InvalidData, *BAD_VALUE) as error:
+                words = f'{file.path}: topic {message.topic}: message {message.number}: {error}'
+                if message.type_name in RECORDS:
+                    raise InvalidData(words) from error
+                problems.append(words)
+    counts = Counter[str]()
+    for file in files:
+        for number, channel in file.channels.items():
+            counts[channel.topic] += file.counts[number]
+    channels = {channel.topic: channel for file in files for channel in file.channels.values()}
+    log.topics = tuple(bag.TopicSummary(topic, channel.type_name, channel.type_hash, channel.qos, counts[topic])
+                       for topic, channel in channels.items())
+    log.messages = sum(file.summary.messages for file in files)
+    log.start_ns, log.end_ns = bag.span(file.summary for file in files)
+    log.truncated = any(file.truncated for file in files)
+    log.problems = (*problems, *(problem for file in files for problem in file.problems))
+    log.custom_data = listing.custom_data or custom_data_of(files)
+    return log
+
+
+def _is_needed(channel: LogChannel) -> bool:
+    return channel.type_name in NEEDED and (channel.type_name != TF_MESSAGE or channel.is_static_frames)
+
+
+def _decoded(message: LoggedMessage) -> SimpleNamespace:
+    channel = message.channel
+    if channel.message_encoding != 'cdr' or channel.schema_encoding != 'ros2msg':
+        raise InvalidData(f'wanted messages in cdr with a schema in ros2msg, got {channel.message_encoding!r} and '
+                          f'{channel.schema_encoding!r}')
+    return message_decoder(channel.type_name, channel.schema_text)(message.data)

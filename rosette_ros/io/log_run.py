@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a log holds of its runs, and the Run that follows from it."""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.geometry import Frame
+from rosette_ros.core.records import CURVES, ErrorMotions, Run
+from rosette_ros.io.bag_metadata import TopicSummary
+from rosette_ros.io.messages import (
+    Answer,
+    CalibrationProgress,
+    Phase,
+    TableFrame,
+    Target,
+    answer_of,
+    progress_of,
+    table_frame_of,
+    target_of,
+)
+from rosette_ros.io.run_assembly import NO_RUN, RunAnswers
+
+BALL_CENTRE = 'rosette_msgs/msg/BallCentre'
+PROBE_TARGET = 'rosette_msgs/msg/ProbeTarget'
+RUN_STATE = 'rosette_msgs/msg/RunState'
+ERROR_MOTIONS = 'rosette_msgs/msg/ErrorMotions'
+CALIBRATION_EVENT = 'rosette_msgs/msg/CalibrationEvent'
+TF_MESSAGE, TF_STATIC = 'tf2_msgs/msg/TFMessage', 'tf_static'
+
+REPEATABILITY_KEY, DOF_KEY = 'rosette.repeatability_m', 'rosette.repeatability_dof'
+"""Entries of custom_data where the repeatability is known but was not measured in the log."""
+RESUMES_KEY = 'rosette.resumes'
+"""Entry of custom_data, name of the log that a run goes on from."""
+REPEATS_KEY = 'rosette.repeated_balls'
+"""Entry of custom_data, `yes` where balls were planned more than once."""
+
+
+class PublishedMotions(NamedTuple):
+    """Error motions as the evaluator published them."""
+
+    run_id: str
+    motions: ErrorMotions
+    model_name: str
+    completeness: float
+
+    @staticmethod
+    def of(message: Any) -> 'PublishedMotions':
+        """Return those of an ErrorMotions message."""
+        motions = ErrorMotions.from_curves(message.angle, [getattr(message, curve) for curve in CURVES],
+                                           [getattr(message, f'u_{curve}') for curve in CURVES])
+        return PublishedMotions(str(message.run_id), motions, str(message.model_name), float(message.completeness))
+
+
+RECORDS: dict[str, Callable[[Any], Target | Answer | CalibrationProgress]] = {
+    PROBE_TARGET: target_of, BALL_CENTRE: answer_of, RUN_STATE: progress_of}
+"""By type of a message that has to be readable, the function that makes the record of it."""
+NEEDED = frozenset((*RECORDS, ERROR_MOTIONS, CALIBRATION_EVENT, TF_MESSAGE))
+"""Types of the messages that a LogRun takes."""
+
+_KINDS = {str: 'a text', float: 'a number', int: 'a whole number of 32 bits'}
+
+
+def check_version(type_name: str, schema_text: str, message: SimpleNamespace) -> None:
+    """Refuse a message that lacks fields of its record or has other kinds of values in them.
+
+    The schema decides this for all of its messages. Raises InvalidData.
+    """
+    fields = ', '.join(vars(type(message))['__slots__'])
+    wide = re.findall(r'^[ \t]*u?int64[ \t]+(\w+)', schema_text, re.MULTILINE)
+    advice = 'it was written with another version of the message'
+    try:
+        stamp = message.header.stamp
+        if {type(stamp.sec), type(stamp.nanosec)} != {int} or {'sec', 'nanosec'} & {*wide}:
+            raise InvalidData(f'header.stamp: wanted whole numbers of 32 bits, the log has others; {advice}')
+        record = RECORDS[type_name](message)
+    except AttributeError as error:
+        raise InvalidData(f'wanted the field {error.name}, the log has {fields}; {advice}') from error
+    for name, wanted in type(record).__annotations__.items():
+        value = getattr(record, name)
+        for one, kind in zip(value, (float,) * 3) if isinstance(value, tuple) else ((value, wanted),):
+            if type(one) not in ((int, float) if kind is float else (kind,)) or (kind is int and name in wide):
+                raise InvalidData(f'{name}: wanted {_KINDS[kind]}, the log has {type(one).__name__}; {advice}')
+
+
+@dataclass(eq=False)
+class LogRun:
+    """What a log holds.
+
+    runs: what was asked and answered, by run_id, in order of appearance; frames: in order of receipt; states: the last
+    of each run; events: CalibrationEvents, decoded; start_ns, end_ns: first and last log time; truncated:
+    whether the log ends in the middle; problems: what is wrong with it, in words.
+    """
+
+    path: Path
+    files: tuple[Path, ...]
+    runs: dict[str, RunAnswers] = field(default_factory=dict)
+    frames: list[TableFrame] = field(default_factory=list)
+    error_motions: list[PublishedMotions] = field(default_factory=list)
+    states: list[CalibrationProgress] = field(default_factory=list)
+    events: list[SimpleNamespace] = field(default_factory=list)
+    topics: tuple[TopicSummary, ...] = ()
+    messages: int = 0
+    start_ns: int = 0
+    end_ns: int = 0
+    truncated: bool = False
+    problems: tuple[str, ...] = ()
+    custom_data: dict[str, str] = field(default_factory=dict)
+
+    def add(self, type_name: str, message: SimpleNamespace) -> None:
+        """Take a decoded message of one of the types in NEEDED."""
+        if type_name == PROBE_TARGET:
+            self._run(message.run_id).add_target(target_of(message))
+        elif type_name == BALL_CENTRE:
+            self._run(message.run_id).add_answer(answer_of(message))
+        elif type_name == RUN_STATE:
+            self.states = [*(one for one in self.states if one.run_id != message.run_id), progress_of(message)]
+        elif type_name == ERROR_MOTIONS:
+            self.error_motions.append(PublishedMotions.of(message))
+        elif type_name == CALIBRATION_EVENT:
+            self.events.append(message)
+        else:
+            self.frames += [frame for one in message.transforms if (frame := table_frame_of(one))]
+
+    def _run(self, run_id: str) -> RunAnswers:
+        return self.runs.setdefault(run_id, RunAnswers(run_id, self.frames))
+
+    @property
+    def targets(self) -> list[Target]:
+        """All targets, run by run, in order of receipt."""
+        return [target for run in self.runs.values() for target in run.targets]
+
+    @property
+    def answers(self) -> list[Answer]:
+        """All answers, run by run, in order of receipt."""
+        return [answer for run in self.runs.values() for answer in run.answers]
+
+    @property
+    def run_ids(self) -> tuple[str, ...]:
+        """The runs with targets of phase RUN, in order of appearance."""
+        return tuple(name for name, run in self.runs.items() if any(one.phase == Phase.RUN for one in run.targets))
+
+    def run(self, run_id: str | None = None) -> RunAnswers:
+        """Return the run to take among those that have begun: `run_id`, or the only one there is.
+
+        Raises InvalidData where there is none, another, or more than one without a choice.
+        """
+        present = self.run_ids
+        if not present:
+            raise InvalidData(f'{self.path}: {NO_RUN}')
+        if run_id is None and len(present) > 1:
+            raise InvalidData(f'{self.path}: wanted one run, got {len(present)}: {", ".join(present)}; choose one by '
+                              'its run_id')
+        if run_id not in (None, *present):
+            raise InvalidData(f'{self.path}: wanted run {run_id!r}, got {", ".join(present)}')
+        return self.runs[present[0] if run_id is None else run_id]
+
+    def latest_error_motions(self, run_id: str | None = None) -> PublishedMotions | None:
+        """Return the PublishedMotions that came last (of one run), or None."""
+        return next((one for one in reversed(self.error_motions) if run_id in (None, one.run_id)), None)
+
+    def frame_of(self, run_id: str) -> Frame | None:
+        """Return the table frame in the machine frame that holds for a run; see RunAnswers.frame."""
+        return self.runs[run_id].frame(str(self.path))
+
+    def to_run(self, run_id: str | None = None) -> Run:
+        """Return the Run of the log; run_id chooses where there are several.
+
+        Raises InvalidData where there is no ball centre, or no one run; see RunAnswers.to_run.
+        """
+        source = str(self.path)
+        if not any(run.answers for run in self.runs.values()):
+            topics = ', '.join(topic.name for topic in self.topics) or 'none'
+            raise InvalidData(f'{source}: wanted ball centres ({BALL_CENTRE}), got none in {self.messages} messages '
+                              f'(topics: {topics})')
+        run = self.run(run_id).to_run(source, self.custom_data.get(REPEATS_KEY) == 'yes')
+        if run.repeatability is not None or REPEATABILITY_KEY not in self.custom_data:
+            return run
+        try:
+            sigma = float(self.custom_data[REPEATABILITY_KEY])
+            dof = float(self.custom_data[DOF_KEY]) if DOF_KEY in self.custom_data else None
+        except ValueError as error:
+            raise InvalidData(f'{source}: custom_data: {REPEATABILITY_KEY}: wanted a number, got '
+                              f'{self.custom_data[REPEATABILITY_KEY]!r}') from error
+        return run.replace(repeatability=sigma, repeatability_dof=dof)

@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Targets, answers and table frames as records, from messages of rclpy or decoded from a log."""
+
+from enum import IntEnum
+from math import isfinite
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.geometry import Frame
+
+MACHINE_FRAME = 'machine'
+TABLE_FRAME = 'table'
+STATUS_OK = 0
+UNIT_TOLERANCE = 1e-6
+"""A quaternion whose norm differs from 1 by more is none."""
+
+
+class Phase(IntEnum):
+    """Phase of a calibration; the numbers are those of RunState.msg and, 1 to 4, of ProbeTarget.msg."""
+
+    IDLE = 0
+    REPEATABILITY = 1
+    ALIGNMENT = 2
+    RUN = 3
+    DRIFT_CHECK = 4
+    EVALUATION = 5
+    DONE = 6
+    CANCELLED = 7
+    FAILED = 8
+
+    @property
+    def is_end(self) -> bool:
+        """Whether no phase follows."""
+        return self in (Phase.DONE, Phase.CANCELLED, Phase.FAILED)
+
+    @property
+    def is_running(self) -> bool:
+        """Whether a calibration is running."""
+        return self is not Phase.IDLE and not self.is_end
+
+
+PHASE_WORDS: dict[int, str] = {
+    Phase.IDLE: 'no calibration is running', Phase.REPEATABILITY: 'repeatability check',
+    Phase.ALIGNMENT: 'table axis and frame', Phase.RUN: 'run', Phase.DRIFT_CHECK: 'drift check',
+    Phase.EVALUATION: 'evaluation', Phase.DONE: 'done', Phase.CANCELLED: 'cancelled', Phase.FAILED: 'failed'}
+
+
+def phase_name(number: int) -> str:
+    """Return the name of the phase in a RunState, `PHASE_77` for one that does not exist."""
+    return Phase(number).name if number in list(Phase) else f'PHASE_{number}'
+
+
+class CalibrationProgress(NamedTuple):
+    """Where a calibration stands, as in RunState.msg; phase: of Phase, or a number that it does not know."""
+
+    run_id: str = ''
+    phase: int = Phase.IDLE
+    order: str = ''
+    done: int = 0
+    total: int = 0
+    text: str = ''
+
+    @property
+    def is_running(self) -> bool:
+        """Whether a calibration is running."""
+        return self.phase in list(Phase) and Phase(self.phase).is_running
+
+
+class Target(NamedTuple):
+    """One ball to be probed, as in ProbeTarget.msg.
+
+    table_angle: rad; centre: where the ball is expected, m, in frame_id; stamp_ns: when it was asked, ns.
+    """
+
+    run_id: str
+    seq: int
+    attempt: int
+    session: int
+    phase: int
+    balls: int
+    radius: float
+    table_position: int
+    ball: int
+    cmm_position: int
+    table_angle: float
+    approach: int
+    centre: tuple[float, float, float]
+    frame_id: str
+    stamp_ns: int
+
+    def __str__(self) -> str:
+        """Name the target for a person."""
+        return f'target {self.seq} (table position {self.table_position}, ball {self.ball})'
+
+
+class Answer(NamedTuple):
+    """What the CMM answers to one target, as in BallCentre.msg.
+
+    table_angle, table_travel: rad; centre: m, in frame_id; form_error: m; temperature: °C, NaN if unknown; stamp_ns:
+    when it was measured, ns.
+    """
+
+    run_id: str
+    seq: int
+    table_position: int
+    ball: int
+    cmm_position: int
+    status: int
+    text: str
+    table_angle: float
+    table_travel: float
+    approach: int
+    centre: tuple[float, float, float]
+    form_error: float
+    temperature: float
+    frame_id: str
+    stamp_ns: int
+
+    @property
+    def frame(self) -> str:
+        """Name of its frame without a prefix."""
+        return short_frame(self.frame_id)
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether centre, angle and travel are numbers."""
+        return all(map(isfinite, (*self.centre, self.table_angle, self.table_travel)))
+
+    def is_usable_for(self, target: Target) -> bool:
+        """Whether it can count as the answer to a target of its seq."""
+        return (self.status == STATUS_OK and self.table_position == target.table_position and self.ball == target.ball
+                and self.is_finite)
+
+
+class TableFrame(NamedTuple):
+    """The table frame in the machine frame; stamp_ns: of its transform, ns."""
+
+    stamp_ns: int
+    frame: Frame
+
+
+def nanoseconds(stamp: Any) -> int:
+    """Return a message's time in ns since the epoch."""
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def progress_of(message: Any) -> CalibrationProgress:
+    """Return the CalibrationProgress of a RunState."""
+    return CalibrationProgress(message.run_id, message.phase, message.order, message.done, message.total, message.text)
+
+
+def target_of(message: Any) -> Target:
+    """Return the Target of a ProbeTarget, of rclpy or decoded from a log; older ones have no session, taken as 1."""
+    header, centre = message.header, message.centre
+    return Target(
+        message.run_id, message.seq, message.attempt, max(getattr(message, 'session', 1), 1), message.phase,
+        message.balls, message.radius, message.table_position, message.ball, message.cmm_position, message.table_angle,
+        message.approach, (centre.x, centre.y, centre.z), header.frame_id, nanoseconds(header.stamp))
+
+
+def answer_of(message: Any) -> Answer:
+    """Return the Answer of a BallCentre, of rclpy or decoded from a log."""
+    header, centre = message.header, message.centre
+    return Answer(
+        message.run_id, message.seq, message.table_position, message.ball, message.cmm_position, message.status,
+        message.text, message.table_angle, message.table_travel, message.approach, (centre.x, centre.y, centre.z),
+        message.form_error, message.temperature, header.frame_id, nanoseconds(header.stamp))
+
+
+def short_frame(frame_id: str) -> str:
+    """Return a frame's name without its prefix: `cell1/table` is a table frame."""
+    return frame_id.rsplit('/', 1)[-1]
+
+
+def table_frame_of(message: Any) -> TableFrame | None:
+    """Return the TableFrame of a TransformStamped, None where it is a transform between other frames.
+
+    Raises InvalidData where the rotation is no unit quaternion, or the translation is not finite.
+    """
+    if short_frame(message.header.frame_id) != MACHINE_FRAME or short_frame(message.child_frame_id) != TABLE_FRAME:
+        return None
+    rotation, translation = message.transform.rotation, message.transform.translation
+    quaternion = np.array([rotation.x, rotation.y, rotation.z, rotation.w], dtype=float)
+    origin = (translation.x, translation.y, translation.z)
+    with np.errstate(over='ignore', invalid='ignore'):
+        size = float(np.sqrt(np.sum(np.square(quaternion))))
+    if not abs(size - 1) < UNIT_TOLERANCE:
+        raise InvalidData(f'table frame: rotation: wanted a unit quaternion, got the size {size}')
+    if not np.isfinite(origin).all():
+        raise InvalidData(f'table frame: translation: wanted finite numbers, got {origin}')
+    return TableFrame(nanoseconds(message.header.stamp), Frame.from_quaternion(quaternion, origin))

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Model files: YAML, schema rosette-model/1."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rosette_ros.core.errors import InvalidModel
+from rosette_ros.core.model.model import Model
+from rosette_ros.io.safe_yaml import parse_yaml, read_yaml
+from rosette_ros.io.text_file import write_text
+
+MOST_BYTES = 100_000
+
+
+def read_model(path: str | Path | None) -> Model:
+    """Return the Model of a YAML file, without a file the base model; raise InvalidModel, naming the file, if none."""
+    if path is None:
+        return Model()
+    return Model.from_mapping(read_yaml(path, 'a model file', MOST_BYTES, InvalidModel), str(path))
+
+
+def parse_entry(text: str, source: str) -> dict[str, Any]:
+    """Return the mapping of YAML text that describes one effect: settings, or a custom term; {} for an empty text.
+
+    Raises InvalidModel, naming `source`, for text that is no mapping or too long.
+    """
+    if len(text) > MOST_BYTES:
+        raise InvalidModel(f'{source}: wanted at most {MOST_BYTES} characters, got {len(text)}')
+    mapping = parse_yaml(text.encode(), source, InvalidModel)
+    if mapping is None:
+        return {}
+    if not isinstance(mapping, dict) or not all(isinstance(key, str) for key in mapping):
+        raise InvalidModel(f'{source}: wanted a YAML mapping such as "tau: 600.0", got {text!r:.80}')
+    return mapping
+
+
+def format_entry(entry: Mapping[str, Any]) -> str:
+    """Return an effect's mapping as one line of YAML."""
+    return str(yaml.safe_dump(entry, default_flow_style=True, sort_keys=False, allow_unicode=True,
+                              width=10_000)).strip()
+
+
+def format_model(model: Model) -> str:
+    """Return the YAML text of a model."""
+    return str(yaml.safe_dump(model.to_mapping(), sort_keys=False, allow_unicode=True))
+
+
+def write_model(model: Model, path: str | Path, force: bool = False) -> None:
+    """Write a model file; raise InvalidData where one exists, unless `force`, or it cannot be written."""
+    write_text(path, format_model(model), force)

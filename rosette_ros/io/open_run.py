@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""RUN as the command line knows it: a log directory, an .mcap file or a CSV table."""
+
+from pathlib import Path
+
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.records import Run
+from rosette_ros.io.ball_centre_table import read_csv
+from rosette_ros.io.log_reader import MAGIC, read_log
+from rosette_ros.io.text_file import reading
+
+WANTED = 'a log directory, an .mcap file or a CSV table'
+_OTHERS = {b'SQLite format 3\0': 'is an sqlite3 log; wanted MCAP: convert it with `ros2 bag convert`',
+           b'\x28\xb5\x2f\xfd': 'is a compressed file; wanted a log: unpack it with `zstd -d`'}
+
+
+def is_log(path: str | Path) -> bool:
+    """Whether a path is a log: a directory, or a file that begins as MCAP does.
+
+    Raises InvalidData where nothing is there, or it is something else that is known.
+    """
+    path = Path(path)
+    with reading(path, WANTED):
+        if path.is_dir():
+            return True
+        if path.exists() and not path.is_file():
+            raise InvalidData(f'{path}: wanted {WANTED}, got a device or a pipe; write it to a file first')
+        with open(path, 'rb') as stream:
+            begin = stream.read(16)
+    if not begin:
+        raise InvalidData(f'{path}: is empty; wanted {WANTED}')
+    for magic, words in _OTHERS.items():
+        if begin.startswith(magic):
+            raise InvalidData(f'{path}: {words}')
+    return begin.startswith(MAGIC) or path.suffix == '.mcap'
+
+
+def open_run(path: str | Path, run_id: str | None = None) -> Run:
+    """Return the Run of a log directory, an .mcap file or a CSV table, recognised by its content.
+
+    run_id chooses where a log holds several runs. Raises InvalidData where it is none of them, or a table holds another
+    run than the one asked for.
+    """
+    if is_log(path):
+        return read_log(path).to_run(run_id)
+    run = read_csv(path)
+    if run_id not in (None, run.run_id):
+        raise InvalidData(f'{path}: wanted run {run_id!r}, got {run.run_id!r}')
+    return run

@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which targets and answers of a run exist, which of them count, and the Run that follows.
+
+The one way from messages to numbers: sequencer, evaluator, recorder, log reader and studio all come through here,
+so the same messages give the same numbers, bit for bit.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.geometry import Frame
+from rosette_ros.core.records import Floats, Ints, Run
+from rosette_ros.core.scheme import nominal_places, unwrap_travel
+from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Answer, Phase, TableFrame, Target
+
+MAX_BALLS = 10_000
+"""More balls than this are taken for a mistake."""
+MIN_REPEATABILITY = 1e-12
+"""Repeated readings that differ by less, m, show rounding and not repeatability."""
+NO_RUN = 'wanted probe targets of phase RUN, got none; the calibration ended before its run began'
+SAME_FRAME = 1e-12
+"""Frames whose axes (as numbers) and origins (m) differ by no more are one frame that was published twice."""
+
+
+class RunAnswers:
+    """The targets and answers of one run, and the table frames; topics may arrive in any order relative to each other.
+
+    A target that was sent again counts as it was sent last. Of several good answers to it the first counts that was
+    measured after it was asked for the last time; if none was, the first. frames: table frames by any run, shared.
+    """
+
+    def __init__(self, run_id: str, frames: list[TableFrame] | None = None) -> None:
+        """Start empty."""
+        self.run_id = run_id
+        self.frames: list[TableFrame] = [] if frames is None else frames
+        self.targets: list[Target] = []
+        self.answers: list[Answer] = []
+        self._last: dict[int, Target] = {}
+        self._by_seq: dict[int, list[Answer]] = {}
+        self._answered: set[int] = set()
+
+    # What arrives
+
+    def add_target(self, target: Target) -> None:
+        """Take a target of this run."""
+        self.targets.append(target)
+        seq, before = target.seq, self._last.get(target.seq)
+        if before is None or target.attempt >= before.attempt:
+            self._last[seq] = target
+            self._answered.discard(seq)
+            self._answered.update(answer.seq for answer in self._usable(seq))
+
+    def add_answer(self, answer: Answer) -> None:
+        """Take an answer of this run."""
+        target = self._last.get(answer.seq)
+        self.answers.append(answer)
+        self._by_seq.setdefault(answer.seq, []).append(answer)
+        if target is not None and answer.is_usable_for(target):
+            self._answered.add(answer.seq)
+
+    def merged_with(self, recorded: 'RunAnswers') -> 'RunAnswers':
+        """Return what a log holds of this run, followed by what was received and is not in the log."""
+        asked = {(target.seq, target.attempt) for target in recorded.targets}
+        known = {(answer.seq, answer.stamp_ns) for answer in recorded.answers}
+        stamps = {one.stamp_ns for one in self.frames}
+        self.frames += [one for one in recorded.frames if one.stamp_ns not in stamps]
+        merged = RunAnswers(self.run_id, self.frames)
+        for target in (*recorded.targets, *(one for one in self.targets if (one.seq, one.attempt) not in asked)):
+            merged.add_target(target)
+        for answer in (*recorded.answers, *(one for one in self.answers if (one.seq, one.stamp_ns) not in known)):
+            merged.add_answer(answer)
+        return merged
+
+    def drop_answers(self, seq: int) -> None:
+        """Forget all answers to a target: it will be asked again."""
+        if self._by_seq.pop(seq, None):
+            self.answers = [answer for answer in self.answers if answer.seq != seq]
+            self._answered.discard(seq)
+
+    # What is there
+
+    def last_target(self, seq: int) -> Target | None:
+        """Return a target as it was asked last, None where it was not."""
+        return self._last.get(seq)
+
+    @property
+    def session(self) -> int:
+        """The last session of the run, 0 before the first target."""
+        return max((target.session for target in self._last.values()), default=0)
+
+    def good_stamps(self) -> Iterator[tuple[int, int]]:
+        """Return (seq, stamp_ns) of every answer that is usable for its target."""
+        return ((seq, answer.stamp_ns) for seq in self._by_seq for answer in self._usable(seq))
+
+    def _usable(self, seq: int) -> list[Answer]:
+        target = self._last.get(seq)
+        return [answer for answer in self._by_seq.get(seq, ()) if target and answer.is_usable_for(target)]
+
+    def answer_to(self, seq: int) -> Answer | None:
+        """Return the answer that counts for a target, None where there is none."""
+        usable = self._usable(seq)
+        return next((one for one in usable if one.stamp_ns >= self._last[seq].stamp_ns), next(iter(usable), None))
+
+    def counting(self) -> list[tuple[Target, Answer]]:
+        """Return the pairs that count, in order of seq."""
+        pairs = ((self._last[seq], self.answer_to(seq)) for seq in sorted(self._last))
+        return [(target, answer) for target, answer in pairs if answer is not None]
+
+    @property
+    def answered(self) -> int:
+        """Number of targets with an answer that counts."""
+        return len(self._answered)
+
+    def counts(self) -> dict[Phase, tuple[int, int]]:
+        """Return (asked, answered) targets of each phase that was asked."""
+        asked = Counter(target.phase for target in self._last.values())
+        answered = Counter(self._last[seq].phase for seq in self._answered)
+        return {phase: (asked[phase], answered[phase]) for phase in Phase if phase in asked}
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether all n² balls of phase RUN are answered."""
+        balls = next((target.balls for target in self.targets if target.phase == Phase.RUN), 0)
+        return balls > 0 and self.counts()[Phase.RUN][1] >= balls**2
+
+    def unused(self) -> dict[str, int]:
+        """Return how many answers do not count, by the reason in words."""
+        counts = dict.fromkeys(('failed', 'to no target', 'with another ball than asked', 'without finite numbers',
+                                'repeated'), 0)
+        for answer in self.answers:
+            target = self._last.get(answer.seq)
+            if answer.status != STATUS_OK:
+                counts['failed'] += 1
+            elif target is None:
+                counts['to no target'] += 1
+            elif (answer.table_position, answer.ball) != (target.table_position, target.ball):
+                counts['with another ball than asked'] += 1
+            else:
+                counts['repeated' if answer.is_finite else 'without finite numbers'] += 1
+        counts['repeated'] -= self.answered
+        return counts
+
+    def lacking(self, expected: int) -> str:
+        """Return what an evaluation with so many answered targets lacks, '' where nothing."""
+        if self.answered < expected or not any(target.phase == Phase.RUN for target in self.targets):
+            return (f'wanted {expected} targets with answers, got {len(self._last)} targets and answers to '
+                    f'{self.answered} of them')
+        begin = min(target.stamp_ns for target in self.targets)
+        if (any(one.status == STATUS_OK and one.frame != TABLE_FRAME for one in self.answers)
+                and not any(begin <= one.stamp_ns <= self._run_begin() for one in self.frames)):
+            return 'wanted the table frame on /tf_static, got none for this run'
+        return ''
+
+    # The table frame
+
+    def frame(self, source: str = 'run') -> Frame | None:
+        """Return the table frame in the machine frame: the last one found before the first target of phase RUN, where
+        none was, the first of all; None where there is none.
+
+        Raises InvalidData where frames that differ were published during the alignment of the run.
+        """
+        if not self.frames:
+            return None
+        self._refuse_two_frames(source)
+        begin = self._run_begin()
+        before = [one for one in self.frames if one.stamp_ns <= begin]
+        return max(before, key=lambda one: one.stamp_ns).frame if before else self.frames[0].frame
+
+    def _run_begin(self) -> int:
+        return min((target.stamp_ns for target in self.targets if target.phase == Phase.RUN), default=2**63)
+
+    def _refuse_two_frames(self, source: str) -> None:
+        """Refuse frames that differ between the begin of the alignment and the first target of phase RUN.
+
+        Where the alignment was repeated after a pause, the session that ended it counts.
+        """
+        if all(answer.frame == TABLE_FRAME for answer in self.answers):
+            return
+        end, own = self._run_begin(), self.targets
+        aligning = [one for one in own if one.phase == Phase.ALIGNMENT and one.stamp_ns <= end]
+        if aligning:
+            session = max(aligning, key=lambda one: one.stamp_ns).session
+            own = [one for one in own if one.session == session]
+        begin, different = min(one.stamp_ns for one in own), list[Floats]()
+        for stamp, frame in self.frames:
+            numbers = np.append(frame.rotation, frame.origin)
+            if begin <= stamp <= end and not any(np.abs(numbers - one).max() <= SAME_FRAME for one in different):
+                different.append(numbers)
+        if len(different) > 1:
+            raise InvalidData(f'{source}: wanted one table frame for run {self.run_id}, got {len(different)} that '
+                              'differ; two cells share /tf_static? give each its namespace or domain')
+
+    # Numbers
+
+    def repeatability(self) -> tuple[float, float] | tuple[None, None]:
+        """Return (standard deviation of a coordinate in m, degrees of freedom) of the readings of phase REPEATABILITY.
+
+        Pooled over the balls and the three axes: sigma² = sum (p - mean)² / dof, dof = 3 (m - 1) for m readings of one
+        ball. (None, None) where no ball was read twice.
+        """
+        places: dict[tuple[int, int], list[tuple[float, float, float]]] = {}
+        for target, answer in self.counting():
+            if target.phase == Phase.REPEATABILITY:
+                places.setdefault((target.table_position, target.ball), []).append(answer.centre)
+        squares, dof = 0.0, 0
+        for place in sorted(places):
+            centre = np.array(places[place])
+            with np.errstate(over='ignore', invalid='ignore'):  # an infinite sum is refused by Run
+                squares += float(np.sum((centre - centre.mean(axis=0)) ** 2))
+            dof += 3 * (len(centre) - 1)
+        if not dof or np.sqrt(squares / dof) < MIN_REPEATABILITY:
+            return None, None
+        return float(np.sqrt(squares / dof)), float(dof)
+
+    def to_run(self, source: str = 'run', repeats: bool = False) -> Run:
+        """Return the Run of the readings of phase RUN, in the order in which they were measured.
+
+        source: named in errors; repeats: whether a ball was planned more than once at a table position. Balls without
+        a good answer are missing from the Run. Time counts from the first reading; time and travel are as recorded,
+        and go on where a clock was set back, or a table counted from 0 again, over a pause: the pause is then as long
+        as readings usually are apart.
+
+        Raises InvalidData where no ball centre is left, targets contradict each other, a frame is unknown, or a ball
+        centre is nearer to another ball's place than to its own.
+        """
+        n, radius = self._plate(source)
+        pairs = [pair for pair in self.counting() if pair[0].phase == Phase.RUN]
+        if not pairs:
+            unused = ', '.join(f'{count} {reason}' for reason, count in self.unused().items() if count)
+            raise InvalidData(f'{source}: wanted ball centres of run {self.run_id!r}, got none that counts'
+                              f'{f" ({unused})" * bool(unused)}')
+        pairs.sort(key=lambda pair: (pair[0].session, pair[1].stamp_ns, pair[1].seq))
+        targets, answers = [target for target, _ in pairs], [answer for _, answer in pairs]
+        session, table_position, ball = np.array(
+            [(target.session, target.table_position, target.ball) for target in targets], dtype=np.int64).T
+        stamp, approach = np.array([(answer.stamp_ns, answer.approach) for answer in answers], dtype=np.int64).T
+        angle, travel, temperature = np.array(
+            [(answer.table_angle, answer.table_travel, answer.temperature) for answer in answers], dtype=float).T
+        centre = self._in_table_frame(answers, source)
+        for row in misplaced(n, radius, table_position, ball, centre) if n >= 3 and radius > 0 else ():
+            i, j, got = table_position[row], ball[row], ', '.join(f'{1e3 * value:.6g}' for value in centre[row])
+            x, y, _ = 1e3 * nominal_places(n, radius, i, j)
+            raise InvalidData(
+                f'{source}: ball centre with seq {answers[row].seq}: wanted a place near ({x:.3f}, {y:.3f}, 0) mm in '
+                f'the table frame for table position {i}, ball {j}, got ({got}); was another ball measured, or is the '
+                'table frame wrong?')
+        sigma, dof = self.repeatability()
+        return Run(
+            n=n, radius=radius, table_position=table_position, ball=ball, centre=centre, table_angle=angle,
+            time=_joined_time((stamp - stamp[0]) * 1e-9, session),
+            temperature=np.where(np.isfinite(temperature), temperature, np.nan), approach=approach,
+            table_travel=_joined_travel(travel, angle, approach, session, n), repeatability=sigma,
+            repeatability_dof=dof, run_id=self.run_id, repeats=repeats, session=session, source=source)
+
+    def _plate(self, source: str) -> tuple[int, float]:
+        """Return (n, radius) on which all targets of phase RUN agree."""
+        run = [target for target in self.targets if target.phase == Phase.RUN]
+        if not run:
+            raise InvalidData(f'{source}: {NO_RUN}')
+        for name in ('balls', 'radius'):
+            values = np.unique([getattr(target, name) for target in run])
+            if values.size > 1:
+                raise InvalidData(f'{source}: run {self.run_id!r}: {name}: wanted one value in all targets, got '
+                                  f'{", ".join(f"{value:g}" for value in values[:5])}')
+        n, radius = run[0].balls, float(run[0].radius)
+        if n > MAX_BALLS:
+            raise InvalidData(f'{source}: run {self.run_id!r}: balls: wanted at most {MAX_BALLS}, got {n}')
+        return n, radius
+
+    def _in_table_frame(self, answers: Sequence[Answer], source: str) -> Floats:
+        """Return the ball centres in the table frame, (N, 3)."""
+        centre = np.array([answer.centre for answer in answers], dtype=float)
+        frames = [answer.frame for answer in answers]
+        for answer, name in zip(answers, frames):
+            if name not in (MACHINE_FRAME, TABLE_FRAME):
+                raise InvalidData(f'{source}: ball centre with seq {answer.seq}: frame_id: wanted {MACHINE_FRAME} or '
+                                  f'{TABLE_FRAME}, got {answer.frame_id!r}; the CMM repeats the frame_id of the target')
+        in_table = np.array([name == TABLE_FRAME for name in frames])
+        if in_table.all():
+            return centre
+        frame = self.frame(source)
+        if frame is None:
+            raise InvalidData(f'{source}: wanted a transform from {MACHINE_FRAME} to {TABLE_FRAME} on /tf_static, got '
+                              'none; without it the table axis is unknown')
+        with np.errstate(over='ignore', invalid='ignore'):  # absurd numbers are refused by their place
+            return np.where(in_table[:, None], centre, frame.to_inner(centre))
+
+
+def misplaced(n: int, radius: float, table_position: Ints, ball: Ints, centre: Floats) -> Ints:
+    """Return the rows of ball centres (N, 3) that are nearer to another ball's place, (M,)."""
+    with np.errstate(over='ignore', invalid='ignore'):
+        away = np.linalg.norm(centre - nominal_places(n, radius, table_position, ball), axis=-1)
+    return np.flatnonzero(~(away <= radius * np.sin(np.pi / n)))
+
+
+def _joined_time(time: Floats, session: Ints) -> Floats:
+    """Return the times, (N,), s: where they fall over a pause, a clock was set back and its length is not known."""
+    for first in (np.flatnonzero(np.diff(session)) + 1).tolist():
+        step = np.diff(time)
+        if step[first - 1] <= 0:
+            within = np.delete(step, np.flatnonzero(np.diff(session)))
+            usual = np.median(within) if within.size else 1.0
+            time = time + np.where(np.arange(time.size) >= first, max(usual, 1e-3) - step[first - 1], 0.0)
+    return time
+
+
+def _joined_travel(travel: Floats, angle: Floats, approach: Ints, session: Ints, n: int) -> Floats:
+    """Return the travel, (N,), rad: where it falls against the sense of turning over a pause, the table has counted
+    from 0 again; then it goes on by the shortest way in that sense."""
+    pauses = np.flatnonzero(np.diff(session)) + 1
+    if not pauses.size:
+        return travel
+    shortest = np.diff(unwrap_travel(angle, approach, n))
+    travel = travel.copy()
+    for first in pauses.tolist():
+        step = travel[first] - travel[first - 1]
+        if step * (-1 if approach[first] < 0 else 1) < -np.pi / n:
+            travel[first:] += shortest[first - 1] - step
+    return travel

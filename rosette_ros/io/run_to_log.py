@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A Run into a log: what `rosette import` writes, readable by every ROS tool."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.geometry import Ints
+from rosette_ros.core.records import Run
+from rosette_ros.core.scheme import nominal_places
+from rosette_ros.io.bag_metadata import Qos
+from rosette_ros.io.log_run import BALL_CENTRE, DOF_KEY, PROBE_TARGET, REPEATABILITY_KEY, REPEATS_KEY
+from rosette_ros.io.log_writer import encode_messages, whole_log
+from rosette_ros.io.messages import STATUS_OK, TABLE_FRAME, Phase
+from rosette_ros.io.type_definitions import TypeLibrary
+
+TARGET_TOPIC, ANSWER_TOPIC = '/rosette/probe_target', '/rosette/ball_centre'
+MAX_SECONDS = 2**31
+"""Seconds that a ROS time stamp can hold."""
+LATCHED = Qos(durability='transient_local')
+
+
+def write_log(run: Run, directory: str | Path, library: TypeLibrary, name: str | None = None) -> Path:
+    """Write a Run as a log directory and return its path.
+
+    library: knows rosette_msgs; name: of the files, else the name of the directory. Each reading becomes a ProbeTarget
+    and a BallCentre in the table frame; the repeatability goes to custom_data. Times are kept to 1 ns, counted from 0.
+
+    Raises InvalidData where the directory holds a log, or the run is longer than stamps can hold, CellError where
+    the disk refuses; nothing is left then.
+    """
+    directory = Path(directory)
+    if run.time[-1] - run.time[0] >= MAX_SECONDS:
+        raise InvalidData(f'{run.source}: time: wanted a run of less than {MAX_SECONDS} s, got '
+                          f'{run.time[-1] - run.time[0]:g} s; a ROS stamp cannot hold more')
+    stamp = np.rint((run.time - run.time[0]) * 1e9).astype(np.int64)
+    targets, answers = zip(*_messages(run, run.run_id or directory.name, stamp), strict=True)
+    messages = {}
+    with whole_log(directory, name or directory.name, custom_data=_known(run)) as writer:
+        for topic, type_name, qos, rows in ((TARGET_TOPIC, PROBE_TARGET, LATCHED, targets),
+                                            (ANSWER_TOPIC, BALL_CENTRE, Qos(), answers)):
+            definition = library.definition(type_name)
+            writer.add_topic(topic, definition, (qos,))
+            messages[topic] = encode_messages(definition, rows)
+        for row, time in enumerate(stamp.tolist()):
+            for topic, data in messages.items():
+                writer.write(topic, data[row], time, time)
+    return directory
+
+
+def _messages(run: Run, run_id: str, stamp: Ints) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+    """Yield the fields of the target and the answer of each reading."""
+    expected = nominal_places(run.n, run.radius, run.table_position, run.ball)
+    for row in range(run.size):
+        seconds, rest = divmod(int(stamp[row]), 10**9)
+        common = {
+            'header': {'stamp': {'sec': seconds, 'nanosec': rest}, 'frame_id': TABLE_FRAME}, 'run_id': run_id,
+            'seq': row + 1, 'table_position': run.table_position[row], 'ball': run.ball[row],
+            'cmm_position': run.cmm_position[row], 'approach': run.approach[row]}
+        yield ({**common, 'attempt': 1, 'session': run.session[row], 'phase': Phase.RUN, 'balls': run.n,
+                'radius': run.radius, 'table_angle': run.phi[row],
+                'centre': dict(zip('xyz', expected[row], strict=True))},
+               {**common, 'status': STATUS_OK, 'table_angle': run.table_angle[row],
+                'table_travel': run.table_travel[row], 'temperature': run.temperature[row],
+                'centre': dict(zip('xyz', run.centre[row], strict=True))})
+
+
+def _known(run: Run) -> dict[str, str]:
+    """Return the custom_data of a log of the run."""
+    known = {'rosette.source': str(run.source)}
+    if run.repeats:
+        known[REPEATS_KEY] = 'yes'
+    if run.repeatability is not None:
+        known[REPEATABILITY_KEY] = repr(float(run.repeatability))
+        if run.repeatability_dof is not None:
+            known[DOF_KEY] = repr(float(run.repeatability_dof))
+    return known

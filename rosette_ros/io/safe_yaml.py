@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""YAML from outside: no aliases, no deep nesting, no key twice, and one kind of error whatever is wrong with it.
+
+A few hundred bytes of aliases within aliases stand for more than fits into a memory, and nesting of some ten
+thousand levels ends the whole process in the loader: both are refused before anything is built.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rosette_ros.core.errors import RosetteError
+from rosette_ros.io.text_file import read_limited
+
+DEEPEST = 20
+"""Collections nested deeper than this are refused."""
+BAD_VALUE = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
+"""What the constructors of the loader raise besides YAMLError, such as for `!!int ""` or 2001-13-45."""
+
+_CLoader: type[yaml.SafeLoader] = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+
+
+class NotPlain(yaml.YAMLError):
+    """YAML that is refused although it may be some."""
+
+
+class _Loader(_CLoader):  # type: ignore[valid-type, misc]  # which of the two is known at run time only
+    """The safe loader, which also refuses a key that stands twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen = set[str]()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode):
+                if key.value in seen:
+                    raise yaml.constructor.ConstructorError(None, None, f'key {key.value!r} stands twice',
+                                                            key.start_mark)
+                seen.add(key.value)
+        return super().construct_mapping(node, deep)  # type: ignore[no-any-return]
+
+
+def read_yaml(path: str | Path, wanted: str, most: int, kind: type[RosetteError]) -> Any:
+    """Return what a YAML file of at most `most` bytes says; raises a `kind` that names it as `wanted`."""
+    return parse_yaml(read_limited(path, wanted, most, kind), str(path), kind)
+
+
+def parse_yaml(data: bytes, source: str, kind: type[RosetteError]) -> Any:
+    """Return what YAML text says; raises an error of a kind, which names `source`, where it is none, or not plain."""
+    try:
+        return load_plain(data.decode('utf-8-sig'))
+    except UnicodeDecodeError as error:
+        at = error.start
+        raise kind(f'{source}: wanted UTF-8 text, got byte {data[at]:#04x} at position {at}') from None
+    except NotPlain as error:
+        raise kind(f'{source}: {error}') from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, 'problem_mark', None)
+        place = f'line {mark.line + 1}, column {mark.column + 1}: ' if mark else ''
+        problem = getattr(error, 'problem', None) or ' '.join(str(error).split())
+        raise kind(f'{source}: wanted YAML, got text that is none: {place}{problem}') from None
+
+
+def load_plain(text: str) -> Any:
+    """Return what YAML text says; raise yaml.YAMLError where it is none, or not plain."""
+    depth = 0
+    try:
+        for event in yaml.parse(text, Loader=_Loader):
+            line = event.start_mark.line + 1 if event.start_mark else 1
+            depth += isinstance(event, yaml.CollectionStartEvent)
+            depth -= isinstance(event, yaml.CollectionEndEvent)
+            if isinstance(event, yaml.AliasEvent):
+                raise NotPlain(f'line {line}: wanted plain YAML, got an alias (*name); write it out')
+            if depth > DEEPEST:
+                raise NotPlain(f'line {line}: wanted at most {DEEPEST} levels of nesting, got more')
+        return yaml.load(text, Loader=_Loader)
+    except BAD_VALUE as error:
+        raise NotPlain(f'wanted YAML values, got one that is none: {" ".join(str(error).split())}') from error

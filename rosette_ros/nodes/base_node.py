@@ -1,0 +1,237 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The base classes of the cell's nodes and how one is run: parameters, health, heartbeat, lifecycle, clean end."""
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from types import FrameType
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.exceptions import NameValidationException, ParameterException
+from rclpy.executors import Executor
+from rclpy.experimental import EventsExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, SimpleManagedEntity, TransitionCallbackReturn
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
+from rclpy.time import Time
+
+from rosette_ros.calibration.settings import Wanted
+from rosette_ros.core.errors import RosetteError
+from rosette_ros.nodes import names, qos
+from rosette_ros.nodes.liveliness import HeartbeatPublisher
+from rosette_ros.nodes.parameters import Parameters
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+WAKE_PERIOD, HEALTH_PERIOD = 0.1, 1.0
+AUTOSTART = Wanted('autostart', True, 'whether the node configures and activates itself; false: a lifecycle '
+                   'manager does', read_only=True)
+_SIGNAL_PERIOD = 0.1
+"""A signal, or the end of the parent process, is noticed within this time, s."""
+
+Health = tuple[bytes, str, dict[str, object]]
+"""Level of DiagnosticStatus, one sentence, values by name."""
+
+
+class CellNode(Node):
+    """A node of the cell.
+
+    Topics: publishes `/diagnostics` (diagnostic_msgs/DiagnosticArray) every HEALTH_PERIOD and `<node>/alive`
+    (rosette_msgs/Heartbeat). All callbacks run in one thread, in the order in which messages were received.
+    """
+
+    def __init__(self, name: str, wanted: Sequence[Wanted] = ()) -> None:
+        """Declare the parameters; raises InvalidConfig."""
+        super().__init__(name, automatically_declare_parameters_from_overrides=True)
+        self.parameters = Parameters(self, tuple(wanted))
+        self.system = Clock(clock_type=ClockType.SYSTEM_TIME)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._health_out = self.create_publisher(DiagnosticArray, names.DIAGNOSTICS, qos.HEALTH)
+        self.heartbeat = HeartbeatPublisher(self)
+        self.every(qos.HEARTBEAT_PERIOD, self.heartbeat.publish)
+        self.every(HEALTH_PERIOD, self._publish_health)
+        self.every(WAKE_PERIOD, lambda: self.wake())
+
+    def on(self, name: str, message_class: type, handler: Callable[[Any], None], profile: QoSProfile,
+           raw: bool = False) -> Subscription:
+        """Subscribe and count lost messages; raw: the handler gets CDR bytes."""
+        topic = self.resolve_topic_name(name)
+        events = SubscriptionEventCallbacks(message_lost=lambda event: self.lost(topic, event.total_count_change))
+        return self.create_subscription(message_class, topic, handler, profile, raw=raw, event_callbacks=events)
+
+    def every(self, period: float, callback: Callable[[], None]) -> None:
+        """Call back every `period` s of wall time, whatever the simulated time does."""
+        self.create_timer(period, callback, clock=self._steady)
+
+    def after(self, delay: float, callback: Callable[[], None]) -> None:
+        """Call back once after `delay` s of wall time, at once where it is 0."""
+        if delay <= 0:
+            callback()
+            return
+
+        def once() -> None:
+            self.destroy_timer(timer)
+            callback()
+
+        timer = self.create_timer(delay, once, clock=self._steady)
+
+    def spin_until(self, condition: Callable[[], bool], timeout: float) -> None:
+        """Run callbacks until the condition holds, at most for `timeout` s; not to be called in a callback."""
+        deadline = self.seconds() + timeout
+        while not condition() and self.seconds() < deadline:
+            self.executor.spin_once(timeout_sec=_SIGNAL_PERIOD)
+
+    # What a node may override
+
+    def lost(self, topic: str, count: int) -> None:
+        """Take note of messages that were lost in transport."""
+        self.get_logger().error(f'{count} messages on {topic} were lost in transport')
+
+    def wake(self) -> None:
+        """Do what is due by the wall clock; called every WAKE_PERIOD."""
+
+    def health(self) -> Health:
+        """Return what `/diagnostics` says about this node."""
+        return OK, 'running', {}
+
+    def finish(self) -> None:
+        """End in good order; called outside callbacks, may call spin_until."""
+
+    # Times
+
+    def seconds(self) -> float:
+        """Return the steady wall time, s."""
+        return time.monotonic()
+
+    def now(self) -> Time:
+        """Return the ROS time, and the wall time until the first /clock is received."""
+        ros_time = self.get_clock().now()
+        return ros_time if ros_time.nanoseconds > 0 else self.system.now()
+
+    def has_time(self) -> bool:
+        """Return whether the ROS time runs: always on the wall clock, else after the first /clock."""
+        return self.get_clock().now().nanoseconds > 0
+
+    def _publish_health(self) -> None:
+        level, sentence, values = self.health()
+        status = DiagnosticStatus(
+            level=level, name=self.get_fully_qualified_name().lstrip('/'), message=sentence,
+            hardware_id=self.get_namespace().lstrip('/'),
+            values=[KeyValue(key=str(key), value=str(value)) for key, value in values.items()])
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.now().to_msg()
+        self._health_out.publish(message)
+
+
+class ManagedNode(LifecycleNodeMixin, CellNode):
+    """A CellNode with the states of a managed node; its interfaces exist in all of them.
+
+    While it is not active it refuses in words. Source: design.ros2.org, managed nodes."""
+
+    def __init__(self, name: str, wanted: Sequence[Wanted] = ()) -> None:
+        CellNode.__init__(self, name, (*wanted, AUTOSTART))
+        LifecycleNodeMixin.__init__(self)
+        self._active = SimpleManagedEntity()
+        self.add_managed_entity(self._active)
+
+    def autostart(self) -> None:
+        """Become active unless a lifecycle manager decides that; call it when all interfaces exist."""
+        if self.parameters[AUTOSTART.name]:
+            self.trigger_configure()
+            self.trigger_activate()
+
+    @property
+    def is_active(self) -> bool:
+        """Whether the node works."""
+        return self._active.is_activated
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Refuse to stop in the middle of something."""
+        return super().on_deactivate(state) if self._may('deactivate') else TransitionCallbackReturn.FAILURE
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Refuse to stop in the middle of something."""
+        if not self._may('shut down'):
+            return TransitionCallbackReturn.FAILURE
+        self._active.on_deactivate(state)
+        return super().on_shutdown(state)
+
+    def _may(self, what: str) -> bool:
+        if self.is_busy:
+            self.get_logger().warning(f'asked to {what}: wanted nothing to be on, got: {self.health()[1]}; cancel it '
+                                      'or wait for its end')
+        return not self.is_busy
+
+
+class _StopSignal:
+    """Remembers that SIGINT or SIGTERM was received; further ones change nothing, since the end is bounded in time."""
+
+    def __init__(self) -> None:
+        self.is_received = False
+        self._before: dict[int, Any] = {number: signal.signal(number, self._take)
+                                        for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def _take(self, number: int, frame: FrameType | None) -> None:
+        self.is_received = True
+
+    def restore(self) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+
+def run_node(name: str, make_node: Callable[[], CellNode], args: list[str] | None = None) -> int:
+    """Run one node until SIGINT or SIGTERM and return the exit code.
+
+    0 after a clean end, 2 where the node cannot run as configured: one line on stderr gives the reason.
+    """
+    stop = _StopSignal()
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        _spin(make_node, stop)
+    except (RosetteError, NameValidationException, ParameterException,
+            rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError) as error:
+        print(f'{name}: {" ".join(str(error).split())}', file=sys.stderr)
+        return 2
+    finally:
+        rclpy.try_shutdown()
+        stop.restore()
+    return 0
+
+
+def make_executor(context: Context | None = None) -> Executor:
+    """Return the executor of a node (context: None for the default one).
+
+    It costs a tenth of SingleThreadedExecutor, which goes through all entities of the node for every message. Its
+    spin() does not return in rclpy 7.1.6; spin_once does.
+    """
+    return EventsExecutor(context=context)
+
+
+def _spin(make_node: Callable[[], CellNode], stop: _StopSignal) -> None:
+    parent = os.environ.get(names.PARENT_PID, '')
+
+    def is_orphaned() -> bool:
+        return parent.isdigit() and os.getppid() != int(parent)
+
+    node = make_node()
+    executor = make_executor()
+    executor.add_node(node)
+    try:
+        node.get_logger().info(names.READY)
+        while not (stop.is_received or is_orphaned()):
+            executor.spin_once(timeout_sec=_SIGNAL_PERIOD)
+        if is_orphaned():
+            node.get_logger().warning('the process that started this cell has ended; ending')
+        node.finish()
+    finally:
+        executor.shutdown()
+        node.destroy_node()

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Records to messages and back."""
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, Quaternion, Transform, TransformStamped, Vector3
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
+from rosette_msgs.msg import BallCentre, Candidate, Diagnosis, Effect, ErrorMotions, Model, ProbeTarget
+from std_msgs.msg import Header
+from tf2_msgs.msg import TFMessage
+
+from rosette_ros.core import records
+from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.geometry import Frame
+from rosette_ros.io.bag_metadata import Qos
+from rosette_ros.io.messages import Target
+from rosette_ros.io.model_file import format_entry
+
+if TYPE_CHECKING:  # what fits models imports scipy, which takes a second
+    from rosette_ros.analysis import Report
+    from rosette_ros.core.diagnosis import diagnosis as core
+    from rosette_ros.core.model import model as core_model
+    from rosette_ros.core.model.least_squares import Parameter
+    from rosette_ros.simulation.probing import BallReading
+
+
+def time_message(stamp_ns: int) -> Time:
+    """Return a Time message of ns since the epoch, the nearest that there is."""
+    stamp_ns = min(max(stamp_ns, -2**31 * 1_000_000_000), 2**31 * 1_000_000_000 - 1)
+    return Time(sec=stamp_ns // 1_000_000_000, nanosec=stamp_ns % 1_000_000_000)
+
+
+def point(values: Sequence[float] | records.Floats) -> Point:
+    """Return a Point of (3,) numbers, m."""
+    return Point(x=float(values[0]), y=float(values[1]), z=float(values[2]))
+
+
+def point_array(message: Point) -> records.Floats:
+    """Return the numbers of a Point, (3,), m."""
+    return np.array([message.x, message.y, message.z])
+
+
+def target_message(target: Target, stamp: Time) -> ProbeTarget:
+    """Return the ProbeTarget of a target."""
+    return ProbeTarget(
+        header=Header(stamp=stamp, frame_id=target.frame_id), run_id=target.run_id, seq=target.seq,
+        attempt=target.attempt, session=target.session, phase=int(target.phase), balls=target.balls,
+        radius=target.radius, table_position=target.table_position, ball=target.ball,
+        cmm_position=target.cmm_position, table_angle=target.table_angle, approach=target.approach,
+        centre=point(target.centre))
+
+
+def frame_message(frame: Frame, parent: str, child: str, stamp: Time) -> TFMessage:
+    """Return the TFMessage that says where the frame `child` is in `parent`."""
+    x, y, z = map(float, frame.origin)
+    rotation = Quaternion(**dict(zip('xyzw', map(float, frame.quaternion()), strict=True)))
+    return TFMessage(transforms=[TransformStamped(
+        header=Header(stamp=stamp, frame_id=parent), child_frame_id=child,
+        transform=Transform(translation=Vector3(x=x, y=y, z=z), rotation=rotation))])
+
+
+def error_motions_record(message: ErrorMotions) -> records.ErrorMotions:
+    """Return the core record of an ErrorMotions message; raises InvalidData where its curves are no curves."""
+    if not len(message.angle):
+        raise InvalidData(f'error motions of run {message.run_id!r}: wanted curves, got none')
+    return records.ErrorMotions.from_curves(
+        message.angle, [getattr(message, curve) for curve in records.CURVES],
+        [getattr(message, f'u_{curve}') for curve in records.CURVES])
+
+
+def error_motions_message(report: 'Report', stamp: Time, frame_id: str) -> ErrorMotions:
+    """Return the ErrorMotions message of a Report; float64 on both sides, so it is exact."""
+    run, motions, fit = report.run, report.error_motions, report.fit
+    curves = {curve: motions[curve] for curve in records.CURVES}
+    uncertainties = {f'u_{curve}': motions.uncertainty(curve) for curve in records.CURVES}
+    return ErrorMotions(
+        header=Header(stamp=stamp, frame_id=frame_id), run_id=run.run_id, balls=run.n,
+        radius=float(run.radius), angle=motions.angle, model_name=str(report.model),
+        model_hash=report.model.hash, residual_rms=float(fit.rms), sigma=float(fit.sigma),
+        degrees_of_freedom=int(fit.dof), rank=int(fit.rank),
+        completeness=float(run.completeness), **curves, **uncertainties)
+
+
+def qos_record(profile: QoSProfile) -> Qos:
+    """Return the Qos of a publisher's QoSProfile as found on the graph.
+
+    History and depth do not travel in discovery: what is unknown becomes "keep last 10"."""
+    return Qos(
+        history='keep_all' if profile.history is HistoryPolicy.KEEP_ALL else 'keep_last', depth=profile.depth or 10,
+        reliability='best_effort' if profile.reliability is ReliabilityPolicy.BEST_EFFORT else 'reliable',
+        durability='transient_local' if profile.durability is DurabilityPolicy.TRANSIENT_LOCAL else 'volatile',
+        deadline=profile.deadline.nanoseconds, lifespan=profile.lifespan.nanoseconds,
+        liveliness='manual_by_topic' if profile.liveliness is LivelinessPolicy.MANUAL_BY_TOPIC else 'automatic',
+        liveliness_lease_duration=profile.liveliness_lease_duration.nanoseconds)
+
+
+def fill_answer(message: BallCentre, reading: 'BallReading', stamp: Time, frame_id: str) -> None:
+    """Write a machine's Reading into the answer to a target."""
+    message.header.stamp, message.header.frame_id = stamp, frame_id
+    message.status = BallCentre.STATUS_OK
+    message.table_angle, message.table_travel = reading.table_angle, reading.table_travel
+    message.approach = int(reading.approach)
+    message.centre = point(reading.centre)
+    message.form_error, message.temperature = reading.form_error, reading.temperature
+
+
+def model_message(model: 'core_model.Model', stamp: Time, report: 'Report | None' = None) -> Model:
+    """Return the Model message of a model; report: its Report on a run, or None before one."""
+    message = Model(
+        header=Header(stamp=stamp), name=str(model), hash=model.hash, base=list(model.base), residual_rms=math.nan,
+        reduced_chi_square=math.nan)
+    if report is None:
+        message.effects = [effect_message(term.name, (), _definition(term)) for term in model.terms]
+        return message
+    fit, message.run_id = report.fit, report.run.run_id
+    message.effects = [effect_message(effect.name, effect.parameters, _definition(term))
+                       for effect, term in zip(fit.effects, model.terms, strict=True)]
+    message.residual_rms = float(fit.rms)
+    if fit.reduced_chi_square is not None:
+        message.reduced_chi_square = float(fit.reduced_chi_square)
+    return message
+
+
+def effect_message(name: str, parameters: 'Sequence[Parameter]', definition: str = '') -> Effect:
+    """Return the Effect message of an effect's name, fitted Parameters and definition in YAML."""
+    return Effect(
+        name=name, definition=definition, parameter=[one.name for one in parameters],
+        value=[float(one.value) for one in parameters], u=[float(one.u) for one in parameters],
+        unit=[one.unit for one in parameters])
+
+
+def _definition(term: 'core_model.Term') -> str:
+    """Return what a model file says of a term besides its name, YAML; empty where nothing."""
+    entry = term.to_entry()
+    return '' if isinstance(entry, str) else format_entry(entry)
+
+
+def diagnosis_message(run: records.Run, diagnosis: 'core.Diagnosis', stamp: Time) -> Diagnosis:
+    """Return the Diagnosis message of a core Diagnosis of a run."""
+    return Diagnosis(
+        header=Header(stamp=stamp), run_id=run.run_id, model_name=str(diagnosis.model),
+        model_hash=diagnosis.model.hash, verdict=diagnosis.verdict.sentence, outcome=str(diagnosis.verdict.outcome),
+        level=str(diagnosis.verdict.level), action=diagnosis.verdict.action,
+        missing=list(diagnosis.missing), unexplained=bool(diagnosis.unexplained),
+        unexplained_text=diagnosis.unexplained_text,
+        candidates=[candidate_message(entry) for entry in diagnosis.candidates],
+        invisible=list(diagnosis.invisible))
+
+
+def verdict_record(message: Diagnosis) -> Verdict | None:
+    """Return the verdict in a diagnosis; None where its outcome is not one that this version knows."""
+    if message.outcome not in list(Outcome):
+        return None
+    return Verdict(Outcome(message.outcome), message.verdict, message.action)
+
+
+def candidate_message(entry: 'core.Candidate') -> Candidate:
+    """Return the Candidate message of a core Candidate; what was searched is its definition."""
+    setting = format_entry(dict(entry.setting)) if entry.setting else ''
+    return Candidate(
+        effect=entry.effect, p=float(entry.p), visible_fraction=float(entry.visible_fraction),
+        rms_before=float(entry.rms_before), rms_after=float(entry.rms_after),
+        held_out_rms_before=float(entry.cross_validation_before),
+        held_out_rms_after=float(entry.cross_validation_after), delta_bic=float(entry.delta_bic),
+        parameters=effect_message(entry.effect, entry.parameters, setting),
+        look_alikes=list(entry.look_alikes))

@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the evaluator knows: the last runs as their messages arrive, and the model in use. No ROS here."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from rosette_ros.analysis import Report, analyse, diagnose
+from rosette_ros.core.diagnosis.diagnosis import Diagnosis
+from rosette_ros.core.errors import InvalidData, InvalidModel, NotDeterminable
+from rosette_ros.core.model.model import BASE_TERMS, Model
+from rosette_ros.core.records import Run
+from rosette_ros.io.messages import Answer, TableFrame, Target
+from rosette_ros.io.run_assembly import RunAnswers
+
+RUNS_KEPT = 4
+
+
+@dataclass(eq=False)
+class _Collected:
+    """A run as far as its messages have arrived; expected: answered targets at its end, None while it is on;
+    received: when its last message was, steady time, s."""
+
+    answers: RunAnswers
+    expected: int | None = None
+    has_states: bool = False
+    is_evaluated: bool = False
+    is_over: bool = False
+    received: float = 0.0
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether its evaluation was ordered and is still waited for."""
+        return self.expected is not None and not (self.is_evaluated or self.is_over)
+
+    @property
+    def lacks(self) -> str:
+        return self.answers.lacking(self.expected or 0)
+
+
+class RunCollection:
+    """The last runs, each until it can be evaluated.
+
+    Topics keep their own order, but nothing is known about the order between them: an answer may arrive before its
+    target, the table frame after both, the order to evaluate before all. now: steady time, s.
+    """
+
+    def __init__(self) -> None:
+        """Start empty."""
+        self._runs: dict[str, _Collected] = {}
+        self._frames: list[TableFrame] = []
+
+    def add_target(self, target: Target, now: float) -> None:
+        """Take a target."""
+        self._run(target.run_id, now, is_reading=True).answers.add_target(target)
+
+    def add_answer(self, answer: Answer, now: float) -> None:
+        """Take an answer."""
+        self._run(answer.run_id, now, is_reading=True).answers.add_answer(answer)
+
+    def add_frame(self, frame: TableFrame) -> None:
+        """Take a table frame in the machine frame."""
+        self._frames.append(frame)
+        del self._frames[:-2 * RUNS_KEPT]
+
+    def expect(self, run_id: str, answers: int, now: float) -> None:
+        """Take the order to evaluate a run as soon as so many targets are answered."""
+        known = self._runs.get(run_id)
+        if known is not None and known.is_over:
+            del self._runs[run_id]  # it was resumed after its end
+        run = self._run(run_id, now)
+        run.has_states, run.expected = True, answers
+
+    def note_state(self, run_id: str, now: float, is_over: bool = False) -> None:
+        """Take note of a state: the end of the run will be ordered; is_over: it has its error motions already."""
+        run = self._run(run_id, now)
+        run.has_states, run.is_over = True, run.is_over or is_over
+
+    def end_all(self) -> None:
+        """Take note that nothing is on any more: the sequencer was restarted."""
+        for run in self._runs.values():
+            run.is_over = True
+
+    def add_recorded(self, recorded: RunAnswers, now: float) -> None:
+        """Take what the log holds of a run that lacks messages; what was received besides stays."""
+        run = self._runs.get(recorded.run_id)
+        if run is not None and not run.is_evaluated:
+            run.answers, run.received = run.answers.merged_with(recorded), now
+
+    def forget(self, run_id: str) -> None:
+        """Drop a run that was cancelled or has failed."""
+        self._runs.pop(run_id, None)
+
+    def ready(self, now: float, quiet: float) -> list[str]:
+        """Return the run_ids that can be evaluated now.
+
+        Those that were ordered and are complete; where no sequencer publishes states, those whose n*n targets are
+        answered when nothing has arrived for `quiet` s.
+        """
+        return [run_id for run_id, run in self._runs.items()
+                if not run.is_evaluated and (run.expected is not None or self._is_quiet(run, now, quiet))
+                and not run.lacks]
+
+    def late(self, now: float, patience: float) -> list[tuple[str, str]]:
+        """Return (run_id, what it lacks) of runs that were ordered and got nothing more for `patience` s."""
+        return [(run_id, run.lacks) for run_id, run in self._runs.items()
+                if run.is_wanted and now - run.received > patience]
+
+    def lacking(self) -> list[str]:
+        """Return the ids of the runs that were ordered and lack messages."""
+        return [run_id for run_id, run in self._runs.items() if run.is_wanted and run.lacks]
+
+    def to_run(self, run_id: str) -> Run:
+        """Return the Run; raises InvalidData where the messages do not make one."""
+        run = self._runs[run_id]
+        run.is_evaluated = True
+        return run.answers.to_run(f'run {run_id}')
+
+    def _run(self, run_id: str, now: float, is_reading: bool = False) -> _Collected:
+        """Return a run; a reading after its evaluation begins it again."""
+        run = self._runs.get(run_id)
+        if run is None or (is_reading and run.is_evaluated):
+            self._runs.pop(run_id, None)
+            run = self._runs[run_id] = _Collected(RunAnswers(run_id, self._frames))
+            while len(self._runs) > RUNS_KEPT:
+                del self._runs[next(iter(self._runs))]
+        run.received = now
+        return run
+
+    def _is_quiet(self, run: _Collected, now: float, quiet: float) -> bool:
+        return not run.has_states and now - run.received >= quiet and run.answers.is_complete
+
+
+@dataclass(frozen=True, eq=False)
+class ModelChange:
+    """A run under the old and the new model; before: None where the old one could not be fitted."""
+
+    run: Run
+    model_before: Model
+    before: Report | None
+    after: Report
+
+    @property
+    def sentence(self) -> str:
+        """What has changed, for a person."""
+        before = f'{1e6 * self.before.fit.rms:.4g}' if self.before else 'undetermined'
+        return (f'run {self.run.run_id}: model {self.after.model}; residual {before} -> '
+                f'{1e6 * self.after.fit.rms:.4g} µm')
+
+
+@dataclass(eq=False)
+class ModelInUse:
+    """The model under which runs are evaluated and diagnosed, and the last evaluated runs."""
+
+    model: Model
+    _runs: dict[str, Run] = field(default_factory=dict)
+
+    def evaluate(self, run: Run) -> Report:
+        """Return the Report of a run and keep the run for requests."""
+        self._runs.pop(run.run_id, None)
+        self._runs[run.run_id] = run
+        while len(self._runs) > RUNS_KEPT:
+            del self._runs[next(iter(self._runs))]
+        return analyse(run, self.model)
+
+    def run(self, run_id: str = '') -> Run:
+        """Return an evaluated run, the last one where none is named; raises InvalidData."""
+        if not self._runs:
+            raise InvalidData('wanted a run, got none yet: calibrate first')
+        if not run_id:
+            return next(reversed(self._runs.values()))
+        if run_id not in self._runs:
+            raise InvalidData(f'run_id: wanted one of {", ".join(self._runs)} (the last {RUNS_KEPT} are kept), got '
+                              f'{run_id!r}')
+        return self._runs[run_id]
+
+    def diagnose(self, run_id: str = '') -> tuple[Run, Diagnosis]:
+        """Return the run and its Diagnosis; raises RosetteError."""
+        run = self.run(run_id)
+        return run, diagnose(run, self.model)
+
+    def add(self, run_id: str, effect: str, entry: Mapping[str, Any]) -> ModelChange:
+        """Add an effect to the model and fit a run again; entry: as of extended().
+
+        The model stays as it was where an error is raised: InvalidModel, NotDeterminable, InvalidData.
+        """
+        run = self.run(run_id)
+        return self._change(run, extended(self.model, effect, entry), analyse(run, self.model))
+
+    def remove(self, run_id: str, effect: str) -> ModelChange:
+        """Remove an effect from the model and fit a run again; see add()."""
+        run = self.run(run_id)
+        model = self.model.without_effect(effect)
+        try:
+            before = analyse(run, self.model)
+        except NotDeterminable:
+            before = None  # which may be the reason for removing the effect
+        return self._change(run, model, before)
+
+    def _change(self, run: Run, model: Model, before: Report | None) -> ModelChange:
+        after = analyse(run, model)
+        model_before, self.model = self.model, model
+        return ModelChange(run, model_before, before, after)
+
+
+def extended(model: Model, effect: str, entry: Mapping[str, Any]) -> Model:
+    """Return a model with an effect more; entry: its settings or a user's own term, as in a model file.
+
+    Raises InvalidModel.
+    """
+    if 'own' in entry:
+        if effect not in ('', entry['own']):
+            raise InvalidModel(f'effect: wanted {entry["own"]!r} as in the definition, or nothing, got {effect!r}')
+        return model.with_entry(dict(entry))
+    if effect in BASE_TERMS:
+        if entry:
+            raise InvalidModel(f'definition: wanted none, {effect} has no settings, got {", ".join(entry)}')
+        return model.with_effect(effect)
+    settings = dict(entry)
+    if 'name' in settings and settings.pop('name') != effect:
+        raise InvalidModel(f'definition: name: wanted {effect!r} as in `effect`')
+    return model.with_effect(effect, settings)

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Heartbeats, and what they and the graph say about a cell: which nodes are present, settled, disconnected, restarted.
+
+Each node publishes rosette_msgs/Heartbeat on `<node>/alive`. The middleware reports that a publisher has disappeared
+(liveliness) or is late (deadline); the name of the process tells a restarted node from the one before. A CMM that
+publishes no heartbeat is judged by its publishers and subscriptions alone.
+"""
+
+import uuid
+from typing import TYPE_CHECKING, Any
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rosette_msgs.msg import Heartbeat
+
+from rosette_ros.nodes import names, qos
+
+if TYPE_CHECKING:
+    from rosette_ros.nodes.base_node import CellNode
+    from rosette_ros.nodes.recorder_client import RecorderLink
+
+SETTLING = 1.0
+"""How long all nodes have to be present before a run: discovery takes its time in each of them, s."""
+
+
+class HeartbeatPublisher:
+    """The heartbeat of a node; hears: as in Heartbeat.msg."""
+
+    def __init__(self, node: 'CellNode') -> None:
+        """Create the publisher."""
+        self._node = node
+        self.process = f'{node.get_name()} {uuid.uuid4().hex[:12]}'
+        self._problem = ''
+        self.hears: tuple[str, ...] = ()
+        self._publisher = node.create_publisher(Heartbeat, f'{node.get_name()}/{names.ALIVE}', qos.ALIVE)
+
+    def report(self, problem: str) -> None:
+        """Say why the node cannot do its work, '' where it can; a change is published at once."""
+        problem = ' '.join(problem.split())
+        if problem != self._problem:
+            self._problem = problem
+            self.publish()
+
+    def publish(self) -> None:
+        """Publish one; called every HEARTBEAT_PERIOD."""
+        message = Heartbeat(node=self._node.get_name(), process=self.process, problem=self._problem,
+                            hears=list(self.hears), period=qos.HEARTBEAT_PERIOD)
+        message.header.stamp = self._node.now().to_msg()
+        self._publisher.publish(message)
+
+
+class NodeMonitor:
+    """What the heartbeats say about another node of the cell.
+
+    process: that of the last heartbeat, '' before the first; problem, hears: as in Heartbeat.msg; is_disconnected:
+    whether one was present and neither it nor a successor is; is_late: whether its heartbeat is overdue.
+    """
+
+    def __init__(self, node: 'CellNode', peer: str) -> None:
+        """Subscribe to the heartbeat of the node named `peer`."""
+        self._node = node
+        self._received: dict[str, float] = {}
+        self.process, self.problem = '', ''
+        self.hears: tuple[str, ...] = ()
+        self._publishers, self.is_disconnected, self.is_late = 0, False, False
+        node.create_subscription(
+            Heartbeat, f'{peer}/{names.ALIVE}', self._on_heartbeat, qos.ALIVE,
+            event_callbacks=SubscriptionEventCallbacks(liveliness=self._on_liveliness, deadline=self._on_deadline))
+
+    def count(self) -> int:
+        """Return how many processes publish heartbeats under this name now."""
+        now = self._node.seconds()
+        self._received = {process: at for process, at in self._received.items() if now - at < qos.HEARTBEAT_LOST}
+        return len(self._received)
+
+    def _on_heartbeat(self, message: Heartbeat) -> None:
+        self.process, self.problem, self.hears = message.process, message.problem, tuple(message.hears)
+        self.is_late = False
+        self._received[self.process] = self._node.seconds()
+        if self._publishers:  # else it is the last heartbeat of a process that has ended
+            self.is_disconnected = False
+
+    def _on_liveliness(self, event: Any) -> None:
+        self._publishers = event.alive_count
+        if not self._publishers:
+            self.is_disconnected = True
+
+    def _on_deadline(self, event: Any) -> None:
+        self.is_late = True
+
+
+class CellMonitor:
+    """The nodes that a calibration needs, as the graph and their heartbeats describe them.
+
+    status: what the cell lacks, or that it is complete, in words.
+    """
+
+    def __init__(self, node: 'CellNode', recorder: 'RecorderLink') -> None:
+        """Subscribe to all heartbeats of the cell."""
+        self._node, self._recorder = node, recorder
+        self._monitors = {name: NodeMonitor(node, name) for name in names.NODES}
+        self._complete_since: float | None = None
+        self._endpoints: frozenset[bytes] = frozenset()
+        self.status = ''
+
+    def missing(self, with_recorder: bool) -> list[str]:
+        """Return what the cell lacks for a calibration, in words."""
+        node = self._node
+        missing = [f'{count} nodes named {name}: wanted one in this domain and namespace; is another cell '
+                   'running? Give each its own (--domain, --namespace)'
+                   for name, monitor in self._monitors.items() if (count := monitor.count()) > 1]
+        if self._is_disconnected(names.CMM) or not (node.count_publishers(names.BALL_CENTRE) and self._obeys_targets()):
+            missing.append(f'no CMM: wanted one that subscribes to {names.PROBE_TARGET} and publishes '
+                           f'{names.BALL_CENTRE}, got none; start simulated_cmm or connect a CMM')
+        elif not node.has_time():
+            missing.append('no time: with use_sim_time the CMM publishes /clock, none was received')
+        if self._is_disconnected(names.EVALUATOR) or not node.count_publishers(names.ERROR_MOTIONS):
+            missing.append(f'no evaluator: wanted one that publishes {names.ERROR_MOTIONS}, got none; start it')
+        if with_recorder and (self._is_disconnected(names.RECORDER) or not self._recorder.is_there):
+            missing.append(f'no recorder: wanted its service {names.START_RECORDING}, got none; '
+                           'start it, or set require_recorder to false')
+        return missing
+
+    def update(self, now: float, with_recorder: bool) -> None:
+        """Check which nodes are present; log what the cell lacks, and when it has become complete and settled."""
+        lacks = '; '.join(self.missing(with_recorder))
+        endpoints = self._find_endpoints()
+        if lacks or endpoints != self._endpoints:
+            self._complete_since, self._endpoints = None, endpoints
+        if not lacks and self._complete_since is None:
+            self._complete_since = now
+        status = lacks or (names.COMPLETE if self.is_settled(now) else 'the nodes are getting connected')
+        if status != self.status:
+            self.status = status
+            self._node.get_logger().info(status)
+
+    def is_settled(self, now: float) -> bool:
+        """Return whether all nodes have been present long enough, and the recorder receives from all of them."""
+        return self._complete_since is not None and now - self._complete_since >= SETTLING and self._is_recorded()
+
+    def _is_recorded(self) -> bool:
+        """Return whether the recorder reports the heartbeats of the others; a node without heartbeat is left out."""
+        recorder = self._monitors[names.RECORDER]
+        others = {monitor.process for name, monitor in self._monitors.items()
+                  if name != names.RECORDER and monitor.process and not monitor.is_disconnected}
+        return not recorder.process or recorder.is_disconnected or others <= set(recorder.hears)
+
+    def processes(self) -> dict[str, str]:
+        """Return the processes that serve a run now, by node; a node without heartbeat is left out."""
+        return {name: self._monitors[name].process for name in (names.CMM, names.RECORDER)
+                if self._monitors[name].process}
+
+    def disconnected(self, processes: dict[str, str]) -> list[str]:
+        """Return the nodes of a run that are disconnected; processes: those with which it began."""
+        return [name for name in processes if self._is_disconnected(name)]
+
+    def restarted(self, processes: dict[str, str]) -> list[str]:
+        """Return the nodes of a run that are another process than it began with."""
+        return [name for name, process in processes.items() if self._monitors[name].process != process]
+
+    def problems(self, processes: dict[str, str]) -> str:
+        """Return why nodes of a run cannot do their work, in their own words; '' where all can."""
+        return '; '.join(self._monitors[name].problem for name in processes if self._monitors[name].problem)
+
+    def late(self) -> list[str]:
+        """Return the present nodes whose heartbeat is overdue: they hang, or their computer is overloaded."""
+        return [name for name, monitor in self._monitors.items() if monitor.is_late and not monitor.is_disconnected]
+
+    def _is_disconnected(self, name: str) -> bool:
+        return self._monitors[name].is_disconnected
+
+    def _obeys_targets(self) -> bool:
+        """Return whether a node besides recorder and evaluator subscribes to the targets."""
+        topic = self._node.resolve_topic_name(names.PROBE_TARGET)
+        return any(info.node_name not in (names.RECORDER, names.EVALUATOR)
+                   for info in self._node.get_subscriptions_info_by_topic(topic))
+
+    def _find_endpoints(self) -> frozenset[bytes]:
+        """Return the endpoints of the cell's main topics: those of a restarted node are others."""
+        node: Node = self._node
+        centres, motions = map(node.resolve_topic_name, (names.BALL_CENTRE, names.ERROR_MOTIONS))
+        infos = (*node.get_publishers_info_by_topic(centres), *node.get_publishers_info_by_topic(motions),
+                 *node.get_subscriptions_info_by_topic(centres))
+        return frozenset(bytes(info.endpoint_gid) for info in infos)

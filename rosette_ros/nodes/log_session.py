@@ -1,0 +1,297 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The log that the recorder has open: what was received before it, what it holds of a run, what follows it."""
+
+from collections import deque
+from collections.abc import Callable, Hashable, Iterable, Mapping
+from enum import Enum
+from itertools import chain, count
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+from rosette_msgs.msg import BallCentre, CalibrationEvent, Diagnosis, ErrorMotions, Model, ProbeTarget, RunState
+from rosette_msgs.srv import Recorded, StopRecording
+from service_msgs.msg import ServiceEventInfo
+from tf2_msgs.msg import TFMessage
+
+from rosette_ros.calibration.settings import Wanted
+from rosette_ros.core.errors import CellError, InvalidData
+from rosette_ros.io.bag_metadata import Qos
+from rosette_ros.io.log_writer import COMPRESSIONS, LogWriter
+from rosette_ros.io.messages import answer_of, nanoseconds, phase_name, table_frame_of, target_of
+from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.io.type_definitions import TypeDefinition
+from rosette_ros.nodes.interfaces import decoded
+
+LATCHED_KEPT = 10
+RECENT_KEPT = 256
+LONGEST_ANSWER = 600.0
+"""An answer of the evaluator that has not come after this time is not waited for, s."""
+
+LOG = (
+    Wanted('compression', 'none', 'how the chunks of a log are compressed', choices=tuple(COMPRESSIONS)),
+    Wanted('max_file_mb', 0, 'a log continues in a new file after so many MB; 0: unlimited', 0, 1_000_000),
+    Wanted('max_file_s', 0, 'a log continues in a new file after so many s of ROS time; 0: unlimited', 0, 10_000_000),
+)
+"""Parameters of a log; a change applies from the next log on."""
+
+_END_EVENTS = {RunState.PHASE_DONE: CalibrationEvent.SUCCEEDED, RunState.PHASE_CANCELLED: CalibrationEvent.CANCELLED,
+               RunState.PHASE_FAILED: CalibrationEvent.FAILED}
+
+
+class Retention(Enum):
+    """What becomes of a message while no log is open.
+
+    NONE: it is dropped; LATCHED: it is valid until the next one and opens every log; RECENT: it belongs to the request
+    that will open a log, or describes the nodes at that time, and stands at the head of that log.
+    """
+
+    NONE = 'none'
+    LATCHED = 'latched'
+    RECENT = 'recent'
+
+
+class Message(NamedTuple):
+    """One message as on the wire, CDR; times in ns, received: steady time, s."""
+
+    topic: str
+    data: bytes
+    log_time: int
+    publish_time: int
+    received: float
+
+
+class RunContents:
+    """What a log holds of its run."""
+
+    _IDENTITIES: ClassVar[dict[type, Callable[[Any], Hashable]]] = {
+        RunState: lambda message: message.phase, CalibrationEvent: lambda message: message.kind,
+        Model: lambda message: message.hash, Diagnosis: lambda message: None,
+        ErrorMotions: lambda message: nanoseconds(message.header.stamp),
+        StopRecording.Event: lambda message: message.info.event_type}
+    """What tells messages of one type and run apart."""
+    KINDS = (ProbeTarget, BallCentre, TFMessage, *_IDENTITIES)
+
+    def __init__(self, run_id: str, report: Callable[[str], object] = str) -> None:
+        """Start empty; report: called with the words about a message that cannot be decoded."""
+        self._answers, self._report = RunAnswers(run_id), report
+        self._received: list[tuple[type, bytes]] = []
+        self._held: set[tuple[type, Hashable]] = set()
+
+    def receive(self, kind: type, data: bytes) -> None:
+        """Take a message of one of KINDS, CDR; it is decoded when that is needed, since many may arrive."""
+        self._received.append((kind, data))
+
+    @property
+    def answers(self) -> RunAnswers:
+        """The targets, answers and table frames of the run."""
+        received, self._received = self._received, []
+        for kind, data in received:
+            try:
+                self.add(decoded(data, kind))
+            except InvalidData as error:
+                self._report(str(error))
+        return self._answers
+
+    def add(self, message: Any) -> None:
+        """Take a message of one of KINDS; those of other runs do not count."""
+        if isinstance(message, TFMessage):
+            self._answers.frames += filter(None, map(table_frame_of, message.transforms))
+            return
+        kind = type(message)
+        if self._answers.run_id not in [one.run_id for one in getattr(message, 'request', [message])]:
+            return
+        if kind is ProbeTarget:
+            self._answers.add_target(target_of(message))
+        elif kind is BallCentre:
+            self._answers.add_answer(answer_of(message))
+        else:
+            self._held.add((kind, self._IDENTITIES[kind](message)))
+
+    def missing(self, wanted: Recorded.Request | StopRecording.Request) -> list[str]:
+        """Return what is missing of what a request names, in words."""
+        answers, wanted_too = self.answers, dict[tuple[type, Hashable], str]()
+        missing = []
+        if isinstance(wanted, Recorded.Request):
+            if stamp := nanoseconds(wanted.error_motions):
+                missing += ['the table frame'] * bool(answers.lacking(0))
+                wanted_too[ErrorMotions, stamp] = 'the error motions'
+            if wanted.model_hash:
+                wanted_too[Model, wanted.model_hash] = 'the model'
+            if wanted.diagnosis:
+                wanted_too[Diagnosis, None] = 'the diagnosis'
+        else:
+            missing += [f'{wanted.answers - answers.answered} answers'] * (answers.answered < wanted.answers)
+            wanted_too[StopRecording.Event, ServiceEventInfo.REQUEST_RECEIVED] = 'this request'
+            if wanted.phase in _END_EVENTS:
+                wanted_too[CalibrationEvent, _END_EVENTS[wanted.phase]] = 'the event of the end'
+        if wanted.phase:
+            wanted_too[RunState, wanted.phase] = f'the state {phase_name(wanted.phase).lower()}'
+        return missing + [words for key, words in wanted_too.items() if key not in self._held]
+
+
+class LogSession:
+    """Takes every message of the cell and writes it to the open log, or keeps it for the next one.
+
+    recent: how long a message of Retention.RECENT is kept, s; qos_of: returns the Qos of the publishers of a topic;
+    settings: returns the values of LOG for the next log. run_id: of the open or last log; failure: why the disk refused
+    a message, '' where it did not; directory, messages, lost: of that log, how many are in it, how many are not.
+    """
+
+    def __init__(self, recent: float, qos_of: Callable[[str], list[Qos]],
+                 settings: Callable[[], Mapping[str, Any]] = dict) -> None:
+        """Start without topics and without a log."""
+        self._recent_kept, self._qos_of, self._settings = recent, qos_of, settings
+        self._definitions: dict[str, TypeDefinition] = {}
+        self._retention: dict[str, Retention] = {}
+        self._latched: dict[str, deque[Message]] = {}
+        self._recent: deque[Message] = deque(maxlen=RECENT_KEPT)
+        self._writer: LogWriter | None = None
+        self._written: set[str] = set()
+        self.run_id, self.failure, self.directory = '', '', Path()
+        self.messages = self.lost = 0
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a log is open."""
+        return self._writer is not None
+
+    def add_topic(self, topic: str, definition: TypeDefinition, retention: Retention) -> None:
+        """Add a topic, before its first message."""
+        self._definitions[topic], self._retention[topic] = definition, retention
+        if retention is Retention.LATCHED:
+            self._latched[topic] = deque(maxlen=LATCHED_KEPT)
+
+    def take(self, message: Message) -> bool:
+        """Take a message; return whether it is in the open log."""
+        retention = self._retention[message.topic]
+        if retention is Retention.LATCHED:
+            self._latched[message.topic].append(message)
+        if self._writer is not None:
+            return self._write(message, message.log_time)
+        if retention is Retention.RECENT:
+            self._recent.append(message)
+        return False
+
+    def lose(self, count: int) -> None:
+        """Take note of messages that were lost in transport while a log is open."""
+        if self.is_open:
+            self.lost += count
+
+    def open(self, directory: Path, run_id: str, now: float, log_time: int, earlier: Iterable[Message] = (),
+             custom_data: Mapping[str, str] | None = None) -> None:
+        """Open the log of a run; messages of an earlier part, latched and recent ones come first.
+
+        now: steady time, s; log_time: ROS time of what was received before, ns; custom_data: for metadata.yaml. Raises
+        InvalidData where the directory holds a log already, CellError where one is open.
+        """
+        if self.is_open:
+            raise CellError(f'the log of run {self.run_id} is open; wanted it closed first')
+        settings = self._settings()
+        self._writer = LogWriter(
+            directory, Path(directory).name, custom_data=custom_data, compression=settings.get('compression', 'none'),
+            max_file_seconds=settings.get('max_file_s') or None,
+            max_file_bytes=1_000_000 * settings.get('max_file_mb', 0) or None)
+        self.run_id, self.failure, self.directory = run_id, '', Path(directory)
+        self.messages = self.lost = 0
+        self._written = set()
+        for topic in self._definitions:
+            if profiles := self._qos_of(topic):
+                self._add_to_log(self._writer, topic, profiles)
+        for message in (*earlier, *(one for kept in self._latched.values() for one in kept)):
+            self._write(message, log_time)
+        for message in self._recent:
+            if now - message.received <= self._recent_kept:
+                self._write(message, message.log_time)
+        self._recent.clear()
+
+    def close(self) -> None:
+        """Close the log; raises CellError where the disk refuses."""
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            writer.close()
+
+    def flush(self, only_if_due: bool = False) -> None:
+        """Bring what was written to the disk; only_if_due: what has waited long enough."""
+        if self._writer is not None and not self.failure:
+            try:
+                (self._writer.flush_if_due if only_if_due else self._writer.flush)()
+            except CellError as error:
+                self.failure = str(error)
+
+    def _write(self, message: Message, log_time: int) -> bool:
+        """Write a message; the refusal of a disk is kept in `failure`, the cell continues."""
+        if self._writer is not None and not self.failure:
+            try:
+                if message.topic not in self._written:
+                    self._add_to_log(self._writer, message.topic, self._qos_of(message.topic))
+                self._writer.write(message.topic, message.data, log_time, message.publish_time)
+            except (CellError, InvalidData) as error:
+                self.failure = str(error)
+            else:
+                self.messages += 1
+                return True
+        self.lost += 1
+        return False
+
+    def _add_to_log(self, writer: LogWriter, topic: str, profiles: list[Qos]) -> None:
+        definition = self._definitions[topic]
+        writer.add_topic(topic, definition, profiles, state_of(topic, definition.name))
+        self._written.add(topic)
+
+
+def state_of(topic: str, type_name: str) -> Callable[[bytes], Hashable] | None:
+    """Return the function that says of a message's bytes what it is the state of, None for topics without states.
+
+    The last message of each state is valid until the next, and repeated where a log continues in a new file. One of
+    static frames is valid for the frames that it names: others may be latched by other nodes.
+    """
+    if type_name in ('rosette_msgs/msg/Model', 'rosette_msgs/msg/ErrorMotions', 'rosette_msgs/msg/RunState'):
+        return lambda data: ''
+    if type_name == 'tf2_msgs/msg/TFMessage' and topic.split('/')[-1] == 'tf_static':
+        return _frames
+    return None
+
+
+def _frames(data: bytes) -> Hashable:
+    """Return the names of the frames in a message of transforms; one that cannot be decoded stands for itself."""
+    try:
+        return tuple(sorted(one.child_frame_id for one in decoded(data, TFMessage).transforms))
+    except InvalidData:
+        return data
+
+
+class FollowUp:
+    """Requests to the evaluator after a run, which get a log of their own: `<run_id>_analysis`.
+
+    It is closed when all are answered and nothing was asked for `quiet` s (0: no such logs). Times are steady, s.
+    """
+
+    def __init__(self, quiet: float) -> None:
+        """Start without requests."""
+        self._quiet = quiet
+        self._waiting = 0
+        self._last = 0.0
+        self.is_open = False
+
+    def asked(self, now: float) -> bool:
+        """Take note of a request; return whether a log has to be opened, if none is open."""
+        self._waiting += 1
+        self._last = now
+        return self._quiet > 0
+
+    def answered(self, now: float) -> None:
+        """Take note of an answer."""
+        self._waiting = max(self._waiting - 1, 0)
+        self._last = now
+
+    def is_over(self, now: float) -> bool:
+        """Return whether the log that was opened can be closed."""
+        rest = now - self._last
+        return self.is_open and rest >= (LONGEST_ANSWER if self._waiting else self._quiet)
+
+
+def free_name(run_id: str, is_taken: Callable[[str], bool]) -> str:
+    """Return the name of a log that follows a run ('': none is known): `<run_id>_analysis`, `_analysis_2` and so on."""
+    name = f'{run_id}_analysis' if run_id else 'analysis'
+    names = chain([name], (f'{name}_{number}' for number in count(2)))
+    return next(one for one in names if not is_taken(one))

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Requests of other nodes to the recorder."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.client import Client
+from rclpy.task import Future
+from rosette_msgs.srv import Recall, Recorded, StartRecording, StopRecording
+
+from rosette_ros.nodes import names
+from rosette_ros.nodes.interfaces import introspected_client
+
+if TYPE_CHECKING:
+    from rosette_ros.nodes.base_node import CellNode
+
+
+@dataclass(eq=False)
+class _Call:
+    """A request that waits for its response until `deadline`, steady time, s; repeat: returns the next request on a
+    response that is not final, else None; future: None until it is sent (again)."""
+
+    client: Client
+    request: Any
+    timeout: float
+    deadline: float
+    done: Callable[[Any], None]
+    repeat: Callable[[Any], Any]
+    future: Future | None = None
+
+
+class Recalls:
+    """Reads the logs of the recorder; every request is answered, by it or, after the timeout, in its place."""
+
+    def __init__(self, node: 'CellNode') -> None:
+        """Create the client."""
+        self._node = node
+        # Not introspected: the response is in a log already. In a group of its own: a coroutine that waits for it
+        # holds the group of the node.
+        self._recall = node.create_client(Recall, names.RECALL, callback_group=MutuallyExclusiveCallbackGroup())
+        self._calls: list[_Call] = []
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the service is offered."""
+        return self._recall.service_is_ready()
+
+    def recall(self, run: str, timeout: float, done: Callable[[Recall.Response], None]) -> None:
+        """Request what is recorded of a run; done(response) is called once."""
+        self._call(self._recall, Recall.Request(run=run), timeout, done)
+
+    def tick(self, now: float) -> None:
+        """Repeat requests and answer those that are overdue; call it from a timer. now: steady time, s."""
+        for call in list(self._calls):
+            if now > call.deadline:
+                self._answer(call, f'the recorder did not answer within {call.timeout:g} s')
+            elif not call.client.service_is_ready():
+                self._answer(call, 'the recorder disconnected before it answered')
+            elif call.future is None:
+                self._send(call)
+
+    def give_up(self, words: str) -> None:
+        """Answer all requests in place of the recorder, which will not."""
+        for call in list(self._calls):
+            self._answer(call, words)
+
+    def _answer(self, call: _Call, words: str) -> None:
+        self._calls.remove(call)
+        if call.future is not None:
+            call.client.remove_pending_request(call.future)
+        call.done(call.client.srv_type.Response(success=False, message=words))
+
+    def _call(self, client: Client, request: Any, timeout: float, done: Callable[[Any], None],
+              repeat: Callable[[Any], Any] = lambda response: None) -> None:
+        call = _Call(client, request, timeout, self._node.seconds() + timeout, done, repeat)
+        self._calls.append(call)
+        self._send(call)
+
+    def _send(self, call: _Call) -> None:
+        call.future = call.client.call_async(call.request)
+        call.future.add_done_callback(lambda future: self._on_response(call, future))
+
+    def _on_response(self, call: _Call, future: Future) -> None:
+        if call not in self._calls:
+            return
+        request = call.repeat(future.result())
+        if request is not None:
+            call.request, call.future = request, None
+            return
+        self._calls.remove(call)
+        call.done(future.result())
+
+
+class RecorderLink(Recalls):
+    """The sequencer's side of the protocol with the recorder."""
+
+    def __init__(self, node: 'CellNode') -> None:
+        """Create the clients."""
+        super().__init__(node)
+        self._start = introspected_client(node, StartRecording, names.START_RECORDING)
+        self._stop = introspected_client(node, StopRecording, names.STOP_RECORDING)
+        self._recorded = node.create_client(Recorded, names.RECORDED)
+
+    @property
+    def is_there(self) -> bool:
+        """Whether all services are offered."""
+        return super().is_there and self._start.service_is_ready() and self._stop.service_is_ready()
+
+    def start(self, run_id: str, resumes: str, timeout: float, done: Callable[[StartRecording.Response], None]) -> None:
+        """Request a log; resumes: of the log that the run goes on from, '' for none."""
+        self._call(self._start, StartRecording.Request(run_id=run_id, resumes=resumes), timeout, done)
+
+    def stop(self, request: StopRecording.Request, timeout: float,
+             done: Callable[[StopRecording.Response], None]) -> None:
+        """Request to close the log of a run that has ended, until the recorder has closed it or says why not."""
+        self._call(self._stop, request, timeout, done,
+                   lambda response: request if response.missing and not response.log else None)
+
+    def recorded(self, request: Recorded.Request, answers: int, patience: float, timeout: float,
+                 done: Callable[[Recorded.Response], None]) -> None:
+        """Request what of a run is in its log; so many answers, and what is named, are waited for, `patience` s."""
+        until = self._node.seconds() + patience
+
+        def repeat(response: Recorded.Response) -> Recorded.Request | None:
+            is_early = response.success and (len(response.seq) < answers or response.missing)
+            return request if is_early and self._node.seconds() < until else None
+
+        self._call(self._recorded, request, timeout, done, repeat)

@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers, units and names as a person reads them: µm, µrad, mm, min, p-values, settings of effects."""
+
+import math
+import re
+from collections.abc import Container, Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from rosette_ros.core.effects.library import BASE_EFFECTS, EFFECTS
+from rosette_ros.core.records import CURVES, Run
+
+if TYPE_CHECKING:  # plan and info start without the least squares
+    from rosette_ros.core.model.least_squares import Fit, Parameter
+
+COVERAGE_FACTOR = 2
+"""k of expanded uncertainties, about 95 % (GUM 6.2)."""
+CURVE_UNITS = tuple('µm' if curve.startswith('ct') else 'µrad' for curve in CURVES)
+MEANINGS = {effect.name: effect for effect in (*BASE_EFFECTS, *EFFECTS.values())}
+"""Every name that a diagnosis can give, with what it means."""
+P_NOISE, CROSS_VALIDATION, OBSERVABLE, LIMIT = (
+    'p (noise alone)', 'cross-validation error', 'observable share', 'detection limit')
+"""Terms that every interface uses in the same words."""
+MOST_DECIMALS = 9
+MICRO_DECIMALS = 3
+SMALLEST_P = 1e-6
+UNKNOWN = '–'
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How an SI value is shown: times `factor`, in `unit`."""
+
+    factor: float
+    unit: str
+
+
+SCALES = {
+    '1': Scale(1.0, ''), 's': Scale(1 / 60, 'min'),
+    'm': Scale(1e6, 'µm'), 'rad': Scale(1e6, 'µrad'),
+    'm/s': Scale(3.6e9, 'µm/h'), 'rad/s': Scale(3.6e9, 'µrad/h'), '1/s': Scale(3.6e9, 'ppm/h'),
+    'm/K': Scale(1e6, 'µm/K'), '1/K': Scale(1e6, 'ppm/K'),
+}
+"""SI unit: how it is shown; a unit that is not here is shown as it is."""
+
+OF_PARAMETER = {'psi0': Scale(0.5 / math.pi, 'turns'), 'nu': Scale(1.0, 'per turn')}
+"""Parameters that are no small deviations and have a scale of their own, by name."""
+
+
+def scale_of(unit: str, parameter: str = '') -> Scale:
+    """Return the Scale of an SI unit, or of a parameter that has its own."""
+    return OF_PARAMETER.get(parameter) or SCALES.get(unit, Scale(1.0, unit))
+
+
+def decimals(uncertainty: float, digits: int = 2) -> int:
+    """Return how many decimals show `digits` significant digits of an uncertainty (GUM 7.2.6)."""
+    if not (math.isfinite(uncertainty) and uncertainty > 0):
+        return MICRO_DECIMALS
+    return min(max(digits - 1 - math.floor(math.log10(uncertainty)), 0), MOST_DECIMALS)
+
+
+def plain(value: float, places: int) -> str:
+    """Return a number with a fixed number of decimals as files hold it: hyphen-minus, never -0."""
+    return f'{round(value, places) + 0.0:.{places}f}'
+
+
+def fixed(value: float, places: int) -> str:
+    """Return a number with a fixed number of decimals and a minus sign, never −0."""
+    return plain(value, places).replace('-', '−') if math.isfinite(value) else UNKNOWN
+
+
+def signed(value: float, places: int) -> str:
+    """Return a number with its sign and a fixed number of decimals, never −0."""
+    return f'{round(value, places) + 0.0:+.{places}f}'.replace('-', '−') if math.isfinite(value) else UNKNOWN
+
+
+def exact(value: float, places: int) -> str:
+    """Return a number with as many decimals as it needs, at most `places`: 60, 22.5, 51.428571."""
+    text = fixed(value, places)
+    return text.rstrip('0').rstrip('.') if '.' in text else text
+
+
+def micro(value: float, places: int = MICRO_DECIMALS) -> str:
+    """Return metres as µm or radians as µrad, without the unit."""
+    return fixed(1e6 * value, places)
+
+
+def micrometres(metres: float, digits: int = 3) -> str:
+    """Return a length with significant digits and its unit: 0.0950 µm."""
+    return f'{micro(metres, decimals(1e6 * metres, digits))} µm'
+
+
+def millimetres(metres: float) -> str:
+    """Return a length with as many decimals as it needs: 182.5 mm."""
+    return f'{exact(1e3 * metres, 6)} mm'
+
+
+def before_after(before: float, after: float) -> str:
+    """Return how an error changes: '0.541 → 0.103' (µm)."""
+    return f'{micro(before)} → {micro(after)}' if math.isfinite(before) or math.isfinite(after) else UNKNOWN
+
+
+def percent(share: float) -> str:
+    """Return a share from 0 to 1 in percent."""
+    return f'{fixed(100 * share, 0)} %' if math.isfinite(share) else UNKNOWN
+
+
+def p_value(p: float) -> str:
+    """Return a probability with two significant digits: '<1e−6', '4.2e−5', '0.37', '>0.99'."""
+    if not math.isfinite(p):
+        return UNKNOWN
+    if p < SMALLEST_P or p > 0.995:
+        return '>0.99' if p > 0.995 else '<1e−6'
+    return f'{p:.2g}' if p >= 1e-4 else f'{p:.1e}'.replace('e-0', 'e−')
+
+
+def sigmas(value: float) -> str:
+    """Return a multiple of the standard deviation."""
+    return f'{exact(value, 1) if value < 100 else fixed(value, 0)} σ'
+
+
+def duration(seconds: float) -> str:
+    """Return a duration: 41 s, 12 min, 1 h 52 min."""
+    if seconds < 90:
+        return f'{seconds:.3g} s'
+    minutes = round(seconds / 60)
+    return f'{minutes} min' if minutes < 90 else f'{minutes // 60} h {minutes % 60} min'
+
+
+def names(words: Iterable[str]) -> str:
+    """Return names as an enumeration."""
+    *others, last = words
+    return f'{", ".join(others)} and {last}' if others else last
+
+
+def signs(text: str) -> str:
+    """Return a text with minus signs in its numbers."""
+    return re.sub(r'(?<![\w.-])-(?=\d)', '−', text)
+
+
+def setting_words(effect: str, setting: Mapping[str, object], without: Container[str] = ()) -> str:
+    """Return the values of the searched parameters of an effect with their units, but for those of `without`."""
+    units = {one.name: one.unit for one in MEANINGS[effect].searched} if effect in MEANINGS else {}
+    words = []
+    for name, value in setting.items():
+        if name not in without:
+            scale = scale_of(units.get(name, ''), name)
+            shown = f'{value * scale.factor:.4g} {scale.unit}'.rstrip() if isinstance(value, float) else value
+            words.append(f'{name} {shown}')
+    return ', '.join(words)
+
+
+def shown_parameter(parameter: 'Parameter') -> tuple[str, str, str]:
+    """Return value, expanded uncertainty and unit of a parameter."""
+    scale = scale_of(parameter.unit, parameter.name)
+    spread = COVERAGE_FACTOR * scale.factor * parameter.u
+    if not math.isfinite(spread):
+        return UNKNOWN, 'not determined', scale.unit
+    places = decimals(spread)
+    return signed(scale.factor * parameter.value, places), f'±{fixed(spread, places)}', scale.unit
+
+
+def run_size(run: Run) -> str:
+    """Return what was measured: '12 balls on R = 182.5 mm, 144 ball centres'."""
+    share = '' if run.is_complete else f' of {run.n**2}'
+    return f'{run.n} balls on R = {millimetres(run.radius)}, {run.size}{share} ball centres'
+
+
+def pauses(run: Run) -> str:
+    """Return the pauses of a run: 'before reading 74 (2 h 10 min)'; '' where there is none."""
+    return ', '.join(f'before reading {first + 1} ({duration(run.time[first] - run.time[first - 1])})'
+                     for first in run.pauses)
+
+
+def repeatability_words(repeatability: float | None, dof: float | None) -> str:
+    """Return a repeatability, m, and its degrees of freedom."""
+    if repeatability is None:
+        return 'not known'
+    freedom = '' if dof is None else f', {dof:g} degrees of freedom'
+    return f'{micro(repeatability, 4)} µm per coordinate{freedom}'
+
+
+def residual_words(fit: 'Fit') -> str:
+    """Return the size of the residual, and what it is of the repeatability."""
+    text, known = f'{micrometres(fit.rms)} rms per coordinate', fit.run.repeatability
+    if known is None or fit.lack_of_fit_p is None:
+        return f'{text}; the repeatability is not known'
+    dof = '' if fit.run.repeatability_dof is None else f' ({fit.run.repeatability_dof:g} degrees of freedom)'
+    p = f'= {p_value(fit.lack_of_fit_p)}'.replace('= <', '< ').replace('= >', '> ')
+    return (f'{text}, {fixed(fit.rms / known, 2)} times the repeatability of {micrometres(known)}{dof}; '
+            f'lack of fit: p {p}')
+
+
+def uncertainty_words(fit: 'Fit') -> str:
+    """Return what the uncertainties are worked out from."""
+    return f'from {micrometres(fit.sigma)} per coordinate of a ball centre, estimated from {fit.sigma_source}'

@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Results as JSON: evaluation, comparison, diagnosis, change, advice and effects, SI, the same for every interface.
+
+What is not finite becomes None, so that the text is strict JSON. A key that stands in a schema stays.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rosette_ros.analysis import Change, LadderStep, Report
+from rosette_ros.core.diagnosis.comparison import Comparison
+from rosette_ros.core.diagnosis.diagnosis import Candidate, Diagnosis
+from rosette_ros.core.diagnosis.second_run import CheckedEffect, CrossCheck
+from rosette_ros.core.diagnosis.verdict import Verdict
+from rosette_ros.core.effects.effect import Effect, Quantity
+from rosette_ros.core.model.least_squares import Fit, Parameter
+from rosette_ros.core.model.model import Model
+from rosette_ros.core.planning.advice import Advice, OrderAdvice
+from rosette_ros.core.planning.visibility import Visibility
+from rosette_ros.core.records import CURVES, ISO_NAMES
+from rosette_ros.presentation.formatting import COVERAGE_FACTOR
+
+EVALUATION, COMPARISON, DIAGNOSIS = 'rosette-evaluation/1', 'rosette-comparison/1', 'rosette-diagnosis/1'
+ADVICE, EFFECTS, CHANGE = 'rosette-advice/1', 'rosette-effects/1', 'rosette-change/1'
+CURVE_KEYS = tuple(f'{curve}_{"m" if curve.startswith("ct") else "rad"}' for curve in CURVES)
+
+Json = dict[str, Any]
+"""An object of JSON: what stands in it depends on the schema."""
+
+
+def plain(value: Any) -> Any:
+    """Return nested values as lists, dicts, str, int, float, bool and None: strict JSON."""
+    if isinstance(value, Mapping):
+        return {key: plain(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(entry) for entry in value]
+    if isinstance(value, (np.ndarray, np.generic)):
+        return plain(value.tolist())
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def fit_json(fit: Fit) -> Json:
+    """Return what was fitted and how well."""
+    return {
+        'rms_m': fit.rms, 'sigma_m': fit.sigma, 'sigma_source': fit.sigma_source, 'dof': fit.dof, 'rank': fit.rank,
+        'model': fit.model.names, 'model_hash': fit.model.hash, 'repeatability_m': fit.run.repeatability,
+        'repeatability_dof': fit.run.repeatability_dof, 'reduced_chi_square': fit.reduced_chi_square,
+        'lack_of_fit_p': fit.lack_of_fit_p}
+
+
+def verdict_json(verdict: Verdict | None) -> Json:
+    """Return the verdict of a run, the same keys in every object that has one; all null where none was asked for."""
+    if verdict is None:
+        return dict.fromkeys(('outcome', 'level', 'verdict', 'action'))
+    return {'outcome': verdict.outcome.value, 'level': verdict.level.value, 'verdict': verdict.sentence,
+            'action': verdict.action}
+
+
+def parameters_json(parameters: Iterable[Parameter]) -> Json:
+    """Return parameters by name."""
+    return {one.name: {'value': one.value, 'u': one.u, 'unit': one.unit} for one in parameters}
+
+
+def by_curve(values: Iterable[object]) -> Json:
+    """Return six values, or six curves, by the key of the curve."""
+    return dict(zip(CURVE_KEYS, values, strict=True))
+
+
+def evaluation_json(report: Report, verdict: Verdict | None = None) -> Json:
+    """Return a report, schema rosette-evaluation/1; u holds standard uncertainties.
+
+    An effect that stands twice in the model is named with its fixed parameters.
+    """
+    run, fit, motions = report.run, report.fit, report.error_motions
+    terms = [term.name for term in report.model.terms]
+    keys = [term.name if terms.count(term.name) == 1 else str(term) for term in report.model.terms]
+    return plain({
+        'schema': EVALUATION, 'run_id': run.run_id, 'n': run.n, 'radius_m': run.radius,
+        'mean_radius_m': fit.mean_radius, 'readings': run.size, 'completeness': run.completeness,
+        'angle_rad': motions.angle,
+        **by_curve(motions.values.T), 'u': by_curve(motions.u.T), 'coverage_factor': COVERAGE_FACTOR,
+        'iso_names': ISO_NAMES, 'plate_m': report.plate, 'cmm_m': report.cmm, 'fit': fit_json(fit),
+        'gauge': report.gauge, **verdict_json(verdict),
+        'effects': {key: parameters_json(one.parameters) for key, one in zip(keys, report.effects, strict=True)}})
+
+
+def comparison_json(comparison: Comparison, verdict: Verdict, steps: Sequence[LadderStep] = ()) -> Json:
+    """Return a comparison, schema rosette-comparison/1; steps: of the nested models, the base model first."""
+    fit = comparison.fit
+    return plain({
+        'schema': COMPARISON, 'run_id': fit.run.run_id, 'model': fit.model.names, 'fit': fit_json(fit),
+        'failing': verdict.model_fails, **verdict_json(verdict), 'summary': comparison.summary,
+        'axis_rms_m': comparison.axis_rms,
+        'groups': {one.label: {'keys': one.keys, 'rms_m': one.rms, 'mean_m': one.mean, 'p': one.p,
+                               'worst': one.keys[one.worst]} for one in comparison.groupings},
+        'neighbours': {'correlation': comparison.neighbour_correlation, 'p': comparison.neighbour_p},
+        'worst_readings': [
+            {'reading': one.number, 'table_position': one.table_position, 'ball': one.ball,
+             'cmm_position': one.cmm_position, 'residual_m': one.residual, 'size_sigma': one.size, 'p': one.p}
+            for one in comparison.worst],
+        'harmonics': [
+            {'axis': line.axis, 'table_waves': line.table_waves, 'cmm_waves': line.cmm_waves,
+             'amplitude_m': line.amplitude, 'share': line.share} for line in comparison.harmonics],
+        **({'ladder': [{'added': step.added, 'fit': fit_json(step.report.fit), 'held_out_rms_m': step.cross_validation}
+                       for step in steps]} if steps else {})})
+
+
+def diagnosis_json(diagnosis: Diagnosis, visibilities: Sequence[Visibility] = (),
+                   check: CrossCheck | None = None) -> Json:
+    """Return a diagnosis, schema rosette-diagnosis/1; visibilities: of the effects that are not observable."""
+    return plain({
+        'schema': DIAGNOSIS, 'run_id': diagnosis.fit.run.run_id, 'model': diagnosis.model.names,
+        'fit': fit_json(diagnosis.fit), 'missing': diagnosis.missing, 'unexplained': diagnosis.unexplained,
+        'candidates': [_candidate_json(entry) for entry in diagnosis.candidates], 'invisible': diagnosis.invisible,
+        **verdict_json(diagnosis.verdict), 'unexplained_text': diagnosis.unexplained_text,
+        'final': fit_json(diagnosis.final), 'unavailable': dict(diagnosis.unavailable),
+        'invisible_bias': {entry.name: by_curve(entry.bias) for entry in visibilities},
+        **({'check': _check_json(check)} if check else {})})
+
+
+def _candidate_json(entry: Candidate) -> Json:
+    return {
+        'effect': entry.effect, 'p': entry.p, 'visible_fraction': entry.visible_fraction,
+        'rms_before_m': entry.rms_before, 'rms_after_m': entry.rms_after,
+        'held_out_rms_before_m': entry.cross_validation_before, 'held_out_rms_after_m': entry.cross_validation_after,
+        'delta_bic': entry.delta_bic, 'parameters': parameters_json(entry.parameters), 'look_alikes': entry.look_alikes,
+        'claimed': entry.claimed, 'setting': entry.setting}
+
+
+def _check_json(check: CrossCheck) -> Json:
+    """Return a check on another run; carried: with the first run's amplitudes, nothing fitted."""
+    return {
+        'run_id': check.before.run.run_id, 'confirmed': check.confirmed, 'text': check.text,
+        'before': fit_json(check.before), 'after': fit_json(check.after),
+        'carried': fit_json(check.carried) if check.carried else None,
+        'held_out_rms_before_m': check.cross_validation_before, 'held_out_rms_after_m': check.cross_validation_after,
+        'held_out_rms_carried_m': check.cross_validation_carried,
+        'effects': [_checked_json(entry) for entry in check.effects]}
+
+
+def _checked_json(entry: CheckedEffect) -> Json:
+    return {
+        'effect': entry.name, 'outcome': entry.outcome, 'reason': entry.reason, 'carries': entry.carries,
+        'setting': entry.setting, 'p': entry.p, 'visible_fraction': entry.visible_fraction,
+        'rms_before_m': entry.rms_without, 'rms_after_m': entry.rms_with,
+        'held_out_rms_before_m': entry.cross_validation_without, 'held_out_rms_after_m': entry.cross_validation_with,
+        'same_size': entry.same_size, 'learnt': parameters_json(entry.learnt), 'found': parameters_json(entry.found)}
+
+
+def change_json(action: str, effect: str, file: Path | str, models: tuple[Model, Model], change: Change | None = None,
+                sentence: str = '') -> Json:
+    """Return what `add` or `remove` did to a model file, schema rosette-change/1; change: on a run, if any."""
+    on_run = {} if change is None else {
+        'run_id': change.after.run.run_id, 'before': _side_json(change.before), 'after': _side_json(change.after),
+        'held_out_rms_before_m': change.cross_validation_before, 'held_out_rms_after_m': change.cross_validation_after,
+        'helps': change.helps, 'hurts': change.hurts, 'curve_change': by_curve(change.curve_change)}
+    return plain({'schema': CHANGE, 'action': action, 'effect': effect, 'file': str(file),
+                              'model_before': models[0].names, 'model': models[1].to_mapping(),
+                              'sentence': sentence, **on_run})
+
+
+def _side_json(report: Report) -> Json:
+    return {'fit': fit_json(report.fit), 'u_max': by_curve(report.error_motions.u.max(axis=0)),
+            'effects': [{'effect': effect.name, 'setting': effect.setting,
+                         'parameters': parameters_json(effect.parameters)} for effect in report.effects]}
+
+
+def advice_json(advice: Advice, n: int, radius: float, run_id: str = '') -> Json:
+    """Return an advice, schema rosette-advice/1; n: balls; radius: m."""
+    return plain({
+        'schema': ADVICE, 'run_id': run_id, 'n': n, 'radius_m': radius, 'text': advice.text,
+        'present': _order_json(advice.present), 'recommended': _order_json(advice.best),
+        'orders': [_order_json(order) for order in advice.orders], 'weak': advice.weak, 'wanted': advice.wanted})
+
+
+def _order_json(order: OrderAdvice) -> Json:
+    return {'order': order.order, 'turning': order.turning, 'seed': order.seed, 'worst_share': order.worst,
+            'worst_effect': order.worst_effect, 'travel_time_s': order.travel_time, 'duration_s': order.duration,
+            'effects': {entry.name: _visibility_json(entry) for entry in order.visibilities}}
+
+
+def _visibility_json(entry: Visibility) -> Json:
+    """Return what an order shows of an effect; bias: the largest change of each curve per metre rms."""
+    return {'visible_fraction': entry.share, 'typical_visible_fraction': entry.typical_share, 'setting': entry.setting,
+            'hidden': entry.hidden, 'detectable_rms_m': entry.detectable, 'look_alikes': entry.alike,
+            'not_judged': entry.reason, 'bias_per_m_rms': by_curve(entry.bias)}
+
+
+def effects_json(effects: Iterable[Effect], amplitudes: Mapping[str, Sequence[Quantity]]) -> Json:
+    """Return effects, schema rosette-effects/1; amplitudes: by name what is fitted at one setting of the effect."""
+    return plain({'schema': EFFECTS, 'effects': [
+        {'effect': effect.name, 'meaning': effect.meaning, 'look': effect.look, 'formula': effect.formula,
+         'source': effect.source, 'depends_on': effect.depends_on, 'carries': effect.carries,
+         'amplitudes': [_quantity_json(one) for one in amplitudes.get(effect.name, ())],
+         'searched': [{**_quantity_json(one), 'kind': one.kind} for one in effect.searched]}
+        for effect in effects]})
+
+
+def _quantity_json(quantity: Quantity) -> Json:
+    return {'name': quantity.name, 'unit': quantity.unit, 'meaning': quantity.meaning}

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How every figure looks: colours that the colour-blind distinguish, axes, grids, labels."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from rosette_ros.core.errors import InvalidData
+
+INK, GRID, GREY = '#222222', '#d9d9d9', '#666666'
+COLOURS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#56b4e9', '#e69f00')
+"""Palette of Okabe and Ito (2008), in the order of use."""
+BEFORE, AFTER = COLOURS[1], COLOURS[0]
+"""Colours of the model as given and of the model with all identified effects."""
+MARKERS = ('o', 's', '^', 'D', 'v', 'P')
+DASHED = (0, (4, 2))
+DIVERGING = 'RdBu_r'
+"""Colour map of signed values about zero."""
+DPI = 150
+STEPS = 5
+LOOK: dict[Any, Any] = {'svg.fonttype': 'none', 'font.size': 10, 'path.simplify': False}
+"""Text stays text in SVG: it can be searched, copied and read aloud."""
+AXES_LOOK: dict[Any, Any] = {'axes.spines.top': False, 'axes.spines.right': False, 'axes.edgecolor': INK,
+                             'axes.xmargin': 0.02, 'axes.labelcolor': INK}
+Marks = Mapping[float, str] | Mapping[int, str]
+"""Places on an axis and their texts."""
+SHADES = np.linspace(-1, 1, 101)
+BEHIND = {'facecolor': 'white', 'edgecolor': 'none', 'pad': 0.8, 'alpha': 0.85}
+"""Background of numbers on lines."""
+
+
+def figure(width: float, height: float) -> Figure:
+    """Return an empty figure of a size in inches, whose axes are placed by hand: that is quicker than a layout."""
+    made = Figure(figsize=(width, height), facecolor='white')
+    FigureCanvasAgg(made)
+    return made
+
+
+def panels(made: Figure, rows: int = 1, columns: int = 1) -> Any:
+    """Return axes of a figure, an array (rows, columns) of Axes."""
+    with mpl.rc_context(AXES_LOOK):
+        return made.subplots(rows, columns, squeeze=False)
+
+
+def scale(panel: Axes, x: Marks | None = None, y: Marks | None = None, grid: str = 'xy', numbers: str = 'xy',
+          steps: tuple[int, int] = (STEPS, STEPS)) -> None:
+    """Draw grid and numbers of the axes named by `grid` and `numbers`.
+
+    x, y: {place: text}, None for round numbers with at most `steps` steps along x and y.
+    """
+    for name, axis, places, most in (('x', panel.xaxis, x, steps[0]), ('y', panel.yaxis, y, steps[1])):
+        if places is None:
+            axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
+        else:
+            axis.set_ticks(list(places), list(places.values()))
+        axis.set_tick_params(length=0, labelsize=9, labelcolor=INK, label1On=name in numbers)
+        panel.set_axisbelow(True)
+        if name in grid:
+            axis.grid(True, color=GRID, linewidth=0.6)
+
+
+def colour_bar(axes: Axes, low: float, high: float, label: str, upright: bool, colours: str = DIVERGING) -> None:
+    """Draw into axes what the colours from low to high stand for."""
+    edges = (0, 1, low, high) if upright else (low, high, 0, 1)
+    axes.imshow(SHADES[:, None] if upright else SHADES[None, :], cmap=colours, aspect='auto', extent=edges,
+                origin='lower', interpolation='none')
+    if upright:
+        scale(axes, {}, None, '', 'y', (0, 9))
+        title(axes, label, loc='center', pad=4, fontsize=9)
+    else:
+        scale(axes, None, {}, '', 'x')
+        axes.set_xlabel(label, fontsize=9, color=INK)
+
+
+def title(panel: Axes, text: str, **look: Any) -> None:
+    """Write a title over axes."""
+    panel.set_title(text, **{'loc': 'left', 'fontsize': 11, 'color': INK, **look})
+
+
+def look_of(place: int) -> dict[str, Any]:
+    """Return colour and marker of the series at a place, from 0 on."""
+    return {'color': COLOURS[place % len(COLOURS)], 'marker': MARKERS[place % len(MARKERS)]}
+
+
+def legend(made: Figure, handles: Sequence[Any], labels: Sequence[str], columns: int, size: float = 9.5) -> None:
+    """Write a legend below the panels of a figure."""
+    made.legend(handles, labels, loc='lower center', ncols=columns, frameon=False, fontsize=size)
+
+
+def label_of(text: str) -> str:
+    """Return any text as a label: one line, nothing in it taken as a formula or as hidden."""
+    words = ' '.join(''.join(one for one in text if one.isprintable() or one.isspace()).split())
+    words = words.replace('\\', '/').replace('$', r'\$')
+    return f' {words}' if words.startswith('_') else words
+
+
+def save(made: Figure, path: Path | str) -> None:
+    """Write a figure; the ending of `path` chooses the format (png, svg, pdf)."""
+    try:
+        with mpl.rc_context(LOOK):
+            made.savefig(path, dpi=DPI)
+    except OSError as error:
+        raise InvalidData(f'{path}: cannot be written: {error.strerror}') from error

@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The results of a run: six error motions, as in Figure 5 of Kniel et al. (2019); deviations of plate and CMM."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rosette_ros.core.geometry import nominal_angles
+from rosette_ros.core.records import CURVES, ISO_NAMES, ErrorMotions, Floats
+from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS
+from rosette_ros.presentation.plots import plot_style as style
+
+ANGLES = {angle: str(angle) for angle in range(0, 361, 60)}
+MEANING = {'ctx': 'radial in x', 'cty': 'radial in y', 'ctz': 'axial', 'crx': 'tilt about x',
+           'cry': 'tilt about y', 'crz': 'angular positioning'}
+LAYOUT = ('ctx', 'crx', 'cty', 'cry', 'ctz', 'crz')
+"""Translations on the left, rotations on the right."""
+INCH = {'width': 10.0, 'panels': 7.4, 'title': 0.4, 'legend': 0.27, 'foot': 0.58, 'head': 0.32}
+TRUE_LOOK: dict[str, Any] = {
+    'color': style.INK, 'linewidth': 1.3, 'linestyle': style.DASHED, 'marker': 'x', 'markersize': 5, 'zorder': 5}
+EXTRA_LOOKS: tuple[dict[str, str], ...] = ({}, {'color': '#7f4a88', 'marker': '+'})
+MOST_COLUMNS = 3
+LONGEST = 0.33
+"""Length of the longest arrow in radii of the circle of balls."""
+MOST_NUMBERS = 24
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Six curves to draw, with their text in the legend; banded: with their uncertainty."""
+
+    label: str
+    motions: ErrorMotions
+    banded: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Extra:
+    """A line in one panel alone, at the angles of the first series; value: m or rad; label: in the legend."""
+
+    curve: str
+    label: str
+    value: Floats
+
+
+def six_curves(series: Sequence[Series], heading: str = '', truth: Floats | None = None,
+               extras: Sequence[Extra] = ()) -> Figure:
+    """Return a figure of six panels, µm and µrad over degrees, with bands of U (k = 2).
+
+    series: the first on top; truth: (n, 6), m and rad, at the angles of the first; extras: lines of single panels.
+    """
+    labels = [style.label_of(one.label) for one in series] + ['truth of the simulated machine'] * (truth is not None)
+    banded = any(one.banded for one in series)
+    columns = min(len(labels) + banded, MOST_COLUMNS)
+    made, grid = _empty_panels(heading, -(-(len(labels) + banded) // columns))
+    for panel, curve in zip(grid, LAYOUT, strict=True):
+        lines = [_draw(panel, one, curve, place) for place, one in enumerate(series)]
+        if truth is not None:
+            lines += panel.plot(*closed(series[0].motions.angle, truth[:, CURVES.index(curve)]), **TRUE_LOOK)
+        _draw_extras(panel, series[0].motions.angle, [one for one in extras if one.curve == curve])
+    bands = panel.collections[:1] if banded else []
+    style.legend(made, [*lines, *bands], [*labels, *(f'bands: U (k = {COVERAGE_FACTOR})' for _ in bands)], columns, 10)
+    return made
+
+
+def _empty_panels(heading: str, legend_rows: int) -> tuple[Figure, Any]:
+    foot = INCH['foot'] + INCH['legend'] * legend_rows
+    top = INCH['head'] + (INCH['title'] if heading else 0)
+    height = INCH['panels'] + foot + top
+    made = style.figure(INCH['width'], height)
+    made.subplots_adjust(left=0.07, right=0.99, bottom=foot / height, top=1 - top / height, hspace=0.24, wspace=0.18)
+    grid = style.panels(made, 3, 2)
+    for panel, curve in zip(grid.flat, LAYOUT, strict=True):
+        panel.axhline(0, color=style.INK, linewidth=0.8)
+        panel.set_xlim(-8, 368)
+        style.title(panel, f'{curve} ({ISO_NAMES[curve]}), {MEANING[curve]}')
+        panel.set_ylabel(CURVE_UNITS[CURVES.index(curve)])
+        style.scale(panel, ANGLES, numbers='xy' if panel in grid[-1] else 'y')
+    for panel in grid[-1]:
+        panel.set_xlabel('table angle in degrees')
+    if heading:
+        made.suptitle(style.label_of(heading), fontsize=12, color=style.INK, x=0.01, ha='left', y=1 - 0.1 / height,
+                      va='top')
+    return made, grid.ravel()
+
+
+def _draw(panel: Axes, one: Series, curve: str, place: int) -> Any:
+    look = style.look_of(place)
+    angle, value = closed(one.motions.angle, one.motions[curve])
+    if one.banded:
+        spread = COVERAGE_FACTOR * closed(one.motions.angle, one.motions.uncertainty(curve))[1]
+        panel.fill_between(angle, value - spread, value + spread, color=look['color'], alpha=0.2, linewidth=0)
+    return panel.plot(angle, value, linewidth=1.6, markersize=4.5, zorder=4 - 0.1 * place, **look)[0]
+
+
+def _draw_extras(panel: Axes, angle: Floats, extras: Sequence[Extra]) -> None:
+    lines = [panel.plot(*closed(angle, one.value), **{**TRUE_LOOK, **look})[0]
+             for one, look in zip(extras, EXTRA_LOOKS, strict=False)]
+    if lines:
+        panel.legend(lines, [style.label_of(one.label) for one in extras], fontsize=8, loc='best', framealpha=0.85,
+                     edgecolor=style.GREY)
+
+
+def closed(angle: Floats, value: Floats) -> tuple[Floats, Floats]:
+    """Return angle in degrees and value in µm or µrad, the first point again a turn later."""
+    degrees = np.rad2deg(angle)
+    return np.append(degrees, degrees[0] + 360), 1e6 * np.append(value, value[0])
+
+
+def differences(labels: Sequence[str], angle: Floats, values: Floats, spread: Floats,
+                reference: Floats | None = None) -> Figure:
+    """Return a figure of six panels: curves of several runs less their mean, µm and µrad.
+
+    angle: (n,) rad; values: (m, n, 6), m and rad, NaN where a run is left out; spread: (6,) standard deviation that
+    noise explains, a band of two; reference: (6,), dashed.
+    """
+    columns = min(len(labels), MOST_COLUMNS)
+    made, grid = _empty_panels('', -(-len(labels) // columns))
+    for panel, curve in zip(grid, LAYOUT, strict=True):
+        which = CURVES.index(curve)
+        panel.axhspan(-2e6 * spread[which], 2e6 * spread[which], color='#999999', alpha=0.18, linewidth=0)
+        if reference is not None:
+            for size in (-1e6 * reference[which], 1e6 * reference[which]):
+                panel.axhline(size, color='#444444', linewidth=1, linestyle=style.DASHED)
+        lines = [panel.plot(*closed(angle, one[:, which]), linewidth=1.4, markersize=4, **style.look_of(place))[0]
+                 for place, one in enumerate(values)]
+    style.legend(made, lines, [style.label_of(label) for label in labels], columns, 10)
+    return made
+
+
+def deviations(plate: Floats, cmm: Floats, radius: float) -> Figure:
+    """Return a figure of the deviations of plate and CMM, (n, 3), m, each at a scale of its own."""
+    made = style.figure(10, 5.3)
+    parts = (('Ball plate: deviation of each ball from its nominal place', 'ball', plate),
+             ('CMM: deviation of each position', 'position', cmm))
+    for place, (heading, what, values) in enumerate(parts):
+        panel = made.add_axes((0.01 + 0.5 * place, 0.13, 0.46, 0.78))
+        limit = max(1e6 * float(np.abs(values[:, 2]).max()), 1e-9)
+        _panel(panel, 1e6 * values, 1e3 * radius, limit)
+        style.title(panel, heading, fontsize=10.5)
+        style.colour_bar(made.add_axes((0.1 + 0.5 * place, 0.095, 0.28, 0.025)), -limit, limit, f'z of each {what}, µm',
+                   False)
+    return made
+
+
+def scale_arrow(longest: float) -> float:
+    """Return a round length of about half the longest arrow, same unit: 1, 2 or 5 times 10^k."""
+    if not longest > 0:
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(longest))
+    steps = [step * factor * power for factor in (0.1, 1.0) for step in (1.0, 2.0, 5.0)]
+    return float(f'{max(step for step in steps if step <= 0.6 * longest):.3g}')
+
+
+def _panel(panel: Axes, values: Floats, radius: float, limit: float) -> None:
+    """Draw one set of deviations (n, 3), µm, on a circle of `radius`, mm; limit: of the colours, µm."""
+    n = len(values)
+    beta, turn = nominal_angles(n), np.linspace(0, 2 * np.pi, 181)
+    x, y = radius * np.cos(beta), radius * np.sin(beta)
+    longest = float(np.hypot(values[:, 0], values[:, 1]).max())
+    per_um = LONGEST * radius / longest if longest > 0 else 1.0
+    panel.plot(radius * np.cos(turn), radius * np.sin(turn), color=style.GRID, linewidth=1)
+    panel.plot([-0.04 * radius, 0.04 * radius, np.nan, 0, 0], [0, 0, np.nan, -0.04 * radius, 0.04 * radius],
+               color=style.GREY, linewidth=0.8)
+    panel.scatter(x, y, c=values[:, 2], cmap=style.DIVERGING, vmin=-limit, vmax=limit, s=70,
+                  edgecolors=style.INK, linewidths=0.6, zorder=3)
+    arrows: dict[str, Any] = {
+        'angles': 'xy', 'scale_units': 'xy', 'scale': 1 / per_um, 'color': style.INK, 'width': 0.0055, 'zorder': 4}
+    panel.quiver(x, y, values[:, 0], values[:, 1], **arrows)
+    for number in range(0, n, -(-n // MOST_NUMBERS)):
+        panel.text(0.8 * x[number], 0.8 * y[number], str(number + 1), ha='center', va='center', fontsize=9,
+                   color=style.GREY, zorder=2)
+    length = scale_arrow(longest)
+    panel.quiver([-0.5 * length * per_um], [-1.46 * radius], [length], [0], **arrows)
+    panel.text(0, -1.41 * radius, f'{length:g} µm', ha='center', va='bottom', fontsize=10, color=style.INK)
+    _axes_cross(panel, radius)
+    panel.set(xlim=(-1.5 * radius, 1.5 * radius), ylim=(-1.53 * radius, 1.4 * radius), aspect='equal')
+    panel.axis('off')
+
+
+def _axes_cross(panel: Axes, radius: float) -> None:
+    x, y, length = -1.4 * radius, -1.4 * radius, 0.28 * radius
+    panel.quiver([x, x], [y, y], [length, 0], [0, length], angles='xy', scale_units='xy', scale=1, color=style.GREY,
+                 width=0.004)
+    panel.text(x + 1.15 * length, y, 'x', ha='left', va='center', fontsize=9, color=style.GREY)
+    panel.text(x, y + 1.15 * length, 'y', ha='center', va='bottom', fontsize=9, color=style.GREY)

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where a run comes from: files and their hashes, when it was measured, with which software."""
+
+import hashlib
+import platform
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from rosette_ros import __version__
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.planning.advice import scheme_of
+from rosette_ros.core.records import Run
+from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.open_run import is_log, open_run
+
+SOFTWARE = ('numpy', 'scipy', 'matplotlib', 'jinja2', 'mcap', 'rclpy', 'cyclonedds')
+BESIDE = ('machine.yaml', 'cell.yaml')
+"""Files of a log's folder with the configuration of the cell."""
+LONGEST = 65536
+
+
+@dataclass(frozen=True)
+class FileDigest:
+    """A file, its size in bytes and its SHA-256, hex."""
+
+    path: str
+    size: int
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a run comes from; begun: first entry of the log; order: as the cell named it; '' if not known."""
+
+    path: str
+    files: tuple[FileDigest, ...]
+    begun: str = ''
+    order: str = ''
+    configuration: tuple[tuple[str, str], ...] = ()
+
+
+def open_source(path: Path | str, run_id: str | None = None) -> tuple[Run, Source]:
+    """Return the Run and the Source of a log or a table; raises InvalidData as `open_run` does."""
+    if not is_log(path):
+        return open_run(path, run_id), Source(str(path), (digest(path),))
+    log = read_log(path)
+    run = log.to_run(run_id)
+    begun = datetime.fromtimestamp(log.start_ns * 1e-9, UTC).strftime('%Y-%m-%d %H:%M:%S UTC')
+    order = next((state.order for state in log.states if state.run_id == run.run_id), '')
+    folder = Path(path) if Path(path).is_dir() else Path(path).parent
+    beside = [(name, (folder / name).read_bytes()[:LONGEST].decode('utf-8', errors='replace'))
+              for name in BESIDE if (folder / name).is_file()]
+    entries = '\n'.join(f'{key}: {value}' for key, value in sorted(log.custom_data.items()))
+    return run, Source(str(path), tuple(map(digest, log.files)), begun, order,
+                       (*beside, *([('entries of the log', entries)] if entries else [])))
+
+
+def digest(path: Path | str) -> FileDigest:
+    """Return the FileDigest of a file."""
+    try:
+        with open(path, 'rb') as stream:
+            found = hashlib.file_digest(stream, 'sha256').hexdigest()
+            return FileDigest(str(path), stream.tell(), found)
+    except OSError as error:
+        raise InvalidData(f'{path}: cannot be read: {error.strerror}') from error
+
+
+def software() -> tuple[tuple[str, str], ...]:
+    """Return pairs (name, version) of the software that the numbers depend on."""
+    found = [('rosette_ros', __version__), ('Python', platform.python_version())]
+    for name in SOFTWARE:
+        try:
+            found.append((name, metadata.version(name)))
+        except metadata.PackageNotFoundError:
+            found.append((name, 'not installed'))
+    return tuple(found)
+
+
+def order_of(run: Run, source: Source | None = None) -> str:
+    """Return the order in which a run was measured: as its cell named it, else as it is recognised."""
+    scheme = scheme_of(run)
+    turning = ', the table turning both ways' if np.any(run.approach < 0) else ''
+    return f'{(source.order if source else "") or scheme.order}{turning}'

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page of one run: a Summary as one HTML file that needs nothing else."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rosette_ros.analysis import Report, Summary
+from rosette_ros.core.diagnosis.comparison import spectrum
+from rosette_ros.core.records import ErrorMotions, Run
+from rosette_ros.io.model_file import format_model
+from rosette_ros.io.text_file import refuse_existing, write_text
+from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.plots import comparison_plots, residual_plots
+from rosette_ros.presentation.plots.residual_plots import Residuals, SpectrumRow
+from rosette_ros.presentation.plots.result_plots import Series, deviations, six_curves
+from rosette_ros.presentation.report.page_parts import PAGES, SIGNS, Bar, inline_svgs
+from rosette_ros.presentation.report.provenance import Source, order_of, software
+from rosette_ros.presentation.tables import base_name, tables_of
+
+SECTIONS = (('verdict', 'Verdict'), ('curves', 'Error motions'), ('deviations', 'Plate and CMM'),
+            ('residuals', 'Residuals'), ('ladder', 'Nested models'), ('candidates', 'Candidates'),
+            ('visibility', 'Observability'), ('conditions', 'Conditions'))
+MOST_CANDIDATES, MOST_SPECTRA = 8, 3
+KINDS = {'radial': (0, 2, 'µm'), 'axial': (2, 3, 'µm'), 'tilt': (3, 5, 'µrad'), 'angular positioning': (5, 6, 'µrad')}
+"""Columns of the six curves by kind of motion."""
+
+
+def report_html(summary: Summary, source: Source | None = None, command: str = '', overlays: Sequence[Series] = (),
+                pictures: Mapping[str, Figure] | None = None) -> str:
+    """Return the report of a Summary as one HTML text; pictures: of `pictures_of`, where they are drawn already."""
+    pictures = pictures or pictures_of(summary, overlays)
+    return PAGES.get_template('report.html.j2').render(
+        sections=SECTIONS, run=summary.run, source=source, command=command, verdict=summary.verdict,
+        sign=SIGNS[summary.verdict.level], bars=bars(summary), spans=spans(summary.final.error_motions),
+        findings=findings(summary), p_noise=text.P_NOISE, pictures=inline_svgs(pictures), k=text.COVERAGE_FACTOR,
+        changed=len(reports_of(summary)) > 1, cross_validation=text.CROSS_VALIDATION,
+        order_shares=[f'visible_fraction_{name}' for name in summary.advice.wanted] if summary.advice else [],
+        tables={table.name: table for table in tables_of(summary)}, conditions=conditions(summary, source),
+        model=format_model(summary.final.model), software=software(), overlays=overlays, gauge=summary.report.gauge,
+        where=summary.comparison.summary, unavailable=summary.diagnosis.unavailable,
+        advice=summary.advice.text if summary.advice else '')
+
+
+def write_report(path: Path | str, summary: Summary, source: Source | None = None, command: str = '',
+                 overlays: Sequence[Series] = (), force: bool = False) -> None:
+    """Write `report_html` into a file; raises InvalidData where it exists already and `force` is not set."""
+    refuse_existing(path, force)
+    write_text(path, report_html(summary, source, command, overlays), force)
+
+
+def pictures_of(summary: Summary, overlays: Sequence[Series] = ()) -> dict[str, Figure]:
+    """Return every figure of a summary by name, in the order of the page; their captions are in the template."""
+    run, reports, found = summary.run, reports_of(summary), summary.diagnosis.candidates[:MOST_CANDIDATES]
+    when = ('before: ', 'after: ') if len(reports) > 1 else ('',)
+    rows = [Residuals(f'{word}{model_label(summary, report)}', run, report.fit.residual)
+            for word, report in zip(when, reports, strict=True)]
+    series = [*(Series(model_label(summary, report), report.error_motions) for report in reports[::-1]), *overlays]
+    return {
+        'curves': six_curves(series),
+        'deviations': deviations(summary.final.plate, summary.final.cmm, run.radius),
+        'residual_maps': residual_plots.residual_maps(rows),
+        'residuals_against': residual_plots.against(rows, run.repeatability),
+        'histogram': residual_plots.histogram(rows, run.repeatability, [one.fit.dof for one in reports]),
+        **({'spectrum': _spectrum(summary)} if run.is_complete else {}),
+        'ladder': comparison_plots.ladder(summary.ladder, run.repeatability, run.repeatability_dof),
+        **({'candidates': comparison_plots.candidates(found, run.repeatability)} if found else {}),
+        'visibility': _visibility(summary)}
+
+
+def model_label(summary: Summary, report: Report) -> str:
+    """Return the name of a model in legends."""
+    if report is summary.report:
+        return base_name(report.model) if not report.model.terms else 'model as given'
+    return f'with {text.names(dict.fromkeys(report.model.names[len(summary.model.names):]))}'
+
+
+def reports_of(summary: Summary) -> tuple[Report, ...]:
+    """Return the reports before and after the identified effects are added; one where there are none."""
+    changed = summary.final.model.names != summary.report.model.names
+    return (summary.report, summary.final) if changed else (summary.report,)
+
+
+def _spectrum(summary: Summary) -> Figure:
+    """Return the spectra of the residual of the model and of each identified effect."""
+    run, final = summary.run, summary.final
+    rows = [SpectrumRow(f'residual of the {"model" if summary.model.terms else base_name(summary.model)}',
+                        spectrum(run, summary.report.fit.residual, summary.model.base), True)]
+    rows += [SpectrumRow(effect.name, spectrum(run, effect.displacement, final.model.base))
+             for effect in final.effects[len(summary.model.terms):][:MOST_SPECTRA]]
+    return residual_plots.spectrum_maps(rows, run.repeatability)
+
+
+def _visibility(summary: Summary) -> Figure:
+    """Return the observable shares in this order, and in the recommended one where it is another."""
+    advice = summary.advice
+    best = advice.best if advice and advice.best.label != advice.present.label else None
+    return comparison_plots.visibility(
+        summary.visibilities, best.visibilities if best else (),
+        (f'this order: {order_of(summary.run)}', f'recommended: {best.label}' if best else ''))
+
+
+def bars(summary: Summary) -> list[Bar]:
+    """Return the bars beside the verdict: residual before and after, repeatability."""
+    reports, noise = reports_of(summary), summary.run.repeatability
+    kinds = ('before', 'after') if len(reports) > 1 else ('after',)
+    sizes = [(f'Residual, {model_label(summary, one)}', one.fit.rms, kind)
+             for one, kind in zip(reports, kinds, strict=True)]
+    sizes += [('Repeatability of a reading', noise, 'noise')] if noise is not None else []
+    top = max(size for _, size, _ in sizes)
+    return [Bar(label, text.micrometres(size), size / top, kind) for label, size, kind in sizes]
+
+
+def spans(motions: ErrorMotions) -> list[tuple[str, str, str]]:
+    """Return kind, peak to valley and U of the error motions, of the largest curve of each kind."""
+    out = []
+    for kind, (low, high, unit) in KINDS.items():
+        size = 1e6 * np.ptp(motions.values[:, low:high], axis=0)
+        place = int(np.argmax(size))
+        spread = 1e6 * text.COVERAGE_FACTOR * float(motions.u[:, low + place].max())
+        digits = text.decimals(spread)
+        out.append((kind, f'{text.fixed(float(size[place]), digits)} {unit}', f'U {text.fixed(spread, digits)} {unit}'))
+    return out
+
+
+def findings(summary: Summary) -> list[tuple[str, str, str, str]]:
+    """Return name, p, meaning and where to look of each missing effect."""
+    out = []
+    for name in summary.diagnosis.missing:
+        p = min((one.p for one in summary.diagnosis.candidates if one.effect == name and one.claimed), default=0.0)
+        effect = text.MEANINGS.get(name)
+        out.append((name, text.p_value(p), effect.meaning if effect else '', effect.look if effect else ''))
+    return out
+
+
+def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str, str]]:
+    """Return what was measured, when and how, as (name, text) rows."""
+    run, fit = summary.run, summary.final.fit
+    rows = [('Run', run.run_id or run.source), ('Readings', text.run_size(run)),
+            ('Mean radius', f'{text.fixed(1e3 * fit.mean_radius, 6)} mm found, {text.millimetres(run.radius)} nominal'),
+            ('Order', order_of(run, source)),
+            ('Start of the log', source.begun if source and source.begun else 'not recorded'),
+            ('Duration', text.duration(float(np.ptp(run.time)))), ('Pauses', text.pauses(run)),
+            ('Temperature', _temperature(run)),
+            ('Repeatability', text.repeatability_words(run.repeatability, run.repeatability_dof)),
+            ('Table angles', f'at most {1e6 * np.abs(run.angle_deviation).max():.3g} µrad off nominal'),
+            ('Uncertainties', text.uncertainty_words(fit)), ('Model as given', str(summary.model)),
+            ('Final model', str(summary.final.model))]
+    return [row for row in rows if row[1]]
+
+
+def _temperature(run: Run) -> str:
+    known = run.temperature[np.isfinite(run.temperature)]
+    if not known.size:
+        return 'not recorded'
+    first, last, low, high = (text.fixed(float(one), 3) for one in (known[0], known[-1], known.min(), known.max()))
+    return f'{first} °C at the start, {last} °C at the end, between {low} and {high} °C'

@@ -1,0 +1,327 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verification of the method, and its page: runs under different conditions must give the same error motions.
+
+Kniel et al. (2019), section 3: (i) everything corrected, (ii) the plate turned by 90°, (iii) the correction of the
+CMM's axes off, (iv) that and the table's axial correction off. Two more runs, with the table's angular correction off
+and on again, stand for what the paper shows of crz alone.
+"""
+
+import csv
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy import special
+
+from rosette_ros.analysis import Report
+from rosette_ros.core.diagnosis.verdict import Level
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.records import CURVES, Floats, Ints
+from rosette_ros.presentation.formatting import CURVE_UNITS, P_NOISE, fixed, micro, millimetres, p_value, signed
+from rosette_ros.presentation.plots.result_plots import Extra, Series, differences, six_curves
+from rosette_ros.presentation.report.page_parts import PAGES, SIGNS, Bar, inline_svgs
+from rosette_ros.presentation.report.provenance import Source, software
+from rosette_ros.presentation.table_format import Column, Table, column, micrometre_column, words
+from rosette_ros.presentation.tables import CURVE_NAMES, FILE_UNITS
+
+ROLES = (('(i) all corrected', ()), ('(ii) plate turned', ()), ('(iii) CMM correction off', ()),
+         ('(iv) CMM and table axial correction off', ('ctz',)), ('table angular correction off', ('crz',)),
+         ('angular correction on again', ()))
+"""Name of each run in order, and the curves in which it must not agree with the others."""
+PAPER = (0.02e-6, 0.2e-6)
+"""Reproducibility that the paper states for translations, m, and rotations, rad."""
+SURE = 0.001
+"""Runs of a smaller p (noise alone) differ."""
+MAKER_COLUMNS = ('table_angle_deg', 'ctz_um', 'crz_urad')
+LARGEST_FILE = 10_000_000
+SECTIONS = (('verdict', 'Verdict'), ('curves', 'Error motions'), ('differences', 'Differences'),
+            ('reproducibility', 'Reproducibility'), ('runs', 'Runs'), ('conditions', 'Conditions'))
+DIGITS = tuple(3 if unit == 'µm' else 2 for unit in CURVE_UNITS)
+OUTCOMES = {Level.GOOD: 'the runs agree', Level.BAD: 'the runs differ'}
+
+
+@dataclass(frozen=True, eq=False)
+class VerificationRun:
+    """One run of a verification: its role, its report, and the curves that must not agree."""
+
+    label: str
+    report: Report
+    source: Source
+    apart: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class MakerTable:
+    """Correction tables of the table's maker: angle (m,), rad; ctz, m; crz, rad."""
+
+    angle: Floats
+    ctz: Floats
+    crz: Floats
+
+    def at(self, curve: str, angle: Floats) -> Floats:
+        """Return a curve at angles, rad, interpolated, freed of its mean over them, m or rad."""
+        value: Floats = np.interp(angle, self.angle, getattr(self, curve), period=2 * np.pi)
+        return value - value.mean()
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """How runs agree: level, one sentence, and what to do."""
+
+    level: Level
+    sentence: str
+    action: str
+
+
+@dataclass(frozen=True, eq=False)
+class Verification:
+    """Runs that must agree, the first with everything corrected, and how well they do."""
+
+    members: tuple[VerificationRun, ...]
+    maker: MakerTable | None = None
+
+    @property
+    def angle(self) -> Floats:
+        """Nominal table angles, (n,), rad."""
+        return self.members[0].report.error_motions.angle
+
+    @cached_property
+    def values(self) -> Floats:
+        """Curves of all runs, (m, n, 6), m and rad; NaN where a run must not agree."""
+        out = np.array([one.report.error_motions.values for one in self.members])
+        for place, one in enumerate(self.members):
+            out[place][:, [CURVES.index(curve) for curve in one.apart]] = np.nan
+        return out
+
+    @cached_property
+    def mean(self) -> Floats:
+        """Mean of the curves that must agree, (n, 6)."""
+        return np.nanmean(self.values, axis=0)
+
+    @cached_property
+    def differences(self) -> Floats:
+        """Curves of all runs less their mean, (m, n, 6), NaN where a run must not agree."""
+        return self.values - self.mean
+
+    @cached_property
+    def u(self) -> Floats:
+        """Standard uncertainties of all runs, (m, n, 6), m and rad."""
+        return np.array([one.report.error_motions.u for one in self.members])
+
+    @cached_property
+    def counts(self) -> Ints:
+        """How many runs must agree in each curve, (6,)."""
+        return np.isfinite(self.values[:, 0]).sum(axis=0)
+
+    @cached_property
+    def reproducibility(self) -> Floats:
+        """Reproducibility of each curve, (6,), m and rad.
+
+            s = mean over table angles of sqrt(sum over runs (x - mean)^2 / (m - 1))
+        """
+        return np.nanstd(self.values, axis=0, ddof=1).mean(axis=0)
+
+    @cached_property
+    def expected(self) -> Floats:
+        """What noise alone would give for `reproducibility`, (6,): mean u times c4(m)."""
+        u = np.where(np.isfinite(self.values), self.u, np.nan)
+        return np.nanmean(u, axis=(0, 1)) * np.array([_c4(count) for count in self.counts])
+
+    @property
+    def overall(self) -> tuple[float, float]:
+        """Reproducibility of translations, m, and of rotations, rad: means over three curves each."""
+        return float(self.reproducibility[:3].mean()), float(self.reproducibility[3:].mean())
+
+    @cached_property
+    def p(self) -> float:
+        """Probability that noise alone makes the runs differ as much; ten of 6 n values are fixed by the gauge."""
+        free = 1 - 10 / self.mean.size
+        chi = free * float(np.nansum((self.differences / self.u)**2))
+        dof = free * float(np.sum(self.counts - 1)) * len(self.angle)
+        return float(special.chdtrc(dof, chi))
+
+    @property
+    def agrees(self) -> bool:
+        """Whether noise explains the differences of the runs."""
+        return self.p >= SURE
+
+    def switched(self, curve: str) -> Floats | None:
+        """Return what a switched-off correction adds to a curve, (n,), None where no run has it off."""
+        runs = [one for one in self.members if curve in one.apart]
+        return runs[0].report.error_motions[curve] - self.mean[:, CURVES.index(curve)] if runs else None
+
+    def remainder(self, curve: str) -> Floats | None:
+        """Return a curve with its correction off less the maker's table, (n,), None without both."""
+        off = self.switched(curve)
+        if off is None or self.maker is None:
+            return None
+        return off + self.mean[:, CURVES.index(curve)] - self.maker.at(curve, self.angle)
+
+    @property
+    def verdict(self) -> Conclusion:
+        """The conclusion: do the runs agree, and how well."""
+        shift, turn = self.overall
+        size = f'{micro(shift)} µm and {micro(turn, 2)} µrad (the paper: 0.02 µm and 0.2 µrad)'
+        if self.agrees:
+            return Conclusion(Level.GOOD, 'The error motions are the same under all conditions: they reproduce within '
+                              f'{size}.', 'Nothing needs to be done.')
+        sizes = np.abs(self.differences) / self.u
+        worst = self.members[int(np.nanargmax(np.nanmax(sizes, axis=(1, 2))))].label
+        curve = CURVES[int(np.nanargmax(np.nanmax(sizes, axis=(0, 1))))]
+        return Conclusion(Level.BAD, f'The runs differ by more than their noise: they reproduce within {size}.',
+                          f'Check {worst} and {curve} first; rosette report of each run names what its model lacks.')
+
+
+def verify(runs: Sequence[tuple[Report, Source]], maker: MakerTable | None = None) -> Verification:
+    """Return the Verification of runs in the order of ROLES; raises InvalidData where number or plates are wrong."""
+    if len(runs) not in (4, 6):
+        raise InvalidData(f'--compare: wanted four runs or six, got {len(runs)}: (i) all corrected, (ii) plate '
+                          'turned, (iii) CMM correction off, (iv) axial correction off too, and perhaps '
+                          'table angular correction off and on again')
+    first = runs[0][0].run
+    for report, source in runs[1:]:
+        if report.run.n != first.n or not math.isclose(report.run.radius, first.radius, rel_tol=1e-9):
+            raise InvalidData(f'{source.path}: wanted {first.n} balls on R = {millimetres(first.radius)} as in '
+                              f'{runs[0][1].path}, got {report.run.n} on {millimetres(report.run.radius)}')
+    members = tuple(VerificationRun(label, report, source, apart)
+                    for (label, apart), (report, source) in zip(ROLES, runs, strict=False))
+    return Verification(members, maker)
+
+
+def read_maker(path: Path | str) -> MakerTable:
+    """Return the MakerTable of a CSV file with the columns of MAKER_COLUMNS; raises InvalidData with file and row."""
+    try:
+        if Path(path).stat().st_size > LARGEST_FILE:
+            raise InvalidData(f'{path}: wanted a table of at most {LARGEST_FILE} bytes, got more')
+        with open(path, encoding='utf-8-sig', newline='') as stream:
+            rows = list(csv.reader(stream))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InvalidData(f"{path}: wanted a readable table of the maker's corrections, got: {error}") from error
+    if not rows or tuple(rows[0]) != MAKER_COLUMNS:
+        raise InvalidData(f'{path}: row 1: wanted the columns {",".join(MAKER_COLUMNS)}, got '
+                          f'{",".join(rows[0]) if rows else "an empty file"!r:.80}')
+    numbers = np.array([_numbers(row, path, place) for place, row in enumerate(rows[1:], 2)]).reshape(-1, 3)
+    if len(numbers) < 3:
+        raise InvalidData(f'{path}: wanted at least 3 rows of corrections, got {len(numbers)}')
+    return MakerTable(np.deg2rad(numbers[:, 0]), 1e-6 * numbers[:, 1], 1e-6 * numbers[:, 2])
+
+
+def _numbers(row: list[str], path: Path | str, place: int) -> list[float]:
+    try:
+        numbers = [float(cell) for cell in row]
+    except ValueError:
+        numbers = []
+    if len(numbers) != len(MAKER_COLUMNS) or not all(map(math.isfinite, numbers)):
+        raise InvalidData(f'{path}: row {place}: wanted {len(MAKER_COLUMNS)} finite numbers, got {",".join(row)!r:.80}')
+    return numbers
+
+
+def _c4(count: int) -> float:
+    """Return the mean of a standard deviation of `count` normal values, in units of the true one."""
+    return math.sqrt(2 / (count - 1)) * math.exp(math.lgamma(count / 2) - math.lgamma((count - 1) / 2))
+
+
+# The page
+
+
+def verification_html(verification: Verification, command: str = '',
+                      pictures: Mapping[str, Figure] | None = None) -> str:
+    """Return the report of a Verification as one HTML text; pictures: where they are drawn already."""
+    pictures = pictures or verification_pictures(verification)
+    files = {(file.path, file.sha256): file for one in verification.members for file in one.source.files}
+    return PAGES.get_template('verification.html.j2').render(
+        sections=SECTIONS, verification=verification, verdict=verification.verdict,
+        sign=SIGNS[verification.verdict.level], outcome=OUTCOMES[verification.verdict.level],
+        bars=_bars(verification), pictures=inline_svgs(pictures),
+        tables={table.name: table for table in verification_tables(verification)},
+        p=f'{P_NOISE} of the differences: {p_value(verification.p)}', maker=maker_rows(verification),
+        counts=dict(zip(CURVES, verification.counts.tolist(), strict=True)),
+        gauge=verification.members[0].report.gauge, files=tuple(files.values()), command=command, software=software(),
+        run=verification.members[0].report.run)
+
+
+def verification_pictures(verification: Verification) -> dict[str, Figure]:
+    """Return the figures of a verification by name."""
+    members = verification.members
+    series = [Series(one.label, one.report.error_motions, place == 0) for place, one in enumerate(members)]
+    return {'verification_curves': six_curves(series, extras=_extras(verification)),
+            'differences': differences([one.label for one in members], verification.angle, verification.differences,
+                                       verification.expected, np.repeat(PAPER, 3))}
+
+
+def _extras(verification: Verification) -> list[Extra]:
+    """Return the maker's tables and the remainder beyond them: curves (v) and (vi) of the paper."""
+    out = []
+    for curve, names in (('ctz', ("maker's table", "axial correction off minus maker's table")),
+                         ('crz', ("(v) maker's table", '(vi) angular correction off minus (v)'))):
+        left = verification.remainder(curve)
+        if left is not None and verification.maker is not None:
+            out += [Extra(curve, names[0], verification.maker.at(curve, verification.angle)),
+                    Extra(curve, names[1], left)]
+    return out
+
+
+def _bars(verification: Verification) -> list[tuple[str, list[Bar]]]:
+    """Return two groups of bars, µm and µrad: this cell, noise alone, the paper."""
+    expected = verification.expected[:3].mean(), verification.expected[3:].mean()
+    groups = []
+    for place, (heading, unit, digits) in enumerate((('Translations', 'µm', 3), ('Rotations', 'µrad', 2))):
+        values = (('Reproducibility of these runs', verification.overall[place], 'after'),
+                  ('Noise alone', expected[place], 'noise'), ('Kniel et al. (2019)', PAPER[place], 'before'))
+        top = max(value for _, value, _ in values)
+        groups.append((f'{heading}, {unit}', [
+            Bar(label, f'{fixed(1e6 * value, digits)} {unit}', float(value / top), kind)
+            for label, value, kind in values]))
+    return groups
+
+
+def maker_rows(verification: Verification) -> list[tuple[str, ...]]:
+    """Return correction, curve, and the changes when it is switched off: whole, minus the maker's table, remainder."""
+    out = []
+    for what, place in (('axial', 2), ('angular', 5)):
+        curve, unit = CURVES[place], CURVE_UNITS[place]
+        off, left = verification.switched(curve), verification.remainder(curve)
+        if off is not None:
+            changes = [off, *([left, left - verification.mean[:, place]] if left is not None else [])]
+            out.append((what, CURVE_NAMES[place], *(f'{micro(float(np.abs(one).max()), 2)} {unit}' for one in changes)))
+    return out
+
+
+def verification_tables(verification: Verification) -> tuple[Table, ...]:
+    """Return the tables of a verification: reproducibility, conditions of the runs, their curves."""
+    sizes = np.nanmax(np.abs(verification.differences), axis=(0, 1))
+    rows = (('reproducibility', 'these runs', verification.reproducibility),
+            ('expected', 'noise alone', verification.expected), ('paper', 'the paper', np.repeat(PAPER, 3)),
+            ('largest_difference', 'largest difference to the mean', sizes))
+    reproducibility = Table('reproducibility', 'Reproducibility of each curve: standard deviation over the runs', (
+        words('curve', 'curve', CURVE_NAMES), column('runs', 'runs', verification.counts, str),
+        words('unit', 'unit', CURVE_UNITS),
+        *(Column(f'{key}_in_unit', name, tuple((1e6 * values).tolist()),
+                 tuple(f'{micro(value, digits)} {unit}' for value, digits, unit in zip(values, DIGITS, CURVE_UNITS)))
+          for key, name, values in rows)))
+    members, reports = verification.members, [one.report for one in verification.members]
+    conditions = Table('runs', 'The runs and their conditions', (
+        words('run', 'run', [one.label for one in members]),
+        words('run_id', 'name', [one.report.run.run_id or one.source.path for one in members]),
+        micrometre_column('residual_rms_um', 'residual', [one.fit.rms for one in reports]),
+        micrometre_column('cmm_rms_um', 'CMM deviations, rms', [_rms(one.cmm) for one in reports]),
+        micrometre_column('plate_rms_um', 'plate deviations, rms', [_rms(one.plate) for one in reports], 1),
+        *(column(f'span_{curve}_{key}', f'{curve} peak to valley',
+                 [1e6 * float(np.ptp(one.error_motions[curve])) for one in reports],
+                 partial(fixed, places=digits), unit)
+          for curve, key, unit, digits in zip(CURVES, FILE_UNITS, CURVE_UNITS, DIGITS, strict=True))))
+    columns = [column('table_angle_deg', 'angle', np.rad2deg(verification.angle), partial(fixed, places=1), '°')]
+    for place, one in enumerate(members, 1):
+        columns += [column(f'run{place}_{curve}_{key}', curve, 1e6 * one.report.error_motions[curve],
+                           partial(signed, places=digits) if place == 1 else None, unit)
+                    for curve, key, unit, digits in zip(CURVES, FILE_UNITS, CURVE_UNITS, DIGITS, strict=True)]
+    curves = Table('verification_curves', f'The curves of run {members[0].label}', tuple(columns))
+    return reproducibility, conditions, curves
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean((values - values.mean(axis=0))**2)))

@@ -1,0 +1,350 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every table of results, built once: shown on the terminal, in the report and in the studio, and written as CSV."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from rosette_ros.analysis import Change, LadderStep, Report, Summary
+from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE
+from rosette_ros.core.diagnosis.comparison import AXES, Comparison
+from rosette_ros.core.diagnosis.diagnosis import Candidate
+from rosette_ros.core.diagnosis.second_run import CONFIRMED, CheckedEffect, CrossCheck
+from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level
+from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter
+from rosette_ros.core.model.model import BASE_TERMS, Model
+from rosette_ros.core.planning.advice import GOOD_SHARE, Advice
+from rosette_ros.core.planning.visibility import Visibility
+from rosette_ros.core.records import CURVES, ISO_NAMES, ErrorMotions, Floats
+from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.table_format import Column, Table, column, micrometre_column, words
+
+FILE_UNITS = tuple(unit.replace('µ', 'u') for unit in text.CURVE_UNITS)
+CURVE_NAMES = tuple(f'{curve} ({ISO_NAMES[curve]})' for curve in CURVES)
+EXPANDED = f'U: expanded uncertainty (k = {text.COVERAGE_FACTOR})'
+WORST, WAVES = 6, 4
+NEGLIGIBLE = 0.05
+"""Bias of the curves, µm or µrad per µm rms of an effect, below which plate and CMM deviations absorb it."""
+LARGEST_LIMIT = 100.0
+ANGLE_DECIMALS = 9
+"""1e-9 degrees are 3 pm at 182.5 mm."""
+BARS, MOST_BARS = '▁▂▃▄▅▆▇█', 40
+
+
+def tables_of(summary: Summary) -> tuple[Table, ...]:
+    """Return every table of a run, in the order of the report."""
+    comparison, diagnosis, best = summary.comparison, summary.diagnosis, summary.advice.best if summary.advice else None
+    return (curves(summary.final.error_motions), deviations(summary.final), axes(comparison), places(comparison),
+            worst_readings(comparison), waves(comparison), residuals(summary.report.fit, summary.final.fit),
+            groups(comparison), nested_models(summary.ladder), candidates(diagnosis.candidates),
+            fitted_effects(summary.final.effects, 'Effects in the final model'),
+            visibility(summary.visibilities, best.visibilities if best else ()), bias(summary.visibilities),
+            *([orders(summary.advice)] if summary.advice else []))
+
+
+def curves(motions: ErrorMotions) -> Table:
+    """Return the six curves; for people with U, below the curve where it is the same at all angles."""
+    values, u = 1e6 * motions.values, 1e6 * motions.u
+    expanded = text.COVERAGE_FACTOR * u
+    alike = bool(np.all(np.ptp(expanded, axis=0) <= 0.005 * expanded.max(axis=0)))
+    columns = [column('table_position', 'table position', range(1, len(values) + 1), str, footer=('',) * (1 + alike)),
+               column('table_angle_deg', 'angle', np.round(np.rad2deg(motions.angle), ANGLE_DECIMALS),
+                      partial(text.exact, places=4), '°',
+                      footer=('peak to valley', f'U (k={text.COVERAGE_FACTOR})')[:1 + alike])]
+    for place, (curve, unit) in enumerate(zip(CURVES, text.CURVE_UNITS, strict=True)):
+        digits = text.decimals(float(np.median(expanded[:, place])))
+        shown = [text.signed(value, digits) + ('' if alike else f'\n±{text.fixed(spread, digits)}')
+                 for value, spread in zip(values[:, place], expanded[:, place], strict=True)]
+        span, largest = float(np.ptp(values[:, place])), float(expanded[:, place].max())
+        footer = text.fixed(span, digits), f'±{text.fixed(largest, digits)}'
+        columns.append(Column(f'{curve}_{FILE_UNITS[place]}', CURVE_NAMES[place], tuple(values[:, place].tolist()),
+                              tuple(shown), unit, footer=footer[:1 + alike]))
+    columns += [column(f'u_{curve}_{unit}', '', u[:, place])
+                for place, (curve, unit) in enumerate(zip(CURVES, FILE_UNITS, strict=True))]
+    return Table('curves', f'Six error motions of the table; {EXPANDED}', tuple(columns))
+
+
+def deviations(report: Report) -> Table:
+    """Return the deviations of the plate's balls and of the CMM's positions."""
+    digits = text.decimals(1e6 * report.fit.sigma, 1) + 1
+    return Table('deviations', 'Deviations of the ball plate and of the CMM', (
+        column('number', 'ball or CMM position', range(1, len(report.plate) + 1), str),
+        *(micrometre_column(f'{key}_{axis}_um', f'{name} {axis}', values[:, place], digits, sign=True)
+          for key, name, values in (('plate', 'plate', report.plate), ('cmm', 'CMM', report.cmm))
+          for place, axis in enumerate(AXES))))
+
+
+def effects(fitted: Iterable[tuple[str, Mapping[str, object], Sequence[Parameter]]], title: str) -> Table:
+    """Return the parameters of (name, setting, parameters) of fitted effects."""
+    rows = [(name, setting, one, [other.name for other in parameters])
+            for name, setting, parameters in fitted for one in parameters]
+    shown = [text.shown_parameter(one) for _, _, one, _ in rows]
+    return Table('effects', f'{title}; {EXPANDED}', (
+        words('effect', 'effect', [name for name, _, _, _ in rows]),
+        words('parameter', 'parameter', [one.name for _, _, one, _ in rows]),
+        *(column(f'{key}_si', '', [getattr(one, key.removesuffix('_si')) for _, _, one, _ in rows])
+          for key in ('value', 'u', 'unit')),
+        column('value', 'value', [one[0] for one in shown], str),
+        column('expanded_uncertainty', 'U', [one[1] for one in shown], str),
+        words('unit', 'unit', [one[2] for one in shown]),
+        words('setting', 'searched values',
+              [text.setting_words(name, setting, known) for name, setting, _, known in rows])))
+
+
+def fitted_effects(every: Iterable[FittedEffect], title: str) -> Table:
+    """Return the parameters of the effects of a model."""
+    return effects([(one.name, one.setting, one.parameters) for one in every], title)
+
+
+def noise_of(fit: Fit) -> tuple[float, str]:
+    """Return what residuals are divided by, m, and its name: the repeatability where it is known."""
+    if fit.run.repeatability is not None:
+        return fit.run.repeatability, 'the repeatability'
+    return fit.rms, 'the rms of all residuals; the repeatability is not known'
+
+
+def axes(comparison: Comparison) -> Table:
+    """Return the residual by axis."""
+    sigma = noise_of(comparison.fit)[0]
+    return Table('residual_axes', 'Residual by axis', (
+        words('axis', 'axis', AXES), micrometre_column('rms_um', 'rms', comparison.axis_rms),
+        column('rms_sigma', 'in σ', comparison.axis_rms / sigma, partial(text.fixed, places=2))))
+
+
+def places(comparison: Comparison) -> Table:
+    """Return, for each grouping of the residuals, a bar for every group and the group with the largest residual."""
+    sigma, every = noise_of(comparison.fit)[0], comparison.groupings
+    sizes = [np.sqrt(np.mean(one.rms**2, axis=1)) / sigma for one in every]
+    top = max(float(size.max()) for size in sizes)
+    largest = [*(float(size.max()) for size in sizes), float('nan')]
+    p = [*(one.p for one in every), comparison.neighbour_p]
+    return Table('worst_places', f'Residual by group; a full bar is {text.sigmas(top)}', (
+        words('by', 'grouped by', [*(one.label for one in every), 'consecutive readings']),
+        words('profile', 'first to last group', [
+            *(bars(size, top) for size in sizes), f'correlation {text.signed(comparison.neighbour_correlation, 2)}']),
+        words('worst', 'largest at', [*(one.keys[one.worst] for one in every), '']),
+        micrometre_column('rms_um', 'its rms', [size * sigma for size in largest]),
+        column('rms_sigma', 'in σ', largest, lambda one: text.sigmas(one) if np.isfinite(one) else text.UNKNOWN),
+        column('p', text.P_NOISE, p, text.p_value)), levels=_marked(p))
+
+
+def bars(sizes: Floats, top: float) -> str:
+    """Return a row of bars, `top` being the highest; more than MOST_BARS are joined by their largest."""
+    if sizes.size > MOST_BARS:
+        sizes = np.array([part.max() for part in np.array_split(sizes, MOST_BARS)])
+    share = np.clip(sizes / top, 0, 1) if top > 0 else np.zeros(sizes.size)
+    return ''.join(BARS[min(int(part * len(BARS)), len(BARS) - 1)] for part in share)
+
+
+def _marked(p: Iterable[float]) -> tuple[str, ...]:
+    return tuple(Level.BAD if one < UNLIKELY else '' for one in p)
+
+
+def worst_readings(comparison: Comparison) -> Table:
+    """Return the readings with the largest residuals."""
+    worst = comparison.worst[:WORST]
+    return Table('worst_readings', 'Readings with the largest residuals', (
+        *(column(key, name, [getattr(one, attribute) for one in worst], str) for key, name, attribute in (
+            ('reading', 'reading', 'number'), ('table_position', 'table position', 'table_position'),
+            ('ball', 'ball', 'ball'), ('cmm_position', 'CMM position', 'cmm_position'))),
+        *(micrometre_column(f'{axis}_um', axis, [one.residual[place] for one in worst], sign=True)
+          for place, axis in enumerate(AXES)),
+        column('size_sigma', 'in rms', [one.size for one in worst], partial(text.fixed, places=1)),
+        column('p', text.P_NOISE, [one.p for one in worst], text.p_value)), levels=_marked(one.p for one in worst))
+
+
+def waves(comparison: Comparison) -> Table:
+    """Return the strongest harmonics of the residual; empty for an incomplete run, which has no spectrum."""
+    lines = comparison.harmonics[:WAVES]
+    return Table('harmonics', 'Strongest harmonics of the residual', (
+        words('axis', 'axis', [line.axis for line in lines]),
+        column('table_waves', 'waves per turn of the table', [line.table_waves for line in lines], str),
+        column('cmm_waves', 'waves per turn of CMM positions', [line.cmm_waves for line in lines],
+               partial(text.fixed, places=0)),
+        micrometre_column('amplitude_um', 'amplitude', [line.amplitude for line in lines]),
+        column('share', 'share of the residual', [line.share for line in lines], text.percent)))
+
+
+def residuals(before: Fit, after: Fit) -> Table:
+    """Return every reading with its residual under two models: for the file alone."""
+    run = before.run
+    numbers = [('reading', np.arange(1, run.size + 1)), ('table_position', run.table_position),
+               ('ball', run.ball), ('cmm_position', run.cmm_position), ('time_s', run.time),
+               ('table_angle_deg', np.rad2deg(run.table_angle)), ('temperature_C', run.temperature)]
+    numbers += [(f'{when}_{axis}_um', 1e6 * fit.residual[:, place])
+                for when, fit in (('before', before), ('after', after)) for place, axis in enumerate(AXES)]
+    return Table('residuals', 'Residuals', tuple(column(key, key, values) for key, values in numbers))
+
+
+def groups(comparison: Comparison) -> Table:
+    """Return every group of residuals: for the file alone."""
+    rows = [(one, place) for one in comparison.groupings for place in range(len(one.keys))]
+    return Table('residual_groups', 'Residuals by group', (
+        column('by', 'by', [one.label for one, _ in rows]),
+        column('group', 'group', [one.keys[place] for one, place in rows]),
+        *(column(f'{what}_{axis}_um', '', [1e6 * getattr(one, what)[place, k] for one, place in rows])
+          for what in ('rms', 'mean') for k, axis in enumerate(AXES))))
+
+
+def nested_models(steps: Sequence[LadderStep]) -> Table:
+    """Return models, each with one effect more, and the error of each in the fit and in cross-validation."""
+    fits, errors = [step.report.fit for step in steps], [step.cross_validation for step in steps]
+    change = [None, *(after / before - 1 for before, after in pairwise(errors))][:len(steps)]
+    return Table('ladder', 'Nested models: the error after each effect that is added', (
+        words('model', 'model', nested_names(steps)),
+        micrometre_column('rms_um', 'residual', [fit.rms for fit in fits]),
+        column('reduced_chi_square', 'reduced χ²', [fit.reduced_chi_square for fit in fits], _chi_square),
+        column('rank', 'parameters', [fit.rank for fit in fits], str),
+        column('dof', 'degrees of freedom', [fit.dof for fit in fits], str),
+        micrometre_column('held_out_rms_um', text.CROSS_VALIDATION, errors),
+        column('held_out_change', 'change', change,
+               lambda one: '' if one is None else f'{text.signed(100 * one, 0)} %')))
+
+
+def _chi_square(value: float | None) -> str:
+    return text.UNKNOWN if value is None else f'{value:.3g}'
+
+
+def nested_names(steps: Sequence[LadderStep]) -> list[str]:
+    """Return the names of nested models: the base, then what each adds."""
+    return [f'+ {step.added}' if step.added else base_name(step.report.model) for step in steps]
+
+
+def base_name(model: Model) -> str:
+    """Return what the base of a model is."""
+    return 'base model' if model.base == BASE_TERMS else ' + '.join(model.base) or 'nothing'
+
+
+def candidates(every: Sequence[Candidate], title: str = 'Candidates, most significant first') -> Table:
+    """Return candidates with probability, size and confounded effects."""
+    return Table('candidates', f'{title}; each fitted together with the identified ones above it', (
+        words('effect', 'effect', [one.effect for one in every]),
+        words('claimed', 'identified', ['yes' if one.claimed else 'no' for one in every]),
+        column('p', text.P_NOISE, [one.p for one in every], text.p_value),
+        words('size', 'size', [size_words(one) for one in every]),
+        column('visible_fraction', text.OBSERVABLE, [one.visible_fraction for one in every], text.percent),
+        *_with_and_without('before', 'after', every),
+        column('delta_bic', 'ΔBIC', [one.delta_bic for one in every], partial(text.fixed, places=0)),
+        words('look_alikes', 'confounded with', [', '.join(one.look_alikes) for one in every])))
+
+
+def _with_and_without(without: str, present: str, rows: Sequence[Candidate | CheckedEffect]) -> list[Column]:
+    """Return the columns of residual and cross-validation error without and with an effect; people see both in one."""
+    columns = []
+    for key, size, name in (('rms', 'rms', 'residual'), ('held_out_rms', 'cross_validation', text.CROSS_VALIDATION)):
+        before, after = ([getattr(one, f'{size}_{suffix}') for one in rows] for suffix in (without, present))
+        columns += [column(f'{key}_before_um', '', [1e6 * one for one in before]),
+                    Column(f'{key}_after_um', f'{name} without → with it', tuple(1e6 * one for one in after),
+                           tuple(map(text.before_after, before, after)), 'µm')]
+    return columns
+
+
+def size_words(candidate: Candidate) -> str:
+    """Return the parameters of a candidate with expanded uncertainties, and its searched values."""
+    shown = [(one.name, *text.shown_parameter(one)) for one in candidate.parameters]
+    parts = ', '.join(f'{name} {value} {spread} {unit}'.strip() for name, value, spread, unit in shown)
+    setting = text.setting_words(candidate.effect, candidate.setting, [one.name for one in candidate.parameters])
+    return '; '.join(part for part in (parts, setting) if part)
+
+
+def cross_check(check: CrossCheck) -> Table:
+    """Return what another run says of the effects that were learnt on a first one."""
+    every = check.effects
+    return Table('cross_check', 'Effects checked on the other run', (
+        words('effect', 'effect', [one.name for one in every]),
+        words('outcome', 'outcome', [one.outcome for one in every]),
+        column('visible_fraction', text.OBSERVABLE, [one.visible_fraction for one in every], text.percent),
+        column('p', text.P_NOISE, [one.p for one in every], text.p_value), *_with_and_without('without', 'with', every),
+        words('same_size', 'same size', [{True: 'yes', False: 'no', None: ''}[one.same_size] for one in every])),
+        levels=tuple('' if one.outcome == CONFIRMED else Level.DOUBTFUL for one in every),
+        note=f'All together: {text.CROSS_VALIDATION} '
+             f'{text.before_after(check.cross_validation_before, check.cross_validation_after)} µm; with the '
+             f'amplitudes of the first run and nothing fitted: {text.micro(check.cross_validation_carried)} µm.')
+
+
+def visibility(every: Sequence[Visibility], recommended: Sequence[Visibility] = ()) -> Table:
+    """Return the observable share of every effect in an order, beside that in the recommended one."""
+    best = {one.name: one for one in recommended}
+    beside = [best.get(one.name) for one in every]
+    return Table('visibility', 'What the order of measurement shows of every effect', (
+        words('effect', 'effect', [one.name for one in every]),
+        words('meaning', 'meaning', [text.MEANINGS[one.name].meaning for one in every]),
+        column('typical_visible_fraction', f'{text.OBSERVABLE}, typical', [one.typical_share for one in every],
+               text.percent),
+        column('visible_fraction', 'at best', [one.share for one in every], text.percent),
+        column('detectable_rms_um', f'{text.LIMIT}, rms', [1e6 * one.detectable for one in every], _limit, 'µm'),
+        column('recommended_order_visible_fraction', 'recommended order: typical',
+               [one.typical_share if one else None for one in beside],
+               lambda one: '' if one is None else text.percent(one)),
+        column('recommended_order_detectable_rms_um', f'recommended order: {text.LIMIT}, rms',
+               [1e6 * one.detectable if one else None for one in beside], _limit, 'µm'),
+        words('remark', 'remark', [_remark(one) for one in every])),
+        levels=tuple('' if one.reason or one.typical_share >= GOOD_SHARE else
+                     Level.DOUBTFUL if one.typical_share >= HIDDEN_SHARE else Level.BAD for one in every))
+
+
+def _limit(value: float | None) -> str:
+    """Return a detection limit, µm; above LARGEST_LIMIT the effect is practically not observable."""
+    return '' if value is None else text.fixed(value, 2) if value < LARGEST_LIMIT else text.UNKNOWN
+
+
+def _remark(entry: Visibility) -> str:
+    if entry.reason:
+        return f'not judged: {entry.reason}'
+    if entry.hidden:
+        return 'not observable in this order'
+    return f'confounded with {", ".join(entry.alike)}' if entry.alike else ''
+
+
+def bias(visibilities: Sequence[Visibility]) -> Table:
+    """Return what 1 µm rms of each effect adds to the six curves where it is not in the model."""
+    every = [one for one in visibilities if not one.reason]
+    return Table('bias', 'Bias of the curves per µm rms of an effect that is not in the model', (
+        words('effect', 'effect', [one.name for one in every]),
+        *(column(f'{curve}_{FILE_UNITS[place]}_per_um', CURVE_NAMES[place], [one.bias[place] for one in every],
+                 partial(text.fixed, places=2), text.CURVE_UNITS[place]) for place, curve in enumerate(CURVES)),
+        words('remark', 'remark', ['negligible' if one.bias.max() <= NEGLIGIBLE else '' for one in every])))
+
+
+def orders(advice: Advice) -> Table:
+    """Return the orders that were compared for the next run; the largest smallest observable share first."""
+    every = (advice.present, *sorted(advice.orders, key=lambda order: -order.worst))
+    marks = ['present', *('recommended' if one.label == advice.best.label else '' for one in every[1:])]
+    return Table('orders', 'Orders for the next run, by the observable share of the effects that are weak now', (
+        words('order', 'order', [one.label for one in every]), words('mark', '', marks),
+        words('worst_effect', 'least observable', [one.worst_effect for one in every]),
+        column('worst_share', text.OBSERVABLE, [one.worst for one in every], text.percent),
+        column('travel_time_s', 'time of moves', [one.travel_time for one in every], text.duration),
+        column('duration_s', 'whole run', [one.duration for one in every], text.duration),
+        *(column(f'visible_fraction_{name}', name, [one.share(name) for one in every], text.percent)
+          for name in advice.wanted)), levels=tuple('strong' if mark == 'recommended' else '' for mark in marks))
+
+
+def change_errors(change: Change) -> Table:
+    """Return the errors of a run before and after a change of the model."""
+    fits = [report.fit for report in (change.before, change.after)]
+    errors = change.cross_validation_before, change.cross_validation_after
+    rows: list[tuple[str, str, list[Any], Callable[[Any], str]]] = [
+        ('residual', 'µm', [1e6 * fit.rms for fit in fits], partial(text.fixed, places=3)),
+        ('reduced χ²', '', [fit.reduced_chi_square for fit in fits], _chi_square),
+        (text.CROSS_VALIDATION, 'µm', [1e6 * one for one in errors], partial(text.fixed, places=3)),
+        ('degrees of freedom', '', [fit.dof for fit in fits], str)]
+    return Table('change', 'Error before and after', (
+        words('quantity', 'quantity', [name for name, *_ in rows]), words('unit', 'unit', [row[1] for row in rows]),
+        *(Column(key, key, tuple(values[side] for _, _, values, _ in rows),
+                 tuple(show(values[side]) for _, _, values, show in rows))
+          for side, key in enumerate(('before', 'after')))))
+
+
+def curve_changes(change: Change) -> Table:
+    """Return what a change of the model does to each curve: its largest change, its uncertainties."""
+    return Table('curve_changes', f'Change of the curves; {EXPANDED}', (
+        words('curve', 'curve', CURVE_NAMES), words('unit', 'unit', text.CURVE_UNITS),
+        *(column(f'{key}_in_unit', name, 1e6 * np.asarray(values), partial(text.fixed, places=3))
+          for key, name, values in (
+              ('change', 'largest change', change.curve_change),
+              ('U_before', 'U before', text.COVERAGE_FACTOR * change.before.error_motions.u.max(axis=0)),
+              ('U_after', 'U after', text.COVERAGE_FACTOR * change.after.error_motions.u.max(axis=0))))))

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A sealed envelope: what a machine hides, written so that nobody reads it by accident.
+
+The digest can be published first; when the envelope is opened later, it proves that nothing was changed. Base64 is no
+encryption: it only keeps the answer from being read unintentionally.
+"""
+
+import base64
+import hashlib
+import json
+import secrets
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.simulation.machine import Machine
+
+SCHEMA = 'rosette-envelope/1'
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """An opened envelope.
+
+    digest: sha256 of the sealed text, hexadecimal; seed: of the machine; hidden: the effects as mappings, as they may
+    stand in a configuration.
+    """
+
+    digest: str
+    seed: int
+    hidden: tuple[dict[str, Any], ...]
+
+
+def seal_envelope(path: Path, machine: Machine) -> str:
+    """Write what a machine hides into a new file and return its digest (sha256, hexadecimal).
+
+    Raises InvalidData where the file exists or cannot be written.
+    """
+    hidden = [effect.model_dump(mode='json') for effect in machine.hidden]
+    # The salt keeps anyone from finding the content by trying out configurations.
+    text = json.dumps({'seed': machine.config.seed, 'hidden': hidden,
+                       'salt': secrets.token_hex(16)}, sort_keys=True).encode()
+    digest = hashlib.sha256(text).hexdigest()
+    envelope = {'schema': SCHEMA, 'sha256': digest, 'sealed': base64.b64encode(text).decode()}
+    try:
+        with path.open('x', encoding='utf-8') as file:
+            file.write(json.dumps(envelope, indent=1) + '\n')
+    except FileExistsError as error:
+        raise InvalidData(f'{path}: wanted a new file for the envelope, got one that exists; '
+                          'name another, an envelope is never overwritten') from error
+    except OSError as error:
+        raise InvalidData(f'{path}: wanted to write the envelope, got: {error}') from error
+    return digest
+
+
+def open_envelope(path: Path) -> Envelope:
+    """Return what is in the envelope of a file.
+
+    Raises InvalidData where it cannot be read, or where content and digest do not agree.
+    """
+    try:
+        outer = json.loads(path.read_text(encoding='utf-8'))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InvalidData(f'{path}: wanted an envelope file, got: {error}') from error
+    if not isinstance(outer, dict) or outer.get('schema') != SCHEMA:
+        raise InvalidData(f'{path}: wanted an envelope of schema {SCHEMA}, got something else')
+    try:
+        text = base64.b64decode(outer['sealed'], validate=True)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidData(f'{path}: sealed: wanted base64 text, got something else') from error
+    digest = hashlib.sha256(text).hexdigest()
+    if digest != outer.get('sha256'):
+        raise InvalidData(f'{path}: wanted content of sha256 {outer.get("sha256")!s:.64}, got '
+                          f'{digest}; the envelope was changed after it was sealed')
+    try:
+        content = json.loads(text)
+        return Envelope(digest, content['seed'], tuple(content['hidden']))
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise InvalidData(f'{path}: sealed: wanted seed and hidden effects, got something else') from error

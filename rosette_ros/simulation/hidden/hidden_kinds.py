@@ -1,0 +1,420 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every kind of hidden effect: of the frame, the table, the plate and its balls, the CMM; last, those not named."""
+
+from typing import Annotated, ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import Field
+
+from rosette_ros.core.geometry import TWO_PI
+from rosette_ros.core.records import Floats
+from rosette_ros.simulation.hidden.hidden_effect import UM, Draw, HiddenEffect, along
+from rosette_ros.simulation.motion import Moment
+from rosette_ros.simulation.probing import TouchPattern
+from rosette_ros.simulation.setting_types import NotNegative, Number, Pair, Positive, Vector
+
+BallNumber = Annotated[int, Field(ge=1)]
+Undulations = Annotated[int, Field(ge=2, le=12)]
+
+
+class HiddenFrameDrift(HiddenEffect):
+    """The table drifts steadily relative to the probe: rate * t."""
+
+    kind: Literal['frame_drift'] = 'frame_drift'
+    rate_um_per_h: Vector
+
+    def frame_shift(self, moment: Moment) -> Floats:
+        return along(self.rate_um_per_h, moment.hours)
+
+    @classmethod
+    def draw(cls, by: Draw) -> Self:
+        return cls(rate_um_per_h=by.vector(by.size_um / by.run.duration_h))
+
+
+class HiddenFrameWarmup(HiddenEffect):
+    """Something was switched on too late: amplitude * (1 - exp(-(t - from) / tau)), nothing before."""
+
+    kind: Literal['frame_warmup'] = 'frame_warmup'
+    amplitude_um: Vector
+    time_constant_h: Positive
+    from_h: NotNegative = 0.0
+
+    def frame_shift(self, moment: Moment) -> Floats:
+        since = np.maximum(moment.hours - self.from_h, 0.0)
+        return along(self.amplitude_um, -np.expm1(-since / self.time_constant_h))
+
+    @classmethod
+    def draw(cls, by: Draw) -> Self:
+        """Draw one that begins just before the run, over a tenth to half of it."""
+        return cls(amplitude_um=by.vector(by.size_um), from_h=0.95 * by.run.start_h,
+                   time_constant_h=by.run.duration_h * by.between(0.1, 0.5))
+
+
+class HiddenFrameTemperature(HiddenEffect):
+    """The machine's frame follows the ambient temperature: coefficient * (T - T at power-on)."""
+
+    kind: Literal['frame_temperature'] = 'frame_temperature'
+    coefficient_um_per_K: Vector
+
+    def frame_shift(self, moment: Moment) -> Floats:
+        return along(self.coefficient_um_per_K, moment.warming)
+
+    @classmethod
+    def draw(cls, by: Draw) -> Self:
+        """Draw one that moves by about the size for a warming of 0.1 K."""
+        return cls(coefficient_um_per_K=by.vector(by.size_um / 0.1))
+
+
+class HiddenFrameCycle(HiddenEffect):
+    """Air conditioning or coolant: cosine * cos(2 pi t / P) + sine * sin(2 pi t / P)."""
+
+    kind: Literal['frame_cycle'] = 'frame_cycle'
+    cosine_um: Vector
+    sine_um: Vector = (0.0, 0.0, 0.0)
+    period_min: Positive
+
+    def frame_shift(self, moment: Moment) -> Floats:
+        phase = TWO_PI * moment.time / (60.0 * self.period_min)
+        return along(self.cosine_um, np.cos(phase)) + along(self.sine_um, np.sin(phase))
+
+    @classmethod
+    def draw(cls, by: Draw) -> Self:
+        """Draw one with three to twelve periods in the run."""
+        return cls(cosine_um=by.vector(by.size_um), sine_um=by.vector(by.size_um),
+                   period_min=60 * by.run.duration_h / by.between(3, 12))
+
+
+class HiddenFrameStep(HiddenEffect):
+    """Somebody bumped into the table, or the probe was requalified: a step at one time."""
+
+    kind: Literal['frame_step'] = 'frame_step'
+    step_um: Vector
+    at_h: NotNegative
+
+    def frame_shift(self, moment: Moment) -> Floats:
+        return along(self.step_um, moment.hours >= self.at_h)
+
+    @classmethod
+    def draw(cls, by: Draw) -> Self:
+        return cls(step_um=by.vector(by.size_um), at_h=by.time())
+
+
+class HiddenTableZeroDrift(HiddenEffect):
+    """The zero of the angle encoder drifts: rate * t."""
+
+    kind: Literal['table_zero_drift'] = 'table_zero_drift'
+    rate_urad_per_h: Number
+
+    def table_turn(self, moment: Moment) -> Floats:
+        return self.rate_urad_per_h * UM * moment.hours
+
+    @classmethod
+    def draw(cls, by: Draw) -> Self:
+        return cls(rate_urad_per_h=by.sign() * (by.angle_urad / by.run.duration_h))
+
+
+class HiddenAxisTiltDrift(HiddenEffect):
+    """The bed bends: the table's axis tilts steadily about x and y, rate * t."""
+
+    kind: Literal['axis_tilt_drift'] = 'axis_tilt_drift'
+    rate_urad_per_h: Pair
+
+    def axis_tilt(self, moment: Moment) -> Floats:
+        return along((*self.rate_urad_per_h, 0.0), moment.hours)
+
+    @classmethod
+    def draw(cls, by: Draw) -> Self:
+        return cls(rate_urad_per_h=by.vector(by.angle_urad / by.run.duration_h, axes=2)[:2])
+
+
+class HiddenTableBacklash(HiddenEffect):
+    """The table stops elsewhere when it comes from the other side: half the width in the sense of the last move."""
+
+    kind: Literal['table_backlash'] = 'table_backlash'
+    width_urad: Number
+
+    def table_turn(self, moment: Moment) -> Floats:
+        return np.multiply(0.5 * self.width_urad * UM, moment.approach)
+
+    @classmethod
+    def draw(cls, by: Draw) -> Self:
+        return cls(width_urad=by.sign() * by.angle_urad)
+
+
+class HiddenAsynchronousMotion(HiddenEffect):
+    """The bearing's cage turns at its own rate: the axis moves with `order` times the travel.
+
+    Radial motion is an orbit, tilt motion a cone, axial motion up and down.
+    """
+
+    kind: Literal['asynchronous_motion'] = 'asynchronous_motion'
+    order: Annotated[float, Field(gt=0, le=50, description='periods per turn, not whole')]
+    radial_um: Number = 0.0
+    axial_um: Number = 0.0
+    tilt_urad: Number = 0.0
+    phase_deg: Number = 0.0
+
+    def _turning(self, moment: Moment, size: float, axial: float = 0.0) -> Floats:
+        phase = self.order * moment.travel + np.deg2rad(self.phase_deg)
+        return along((size, 0.0, axial), np.cos(phase)) + along((0.0, size, 0.0), np.sin(phase))
+
+    def table_shift(self, moment: Moment) -> Floats:
+        return self._turning(moment, self.radial_um, self.axial_um)
+
+    def table_tilt(self, moment: Moment) -> Floats:
+        return self._turning(moment, self.tilt_urad)
+
+    @classmethod
+    def draw(cls, by: Draw) -> Self:
+        """Draw one of the three motions with an order as cages have it."""
+        sizes = {'radial_um': by.size_um, 'axial_um': by.size_um, 'tilt_urad': by.angle_urad}
+        motion = str(by.rng.choice(list(sizes)))
+        order, phase_deg = by.between(0.37, 0.47), by.between(0, 360)
+        return cls.model_validate({'order': order, 'phase_deg': phase_deg, motion: sizes[motion]})
+
+
+class HiddenTableWarmup(HiddenEffect):
+    """The bearing warms as it turns, in either sense, and lifts: growth * (1 - exp(-turned / scale))."""
+
+    kind: Literal['table_warmup'] = 'table_warmup'
+    growth_um: Number
+    scale_turns: Positive
+
+    def table_shift(self, moment: Moment) -> Floats:
+        turns = moment.turned / TWO_PI
+        return along((0.0, 0.0, self.growth_um), -np.expm1(-turns / self.scale_turns))
+
+    @classmethod
+    def draw(cls, by: Draw) -> Self:
+        """Draw one that settles within a tenth to half of a diagonal run."""
+        return cls(growth_um=by.sign() * by.size_um, scale_turns=by.run.balls * by.between(0.1, 0.5))
+
+
+class HiddenPlateCreep(HiddenEffect):
+    """The clamping lets the plate slide steadily: rate * t."""
+
+    kind: Literal['plate_creep'] = 'plate_creep'
+    rate_um_per_h: Vector
+
+    def plate_shift(self, moment: Moment) -> Floats:
+        return along(self.rate_um_per_h, moment.hours)
+
+    @classmethod
+    def draw(cls, by: Draw) -> Self:
+        return cls(rate_um_per_h=by.vector(by.size_um / by.run.duration_h, axes=2))
+
+
+class HiddenPlateSlip(HiddenEffect):
+    """The plate slips once: a shift, and a turn about the axis, from one time on."""
+
+    kind: Literal['plate_slip'] = 'plate_slip'
+    shift_um: Vector
+    turn_urad: Number = 0.0
+    at_h: NotNegative
+
+    def plate_shift(self, moment: Moment) -> Floats:
+        return along(self.shift_um, moment.hours >= self.at_h)
+
+    def plate_turn(self, moment: Moment) -> Floats:
+        return np.multiply(self.turn_urad * UM, moment.hours >= self.at_h)
+
+    @classmethod
+    def draw(cls, by: Draw) -> Self:
+        return cls(shift_um=by.vector(by.size_um, axes=2), turn_urad=by.sign() * 0.5 * by.angle_urad, at_h=by.time())
+
+
+class HiddenPlateExpansion(HiddenEffect):
+    """The plate grows in its plane, with time or with the temperature."""
+
+    kind: Literal['plate_expansion'] = 'plate_expansion'
+    rate_ppm_per_h: Number = 0.0
+    coefficient_ppm_per_K: Number = 0.0
+
+    def plate_growth(self, moment: Moment) -> Floats:
+        return UM * (self.rate_ppm_per_h * moment.hours + self.coefficient_ppm_per_K * moment.warming)
+
+    @classmethod
+    def draw(cls, by: Draw) -> Self:
+        ppm = by.sign() * by.angle_urad
+        if by.rng.random() < 0.5:
+            return cls(rate_ppm_per_h=ppm / by.run.duration_h)
+        return cls(coefficient_ppm_per_K=ppm / 0.1)
+
+
+class HiddenPlateWarp(HiddenEffect):
+    """The plate warps like a saddle: z grows with cos(order * (beta - phase)) * t."""
+
+    kind: Literal['plate_warp'] = 'plate_warp'
+    rate_um_per_h: Number
+    order: Undulations = 2
+    phase_deg: Number = 0.0
+
+    def ball_shift(self, moment: Moment) -> Floats:
+        shape = np.cos(self.order * (moment.azimuth - np.deg2rad(self.phase_deg)))
+        return along((0.0, 0.0, self.rate_um_per_h), shape * moment.hours)
+
+    @classmethod
+    def draw(cls, by: Draw) -> Self:
+        return cls(rate_um_per_h=by.size_um / by.run.duration_h, phase_deg=by.between(0, 180))
+
+
+class HiddenBallSlip(HiddenEffect):
+    """One ball comes loose and moves on the plate, from one time on; axes of the turning frame."""
+
+    kind: Literal['ball_slip'] = 'ball_slip'
+    ball: BallNumber
+    shift_um: Vector
+    at_h: NotNegative
+
+    def ball_shift(self, moment: Moment) -> Floats:
+        return along(self.shift_um, (moment.hours >= self.at_h) & (moment.ball == self.ball))
+
+    @classmethod
+    def draw(cls, by: Draw) -> Self:
+        return cls(ball=by.ball(), shift_um=by.vector(by.size_um * np.sqrt(by.run.balls)), at_h=by.time())
+
+
+class HiddenBallForm(HiddenEffect):
+    """One ball is lobed and turns under touches that do not turn with it.
+
+    `order` lobes of the surface, at Q touches evenly spaced on each horizontal circle, move the found centre in x-y
+    where order + 1 or order - 1 is a multiple of Q, and in z where order is. Such orders are a true surface in the
+    ball's frame. An order that even touches cannot see stands for touches spaced unevenly: at the touch points the ball
+    then stands out as if its centre had moved by centre_um * (cos(m phi + psi), -sin(m phi + psi)). The motion has the
+    form (cos, -sin) where order + 1 is a multiple of Q (order 3 for four touches), (cos, +sin) where order - 1 is
+    (order 5).
+    """
+
+    kind: Literal['ball_form'] = 'ball_form'
+    ball: BallNumber
+    order: Annotated[int, Field(ge=2, le=30)]
+    centre_um: Number = Field(description='amplitude of the apparent motion of the centre')
+    direction: Literal['xy', 'z'] = 'xy'
+    phase_deg: Number = 0.0
+
+    def surface(self, moment: Moment, direction: Floats, touches: TouchPattern) -> Floats:
+        height = UM * self.centre_um * (moment.ball == self.ball)
+        turn = self.order * moment.angle + np.deg2rad(self.phase_deg)
+        azimuth = np.arctan2(direction[..., 1], direction[..., 0])
+        around = np.sqrt(direction[..., 0]**2 + direction[..., 1]**2)
+        spacing = touches.points_per_circle
+        if self.direction == 'z':
+            lobes = turn - self.order * azimuth if self.order % spacing == 0 else turn
+            return height * direction[..., 2] * np.cos(lobes)
+        if (self.order + 1) % spacing == 0:
+            return height * around * np.cos(turn - self.order * azimuth)
+        if (self.order - 1) % spacing == 0:
+            return height * around * np.cos(self.order * azimuth - turn)
+        return height * around * np.cos(azimuth + turn)
+
+    @classmethod
+    def draw(cls, by: Draw) -> Self:
+        """Draw what four touches a circle can see; few readings see it, so it is larger."""
+        is_vertical = bool(by.rng.integers(2))
+        return cls(ball=by.ball(), direction='z' if is_vertical else 'xy', order=4 if is_vertical else 3,
+                   centre_um=by.size_um * np.sqrt(by.run.balls), phase_deg=by.between(0, 360))
+
+
+class HiddenCmmReversal(HiddenEffect):
+    """An axis leans to the side it came from: half the value before, half after, in the sense of its last move."""
+
+    kind: Literal['cmm_reversal'] = 'cmm_reversal'
+    value_um: Vector
+
+    def probe_shift(self, moment: Moment) -> Floats:
+        return 0.5 * UM * np.asarray(self.value_um) * moment.cmm_sense
+
+    @classmethod
+    def draw(cls, by: Draw) -> Self:
+        return cls(value_um=by.vector(by.size_um, axes=2))
+
+
+class HiddenOutlier(HiddenEffect):
+    """The reading that is being made at one time is off: something shook."""
+
+    kind: Literal['outlier'] = 'outlier'
+    shift_um: Vector
+    at_h: NotNegative
+
+    def probe_shift(self, moment: Moment) -> Floats:
+        return along(self.shift_um, moment.is_made_at(self.at_h))
+
+    @classmethod
+    def draw(cls, by: Draw) -> Self:
+        return cls(shift_um=by.vector(by.size_um * by.run.balls), at_h=by.time())
+
+
+class HiddenTouchDust(HiddenEffect):
+    """A speck of dust under one touch of the reading that is being made at one time."""
+
+    is_named: ClassVar[bool] = False
+    kind: Literal['touch_dust'] = 'touch_dust'
+    thickness_um: Number
+    touch: Annotated[int, Field(ge=1, description='number of the touch')]
+    at_h: NotNegative
+
+    def surface(self, moment: Moment, direction: Floats, touches: TouchPattern) -> Floats:
+        number = np.arange(1, touches.size + 1)
+        return UM * self.thickness_um * (moment.is_made_at(self.at_h) & (number == self.touch))
+
+    @classmethod
+    def draw(cls, by: Draw) -> Self:
+        """Draw one; a twentieth of it reaches the centre of a single reading."""
+        return cls(thickness_um=5 * by.size_um * by.run.balls, touch=int(by.rng.integers(1, 21)), at_h=by.time())
+
+
+class HiddenBedRipple(HiddenEffect):
+    """The bed swells in ripples around the table: z grows with t * cos(order * alpha) where the ball stands."""
+
+    is_named: ClassVar[bool] = False
+    kind: Literal['bed_ripple'] = 'bed_ripple'
+    rate_um_per_h: Number
+    order: Undulations = 3
+
+    def frame_shift(self, moment: Moment) -> Floats:
+        shape = np.cos(self.order * (moment.angle + moment.azimuth))
+        return along((0.0, 0.0, self.rate_um_per_h), shape * moment.hours)
+
+    @classmethod
+    def draw(cls, by: Draw) -> Self:
+        return cls(rate_um_per_h=by.size_um / by.run.duration_h)
+
+
+class HiddenFrameAcceleration(HiddenEffect):
+    """The table drifts faster and faster relative to the probe: acceleration * t^2."""
+
+    is_named: ClassVar[bool] = False
+    kind: Literal['frame_acceleration'] = 'frame_acceleration'
+    acceleration_um_per_h2: Vector
+
+    def frame_shift(self, moment: Moment) -> Floats:
+        return along(self.acceleration_um_per_h2, moment.hours**2)
+
+    @classmethod
+    def draw(cls, by: Draw) -> Self:
+        return cls(acceleration_um_per_h2=by.vector(by.size_um / by.run.duration_h**2))
+
+
+class HiddenUnevenNoise(HiddenEffect):
+    """The readings scatter more at some CMM positions: 1 + excess * (1 + cos(alpha - at)) / 2."""
+
+    is_named: ClassVar[bool] = False
+    kind: Literal['uneven_noise'] = 'uneven_noise'
+    excess: NotNegative
+    at_deg: Number = 0.0
+
+    def noise_factor(self, moment: Moment) -> Floats:
+        alpha = (moment.angle + moment.azimuth) % TWO_PI
+        return 1.0 + 0.5 * self.excess * (1.0 + np.cos(alpha - np.deg2rad(self.at_deg)))
+
+    @classmethod
+    def draw(cls, by: Draw) -> Self:
+        """Draw one whose excess is the size in units of the repeatability, at most threefold."""
+        sigma = by.run.sigma_um if by.run.sigma_um > 0 else 0.1
+        return cls(excess=min(by.size_um / sigma, 3.0), at_deg=by.between(0, 360))
+
+
+KINDS = {effect.model_fields['kind'].default: effect for effect in HiddenEffect.__subclasses__()}
+"""Every kind by its name in the configuration; the order, that of the classes, decides what a seed draws."""
+NAMED = tuple(kind for kind, effect in KINDS.items() if effect.is_named)
+"""Kinds that are drawn unless others are asked for."""

@@ -1,0 +1,294 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated cell: a table, a plate, a CMM and what they hide, reading after reading.
+
+A ball in the plate's frame is carried through exact rigid bodies: clamped plate, turning table with its error motions,
+tilted axis, machine frame. Each of its touches is made at its own time on a real sphere, the CMM adds its errors, and
+the least-squares sphere gives the centre.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rosette_ros.core.errors import InvalidPlan
+from rosette_ros.core.geometry import TWO_PI, Frame, nominal_angles, rotate_z, rotation_matrix, table_frame
+from rosette_ros.core.records import Floats, Ints, Run
+from rosette_ros.core.scheme import Scheme
+from rosette_ros.simulation import cell_parts, probing
+from rosette_ros.simulation.hidden import Situation, acting, draw_hidden
+from rosette_ros.simulation.machine_config import MachineConfig
+from rosette_ros.simulation.motion import MachineState, Moment, Moves, moves
+from rosette_ros.simulation.probing import BallNotFound, BallReading, BallReadings
+from rosette_ros.simulation.random_streams import part_generator, standard_normal
+
+_REACH_SHARE = 0.5
+"""A ball whose centre is farther from the aim than this share of its radius is not found."""
+_NO_ANGLE = 1e-300
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """What is known before a run.
+
+    frame: the table frame in the machine frame; repeatability: sd of a ball-centre coordinate, m; dof: its degrees of
+    freedom; both None if not measured.
+    """
+
+    frame: Frame
+    repeatability: float | None = None
+    dof: int | None = None
+
+
+class Machine:
+    """A cell that measures balls and keeps its state from reading to reading.
+
+    state: where an earlier machine of the same configuration stood, to continue from there (default: just switched on,
+    ball 1 under the probe).
+    """
+
+    def __init__(self, config: MachineConfig, state: MachineState | None = None) -> None:
+        """Build the parts of the cell from their seeds."""
+        self.config = config
+        self.n = config.plate.balls
+        self.radius = config.radius
+        rough = 1e-3 * np.array(config.placement.origin_mm)
+        self.rough_frame = Frame(np.eye(3), rough)
+        self.true_frame = _true_frame(config, rough)
+        self.table = cell_parts.build_table(config.table, config.seed)
+        self.plate = cell_parts.build_plate(config.plate, config.clamping, config.seed)
+        self.cmm = cell_parts.build_cmm(config.cmm, rough, config.seed)
+        self.climate = cell_parts.build_climate(config.climate, config.seed)
+        self.pattern = probing.build_pattern(config.probing, 1e-3 * config.plate.ball_radius_mm)
+        self.touch_noise, self.position_noise = probing.noise_sizes(config.probing, self.pattern)
+        self.hidden = config.hidden
+        if config.hidden_draw is not None:
+            situation = _expected_situation(config, self.pattern.size)
+            self.hidden = self.hidden + draw_hidden(config.hidden_draw, situation)
+        self._acting = acting(self.hidden)
+        self._angles = nominal_angles(self.n)
+        self._nominal = cell_parts.nominal_balls(self.n, self.radius)
+        self.state = state or MachineState(0.0, 0, 0, 0, 0.0, self.rough_frame.to_outer(self._nominal[0]),
+                                         np.zeros(3), 0)
+
+    @property
+    def time(self) -> float:
+        """Simulated time since power-on, at the end of the last reading, s."""
+        return self.state.time
+
+    def measure(self, table_position: int, ball: int, approach: int = 1, aim: ArrayLike | None = None,
+                short: float = 0.0) -> BallReading[int, float]:
+        """Measure one ball now and return its reading; the simulated time advances.
+
+        table_position, ball: one-based; approach: sense in which the table turns to get there, +1 or -1, 0 is taken as
+        +1; aim: (3,) where the ball is expected, machine frame, m (default: the nominal place by the roughly known
+        origin); short: angle by which the table, if it moves, stops before its place, rad. Raises InvalidPlan for
+        indices out of range and BallNotFound where the aim is off; then the state stays as it was.
+        """
+        aims = None if aim is None else np.asarray(aim, dtype=float)[None, :]
+        return self.measure_many([table_position], [ball], [approach], aims, short)[0]
+
+    def measure_many(self, table_position: ArrayLike, ball: ArrayLike, approach: ArrayLike, aim: Floats | None = None,
+                     short: float = 0.0) -> BallReadings:
+        """Measure N balls in order and return their readings, equal to N calls of `measure` bit by bit.
+
+        table_position, ball, approach: (N,); aim: (N, 3) machine frame, m; short: as `measure`. Raises as `measure`.
+        """
+        table_position = self._checked(table_position, 'table position')
+        ball = self._checked(ball, 'ball')
+        if aim is None:
+            aim = self.rough_frame.to_outer(self._nominal[(table_position + ball - 2) % self.n])
+        draws = standard_normal(self.config.seed, self.state.readings + np.arange(ball.size), self.pattern.size + 6)
+        timing = self.config.timing
+        approach = np.asarray(approach)
+        made = moves(
+            self.state, timing, self.n, table_position, approach, np.asarray(aim),
+            wait=timing.jitter_s * np.abs(draws[:, -6]),
+            stop=1e-6 * self.config.table.positioning_urad * draws[:, -5] - short * np.where(approach < 0, -1, 1),
+            touches=self.pattern.size, deadband=1e-3 * self.config.cmm.reversal_deadband_mm)
+        moment = self._moment(made, table_position, ball)
+        centre, form = self._probe(moment, made.cmm, draws)
+        self.state = made.last_state(self.state)
+        sensor = self.config.climate.sensor_K * draws[:, -4]
+        return BallReadings(
+            table_position=table_position, ball=ball, time=moment.time.sum(-1) / self.pattern.size,
+            began=made.began, ended=made.ended, table_angle=moment.angle[:, 0] % TWO_PI,
+            table_travel=moment.travel[:, 0], approach=made.approach, centre=centre,
+            form_error=form, temperature=self.climate.start + moment.warming[:, -1] + sensor)
+
+    def align(self, repeats: int = 10) -> Alignment:
+        """Measure ball 1 `repeats` times, then at every table position (the axis), then every ball (the plane)."""
+        one, every = np.ones(self.n, dtype=int), np.arange(1, self.n + 1)
+        sigma, dof = self._repeat(repeats)
+        axis = self.measure_many(every, one, one)
+        plane = self.measure_many(one, every, one)
+        return Alignment(table_frame(axis.centre, plane.centre), sigma, dof)
+
+    def run(self, scheme: Scheme, repeats: int = 10, align: bool = True, run_id: str = '') -> Run:
+        """Measure a whole Scheme and return its Run, as the cell would after its alignment.
+
+        Times count from the first reading of the run. repeats: readings of the repeatability check, fewer than two
+        leave the Run without repeatability; align: whether the table frame is found by measuring, else it is the true
+        one. Raises InvalidPlan where the scheme is for another number of balls.
+        """
+        return self.calibrate(scheme, repeats, align, run_id)[0]
+
+    def calibrate(self, scheme: Scheme, repeats: int = 10, align: bool = True,
+                  run_id: str = '') -> tuple[Run, Alignment, BallReadings]:
+        """Return what `run` returns, the alignment, and the readings in the machine frame."""
+        if scheme.n != self.n:
+            raise InvalidPlan(f'scheme: wanted one for the {self.n} balls of this plate, got one for {scheme.n}')
+        alignment = self.align(repeats) if align else Alignment(self.true_frame, *self._repeat(repeats))
+        aim = alignment.frame.to_outer(scheme.centres(self.radius))
+        readings = self.measure_many(scheme.table_position, scheme.ball, scheme.approach, aim)
+        run = Run(
+            n=self.n, radius=self.radius, table_position=readings.table_position, ball=readings.ball,
+            centre=alignment.frame.to_inner(readings.centre), table_angle=readings.table_angle,
+            time=readings.time - readings.time[0], temperature=readings.temperature, approach=readings.approach,
+            table_travel=readings.table_travel, repeatability=alignment.repeatability, repeatability_dof=alignment.dof,
+            run_id=run_id)
+        return run, alignment, readings
+
+    def table_truth(self, angle: ArrayLike | None = None, frame: Frame | None = None) -> Floats:
+        """Return the true six curves, repeatable errors only, (m, 6), m and rad, as in core.records.ErrorMotions.
+
+        angle: (m,) rad (default: the nominal ones); frame: the table frame they are wanted in (default: the true one).
+        """
+        angle = self._angles if angle is None else np.asarray(angle, dtype=float)
+        return self.table.curves(angle, self.true_frame, frame or self.true_frame)
+
+    def maker_table(self, angle: Floats | None = None) -> Floats:
+        """Return the correction tables of the maker, zero where there is none, (m, 6)."""
+        return self.table.maker(self._angles if angle is None else angle)
+
+    def plate_truth(self, frame: Frame | None = None) -> Floats:
+        """Return the true plate deviations P_j in a table frame, clamping included, (n, 3), m."""
+        between = cell_parts.frame_between(self.true_frame, frame or self.true_frame)
+        return between.to_outer(self.plate.on_table(np.arange(1, self.n + 1))) - self._nominal
+
+    def cmm_truth(self, frame: Frame | None = None) -> Floats:
+        """Return the true CMM deviations M_k in a table frame, (n, 3), m."""
+        frame = frame or self.true_frame
+        return self.cmm.error(frame.to_outer(self._nominal)) @ frame.rotation
+
+    def _repeat(self, repeats: int) -> tuple[float, int] | tuple[None, None]:
+        """Return sigma and degrees of freedom of `repeats` readings of ball 1, or None twice."""
+        if repeats < 1:
+            return None, None
+        one = np.ones(repeats, dtype=int)
+        centre = self.measure_many(one, one, one).centre
+        if repeats < 2 or self.config.probing.repeatability_um == 0:
+            return None, None
+        dof = 3 * (repeats - 1)
+        return float(np.sqrt(((centre - centre.mean(axis=0))**2).sum() / dof)), dof
+
+    def _checked(self, index: ArrayLike, what: str) -> Ints:
+        index = np.asarray(index)
+        bad = (index < 1) | (index > self.n)
+        if bad.any():
+            raise InvalidPlan(f'{what}: wanted 1..{self.n}, got {index[bad][0]}')
+        return index.astype(np.int64)
+
+    def _moment(self, made: Moves, table_position: Ints, ball: Ints) -> Moment:
+        """Return the Moment of all touches of the moves."""
+        touch = self.config.timing.touch_s * np.arange(1, self.pattern.size + 1)
+        time = made.arrived[:, None] + touch
+        return Moment(
+            time=time, began=made.began[:, None], ended=made.ended[:, None], warming=self.climate.warming(time),
+            table_position=table_position[:, None], ball=ball[:, None], azimuth=self._angles[ball - 1][:, None],
+            angle=(self._angles[table_position - 1] + made.stop)[:, None],
+            travel=(made.steps * (TWO_PI / self.n) + made.stop)[:, None],
+            turned=np.multiply(made.turned, TWO_PI / self.n)[:, None], approach=made.approach[:, None],
+            cmm_sense=made.cmm_sense[:, None, :])
+
+    def _sum(self, hook: str, moment: Moment) -> Floats | float:
+        """Return the sum of one hook over the hidden effects; 0.0 where none has it."""
+        return sum((act(moment) for act in self._acting[hook]), start=0.0)
+
+    def ball_centres(self, moment: Moment) -> Floats:
+        """Return the true ball centres in the machine frame, (N, 1 or Q, 3), m."""
+        centre = self.plate.on_table(moment.ball, self._sum('plate_growth', moment))
+        centre = centre + self._sum('ball_shift', moment)
+        plate_turn = self._sum('plate_turn', moment)
+        if isinstance(plate_turn, np.ndarray):
+            centre = rotate_z(plate_turn, centre)
+        centre = centre + self._sum('plate_shift', moment)
+        error = self.table.error(moment.angle)
+        centre = rotate_z(moment.angle + self._sum('table_turn', moment), centre)
+        centre = rotated(error[..., 3:] + self._sum('table_tilt', moment), centre)
+        centre = centre + error[..., :3] + self._sum('table_shift', moment)
+        tilt = self._sum('axis_tilt', moment)
+        if isinstance(tilt, np.ndarray):
+            centre = rotated(tilt, centre)
+        return self.true_frame.to_outer(centre) + self._sum('frame_shift', moment)
+
+    def _probe(self, moment: Moment, aim: Floats, draws: Floats) -> tuple[Floats, Floats]:
+        """Return the found centres (N, 3) and form errors (N,), m."""
+        centre, aim = self.ball_centres(moment), aim[:, None, :]
+        pattern, reach = self.pattern, self.pattern.radius + self.pattern.tip
+        _refuse_far(moment, centre - aim, _REACH_SHARE * reach)
+        direction = pattern.direction
+        way = probing.contact(aim, direction, centre, reach)
+        if self._acting['surface']:
+            outward = (aim + way[..., None] * direction - centre) / reach
+            form = sum(act(moment, outward, pattern) for act in self._acting['surface'])
+            way = probing.contact(aim, direction, centre, reach + form)
+        factor = np.ones((1, 1))
+        for act in self._acting['noise_factor']:
+            factor = factor * act(moment)
+        touch = way + factor * (self.touch_noise * draws[:, :pattern.size])
+        point = aim + touch[..., None] * direction
+        point = point + self.cmm.error(point) + self._sum('probe_shift', moment)
+        found, form = probing.fit_spheres(point)
+        return found + factor * (self.position_noise * draws[:, -3:]), form
+
+
+def _refuse_far(moment: Moment, off: Floats, reach: float) -> None:
+    far = np.sqrt(np.vecdot(off, off)).max(axis=-1)
+    if not (far <= reach).all():
+        bad = np.flatnonzero(~(far <= reach))
+        raise BallNotFound(
+            f'table position {moment.table_position[bad[0], 0]}, ball {moment.ball[bad[0], 0]}: '
+            f'wanted a ball within {1e3 * reach:.3g} mm of the aim, its centre is '
+            f'{1e3 * far[bad[0]]:.4g} mm away; check the frame of the target and the alignment')
+
+
+def _true_frame(config: MachineConfig, rough: Floats) -> Frame:
+    """Return the frame of the bearing: origin on the axis at the nominal height of the balls."""
+    rng = part_generator(config.seed, 'placement')
+    off = rng.standard_normal(3)
+    off = 1e-3 * config.placement.origin_error_mm * off / np.linalg.norm(off)
+    to = rng.uniform(0, TWO_PI)
+    tilt = 1e-3 * config.placement.axis_tilt_mrad * np.array([np.cos(to), np.sin(to), 0.0])
+    return Frame(rotation_matrix(tilt), rough + off)
+
+
+def _expected_situation(config: MachineConfig, touches: int) -> Situation:
+    """Return the situation of a complete run, so that drawn effects fall into it; touches: Q per ball.
+
+    A ball is counted with one step of the table or of the CMM.
+    """
+    n, timing = config.plate.balls, config.timing
+    pitch = 2e3 * config.radius * np.sin(np.pi / n)
+    table = 360.0 / n / timing.table_speed_deg_per_s + timing.table_settle_s
+    cmm = pitch / timing.cmm_speed_mm_per_s + timing.cmm_settle_s
+    ball_h = (touches * timing.touch_s + max(table, cmm) + 0.8 * timing.jitter_s) / 3600.0
+    before = config.hidden_draw.readings_before if config.hidden_draw else None
+    before = 2 * n + 10 if before is None else before
+    return Situation(balls=n, radius=config.radius, start_h=float(before * ball_h),
+                     duration_h=float(n * n * ball_h), sigma_um=config.probing.repeatability_um)
+
+
+def rotated(vector: Floats, points: Floats) -> Floats:
+    """Return points (N, ., 3) rotated by rotation vectors (N, ., 3), rad.
+
+        p' = p + sinc(a) w x p + sinc(a/2)^2 / 2 w x (w x p),  a = |w|,  sinc(a) = sin(a) / a
+
+    Source: Rodrigues' formula, exact down to no rotation at all, without matrices: the live cell measures one ball at a
+    time, where the number of array operations is the cost.
+    """
+    # The sine of the smallest angle is that angle: no rotation needs no case of its own.
+    angle = np.maximum(np.sqrt(np.vecdot(vector, vector)), _NO_ANGLE)[..., None]
+    half = np.sin(0.5 * angle) / (0.5 * angle)
+    once = np.cross(vector, points)
+    return points + (np.sin(angle) / angle) * once + (0.5 * half * half) * np.cross(vector, once)

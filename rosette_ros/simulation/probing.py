@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Probing a ball: touches on horizontal circles, contact with a real sphere, least-squares centre, the reading.
+
+Source: Kniel et al. (2019), section 2.2: 20 points on 5 horizontal circles of 4, the top circle
+1 mm below the pole, the lowest 1 mm below the equator, none at the pole.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Generic, TypeVar
+
+import numpy as np
+from pydantic import Field
+
+from rosette_ros.core.errors import CellError
+from rosette_ros.core.geometry import TWO_PI
+from rosette_ros.core.records import Floats, Ints
+from rosette_ros.simulation.setting_types import NotNegative, Positive, Settings, Share
+
+_GAUSS_NEWTON_STEPS = 3
+"""From the algebraic start: 2e-17 m are left for up to 2 um of form, 5e-16 m for 10 um."""
+
+
+class BallNotFound(CellError):  # noqa: N818
+    """The probe went where a ball was expected and touched none."""
+
+
+Whole = TypeVar('Whole', int, Ints)
+Real = TypeVar('Real', float, Floats)
+
+
+@dataclass(frozen=True, eq=False)
+class BallReading(Generic[Whole, Real]):
+    """One measured ball centre.
+
+    table_position, ball: one-based; time: mean of its touches, s since power-on; began, ended: first move and last
+    touch, s; table_angle: of the encoder in [0, 2 pi), rad; table_travel: unwrapped since power-on, rad; approach:
+    sense of the last table move, 0 before the first; centre: (3,) machine frame, m; form_error: range of the touches
+    about the sphere, m; temperature: of the thermometer, degree Celsius.
+    """
+
+    table_position: Whole
+    ball: Whole
+    time: Real
+    began: Real
+    ended: Real
+    table_angle: Real
+    table_travel: Real
+    approach: Whole
+    centre: Floats
+    form_error: Real
+    temperature: Real
+
+
+class BallReadings(BallReading[Ints, Floats]):
+    """N readings in measuring order: the fields of BallReading as arrays (N,), centre (N, 3)."""
+
+    @property
+    def size(self) -> int:
+        """N, the number of readings."""
+        return self.time.size
+
+    def __getitem__(self, place: int) -> BallReading[int, float]:
+        """Return one reading, counted from zero."""
+        return BallReading(**{name: values[place] if name == 'centre' else values[place].item()
+                              for name, values in vars(self).items()})
+
+
+class ProbingSettings(Settings):
+    """Twenty touches on five horizontal circles, and how well a ball centre repeats."""
+
+    repeatability_um: NotNegative = Field(0.1, description='sd of each ball-centre coordinate')
+    touch_share: Share = Field(
+        0.8, description='share of the touches in the sd of the worst coordinate, the rest is positioning')
+    circles: Annotated[int, Field(ge=2, le=20)] = 5
+    points_per_circle: Annotated[int, Field(ge=3, le=50)] = 4
+    below_pole_mm: Positive = Field(1.0, description='height of the top circle below the pole')
+    below_equator_mm: NotNegative = Field(1.0, description='lowest circle below the equator')
+    tip_radius_mm: Positive = 2.5
+
+
+@dataclass(frozen=True, eq=False)
+class TouchPattern:
+    """Where a ball is touched.
+
+    direction: (Q, 3) unit vectors from its centre, in the order of touching, top circle first; points_per_circle:
+    evenly spaced from +x; radius: of the ball, tip: of the probe's tip, m.
+    """
+
+    direction: Floats
+    points_per_circle: int
+    radius: float
+    tip: float
+
+    @property
+    def size(self) -> int:
+        """Q, the number of touches."""
+        return len(self.direction)
+
+    @cached_property
+    def centre_factors(self) -> Floats:
+        """(3,) sd of the centre's coordinates per sd of a touch along its normal.
+
+        From the linear problem with rows (u, 1) for centre and radius: z follows the radius and is the worst.
+        """
+        rows = np.column_stack([self.direction, np.ones(self.size)])
+        return np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))[:3]
+
+
+def build_pattern(settings: ProbingSettings, ball_radius: float) -> TouchPattern:
+    """Return the touches on a ball of that radius [m]."""
+    heights = np.linspace(1 - 1e-3 * settings.below_pole_mm / ball_radius,
+                          -1e-3 * settings.below_equator_mm / ball_radius, settings.circles)
+    azimuth = TWO_PI * np.arange(settings.points_per_circle) / settings.points_per_circle
+    height, azimuth = (grid.ravel() for grid in np.meshgrid(heights, azimuth, indexing='ij'))
+    around = np.sqrt(1 - height**2)
+    direction = np.stack([around * np.cos(azimuth), around * np.sin(azimuth), height], axis=-1)
+    return TouchPattern(direction, settings.points_per_circle, ball_radius, 1e-3 * settings.tip_radius_mm)
+
+
+def noise_sizes(settings: ProbingSettings, pattern: TouchPattern) -> tuple[float, Floats]:
+    """Return the sd of a touch along its normal, and of the CMM per axis and ball, (3,), m.
+
+    They make every coordinate of a ball centre repeat alike: repeatability^2 = (factor_axis * touch)^2 +
+    position_axis^2. The touches take `touch_share` of the worst coordinate, the positioning of the CMM the rest.
+    """
+    total = 1e-6 * settings.repeatability_um
+    touch = settings.touch_share * total / pattern.centre_factors.max()
+    left = total**2 - (pattern.centre_factors * touch)**2
+    return touch, np.sqrt(np.maximum(left, 0.0))
+
+
+def contact(aim: Floats, direction: Floats, centre: Floats, reach: Floats | float) -> Floats:
+    """Return how far the tip's centre is from the aim when it touches, (N, Q), m.
+
+    The tip comes along the line aim + s * direction and stops at distance `reach` from the ball's centre: s^2 - 2 s
+    u.(c - a) + |c - a|^2 = reach^2. aim: (N, 1, 3); direction: (Q, 3); centre: (N, Q or 1, 3); reach: radius of ball
+    and tip, scalar or (N, Q), m.
+    """
+    off = centre - aim
+    along = np.vecdot(off, direction)
+    return along + np.sqrt(along * along - np.vecdot(off, off) + reach * reach)
+
+
+def fit_spheres(points: Floats) -> tuple[Floats, Floats]:
+    """Return the least-squares spheres of touches (N, Q, 3): centres (N, 3) and form (N,), m.
+
+    Minimised is the sum of (|p - c| - r)^2, r being the mean distance: Gauss-Newton from the algebraic sphere, with the
+    normal matrix of the touches themselves. `form` is the range of the touches' distances from the sphere.
+    """
+    mean = np.full((1, points.shape[1]), 1.0 / points.shape[1])
+    middle = mean @ points
+    points = points - middle
+    inverse = np.linalg.inv(np.swapaxes(points, 1, 2) @ points)
+    # |p|^2 = 2 c.p + (r^2 - |c|^2) is linear in the centre c, and the touches' mean is zero.
+    centre = (0.5 * np.vecdot(points, points)[:, None, :]) @ points @ inverse
+    for _ in range(_GAUSS_NEWTON_STEPS):
+        off = points - centre
+        distance = np.sqrt(np.vecdot(off, off))[:, None, :]
+        radius = distance @ mean.T
+        # The normals are off / distance, their spread about the mean is points / radius.
+        centre = centre + ((1.0 - radius / distance) @ off) @ inverse * (radius * radius)
+    off = points - centre
+    distance = np.sqrt(np.vecdot(off, off))
+    return (centre + middle)[:, 0], distance.max(axis=-1) - distance.min(axis=-1)

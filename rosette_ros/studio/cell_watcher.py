@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Receives what a running cell publishes, in a thread of its own, and requests calibrations in another."""
+
+import os
+import threading
+import time
+import uuid
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.exceptions import NameValidationException
+from rclpy.node import Node
+from rosette_msgs.msg import BallCentre, CalibrationEvent, Diagnosis, ErrorMotions, ProbeTarget, RunState
+from tf2_msgs.msg import TFMessage
+
+from rosette_ros.cell.client import CalibrationOutcome, CellClient
+from rosette_ros.cell.supervisor import added_environment
+from rosette_ros.core.errors import CellError, RosetteError, one_line
+from rosette_ros.io.messages import answer_of, progress_of, table_frame_of, target_of
+from rosette_ros.nodes import conversions, names, qos
+from rosette_ros.nodes.base_node import make_executor
+from rosette_ros.studio.live_state import CellState
+
+_PERIOD = 0.1
+"""The thread checks so often whether it shall end, s."""
+TOPICS = (
+    (names.RUN_STATE, RunState, qos.COLLECT_LATCHED), (names.PROBE_TARGET, ProbeTarget, qos.COLLECT_LATCHED),
+    (names.TF_STATIC, TFMessage, qos.COLLECT_LATCHED), (names.BALL_CENTRE, BallCentre, qos.COLLECT),
+    (names.ERROR_MOTIONS, ErrorMotions, qos.COLLECT_LATCHED), (names.DIAGNOSIS, Diagnosis, qos.COLLECT_LATCHED),
+    (names.CALIBRATION_EVENT, CalibrationEvent, qos.COLLECT), (names.DIAGNOSTICS, DiagnosticArray, qos.COLLECT))
+
+
+class CellWatcher:
+    """Subscribes to the topics of a cell and can calibrate it; `lock` guards `state`.
+
+    outcome, problem: of the last calibration requested here, None and '' before. Raises CellError where the domain
+    (None: that of the environment) cannot be joined.
+    """
+
+    def __init__(self, domain_id: int | None = None, namespace: str = names.NAMESPACE) -> None:
+        os.environ.update(added_environment(os.environ))
+        self.lock, self.state = threading.Lock(), CellState()
+        self.outcome: CalibrationOutcome | None = None
+        self.problem = ''
+        self._where, self._requests = (domain_id, namespace), ThreadPoolExecutor(1, 'calibrate')
+        self._is_closed, self._cancel = threading.Event(), threading.Event()
+        self._job: Future[None] | None = None
+        self._context = Context()
+        try:
+            self._context.init(domain_id=domain_id)
+            self._node = Node(
+                f'studio_{uuid.uuid4().hex[:8]}', namespace=f'/{namespace.strip("/")}', context=self._context,
+                cli_args=['--ros-args', *names.remap_arguments(names.remappings(namespace))])
+        except (NameValidationException, RuntimeError, ValueError) as error:
+            self._context.try_shutdown()
+            raise CellError(f'studio: domain {domain_id}, namespace {namespace!r}: cannot be joined: {error}') \
+                from error
+        for topic, kind, profile in TOPICS:
+            self._subscribe(topic, kind, profile)
+        self._executor = make_executor(self._context)
+        self._executor.add_node(self._node)
+        self._thread = threading.Thread(target=self._spin, name='cell watcher', daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Leave the graph; a calibration that was requested here is cancelled."""
+        self._cancel.set()
+        self._requests.shutdown(wait=True)
+        self._is_closed.set()
+        self._thread.join()
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    # Calibrations
+
+    @property
+    def is_calibrating(self) -> bool:
+        """Whether a calibration that was requested here is running."""
+        return self._job is not None and not self._job.done()
+
+    def calibrate(self, order: str, seed: int) -> None:
+        """Request a calibration; how it ends is kept in `outcome` or `problem`."""
+        if not self.is_calibrating:
+            self._cancel.clear()
+            self.outcome, self.problem = None, ''
+            self._job = self._requests.submit(self._calibrate, order, seed)
+
+    def cancel(self) -> None:
+        """Cancel the calibration that was requested here."""
+        self._cancel.set()
+
+    def _calibrate(self, order: str, seed: int) -> None:
+        is_accepted = is_cancelled = False
+
+        def on_progress(_: object) -> None:
+            nonlocal is_accepted
+            is_accepted = True
+
+        def check() -> None:
+            nonlocal is_cancelled
+            if self._cancel.is_set() and is_accepted and not is_cancelled:
+                is_cancelled = True
+                raise KeyboardInterrupt  # the client cancels and waits for the clean end
+
+        try:
+            with CellClient(*self._where) as client:
+                self.outcome = client.calibrate(order=order, seed=seed, on_progress=on_progress, check=check)
+        except (RosetteError, TimeoutError) as error:
+            self.problem = one_line(error)
+
+    # Subscriptions
+
+    def _spin(self) -> None:
+        while not self._is_closed.is_set():
+            self._executor.spin_once(timeout_sec=_PERIOD)
+
+    def _subscribe(self, topic: str, kind: type, profile: Any) -> None:
+        resolved = self._node.resolve_topic_name(topic)
+        events = SubscriptionEventCallbacks(message_lost=lambda event: self._lost(resolved, event.total_count_change))
+        self._node.create_subscription(kind, topic, partial(self._receive, resolved), profile, event_callbacks=events)
+
+    def _receive(self, topic: str, message: Any) -> None:
+        """Take a message; one that cannot be used is a fault."""
+        with self.lock:
+            try:
+                self._take(message)
+            except RosetteError as error:
+                self.state.add_fault(_clock(), f'{topic}: not used: {error}')
+
+    def _lost(self, topic: str, count: int) -> None:
+        with self.lock:
+            self.state.add_fault(_clock(), f'{count} messages on {topic} were lost')
+
+    def _take(self, message: Any) -> None:
+        """Put what a message states into `state`; Any: messages of rclpy have no types."""
+        state = self.state
+        match message:
+            case ProbeTarget():
+                state.add_target(target_of(message))
+            case BallCentre():
+                state.add_answer(answer_of(message), _clock())
+            case RunState():
+                state.set_progress(progress_of(message), _clock())
+            case TFMessage():
+                for frame in filter(None, map(table_frame_of, message.transforms)):
+                    state.add_frame(frame)
+            case ErrorMotions():
+                state.set_motions(message.run_id, conversions.error_motions_record(message))
+            case Diagnosis():
+                state.set_verdict(message.run_id, conversions.verdict_record(message))
+            case CalibrationEvent(kind=CalibrationEvent.REJECTED):
+                state.add_fault(_clock(), f'calibration refused: {message.text}')
+            case DiagnosticArray():
+                for one in message.status:
+                    if one.hardware_id == self._node.get_namespace().lstrip('/'):
+                        level = one.level[0] if isinstance(one.level, bytes) else int(one.level)
+                        state.set_health(one.name.rsplit('/', 1)[-1], level, one.message, time.monotonic())
+
+
+def _clock() -> str:
+    return time.strftime('%H:%M:%S')

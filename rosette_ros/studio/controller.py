@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs the calculations of a Session and updates the panels: quick ones first, the diagnosis afterwards.
+
+Quick work runs in a thread, slow work in a process that is ended as soon as its result is not wanted any more, so that
+a long diagnosis delays nothing. A result that belongs to another run or model by now is kept, but not shown.
+"""
+
+import asyncio
+import multiprocessing
+import signal
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any, TypeVar
+
+from nicegui import Event
+
+from rosette_ros.analysis import analyse, change, cross_check, ladder, summarise
+from rosette_ros.core.diagnosis.second_run import CrossCheck
+from rosette_ros.core.diagnosis.verdict import not_determinable
+from rosette_ros.core.errors import NotDeterminable, RosetteError, one_line
+from rosette_ros.core.model.model import Model
+from rosette_ros.core.records import Run
+from rosette_ros.presentation.report import report_html
+from rosette_ros.presentation.report.provenance import Source
+from rosette_ros.studio.studio_session import OpenedRun, Preview, Session, Ticket
+
+T = TypeVar('T')
+STEP, VALUE, ERROR = 'step', 'value', 'error'
+"""What the process sends."""
+_CONTEXT = multiprocessing.get_context('forkserver')
+_CONTEXT.set_forkserver_preload(['rosette_ros.analysis', 'rosette_ros.presentation.report'])
+
+
+class Superseded(Exception):
+    """The result is not wanted any more."""
+
+
+class WorkerFailed(RosetteError):
+    """The process has ended without a result."""
+
+
+class Controller:
+    """A Session with its calculations; `changed` is emitted for the views.
+
+    step: the one of analysis.STEPS that is running, '' when none is; error: words of what failed last; check: name of
+    a second run and what it shows of the diagnosis.
+    """
+
+    def __init__(self, quick: ThreadPoolExecutor) -> None:
+        self.session, self.changed = Session(), Event[[]]()
+        self.step = self.error = ''
+        self.check: tuple[str, CrossCheck] | None = None
+        self._quick_thread, self._worker = quick, Worker()
+        self._refreshed: Ticket | None = None
+
+    # Actions
+
+    def act(self, action: Callable[..., object], *arguments: object) -> None:
+        """Call a method of the session that changes what is shown, and show it."""
+        action(*arguments)
+        self.error, self.check = '', None
+        self.changed.emit()
+
+    def fail(self, error: Exception) -> None:
+        """Show the words of an error."""
+        self.error = one_line(error)
+        self.changed.emit()
+
+    async def open(self, read: Callable[..., tuple[Run, Source]], path: Path, *arguments: object) -> None:
+        """Read a run with read(path, ...) and show it; raises RosetteError in the words of the command line."""
+        run, source = await self.do_quick(read, path, *arguments)
+        self.act(self.session.open, run, path.name or str(path), source)
+
+    async def report(self) -> str | None:
+        """Return the report of what is shown, HTML; None while its summary is not complete."""
+        summary, current = self.session.results.summary, self.session.current
+        return await self._worker.run(report_html, summary, current.source) if summary and current else None
+
+    async def preview(self, name: str, make: Callable[[], Model]) -> None:
+        """Calculate what the model of `make` would change; show it as a preview."""
+        session, ticket, self.error = self.session, self.session.ticket, ''
+        if session.current is None:
+            return
+        result = await self.do_quick(self._if_current(ticket, change), session.current.run, session.model, make())
+        if session.is_current(ticket):
+            session.set_preview(Preview(name, result))
+            self.changed.emit()
+
+    async def cross_check(self, place: int) -> None:
+        """Check on another opened run what the diagnosis of this one claims."""
+        summary, ticket, other = self.session.results.summary, self.session.ticket, self.session.runs[place]
+        if summary is None:
+            return
+        result = await self._worker.run(cross_check, other.run, summary.diagnosis)
+        if self.session.is_current(ticket):
+            self.check = (other.name, result)
+            self.changed.emit()
+
+    # Calculations
+
+    async def refresh(self, unasked: bool = True) -> None:
+        """Calculate all results for the run under the model; unasked: but for the diagnosis of a large run."""
+        session, ticket = self.session, self.session.ticket
+        if ticket is None or session.current is None:
+            return
+        if ticket != self._refreshed:
+            self._worker.stop()
+        self._refreshed = ticket
+        try:
+            await self._calculate(ticket, session.current, session.model, unasked)
+        except Superseded:
+            return
+        except NotDeterminable as error:
+            session.keep(ticket, refusal=not_determinable(one_line(error)))
+        except RosetteError as error:
+            session.keep(ticket, problem=one_line(error))
+        if session.is_current(ticket):
+            self._begin(ticket, '')
+
+    async def _calculate(self, ticket: Ticket, opened: OpenedRun, model: Model, unasked: bool) -> None:
+        session, run = self.session, opened.run
+        self._begin(ticket, 'evaluate')
+        if session.results.report is None:
+            self._keep(ticket, report=await self.do_quick(self._if_current(ticket, analyse), run, model))
+        if session.results.ladder is None and not opened.is_large:
+            self._keep(ticket, ladder=await self.do_quick(self._if_current(ticket, ladder), run, model))
+        if session.results.summary is None and not (unasked and opened.is_large):
+            self._keep(ticket, summary=await self._worker.run(summarise, run, model,
+                                                              on_step=lambda step: self._begin(ticket, step)))
+
+    def _begin(self, ticket: Ticket, step: str) -> None:
+        if self.session.is_current(ticket) and step != self.step:
+            self.step = step
+            self.changed.emit()
+
+    def _keep(self, ticket: Ticket, **results: object) -> None:
+        if not self.session.keep(ticket, **results):
+            raise Superseded
+        self.changed.emit()
+
+    def _if_current(self, ticket: Ticket | None, function: Callable[..., T]) -> Callable[..., T]:
+        """Return a function that only begins while its ticket is current."""
+        def begin(*arguments: object) -> T:
+            if not self.session.is_current(ticket):
+                raise Superseded
+            return function(*arguments)
+        return begin
+
+    async def do_quick(self, function: Callable[..., T], *arguments: object) -> T:
+        """Call a function in the thread for quick work."""
+        return await asyncio.get_running_loop().run_in_executor(self._quick_thread, function, *arguments)
+
+    def close(self) -> None:
+        """End the calculations."""
+        self._worker.stop()
+
+
+class Worker:
+    """Does one piece of work at a time: the next one ends the one before."""
+
+    def __init__(self) -> None:
+        self._process: BaseProcess | None = None
+
+    async def run(self, function: Callable[..., T], *arguments: object,
+                  on_step: Callable[[str], None] | None = None) -> T:
+        """Return function(*arguments), calculated in another process.
+
+        on_step: passed to the function; called here. Raises what the function raises, Superseded where `stop` or other
+        work has ended it, and WorkerFailed.
+        """
+        self.stop()
+        loop = asyncio.get_running_loop()
+        receiver, sender = _CONTEXT.Pipe(duplex=False)
+        process = _CONTEXT.Process(target=_work, args=(sender, function, arguments, on_step is not None), daemon=True)
+        self._process = process
+
+        def receive() -> tuple[str, Any]:
+            _start(process)
+            sender.close()
+            if self._process is not process:
+                process.kill()
+            try:
+                while (answer := receiver.recv())[0] == STEP:
+                    if on_step:
+                        loop.call_soon_threadsafe(on_step, answer[1])
+                return answer
+            except EOFError:
+                return ERROR, Superseded() if self._process is not process else WorkerFailed(
+                    f'{function.__name__}: its process ended without a result; is there enough memory?')
+            finally:
+                receiver.close()
+                process.join()
+
+        kind, value = await loop.run_in_executor(None, receive)
+        if self._process is process:
+            self._process = None
+        if kind == ERROR:
+            raise value
+        result: T = value
+        return result
+
+    def stop(self) -> None:
+        """End the work that is running; who waits for it gets Superseded."""
+        process, self._process = self._process, None
+        if process is not None and process.pid is not None:
+            process.kill()
+
+
+def _start(process: BaseProcess) -> None:
+    """Start a process that Ctrl-C does not reach: the studio ends it."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        process.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _work(sender: Connection, function: Callable[..., object], arguments: tuple[object, ...], with_steps: bool) -> None:
+    """Work in the other process; send the steps, then the value or the error."""
+    steps = {'on_step': lambda step: sender.send((STEP, step))} if with_steps else {}
+    try:
+        sender.send((VALUE, function(*arguments, **steps)))
+    except RosetteError as error:
+        sender.send((ERROR, error))

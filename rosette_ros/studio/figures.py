@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The figures of the page: Plotly's data and layout as plain dicts, made of records.
+
+Colours of text, grid and background come from the page's style sheet, so that one figure serves light and dark. What
+would be too much for a browser is thinned, and the figure states it.
+"""
+
+from base64 import b64encode
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rosette_ros.analysis import LadderStep, Report
+from rosette_ros.core.diagnosis.comparison import AXES
+from rosette_ros.core.records import CURVES, ISO_NAMES, ErrorMotions, Floats, Ints
+from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS
+from rosette_ros.presentation.plots.plot_style import COLOURS
+from rosette_ros.presentation.plots.result_plots import MEANING, closed
+from rosette_ros.presentation.tables import nested_names
+
+PlotlyFigure = dict[str, Any]
+"""Data, layout and config as JSON: their many forms are Plotly's."""
+PRESENT, PREVIEWED = COLOURS[0], COLOURS[1]
+"""Colours of the model as it is, and of the preview."""
+DIVERGING = ((0, '#0072b2'), (0.25, '#7fb8d8'), (0.5, '#f2f2f2'), (0.75, '#eaae7f'), (1, '#d55e00'))
+MOST_CELLS = 64
+"""A map of more rows is thinned to at most so many; each block shows its largest residual."""
+MOST_GAPS = 20
+"""Cells of a map of at most so many rows have gaps between them."""
+MOST_MARKS = 1500
+"""A line of more points shows the lowest and the highest of each section."""
+FONT = 'Roboto, system-ui, sans-serif'
+AXIS = {'zeroline': False, 'fixedrange': True, 'title': {'standoff': 6, 'font': {'size': 12}}}
+HOVER = ('table position %{customdata[0]}, ball %{customdata[1]}, CMM position %{customdata[2]}'
+         '<br>x %{customdata[3]:+.3f}, y %{customdata[4]:+.3f}, z %{customdata[5]:+.3f} µm'
+         '<br>size %{customdata[6]:.1f} σ<br>reading %{customdata[7]}, at %{customdata[8]:.1f} min')
+SYMBOLS = ('circle', 'square', 'diamond')
+
+
+class Curves(NamedTuple):
+    """Six curves to draw: the name in the legend, the curves, the colour."""
+
+    name: str
+    motions: ErrorMotions
+    colour: str
+    dash: str = 'solid'
+
+
+def curves_figure(every: Sequence[Curves]) -> PlotlyFigure:
+    """Return six panels of curves against the table angle with bands of U (k = 2)."""
+    data, layout = [], _panels(2, 3, gap=(0.2, 0.3), legend=True)
+    for place, (curve, unit) in enumerate(zip(CURVES, CURVE_UNITS, strict=True), 1):
+        for one in every:
+            data += _curve(one, curve, unit, place)
+        x = {'range': [-8, 368], 'tickvals': [0, 90, 180, 270, 360],
+             'title': {'text': 'table angle / °' if place > 3 else ''}}
+        _set_panel(layout, place, x, {'zeroline': True}, f'<b>{curve}</b> {MEANING[curve]} / {unit}')
+    return _figure(data, layout)
+
+
+def _curve(one: Curves, curve: str, unit: str, place: int) -> list[PlotlyFigure]:
+    """Return the band and the line of one curve, closed to a whole turn."""
+    angle, value = closed(one.motions.angle, one.motions[curve])
+    spread = COVERAGE_FACTOR * closed(one.motions.angle, one.motions.uncertainty(curve))[1]
+    red, green, blue = (int(one.colour[k:k + 2], 16) for k in (1, 3, 5))
+    common = {'type': 'scatter', 'legendgroup': one.name, **_axes(place)}
+    band = {**common, 'x': _array(np.concatenate([angle, angle[::-1]])),
+            'y': _array(np.concatenate([value + spread, (value - spread)[::-1]])), 'fill': 'toself', 'mode': 'lines',
+            'fillcolor': f'rgba({red},{green},{blue},0.22)', 'line': {'width': 0}, 'hoverinfo': 'skip',
+            'showlegend': False}
+    line = {**common, 'x': _array(angle), 'y': _array(value), 'name': one.name, 'customdata': _array(spread),
+            'mode': 'lines+markers' if value.size <= 80 else 'lines', 'showlegend': place == 1,
+            'marker': {'size': 5, 'symbol': 'circle' if one.dash == 'solid' else 'square'},
+            'line': {'color': one.colour, 'width': 2, 'dash': one.dash},
+            'hovertemplate': f'{curve} ({ISO_NAMES[curve]}) %{{y:.3f}} ± %{{customdata:.3f}} {unit}'
+                             f'<br>at %{{x:.2f}}°, U with k = {COVERAGE_FACTOR}<extra>{one.name}</extra>'}
+    return [band, line]
+
+
+def maps_figure(report: Report, scale: Report | None = None) -> PlotlyFigure:
+    """Return three maps of residuals, table position and ball, one per axis; `scale`: its residuals span the colours.
+
+    The size of a reading is the rms over the axes in units of what noise leaves there on average.
+    """
+    run, residual = report.run, 1e6 * report.fit.residual
+    step = -(-run.n // MOST_CELLS)
+    count = -(-run.n // step)
+    top = 1e6 * float(np.abs((scale or report).fit.residual).max()) or 1.0
+    centre = 1 + step * np.arange(count) + (step - 1) / 2
+    gap = 1 if count <= MOST_GAPS else 0
+    block = f'<br>the largest of {step} × {step} readings' if step > 1 else ''
+    data, layout = [], _panels(1, 3, gap=(0.18, 0.2), margin={'t': 24, 'r': 64})
+    for place, axis in enumerate(AXES, 1):
+        values, readings = _cells(report, residual, place - 1, step)
+        data.append({
+            'type': 'heatmap', 'z': _array(values), 'x': _array(centre), 'y': _array(centre), 'zmin': -top, 'zmax': top,
+            'colorscale': DIVERGING, 'customdata': _array(readings), 'hovertemplate': f'{HOVER}{block}<extra></extra>',
+            'xgap': gap, 'ygap': gap, 'showscale': place == 3, **_axes(place),
+            'colorbar': {'title': {'text': 'µm', 'side': 'top'}, 'thickness': 12, 'len': 1.02, 'x': 1.01}})
+        x = {'title': {'text': 'ball'}, 'dtick': _tick(run.n), 'tickangle': 0}
+        y = {'autorange': 'reversed', 'dtick': _tick(run.n), 'title': {'text': 'table position' if place == 1 else ''}}
+        _set_panel(layout, place, x, y, f'residual in <b>{axis}</b> / µm')
+    return _figure(data, layout)
+
+
+def _tick(n: int) -> int:
+    return next(step for step in (1, 2, 3, 5, 10, 20, 50, 100) if n / step <= 12 or step == 100)
+
+
+def _cells(report: Report, residual: Floats, axis: int, step: int) -> tuple[Floats, Floats]:
+    """Return values and what HOVER shows of each cell; a cell is a block of step x step readings."""
+    run, fit = report.run, report.fit
+    count = -(-run.n // step)
+    row, column = (run.table_position - 1) // step, (run.ball - 1) // step
+    block = row * count + column
+    order = np.lexsort((np.abs(residual[:, axis]), block))
+    shown = order[np.flatnonzero(np.diff(block[order], append=-1))]  # of each block the largest
+    values, readings = np.full((count, count), np.nan), np.full((count, count, 9), np.nan)
+    values[row[shown], column[shown]] = residual[shown, axis]
+    left = 1e6 * fit.sigma * np.sqrt(fit.dof / residual.size)
+    readings[row[shown], column[shown]] = np.column_stack([
+        run.table_position[shown], run.ball[shown], run.cmm_position[shown], residual[shown],
+        np.sqrt(np.mean(residual[shown]**2, axis=1)) / left, shown + 1, (run.time[shown] - run.time[0]) / 60])
+    return values, readings
+
+
+def time_figure(report: Report) -> PlotlyFigure:
+    """Return residuals of x, y, z against time, with lines at twice sigma."""
+    run, residual = report.run, 1e6 * report.fit.residual
+    minutes, sigma = (run.time - run.time[0]) / 60, 2e6 * report.fit.sigma
+    data, layout = [], _panels(3, 1, gap=(0.0, 0.08), margin={'t': 10})
+    for place, axis in enumerate(AXES, 1):
+        shown = _thinned(residual[:, place - 1])
+        data.append({
+            'type': 'scatter', 'mode': 'markers' if run.size <= MOST_MARKS else 'lines', 'name': axis,
+            'x': _array(minutes[shown]), 'y': _array(residual[shown, place - 1]), **_axes(place),
+            'marker': {'size': 4, 'color': PRESENT, 'symbol': SYMBOLS[place - 1]}, 'showlegend': False,
+            'line': {'color': PRESENT, 'width': 1},
+            'hovertemplate': f'{axis} %{{y:+.3f}} µm at %{{x:.1f}} min<extra></extra>'})
+        x = {'title': {'text': 'time / min'}} if place == 3 else {'showticklabels': False, 'matches': 'x3'}
+        _set_panel(layout, place, x, {'title': {'text': f'{axis} / µm'}, 'zeroline': True, 'nticks': 5})
+        layout['shapes'] += [
+            {'type': 'line', 'xref': f'x{_number(place)} domain', 'yref': f'y{_number(place)}', 'x0': 0, 'x1': 1,
+             'y0': level, 'y1': level, 'line': {'color': COLOURS[1], 'width': 1, 'dash': 'dot'}}
+            for level in (-sigma, sigma)]
+    return _figure(data, layout)
+
+
+def _thinned(values: Floats) -> Ints:
+    """Return the indices of all values, or of the extremes of as many sections as can be shown."""
+    if values.size <= MOST_MARKS:
+        return np.arange(values.size)
+    edges = np.linspace(0, values.size, MOST_MARKS // 2 + 1).astype(int)
+    pairs = [(a + int(np.argmin(values[a:b])), a + int(np.argmax(values[a:b]))) for a, b in pairwise(edges)]
+    return np.unique(np.array(pairs).reshape(-1))
+
+
+def ladder_figure(ladder: Sequence[LadderStep], present: int, noise: float | None = None) -> PlotlyFigure:
+    """Return the error of each model from the base on; so many as `present` are in the model, the others proposed."""
+    labels = [name if len(name) < 16 else name.replace('_', '_<br>', 1) for name in nested_names(ladder)]
+    labels = [label if k < present else f'<i>{label} ?</i>' for k, label in enumerate(labels)]
+    places, ends = list(range(len(ladder))), [-0.35, len(ladder) - 0.65]
+    series = (('fit', [1e6 * step.report.fit.rms for step in ladder], PRESENT, 'circle'),
+              ('cross-validation', [1e6 * step.cross_validation for step in ladder], PREVIEWED, 'square'))
+    data: list[PlotlyFigure] = [
+        {'type': 'scatter', 'mode': 'lines+markers', 'x': places, 'y': _array(values), 'name': name,
+         'line': {'color': colour, 'width': 2}, 'marker': {'size': 8, 'symbol': symbol},
+         'hovertemplate': f'%{{y:.3f}} µm<extra>{name}</extra>'} for name, values, colour, symbol in series]
+    if noise is not None:
+        data.append({'type': 'scatter', 'mode': 'lines', 'x': ends, 'y': [1e6 * noise] * 2,
+                     'name': 'repeatability', 'line': {'color': COLOURS[2], 'width': 2, 'dash': 'dash'},
+                     'hovertemplate': 'repeatability %{y:.3f} µm<extra></extra>'})
+    layout = _layout(legend=True, margin={'l': 52})
+    layout['xaxis'] = {'tickvals': places, 'ticktext': labels, 'range': ends}
+    layout['yaxis'] = {'title': {'text': 'rms / µm'}, 'rangemode': 'tozero'}
+    return _figure(data, layout)
+
+
+def filling_figure(n: int, cells: Mapping[tuple[int, int], float]) -> PlotlyFigure:
+    """Return a map of the ball centres received so far; cells: of CellState."""
+    values: list[list[float | None]] = [[None] * n for _ in range(n)]
+    for (position, ball), size in cells.items():
+        values[position - 1][ball - 1] = round(1e6 * size, 1)
+    numbers = list(range(1, n + 1))
+    data = [{'type': 'heatmap', 'z': values, 'x': numbers, 'y': numbers, 'colorscale': 'Cividis', 'xgap': 1, 'ygap': 1,
+             'colorbar': {'title': {'text': 'µm', 'side': 'top'}, 'thickness': 12},
+             'hovertemplate': 'table position %{y}, ball %{x}<br>%{z} µm from its expected place<extra></extra>'}]
+    layout = _layout(margin={'l': 52, 't': 12})
+    layout['xaxis'] = {'dtick': _tick(n), 'range': [0.5, n + 0.5], 'title': {'text': 'ball'}}
+    layout['yaxis'] = {'dtick': _tick(n), 'range': [n + 0.5, 0.5], 'title': {'text': 'table position'}}
+    return _figure(data, layout)
+
+
+# What all figures have
+
+
+def _figure(data: list[PlotlyFigure], layout: PlotlyFigure) -> PlotlyFigure:
+    config = {'displaylogo': False, 'responsive': True, 'displayModeBar': False}
+    return {'data': data, 'layout': layout, 'config': config}
+
+
+def _layout(legend: bool = False, margin: Mapping[str, int] | None = None) -> PlotlyFigure:
+    return {'template': {'layout': {'xaxis': AXIS, 'yaxis': AXIS}}, 'annotations': [], 'shapes': [],
+            'paper_bgcolor': 'rgba(0,0,0,0)', 'plot_bgcolor': 'rgba(0,0,0,0)', 'font': {'size': 12, 'family': FONT},
+            'margin': {'l': 48, 'r': 12, 't': 30, 'b': 44, **(margin or {})}, 'showlegend': legend,
+            'hovermode': 'closest', 'legend': {'orientation': 'h', 'x': 1, 'xanchor': 'right', 'y': 1.0,
+                                               'yref': 'container', 'yanchor': 'top'}}
+
+
+def _panels(rows: int, columns: int, gap: tuple[float, float], legend: bool = False,
+            margin: Mapping[str, int] | None = None) -> PlotlyFigure:
+    """Return the layout of panels, numbered along the rows from the top left; gap: shares of a panel's size."""
+    grid = {'rows': rows, 'columns': columns, 'pattern': 'independent', 'xgap': gap[0], 'ygap': gap[1]}
+    return {**_layout(legend, {'t': 46, **(margin or {})}), 'grid': grid}
+
+
+def _set_panel(layout: PlotlyFigure, place: int, x: PlotlyFigure, y: PlotlyFigure, heading: str = '') -> None:
+    """Set the axes of a panel, and the text above it, at its left edge."""
+    number = _number(place)
+    layout |= {f'xaxis{number}': x, f'yaxis{number}': y}
+    layout['annotations'].append(
+        {'xref': f'x{number} domain', 'yref': f'y{number} domain', 'x': 0, 'y': 1, 'text': heading, 'showarrow': False,
+         'xanchor': 'left', 'yanchor': 'bottom', 'font': {'size': 12}})
+
+
+def _axes(place: int) -> dict[str, str]:
+    return {'xaxis': f'x{_number(place)}', 'yaxis': f'y{_number(place)}'}
+
+
+def _number(place: int) -> str:
+    return '' if place == 1 else str(place)
+
+
+def _array(values: ArrayLike) -> dict[str, str]:
+    """Return numbers as Plotly's typed array: short to send, and quick for the browser."""
+    numbers = np.ascontiguousarray(values, dtype='<f4')
+    made = {'dtype': 'f4', 'bdata': b64encode(numbers).decode('ascii')}
+    return made | {'shape': ', '.join(map(str, numbers.shape))} if numbers.ndim > 1 else made

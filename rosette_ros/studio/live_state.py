@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is received of a running cell, as plain values: progress, ball centres, curves, health, faults. No ROS."""
+
+from collections import deque
+from enum import StrEnum
+from math import dist
+from typing import NamedTuple
+
+from rosette_ros.core.diagnosis.verdict import Verdict
+from rosette_ros.core.errors import plain
+from rosette_ros.core.records import ErrorMotions, Run
+from rosette_ros.io.messages import STATUS_OK, Answer, CalibrationProgress, Phase, TableFrame, Target, phase_name
+from rosette_ros.io.run_assembly import RunAnswers
+
+MOST_FAULTS = 30
+MOST_RUNS = 3
+"""The answers of so many runs are kept: an answer may be received before the first target of its run."""
+MOST_FRAMES = 100
+MOST_BALLS = 1000
+"""A plate of more balls is not drawn."""
+SILENT_AFTER = 4.0
+"""A node whose health was not received for so long is shown as silent, s."""
+
+
+class Health(StrEnum):
+    """Health of a node, in the order of the levels of diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR, STALE."""
+
+    HEALTHY = 'healthy'
+    WARNING = 'warning'
+    FAULT = 'fault'
+    SILENT = 'silent'
+
+
+class NodeHealth(NamedTuple):
+    """Health of a node: level, sentence, and when it was received, s."""
+
+    name: str
+    level: Health
+    sentence: str
+    received: float
+
+
+class Fault(NamedTuple):
+    """Something that went wrong: wall time and words."""
+
+    clock: str
+    words: str
+
+
+class CellState:
+    """Takes one message after the other and keeps the last run; clock: wall time in words; faults: newest first."""
+
+    def __init__(self) -> None:
+        self.progress = CalibrationProgress()
+        self.motions: ErrorMotions | None = None
+        self.verdict: Verdict | None = None
+        self.faults: deque[Fault] = deque(maxlen=MOST_FAULTS)
+        self.frames: list[TableFrame] = []
+        self._run = RunAnswers('', self.frames)
+        self._runs: dict[str, RunAnswers] = {}
+        self._health: dict[str, NodeHealth] = {}
+
+    # What is received
+
+    def add_target(self, target: Target) -> None:
+        """Take a target; with the first target of another run that run is shown."""
+        if target.run_id != self.run_id:
+            self._run, self.motions, self.verdict = self._answers_of(target.run_id), None, None
+        self._run.add_target(target)
+
+    def add_answer(self, answer: Answer, clock: str) -> None:
+        """Take an answer; a ball that could not be measured is a fault."""
+        if answer.status != STATUS_OK:
+            self.add_fault(clock, f'table position {answer.table_position}, ball {answer.ball} could not be measured: '
+                           f'{answer.text}')
+        self._answers_of(answer.run_id).add_answer(answer)
+
+    def _answers_of(self, run_id: str) -> RunAnswers:
+        run = self._runs.setdefault(run_id, RunAnswers(run_id, self.frames))
+        if len(self._runs) > MOST_RUNS:
+            del self._runs[next(one for one in self._runs if one not in (run_id, self.run_id))]
+        return run
+
+    def set_progress(self, progress: CalibrationProgress, clock: str) -> None:
+        """Take the state of the calibration; one that has failed or was cancelled is a fault."""
+        if progress.phase in (Phase.FAILED, Phase.CANCELLED) and progress != self.progress and progress.run_id:
+            self.add_fault(clock, f'run {progress.run_id} {phase_name(progress.phase).lower()}: {progress.text}')
+        self.progress = progress
+
+    def add_fault(self, clock: str, words: str) -> None:
+        """Take something that went wrong."""
+        self.faults.appendleft(Fault(clock, words))
+
+    def add_frame(self, frame: TableFrame) -> None:
+        """Take the table frame in the machine frame."""
+        self.frames.append(frame)
+        del self.frames[:-MOST_FRAMES]
+
+    def set_motions(self, run_id: str, motions: ErrorMotions) -> None:
+        """Take the curves of the evaluator."""
+        if run_id == self.run_id or not self.run_id:
+            self.motions = motions
+
+    def set_verdict(self, run_id: str, verdict: Verdict | None) -> None:
+        """Take the verdict of the evaluator."""
+        if run_id == self.run_id or not self.run_id:
+            self.verdict = verdict
+
+    def set_health(self, name: str, level: int, sentence: str, now: float) -> None:
+        """Take the health of a node; level: 0 to 3; now: steady time, s."""
+        self._health[name] = NodeHealth(name, list(Health)[min(level, 3)], sentence, now)
+
+    # What is known
+
+    @property
+    def run_id(self) -> str:
+        """The run that the ball centres belong to, '' before the first target."""
+        return self._run.run_id
+
+    @property
+    def balls(self) -> int:
+        """Number of balls, 0 before the first target and where there are too many to draw."""
+        balls = self._run.targets[-1].balls if self._run.targets else 0
+        return balls if balls <= MOST_BALLS else 0
+
+    @property
+    def cells(self) -> dict[tuple[int, int], float]:
+        """{(table position, ball): distance from the expected place, m} of the answers that count in phase RUN."""
+        numbers = range(1, self.balls + 1)
+        return {(target.table_position, target.ball): dist(answer.centre, target.centre)
+                for target, answer in self._run.counting()
+                if target.phase == Phase.RUN and target.table_position in numbers and target.ball in numbers}
+
+    def health(self, now: float) -> list[NodeHealth]:
+        """Return the health of every node, silent where it was not received for long; now: steady time, s."""
+        return sorted(one if now - one.received < SILENT_AFTER else one._replace(
+            level=Health.SILENT, sentence=f'nothing received for {now - one.received:.0f} s')
+            for one in self._health.values())
+
+    def part_of_run(self) -> Run:
+        """Return the Run of the ball centres so far; raises InvalidData where there are none."""
+        return self._run.to_run(plain(f'run {self.run_id}'))

@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page: puts the panels together, and turns clicks and keys into actions of the controller."""
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from functools import partial
+from importlib import resources
+
+from nicegui import background_tasks, ui
+from nicegui.events import KeyEventArguments, ValueChangeEventArguments
+
+from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.errors import RosetteError
+from rosette_ros.io.model_file import format_model
+from rosette_ros.nodes.names import NAMESPACE
+from rosette_ros.studio.controller import Controller, Superseded
+from rosette_ros.studio.panels.diagnosis_panel import CandidatesPanel, CrossCheckPanel, VerdictPanel, apply
+from rosette_ros.studio.panels.figures_panel import FiguresPanel
+from rosette_ros.studio.panels.live_panel import CellWatchers, LivePanel
+from rosette_ros.studio.panels.model_panel import CustomTermPanel, Entry, ModelPanel
+from rosette_ros.studio.panels.open_dialog import OpenDialog
+from rosette_ros.studio.panels.widgets import ErrorLine, button, input_field, marked
+
+RUN, LIVE = 'Run', 'Live cell'
+THEMES = {None: ('brightness_auto', 'Colours follow the system (d)'), True: ('dark_mode', 'Dark (d)'),
+          False: ('light_mode', 'Light (d)')}
+
+
+@dataclass(frozen=True)
+class StudioOptions:
+    """Options of the command line; port: 0 for a free one; domain: None for that of the environment."""
+
+    runs: tuple[str, ...] = ()
+    suggestions: tuple[str, ...] = ()
+    host: str = '127.0.0.1'
+    port: int = 0
+    token: str | None = None
+    domain: int | None = None
+    browser: bool = True
+    namespace: str = NAMESPACE
+
+
+class Page:
+    """One open page with the panels of a Controller."""
+
+    def __init__(self, controller: Controller, options: StudioOptions, folder: str, cells: CellWatchers) -> None:
+        self._controller, self._session, self._options = controller, controller.session, options
+        self._client = ui.context.client
+        self._is_reporting = False
+        self._add = partial(self._act, self._session.add)
+        self._drop_preview = partial(controller.act, self._session.set_preview, None)
+        ui.add_css(resources.files('rosette_ros.studio').joinpath('style.css').read_text('utf-8'))
+        ui.colors(primary='#00598c')
+        self._dark = ui.dark_mode(None)
+        self._dialog = OpenDialog(controller, options.suggestions, folder, self.refresh)
+        self._build_bar()
+        with ui.element('main').classes('sheet'):
+            with self._tab(RUN):
+                self._build_run()
+            with self._tab(LIVE):
+                LivePanel(controller, cells, options.domain, options.namespace, self._open_log)
+        self._keys: dict[str, tuple[str, Callable[[], Awaitable[None] | None]]] = {
+            'o': ('open a run', self._dialog.show),
+            'p': ('preview the most significant missing effect', lambda: apply(self._preview, self._verdict.first)),
+            'a': ('add the preview, or the most significant missing effect', self._add_best),
+            'Escape': ('close the preview', self._drop_preview), 'u': ('undo', partial(self._act, self._session.undo)),
+            'r': ('redo', partial(self._act, self._session.redo)),
+            'v': ('switch between present model and preview', self._figures.switch),
+            's': ('save the model', self._save_model), 'd': ('light or dark', self._change_theme),
+            '?': ('show the keys', lambda: self._help.open())}
+        self._build_help()
+        ui.keyboard(self._on_key, repeating=False, ignore=['input', 'select', 'textarea'])
+        controller.changed.subscribe(self.show)
+
+    def begin(self, is_new: bool) -> None:
+        """Show the session; a new one opens the runs of the command line."""
+        self.show()
+        if is_new and self._options.runs:
+            background_tasks.create(self._open_all())
+        elif self._session.current is None:
+            self._dialog.show()
+
+    async def _open_all(self) -> None:
+        with self._client:
+            for path in reversed(self._options.runs):
+                await self._dialog.open(path)
+
+    # Building
+
+    def _build_bar(self) -> None:
+        with ui.element('header').classes('bar'):
+            ui.html('rosette studio', sanitize=False, tag='h1')
+            with ui.tabs().props('no-caps dense') as self._tabs:
+                marked(ui.tab(RUN), 'tab-run')
+                marked(ui.tab(LIVE), 'tab-live')
+            self._tabs.set_value(RUN)
+            self._runs = input_field(ui.select({}, label='run', on_change=self._select), 'run').classes('run-choice')
+            button('Open', self._dialog.show, 'folder_open', 'open', hint='Open a run (o)')
+            ui.element('div').classes('grow')
+            self._save = button('Save model', self._save_model, 'save', 'save-model', hint='Save the model (s)')
+            self._report = button('Report', self._save_report, 'summarize', 'save-report',
+                                  hint='Save the report, one HTML file')
+            self._theme = button('', self._change_theme, THEMES[None][0], 'theme', hint=THEMES[None][1])
+            button('', lambda: self._help.open(), 'keyboard', 'help', hint='Keys (?)')
+
+    def _tab(self, name: str) -> ui.element:
+        """Return the part of the page that is seen while a tab is chosen; figures in it stay drawn."""
+        made = ui.element('div').classes('tab').props(f'role=tabpanel aria-label="{name}"')
+        return made.bind_visibility_from(self._tabs, 'value', lambda value: value == name)
+
+    def _build_run(self) -> None:
+        controller = self._controller
+        self._error = ErrorLine('error')
+        self._empty = ui.label('No run is open: open a log or a table of ball centres.').classes('soft')
+        with ui.element('div').classes('tab') as self._run_sheet:
+            self._verdict = VerdictPanel(controller, self._preview, partial(self.refresh, False))
+            with ui.element('div').classes('halves'):
+                with ui.element('div').classes('side'):
+                    panels = (
+                        ModelPanel(controller, self._act),
+                        CandidatesPanel(controller, self._preview, self._add),
+                        CustomTermPanel(controller, self._preview_entry, partial(self._act, self._session.add_entry)),
+                        CrossCheckPanel(controller, lambda place: self._run(controller.cross_check(place))))
+                with ui.element('div').classes('main'):
+                    self._figures = FiguresPanel(controller, self._add_preview, self._drop_preview)
+        self._panels = (self._verdict, *panels, self._figures)
+
+    def _build_help(self) -> None:
+        with ui.dialog() as self._help, ui.element('div').classes('card'):
+            ui.html('Keys', sanitize=False, tag='h2')
+            with ui.element('div').classes('facts'):
+                for key, (words, _) in self._keys.items():
+                    ui.label('Esc' if key == 'Escape' else key).classes('key')
+                    ui.label(words)
+            ui.label('Tab and Enter reach everything else.').classes('soft small')
+            button('Close', self._help.close, 'close', 'help-close')
+
+    # Showing
+
+    def show(self) -> None:
+        """Show the session."""
+        current, runs = self._session.current, dict(enumerate(one.name for one in self._session.runs))
+        place = self._session.runs.index(current) if current else None
+        if runs != self._runs.options or self._runs.value != place:
+            self._runs.set_options(runs, value=place)
+        self._error.set(self._controller.error)
+        self._empty.set_visibility(current is None)
+        self._save.set_enabled(current is not None)
+        self._report.set_enabled(self._session.results.summary is not None and not self._is_reporting)
+        self._run_sheet.set_visibility(current is not None)
+        if current is not None:
+            for panel in self._panels:
+                panel.show(current)
+
+    def refresh(self, unasked: bool = True) -> None:
+        """Calculate in the background what is missing."""
+        background_tasks.create(self._controller.refresh(unasked))
+
+    async def _open_log(self, path: str) -> None:
+        await self._dialog.open(path)
+        if not self._dialog.dialog.value:
+            self._tabs.set_value(RUN)
+
+    # Actions
+
+    async def _run(self, work: Awaitable[None]) -> None:
+        """Wait for work; show the words of an error."""
+        try:
+            await work
+        except Superseded:
+            return
+        except RosetteError as error:
+            self._controller.fail(error)
+
+    def _act(self, action: Callable[..., None], *arguments: object) -> None:
+        """Call a method of the session; calculate what follows."""
+        try:
+            self._controller.act(action, *arguments)
+        except RosetteError as error:
+            self._controller.fail(error)
+        self.refresh()
+
+    async def _preview(self, name: str, setting: Setting | None) -> None:
+        await self._run(self._controller.preview(name, partial(self._session.model_with, name, setting)))
+
+    async def _preview_entry(self, entry: Entry) -> None:
+        await self._run(self._controller.preview(entry['own'], partial(self._session.model.with_entry, entry)))
+
+    def _add_preview(self) -> None:
+        if self._session.preview is not None:
+            name, change = self._session.preview
+            self._act(self._session.change_model, change.after.model, f'add {name}')
+
+    def _add_best(self) -> None:
+        if self._session.preview is not None:
+            self._add_preview()
+        else:
+            apply(self._add, self._verdict.first)
+
+    def _select(self, event: ValueChangeEventArguments) -> None:
+        if event.value is not None and self._session.runs[event.value] is not self._session.current:
+            self._act(self._session.select, event.value)
+
+    def _save_model(self) -> None:
+        if self._session.current is not None:
+            ui.download.content(format_model(self._session.model), 'model.yaml', 'application/yaml')
+
+    async def _save_report(self) -> None:
+        self._is_reporting = True
+        self.show()
+        await self._run(self._download_report())
+        self._is_reporting = False
+        self.show()
+
+    async def _download_report(self) -> None:
+        report, current = await self._controller.report(), self._session.current
+        if report is not None and current is not None:
+            ui.download.content(report, f'{current.run.run_id or "report"}.html', 'text/html')
+
+    def _change_theme(self) -> None:
+        order = tuple(THEMES)
+        self._dark.set_value(order[(order.index(self._dark.value) + 1) % len(order)])
+        icon, words = THEMES[self._dark.value]
+        self._theme.set_icon(icon)
+        self._theme.props(f'title="{words}" aria-label="{words}"')
+
+    async def _on_key(self, event: KeyEventArguments) -> None:
+        modifiers, key = event.modifiers, event.key.name
+        is_plain = event.action.keydown and not (modifiers.ctrl or modifiers.alt or modifiers.meta)
+        if not is_plain or self._dialog.dialog.value or self._help.value:
+            return
+        if self._tabs.value != RUN and key not in ('d', '?'):
+            return
+        action = self._keys[key][1]() if key in self._keys else None
+        if action is not None:
+            await action

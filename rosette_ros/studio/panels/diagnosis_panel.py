@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The results of the diagnosis: the verdict, the candidates that the model may lack, and the check on a second run."""
+
+from collections.abc import Awaitable, Callable
+
+from nicegui import ui
+
+from rosette_ros.core.diagnosis.diagnosis import Candidate, Diagnosis
+from rosette_ros.core.diagnosis.second_run import CrossCheck
+from rosette_ros.core.diagnosis.verdict import Level
+from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.presentation import tables
+from rosette_ros.presentation.formatting import MEANINGS, duration, micro
+from rosette_ros.studio.controller import Controller
+from rosette_ros.studio.panels.widgets import (
+    Area,
+    button,
+    card,
+    fact_list,
+    folded_card,
+    input_field,
+    marked,
+    row,
+    set_words,
+)
+from rosette_ros.studio.studio_session import OpenedRun
+
+Action = Callable[[str, Setting | None], Awaitable[None] | None]
+"""Takes the name of an effect and its setting."""
+ICONS = {'': 'hourglass_empty', Level.GOOD: 'check_circle', Level.DOUBTFUL: 'help', Level.BAD: 'error'}
+STEPS = {'evaluate': 'fitting the model', 'compare': 'comparing model and readings',
+         'diagnose': 'searching for missing effects', 'ladder': 'adding the effects found, one by one',
+         'advise': 'comparing orders for the next run'}
+SECONDS_PER_READING = 0.004
+"""Time that a diagnosis takes for each reading, roughly."""
+NEXT_BEST = 5
+"""So many candidates that are not claimed are listed."""
+OF_OTHERS = ('p', 'rms_before_um', 'rms_after_um')
+OF_CLAIMED = (*OF_OTHERS, 'held_out_rms_before_um', 'held_out_rms_after_um', 'size', 'look_alikes')
+OF_CHECKED = ('outcome', 'p', 'rms_before_um', 'rms_after_um', 'same_size')
+"""Columns of the tables that are shown."""
+
+
+def apply(action: Action, candidate: Candidate | None) -> Awaitable[None] | None:
+    """Call an action with a candidate and the setting found for it."""
+    return action(candidate.effect, Setting(candidate.setting) if candidate.setting else None) if candidate else None
+
+
+def meaning_of(name: str | None) -> str:
+    """Return what an effect means and where to look, '' for none."""
+    effect = MEANINGS.get(name or '')
+    return f'{effect.meaning} Look at: {effect.look}' if effect else ''
+
+
+class VerdictPanel:
+    """The banner: outcome by icon, words and colour; sentence; action; the calculation that is running."""
+
+    def __init__(self, controller: Controller, on_preview: Action, on_diagnose: Callable[[], None]) -> None:
+        self._controller = controller
+        self.first: Candidate | None = None
+        self._box = marked(ui.element('section').classes('verdict').props('aria-label="Verdict"'), 'verdict')
+        with self._box:
+            self._icon = ui.icon('hourglass_empty').props('aria-hidden=true')
+            with ui.element('div').classes('text').props('role=status aria-live=polite'):
+                self._outcome, self._sentence, self._action, self._meaning = (
+                    marked(ui.label('').classes(name), f'verdict-{name}')
+                    for name in ('outcome', 'sentence', 'action', 'meaning'))
+                with ui.element('div').classes('progress small') as self._progress:
+                    ui.spinner(size='18px').props('aria-hidden=true')
+                    self._step = marked(ui.label(''), 'step')
+            self._preview = button('', lambda: apply(on_preview, self.first), 'visibility', 'verdict-preview', True)
+            self._diagnose = button('Diagnose', on_diagnose, 'search', 'diagnose', strong=True)
+
+    def show(self, opened: OpenedRun) -> None:
+        """Show the verdict, or what is known before it."""
+        results, step = self._controller.session.results, self._controller.step
+        verdict = results.verdict
+        waits = opened.is_large and not (step or verdict or results.problem)
+        if verdict:
+            outcome = f'{verdict.outcome[0].upper()}{verdict.outcome[1:]}'
+            level, words = verdict.level.value, (outcome, verdict.sentence, verdict.action)
+        elif results.problem:
+            level, words = Level.BAD.value, ('Error', results.problem, '')
+        else:
+            time = f'about {duration(opened.run.size * SECONDS_PER_READING)}'
+            level, words = '', ('Not judged yet',
+                                f'The residual is {micro(results.report.fit.rms)} µm.' if results.report else '',
+                                f'The run has {opened.run.size:,} readings: the diagnosis takes {time} and starts '
+                                'on request.' if waits else '')
+        self._icon.set_name(ICONS[level])
+        self._box.classes(remove=' '.join(Level), add=level)
+        for label, text in zip((self._outcome, self._sentence, self._action), words, strict=True):
+            set_words(label, text)
+        self._progress.set_visibility(bool(step))
+        if step:
+            set_words(self._step, f'step {list(STEPS).index(step) + 1} of {len(STEPS)}: {STEPS[step]} …')
+        self._diagnose.set_visibility(waits)
+        candidates = results.summary.diagnosis.candidates if results.summary else ()
+        self.first = next((one for one in candidates if one.claimed), None)
+        name = self.first.effect if self.first else ''
+        self._preview.set_visibility(bool(name) and self._controller.session.preview is None)
+        self._preview.set_text(f'Preview {name}')
+        set_words(self._meaning, f'{name}: {meaning_of(name)}' if name in MEANINGS else '')
+
+
+class CandidatesPanel:
+    """The candidates of the diagnosis and every other effect of the library; each can be previewed and added."""
+
+    def __init__(self, controller: Controller, on_preview: Action, on_add: Action) -> None:
+        self._controller, self._on_preview, self._on_add = controller, on_preview, on_add
+        self._cards: dict[str, ui.element] = {}
+        with card('Effects that may be missing', 'candidates'):
+            self._note = marked(ui.label('').classes('soft small'), 'candidates-note')
+            self._list = Area(ui.element('div').classes('list'))
+            with ui.expansion('Another effect of the library', value=False).props('dense').classes('small'):
+                self._other = ui.select(sorted(EFFECTS), label='effect', with_input=True, on_change=self._explain)
+                input_field(self._other, 'other-effect', 'width: 100%')
+                self._meaning = ui.label('').classes('soft small')
+                with row():
+                    for words, icon, action in (('Preview', 'visibility', on_preview), ('Add', 'add', on_add)):
+                        button(words, lambda action=action: self._other.value and action(self._other.value, None), icon,
+                               f'other-{words.lower()}')
+
+    def _explain(self) -> None:
+        set_words(self._meaning, meaning_of(self._other.value))
+
+    def show(self, _: OpenedRun) -> None:
+        """Show the candidates."""
+        session = self._controller.session
+        diagnosis = session.results.summary.diagnosis if session.results.summary else None
+        self._list.show(self._fill, diagnosis)
+        if diagnosis is None:
+            words = 'Searching …' if self._controller.step else 'Not searched yet.'
+        else:
+            words = '' if diagnosis.missing else 'No effect of the library is missing.'
+        set_words(self._note, words)
+        for name, one in self._cards.items():
+            is_chosen = session.preview is not None and name == session.preview.name
+            one.classes(add='chosen' if is_chosen else '', remove='' if is_chosen else 'chosen')
+
+    def _fill(self, diagnosis: Diagnosis | None) -> None:
+        self._cards = {}
+        if diagnosis is None:
+            return
+        claimed = {one.effect: one for one in reversed(diagnosis.candidates) if one.claimed}
+        others = [one for one in diagnosis.candidates if one.effect not in claimed][:NEXT_BEST]
+        for one in reversed(claimed.values()):
+            self._add_card(one, OF_CLAIMED)
+        if others:
+            with ui.expansion('Not significant: the next best').props('dense').classes('small'), \
+                    ui.element('div').classes('list'):
+                for one in others:
+                    self._add_card(one, OF_OTHERS)
+        if diagnosis.invisible:
+            ui.label(f'Not observable in this order of measurement: {", ".join(diagnosis.invisible)}.').classes('small')
+
+    def _add_card(self, one: Candidate, columns: tuple[str, ...]) -> None:
+        with marked(ui.element('article').classes('candidate'), f'candidate-{one.effect}') as self._cards[one.effect]:
+            self._cards[one.effect].classes('claimed' if one.claimed else '')
+            with row():
+                ui.label(one.effect).classes('name')
+                with ui.element('span').classes('badge' if one.claimed else 'badge soft'):
+                    ui.icon('error' if one.claimed else 'radio_button_unchecked').props('aria-hidden=true')
+                    ui.label('missing' if one.claimed else 'not significant')
+            if one.effect in MEANINGS:
+                ui.label(MEANINGS[one.effect].meaning).classes('small')
+            fact_list(tables.candidates([one]).select(*columns))
+            with row():
+                button('Preview', lambda: apply(self._on_preview, one), 'visibility', f'preview-{one.effect}',
+                       hint=f'Show what adding {one.effect} would change')
+                button('Add', lambda: apply(self._on_add, one), 'add', f'add-{one.effect}', strong=one.claimed,
+                       hint=f'Add {one.effect} to the model')
+
+
+class CrossCheckPanel:
+    """Whether the effects found in this run are found in another one, too."""
+
+    def __init__(self, controller: Controller, on_check: Callable[[int], Awaitable[None]]) -> None:
+        self._controller = controller
+        with folded_card('Check on a second run', 'check'):
+            self._note = ui.label('').classes('soft small')
+            with row():
+                self._other = input_field(ui.select({}, label='second run'), 'check-run', 'min-width: 190px')
+                self._start = button('Check', lambda: on_check(self._other.value), 'fact_check', 'check-go')
+            result = ui.element('div').classes('list small').props('role=status aria-live=polite')
+            self._result = Area(marked(result, 'check-result'))
+
+    def show(self, opened: OpenedRun) -> None:
+        """Show the runs that can be chosen, and the result."""
+        session = self._controller.session
+        others = {place: one.name for place, one in enumerate(session.runs) if one is not opened}
+        if others != self._other.options:
+            self._other.set_options(others, value=self._other.value if self._other.value in others else
+                                    next(iter(others), None))
+        claims = session.results.summary is not None and bool(session.results.summary.diagnosis.terms)
+        self._start.set_enabled(claims and bool(others))
+        set_words(self._note, 'Open a second run of the same cell first.' if not others else (
+            'The effects found in this run are fitted to the second one, which had no part in finding them.' if claims
+            else 'No effect is found in this run, so there is nothing to check.'))
+        self._result.show(self._fill, *(self._controller.check or ('', None)))
+
+    def _fill(self, name: str, check: CrossCheck | None) -> None:
+        if check is not None:
+            table = tables.cross_check(check)
+            ui.label(f'{name}: {check.text}')
+            for place, one in enumerate(check.effects):
+                ui.label(f'{one.name}: {one.reason}')
+                fact_list(table.select(*OF_CHECKED), place)
+            ui.label(table.note).classes('soft')

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The figures: six curves, residual maps, residual against time; of the model as it is or with the preview."""
+
+from collections.abc import Callable
+
+from nicegui import ui
+
+from rosette_ros.analysis import Change
+from rosette_ros.presentation import tables
+from rosette_ros.studio import figures
+from rosette_ros.studio.controller import Controller
+from rosette_ros.studio.panels.widgets import Area, Figure, button, card, marked, plain_table, row, set_words
+from rosette_ros.studio.studio_session import OpenedRun, Preview
+
+PRESENT, PREVIEWED = 'present model', 'with preview'
+
+
+class FiguresPanel:
+    """Curves, maps and time series; drawn again only where what they show has changed."""
+
+    def __init__(self, controller: Controller, on_add: Callable[[], None], on_drop: Callable[[], None]) -> None:
+        """Build it; on_add, on_drop: add the preview to the model, or close it."""
+        self._controller = controller
+        self._run: OpenedRun | None = None
+        with card('', 'preview').classes('preview') as self._preview_card:
+            with row():
+                self._title = ui.html('', sanitize=True, tag='h2')
+                self._switch = ui.toggle([PRESENT, PREVIEWED], value=PRESENT, on_change=self._draw)
+                marked(self._switch.props('no-caps dense unelevated toggle-color=primary'), 'switch')
+                button('Add', on_add, 'add', 'preview-add', strong=True, hint='Add it to the model (a)')
+                button('Close preview', on_drop, 'close', 'preview-drop', hint='Leave the model as it is (Esc)')
+            self._words = marked(ui.label('').props('role=status aria-live=polite'), 'preview-words')
+            with ui.expansion('Change of the curves', value=False).props('dense').classes('small'):
+                self._changes = Area(ui.element('div'))
+        with card('Six error motions, with U (k = 2)', 'curves') as self._curves_card:
+            self._curves = Figure(430, 'Six error motions against the table angle')
+        with card('', 'maps') as self._maps_card:
+            with row():
+                ui.html('Residuals by table position and ball', sanitize=False, tag='h2')
+                self._whose = marked(ui.label('').classes('soft small'), 'maps-model')
+            self._maps = Figure(300, 'Residual maps, one per axis')
+        with card('Residuals against time', 'times') as self._times_card:
+            self._times = Figure(320, 'Residuals in x, y, z against time')
+
+    def show(self, opened: OpenedRun) -> None:
+        """Show the figures."""
+        session = self._controller.session
+        report, preview = session.results.report, session.preview
+        self._changes.show(self._show_preview, preview)
+        self._preview_card.set_visibility(preview is not None)
+        is_failed = session.results.refusal is not None or bool(session.results.problem)
+        if report is None and opened is self._run and not is_failed:
+            return  # the figures stay for the moment that it takes to fit the new model
+        self._run = opened
+        for one in (self._curves_card, self._maps_card, self._times_card):
+            one.set_visibility(report is not None)
+        self._draw()
+
+    def _draw(self) -> None:
+        report, preview = self._controller.session.results.report, self._controller.session.preview
+        if report is None:
+            return
+        after = preview.change.after if preview else None
+        shown = after if after is not None and self._switch.value == PREVIEWED else report
+        set_words(self._whose, f'{PREVIEWED}: {preview.name}' if preview and shown is after else PRESENT)
+        curves = [figures.Curves(PRESENT, report.error_motions, figures.PRESENT)]
+        if after is not None:
+            curves.append(figures.Curves(PREVIEWED, after.error_motions, figures.PREVIEWED, 'dot'))
+        self._curves.draw((report, after), figures.curves_figure, curves)
+        self._maps.draw((shown, report), figures.maps_figure, shown, report)
+        self._times.draw((shown,), figures.time_figure, shown)
+
+    def switch(self) -> None:
+        """Show the maps of the other model, where there is a preview."""
+        if self._controller.session.preview is not None:
+            self._switch.set_value(PRESENT if self._switch.value == PREVIEWED else PREVIEWED)
+
+    def _show_preview(self, preview: Preview | None) -> None:
+        self._switch.set_value(PREVIEWED if preview else PRESENT)
+        if preview is not None:
+            self._title.set_content(f'Preview: with {preview.name}')
+            set_words(self._words, preview_words(preview.change))
+            plain_table(tables.curve_changes(preview.change))
+
+
+def preview_words(change: Change) -> str:
+    """Return what a Change does to the errors, and whether it helps."""
+    rows = tables.change_errors(change).select('quantity', 'before', 'after', 'unit').rows
+    errors = '; '.join(f'{quantity} {before} → {after} {unit}'.strip() for quantity, before, after, unit in rows)
+    judged = 'It helps' if change.helps else 'It is worse than without' if change.hurts else 'It does not help'
+    return f'{judged}: {errors}.'

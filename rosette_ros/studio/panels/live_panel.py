@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The tab of a running cell: start, cancel, progress, curves so far, health, faults."""
+
+import importlib
+import time
+from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING
+
+from nicegui import run, ui
+
+from rosette_ros.analysis import Report, analyse
+from rosette_ros.core.diagnosis.verdict import Verdict
+from rosette_ros.core.errors import CellError, InvalidData, NotDeterminable, RosetteError, one_line
+from rosette_ros.core.records import ErrorMotions
+from rosette_ros.core.scheme import ORDERS
+from rosette_ros.io.messages import PHASE_WORDS, CalibrationProgress, phase_name
+from rosette_ros.nodes.names import NAMESPACE
+from rosette_ros.studio.controller import Controller
+from rosette_ros.studio.figures import PRESENT, Curves, curves_figure, filling_figure
+from rosette_ros.studio.live_state import Fault, Health, NodeHealth
+from rosette_ros.studio.panels.widgets import Area, ErrorLine, Figure, button, card, input_field, marked, row, set_words
+
+if TYPE_CHECKING:
+    from rosette_ros.studio.cell_watcher import CellWatcher
+
+OpenLog = Callable[[str], Awaitable[None]]
+HEALTH = {Health.HEALTHY: ('check_circle', 'var(--good)'), Health.WARNING: ('warning', 'var(--doubtful)'),
+          Health.FAULT: ('error', 'var(--bad)'), Health.SILENT: ('volume_off', 'var(--bad)')}
+"""Icon and colour of a level of health; its word is the level itself."""
+PERIOD = 0.3
+CURVES_PERIOD = 0.6
+"""Curves so far are calculated at most so often, s."""
+MOST_CELLS = 4
+"""So many cells are watched at once; of more, the one connected first is dropped."""
+
+
+class LivePanel:
+    """Connects to a cell, and shows it from then on; nothing of ROS is loaded before."""
+
+    def __init__(self, controller: Controller, cells: 'CellWatchers', domain: int | None, namespace: str,
+                 on_open: OpenLog) -> None:
+        """Build it; on_open(path): opens a log."""
+        self._controller, self._cells, self._on_open = controller, cells, on_open
+        with card('Cell', 'cell'):
+            with row():
+                self._domain = input_field(ui.number('ROS domain', value=domain, min=0, max=232, precision=0,
+                                                     placeholder='of the environment'), 'domain', 'width: 130px')
+                self._namespace = input_field(ui.input('namespace', value=namespace), 'namespace', 'width: 130px')
+                self._connect = button('Connect', self.connect, 'link', 'connect', strong=True)
+            self._error = ErrorLine('cell-error')
+        with ui.element('div') as self._place:
+            ui.label('Connect to a running cell to see its progress, curves and health.').classes('soft')
+
+    async def connect(self) -> None:
+        """Join the domain and show the cell."""
+        self._error.set('')
+        self._connect.set_enabled(False)
+        try:
+            domain = None if self._domain.value is None else int(self._domain.value)
+            watcher = await run.io_bound(self._cells.watch, domain, self._namespace.value.strip() or NAMESPACE)
+        except RosetteError as error:
+            self._error.set(one_line(error))
+        else:
+            self._connect.set_text('Connect again')
+            self._place.clear()
+            with self._place:
+                if watcher is not None:  # None while the studio is shut down
+                    CellPanel(self._controller, watcher, self._on_open)
+        finally:
+            self._connect.set_enabled(True)
+
+
+class CellPanel:
+    """The present state of a cell."""
+
+    def __init__(self, controller: Controller, watcher: 'CellWatcher', on_open: OpenLog) -> None:
+        self._controller, self._watcher, self._on_open = controller, watcher, on_open
+        self._curves_due, self._curves_of = 0.0, ('', 0)
+        with ui.element('div').classes('halves'):
+            with ui.element('div').classes('side'):
+                with card('Calibration', 'calibration'):
+                    self._build_calibration()
+                with card('Nodes', 'health'):
+                    self._health = Area(marked(ui.element('div').classes('health'), 'health-table'))
+                with card('Faults', 'faults'):
+                    self._faults = Area(marked(ui.element('div').classes('list small').props('role=log'), 'fault-list'))
+            with ui.element('div').classes('main'):
+                with card('Six error motions so far, with U (k = 2)', 'live-curves') as self._curves_card:
+                    self._curves_words = marked(ui.label('').classes('soft small'), 'live-words')
+                    self._curves = Figure(400, 'Curves so far')
+                with card('Ball centres so far: distance from the expected place', 'filling') as self._filling_card:
+                    self._filling = Figure(320, 'Ball centres so far')
+        self._curves_card.set_visibility(False)
+        ui.timer(PERIOD, self._update)
+
+    def _build_calibration(self) -> None:
+        with row():
+            orders = {'': 'as configured', **{name: name for name in ORDERS}}
+            self._order = input_field(ui.select(orders, label='order', value=''), 'order', 'width: 190px')
+            self._seed = input_field(ui.number('seed', value=0, min=0, max=2**53, precision=0), 'seed', 'width: 100px')
+        with row():
+            self._start = button('Start', self._calibrate, 'play_arrow', 'start', strong=True)
+            self._cancel = button('Cancel', self._watcher.cancel, 'stop', 'cancel')
+        self._phase = marked(ui.label('').props('role=status aria-live=polite'), 'phase')
+        self._bar = ui.linear_progress(0, show_value=False, size='10px').props('aria-label="Progress"')
+        self._text = marked(ui.label('').classes('soft small'), 'progress-text')
+        self._end = marked(ui.label(''), 'outcome')
+        self._open = button('Open this log', self._open_log, 'folder_open', 'open-log', strong=True)
+
+    def _calibrate(self) -> None:
+        self._watcher.calibrate(self._order.value, int(self._seed.value or 0))
+
+    async def _open_log(self) -> None:
+        if self._watcher.outcome and self._watcher.outcome.log:
+            await self._on_open(str(self._watcher.outcome.log))
+
+    async def _update(self) -> None:
+        """Show what was received since the last time."""
+        with self._watcher.lock:
+            state = self._watcher.state
+            progress, verdict, motions, faults = state.progress, state.verdict, state.motions, tuple(state.faults)
+            balls, cells, run_id, health = state.balls, state.cells, state.run_id, state.health(time.monotonic())
+        self._show_calibration(progress, verdict)
+        self._health.show(self._show_health, [one._replace(received=0.0) for one in health])
+        self._faults.show(self._show_faults, faults)
+        self._filling_card.set_visibility(bool(cells))
+        if cells:
+            self._filling.draw((run_id, len(cells)), filling_figure, balls, cells)
+        if motions is None:
+            await self._show_part(run_id, len(cells), balls)
+        else:
+            self._show_curves(motions, f'Result of run {run_id}.' if run_id else 'Result of the last run.')
+
+    def _show_calibration(self, progress: CalibrationProgress, verdict: Verdict | None) -> None:
+        phase = PHASE_WORDS.get(progress.phase) or phase_name(progress.phase)
+        set_words(self._phase, f'{phase}, order {progress.order}' if progress.order else phase)
+        count = f'{progress.done} of {progress.total} ball centres. ' if progress.total else ''
+        set_words(self._text, f'{count}{progress.text}')
+        self._bar.set_value(progress.done / progress.total if progress.total else 0)
+        calibrating = self._watcher.is_calibrating
+        outcome, words = None if calibrating else self._watcher.outcome, self._watcher.problem
+        if outcome is not None and not outcome.success:
+            words = outcome.message
+        elif verdict is not None and not progress.is_running:
+            words = f'{verdict.sentence} {verdict.action}'
+        self._start.set_enabled(not (calibrating or progress.is_running))
+        self._cancel.set_enabled(calibrating)
+        set_words(self._end, words)
+        self._open.set_visibility(outcome is not None and bool(outcome.log))
+
+    def _show_health(self, health: list[NodeHealth]) -> None:
+        for one in health:
+            icon, colour = HEALTH[one.level]
+            ui.icon(icon).style(f'color: {colour}; font-size: 20px').props('aria-hidden=true')
+            ui.label(f'{one.name}: {one.level}').style('font-weight: 600')
+            ui.label(one.sentence).classes('soft small wrap')
+        if not health:
+            ui.label('No node of this cell has reported yet.').style('grid-column: 1 / -1')
+
+    def _show_faults(self, faults: tuple[Fault, ...]) -> None:
+        for one in faults:
+            ui.label(f'{one.clock}  {one.words}').classes('wrap')
+        if not faults:
+            ui.label('None.').classes('soft')
+
+    async def _show_part(self, run_id: str, count: int, balls: int) -> None:
+        """Show the curves of the ball centres so far, as soon as they determine the model."""
+        now = time.monotonic()
+        if not count or now < self._curves_due or self._curves_of == (run_id, count):
+            return
+        self._curves_due, self._curves_of = now + CURVES_PERIOD, (run_id, count)
+        words = f'{count} of {balls**2} ball centres'
+        try:
+            report = await self._controller.do_quick(self._analyse_part)
+        except (InvalidData, NotDeterminable) as error:
+            set_words(self._curves_words, f'{words}: {one_line(error)}')
+        else:
+            self._show_curves(report.error_motions, f'{words} of run {run_id}')
+
+    def _show_curves(self, motions: ErrorMotions, words: str) -> None:
+        set_words(self._curves_words, words)
+        self._curves.draw((motions,), curves_figure, [Curves('cell', motions, PRESENT)])
+        self._curves_card.set_visibility(True)
+
+    def _analyse_part(self) -> Report:
+        with self._watcher.lock:
+            part = self._watcher.state.part_of_run()
+        return analyse(part)
+
+
+class CellWatchers:
+    """The watchers of all pages, one for each domain and namespace; ROS is loaded with the first."""
+
+    def __init__(self) -> None:
+        self._watchers: dict[tuple[int | None, str], CellWatcher] = {}
+
+    def watch(self, domain: int | None, namespace: str) -> 'CellWatcher':
+        """Return the watcher of a cell; raises CellError where ROS is missing or refuses."""
+        key = (domain, namespace)
+        if key not in self._watchers:
+            try:
+                module = importlib.import_module('rosette_ros.studio.cell_watcher')
+            except ImportError as error:
+                raise CellError(f'live cell: wanted ROS 2 (rclpy and rosette_msgs), got: {error}; use the rosette of '
+                                '`make setup`, or source a workspace in which it is built') from error
+            while len(self._watchers) >= MOST_CELLS:
+                self._watchers.pop(next(iter(self._watchers))).close()
+            self._watchers[key] = module.CellWatcher(domain, namespace)
+        return self._watchers[key]
+
+    def close(self) -> None:
+        """Leave all cells."""
+        for watcher in self._watchers.values():
+            watcher.close()
+        self._watchers.clear()

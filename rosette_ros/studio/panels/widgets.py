@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What every panel is made of: buttons, cards and figures, with their names for keyboard and screen reader."""
+
+from collections.abc import Callable
+from typing import TypeVar
+
+from nicegui import background_tasks, run, ui
+from nicegui.events import ClickEventArguments, Handler
+
+from rosette_ros.presentation.table_format import Table
+from rosette_ros.studio.figures import PlotlyFigure
+
+Element = TypeVar('Element', bound=ui.element)
+
+
+def button(words: str, action: Handler[ClickEventArguments], icon: str | None = None, mark: str = '',
+           strong: bool = False, hint: str = '') -> ui.button:
+    """Return a button; mark: its name for tests; strong: the one that is meant to be pressed next."""
+    made = ui.button(words, on_click=action, icon=icon, color=None)
+    made.props(f'no-caps dense {"unelevated" if strong else "flat"} padding="4px 10px"')
+    made.classes('strong' if strong else 'plain')
+    if hint:
+        made.props(f'title="{hint}"' if words else f'title="{hint}" aria-label="{hint}"')
+    return marked(made, mark)
+
+
+def marked(element: Element, mark: str) -> Element:
+    """Return the element with a name for tests."""
+    return element.props(f'data-testid={mark}') if mark else element
+
+
+def row() -> ui.element:
+    """Return a row of elements."""
+    return ui.element('div').classes('row')
+
+
+def folded_card(heading: str, mark: str) -> ui.expansion:
+    """Return a card that shows its content on request."""
+    with card('', mark):
+        return ui.expansion(heading, value=False).props('dense')
+
+
+def card(heading: str = '', mark: str = '') -> ui.element:
+    """Return a card with a heading."""
+    made = ui.element('section').classes('card')
+    if heading:
+        made.props(f'aria-label="{heading}"')
+        with made:
+            ui.html(heading, sanitize=False, tag='h2')
+    return marked(made, mark)
+
+
+def input_field(element: Element, mark: str, style: str = '') -> Element:
+    """Return an input or a choice as all panels show it."""
+    return marked(element.props('dense outlined options-dense').style(style), mark)
+
+
+class ErrorLine:
+    """Words of an error with an icon; not there while there is no error."""
+
+    def __init__(self, mark: str) -> None:
+        with ui.element('div').classes('error').props('role=alert') as self._box:
+            ui.icon('error').props('aria-hidden=true')
+            self._label = marked(ui.label(''), mark)
+        self.set('')
+
+    def set(self, words: str) -> None:
+        """Show the words of an error, or none."""
+        set_words(self._label, words)
+        self._box.set_visibility(bool(words))
+
+
+class Area:
+    """A part of a panel that is built again only where what it shows has changed."""
+
+    def __init__(self, element: ui.element) -> None:
+        self._element, self._shown = element, object()
+
+    def show(self, build: Callable[..., object], *what: object) -> None:
+        """Build it with build(*what) unless that was shown last."""
+        if what != self._shown:
+            self._shown = what
+            self._element.clear()
+            with self._element:
+                build(*what)
+
+
+def fact_list(table: Table, row: int = 0) -> None:
+    """Show one row of a table, each column as a line; empty cells are left out."""
+    with ui.element('div').classes('facts'):
+        for column, text in zip(table.shown, table.rows[row], strict=True):
+            if text:
+                ui.label(column.head)
+                ui.label(text)
+
+
+def plain_table(table: Table) -> None:
+    """Show a table."""
+    with ui.element('table').classes('plain-table').props(f'aria-label="{table.title}"'):
+        for tag, row in (('th', [column.head for column in table.shown]), *(('td', row) for row in table.rows)):
+            with ui.element('tr'):
+                for column, text in zip(table.shown, row, strict=True):
+                    with ui.element(tag).classes('number' if column.number else ''):
+                        ui.label(text)
+
+
+def set_words(label: ui.label, words: str) -> None:
+    """Change a label's text only where it differs."""
+    if label.text != words:
+        label.set_text(words)
+
+
+class Figure:
+    """A Plotly figure, drawn in the background and only where it changes; words: for a screen reader."""
+
+    def __init__(self, height: int, words: str) -> None:
+        self._plot = ui.plotly({'data': [], 'layout': {}, 'config': {}})
+        self._plot.style(f'width: 100%; height: {height}px').props(f'role=img aria-label="{words}"')
+        self._key: tuple[object, ...] = ()
+
+    def draw(self, key: tuple[object, ...], make: Callable[..., PlotlyFigure], *arguments: object) -> None:
+        """Draw make(*arguments) unless `key` was drawn last; returns at once, and draws the last of several."""
+        if key != self._key:
+            self._key = key
+            background_tasks.create_lazy(self._draw(make, arguments), name=f'figure {id(self)}')
+
+    async def _draw(self, make: Callable[..., PlotlyFigure], arguments: tuple[object, ...]) -> None:
+        content = await run.io_bound(make, *arguments)
+        if not self._plot.is_deleted:
+            self._plot.update_figure(content)

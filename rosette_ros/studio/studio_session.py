@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""State of one browser's studio: opened runs, the model with undo, results, a preview. No page, no calculation.
+
+Calculations take time elsewhere; a Ticket names the run and the model that a result belongs to. A result is kept under
+its ticket, and shown only while that run and that model are shown.
+"""
+
+from collections import OrderedDict
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+from rosette_ros.analysis import MOST_BALLS_JUDGED, Change, LadderStep, Report, Summary, Verdict
+from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.errors import InvalidModel
+from rosette_ros.core.model.model import BASE_TERMS, Model
+from rosette_ros.core.records import Run
+from rosette_ros.presentation.report.provenance import Source
+
+MOST_KEPT = 24
+"""Results of so many pairs of run and model are kept."""
+Ticket = tuple[int, str]
+"""What a result belongs to: the place of the run among those opened, and the model."""
+
+
+@dataclass(frozen=True, eq=False)
+class OpenedRun:
+    """An opened run, its name on the page and, where it is known, where it comes from."""
+
+    name: str
+    run: Run
+    source: Source | None = None
+
+    @property
+    def is_large(self) -> bool:
+        """Whether it has so many balls that the diagnosis runs on request only."""
+        return self.run.n > MOST_BALLS_JUDGED
+
+
+@dataclass(frozen=True, eq=False)
+class RunResults:
+    """The results of a run under a model so far; refusal: why it cannot determine it; problem: what else failed."""
+
+    report: Report | None = None
+    ladder: tuple[LadderStep, ...] | None = None
+    summary: Summary | None = None
+    refusal: Verdict | None = None
+    problem: str = ''
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """The one verdict."""
+        return self.summary.verdict if self.summary else self.refusal
+
+
+class Preview(NamedTuple):
+    """What adding an effect would change."""
+
+    name: str
+    change: Change
+
+
+@dataclass(eq=False)
+class Session:
+    """Opened runs, the model with undo and redo, results, a preview."""
+
+    runs: tuple[OpenedRun, ...] = ()
+    current: OpenedRun | None = None
+    preview: Preview | None = None
+    _history: list[tuple[Model, str]] = field(default_factory=lambda: [(Model(), '')])
+    _place: int = 0
+    _results: OrderedDict[Ticket, RunResults] = field(default_factory=OrderedDict)
+
+    # Runs
+
+    def open(self, run: Run, name: str, source: Source | None = None) -> OpenedRun:
+        """Add a run and show it; the model stays."""
+        taken = {one.name for one in self.runs}
+        names = (name, *(f'{name} ({count})' for count in range(2, len(taken) + 3)))
+        opened = OpenedRun(next(one for one in names if one not in taken), run, source)
+        self.runs = (*self.runs, opened)
+        self.select(len(self.runs) - 1)
+        return opened
+
+    def select(self, place: int) -> None:
+        """Show another opened run."""
+        self.current, self.preview = self.runs[place], None
+
+    # The model
+
+    @property
+    def model(self) -> Model:
+        """The model as it is."""
+        return self._history[self._place][0]
+
+    def change_model(self, model: Model, words: str) -> None:
+        """Replace the model; what was undone before is dropped."""
+        self._history[self._place + 1:] = [(model, words)]
+        self._go(1)
+
+    def add(self, name: str, setting: Setting | None = None) -> None:
+        """Add an effect; one that is in the model already is added with its setting fixed."""
+        self.change_model(self.model_with(name, setting), f'add {name}')
+
+    def add_entry(self, entry: Mapping[str, str]) -> None:
+        """Add an entry as in a model file, such as a custom term; raises InvalidModel."""
+        self.change_model(self.model.with_entry(entry), f'add {entry.get("own") or entry.get("name")}')
+
+    def remove(self, place: int) -> None:
+        """Remove the term at a place of model_parts."""
+        model, first = self.model, place - len(self.model.base)
+        smaller = Model(tuple(one for k, one in enumerate(model.base) if k != place),
+                        tuple(one for k, one in enumerate(model.terms) if k != first), model.repeated)
+        self.change_model(smaller, f'remove {self.model_parts[place]}')
+
+    def model_with(self, name: str, setting: Setting | None = None) -> Model:
+        """Return the model with another effect; raises InvalidModel for an unknown name."""
+        model = self.model
+        if name in BASE_TERMS or name not in [term.name for term in model.terms]:
+            return model.with_effect(name)
+        if not setting:
+            raise InvalidModel(f'model: {name} is in the model already')
+        return model.with_effect(name, setting)
+
+    @property
+    def model_parts(self) -> tuple[str, ...]:
+        """The names of base terms and effects, in order."""
+        return (*self.model.base, *map(str, self.model.terms))
+
+    @property
+    def undo_words(self) -> str:
+        """What undo would take back; empty where there is nothing."""
+        return self._history[self._place][1]
+
+    @property
+    def redo_words(self) -> str:
+        """What redo would do again; empty where there is nothing."""
+        return self._history[self._place + 1][1] if self._place + 1 < len(self._history) else ''
+
+    def undo(self) -> None:
+        """Go back to the model before, if there is one."""
+        self._go(-1 if self.undo_words else 0)
+
+    def redo(self) -> None:
+        """Go forward again, if something was undone."""
+        self._go(1 if self.redo_words else 0)
+
+    def _go(self, steps: int) -> None:
+        self._place += steps
+        self.preview = None
+
+    # Results
+
+    @property
+    def ticket(self) -> Ticket | None:
+        """The Ticket of the run and the model that are shown, None where no run is open."""
+        return (self.runs.index(self.current), f'{self.model.hash}{self.model.repeated}') if self.current else None
+
+    def is_current(self, ticket: Ticket | None) -> bool:
+        """Return whether a ticket is that of the run and the model that are shown."""
+        return ticket is not None and ticket == self.ticket
+
+    def keep(self, ticket: Ticket, **results: Any) -> bool:
+        """Keep results, fields of RunResults; return whether they belong to what is shown."""
+        self._results[ticket] = replace(self._results.get(ticket, RunResults()), **results)
+        self._results.move_to_end(ticket)
+        while len(self._results) > MOST_KEPT:
+            self._results.popitem(last=False)
+        return self.is_current(ticket)
+
+    @property
+    def results(self) -> RunResults:
+        """The results of the run under the model that are shown."""
+        return self._results.get(self.ticket, RunResults()) if self.ticket else RunResults()
+
+    def set_preview(self, preview: Preview | None) -> None:
+        """Show what a change would do, or the model as it is."""
+        self.preview = preview

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Going on with a run: what is taken from its log, what is asked again, what is refused."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from test_state_machine import LIMITS, RUN_ID, TAUGHT, answer_to, last_ask, moved, run_through
+
+from rosette_ros.calibration.calibration_plan import plan_calibration
+from rosette_ros.calibration.goal import earlier_answers, refuse_other_plan
+from rosette_ros.calibration.settings import LIMITS as LIMIT_SETTINGS
+from rosette_ros.calibration.settings import PLANNED, format_settings, parse_settings
+from rosette_ros.calibration.state_machine import VERIFY_ROUNDS, Ask, Finish, Locate, Remark, Sequence, Verify
+from rosette_ros.core.errors import CellError, InvalidConfig
+from rosette_ros.core.scheme import plan
+from rosette_ros.io.messages import Phase
+from rosette_ros.io.run_assembly import RunAnswers
+
+SETTINGS = {wanted.name: wanted.default for wanted in PLANNED + LIMIT_SETTINGS}
+PLAN = plan_calibration(plan(3, 'diagonal'), 0.1, TAUGHT, 2)
+
+
+def asked(sequence):
+    """Return the targets that a run asks for where all are answered."""
+    return [command.target for command in run_through(sequence) if isinstance(command, Ask)]
+
+
+def earlier(count, session=1):
+    """Return the RunAnswers of the first `count` targets of an undisturbed run."""
+    known = RunAnswers(RUN_ID)
+    for target in asked(Sequence(RUN_ID, PLAN, LIMITS))[:count]:
+        known.add_target(target._replace(session=session))
+        known.add_answer(answer_to(target, stamp_ns=target.seq))
+    return known
+
+
+@given(count=st.integers(0, PLAN.total))
+def test_only_what_is_missing_is_asked(count):
+    """Wherever the run was broken off: the rest, in order, in the next session; the frame is found again."""
+    whole = asked(Sequence(RUN_ID, PLAN, LIMITS))
+    sequence = Sequence(RUN_ID, PLAN, LIMITS, earlier(count))
+    commands = run_through(sequence)
+    asks = [command.target for command in commands if isinstance(command, Ask)]
+    assert [ask.seq for ask in asks] == [ask.seq for ask in whole[count:]]
+    assert all(np.array_equal(a.centre, b.centre) for a, b in zip(asks, whole[count:], strict=True))
+    assert {ask.session for ask in asks} <= {2 if count else 1}
+    assert sum(isinstance(command, Locate) for command in commands) == 1
+    assert sequence.phase is Phase.EVALUATION
+    assert sequence.done == PLAN.total
+
+
+def test_a_gap_and_an_unusable_answer_are_asked_again():
+    """What was left out and what was refused then is asked now, as a further attempt."""
+    known, whole = RunAnswers(RUN_ID), earlier(PLAN.total, session=4)
+    for target in whole.targets:
+        known.add_target(target)
+        if target.seq == 11:
+            known.add_target(target._replace(attempt=3))
+    for answer in whole.answers:
+        if answer.seq != 11:
+            known.add_answer(moved(answer, 1.0, 1.0, 1.0) if answer.seq == 13 else answer)
+    asks = asked(Sequence(RUN_ID, PLAN, LIMITS, known))
+    assert [(ask.seq, ask.attempt, ask.session) for ask in asks] == [(11, 4, 5), (13, 2, 5)]
+
+
+def test_hold_and_resume():
+    """While a node is away nothing is asked; its answer still counts; then the next target comes."""
+    sequence = Sequence(RUN_ID, PLAN, LIMITS)
+    ask = last_ask(sequence.begin(0.0))
+    commands = sequence.hold('the CMM is disconnected', 1.0)
+    assert commands[0] == Remark('the CMM is disconnected; the run waits for it')
+    assert sequence.describe() == 'the CMM is disconnected; waiting for it'
+    assert last_ask(sequence.answer(answer_to(ask), 2.0)) is None
+    assert sequence.done == 1
+    following = last_ask(sequence.resume_asking(3.0, restarted=False))
+    assert (following.seq, following.session, following.attempt) == (2, 1, 1)
+    assert sequence.resume_asking(3.0, restarted=False) == ()
+
+
+def test_after_a_pause_the_target_is_asked_again_in_a_new_session():
+    """A CMM that was started anew does not know what it was asked."""
+    sequence = Sequence(RUN_ID, PLAN, LIMITS)
+    sequence.begin(0.0)
+    sequence.hold('the CMM is disconnected', 1.0)
+    again = last_ask(sequence.resume_asking(2.0, restarted=True))
+    assert (again.seq, again.session, again.attempt) == (1, 2, 2)
+    assert last_ask(sequence.answer(answer_to(again), 2.0)).session == 2
+
+
+def test_who_does_not_come_back_ends_the_run():
+    """After the patience, in words that say what to do."""
+    sequence = Sequence(RUN_ID, PLAN, LIMITS)
+    sequence.begin(0.0)
+    sequence.hold('the recorder is disconnected', 1.0)
+    assert sequence.tick(1.0 + LIMITS.return_timeout - 0.1) == ()
+    end = sequence.tick(1.0 + LIMITS.return_timeout)[-1]
+    assert end == Finish(Phase.FAILED, 'the recorder is disconnected and did not come back within 60 s; resume the '
+                         'run when it is connected')
+
+
+def verifying(lost, rounds=VERIFY_ROUNDS):
+    """Answer all; say so often that some answers are not in the log; return (sequence, seqs asked again)."""
+    sequence = Sequence(RUN_ID, PLAN, LIMITS, verifies=True)
+    commands, again, checks = list(run_through_verified(sequence)), [], 0
+    while any(isinstance(command, Verify) for command in commands):
+        missing = lost if checks < rounds else ()
+        checks += 1
+        recorded = {(seq, stamp) for seq, stamp in sequence.answers.good_stamps() if seq not in missing}
+        commands = list(sequence.verified(recorded, (), 0.0))
+        ask = last_ask(commands)
+        while ask:
+            again.append((ask.seq, ask.attempt))
+            step = sequence.answer(answer_to(ask, stamp_ns=1000 * checks + ask.seq), 0.0)
+            commands += step
+            ask = last_ask(step)
+    return sequence, again
+
+
+def run_through_verified(sequence):
+    """Answer everything at once, each with a stamp of its own; return the last commands."""
+    step = sequence.begin(0.0)
+    while ask := last_ask(step):
+        step = sequence.answer(answer_to(ask, stamp_ns=ask.seq), 0.0)
+    return step
+
+
+def test_what_is_not_in_the_log_is_asked_again():
+    """The end of a run is verified: three answers never arrived at the recorder, one of the alignment."""
+    sequence, again = verifying((4, 12, 17), rounds=1)
+    assert again == [(4, 2), (12, 2), (17, 2)]
+    assert sequence.phase is Phase.EVALUATION
+    assert sequence.done == PLAN.total
+
+
+def test_a_recorder_that_never_gets_answers_ends_the_run():
+    """Asking again and again would not help."""
+    sequence, again = verifying((5,))
+    assert len(again) == VERIFY_ROUNDS - 1
+    assert sequence.phase is Phase.FAILED
+    assert 'the recorder does not receive what the CMM publishes' in sequence.text
+
+
+def test_a_whole_log_needs_one_look():
+    """Nothing is missing, nothing is asked."""
+    sequence, again = verifying(())
+    assert again == []
+    assert sequence.phase is Phase.EVALUATION
+
+
+# What a log tells
+
+
+def recalled(rows, answered, **changes):
+    """Return a Recall.Response without ROS; rows: (seq, attempt, session) of its targets; answered: seqs."""
+    whole = earlier(PLAN.total)
+    targets = []
+    for row, (seq, attempt, session) in enumerate(rows):
+        target = whole.last_target(min(seq, PLAN.total))._replace(seq=seq, attempt=attempt, session=session)
+        targets.append(message(target._replace(**{name: values[row] for name, values in changes.items()})))
+    return SimpleNamespace(run_id=RUN_ID, targets=targets, answers=[message(whole.answer_to(seq)) for seq in answered])
+
+
+def message(record):
+    """Return a record in the shape of its message."""
+    stamp = SimpleNamespace(sec=record.stamp_ns // 10**9, nanosec=record.stamp_ns % 10**9)
+    return SimpleNamespace(**{**record._asdict(), 'centre': SimpleNamespace(**dict(zip('xyz', record.centre))),
+                              'header': SimpleNamespace(frame_id=record.frame_id, stamp=stamp)})
+
+
+def test_answers_attempts_and_session_are_found_in_the_log():
+    """Of each target the last attempt, of the run the last session."""
+    found = earlier_answers(recalled([(1, 1, 1), (2, 1, 1), (2, 2, 3), (3, 1, 3)], [1, 2]), PLAN)
+    assert [target.seq for target, _ in found.counting()] == [1, 2]
+    assert [found.last_target(seq).attempt for seq in (1, 2, 3)] == [1, 2, 1]
+    assert found.session == 3
+
+
+@pytest.mark.parametrize(('changed', 'got'), [
+    ({'ball': [3, 3]}, 'target 1: wanted target 1 (table position 1, ball 1) as planned, the log has table '
+                       'position 1, ball 3 of 3'),
+    ({'balls': [3, 4]}, 'target 2'), ({'radius': [0.1, 0.2]}, 'target 2'), ({'phase': [1, 3]}, 'target 2'),
+    ({'seq': [1, 99]}, f'target 99: wanted one of {PLAN.total} targets')])
+def test_a_log_of_another_plan_is_refused(changed, got):
+    """Its answers would stand at the wrong places."""
+    with pytest.raises(CellError) as error:
+        earlier_answers(recalled([(1, 1, 1), (2, 1, 1)], [1], **changed), PLAN)
+    assert got in str(error.value)
+    assert 'the run was planned with other settings' in str(error.value)
+
+
+def test_settings_survive_the_log():
+    """What decides the targets comes back the same; another wish is refused."""
+    found = parse_settings(format_settings(SETTINGS), 'here')
+    assert found == {wanted.name: SETTINGS[wanted.name] for wanted in PLANNED}
+    refuse_other_plan({'order': 'diagonal', 'limits.attempts': 1}, found, 'a')
+    with pytest.raises(CellError, match="order: wanted 'diagonal' as the run began, got 'row'; leave it out"):
+        refuse_other_plan({'order': 'row'}, found, 'a')
+
+
+@pytest.mark.parametrize('text', ['', '[1]', 'order: {', 'order: row'])
+def test_spoilt_settings_are_refused(text):
+    """Half a plan is none."""
+    with pytest.raises(InvalidConfig, match='here: '):
+        parse_settings(text, 'here')

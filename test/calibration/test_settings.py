@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Settings and options: what is taken, and the words for what is not."""
+
+import math
+from datetime import UTC, datetime
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rosette_ros.calibration.goal import Request
+from rosette_ros.calibration.settings import (
+    LIMITS,
+    PLATE,
+    RUN,
+    TABLE,
+    Wanted,
+    goal_changes,
+    limits_of,
+    parse_options,
+    plan_of,
+    run_name,
+)
+from rosette_ros.calibration.state_machine import Limits
+from rosette_ros.core.errors import InvalidConfig, RosetteError
+
+DEFAULTS = {wanted.name: wanted.default for wanted in PLATE + TABLE + RUN + LIMITS}
+WHOLE = Wanted('balls', 12, 'number of balls', 3, 1000)
+REAL = Wanted('radius', 0.1, 'radius, m', 0.001, 10.0)
+WORD = Wanted('order', 'row', 'order', choices=('row', 'column'))
+POINT = Wanted('origin', (0.0, 0.0, 0.0), 'origin, m', -1.0, 1.0)
+FLAG = Wanted('check', True, 'whether')
+
+
+@pytest.mark.parametrize(('wanted', 'given', 'taken'), [
+    (WHOLE, 5, 5), (WHOLE, 5.0, 5), (REAL, 1, 1.0), (WORD, 'column', 'column'),
+    (POINT, [0, 1, -1.0], (0.0, 1.0, -1.0)), (FLAG, False, False)])
+def test_sensible_values_are_taken_in_the_right_type(wanted, given, taken):
+    """A whole number may stand where a number is wanted, as people write YAML."""
+    got = wanted.check(given, 'here')
+    assert got == taken
+    assert type(got) is type(wanted.default)
+
+
+@pytest.mark.parametrize(('wanted', 'given', 'words'), [
+    (WHOLE, 2, r'here: balls: wanted a whole number in 3 \.\. 1000 \(number of balls\), got 2'),
+    (WHOLE, 5.5, 'got 5.5'), (WHOLE, '5', "got '5'"), (WHOLE, True, 'got True'),
+    (REAL, math.nan, r'wanted a number in 0\.001 \.\. 10 \(radius, m\), got nan'),
+    (REAL, math.inf, 'got inf'), (REAL, 11.0, 'got 11.0'), (REAL, None, 'got None'),
+    (WORD, 'rows', "wanted one of row, column .*, got 'rows'"),
+    (POINT, [0, 0], r'wanted a list of 3 numbers in -1 \.\. 1'), (POINT, '000', "got '000'"),
+    (POINT, [0, 0, math.nan], 'nan'), (POINT, 3, 'got 3'),
+    (FLAG, 1, 'wanted true or false .*, got 1'), (FLAG, 'yes', "got 'yes'")])
+def test_other_values_are_refused_in_words(wanted, given, words):
+    """The words say where, what was wanted and what came."""
+    with pytest.raises(InvalidConfig, match=words):
+        wanted.check(given, 'here')
+
+
+def test_options_change_a_calibration():
+    """Options are a YAML mapping of known names."""
+    assert parse_options('') == {}
+    assert parse_options('{repeats: 5, turning: alternate, limits.attempts: 1}') == {
+        'repeats': 5, 'turning': 'alternate', 'limits.attempts': 1}
+
+
+@pytest.mark.parametrize(('text', 'words'), [
+    ('repeat: 5', "options: unknown name 'repeat'; did you mean repeats. Known: turning"),
+    ('repeats: -1', r'options: repeats: wanted a whole number in 0 \.\. 10000'),
+    ('repeats', 'wanted a YAML mapping such as "repeats: 5", got \'repeats\''),
+    ('a: [', 'options: wanted a YAML mapping, got text that is none'),
+    ('!!python/object/apply:os.system [true]', 'text that is none'),
+    ('turning: sideways', 'wanted one of forward, alternate'),
+    ('x' * 10_001, 'wanted at most 10000 characters, got 10001'),
+    ('&a [*a]', 'wanted a YAML mapping'),
+])
+def test_bad_options_are_refused_in_words(text, words):
+    """No name is guessed, no code is run."""
+    with pytest.raises(InvalidConfig, match=words):
+        parse_options(text)
+
+
+@given(st.text(max_size=200))
+def test_no_options_text_breaks_the_sequencer(text):
+    """Any text is taken or refused in one line."""
+    try:
+        parse_options(text)
+    except RosetteError as error:
+        assert '\n' not in str(error)
+
+
+def changes(**fields):
+    return goal_changes(Request('calibrate', **fields))
+
+
+def test_what_a_goal_leaves_out_is_as_configured():
+    """An empty order means as configured; a seed alone changes the seed."""
+    assert changes() == {}
+    assert changes(seed=7) == {'seed': 7}
+    assert changes(order='random', seed=7, options='repeats: 2') == {'order': 'random', 'seed': 7, 'repeats': 2}
+
+
+def test_every_field_of_a_goal_changes_its_setting():
+    """Where 0 means as configured, none at all has a number of its own."""
+    assert changes(balls=6, radius=0.2, turning='alternate', repeats=4, drift_check=1, attempts=2, skips=5,
+                   resume='run_a') == {
+        'plate.balls': 6, 'plate.radius_m': 0.2, 'turning': 'alternate', 'repeats': 4, 'drift_check': True,
+        'limits.attempts': 2, 'limits.skips': 5, 'resume': 'run_a'}
+    assert changes(repeats=-1, drift_check=-1, skips=-1) == {'repeats': 0, 'drift_check': False, 'limits.skips': 0}
+
+
+@pytest.mark.parametrize(('fields', 'words'), [
+    ({'order': 'circle'}, r"goal: order: wanted one of row.*got 'circle'"),
+    ({'balls': 2}, r'goal: plate.balls: wanted a whole number in 3 \.\. 1000'),
+    ({'radius': -0.1}, 'goal: plate.radius_m: wanted a number'), ({'repeats': -2}, 'goal: repeats: .*got -2'),
+    ({'drift_check': 3}, 'goal: drift_check: wanted true or false'),
+    ({'skips': 1, 'options': 'limits.skips: 2'}, 'options: limits.skips: wanted it once, got it in the fields'),
+])
+def test_bad_fields_are_refused_in_words(fields, words):
+    """Each by the name of its setting."""
+    with pytest.raises(InvalidConfig, match=words):
+        changes(**fields)
+
+
+def test_a_request_records_the_fields_that_are_set():
+    """Besides those that the event has itself."""
+    request = Request('calibrate', order='row', balls=6, drift_check=-1)
+    assert request.fields == 'balls: 6\ndrift_check: -1\n'
+    assert Request('calibrate', 'row', 3, 'repeats: 1').fields == ''
+
+
+def test_plan_and_limits_come_from_the_settings():
+    """All settings arrive where they belong."""
+    values = {**DEFAULTS, 'plate.balls': 6, 'table.azimuth_deg': 90.0, 'repeats': 2,
+              'drift_check': False, 'limits.attempts': 7}
+    planned = plan_of(values)
+    assert planned.total == 2 + 12 + 36
+    x_axis = planned.taught.rotation[:, 0]
+    assert x_axis == pytest.approx([0, 1, 0], abs=1e-15)
+    assert limits_of(values).attempts == 7
+    assert limits_of(DEFAULTS) == Limits()
+
+
+def test_run_names_are_unique():
+    """Two runs within a second get different names."""
+    when = datetime(2026, 4, 12, 8, 30, 0, tzinfo=UTC)
+    first = run_name(when, 'row', set())
+    assert first == 'rosette_20260412_083000_row'
+    second = run_name(when, 'row', {first})
+    assert second == 'rosette_20260412_083000_row_2'
+    assert run_name(when, 'row', {first, second}).endswith('_3')

@@ -1,0 +1,401 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sequence as a state machine: orders, late and wrong answers, ends."""
+
+import dataclasses
+import re
+
+import hypothesis
+import numpy as np
+import pytest
+from hypothesis import strategies as st
+
+from rosette_ros.calibration.calibration_plan import plan_calibration
+from rosette_ros.calibration.state_machine import (
+    Ask,
+    Finish,
+    Limits,
+    Locate,
+    PublishState,
+    Remark,
+    Results,
+    Sequence,
+    Verify,
+    complaint,
+)
+from rosette_ros.core.geometry import Frame, rotation_matrix
+from rosette_ros.core.scheme import ORDERS, nominal_places, plan
+from rosette_ros.io.messages import Answer, Phase
+
+RUN_ID = 'run_a'
+TRUE = Frame(rotation_matrix(np.array([2e-4, -1e-4, 3e-4])), np.array([0.1003, 0.2, -0.0002]))
+TAUGHT = Frame(np.eye(3), np.array([0.1, 0.2, 0.0]))
+LIMITS = Limits(answer_timeout=2.0, attempts=3, skips=0, evaluation_timeout=5.0)
+RESULTS = Results(99, 'hash', True)
+
+
+def make_sequence(n=3, order='diagonal', limits=LIMITS, repeats=2):
+    return Sequence(RUN_ID, plan_calibration(plan(n, order), 0.1, TAUGHT, repeats), limits)
+
+
+def nominal(target):
+    return nominal_places(target.balls, target.radius, target.table_position, target.ball)
+
+
+def answer_to(target, frame_id='machine', **changes):
+    """Answer as a perfect CMM whose table truly is at TRUE."""
+    centre = nominal(target) if frame_id.endswith('table') else TRUE.to_outer(nominal(target))
+    right = Answer(
+        RUN_ID, target.seq, target.table_position, target.ball, target.cmm_position, 0, '', target.table_angle,
+        target.table_angle, 1, tuple(centre.tolist()), 0.0, 20.0, frame_id, 0)
+    return right._replace(**changes)
+
+
+def moved(answer, *by):
+    """Return an answer whose centre lies elsewhere, by m."""
+    return answer._replace(centre=tuple(np.add(answer.centre, by).tolist()))
+
+
+def last_ask(commands):
+    """Return the Target that is asked for, None where none is."""
+    asks = [command.target for command in commands if isinstance(command, Ask)]
+    assert len(asks) <= 1
+    return asks[0] if asks else None
+
+
+def run_through(sequence, frame_id='machine'):
+    """Answer everything at once; return all commands in order."""
+    commands = list(sequence.begin(0.0))
+    ask = last_ask(commands)
+    while ask:
+        step = sequence.answer(answer_to(ask, frame_id), 0.0)
+        commands += step
+        ask = last_ask(step)
+    return commands
+
+
+@pytest.mark.parametrize('order', ORDERS)
+def test_run_is_asked_in_the_order_of_the_scheme(order):
+    """The RUN targets are those of the scheme, in its order, and evaluation follows."""
+    sequence = make_sequence(4, order)
+    asked = [c.target for c in run_through(sequence) if isinstance(c, Ask)]
+    scheme = plan(4, order)
+    run = [(t.table_position, t.ball) for t in asked if t.phase is Phase.RUN]
+    assert run == list(zip(scheme.table_position.tolist(), scheme.ball.tolist(), strict=True))
+    assert sequence.phase is Phase.EVALUATION
+    assert sequence.done == sequence.plan.total
+
+
+def test_alignment_finds_the_table():
+    """After the alignment the targets lie where the table truly is."""
+    commands = run_through(make_sequence(6))
+    found = [c.frame for c in commands if isinstance(c, Locate)]
+    assert len(found) == 1
+    assert found[0].origin == pytest.approx(TRUE.origin, abs=1e-12)
+    assert found[0].rotation == pytest.approx(TRUE.rotation, abs=1e-12)
+    ask = next(c.target for c in commands if isinstance(c, Ask) and c.target.phase is Phase.RUN)
+    assert ask.centre == pytest.approx(TRUE.to_outer(nominal(ask)), abs=1e-12)
+    assert ask.frame_id == 'machine'
+    first = next(c.target for c in commands if isinstance(c, Ask))
+    assert first.centre == pytest.approx([0.2, 0.2, 0.0])
+
+
+def test_cmm_that_knows_the_table_frame_gets_targets_in_it():
+    """Answers in the table frame need no transform: nothing is located."""
+    commands = run_through(make_sequence(), 'cell1/table')
+    assert not any(isinstance(c, Locate) for c in commands)
+    ask = next(c.target for c in commands if isinstance(c, Ask) and c.target.phase is Phase.RUN)
+    assert ask.frame_id == 'table'
+    assert ask.centre == pytest.approx(nominal(ask))
+
+
+def test_phase_changes_are_published():
+    """One state per phase, none in between."""
+    sequence = make_sequence()
+    commands = run_through(sequence)
+    assert sum(isinstance(c, PublishState) for c in commands) == 5
+    end = sequence.evaluated(RESULTS, 1.0)
+    assert end == (PublishState(), Finish(Phase.DONE, 'error motions are published'))
+    assert sequence.evaluated(RESULTS, 1.0) == ()
+
+
+def test_late_answer_is_asked_again_and_then_given_up():
+    """Silence: attempts 2 and 3 after the timeout each, then FAILED in words."""
+    sequence = make_sequence()
+    first = last_ask(sequence.begin(10.0))
+    assert (first.seq, first.attempt) == (1, 1)
+    assert sequence.tick(11.9) == ()
+    remark, second = sequence.tick(12.0)
+    second = second.target
+    assert (second.seq, second.attempt) == (1, 2)
+    assert 'no answer within 2 s; asking again' in remark.text
+    assert last_ask(sequence.tick(14.0)).attempt == 3
+    end = sequence.tick(16.0)[-1]
+    assert end.phase is Phase.FAILED
+    assert 'target 1 (table position 1, ball 1): asked 3 times, last: no answer within 2 s' \
+        in end.text
+    assert sequence.tick(100.0) == ()
+
+
+def test_late_evaluation_ends_the_run():
+    """No error motions in time: FAILED, and the words say that the log has everything."""
+    sequence = make_sequence()
+    run_through(sequence)
+    assert sequence.tick(4.9) == ()
+    end = sequence.tick(5.0)[-1]
+    assert end.phase is Phase.FAILED
+    assert 'wanted error motions from the evaluator within 5 s' in end.text
+
+
+UNUSABLE = [
+    ({'status': 1, 'text': 'collision'}, 'the CMM reports: collision'),
+    ({'status': 1}, 'the CMM reports: failed, without a reason'),
+    ({'centre': (np.nan, 0.0, 0.0)}, 'wanted finite numbers, got centre \\(nan'),
+    ({'table_angle': np.inf}, 'table_angle inf'),
+    ({'ball': 2}, 'wanted table position, ball, CMM position \\(1, 1, 1\\), got \\(1, 2, 1\\)'),
+    ({'table_position': 3}, 'got \\(3, 1, 1\\)'),
+    ({'cmm_position': 2}, 'got \\(1, 1, 2\\)'),
+    ({'frame_id': 'world'}, "wanted frame_id 'machine' or 'table', got 'world'"),
+    ({'table_angle': 0.02}, 'wanted the table within 0.01 rad of 0.000000 rad, got 0.020000'),
+    ({'centre': (0.5, 0.2, 0.0)}, 'wanted a ball within 20 mm of the target, got 300'),
+]
+
+
+@pytest.mark.parametrize(('changes', 'words'), UNUSABLE)
+def test_unusable_answer_is_asked_again_in_words(changes, words):
+    """What is no measurement of this target is refused, and the target is asked again."""
+    sequence = make_sequence()
+    ask = last_ask(sequence.begin(0.0))
+    wrong = answer_to(ask, **changes)
+    remark, again = sequence.answer(wrong, 0.1)
+    again = again.target
+    assert isinstance(remark, Remark)
+    _check(words, remark.text)
+    assert (again.seq, again.attempt) == (1, 2)
+    sequence.answer(wrong, 0.2)
+    end = sequence.answer(wrong, 0.3)[-1]
+    assert end.phase is Phase.FAILED
+    _check(words, end.text)
+
+
+def _check(words, text):
+    assert re.search(words, text), text
+
+
+@pytest.mark.parametrize(('changes', 'words'), [
+    ({'run_id': 'other'}, "answer to run 'other', this is 'run_a'"),
+    ({'seq': 7}, 'answer to seq 7, waiting for seq 1'),
+])
+def test_answer_to_something_else_changes_nothing(changes, words):
+    """A stray answer is remarked on and costs no attempt."""
+    sequence = make_sequence()
+    ask = last_ask(sequence.begin(0.0))
+    (remark,) = sequence.answer(answer_to(ask, **changes), 0.1)
+    assert words in remark.text
+    assert last_ask(sequence.answer(answer_to(ask), 0.2)).seq == 2
+
+
+def test_after_the_alignment_the_tolerance_is_smaller():
+    """A ball 10 mm off is accepted while searching and refused once the table is known."""
+    sequence = make_sequence()
+    ask = last_ask(sequence.begin(0.0))
+    while ask.phase is not Phase.RUN:
+        assert complaint(moved(answer_to(ask), 0, 0, 0.01), ask, LIMITS) == ''
+        ask = last_ask(sequence.answer(answer_to(ask), 0.0))
+    assert 'within 5 mm of the target, got 10.000 mm' in complaint(moved(answer_to(ask), 0, 0, 0.01), ask, LIMITS)
+
+
+def test_alignment_without_a_circle_fails_in_words():
+    """A CMM that always finds the same point cannot be aligned to."""
+    sequence = make_sequence(limits=dataclasses.replace(LIMITS, search=1.0))
+    ask = last_ask(sequence.begin(0.0))
+    commands = ()
+    while ask:
+        commands = sequence.answer(answer_to(ask, centre=(0.1, 0.2, 0.0)), 0.0)
+        ask = last_ask(commands)
+    assert commands[-1].phase is Phase.FAILED
+    assert 'alignment: table axis' in commands[-1].text
+
+
+def test_frames_must_not_change_within_the_alignment():
+    """Half of the alignment in another frame is refused."""
+    sequence = make_sequence()
+    ask = last_ask(sequence.begin(0.0))
+    while ask:
+        frame = 'table' if ask.seq % 2 else 'machine'
+        commands = sequence.answer(answer_to(ask, frame), 0.0)
+        ask = last_ask(commands)
+    assert 'wanted all centres in one frame, got machine, table' in commands[-1].text
+
+
+def test_cancel_ends_at_once_and_only_once():
+    """A cancelled sequence asks no more and takes no answer."""
+    sequence = make_sequence()
+    ask = last_ask(sequence.begin(0.0))
+    assert sequence.cancel() == (PublishState(), Finish(Phase.CANCELLED, 'cancelled on request'))
+    assert sequence.cancel() == ()
+    assert sequence.fail('x') == ()
+    assert last_ask(sequence.answer(answer_to(ask), 1.0)) is None
+    assert sequence.tick(1e9) == ()
+    assert sequence.phase is Phase.CANCELLED
+
+
+def test_text_names_what_is_measured():
+    """One sentence for a person, with the place in the phase."""
+    sequence = make_sequence()
+    assert sequence.describe() == 'ready'
+    sequence.begin(0.0)
+    assert sequence.describe() == 'repeatability 1 of 2: table position 1, ball 1'
+    sequence.tick(2.0)
+    assert sequence.describe().endswith('ball 1, attempt 2')
+
+
+EVENTS = st.sampled_from(['late', 'twice', 'other run', 'old', 'nan', 'failed', 'wrong ball',
+                          'right', 'right', 'right'])
+
+
+@hypothesis.given(n=st.integers(3, 5), order=st.sampled_from(sorted(ORDERS)),
+       events=st.lists(EVENTS, max_size=120), attempts=st.integers(1, 4))
+def test_whatever_comes_every_ball_is_taken_once_and_in_order(n, order, events, attempts):
+    """Random faults: each accepted seq follows the last, no target beyond its attempts."""
+    sequence = make_sequence(n, order, dataclasses.replace(LIMITS, attempts=attempts))
+    now, old = 0.0, None
+    ask = last_ask(sequence.begin(now))
+    faults = 0
+    for event in events:
+        seq, attempt, done = ask.seq, ask.attempt, sequence.done
+        assert seq == done + 1
+        assert attempt == faults + 1
+        if event == 'late':
+            now += 2.0
+            step = sequence.tick(now)
+        elif event in ('twice', 'other run', 'old'):
+            stray = {'twice': old or answer_to(ask, seq=seq + 1), 'old': answer_to(ask, seq=0),
+                     'other run': answer_to(ask, run_id='b')}[event]
+            step = sequence.answer(stray, now)
+            assert [type(command) for command in step] == [Remark]
+            continue
+        else:
+            wrong = {'nan': {'centre': (np.nan,) * 3}, 'failed': {'status': 1},
+                     'wrong ball': {'ball': ask.ball % n + 1}, 'right': {}}[event]
+            given = answer_to(ask, **wrong)
+            step = sequence.answer(given, now)
+            old = given if event == 'right' else old
+        faults = 0 if event == 'right' else faults + 1
+        assert sequence.done == done + (event == 'right')
+        ask = last_ask(step)
+        if ask is None:
+            break
+    if faults == attempts:
+        assert sequence.phase is Phase.FAILED
+    elif ask is None:
+        assert sequence.phase is Phase.EVALUATION
+        assert sequence.done == sequence.plan.total
+    else:
+        assert not sequence.phase.is_end
+
+
+def missed(sequence, ask, now=0.0):
+    """Let the CMM fail a target as often as it is asked; return the last commands."""
+    commands = ()
+    while ask is not None and (last_ask(commands) or ask).seq == ask.seq:
+        commands = sequence.answer(answer_to(last_ask(commands) or ask, status=1, text='dirty'), now)
+        if last_ask(commands) is None:
+            break
+    return commands
+
+
+def until_run(sequence):
+    """Answer everything before the n*n run; return its first ask."""
+    ask = last_ask(sequence.begin(0.0))
+    while ask.phase is not Phase.RUN:
+        ask = last_ask(sequence.answer(answer_to(ask), 0.0))
+    return ask
+
+
+def test_a_ball_that_cannot_be_measured_is_left_out_and_told():
+    """After its attempts the next ball is asked; the end says what is missing."""
+    sequence = make_sequence(limits=dataclasses.replace(LIMITS, skips=1))
+    ask = until_run(sequence)
+    commands = missed(sequence, ask)
+    assert re.search('asked 3 times, last: the CMM reports: dirty; left out, 1 of at most 1',
+                     commands[0].text)
+    following = last_ask(commands)
+    assert following.seq == ask.seq + 1
+    while following:
+        following = last_ask(sequence.answer(answer_to(following), 0.0))
+    assert sequence.phase is Phase.EVALUATION
+    assert sequence.done == sequence.plan.total - 1
+    end = sequence.evaluated(RESULTS, 0.0)[-1]
+    assert end.phase is Phase.DONE
+    assert end.text == 'error motions are published; 1 left out: table position 1 ball 1'
+
+
+def test_two_balls_in_a_row_or_too_many_end_the_run():
+    """A CMM that is disconnected is not asked for every ball; the number is bounded."""
+    sequence = make_sequence(limits=dataclasses.replace(LIMITS, skips=5))
+    end = missed(sequence, last_ask(missed(sequence, until_run(sequence))))[-1]
+    assert end.phase is Phase.FAILED
+    assert 'the ball before it was left out too: the CMM seems to be disconnected' in end.text
+    sequence = make_sequence(limits=dataclasses.replace(LIMITS, skips=1))
+    ask = last_ask(missed(sequence, until_run(sequence)))
+    ask = last_ask(sequence.answer(answer_to(ask), 0.0))
+    end = missed(sequence, ask)[-1]
+    assert end.phase is Phase.FAILED
+    assert 'as many balls as allowed (1) were left out already; what was measured' in end.text
+
+
+def test_nothing_is_left_out_of_the_alignment():
+    """Without it the axis is not known."""
+    sequence = make_sequence(limits=dataclasses.replace(LIMITS, skips=5), repeats=0)
+    end = missed(sequence, last_ask(sequence.begin(0.0)))[-1]
+    assert end.phase is Phase.FAILED
+    assert 'dirty; what was measured is in the log' in end.text
+
+
+# The end: what the log holds
+
+
+def logged(missing=()):
+    """Return (sequence, commands) of a run whose log holds all answers, after its results were published."""
+    sequence = make_sequence()
+    sequence.verifies = True
+    commands = run_through(sequence)
+    assert commands[-1] == Verify(sequence.plan.total)
+    assert sequence.verified(set(sequence.answers.good_stamps()), (), 0.0) == (PublishState(),)
+    assert sequence.phase is Phase.EVALUATION
+    assert sequence.evaluated(RESULTS, 0.0) == (Verify(sequence.plan.total, RESULTS),)
+    assert sequence.phase is Phase.EVALUATION
+    return sequence, sequence.verified((), missing, 0.0)
+
+
+def test_success_is_said_when_the_log_holds_results_and_last_state():
+    """First the results, then the state DONE; only then the calibration has ended."""
+    sequence, commands = logged()
+    assert commands == (PublishState(), Verify(sequence.plan.total, RESULTS, Phase.DONE))
+    assert sequence.phase is Phase.DONE
+    assert sequence.verified((), (), 0.0) == (Finish(Phase.DONE, 'error motions are published'),)
+
+
+def test_a_log_without_its_results_is_no_success():
+    """It says what is missing; nothing is asked again."""
+    sequence, commands = logged(('error motions', 'a diagnosis'))
+    assert commands[-1].phase is Phase.FAILED
+    assert 'the log lacks error motions, a diagnosis; all ball centres are in it' in commands[-1].text
+    assert sequence.verified((), (), 0.0) == ()
+
+
+@pytest.mark.parametrize('at_once', [True, False])
+def test_a_log_without_its_last_state_is_no_success(at_once):
+    """Whether the recorder reports that it is missing, or does not answer."""
+    sequence, _ = logged()
+    step = sequence.verified((), ('state done',), 0.0) if at_once else sequence.not_verified('it is silent', 0.0)
+    assert step[-1].phase is Phase.FAILED
+    assert step[-1].text.startswith('the log lacks state done' if at_once else 'the log cannot be verified: it is')
+
+
+def test_a_cancelled_run_is_not_verified_any_more():
+    """An answer of the recorder that comes late has no consequence."""
+    sequence = make_sequence()
+    sequence.begin(0.0)
+    sequence.cancel()
+    assert sequence.verified((), ('error motions',), 0.0) == ()

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a cell adds to the environment of its processes, and what comes of it."""
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from rosette_ros.cell import supervisor
+from rosette_ros.cell.supervisor import LOCAL, MODULES, PROFILES, RANGE, TRANSPORTS, added_environment
+
+PROFILE = Path(supervisor.__file__).with_name('fastdds.xml')
+
+
+@pytest.mark.parametrize(('given', 'wanted'), [
+    ({}, {RANGE: LOCAL, TRANSPORTS: 'UDPv4', PROFILES: str(PROFILE)}),
+    ({RANGE: LOCAL, 'RMW_IMPLEMENTATION': 'rmw_fastrtps_cpp'}, {TRANSPORTS: 'UDPv4', PROFILES: str(PROFILE)}),
+    ({RANGE: ''}, {RANGE: LOCAL, TRANSPORTS: 'UDPv4', PROFILES: str(PROFILE)}),
+    ({RANGE: 'localhost'}, {TRANSPORTS: 'UDPv4', PROFILES: str(PROFILE)}),  # rcl warns and stays here
+    ({RANGE: 'SUBNET'}, {TRANSPORTS: 'UDPv4'}),
+    ({RANGE: 'SYSTEM_DEFAULT'}, {TRANSPORTS: 'UDPv4'}),
+    ({'ROS_STATIC_PEERS': '192.0.2.7'}, {RANGE: LOCAL, TRANSPORTS: 'UDPv4'}),
+    ({PROFILES: '/own.xml', TRANSPORTS: 'SHM'}, {RANGE: LOCAL}),
+    ({'RMW_IMPLEMENTATION': 'rmw_cyclonedds_cpp'}, {RANGE: LOCAL, TRANSPORTS: 'UDPv4'}),
+])
+def test_what_is_given_stays(given, wanted):
+    """Only who stays on this computer gets the profile that nobody elsewhere could reach; twice changes nothing."""
+    before = dict(given)
+    assert added_environment(given) == wanted
+    assert given == before
+    assert added_environment({**given, **wanted}) == {}
+
+
+def test_the_profile_offers_the_loopback_address_alone():
+    """The one that counts where no profile is named."""
+    space = {'f': 'http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles'}
+    root = ElementTree.parse(PROFILE).getroot()
+    assert [one.get('is_default_profile') for one in root.iterfind('.//f:participant', space)] == ['true']
+    assert [one.text for one in root.iterfind('.//f:address', space)] == ['127.0.0.1']
+
+
+def test_the_nodes_of_a_cell_do_not_listen_in_shared_memory(cell_of, monkeypatch):
+    """Fast DDS names its threads after what they listen to; rmw_fastrtps adds shared memory where it can."""
+    def listening(cell):
+        names = {path.read_text().strip() for node in MODULES
+                 for path in Path('/proc', str(cell.processes[node].popen.pid), 'task').glob('*/comm')}
+        return {match[1] for name in names if (match := re.fullmatch(r'dds\.(shm|udp)\.\d+', name))}
+
+    with cell_of(3) as cell:
+        assert listening(cell) == {'udp'}
+    monkeypatch.setenv(PROFILES, '')
+    with cell_of(3) as cell:
+        assert listening(cell) == {'udp', 'shm'}, 'else the test does not see what it looks for'

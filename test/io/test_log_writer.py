@@ -1,0 +1,502 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Logs as others read them: rosbags (which checks hashes and metadata.yaml), mcap-ros2-support."""
+
+import resource
+import signal
+import subprocess
+import sys
+import time
+import tracemalloc
+from collections import Counter
+
+import pytest
+import yaml
+from mcap.reader import NonSeekingReader, make_reader
+from mcap.records import Chunk, ChunkIndex
+from mcap.stream_reader import StreamReader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+
+from rosette_ros.core.errors import CellError, InvalidConfig, InvalidData
+from rosette_ros.io import bag_metadata, log_writer
+from rosette_ros.io.bag_metadata import MAX_BYTES, Qos, files_in, parse_qos, qos_text, read_bag_metadata
+from rosette_ros.io.log_reader import iter_log, read_log
+from rosette_ros.io.log_writer import LogWriter
+from rosette_ros.io.type_definitions import TypeDefinition
+
+TEXT = TypeDefinition('std_msgs/msg/String', 'string data\n',
+                      'RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18')
+HELLO = b'\0\1\0\0\6\0\0\0hello\0'
+
+
+class Wall:
+    """A wall clock that the test turns."""
+
+    now = 0.0
+
+    def __call__(self):
+        """Return the time in s."""
+        return self.now
+
+
+def writer(directory, name='log', **options):
+    """Return a LogWriter with one topic."""
+    log = LogWriter(directory, name, **options)
+    log.add_topic('/text', TEXT, [Qos(depth=7)])
+    return log
+
+
+def files_of(log):
+    """Return the files of a log in their order."""
+    return files_in(log.directory)
+
+
+def again(reader, data, kind):
+    """Return a message decoded and encoded again by the types that the log carries."""
+    return bytes(reader.typestore.serialize_cdr(reader.deserialize(data, kind), kind))
+
+
+def serialised(cell, kind, message):
+    """Return a message encoded by the types of the sources."""
+    return bytes(cell.store.serialize_cdr(message, kind))
+
+
+@pytest.mark.parametrize('compression', ['none', 'lz4', 'zstd'])
+def test_rosbags_decodes_every_message_and_checks_hashes(make_cell, tmp_path, compression):
+    """Every message comes back as it was serialised; metadata.yaml 9 and hashes are right."""
+    cell = make_cell()
+    cell.write(tmp_path / 'log', compression=compression, chunk_size=2000)
+    with AnyReader([tmp_path / 'log']) as reader:
+        read = [(connection.topic, again(reader, data, connection.msgtype))
+                for connection, _, data in reader.messages()]
+        assert reader.message_count == len(cell.sent)
+    assert read == [(topic, serialised(cell, kind, message))
+                    for topic, kind, message in cell.sent]
+
+
+@pytest.mark.parametrize('compression', ['none', 'lz4', 'zstd'])
+def test_mcap_ros2_support_decodes_every_message(make_cell, tmp_path, compression):
+    """Chunks carry checksums that the reader verifies; times are kept."""
+    cell = make_cell()
+    cell.write(tmp_path / 'log', compression=compression)
+    with open(tmp_path / 'log' / 'log_0.mcap', 'rb') as stream:
+        reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        assert reader.get_header().profile == 'ros2'
+        assert reader.get_summary().statistics.message_count == len(cell.sent)
+        for (topic, _, sent), (_, channel, message, got) in zip(
+                cell.sent, reader.iter_decoded_messages(), strict=True):
+            assert channel.topic == topic
+            assert message.publish_time == message.log_time - 1000
+            if topic.endswith('ball_centre'):
+                assert (got.seq, got.centre.x, got.run_id) == (sent.seq, sent.centre.x, 'first')
+
+
+@pytest.mark.parametrize('compression', log_writer.COMPRESSIONS)
+def test_chunks_are_small_indexed_and_have_checksums(make_cell, tmp_path, compression):
+    """What rosbag2 needs to play in the order of time, and what shows damage."""
+    make_cell().write(tmp_path / 'log', compression=compression, chunk_size=2000)
+    with open(tmp_path / 'log' / 'log_0.mcap', 'rb') as stream:
+        records = list(StreamReader(stream, emit_chunks=True, validate_crcs=True).records)
+    chunks = [record for record in records if isinstance(record, Chunk)]
+    indexes = [record for record in records if isinstance(record, ChunkIndex)]
+    assert len(chunks) == len(indexes) > 3
+    assert all(chunk.uncompressed_crc for chunk in chunks)
+    assert {chunk.compression for chunk in chunks} == {'' if compression == 'none' else compression}
+    assert max(chunk.uncompressed_size for chunk in chunks[1:]) < 2400  # the first has the schemas
+    assert all(index.message_index_offsets for index in indexes)
+
+
+def test_service_events_and_feedback_decode_in_rosbags(library, store, tmp_path):
+    """rosbags takes the full names of a service's types from the channel in ros2idl."""
+    definition = library.definition('std_srvs/srv/Trigger_Event')
+    feedback = library.definition('rosette_msgs/action/Calibrate_FeedbackMessage')
+    # Event: info (type 1, stamp 5 s 6 ns, gid, sequence 7), one request (its one byte), no answer.
+    event = (b'\0\1\0\0' b'\1\0\0\0' b'\5\0\0\0' b'\6\0\0\0' + bytes(range(16)) + bytes(4)
+             + b'\7' + bytes(7) + b'\1\0\0\0' b'\0\0\0\0' b'\0\0\0\0')
+    state = store.serialize_cdr(
+        store.types['rosette_msgs/msg/RunState'](
+            header=store.types['std_msgs/msg/Header'](
+                stamp=store.types['builtin_interfaces/msg/Time'](1, 2), frame_id=''),
+            run_id='r', phase=3, order='row', done=4, total=9, text=''),
+        'rosette_msgs/msg/RunState')
+    with LogWriter(tmp_path / 'log', 'log') as log:
+        log.add_topic('/start/_service_event', definition)
+        log.add_topic('/calibrate/_action/feedback', feedback)
+        log.write('/start/_service_event', event, 1, 1)
+        log.write('/calibrate/_action/feedback', b'\0\1\0\0' + bytes(16) + bytes(state[4:]), 2, 2)
+    with AnyReader([tmp_path / 'log']) as reader:
+        got = {connection.topic: reader.deserialize(data, connection.msgtype)
+               for connection, _, data in reader.messages()}
+    assert got['/start/_service_event'].info.sequence_number == 7
+    assert bytes(got['/start/_service_event'].info.client_gid) == bytes(range(16))
+    assert len(got['/start/_service_event'].request) == 1
+    assert got['/calibrate/_action/feedback'].feedback.state.done == 4
+    counts = {topic.name: topic.messages for topic in read_log(tmp_path / 'log').topics}
+    assert counts == {'/start/_service_event': 1, '/calibrate/_action/feedback': 1}
+
+
+def test_metadata_has_every_key_of_version_9(make_cell, tmp_path):
+    """rosbag2 throws where one is missing; the file carries the same text."""
+    cell = make_cell()
+    cell.write(tmp_path / 'log', custom_data={'operator': 'x'})
+    bag = yaml.safe_load((tmp_path / 'log' / 'metadata.yaml').read_text())
+    bag = bag['rosbag2_bagfile_information']
+    assert sorted(bag) == sorted([
+        'version', 'storage_identifier', 'duration', 'starting_time', 'message_count',
+        'topics_with_message_count', 'compression_format', 'compression_mode',
+        'relative_file_paths', 'files', 'custom_data', 'ros_distro'])
+    assert (bag['version'], bag['storage_identifier'], bag['ros_distro']) == (9, 'mcap', 'jazzy')
+    assert bag['duration']['nanoseconds'] == 10**7 * (len(cell.sent) - 1)
+    topic = bag['topics_with_message_count'][0]
+    assert sorted(topic['topic_metadata']) == ['name', 'offered_qos_profiles',
+                                               'serialization_format', 'type',
+                                               'type_description_hash']
+    assert sorted(topic['topic_metadata']['offered_qos_profiles'][0]) == sorted([
+        'history', 'depth', 'reliability', 'durability', 'deadline', 'lifespan', 'liveliness',
+        'liveliness_lease_duration', 'avoid_ros_namespace_conventions'])
+    with open(tmp_path / 'log' / 'log_0.mcap', 'rb') as stream:
+        records = [record for record in make_reader(stream).iter_metadata()
+                   if record.name == 'rosbag2']
+    inside = yaml.safe_load(records[-1].metadata['serialized_metadata'])
+    assert inside == bag
+    assert len(records) == 2  # at opening and at closing, the last one counts
+
+
+def test_qos_survives_as_text():
+    """Infinite durations are rosbag2's numbers; what is no QoS gives none."""
+    profile = Qos('keep_all', 0, 'best_effort', 'transient_local', deadline=1_500_000_000)
+    assert parse_qos(qos_text([profile, Qos()])) == (profile, Qos())
+    assert 'sec: 9223372036\n    nsec: 854775807' in qos_text([profile])
+    assert parse_qos('') == parse_qos('history: 3') == parse_qos('[{') == ()
+
+
+def test_nothing_is_overwritten(tmp_path):
+    """A folder with a log is refused, and the log in it stays as it is."""
+    writer(tmp_path / 'log').close()
+    before = (tmp_path / 'log' / 'log_0.mcap').read_bytes()
+    with pytest.raises(InvalidData, match='holds a log already .log_0.mcap.; nothing is overwr'):
+        writer(tmp_path / 'log')
+    assert (tmp_path / 'log' / 'log_0.mcap').read_bytes() == before
+
+
+def test_misuse_is_refused_with_words(tmp_path):
+    """Topics once, before their messages; nothing after closing; known compressions only."""
+    log = writer(tmp_path / 'log')
+    with pytest.raises(InvalidData, match='topic /text was added before'):
+        log.add_topic('/text', TEXT)
+    with pytest.raises(InvalidData, match='topic /other was not added to the log'):
+        log.write('/other', HELLO, 0, 0)
+    log.close()
+    log.close()
+    with pytest.raises(InvalidData, match='the log is closed'):
+        log.write('/text', HELLO, 0, 0)
+    with pytest.raises(InvalidConfig, match="wanted one of none, lz4, zstd, got 'bz2'"):
+        LogWriter(tmp_path / 'other', 'log', compression='bz2')
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(InvalidData, match='wanted a folder for the log, got'):
+        LogWriter(tmp_path / 'file', 'log')
+
+
+def test_after_a_second_everything_is_on_the_disk(tmp_path):
+    """A quiet topic never fills a chunk: time finishes it, by a message or by the timer."""
+    wall = Wall()
+    log = writer(tmp_path / 'log', clock=wall)
+    log.write('/text', HELLO, 1, 1)
+    log.flush_if_due()
+    assert readable(tmp_path / 'log') == 0
+    wall.now = 1.0
+    log.flush_if_due()
+    assert readable(tmp_path / 'log') == 1
+    assert log.message_count == 1
+    wall.now = 1.5
+    log.write('/text', HELLO, 2, 2)
+    assert readable(tmp_path / 'log') == 1
+    wall.now = 2.0
+    log.write('/text', HELLO, 3, 3)
+    assert readable(tmp_path / 'log') == 3
+    bag = yaml.safe_load((tmp_path / 'log' / 'metadata.yaml').read_text())
+    assert bag['rosbag2_bagfile_information']['message_count'] == 3
+    log.close()
+
+
+def readable(directory):
+    """Return how many messages an outside reader finds in the unfinished file."""
+    count = 0
+    with open(directory / 'log_0.mcap', 'rb') as stream:
+        try:
+            for _ in NonSeekingReader(stream).iter_messages(log_time_order=False):
+                count += 1
+        except Exception as error:  # noqa: BLE001 (the file has no end yet)
+            assert 'End' in type(error).__name__
+    return count
+
+
+SCRIPT = '''
+import sys, time
+from rosette_ros.io.log_writer import LogWriter
+from rosette_ros.io.type_definitions import TypeDefinition
+log = LogWriter(sys.argv[1], 'log', flush_interval=0.2)
+log.add_topic('/text', TypeDefinition('std_msgs/msg/String', 'string data\\n', 'RIHS01_0'))
+number = 0
+while True:
+    text = str(number).encode() + b'\\0'
+    try:
+        log.write('/text', b'\\0\\1\\0\\0' + len(text).to_bytes(4, 'little') + text, number, number)
+    except Exception as error:
+        print(type(error).__name__, error, flush=True)
+        break
+    number += 1
+    print(number, flush=True)
+    time.sleep(float(sys.argv[2]))
+'''
+
+
+def test_killed_writer_loses_only_what_was_not_flushed(tmp_path):
+    """SIGKILL in the middle: the log opens without repair; metadata.yaml is there."""
+    child = subprocess.Popen([sys.executable, '-c', SCRIPT, str(tmp_path / 'log'), '0.01'],
+                             stdout=subprocess.PIPE, text=True)
+    written = []  # (number of messages, when it was told)
+    while len(written) < 100:
+        written.append((int(child.stdout.readline()), time.monotonic()))
+    child.send_signal(signal.SIGKILL)
+    child.wait()
+    killed = written[-1][1]
+    log = read_log(tmp_path / 'log')
+    safe = max((number for number, when in written if when < killed - 0.5), default=0)
+    assert log.truncated
+    assert log.messages >= safe > 0
+    assert 'ends in the middle' in log.problems[0]
+    assert [path.name for path in read_bag_metadata(tmp_path / 'log' / 'metadata.yaml').files] == ['log_0.mcap']
+
+
+def test_full_disk_ends_with_words_and_a_readable_log(tmp_path):
+    """When the system refuses to write more, what was flushed before stays readable."""
+    def limit():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+
+    done = subprocess.run([sys.executable, '-c', SCRIPT, str(tmp_path / 'log'), '0.002'],
+                          capture_output=True, text=True, preexec_fn=limit, timeout=60)
+    last = done.stdout.splitlines()[-1]
+    assert last.startswith('CellError'), done.stderr
+    assert 'cannot write the log: File too large; what was recorded until the last flush' in last
+    log = read_log(tmp_path / 'log')
+    assert log.messages > 50
+    assert len(log.problems) == 1  # it has no end; no chunk is damaged
+    assert f'log_0.mcap, {(tmp_path / "log" / "log_0.mcap").stat().st_size} bytes' in last
+
+
+def test_after_a_refusal_the_writer_stays_refused(tmp_path, monkeypatch):
+    """No message is taken in silence once the disk has refused one."""
+    log = writer(tmp_path / 'log')
+    log.write('/text', HELLO, 1, 1)
+
+    def refuse(_):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr('os.fsync', refuse)
+    with pytest.raises(CellError, match='No space left on device.*Make room and start again'):
+        log.flush()
+    monkeypatch.undo()
+    with pytest.raises(CellError, match='cannot write the log'):
+        log.write('/text', HELLO, 2, 2)
+    log.close()
+    assert read_log(tmp_path / 'log').truncated
+
+
+@pytest.mark.parametrize('options', [{'max_file_bytes': 4000, 'chunk_size': 500},
+                                     {'max_file_seconds': 0.1}])
+def test_split_log_is_one_log(make_cell, tmp_path, options):
+    """Files are numbered; each is whole; together they hold everything once, in order."""
+    cell = make_cell()
+    cell.write(tmp_path / 'log', **options)
+    names = tuple(path.name for path in read_bag_metadata(tmp_path / 'log' / 'metadata.yaml').files)
+    assert len(names) > 2
+    assert names == tuple(f'log_{number}.mcap' for number in range(len(names)))
+    with AnyReader([tmp_path / 'log']) as reader:
+        read = [again(reader, data, connection.msgtype)
+                for connection, _, data in reader.messages()]
+    assert read == [serialised(cell, kind, message) for _, kind, message in cell.sent]
+    log = read_log(tmp_path / 'log')
+    assert [answer.seq for answer in log.answers] == [message.seq for message in cell.answers()]
+    assert not log.truncated
+
+
+def mcap_messages(path):
+    """Return (topic, sequence, log time, publish time, data) of a file in its order, by the mcap library."""
+    with open(path, 'rb') as stream:
+        return [(channel.topic, message.sequence, message.log_time, message.publish_time, message.data)
+                for _, channel, message in make_reader(stream, validate_crcs=True).iter_messages(log_time_order=False)]
+
+
+def split_with_states(directory):
+    """Write a log of four files, a new one every 10 s; return all that was written, in order, as LoggedMessage."""
+    log = LogWriter(directory, 'log', max_file_seconds=10)
+    log.add_topic('/text', TEXT)
+    log.add_topic('/state', TEXT, state_of=lambda data: '')
+    log.add_topic('/frames', TEXT, state_of=lambda data: data[8:9])
+    written = []
+    for second in range(40):
+        rows = [('/text', b'text')]
+        if second in (0, 3, 15):
+            rows.append(('/state', b'%d' % second))
+        if second in (1, 2, 12):
+            rows.append(('/frames', (b'a', b'b', b'a')[(1, 2, 12).index(second)] + b'%d' % second))
+        for topic, text in rows:
+            data = b'\0\1\0\0' + (len(text) + 1).to_bytes(4, 'little') + text + b'\0'
+            log.write(topic, data, second * 10**9, second * 10**9 + 5)
+            written.append((topic, second * 10**9, second * 10**9 + 5, data))
+    log.close()
+    return log, written
+
+
+def test_a_further_file_begins_with_what_holds(tmp_path):
+    """The last message of each state, as it was, received when the file begins: it stands alone."""
+    log, _ = split_with_states(tmp_path / 'log')
+    heads = []
+    for number, path in enumerate(files_of(log)):
+        messages = mcap_messages(path)
+        own = next(row for row, (_, _, log_time, publish_time, _) in enumerate(messages)
+                   if publish_time == log_time + 5)
+        assert {log_time for _, _, log_time, _, _ in messages[:own + 1]} == {number * 10 * 10**9}
+        heads.append([(topic, sequence, publish_time, data[8:-1].decode())
+                      for topic, sequence, _, publish_time, data in messages[:own]])
+    second = 10**9
+    assert heads == [
+        [],
+        [('/frames', 0, second + 5, 'a1'), ('/frames', 1, 2 * second + 5, 'b2'), ('/state', 1, 3 * second + 5, '3')],
+        [('/frames', 1, 2 * second + 5, 'b2'), ('/frames', 2, 12 * second + 5, 'a12'),
+         ('/state', 2, 15 * second + 5, '15')],
+        [('/frames', 1, 2 * second + 5, 'b2'), ('/frames', 2, 12 * second + 5, 'a12'),
+         ('/state', 2, 15 * second + 5, '15')]]
+
+
+def test_whoever_reads_the_whole_log_counts_it_once(tmp_path):
+    """Ours by the record that says what is repeated; others by topic and sequence; metadata.yaml says what stands."""
+    log, written = split_with_states(tmp_path / 'log')
+    assert [(one.topic, one.log_time, one.publish_time, one.data) for one in iter_log(tmp_path / 'log')] == written
+    assert log.message_count == read_log(tmp_path / 'log').messages == len(written)
+    topics = read_log(tmp_path / 'log').topics
+    assert {topic.name: topic.messages for topic in topics} == Counter(row[0] for row in written)
+    found = [(topic, sequence, data) for path in files_of(log) for topic, sequence, _, _, data in mcap_messages(path)]
+    assert len(found) == len(written) + 9
+    assert sorted({(topic, data) for topic, _, data in found}) == sorted({(row[0], row[3]) for row in written})
+    assert len({(topic, sequence) for topic, sequence, _ in found}) == len(written)
+    bag = yaml.safe_load((tmp_path / 'log' / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+    assert bag['message_count'] == len(found)
+    assert [entry['message_count'] for entry in bag['files']] == [len(mcap_messages(path)) for path in files_of(log)]
+    assert {entry['topic_metadata']['name']: entry['message_count']
+            for entry in bag['topics_with_message_count']} == {'/text': 40, '/state': 3 + 3, '/frames': 3 + 6}
+    with AnyReader([tmp_path / 'log']) as reader:
+        assert reader.message_count == len(found) == len(list(reader.messages()))
+
+
+def test_one_file_of_a_log_is_read_with_its_head(tmp_path):
+    """Alone, what it repeats is all that is known; its own description tells of it alone."""
+    log, written = split_with_states(tmp_path / 'log')
+    alone = list(iter_log(files_of(log)[2]))
+    assert [one.topic for one in alone[:3]] == ['/frames', '/frames', '/state']
+    assert len(alone) == 3 + sum(20 <= row[1] / 1e9 < 30 for row in written)
+    with open(files_of(log)[2], 'rb') as stream:
+        own = [record for record in make_reader(stream).iter_metadata() if record.name == 'rosbag2'][-1]
+    bag = yaml.safe_load(own.metadata['serialized_metadata'])
+    assert bag['relative_file_paths'] == ['log_2.mcap']
+    assert bag['message_count'] == len(alone)
+    assert bag['starting_time']['nanoseconds_since_epoch'] == 20 * 10**9
+
+
+def test_a_damaged_list_of_what_is_repeated_is_told(tmp_path):
+    """Nothing is passed over then, and the log says why."""
+    log, written = split_with_states(tmp_path / 'log')
+    path = files_of(log)[1]
+    data = path.read_bytes()
+    place = data.index(b'0 1', data.index(bag_metadata.REPEATED_RECORD.encode()))
+    path.write_bytes(data[:place] + b'x y' + data[place + 3:])
+    read = read_log(tmp_path / 'log')
+    assert read.messages == len(written) + 3
+    assert read.problems == (f'{path}: a damaged metadata record was skipped',)
+
+
+def test_states_are_bounded(tmp_path, monkeypatch):
+    """Of endless new ones the latest are repeated."""
+    monkeypatch.setattr(log_writer, 'MAX_STATES', 3)
+    with LogWriter(tmp_path / 'log', 'log', max_file_seconds=1) as log:
+        log.add_topic('/state', TEXT, state_of=bytes)
+        for number in range(10):
+            log.write('/state', b'\0\1\0\0\2\0\0\0%d\0' % number, number, number)
+        log.write('/state', HELLO, 2 * 10**9, 2)
+    assert [sequence for _, sequence, *_ in mcap_messages(files_of(log)[1])] == [7, 8, 9, 10]
+
+
+def test_a_file_ends_after_so_many_chunks(tmp_path, monkeypatch):
+    """Its index is held in memory; nothing is lost."""
+    monkeypatch.setattr(log_writer, 'MAX_CHUNKS', 4)
+    with writer(tmp_path / 'log', chunk_size=1) as log:
+        for number in range(18):
+            log.write('/text', HELLO, number, number)
+    assert len(files_of(log)) > 3
+    assert read_log(tmp_path / 'log').messages == 18
+    for path in files_of(log):
+        with open(path, 'rb') as stream:
+            assert make_reader(stream).get_summary().statistics.chunk_count <= 5
+
+
+def test_so_many_files_and_no_more(tmp_path, monkeypatch):
+    """Whatever was asked for: metadata.yaml has to stay readable. The last file takes the rest."""
+    monkeypatch.setattr(log_writer, 'MAX_FILES', 5)
+    with writer(tmp_path / 'log', max_file_seconds=1) as log:
+        for number in range(12):
+            log.write('/text', HELLO, number * 10**9, number)
+    assert [len(mcap_messages(path)) for path in files_of(log)] == [1, 1, 1, 1, 8]
+    monkeypatch.undo()
+    assert 500 * log_writer.MAX_FILES < MAX_BYTES  # a file takes some 230 bytes in metadata.yaml
+
+
+def test_a_file_is_more_than_its_head(tmp_path):
+    """Whatever size is asked for: a file holds at least as much again."""
+    with writer(tmp_path / 'log', max_file_bytes=1) as log:
+        for number in range(300):
+            log.write('/text', HELLO, number, number)
+    sizes = [len(mcap_messages(path)) for path in files_of(log)]
+    assert sum(sizes) == 300
+    assert min(sizes[1:-1]) > 20  # the first file began without topics
+
+
+def test_memory_of_an_index_is_bounded(tmp_path, monkeypatch):
+    """One chunk a second of 13 topics: its index takes some 1400 bytes, a whole file's less than 60 MB."""
+    monkeypatch.setattr('os.fsync', lambda _: None)
+    monkeypatch.setattr(bag_metadata, 'write_bag_metadata', lambda *_: None)
+    wall, chunks = Wall(), 600
+    with LogWriter(tmp_path / 'log', 'log', clock=wall) as log:
+        topics = [f'/topic_{number}' for number in range(13)]
+        for topic in topics:
+            log.add_topic(topic, TEXT)
+        tracemalloc.start()
+        for second in range(chunks):
+            wall.now = second
+            for topic in topics:
+                log.write(topic, HELLO, second, second)
+        held, _ = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+    with open(files_of(log)[0], 'rb') as stream:
+        assert make_reader(stream).get_summary().statistics.chunk_count >= chunks - 1
+    assert held / chunks * log_writer.MAX_CHUNKS < 60e6
+
+
+def test_a_file_gets_its_name_when_its_head_is_on_the_disk(tmp_path, monkeypatch):
+    """Killed in between, no file is there that cannot be read, and none that metadata.yaml names is missing."""
+    log = writer(tmp_path / 'log', max_file_seconds=1)
+    log.write('/text', HELLO, 0, 0)
+
+    class Killed(BaseException):
+        pass
+
+    def kill(*_):
+        raise Killed
+
+    monkeypatch.setattr('pathlib.Path.rename', kill)
+    with pytest.raises(Killed):
+        log.write('/text', HELLO, 2 * 10**9, 2)
+    assert sorted(path.name for path in (tmp_path / 'log').iterdir()) == [
+        'log_0.mcap', 'log_1.mcap.part', 'metadata.yaml']
+    read = read_log(tmp_path / 'log')
+    assert (read.messages, read.problems) == (1, ())

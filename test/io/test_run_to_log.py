@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A Run into a log and back: `rosette import` and `rosette export`."""
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from rosbags.highlevel import AnyReader
+
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.records import Run
+from rosette_ros.core.scheme import plan
+from rosette_ros.io.ball_centre_table import format_csv, parse_csv
+from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.run_to_log import write_log
+
+
+def make_run(n=4, seed=0, **options):
+    """Return a run with actual angles and some unknown temperatures, times in ns."""
+    rng = np.random.default_rng(seed)
+    scheme = plan(n, 'random', seed)
+    time = np.cumsum(rng.integers(1, 10**11, n * n)) * 1e-9
+    temperature = np.where(rng.random(n * n) < 0.3, np.nan, 20 + rng.random(n * n))
+    return Run.from_readings(
+        n, 0.1825, scheme.table_position, scheme.ball,
+        scheme.centres(0.1825) + 1e-6 * rng.standard_normal((n * n, 3)),
+        table_angle=scheme.table_angle + 1e-6 * rng.standard_normal(n * n), time=time - time[0],
+        temperature=temperature, approach=scheme.approach, run_id='some_run', **options)
+
+
+@settings(max_examples=20, deadline=None,
+          suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(n=st.integers(3, 6), seed=st.integers(0, 1000), sigma=st.none() | st.floats(1e-9, 1e-5))
+def test_log_gives_the_run_back_to_the_last_bit(tmp_path_factory, library, n, seed, sigma):
+    """Everything is kept; the repeatability goes along though it was not measured there."""
+    run = make_run(n, seed, repeatability=sigma, repeatability_dof=sigma and 27.0)
+    path = write_log(run, tmp_path_factory.mktemp('logs') / 'log', library)
+    back = read_log(path).to_run()
+    for name in ('table_position', 'ball', 'centre', 'table_angle', 'temperature', 'approach',
+                 'table_travel'):
+        assert getattr(back, name).tobytes() == getattr(run, name).tobytes(), name
+    np.testing.assert_allclose(back.time, run.time, rtol=1e-15, atol=1e-12)
+    assert (back.n, back.radius, back.run_id) == (run.n, run.radius, run.run_id)
+    assert (back.repeatability, back.repeatability_dof) == (sigma, sigma and 27.0)
+
+
+def test_bare_file_of_the_log_tells_the_repeatability_too(library, tmp_path):
+    """custom_data stands in the .mcap as well: metadata.yaml need not travel."""
+    run = make_run(repeatability=1.5e-7, repeatability_dof=6.0)
+    path = write_log(run, tmp_path / 'log', library)
+    back = read_log(path / 'log_0.mcap').to_run()
+    assert (back.repeatability, back.repeatability_dof) == (1.5e-7, 6.0)
+
+
+def test_rosbags_decodes_the_log(library, tmp_path):
+    """Types, hashes and values by a reader that is not ours."""
+    run = make_run()
+    with AnyReader([write_log(run, tmp_path / 'log', library)]) as reader:
+        read = [reader.deserialize(data, connection.msgtype)
+                for connection, _, data in reader.messages()]
+    targets, answers = read[::2], read[1::2]
+    assert [answer.centre.y for answer in answers] == run.centre[:, 1].tolist()
+    assert [target.ball for target in targets] == run.ball.tolist()
+    assert {answer.header.frame_id for answer in answers} == {'table'}
+    assert answers[3].table_travel == run.table_travel[3]
+
+
+def test_export_and_import_change_nothing(library, tmp_path):
+    """Log to CSV to log: coordinates to 1e-15 m, angles to the last bit, the time exactly."""
+    run = read_log(write_log(make_run(), tmp_path / 'one', library)).to_run()
+    table = parse_csv(format_csv(run).encode())
+    back = read_log(write_log(table, tmp_path / 'two', library)).to_run()
+    assert np.abs(back.centre - run.centre).max() <= 1e-15
+    assert np.abs(back.table_angle - run.table_angle).max() <= 1e-15
+    assert back.time.tobytes() == run.time.tobytes()
+
+
+def test_planned_repeats_go_along(library, tmp_path):
+    """A pair that stands twice on purpose is no mistake after the import either."""
+    run = make_run(repeats=True)
+    twice = run.take([*range(16), 15])
+    back = read_log(write_log(twice, tmp_path / 'log', library)).to_run()
+    assert (back.size, back.repeats) == (17, True)
+
+
+def test_run_longer_than_stamps_is_refused_with_words(library, tmp_path):
+    """Seconds in a stamp end in 2038; nothing is wrapped around in silence."""
+    run = make_run()
+    run = run.replace(time=1e8 * run.time)
+    with pytest.raises(InvalidData, match='time: wanted a run of less than 2147483648 s, got'):
+        write_log(run, tmp_path / 'log', library)
+
+
+def test_no_log_is_overwritten(library, tmp_path):
+    """A folder with a log stays as it is."""
+    write_log(make_run(), tmp_path / 'log', library)
+    with pytest.raises(InvalidData, match='holds a log already'):
+        write_log(make_run(), tmp_path / 'log', library)

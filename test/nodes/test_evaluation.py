@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The model in use, the last runs, and what is asked about them."""
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from rclpy.parameter import Parameter
+from rosette_msgs.srv import AddEffect
+
+from rosette_ros.analysis import analyse
+from rosette_ros.core.errors import InvalidData, InvalidModel, NotDeterminable
+from rosette_ros.core.model.model import Model
+from rosette_ros.core.scheme import plan
+from rosette_ros.io.model_file import parse_entry
+from rosette_ros.nodes import conversions
+from rosette_ros.nodes.evaluation import ModelInUse, extended
+from rosette_ros.nodes.evaluator import entry_of
+from rosette_ros.simulation import Machine, MachineConfig
+
+DRIFT = {'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}
+
+
+def machine_run(run_id, *hidden):
+    """Return a run of six balls in shuffled order, the table always turning one way."""
+    config = MachineConfig().changed(seed=2, plate={'balls': 6}, hidden=list(hidden))
+    return Machine(config).run(plan(6, 'random', 2), run_id=run_id)
+
+
+@pytest.fixture(scope='module')
+def drifting():
+    """Return a run of a machine that drifts."""
+    return machine_run('drifting', DRIFT)
+
+
+@pytest.fixture
+def in_use(drifting):
+    """Return an ModelInUse with the base model and one run."""
+    made = ModelInUse(Model())
+    made.evaluate(drifting)
+    return made
+
+
+def test_evaluation_is_that_of_offline(drifting):
+    """Under the model in use."""
+    model = Model().with_effect('frame_drift')
+    report = ModelInUse(model).evaluate(drifting)
+    offline = analyse(drifting, model)
+    assert np.array_equal(report.error_motions.values, offline.error_motions.values)
+
+
+def test_the_last_four_runs_are_kept(drifting):
+    """By name; none named is the last."""
+    in_use = ModelInUse(Model())
+    with pytest.raises(InvalidData, match='wanted a run, got none yet: calibrate first'):
+        in_use.run()
+    for number in range(6):
+        in_use.evaluate(drifting.replace(run_id=f'run_{number}'))
+    in_use.evaluate(drifting.replace(run_id='run_3'))
+    assert in_use.run().run_id == 'run_3'
+    assert in_use.run('run_2').run_id == 'run_2'
+    with pytest.raises(InvalidData, match=r'run_id: wanted one of run_2, run_4, run_5, run_3 '):
+        in_use.run('run_1')
+
+
+def test_an_effect_comes_and_goes(in_use, drifting):
+    """The model in use changes, and the change holds both fits."""
+    change = in_use.add('', 'frame_drift', {'axes': 'xyz'})
+    assert str(in_use.model).endswith('+ frame_drift(axes=xyz)')
+    assert change.after.fit.rms < 0.6 * change.before.fit.rms
+    assert change.sentence.startswith('run drifting: model table_motions + ')
+    back = in_use.remove('drifting', 'frame_drift')
+    assert in_use.model == Model()
+    assert back.after.fit.rms == change.before.fit.rms
+    assert back.run is drifting
+
+
+def test_what_cannot_be_leaves_the_model_alone(in_use):
+    """An effect that the order hides, an unknown one, one that is not there."""
+    with pytest.raises(NotDeterminable, match='table_backlash cannot be seen'):
+        in_use.add('', 'table_backlash', {})
+    with pytest.raises(InvalidModel, match='effect: wanted one of frame_drift, '):
+        in_use.add('', 'drift', {})
+    with pytest.raises(InvalidModel, match="to remove, got 'frame_drift'"):
+        in_use.remove('', 'frame_drift')
+    assert in_use.model == Model()
+
+
+def test_an_effect_that_does_not_fit_can_be_removed(in_use):
+    """It is the reason why there is no fit before."""
+    in_use.model = Model().with_effect('table_backlash')
+    change = in_use.remove('', 'table_backlash')
+    assert change.before is None
+    assert 'residual undetermined -> ' in change.sentence
+    assert in_use.model == Model()
+
+
+@pytest.mark.parametrize(('effect', 'definition', 'words'), [
+    ('frame_warmup', 'tau: [1, 2]', 'tau: wanted a positive number'),
+    ('frame_warmup', '- tau', 'definition: wanted a YAML mapping such as "tau: 600.0"'),
+    ('frame_warmup', 'tau: {', 'definition: wanted YAML, got text that is none'),
+    ('frame_warmup', 'a: &x 1\ntau: *x', 'definition: line 2: wanted plain YAML, got an alias'),
+    ('frame_warmup', 'name: frame_drift', "definition: name: wanted 'frame_warmup'"),
+    ('wave', '{own: ripple, direction: z, expression: t}', "effect: wanted 'ripple'"),
+    ('cmm_deviations', 'a: 1', 'definition: wanted none, cmm_deviations has no settings'),
+    ('wave', '{own: wave, direction: z, expression: "().__class__"}', 'expression: wanted'),
+])
+def test_definitions_are_refused_in_words(effect, definition, words):
+    """They come over the wire from anyone."""
+    with pytest.raises(InvalidModel, match=words):
+        extended(Model(('table_motions',)), effect, parse_entry(definition, 'definition'))
+
+
+@pytest.mark.parametrize(('fields', 'entry'), [
+    ({}, {}),
+    ({'settings': [Parameter('tau', value=600.0), Parameter('axes', value='xz')]}, {'tau': 600.0, 'axes': 'xz'}),
+    ({'effect': 'wave', 'direction': 'z', 'expression': 't'}, {'own': 'wave', 'direction': 'z', 'expression': 't'}),
+    ({'effect': 'wave', 'direction': 'z', 'expression': 't', 'per': 'ball'},
+     {'own': 'wave', 'direction': 'z', 'expression': 't', 'per': 'ball'}),
+    ({'definition': 'tau: 600.0'}, {'tau': 600.0}),
+])
+def test_the_fields_of_a_request_are_an_entry_of_a_model_file(fields, entry):
+    """Typed fields say the same as the definition."""
+    fields = {**fields, 'settings': [one.to_parameter_msg() for one in fields.get('settings', ())]}
+    assert entry_of(AddEffect.Request(**fields)) == entry
+
+
+@pytest.mark.parametrize(('fields', 'words'), [
+    ({'definition': 'tau: 1.0', 'direction': 'z'}, 'definition: wanted it empty, or no direction beside it'),
+    ({'settings': [Parameter('tau', value=1.0)], 'expression': 't'},
+     r"settings: wanted none for a user's own term \(expression\), got tau"),
+])
+def test_fields_that_contradict_are_refused(fields, words):
+    """In words."""
+    fields = {**fields, 'settings': [one.to_parameter_msg() for one in fields.get('settings', ())]}
+    with pytest.raises(InvalidModel, match=words):
+        entry_of(AddEffect.Request(**fields))
+
+
+def test_a_definition_that_came_with_a_model_goes_back_in(in_use):
+    """The message of a model holds what is needed to make it again."""
+    model = extended(extended(Model(), 'frame_warmup', {'tau': 600.0}), '',
+                     {'own': 'wave', 'direction': 'z', 'expression': 't*cos(3*alpha)'})
+    message = conversions.model_message(model, Time())
+    again = Model(tuple(message.base))
+    for effect in message.effects:
+        again = extended(again, effect.name, parse_entry(effect.definition, 'definition'))
+    assert again == model
+    assert again.hash == message.hash
+
+
+def test_diagnosis_becomes_a_message(in_use, drifting):
+    """Every field, float64 as it is, settings as YAML."""
+    run, found = in_use.diagnose('drifting')
+    message = conversions.diagnosis_message(run, found, Time(sec=5))
+    assert (message.header.stamp.sec, message.run_id) == (5, 'drifting')
+    assert (message.model_name, message.model_hash) == (str(Model()), Model().hash)
+    assert message.missing == list(found.missing) == ['frame_drift']
+    assert (message.verdict, message.unexplained) == (found.verdict.sentence, False)
+    for sent, entry in zip(message.candidates, found.candidates, strict=True):
+        assert (sent.effect, sent.p, sent.delta_bic) == (entry.effect, entry.p, entry.delta_bic)
+        assert (sent.held_out_rms_before, sent.held_out_rms_after) == (
+            entry.cross_validation_before, entry.cross_validation_after)
+        assert sent.parameters.u.tolist() == [one.u for one in entry.parameters]
+        assert sent.look_alikes == list(entry.look_alikes)

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bars of models, candidates and visibility, differences of runs, and figures as parts of a page."""
+
+from types import SimpleNamespace as record
+
+import numpy as np
+import pytest
+
+from rosette_ros.core.geometry import nominal_angles
+from rosette_ros.core.model.model import Model
+from rosette_ros.core.records import CURVES
+from rosette_ros.presentation.plots import comparison_plots
+from rosette_ros.presentation.plots.plot_style import figure, label_of, panels, scale
+from rosette_ros.presentation.plots.result_plots import LAYOUT, differences
+from rosette_ros.presentation.report.page_parts import inline_svgs
+
+
+def widths(made):
+    """Return the lengths of all bars, in order of drawing."""
+    return [bar.get_width() for container in made.axes[0].containers for bar in container]
+
+
+def test_ladder_shows_fit_and_cross_validation_beside_the_repeatability():
+    """In µm."""
+    made = comparison_plots.ladder([
+        record(added=added, report=record(model=Model(), fit=record(rms=rms)), cross_validation=error)
+        for added, rms, error in (('', 3e-7, 3.2e-7), ('drift', 1e-7, 1.1e-7))], 0.9e-7, 40)
+    assert widths(made) == pytest.approx([0.3, 0.1, 0.32, 0.11])
+    [known] = [line for line in made.axes[0].lines if 'repeatability' in str(line.get_label())]
+    assert known.get_xdata()[0] == pytest.approx(0.09)
+    assert 'µm' in made.axes[0].get_xlabel()
+
+
+def test_candidates_go_from_before_to_after():
+    """Claimed ones have a look of their own."""
+    made = comparison_plots.candidates([
+        record(effect='a', cross_validation_before=3e-7, cross_validation_after=1e-7, claimed=True),
+        record(effect='b', cross_validation_before=1e-7, cross_validation_after=1.1e-7, claimed=False)], 1e-7)
+    lines = {line.get_label(): line for line in made.axes[0].lines}
+    assert lines['without it'].get_xdata() == pytest.approx([0.3, 0.1])
+    assert lines['with it: identified'].get_xdata() == pytest.approx([0.1])
+    assert lines['with it: not identified'].get_xdata() == pytest.approx([0.11])
+    assert lines['with it: identified'].get_marker() != lines['with it: not identified'].get_marker()
+
+
+def test_visibility_names_what_is_hidden_and_what_is_not_judged():
+    """In words, not by colour alone."""
+    present, best = ([record(name=name, typical_share=share, reason='no time' if name == 'c' else '')
+                      for name, share in zip('abc', shares)] for shares in ([0.8, 0.01, 0.0], [0.9, 0.7, 0.0]))
+    made = comparison_plots.visibility(present, best)
+    texts = [text.get_text().strip() for text in made.axes[0].texts]
+    assert 'not observable' in texts and 'not judged' in texts
+    assert widths(made)[:3] == pytest.approx([0.8, 0.01, 0.0])
+
+
+def test_differences_are_drawn_in_their_panels():
+    """µm and µrad, with what noise explains as a band."""
+    rng = np.random.default_rng(0)
+    values = 1e-7 * rng.standard_normal((3, 6, 6))
+    made = differences(['a', 'b', 'c'], nominal_angles(6), values, np.full(6, 1e-8))
+    for panel, curve in zip(made.axes, LAYOUT, strict=True):
+        assert panel.get_title(loc='left').startswith(curve)
+        drawn = [line for line in panel.lines if line.get_marker() != 'None' and len(line.get_xdata()) == 7]
+        for line, one in zip(drawn, values, strict=True):
+            np.testing.assert_allclose(line.get_ydata()[:-1], 1e6 * one[:, CURVES.index(curve)])
+
+
+def test_scales_have_round_numbers_or_the_given_ones():
+    """With minus signs; grid and numbers where they are asked for."""
+    made = figure(3, 3)
+    panel = panels(made)[0, 0]
+    panel.set(xlim=(0, 1), ylim=(-1, 1))
+    scale(panel, {0.5: 'half'}, numbers='y')
+    made.canvas.draw()
+    assert panel.get_xticks().tolist() == [0.5]
+    assert not panel.xaxis.get_major_ticks()[0].label1.get_visible()
+    assert {'−0.5', '0.0', '0.5'} <= {text.get_text() for text in panel.get_yticklabels()}
+
+
+@pytest.mark.parametrize(('text', 'label'), [
+    ('a$b$', r'a\$b\$'), ('_run', ' _run'), ('two\nlines\x00', 'two lines'), (r'\frac', '/frac')])
+def test_labels_are_no_formulas(text, label):
+    """Nor hidden ones, nor several lines."""
+    assert label_of(text) == label
+
+
+def test_a_figure_becomes_part_of_a_page():
+    """No head, no namespace; ids of its own; text stays text; the same each time."""
+    def make():
+        made = figure(3, 2)
+        panel = panels(made)[0, 0]
+        panel.plot([0, 1], [0, 1], marker='o')
+        panel.set_title('a title')
+        return inline_svgs({'name': made})['name']
+    svg = make()
+    assert svg.startswith('<svg ') and svg.rstrip().endswith('</svg>')
+    assert 'xmlns' not in svg and 'http' not in svg and 'metadata' not in svg
+    assert '>a title</text>' in svg
+    assert 'id="name-' in svg and 'id="figure' not in svg
+    assert make() == svg

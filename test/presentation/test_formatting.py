@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""SI values as a person reads them."""
+
+import math
+
+import pytest
+
+from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.planning.advice import planned_run
+from rosette_ros.core.scheme import plan
+from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.formatting import SCALES, scale_of
+
+
+@pytest.mark.parametrize(('value', 'unit', 'name', 'shown', 'in_unit'), [
+    (1e-6 / 3600, 'm/s', 'd_x', 1.0, 'µm/h'), (2e-6, 'm', 'a', 2.0, 'µm'),
+    (3e-6 / 3600, 'rad/s', 'omega', 3.0, 'µrad/h'), (600.0, 's', 'tau', 10.0, 'min'),
+    (5e-6, '1/K', 'epsilon', 5.0, 'ppm/K'), (1e-6 / 3600, '1/s', 'epsilon', 1.0, 'ppm/h'),
+    (4 * math.pi, 'rad', 'psi0', 2.0, 'turns'), (0.43, '1', 'nu', 0.43, 'per turn'),
+    (7.0, 'V', 'x', 7.0, 'V'),
+])
+def test_scales(value, unit, name, shown, in_unit):
+    """One value per unit, worked out by hand."""
+    scale = scale_of(unit, name)
+    assert value * scale.factor == pytest.approx(shown)
+    assert scale.unit == in_unit
+
+
+def test_every_unit_of_the_library_is_known():
+    """An effect with a new unit has to say how it is shown."""
+    run = planned_run(plan(6, 'random', turning='alternate'), 0.1825)
+    units = {quantity.unit for effect in EFFECTS.values()
+             for quantity in (*effect.amplitudes(run, effect.settings(run)[0]),
+                              *effect.searched)}
+    assert units - {''} <= set(SCALES)
+
+
+@pytest.mark.parametrize(('p', 'shown'), [
+    (0.5, '0.5'), (0.0123, '0.012'), (4.2e-5, '4.2e−5'), (1e-9, '<1e−6'), (0.9999, '>0.99'), (math.nan, '–')])
+def test_probabilities(p, shown):
+    """Two significant digits between the limits."""
+    assert text.p_value(p) == shown
+
+
+@pytest.mark.parametrize(('shown', 'wanted'), [
+    (text.fixed(-1.234, 1), '−1.2'), (text.fixed(-0.04, 1), '0.0'), (text.signed(-0.04, 1), '+0.0'),
+    (text.signed(2, 1), '+2.0'), (text.plain(-1.234, 1), '-1.2'), (text.exact(51.428571, 3), '51.429'),
+    (text.exact(-60.0, 3), '−60'), (text.micrometres(9.5e-8), '0.0950 µm'), (text.millimetres(0.1825), '182.5 mm'),
+    (text.before_after(5.41e-7, 1.03e-7), '0.541 → 0.103'), (text.before_after(math.nan, math.nan), '–'),
+    (text.percent(0.834), '83 %'), (text.sigmas(3.14), '3.1 σ'), (text.duration(41), '41 s'),
+    (text.duration(6720), '1 h 52 min'), (text.names(['a', 'b', 'c']), 'a, b and c'),
+    (text.repeatability_words(1.079e-7, 27), '0.1079 µm per coordinate, 27 degrees of freedom')])
+def test_numbers_have_minus_signs_and_units(shown, wanted):
+    """Never −0; files keep the hyphen."""
+    assert shown == wanted

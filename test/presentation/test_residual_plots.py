@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of residuals and deviations: which number is drawn where, in which unit."""
+
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection, PathCollection
+from matplotlib.quiver import Quiver
+
+from rosette_ros.core.records import Run
+from rosette_ros.core.scheme import plan
+from rosette_ros.presentation.plots.residual_plots import Residuals, against, histogram, residual_maps, section_means
+from rosette_ros.presentation.plots.result_plots import deviations, scale_arrow
+
+N = 6
+
+
+@pytest.fixture
+def run():
+    """A complete run in a random order, 30 s a ball, slowly warming."""
+    scheme = plan(N, 'random', 3)
+    return Run.from_readings(N, 0.1825, scheme.table_position, scheme.ball, scheme.centres(0.1825),
+                             time=30.0 * np.arange(N**2), temperature=20 + 0.001 * np.arange(N**2),
+                             repeatability=1e-7)
+
+
+@pytest.fixture
+def residuals(run):
+    """Residuals that say where they belong: x the table position, y the ball, z the number; µm."""
+    values = np.stack([run.table_position, run.ball, np.arange(run.size) / 10], axis=1)
+    return Residuals('before', run, 1e-6 * values)
+
+
+def test_maps_hold_each_reading_in_its_cell(residuals):
+    """Rows table positions, columns balls, µm; all maps on one symmetric scale."""
+    made = residual_maps([residuals, Residuals('after', residuals.run, 0.1 * residuals.values)])
+    maps = [panel for panel in made.axes if panel.get_title().startswith('residual in')]
+    assert [panel.get_title() for panel in maps] == [f'residual in {axis}' for axis in 'xyz'] * 2
+    x, y = (panel.images[0].get_array() for panel in maps[:2])
+    np.testing.assert_allclose(x, np.repeat(np.arange(1, N + 1)[:, None], N, axis=1))
+    np.testing.assert_allclose(y, np.repeat(np.arange(1, N + 1)[None, :], N, axis=0))
+    assert maps[3].images[0].get_array()[2, 0] == pytest.approx(0.3)
+    assert {panel.images[0].get_clim() for panel in maps} == {(-6.0, 6.0)}
+    assert [panel.get_xlabel() for panel in maps] == ['ball'] * 6
+    assert maps[0].get_ylabel() == 'table position'
+
+
+def test_dashed_lines_join_one_cmm_position(residuals):
+    """k = (i + j - 2) mod n + 1: every cell on such a line has the number that stands at its left end."""
+    panel = residual_maps([residuals]).axes[0]
+    [lines] = [one for one in panel.collections if isinstance(one, LineCollection)]
+    numbers = {int(text.get_position()[1]) for text in panel.texts if text.get_fontsize() == 7.5}
+    assert numbers == {1, 3, 4, 5}
+    for start, end in lines.get_segments():
+        assert start.sum() == pytest.approx(end.sum())
+        assert (round(start.sum()) - 2) % N + 1 in numbers
+
+
+def test_cells_that_were_not_measured_stay_empty(run):
+    """NaN, not zero."""
+    part = run.take(slice(0, 20))
+    grid = Residuals('', part, np.zeros((20, 3))).grid()
+    assert np.isnan(grid[..., 0]).sum() == N**2 - 20
+
+
+def test_residuals_stand_against_time_angle_and_temperature(residuals):
+    """Rows x, y, z; dots at every reading, in µm; the mean of neighbours as a line."""
+    made = against([residuals], 1e-7)
+    bottom = [panel.get_xlabel() for panel in made.axes[-3:]]
+    assert bottom == ['time in minutes', 'table angle in degrees', 'temperature in °C']
+    assert [panel.get_ylabel() for panel in made.axes[::3]] == ['x, µm', 'y, µm', 'z, µm']
+    dots = made.axes[6].patches[-1].get_path().vertices[::2]
+    np.testing.assert_allclose(dots[:, 0], 0.5 * np.arange(N**2))
+    np.testing.assert_allclose(dots[:, 1], np.arange(N**2) / 10)
+
+
+def test_an_unknown_or_constant_temperature_has_no_column(residuals):
+    """Nothing to see there."""
+    for temperature in (np.nan, 20.0):
+        run = residuals.run.replace(temperature=np.full(N**2, temperature))
+        made = against([Residuals('', run, residuals.values)])
+        assert [panel.get_xlabel() for panel in made.axes[-2:]] == ['time in minutes', 'table angle in degrees']
+
+
+def test_section_means():
+    """In order of the values, in equally full sections."""
+    place, mean = section_means(np.array([3.0, 1.0, 2.0, 4.0, np.nan]), np.array([30.0, 10.0, 20.0, 40.0, 99.0]), 2)
+    assert place.tolist() == [1.5, 3.5]
+    assert mean.tolist() == [15.0, 35.0]
+
+
+def test_histogram_counts_every_coordinate_and_draws_the_noise(run):
+    """Bars add up to 3 N; the curve has the area of the bars and the width that the fit leaves."""
+    values = 1e-7 * np.random.default_rng(1).standard_normal((run.size, 3))
+    panel = histogram([Residuals('fit', run, values)], 1e-7, [60]).axes[0]
+    counts = [patch.get_data().values for patch in panel.patches]
+    assert {int(one.sum()) for one in counts} == {3 * N**2}
+    [curve] = [line for line in panel.lines if 'noise' in line.get_label()]
+    x, y = curve.get_data()
+    width = np.diff(panel.patches[0].get_data().edges)[0]
+    assert np.trapezoid(y, x) == pytest.approx(3 * N**2 * width, rel=0.01)
+    spread = np.sqrt(np.trapezoid(x**2 * y, x) / np.trapezoid(y, x))
+    assert spread == pytest.approx(0.1 * np.sqrt(60 / 108), rel=0.01)
+
+
+def test_arrows_have_the_scale_that_is_written_beside_them():
+    """The scale arrow is as long as its number says, in the same data units as the others."""
+    rng = np.random.default_rng(2)
+    plate, cmm = 2e-5 * rng.standard_normal((8, 3)), 1e-6 * rng.standard_normal((8, 3))
+    made = deviations(plate, cmm, 0.1825)
+    for panel, values in zip((made.axes[0], made.axes[2]), (plate, cmm), strict=True):
+        arrows = [one for one in panel.collections if isinstance(one, Quiver)]
+        field = next(one for one in arrows if one.N == 8)
+        np.testing.assert_allclose(np.stack([field.U, field.V], axis=1), 1e6 * values[:, :2])
+        [words] = [text.get_text() for text in panel.texts if text.get_text().endswith(' µm')]
+        ruler = next(one for one in arrows if one.N == 1)
+        assert ruler.scale == field.scale
+        assert ruler.U[0] == float(words.removesuffix(' µm'))
+        [balls] = [one for one in panel.collections if isinstance(one, PathCollection)]
+        np.testing.assert_allclose(balls.get_array(), 1e6 * values[:, 2])
+        assert balls.get_clim()[0] == -balls.get_clim()[1]
+
+
+@pytest.mark.parametrize(('longest', 'length'), [
+    (37.0, 20.0), (0.9, 0.5), (1.0, 0.5), (10.0, 5.0), (0.04, 0.02), (0.0, 1.0)])
+def test_scale_arrows_are_round(longest, length):
+    """1, 2 or 5 times a power of ten, not longer than 0.6 of the longest arrow."""
+    assert scale_arrow(longest) == length

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The picture of the six curves: what is drawn where, in which unit."""
+
+import numpy as np
+import pytest
+
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.geometry import nominal_angles
+from rosette_ros.core.records import CURVES, ErrorMotions
+from rosette_ros.presentation.plots.plot_style import save
+from rosette_ros.presentation.plots.result_plots import Series, six_curves
+
+N = 8
+UNITS = {'ctx': 'µm', 'cty': 'µm', 'ctz': 'µm', 'crx': 'µrad', 'cry': 'µrad', 'crz': 'µrad'}
+ISO = {'ctx': 'EXC', 'cty': 'EYC', 'ctz': 'EZC', 'crx': 'EAC', 'cry': 'EBC', 'crz': 'ECC'}
+
+
+@pytest.fixture
+def motions():
+    """Curves in which every number differs from every other."""
+    values = 1e-6 * np.arange(6 * N, dtype=float).reshape(N, 6)
+    return ErrorMotions(nominal_angles(N), values, np.full((N, 6), 0.05e-6))
+
+
+def panels(made):
+    """Return the axes by the name of the curve in their title."""
+    return {axes.get_title(loc='left').split()[0]: axes for axes in made.axes}
+
+
+def test_every_curve_has_its_panel_with_both_names_and_the_unit(motions):
+    """Translations in µm on the left, rotations in µrad on the right."""
+    found = panels(six_curves([Series('measured', motions)]))
+    assert set(found) == set(CURVES)
+    for curve, axes in found.items():
+        assert axes.get_title(loc='left').startswith(f'{curve} ({ISO[curve]})')
+        assert axes.get_ylabel() == UNITS[curve]
+
+
+def test_numbers_are_drawn_in_micro_units_against_degrees(motions):
+    """The first point stands again a full turn later; the band is twice the standard u."""
+    for curve, axes in panels(six_curves([Series('measured', motions)])).items():
+        line = next(line for line in axes.lines if len(line.get_xdata()) == N + 1)
+        np.testing.assert_allclose(line.get_xdata(), np.arange(N + 1) * 45.0)
+        wanted = np.arange(N) * 6.0 + CURVES.index(curve)
+        np.testing.assert_allclose(line.get_ydata(), np.append(wanted, wanted[0]))
+        [band] = axes.collections
+        heights = band.get_paths()[0].vertices[:, 1]
+        assert heights.min() == pytest.approx(wanted.min() - 0.1)
+        assert heights.max() == pytest.approx(wanted.max() + 0.1)
+
+
+def test_truth_and_several_runs_have_their_own_look_and_legend(motions):
+    """One entry per line and band, none twice, no two runs alike."""
+    made = six_curves([Series('first', motions), Series('second', motions)], 'title',
+                      truth=motions.values)
+    [legend] = made.legends
+    texts = [text.get_text() for text in legend.get_texts()]
+    assert texts == ['first', 'second', 'truth of the simulated machine', 'bands: U (k = 2)']
+    first, second = legend.legend_handles[:2]
+    assert first.get_color() != second.get_color()
+    assert first.get_marker() != second.get_marker()
+
+
+@pytest.mark.parametrize(('ending', 'begin'), [('png', b'\x89PNG'), ('svg', b'<?xml')])
+def test_save(motions, tmp_path, ending, begin):
+    """The ending says the format."""
+    path = tmp_path / f'six.{ending}'
+    save(six_curves([Series('measured', motions)]), path)
+    assert path.read_bytes().startswith(begin)
+
+
+def test_a_picture_that_cannot_be_written(motions, tmp_path):
+    """In words."""
+    with pytest.raises(InvalidData, match='cannot be written: No such file or directory'):
+        save(six_curves([Series('measured', motions)]), tmp_path / 'nowhere' / 'six.png')

@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page of a run: its parts, in which order, and that it needs nothing else."""
+
+import hashlib
+import re
+from dataclasses import replace
+
+import pytest
+from page_reader import Page
+from summaries import summary_of
+
+from rosette_ros.analysis import Summary, summarise
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.io.ball_centre_table import write_csv
+from rosette_ros.io.text_file import write_text
+from rosette_ros.presentation.plots.result_plots import Series
+from rosette_ros.presentation.report import Source, open_source, report_html, write_report
+from rosette_ros.presentation.report.verification import verification_html, verify
+
+ORDER = ['verdict', 'curves', 'deviations', 'residuals', 'ladder', 'candidates', 'visibility', 'conditions']
+FIGURES = ['curves', 'deviations', 'residual_maps', 'residuals_against', 'histogram', 'spectrum', 'ladder',
+           'candidates',
+           'visibility']
+
+
+def renamed(summary, run_id):
+    """Return a summary whose run has another name."""
+    run = summary.run.replace(run_id=run_id)
+    fit = replace(summary.report.fit, run=run)
+    report = replace(summary.report, run=run, fit=fit)
+    return Summary(report, summary.comparison, summary.diagnosis, summary.ladder, summary.advice)
+
+
+@pytest.fixture(scope='module')
+def drift_page():
+    """The page of a run with a hidden drift."""
+    return report_html(summary_of('drift'), command='rosette report drift.csv')
+
+
+@pytest.fixture(scope='module')
+def clean_page():
+    """The page of a run that hides nothing."""
+    return report_html(summary_of('clean'))
+
+
+@pytest.fixture(scope='module', params=['drift', 'clean', 'verification'])
+def page(request, drift_page, clean_page):
+    """One page of each kind."""
+    if request.param == 'verification':
+        summary = summary_of('clean')
+        return verification_html(verify([(summary.report, Source('<b>', ()))] * 4))
+    return drift_page if request.param == 'drift' else clean_page
+
+
+def test_sections_stand_in_the_order_in_which_a_person_asks(drift_page):
+    """Verdict first, what is needed to repeat it last; the figures in between, in order."""
+    read = Page(drift_page)
+    assert read.sections == ORDER
+    figures = [found['id'].removeprefix('figure-') for tag, found in read.elements if tag == 'figure']
+    assert figures == FIGURES
+
+
+def test_the_verdict_says_what_is_wrong_and_what_to_do(drift_page):
+    """One sentence, one action, where to look; the level is given in words, not in colour alone."""
+    summary, text = summary_of('drift'), ' '.join(Page(drift_page).texts['verdict'].split())
+    assert summary.diagnosis.missing == ('frame_drift',)
+    for words in (summary.verdict.sentence, summary.verdict.action, 'Verdict: named effect missing', 'What to do:',
+                  'The probe drifts steadily', 'Look at:'):
+        assert words in text
+
+
+def test_a_run_that_fits_says_so(clean_page):
+    """And claims nothing."""
+    read = Page(clean_page)
+    assert 'Verdict: fits The model fits' in ' '.join(read.texts['verdict'].split())
+    assert 'What is missing' not in read.texts['verdict']
+
+
+def test_both_names_of_each_curve_are_shown(drift_page):
+    """VDI/VDE 2617 and ISO 230-7, in the picture and in the table."""
+    text = Page(drift_page).texts['curves']
+    for name in ('ctx (EXC)', 'cty (EYC)', 'ctz (EZC)', 'crx (EAC)', 'cry (EBC)', 'crz (ECC)'):
+        assert text.count(name) == 2
+
+
+def test_what_cannot_be_known_is_said(drift_page):
+    """All parts of the gauge."""
+    for words in summary_of('drift').report.gauge:
+        assert words in Page(drift_page).texts['curves']
+
+
+def test_conditions_hold_what_is_needed_to_repeat_the_report(tmp_path):
+    """Order, start, temperature, repeatability, model, software, command, and the hash of the file."""
+    path = tmp_path / 'run.csv'
+    write_csv(summary_of('drift').run, path)
+    _, source = open_source(path)
+    page = report_html(summary_of('drift'), source, 'rosette report run.csv')
+    text = Page(page).texts['conditions']
+    for words in (hashlib.sha256(path.read_bytes()).hexdigest(), '8 balls on R = 182.5 mm', 'random',
+                  'degrees of freedom', '°C at the start', 'off nominal', 'schema: rosette-model/1', '- frame_drift',
+                  'rosette report run.csv', 'numpy ', 'scipy ', 'Python ', 'rosette_ros '):
+        assert words in text
+
+
+def test_nothing_on_a_page_comes_from_elsewhere(page):
+    """No script, no handler, no link, no picture, no font that is not on the page itself."""
+    read = Page(page)
+    tags = {tag for tag, _ in read.elements}
+    assert not tags & {'script', 'link', 'iframe', 'object', 'embed', 'img', 'base', 'form'}
+    for value in read.values('src', 'href', 'xlink:href', 'srcset', 'action'):
+        assert value.startswith(('#', 'data:image/png;base64,'))
+    assert not any(name.startswith('on') for _, found in read.elements for name in found)
+    for address in re.findall(r'url\(([^)]*)\)', page):
+        assert address.startswith('#')
+    assert '@import' not in read.styles and 'http' not in page
+
+
+def test_every_reference_finds_its_place_and_no_two_are_alike(page):
+    """Clip paths and markers of one picture do not reach into another."""
+    read = Page(page)
+    ids = read.values('id')
+    assert len(ids) == len(set(ids))
+    inside = {value[1:] for value in read.values('href') if value.startswith('#')}
+    assert (inside | set(re.findall(r'url\(#([^)]*)\)', page))) - set(ids) == set()
+
+
+def test_pictures_can_be_read_aloud_and_searched(drift_page):
+    """Each has a description; its text is text."""
+    read = Page(drift_page)
+    pictures = [found for tag, found in read.elements if found.get('role') == 'img']
+    assert len(pictures) == len(FIGURES)
+    assert all(found['aria-label'] for found in pictures)
+    assert 'table angle in degrees' in read.texts['curves']
+
+
+def test_twelve_balls_stay_below_five_megabytes():
+    """The whole page."""
+    assert len(report_html(summary_of('drift', 12)).encode()) < 5e6
+
+
+def test_the_same_summary_gives_the_same_page(drift_page):
+    """To the last byte: a report can be repeated and compared."""
+    assert report_html(summary_of('drift'), command='rosette report drift.csv') == drift_page
+
+
+@pytest.mark.parametrize('name', ['<script>alert(1)</script>', '_"><img src=x onerror=alert(1)> $\\frac{1}$ & y'])
+def test_a_name_is_a_name_whatever_stands_in_it(name):
+    """HTML in the name of a run stays text, and so do formulas; in legends, too."""
+    summary = renamed(summary_of('clean'), name)
+    page = report_html(summary, overlays=(Series(name, summary.report.error_motions),))
+    read = Page(page)
+    assert name in read.texts['']
+    assert name in read.texts['conditions']
+    assert not {'script', 'img'} & {tag for tag, _ in read.elements}
+
+
+def test_a_report_is_not_overwritten(tmp_path):
+    """Unless it is asked for."""
+    path = tmp_path / 'report.html'
+    path.write_text('precious')
+    with pytest.raises(InvalidData, match=r'report\.html: exists already; take another name or use --force'):
+        write_report(path, summary_of('clean'))
+    assert path.read_text() == 'precious'
+
+
+def test_a_report_that_cannot_be_written(tmp_path):
+    """In words; with --force what stands there is replaced."""
+    write_text(tmp_path / 'a.html', 'one')
+    write_text(tmp_path / 'a.html', 'two', force=True)
+    assert (tmp_path / 'a.html').read_text() == 'two'
+    with pytest.raises(InvalidData, match='cannot be written: No such file or directory'):
+        write_text(tmp_path / 'nowhere' / 'report.html', 'text')
+
+
+def test_runs_without_repeatability_temperature_or_complete_grid_are_reported_too():
+    """What is not known is said to be not known."""
+    run = summary_of('clean').run.replace(repeatability=None, repeatability_dof=None,
+                                    temperature=[float('nan')] * summary_of('clean').run.size)
+    summary = summarise(run.take(slice(0, -3)))
+    text = ' '.join(Page(report_html(summary)).texts['conditions'].split())
+    assert 'Repeatabilitynot known' in text
+    assert 'Temperaturenot recorded' in text
+    assert '61 of 64 ball centres' in text

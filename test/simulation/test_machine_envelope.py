@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sealed envelope: opens again, is not readable at a glance, reveals changes."""
+
+import base64
+import json
+
+import pytest
+
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.simulation.envelope import open_envelope, seal_envelope
+
+
+@pytest.fixture
+def machine():
+    """Return a machine that hides something drawn."""
+    return Machine(MachineConfig(seed=5).changed(hidden={'seed': 11}))
+
+
+def test_round_trip(machine, tmp_path):
+    """What was sealed comes out, may stand in a configuration, and the digest was known before."""
+    path = tmp_path / 'envelope.json'
+    digest = seal_envelope(path, machine)
+    envelope = open_envelope(path)
+    assert envelope.digest == digest
+    assert len(digest) == 64
+    assert envelope.seed == 5
+    again = Machine(MachineConfig(seed=5).changed(hidden=list(envelope.hidden)))
+    assert again.hidden == machine.hidden
+
+
+def test_nothing_is_read_by_accident(machine, tmp_path):
+    """No kind stands in the file in plain words, and equal machines seal differently."""
+    seal_envelope(tmp_path / 'one', machine)
+    seal_envelope(tmp_path / 'two', machine)
+    text = (tmp_path / 'one').read_text()
+    assert not any(effect.kind in text for effect in machine.hidden)
+    assert open_envelope(tmp_path / 'one').digest != open_envelope(tmp_path / 'two').digest
+
+
+def test_an_envelope_is_never_overwritten(machine, tmp_path):
+    """An existing file is left as it is."""
+    path = tmp_path / 'envelope.json'
+    path.write_text('mine')
+    with pytest.raises(InvalidData, match=r'wanted a new file for the envelope, got one that ex'):
+        seal_envelope(path, machine)
+    assert path.read_text() == 'mine'
+    with pytest.raises(InvalidData, match=r'wanted to write the envelope, got: '):
+        seal_envelope(tmp_path / 'no' / 'folder', machine)
+
+
+def test_a_changed_envelope_is_refused(machine, tmp_path):
+    """Changed content, with the old digest, is refused."""
+    path = tmp_path / 'envelope.json'
+    seal_envelope(path, machine)
+    outer = json.loads(path.read_text())
+    sealed = base64.b64decode(outer['sealed']).replace(b'"seed": 5', b'"seed": 6')
+    path.write_text(json.dumps({**outer, 'sealed': base64.b64encode(sealed).decode()}))
+    with pytest.raises(InvalidData, match=r'the envelope was changed after it was sealed'):
+        open_envelope(path)
+
+
+@pytest.mark.parametrize(('text', 'words'), [
+    ('no json', r'wanted an envelope file, got: '),
+    ('[]', r'wanted an envelope of schema rosette-envelope/1, got something else'),
+    ('{"schema": "rosette-envelope/1"}', r'sealed: wanted base64 text, got something else'),
+    ('{"schema": "rosette-envelope/1", "sealed": "%"}', r'sealed: wanted base64 text'),
+    ('{"schema": "rosette-envelope/1", "sealed": "e30=", "sha256": '
+     '"44136fa355b3678a1146ad16f7e8649e94fb4fc21fe77e8310c060f61caaff8a"}',
+     r'sealed: wanted seed and hidden effects, got something else'),
+])
+def test_no_envelope(tmp_path, text, words):
+    """Other files are refused in words."""
+    path = tmp_path / 'envelope.json'
+    path.write_text(text)
+    with pytest.raises(InvalidData, match=words):
+        open_envelope(path)
+    with pytest.raises(InvalidData, match=r'wanted an envelope file, got: '):
+        open_envelope(tmp_path / 'none')

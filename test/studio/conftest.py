@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A real studio in a process of its own, and a real browser that opens its page."""
+
+import contextlib
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+from playwright.sync_api import expect, sync_playwright
+
+from rosette_ros.core.scheme import plan
+from rosette_ros.io.ball_centre_table import write_csv
+from rosette_ros.simulation import Machine, MachineConfig
+
+NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable')
+FLAGS = ('--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking',
+         '--disable-component-update', '--disable-sync')
+MISSING = f'wanted one of {", ".join(NAMES)} on PATH (tools/browser.sh installs one), found none'
+BALLS = 6
+DRIFT = {'kind': 'frame_drift', 'rate_um_per_h': [3.0, 0.0, 1.5]}
+TIMEOUT = 60_000
+"""Longest time that the page may take for anything, ms; a busy computer must not fail a test."""
+expect.set_options(timeout=TIMEOUT)
+
+
+@pytest.fixture(scope='session')
+def chromium():
+    """Yield a headless browser; without one the tests fail where CI is set, and are skipped elsewhere."""
+    path = next(filter(None, map(shutil.which, (os.environ.get('ROSETTE_BROWSER', ''), *NAMES))), None)
+    if path is None and os.environ.get('CI', '').lower() in ('1', 'true'):
+        pytest.fail(MISSING)
+    if path is None:
+        pytest.skip(MISSING)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=FLAGS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def page(chromium):
+    """Yield a page; at the end its console is empty and no request has left the computer."""
+    context = chromium.new_context(viewport={'width': 1280, 'height': 800})
+    made = context.new_page()
+    made.set_default_timeout(TIMEOUT)
+    problems = []
+    made.on('console', lambda line: line.type in ('error', 'warning') and problems.append(line.text))
+    made.on('pageerror', lambda error: problems.append(str(error)))
+    made.on('request', lambda request: _is_foreign(request.url) and problems.append(request.url))
+    made.on('requestfailed', lambda request: problems.append(f'{request.url}: {request.failure}'))
+    yield made
+    context.close()
+    assert [words for words in problems if 'net::ERR_ABORTED' not in words] == []
+
+
+def _is_foreign(url):
+    return not url.startswith(('http://127.0.0.1:', 'http://localhost:', 'ws://127.0.0.1:', 'data:', 'blob:'))
+
+
+def _environment():
+    """Return the environment without pytest: NiceGUI behaves differently where it sees it."""
+    own = {name: value for name, value in os.environ.items() if not name.startswith('PYTEST')}
+    return {**own, 'PYTHONUNBUFFERED': '1', 'OPENBLAS_NUM_THREADS': '1'}
+
+
+@contextlib.contextmanager
+def studio_process(folder, *arguments, environment=None):
+    """Yield a running `rosette studio` as .address, .process and .folder."""
+    output = folder / 'studio.log'
+    with open(output, 'wb') as stream:
+        process = subprocess.Popen(
+            [sys.executable, '-m', 'rosette_ros.cli.main', 'studio', '--no-browser', *map(str, arguments)],
+            stdout=subprocess.PIPE, stderr=stream, text=True, cwd=folder, start_new_session=True,
+            env={**_environment(), **(environment or {})})
+        try:
+            line = process.stdout.readline()
+            assert line.startswith('rosette studio: http'), f'{line}{output.read_text()}'
+            yield SimpleNamespace(address=line.split()[-1], process=process, folder=folder)
+        finally:
+            process.send_signal(signal.SIGINT)
+            try:
+                code = process.wait(60)
+            except subprocess.TimeoutExpired:
+                os.killpg(process.pid, signal.SIGKILL)
+                raise
+    assert code in (0, 130), output.read_text()
+    assert 'Traceback' not in output.read_text(), output.read_text()
+
+
+@pytest.fixture(scope='session')
+def drifting(tmp_path_factory):
+    """Return the path of a table of a run in which the frame drifts, which the base model does not know."""
+    path = tmp_path_factory.mktemp('runs') / 'drifting.csv'
+    config = MachineConfig().changed(seed=3, plate={'balls': BALLS}, hidden=[DRIFT])
+    write_csv(Machine(config).run(plan(BALLS, 'random')), path)
+    return path
+
+
+@pytest.fixture(scope='session')
+def second(tmp_path_factory):
+    """Return the path of a second run of the same cell."""
+    path = tmp_path_factory.mktemp('runs') / 'second.csv'
+    config = MachineConfig().changed(seed=4, plate={'balls': BALLS}, hidden=[DRIFT])
+    write_csv(Machine(config).run(plan(BALLS, 'random', 1)), path)
+    return path
+
+
+@pytest.fixture(scope='session')
+def studio(tmp_path_factory, drifting):
+    """Yield a running studio with the drifting run, shared by all tests: each page has a session of its own."""
+    with studio_process(tmp_path_factory.mktemp('studio'), drifting) as running:
+        yield running
+
+
+@pytest.fixture(scope='session')
+def start_studio():
+    """Return the context manager that runs a studio in a folder with arguments."""
+    return studio_process

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Access control: names, origins, token, size; by itself, on the command line, and in front of the page."""
+
+import asyncio
+import os
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+from playwright.sync_api import expect
+
+from rosette_ros.cli.main import main
+from rosette_ros.studio import access_control
+from rosette_ros.studio.access_control import COOKIE, MOST_BODY, SIGN_IN_PATH, AccessControl
+
+TOKEN = 'a-token-of-the-tests'
+HOST = ('host', '127.0.0.1:8000')
+
+
+async def studio_app(scope, receive, send):
+    """Read the body, answer 200, as the studio does."""
+    if scope['type'] == 'websocket':
+        await send({'type': 'websocket.accept'})
+        return
+    while (await receive()).get('more_body'):
+        pass
+    await send({'type': 'http.response.start', 'status': 200, 'headers': []})
+    await send({'type': 'http.response.body', 'body': b'in'})
+
+
+def ask(made, *headers, path='/', query=b'', method='GET', body=(b'',), kind='http'):
+    """Return (status, headers) of a request; of a websocket (type of the answer, {})."""
+    sent, parts = [], list(body)
+
+    async def receive():
+        part = parts.pop(0)
+        return {'type': 'http.request', 'body': part, 'more_body': bool(parts)}
+
+    async def send(message):
+        sent.append(message)
+
+    scope = {'type': kind, 'path': path, 'query_string': query, 'method': method,
+             'headers': [(name.encode(), value.encode()) for name, value in headers]}
+    with ThreadPoolExecutor(1) as thread:  # Playwright has a running loop in the thread of the tests
+        thread.submit(asyncio.run, made(scope, receive, send)).result()
+    if kind == 'websocket':
+        return sent[0]['type'], {}
+    return sent[0]['status'], {name.decode(): value.decode() for name, value in sent[0]['headers']}
+
+
+@pytest.fixture
+def locked(monkeypatch):
+    """Return an access control with a token; a wrong one costs no time here."""
+    monkeypatch.setattr(access_control, 'WRONG_TOKEN_DELAY', 0.0)
+    return AccessControl(studio_app, TOKEN)
+
+
+@pytest.mark.parametrize('host', ['evil.example', 'localhost.evil.example:8000', ''])
+def test_foreign_names_are_refused(host):
+    """A page elsewhere can point its own name to this computer."""
+    assert ask(AccessControl(studio_app), ('host', host))[0] == 403
+    assert ask(AccessControl(studio_app), ('host', host), kind='websocket')[0] == 'websocket.close'
+
+
+@pytest.mark.parametrize('host', ['127.0.0.1:8000', 'localhost', 'LOCALHOST:1', '[::1]:8000'])
+def test_own_names_are_taken(host):
+    """Of loopback all of them."""
+    assert ask(AccessControl(studio_app), ('host', host))[0] == 200
+
+
+@pytest.mark.parametrize('origin', ['http://evil.example', 'null', 'http://127.0.0.1:9999'])
+@pytest.mark.parametrize('kind', ['http', 'websocket'])
+def test_requests_of_foreign_pages_are_refused(origin, kind):
+    """Pages, uploads and the websocket alike."""
+    assert ask(AccessControl(studio_app), HOST, ('origin', origin), kind=kind)[0] in (403, 'websocket.close')
+
+
+def test_the_own_page_is_taken():
+    """By page and websocket."""
+    own = ('origin', 'http://127.0.0.1:8000')
+    assert ask(AccessControl(studio_app), HOST, own)[0] == 200
+    assert ask(AccessControl(studio_app), HOST, own, kind='websocket')[0] == 'websocket.accept'
+
+
+def test_bodies_are_bounded():
+    """By what they say, and by what comes."""
+    assert ask(AccessControl(studio_app), HOST, ('content-length', str(MOST_BODY + 1)))[0] == 413
+    assert ask(AccessControl(studio_app), HOST, ('content-length', 'many'))[0] == 413
+    part = bytes(1 << 24)
+    assert ask(AccessControl(studio_app), HOST, body=[part] * 12)[0] == 200
+    assert ask(AccessControl(studio_app), HOST, body=[part] * 13)[0] == 413
+
+
+@pytest.mark.parametrize('kind', ['http', 'websocket'])
+@pytest.mark.parametrize('path', ['/', '/_nicegui/client/x/upload/1', '/_nicegui_ws/socket.io'])
+def test_without_the_token_nothing_is_reached(locked, path, kind):
+    """Page, upload, websocket."""
+    assert ask(locked, HOST, path=path, kind=kind)[0] in (401, 'websocket.close')
+    assert ask(locked, HOST, ('cookie', f'{COOKIE}={TOKEN}'), path=path, kind=kind)[0] in (401, 'websocket.close')
+
+
+def test_the_token_in_the_address_gives_a_cookie(locked):
+    """And the address without it; other parts of the query stay; the cookie opens all."""
+    status, headers = ask(locked, HOST, query=f'token={TOKEN}&x=1'.encode())
+    assert (status, headers['location']) == (303, '/?x=1')
+    assert 'HttpOnly' in headers['set-cookie'] and 'SameSite' in headers['set-cookie']
+    assert TOKEN not in headers['set-cookie']
+    cookie = ('cookie', headers['set-cookie'].partition(';')[0])
+    assert ask(locked, HOST, cookie)[0] == 200
+    assert ask(locked, HOST, cookie, kind='websocket')[0] == 'websocket.accept'
+    assert ask(locked, HOST, ('cookie', cookie[1] + 'x'))[0] == 401
+
+
+def test_the_form_takes_the_token(locked):
+    """Wrong ones show the page again."""
+    form = {'path': SIGN_IN_PATH, 'method': 'POST'}
+    assert ask(locked, HOST, body=[b'token=', TOKEN.encode()], **form)[1]['location'] == '/'
+    assert ask(locked, HOST, body=[b'token=wrong'], **form)[0] == 401
+    assert ask(locked, HOST, body=[b'x' * 5000], **form)[0] == 401
+
+
+def test_no_redirection_leads_elsewhere(locked):
+    """A path with two slashes would be another host."""
+    assert ask(locked, HOST, path='//evil.example', query=f'token={TOKEN}'.encode())[1]['location'] == '/evil.example'
+
+
+@pytest.mark.parametrize(('arguments', 'words'), [
+    (['--host', '0.0.0.0'], 'others can reach this address; wanted a token with it'),
+    (['--token', 'short'], 'wanted at least 12 printable ASCII characters'),
+    (['--host', 'here'], 'wanted an IP address'),
+    (['nothing.csv'], 'nothing.csv: wanted a log directory'),
+])
+def test_the_command_line_refuses(arguments, words, capsys, monkeypatch):
+    """Before anything is served."""
+    monkeypatch.delenv('ROSETTE_STUDIO_TOKEN', raising=False)
+    assert main(['studio', '--no-browser', *arguments]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_the_page_asks_for_the_token(chromium, start_studio, tmp_path):
+    """A wrong one is refused, the right one leads to the page, websocket included."""
+    with start_studio(tmp_path, '--host', '127.0.0.1', environment={'ROSETTE_STUDIO_TOKEN': TOKEN}) as studio:
+        context = chromium.new_context()
+        page = context.new_page()
+        page.goto(studio.address)
+        page.get_by_label('Token').fill('wrong')
+        page.keyboard.press('Enter')
+        expect(page.get_by_role('alert')).to_have_text('This is not the token.')
+        page.get_by_label('Token').fill(TOKEN)
+        page.keyboard.press('Enter')
+        expect(page.get_by_test_id('open-path')).to_be_visible()
+        assert TOKEN not in page.url
+        context.close()
+    assert os.listdir(tmp_path) == ['studio.log']

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is received of a cell, from plain values: in whatever order it arrives."""
+
+import numpy as np
+import pytest
+
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.scheme import plan
+from rosette_ros.io.messages import Answer, CalibrationProgress, Phase, Target
+from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.studio.live_state import CellState, Fault
+
+
+def messages(n=4, run_id='a'):
+    """Return the run, its targets and its answers, in the table frame; all are 5 µm from the expected centre."""
+    run = Machine(MachineConfig().changed(plate={'balls': n})).run(plan(n, 'row'))
+    targets, answers = [], []
+    for k in range(run.size):
+        place = {'run_id': run_id, 'seq': k + 1, 'table_position': int(run.table_position[k]), 'ball': int(run.ball[k]),
+                 'cmm_position': int(run.cmm_position[k]), 'table_angle': float(run.table_angle[k]), 'approach': 1,
+                 'frame_id': 'table', 'stamp_ns': int(1e9 * run.time[k])}
+        targets.append(Target(**place, attempt=1, session=1, phase=Phase.RUN, balls=n, radius=run.radius,
+                              centre=tuple(run.centre[k] + [3e-6, 0, 4e-6])))
+        answers.append(Answer(**place, status=0, text='', table_travel=float(run.table_travel[k]),
+                              centre=tuple(run.centre[k]), form_error=0.0, temperature=20.0))
+    return run, targets, answers
+
+
+@pytest.mark.parametrize('late', [0, 1, 5])
+def test_a_run_grows_with_its_answers(late):
+    """Answers may be received before their targets."""
+    run, targets, answers = messages()
+    state = CellState()
+    for k, answer in enumerate(answers):
+        for target in targets[max(0, k - late):k - late + 1]:
+            state.add_target(target)
+        state.add_answer(answer, '12:00:00')
+    for target in targets[len(targets) - late:]:
+        state.add_target(target)
+    assert (state.run_id, state.balls, len(state.cells)) == ('a', 4, 16)
+    assert list(state.cells.values()) == pytest.approx([5e-6] * 16, rel=1e-3)
+    assert np.array_equal(state.part_of_run().centre, run.centre)
+
+
+def test_nothing_received_is_no_run():
+    """Neither before the first target nor before the first answer."""
+    state = CellState()
+    with pytest.raises(InvalidData, match='wanted probe targets of phase RUN, got none'):
+        state.part_of_run()
+    state.add_target(messages()[1][0])
+    with pytest.raises(InvalidData, match="wanted ball centres of run 'a', got none that counts"):
+        state.part_of_run()
+    assert (state.balls, state.cells) == (4, {})
+
+
+def test_a_new_run_replaces_the_old_one():
+    """Its first target does; late answers of the old one change nothing that is shown."""
+    state = CellState()
+    for run_id in 'abcde':
+        _, targets, answers = messages(run_id=run_id)
+        for target, answer in zip(targets[:3], answers):
+            state.add_target(target)
+            state.add_answer(answer, '')
+        assert (state.run_id, len(state.cells), state.motions, state.verdict) == (run_id, 3, None, None)
+        state.set_motions(run_id, object())
+        state.set_verdict(run_id, object())
+        state.set_motions('another', None)
+        assert state.motions is not None
+    state.add_answer(messages(run_id='d')[2][3], '')
+    assert (state.run_id, len(state.cells)) == ('e', 3)
+
+
+def test_a_plate_of_too_many_balls_is_not_drawn():
+    """Whatever number a target contains."""
+    state = CellState()
+    state.add_target(messages()[1][0]._replace(balls=10_000))
+    assert (state.balls, state.cells) == (0, {})
+
+
+def test_faults_are_listed():
+    """Failed readings, refusals, failed runs; the newest first, the same once."""
+    state = CellState()
+    _, targets, answers = messages()
+    state.add_target(targets[0])
+    state.add_answer(answers[0]._replace(status=1, text='no contact'), '1')
+    state.add_fault('2', 'calibration refused: busy')
+    failed = CalibrationProgress('a', Phase.FAILED, 'row', 1, 16, 'gave up')
+    state.set_progress(failed, '3')
+    state.set_progress(failed, '4')
+    assert list(state.faults) == [
+        Fault('3', 'run a failed: gave up'), Fault('2', 'calibration refused: busy'),
+        Fault('1', 'table position 1, ball 1 could not be measured: no contact')]
+    assert state.cells == {}
+
+
+@pytest.mark.parametrize(('phase', 'running'), [
+    (Phase.IDLE, False), (Phase.REPEATABILITY, True), (Phase.EVALUATION, True), (Phase.DONE, False),
+    (Phase.CANCELLED, False), (77, False)])
+def test_a_calibration_is_running_between_idle_and_its_end(phase, running):
+    """A phase that does not exist is none."""
+    assert CalibrationProgress('a', phase).is_running is running
+
+
+def test_a_node_that_reports_nothing_is_silent():
+    """After a while, whatever it reported last."""
+    state = CellState()
+    state.set_health('cmm', 0, 'fine', 10.0)
+    state.set_health('sequencer', 1, 'waits', 13.0)
+    assert [(one.name, one.level) for one in state.health(12.0)] == [('cmm', 'healthy'), ('sequencer', 'warning')]
+    assert [(one.name, one.level) for one in state.health(15.0)] == [('cmm', 'silent'), ('sequencer', 'warning')]
+    assert state.health(15.0)[0].sentence == 'nothing received for 5 s'

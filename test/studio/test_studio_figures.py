@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Figures and words of the page from records, without a browser."""
+
+from base64 import b64decode
+
+import numpy as np
+import pytest
+
+from rosette_ros.analysis import analyse, ladder
+from rosette_ros.core.model.model import Model
+from rosette_ros.core.scheme import plan
+from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.studio.figures import (
+    MOST_CELLS,
+    MOST_MARKS,
+    PRESENT,
+    Curves,
+    curves_figure,
+    filling_figure,
+    ladder_figure,
+    maps_figure,
+    time_figure,
+)
+from rosette_ros.studio.panels.open_dialog import safe_name
+
+
+def numbers(array):
+    """Return the numbers of a typed array."""
+    values = np.frombuffer(b64decode(array['bdata']), '<f4')
+    return values.reshape([int(size) for size in array['shape'].split(',')]) if 'shape' in array else values
+
+
+@pytest.fixture(scope='module')
+def report():
+    """Return the report of a run of five balls."""
+    return analyse(Machine(MachineConfig().changed(seed=2, plate={'balls': 5})).run(plan(5, 'random')))
+
+
+@pytest.fixture(scope='module')
+def large():
+    """Return the report of a run that has to be thinned."""
+    n = MOST_CELLS + 6
+    return analyse(Machine(MachineConfig().changed(seed=2, plate={'balls': n})).run(plan(n, 'row')))
+
+
+def test_curves_are_the_report_s(report):
+    """Six panels in µm and µrad, closed to a whole turn, U (k = 2) around them."""
+    figure = curves_figure([Curves('now', report.error_motions, PRESENT)])
+    bands, lines = figure['data'][::2], figure['data'][1::2]
+    assert len(lines) == 6
+    for line, band, curve in zip(lines, bands, ('ctx', 'cty', 'ctz', 'crx', 'cry', 'crz')):
+        value = 1e6 * report.error_motions[curve]
+        assert numbers(line['y']) == pytest.approx([*value, value[0]], rel=1e-6)
+        spread = 2e6 * report.error_motions.uncertainty(curve)
+        assert numbers(line['customdata'])[:-1] == pytest.approx(spread, rel=1e-6)
+        assert numbers(band['y']).max() == pytest.approx((value + spread).max(), rel=1e-6)
+        assert ('µm' if curve.startswith('ct') else 'µrad') in line['hovertemplate']
+    assert [line['showlegend'] for line in lines] == [True] + 5 * [False]
+
+
+def test_a_cell_of_the_map_is_its_reading(report):
+    """Row: table position, column: ball; hovering shows all of the reading."""
+    figure = maps_figure(report)
+    run, k = report.run, 7
+    row, column = run.table_position[k] - 1, run.ball[k] - 1
+    for axis, trace in enumerate(figure['data']):
+        assert numbers(trace['z'])[row, column] == pytest.approx(1e6 * report.fit.residual[k, axis], rel=1e-6)
+        shown = numbers(trace['customdata'])[row, column]
+        assert shown[:3].tolist() == [run.table_position[k], run.ball[k], run.cmm_position[k]]
+        assert shown[3:6] == pytest.approx(1e6 * report.fit.residual[k], rel=1e-6)
+        assert shown[7] == k + 1
+        assert shown[8] == pytest.approx((run.time[k] - run.time[0]) / 60, rel=1e-6)
+        assert trace['zmin'] == -trace['zmax']
+    sizes = numbers(figure['data'][0]['customdata'])[..., 6]
+    assert np.sqrt(np.mean(sizes**2)) == pytest.approx(report.fit.rms / report.fit.sigma, rel=1e-5)
+
+
+def test_missing_readings_are_gaps(report):
+    """And are no zeros."""
+    part = analyse(report.run.take(np.arange(report.run.size) != 3))
+    row, column = report.run.table_position[3] - 1, report.run.ball[3] - 1
+    assert np.isnan(numbers(maps_figure(part)['data'][0]['z'])[row, column])
+
+
+def test_large_maps_show_the_largest_of_each_block(large):
+    """No residual is hidden by thinning."""
+    trace = maps_figure(large)['data'][1]
+    shown = numbers(trace['z'])
+    assert shown.shape[0] <= MOST_CELLS
+    assert np.abs(shown).max() == pytest.approx(1e6 * np.abs(large.fit.residual[:, 1]).max(), rel=1e-6)
+    assert 'the largest of 2 × 2 readings' in trace['hovertemplate']
+
+
+def test_large_series_show_their_extremes(large):
+    """In time order."""
+    for axis, trace in enumerate(time_figure(large)['data']):
+        shown, residual = numbers(trace['y']), 1e6 * large.fit.residual[:, axis]
+        assert shown.size <= MOST_MARKS
+        assert (shown.min(), shown.max()) == pytest.approx((residual.min(), residual.max()), rel=1e-6)
+        assert np.all(np.diff(numbers(trace['x'])) >= 0)
+
+
+def test_the_ladder_marks_what_is_only_proposed(report):
+    """Errors of fit and cross-validation of each model, the repeatability; proposals with a question mark."""
+    steps = ladder(report.run, Model().with_effect('frame_drift'))
+    figure = ladder_figure(steps, 1, 1e-7)
+    assert figure['layout']['xaxis']['ticktext'] == ['base model', '<i>+ frame_drift ?</i>']
+    assert numbers(figure['data'][0]['y']) == pytest.approx([1e6 * step.report.fit.rms for step in steps], rel=1e-6)
+    assert numbers(figure['data'][1]['y']) == pytest.approx([1e6 * step.cross_validation for step in steps], rel=1e-6)
+    assert figure['data'][2]['y'] == pytest.approx([0.1, 0.1])
+
+
+def test_ball_centres_fill_the_map_as_they_are_received():
+    """Those not received yet are gaps."""
+    values = filling_figure(3, {(1, 2): 5e-6})['data'][0]['z']
+    assert values == [[None, 5.0, None], [None] * 3, [None] * 3]
+
+
+@pytest.mark.parametrize(('name', 'kept'), [
+    ('run.csv', 'run.csv'), ('../../etc/passwd', 'passwd'), ('C:\\runs\\a.mcap', 'a.mcap'), ('..', 'upload'),
+    ('', 'upload'), ('.hidden', 'hidden'), ('a\nb.csv', 'a_b.csv'), ('<b>.csv', '_b_.csv'),
+    ('x' * 300 + '.csv', 'x' * 116 + '.csv'),
+])
+def test_names_of_uploads_mean_nothing_to_the_system(name, kept):
+    """Only their last part is kept, without what could be taken for more."""
+    assert safe_name(name) == kept

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page in a real browser: verdict, add and remove, save, upload of what is broken."""
+
+import re
+
+import yaml
+from playwright.sync_api import expect
+
+from rosette_ros.cli.main import main
+
+BROKEN = 'seq,table_position\n1,2\n'
+JUDGED = re.compile(r'\b(good|doubtful|bad)\b')
+
+
+def number(page, mark):
+    """Return a number that the page shows, µm."""
+    return float(page.get_by_test_id(mark).inner_text())
+
+
+def judged(page, level):
+    """Wait for the verdict and check its level."""
+    expect(page.get_by_test_id('verdict')).to_have_class(JUDGED)
+    expect(page.get_by_test_id('verdict')).to_have_class(re.compile(rf'\b{level}\b'))
+    expect(page.get_by_test_id('step')).to_be_hidden()
+
+
+def test_add_the_missing_effect_and_take_it_out_again(page, studio):
+    """Verdict, first candidate, error down to the noise, undo by removing."""
+    page.goto(studio.address)
+    judged(page, 'bad')
+    expect(page.get_by_test_id('verdict-sentence')).to_contain_text('frame_drift')
+    before, noise = number(page, 'rms-fit'), number(page, 'rms-noise')
+    assert before > 1.5 * noise
+
+    page.get_by_test_id('verdict-preview').click()
+    expect(page.get_by_test_id('preview-words')).to_contain_text('It helps')
+    assert number(page, 'rms-fit') == before
+
+    page.get_by_test_id('preview-add').click()
+    page.wait_for_function(f'Number(document.querySelector("[data-testid=rms-fit]").innerText) < {before}')
+    assert number(page, 'rms-fit') < 1.3 * noise
+    judged(page, 'good')
+    assert number(page, 'rms-cross-validation') < 1.3 * noise
+
+    page.get_by_test_id('remove-frame_drift').click()
+    judged(page, 'bad')
+    assert number(page, 'rms-fit') == before
+
+
+def test_save_model_and_report(page, studio, tmp_path):
+    """The model file that the command line reads, and the report."""
+    page.goto(studio.address)
+    judged(page, 'bad')
+    page.get_by_test_id('add-frame_drift').click()
+    judged(page, 'good')
+    with page.expect_download() as coming:
+        page.get_by_test_id('save-model').click()
+    coming.value.save_as(tmp_path / 'model.yaml')
+    model = yaml.safe_load((tmp_path / 'model.yaml').read_text())
+    assert model['effects'] == ['frame_drift']
+    with page.expect_download() as coming:
+        page.get_by_test_id('save-report').click()
+    coming.value.save_as(tmp_path / 'report.html')
+    text = (tmp_path / 'report.html').read_text()
+    assert text.lower().lstrip().startswith('<!doctype html')
+    assert 'frame_drift' in text
+
+
+def test_a_broken_upload_is_refused_as_by_the_command_line(page, studio, tmp_path, monkeypatch, capsys):
+    """Word for word, up to the name of the program."""
+    broken = tmp_path / 'broken.csv'
+    broken.write_text(BROKEN)
+    monkeypatch.chdir(tmp_path)
+    assert main(['evaluate', 'broken.csv']) == 2
+    words = capsys.readouterr().err.strip().removeprefix('rosette: ')
+    page.goto(studio.address)
+    page.get_by_test_id('open').click()
+    page.locator('input[type=file]').set_input_files(broken)
+    expect(page.get_by_test_id('open-error')).to_have_text(words)
+
+
+def test_upload_opens_a_run(page, studio, second):
+    """Under its own name."""
+    page.goto(studio.address)
+    judged(page, 'bad')
+    page.get_by_test_id('open').click()
+    page.locator('input[type=file]').set_input_files(second)
+    expect(page.get_by_test_id('run')).to_have_value('second.csv')
+
+
+def test_a_path_that_does_not_exist_is_refused(page, studio, tmp_path):
+    """In the dialog, in the words of the command line."""
+    page.goto(studio.address)
+    page.get_by_test_id('open').click()
+    page.get_by_test_id('open-path').fill(str(tmp_path / 'nothing.csv'))
+    page.get_by_test_id('open-go').click()
+    expect(page.get_by_test_id('open-error')).to_contain_text('wanted a log directory, an .mcap file or a CSV table')
+
+
+def test_a_second_run_confirms_what_is_found_in_the_first(page, studio, second):
+    """Found in one run, checked on the other."""
+    page.goto(studio.address)
+    judged(page, 'bad')
+    page.get_by_test_id('open').click()
+    page.get_by_test_id('open-path').fill(str(second))
+    page.get_by_test_id('open-go').click()
+    expect(page.get_by_test_id('run')).to_have_value('second.csv')
+    judged(page, 'bad')
+    page.get_by_text('Check on a second run').click()
+    page.get_by_test_id('check-go').click()
+    expect(page.get_by_test_id('check-result')).to_contain_text('frame_drift is confirmed')
+
+
+def test_errors_of_a_custom_term_are_shown_while_it_is_written(page, studio):
+    """In the words of the core; a good one can be added; undo and redo by keyboard."""
+    page.goto(studio.address)
+    judged(page, 'bad')
+    page.get_by_text('Custom term').click()
+    page.get_by_test_id('custom-expression').fill('t*cos(3*gamma)')
+    expect(page.get_by_test_id('custom-error')).to_contain_text("got 'gamma'")
+    expect(page.get_by_test_id('custom-add')).to_be_disabled()
+    page.get_by_test_id('custom-expression').fill('t')
+    page.get_by_test_id('custom-name').fill('sinking')
+    expect(page.get_by_test_id('custom-error')).to_be_hidden()
+    page.get_by_test_id('custom-add').click()
+    expect(page.get_by_test_id('part-sinking')).to_be_visible()
+    page.get_by_test_id('tab-run').focus()
+    page.keyboard.press('u')
+    expect(page.get_by_test_id('part-sinking')).to_be_hidden()
+    page.keyboard.press('r')
+    expect(page.get_by_test_id('part-sinking')).to_be_visible()
+
+
+def test_the_keyboard_reaches_the_same(page, studio):
+    """Preview, add what is previewed, drop a preview, open and close the list of keys."""
+    page.goto(studio.address)
+    judged(page, 'bad')
+    page.keyboard.press('p')
+    expect(page.get_by_test_id('preview-words')).to_be_visible()
+    page.keyboard.press('Escape')
+    expect(page.get_by_test_id('preview-words')).to_be_hidden()
+    page.keyboard.press('p')
+    expect(page.get_by_test_id('preview-words')).to_be_visible()
+    page.keyboard.press('a')
+    judged(page, 'good')
+    page.keyboard.press('?')
+    page.get_by_test_id('help-close').click()
+    expect(page.get_by_test_id('help-close')).to_be_hidden()

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One run, one verdict: every interface states the same outcome in the same sentence."""
+
+import asyncio
+import json
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from html import unescape
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+
+from rosette_ros.analysis import Verdict, analyse, diagnose, judge, summarise
+from rosette_ros.cli.main import main
+from rosette_ros.core.diagnosis.verdict import Level, Outcome
+from rosette_ros.core.errors import NotDeterminable
+from rosette_ros.core.scheme import plan
+from rosette_ros.io.ball_centre_table import write_csv
+from rosette_ros.io.open_run import open_run
+from rosette_ros.nodes.conversions import diagnosis_message
+from rosette_ros.presentation.report.run_page import report_html
+from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.studio.controller import Controller
+
+DRIFT = {'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}
+SIZES = ((6, 1), (8, 2), (9, 3))
+"""Balls and seed."""
+MARKS = {Level.GOOD: '✓', Level.DOUBTFUL: '?', Level.BAD: '✗'}
+
+
+def clean(n, seed, hidden=()):
+    """Return a run of the simulated machine, and the repeatability as known as sigma itself."""
+    config = MachineConfig().changed(seed=seed, plate={'balls': n}, hidden=list(hidden))
+    run = Machine(config).run(plan(n, 'random', seed), run_id='run')
+    return run.replace(repeatability=1e-7, repeatability_dof=None)
+
+
+def rounded(n, seed):
+    """Return a clean run with coordinates in whole micrometres."""
+    run = clean(n, seed)
+    return run.replace(centre=np.round(run.centre, 6))
+
+
+def drawn_anew(n, seed):
+    """Return white noise of 0.1 µm around the fitted model of a run, and a stated repeatability of half of it."""
+    run = clean(n, seed)
+    noise = np.random.default_rng(seed).normal(0, 1e-7, run.centre.shape)
+    return run.replace(centre=run.centre - analyse(run).fit.residual + noise, repeatability=5e-8)
+
+
+KINDS = {
+    'clean': (clean, {Outcome.FITS}),
+    'hidden effect': (lambda n, seed: clean(n, seed, [DRIFT]), {Outcome.NAMED}),
+    'repeatability of half the noise': (drawn_anew, {Outcome.SCATTERS}),
+    'rounded': (rounded, {Outcome.SCATTERS, Outcome.NAMED, Outcome.UNNAMED}),
+    'incomplete': (lambda n, seed: clean(n, seed).take(slice(0, n**2 - n)), {Outcome.FITS}),
+    'no repeatability': (lambda n, seed: clean(n, seed).replace(repeatability=None), {Outcome.NO_REPEATABILITY}),
+    'hidden effect, no repeatability': (lambda n, seed: clean(n, seed, [DRIFT]).replace(repeatability=None),
+                                        {Outcome.NAMED}),
+}
+
+
+def verbs(path, capsys):
+    """Yield (verb, JSON) and (verb, text on one line) of those that judge."""
+    for verb in ('evaluate', 'compare', 'diagnose'):
+        for option in (['--json'], []):
+            assert main([verb, str(path), *option]) == 0
+            out = capsys.readouterr().out
+            yield verb, json.loads(out) if option else ' '.join(out.split())
+
+
+def studio(run):
+    """Return the verdict that the studio shows of a run."""
+    with ThreadPoolExecutor(2) as threads:
+        controller = Controller(threads)
+        controller.act(controller.session.open, run, 'run.csv')
+        threads.submit(asyncio.run, controller.refresh()).result()
+        return controller.session.results.verdict
+
+
+@pytest.mark.parametrize('n, seed', SIZES)
+@pytest.mark.parametrize('kind', KINDS)
+def test_every_interface_states_one_verdict(kind, n, seed, tmp_path, capsys):
+    """Verbs, JSON, message and studio; the levels follow from the outcome."""
+    make, outcomes = KINDS[kind]
+    path = tmp_path / 'run.csv'
+    write_csv(make(n, seed), path)
+    run = open_run(path)
+    verdict = judge(run)
+    assert verdict.outcome in outcomes
+    assert (verdict.level == Level.GOOD) == (verdict.outcome == Outcome.FITS)
+    for verb, found in verbs(path, capsys):
+        if isinstance(found, str):
+            assert verdict.sentence in found and verdict.action in found, verb
+            assert 'is noise' not in found
+            continue
+        assert (found['outcome'], found['level'], found['verdict'], found['action']) == (
+            verdict.outcome, verdict.level, verdict.sentence, verdict.action), verb
+        assert found.get('failing', verdict.model_fails) == verdict.model_fails
+    diagnosis = diagnose(run)
+    message = diagnosis_message(run, diagnosis, Time())
+    assert (message.verdict, message.unexplained) == (verdict.sentence, diagnosis.unexplained)
+    assert studio(run) == verdict
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_the_report_states_the_verdict(kind):
+    """Its mark shows the level, its sentence and action are those of the summary."""
+    run = KINDS[kind][0](6, 1)
+    summary, verdict = summarise(run), judge(run)
+    assert summary.verdict == verdict
+    if kind in ('repeatability of half the noise', 'no repeatability'):
+        page = report_html(summary)
+        assert verdict.sentence in unescape(page) and summary.verdict.action in page
+        assert f'>{MARKS[verdict.level]}</span> Verdict' in page
+
+
+def test_what_cannot_be_determined_is_refused_in_one_sentence(tmp_path, capsys):
+    """Exit 2 and the same line on stderr from all verbs; the studio shows it as its verdict."""
+    run = clean(6, 1).take(slice(0, 14))
+    path = tmp_path / 'run.csv'
+    write_csv(run, path)
+    with pytest.raises(NotDeterminable) as refusal:
+        judge(open_run(path))
+    for verb in (['evaluate'], ['compare'], ['diagnose'], ['report', '-o', str(tmp_path / 'page.html')]):
+        assert main([verb[0], str(path), *verb[1:]]) == 2
+        captured = capsys.readouterr()
+        assert (captured.out, captured.err) == ('', f'rosette: {refusal.value}\n')
+    stated = studio(open_run(path))
+    assert (stated.outcome, stated.sentence) == (Outcome.NOT_DETERMINABLE, str(refusal.value))
+
+
+def test_a_combination_and_what_is_left_stand_in_the_sentence():
+    """Two effects under a stated repeatability of half the noise: both are named, and the scatter beside them."""
+    warp = {'kind': 'plate_warp', 'rate_um_per_h': 6.0}
+    run = clean(9, 1, [DRIFT, warp]).replace(repeatability=5e-8)
+    verdict = judge(run)
+    assert verdict.outcome == Outcome.NAMED
+    for words in ('frame_drift', ' and ', 'plate_warp', 'with them', 'something is left that no named effect explains'):
+        assert words in verdict.sentence
+    assert 'rosette add frame_drift --model FILE' in verdict.action
+
+
+def test_an_unknown_repeatability_is_said_where_an_effect_is_named():
+    """The name rests on the structure of the residual."""
+    verdict = judge(clean(6, 1, [DRIFT]).replace(repeatability=None))
+    assert 'The model lacks frame_drift' in verdict.sentence
+    assert 'judged by the structure of the residual alone' in verdict.sentence
+
+
+def test_every_outcome_has_a_level_and_words():
+    """No outcome is left out where levels are given."""
+    assert {Verdict(outcome, 's', 'a').level for outcome in Outcome} == set(Level)
+    assert replace(Verdict(Outcome.FITS, 's', 'a'), outcome=Outcome.SCATTERS).model_fails
