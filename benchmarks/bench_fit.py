@@ -61,12 +61,12 @@ def main():
         lever = mean_radius(run)
         design, y = matrix(run, lever), observed(run).reshape(-1)
         full = design.toarray()
-        ours, report = best_of(lambda run=run: analyse(run), 5)
+        ours, fit = best_of(lambda run=run: analyse(run), 5)
         sparse, solution = best_of(lambda a=design, y=y: scipy.sparse.linalg.lsqr(
             a, y, atol=1e-14, btol=1e-14, iter_lim=5000)[0], 1 if n > 40 else 3)
         dense_time, dense = best_of(lambda a=full, y=y: np.linalg.lstsq(
             a, y, rcond=1e-10)[0], 1 if n > 20 else 3)
-        difference = max(np.abs(y - design @ x - report.fit.residual.reshape(-1)).max()
+        difference = max(np.abs(y - design @ x - fit.residual.reshape(-1)).max()
                          for x in (solution, dense))
         print(f'  n = {n:3d}: ours {ours:.4f}, lsqr {sparse:.3f} ({sparse / ours:.0f}x), '
               f'lstsq {dense_time:.3f} ({dense_time / ours:.0f}x); '

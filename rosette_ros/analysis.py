@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The analysis of a run in pure functions: every interface calls them and none does an analysis of its own.
 
-A run and a model give a report (`analyse`), the one verdict (`judge`), the place where the model fails (`compare`), the
+A run and a model give a fit (`analyse`), the one verdict (`judge`), the place where the model fails (`compare`), the
 effect that is missing (`diagnose`), what changes when an effect is added or removed (`change`, `ladder`), whether
 another run confirms it (`cross_check`), the next measurement (`advise`, `advise_run`), and all of it (`summarise`).
 """
@@ -20,12 +20,11 @@ from rosette_ros.core.diagnosis.diagnosis import Diagnosis, diagnose, judge
 from rosette_ros.core.diagnosis.parameter_search import choose_settings
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import Verdict
-from rosette_ros.core.model.base_model import GAUGE
-from rosette_ros.core.model.least_squares import Fit, FittedEffect, fit
+from rosette_ros.core.model.least_squares import Fit, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.planning.advice import Advice, advise, advise_run
 from rosette_ros.core.planning.visibility import Visibility, visibility
-from rosette_ros.core.records import ErrorMotions, Floats, Run
+from rosette_ros.core.records import Floats, Run
 
 STEPS = ('evaluate', 'compare', 'diagnose', 'ladder', 'advise')
 """Parts of a summary in the order in which they are calculated."""
@@ -35,52 +34,18 @@ MOST_BALLS_ADVISED = 24
 """On larger plates the orders are compared on request only: it would take longer than all the rest."""
 
 
-@dataclass(frozen=True, eq=False)
-class Report:
-    """The result of a run under a model: error motions, plate and CMM deviations, fit, effects."""
-
-    run: Run
-    model: Model
-    fit: Fit
-
-    @property
-    def error_motions(self) -> ErrorMotions:
-        """The six curves with standard uncertainties."""
-        return self.fit.error_motions
-
-    @property
-    def plate(self) -> Floats:
-        """Plate deviations P, (n, 3), m, in the plate's frame."""
-        return self.fit.plate
-
-    @property
-    def cmm(self) -> Floats:
-        """CMM deviations M, (n, 3), m, in the table frame."""
-        return self.fit.cmm
-
-    @property
-    def effects(self) -> tuple[FittedEffect, ...]:
-        """The fitted effects."""
-        return self.fit.effects
-
-    @property
-    def gauge(self) -> tuple[str, ...]:
-        """What no three-rosette run can know, in words."""
-        return GAUGE
-
-
-def analyse(run: Run, model: Model | None = None) -> Report:
-    """Return the Report of a run under a model (the base model if none is given).
+def analyse(run: Run, model: Model | None = None) -> Fit:
+    """Return the Fit of a run under a model (the base model if none is given).
 
     Raises NotDeterminable where the run does not determine the model.
     """
     model = model or Model()
-    return Report(run, model, fit(run, model, choose_settings(run, model)))
+    return fit(run, model, choose_settings(run, model))
 
 
 def compare(run: Run, model: Model | None = None) -> Comparison:
     """Return the Comparison of a model with a run: where the residual is, and by how much of sigma."""
-    return comparison.compare(analyse(run, model).fit)
+    return comparison.compare(analyse(run, model))
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +56,8 @@ class Change:
     each curve, (6,), m and rad; helps, hurts: whether that error falls or rises by more than chance.
     """
 
-    before: Report
-    after: Report
+    before: Fit
+    after: Fit
     cross_validation_before: float
     cross_validation_after: float
     curve_change: Floats
@@ -103,11 +68,11 @@ class Change:
 def change(run: Run, before: Model, after: Model) -> Change:
     """Return the Change from model `before` to model `after` on a run."""
     old, new = analyse(run, before), analyse(run, after)
-    error, left = (cross_validation_rms(run, report.fit) for report in (old, new))
+    error, left = (cross_validation_rms(run, one) for one in (old, new))
     shift = np.abs(new.error_motions.values - old.error_motions.values).max(axis=0)
     # in units of sigma^2 the square sum of 3 N errors falls by more than 12 + 2 k by chance for k amplitudes in less
     # than one of a thousand cases (chi square of the gain)
-    extra = abs(new.fit.rank - old.fit.rank)
+    extra = abs(new.rank - old.rank)
     chance = 1 - (12 + 2 * extra) / (6 * run.size)
     return Change(old, new, error, left, shift, bool(left < error * chance), bool(error < left * chance))
 
@@ -117,7 +82,7 @@ class LadderStep:
     """A model of a ladder: the effect added last ('' for the base model), and the error of its cross-validation, m."""
 
     added: str
-    report: Report
+    fit: Fit
     cross_validation: float
 
 
@@ -125,9 +90,9 @@ def ladder(run: Run, model: Model) -> tuple[LadderStep, ...]:
     """Return the LadderSteps from the base terms of a model to the whole of it, effect after effect."""
     steps = []
     for count in range(len(model.terms) + 1):
-        report = analyse(run, Model(model.base, model.terms[:count], model.repeated))
+        found = analyse(run, Model(model.base, model.terms[:count], model.repeated))
         added = str(model.terms[count - 1]) if count else ''
-        steps.append(LadderStep(added, report, cross_validation_rms(run, report.fit)))
+        steps.append(LadderStep(added, found, cross_validation_rms(run, found)))
     return tuple(steps)
 
 
@@ -149,12 +114,12 @@ def cross_check(run: Run, diagnosis: Diagnosis) -> CrossCheck:
 class Summary:
     """All results of one run under one model.
 
-    report, comparison, diagnosis: of the model as given; ladder: from the base model over the model to all that is
+    fit, comparison, diagnosis: of the model as given; ladder: from the base model over the model to all that is
     claimed, effect after effect; advice: for the next run, None where there are too many balls to compare orders
     unasked.
     """
 
-    report: Report
+    fit: Fit
     comparison: Comparison
     diagnosis: Diagnosis
     ladder: tuple[LadderStep, ...]
@@ -163,17 +128,17 @@ class Summary:
     @property
     def run(self) -> Run:
         """The run."""
-        return self.report.run
+        return self.fit.run
 
     @property
     def model(self) -> Model:
         """The model as given."""
-        return self.report.model
+        return self.fit.model
 
     @property
-    def final(self) -> Report:
-        """The Report with all that is claimed: the best account of the run."""
-        return self.ladder[-1].report
+    def final(self) -> Fit:
+        """The Fit with all that is claimed: the best account of the run."""
+        return self.ladder[-1].fit
 
     @property
     def verdict(self) -> Verdict:
@@ -185,7 +150,7 @@ class Summary:
         """Visibility of every effect in the order in which this run was measured."""
         if self.advice is not None:
             return self.advice.present.visibilities
-        return visibility(self.run, self.run.repeatability or self.final.fit.sigma)
+        return visibility(self.run, self.run.repeatability or self.final.sigma)
 
 
 def summarise(run: Run, model: Model | None = None, on_step: Callable[[str], object] | None = None) -> Summary:
@@ -196,19 +161,19 @@ def summarise(run: Run, model: Model | None = None, on_step: Callable[[str], obj
     """
     step = on_step or (lambda name: None)
     step('evaluate')
-    report = analyse(run, model)
+    found = analyse(run, model)
     step('compare')
-    compared = comparison.compare(report.fit)
+    compared = comparison.compare(found)
     step('diagnose')
     diagnosis = diagnose(run, model)
     step('ladder')
     steps = ladder(run, claimed_model(diagnosis))
     step('advise')
     advice = advise_run(run) if run.n <= MOST_BALLS_ADVISED else None
-    return Summary(report, compared, diagnosis, steps, advice)
+    return Summary(found, compared, diagnosis, steps, advice)
 
 
 __all__ = [
-    'MOST_BALLS_ADVISED', 'MOST_BALLS_JUDGED', 'STEPS', 'Change', 'LadderStep', 'Report', 'Summary', 'Verdict',
+    'MOST_BALLS_ADVISED', 'MOST_BALLS_JUDGED', 'STEPS', 'Change', 'LadderStep', 'Summary', 'Verdict',
     'advise', 'advise_run', 'analyse', 'change', 'claimed_model', 'compare', 'cross_check', 'diagnose', 'judge',
     'ladder', 'summarise']

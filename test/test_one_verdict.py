@@ -46,7 +46,7 @@ def drawn_anew(n, seed):
     """Return white noise of 0.1 µm around the fitted model of a run, and a stated repeatability of half of it."""
     run = clean(n, seed)
     noise = np.random.default_rng(seed).normal(0, 1e-7, run.centre.shape)
-    return run.replace(centre=run.centre - analyse(run).fit.residual + noise, repeatability=5e-8)
+    return run.replace(centre=run.centre - analyse(run).residual + noise, repeatability=5e-8)
 
 
 KINDS = {

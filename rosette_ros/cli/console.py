@@ -78,12 +78,12 @@ def head(run: Run) -> str:
     return f'[bold]{escape(run.run_id or run.source)}[/]: {run_size(run)}'
 
 
-def fit_rows(fit: 'Fit', gauge: Iterable[str]) -> list[tuple[str, str]]:
+def fit_rows(fit: 'Fit') -> list[tuple[str, str]]:
     """Return what was fitted, how well it fits and what is not observable, as rows of `pairs`."""
     return [('Model', f'{escape(" + ".join(fit.model.names) or "nothing")} (rank {fit.rank}, {fit.dof} degrees of '
                       'freedom)'),
             ('Residual', residual_words(fit)), ('Uncertainty', uncertainty_words(fit)),
-            ('Not observable', f'by any three-rosette run, and removed from the curves: {"; ".join(gauge)}')]
+            ('Not observable', f'by any three-rosette run, and removed from the curves: {"; ".join(fit.gauge)}')]
 
 
 def print_verdict(out: Console, verdict: 'Verdict | Conclusion') -> None:

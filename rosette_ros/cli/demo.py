@@ -65,16 +65,15 @@ class PlainDemo:
         log = read_log(log_path)
         run, source = open_source(log_path)
         summary = summarise(run) if run.n <= MOST_BALLS_ADVISED else None
-        report = analyse(run) if summary is None else summary.report
-        comparison = compare(report, config, log.frame_of(run.run_id))
+        fit = analyse(run) if summary is None else summary.fit
+        comparison = compare(fit, config, log.frame_of(run.run_id))
         picture = log_path / PICTURE
         title = f'Six error motions of a simulated rotary table: {run.n} balls on R = {millimetres(run.radius)}'
-        save(six_curves([Series('measured', report.error_motions)], title, comparison.truth), picture)
+        save(six_curves([Series('measured', fit.error_motions)], title, comparison.truth), picture)
         out.print(f'\n{head(run)}\n')
         if run.n <= MOST_BALLS_JUDGED:
             print_verdict(out, judge(run) if summary is None else summary.verdict)
-        print_parts(out, [curves(report.error_motions), pairs(fit_rows(report.fit, report.gauge)),
-                          truth_table(comparison)])
+        print_parts(out, [curves(fit.error_motions), pairs(fit_rows(fit)), truth_table(comparison)])
         out.print(f'\nDifference to the truth: [bold]rms {comparison.rms:.2f}[/] standard uncertainties; 1 ± '
                   f'{comparison.rms_spread:.2f} is expected')
         out.print(f'Took {seconds:.1f} s; a real cell would have measured for {run.time[-1] / 3600:.1f} h\n')

@@ -16,13 +16,13 @@ import numpy as np
 import yaml
 from rich.console import Console
 
-from rosette_ros.analysis import Report
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import Cell
 from rosette_ros.cli.calibrate import calibrate
 from rosette_ros.cli.cell import make_folder, started
 from rosette_ros.core.errors import CellError
 from rosette_ros.core.geometry import Frame
+from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import CURVES, Floats, remove_gauge
 from rosette_ros.presentation.formatting import fixed
 from rosette_ros.presentation.table_format import Table, column, words
@@ -127,9 +127,9 @@ class TruthComparison:
         return float(1 / np.sqrt(2 * (self.error.size - 10)))
 
 
-def compare(report: Report, config: MachineConfig, frame: Frame | None) -> TruthComparison:
+def compare(fit: Fit, config: MachineConfig, frame: Frame | None) -> TruthComparison:
     """Return the comparison of a report with the machine's truth in the frame that was found."""
-    motions = report.error_motions
+    motions = fit.error_motions
     truth = remove_gauge(Machine(config).table_truth(motions.angle, frame))
     return TruthComparison(truth, (motions.values - truth) / motions.u)
 

@@ -4,10 +4,11 @@
 import sys
 from argparse import ArgumentParser, Namespace
 
-from rosette_ros.analysis import MOST_BALLS_JUDGED, Report, analyse, judge
+from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, judge
 from rosette_ros.cli.arguments import add_formats, add_model, add_run, add_run_id
 from rosette_ros.cli.console import console, fit_rows, head, pairs, print_json, print_parts, print_verdict
 from rosette_ros.core.diagnosis.verdict import Verdict
+from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import open_run
 from rosette_ros.presentation.json_output import evaluation_json
@@ -24,25 +25,25 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> None:
     """Print the evaluation."""
-    report = analyse(open_run(options.run_path, options.run_id), read_model(options.model))
+    fit = analyse(open_run(options.run_path, options.run_id), read_model(options.model))
     if options.csv:
-        sys.stdout.write(curves(report.error_motions).csv())
+        sys.stdout.write(curves(fit.error_motions).csv())
         return
-    verdict = judge(report.run, report.model) if report.run.n <= MOST_BALLS_JUDGED else None
+    verdict = judge(fit.run, fit.model) if fit.run.n <= MOST_BALLS_JUDGED else None
     if options.json:
-        print_json(evaluation_json(report, verdict))
+        print_json(evaluation_json(fit, verdict))
     else:
-        show(report, verdict)
+        show(fit, verdict)
 
 
-def show(report: Report, verdict: Verdict | None) -> None:
+def show(fit: Fit, verdict: Verdict | None) -> None:
     """Print the evaluation; verdict: None where the plate has too many balls to judge it unasked."""
     out = console()
-    out.print(head(report.run))
+    out.print(head(fit.run))
     if verdict:
         print_verdict(out, verdict)
     else:
         out.print(f'Plates of more than {MOST_BALLS_JUDGED} balls are judged on request: rosette diagnose RUN')
     print_parts(out, [
-        curves(report.error_motions), deviations(report), fitted_effects(report.effects, 'Effects in the model'),
-        pairs(fit_rows(report.fit, report.gauge))])
+        curves(fit.error_motions), deviations(fit), fitted_effects(fit.effects, 'Effects in the model'),
+        pairs(fit_rows(fit))])

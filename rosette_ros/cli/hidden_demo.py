@@ -16,7 +16,7 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from rosette_ros.analysis import Report, advise_run, summarise
+from rosette_ros.analysis import advise_run, summarise
 from rosette_ros.cli import compare as compare_verb
 from rosette_ros.cli import diagnose as diagnose_verb
 from rosette_ros.cli.console import head, pairs, rich_table
@@ -26,6 +26,7 @@ from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.model.base_model import base_space
+from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import Floats, Run
 from rosette_ros.core.scheme import Scheme
 from rosette_ros.io.log_reader import read_log
@@ -69,7 +70,7 @@ class HiddenDemo:
         summary = summarise(run)
         out.print(f'\n{head(run)}')
         section(out, '1', 'evaluate: does the base model explain the readings?')
-        out.print(residual_words(summary.report.fit))
+        out.print(residual_words(summary.fit))
         section(out, '2', 'compare: where does it fail?')
         compare_verb.show(out, summary.comparison, summary.verdict)
         section(out, '3', 'diagnose: what is missing?')
@@ -77,7 +78,7 @@ class HiddenDemo:
         section(out, '4', 'add: does the error fall?')
         out.print(rich_table(nested_models(summary.ladder)))
         write_model(summary.final.model, log_path / MODEL, force=True)
-        show_truth(out, config, log.frame_of(run.run_id), summary.report, summary.final)
+        show_truth(out, config, log.frame_of(run.run_id), summary.fit, summary.final)
         section(out, '5', 'advise: what to measure next?')
         out.print((summary.advice or advise_run(run)).text)
         section(out, '6', 'the envelope')
@@ -100,12 +101,12 @@ def section(out: Console, number: str, title: str) -> None:
     out.rule(f'[bold]{number}  {title}[/]', align='left', style='dim')
 
 
-def show_truth(out: Console, config: MachineConfig, frame: Frame | None, before: Report, after: Report) -> None:
+def show_truth(out: Console, config: MachineConfig, frame: Frame | None, before: Fit, after: Fit) -> None:
     """Print how far the six curves are from those built into the machine, before and after."""
     sizes = []
-    for report in (before, after):
-        found = compare_truth(report, config, frame)
-        off = 1e6 * np.sqrt(np.mean((report.error_motions.values - found.truth)**2, axis=0))
+    for fit in (before, after):
+        found = compare_truth(fit, config, frame)
+        off = 1e6 * np.sqrt(np.mean((fit.error_motions.values - found.truth)**2, axis=0))
         sizes.append(f'{np.sqrt(np.mean(off[:3]**2)):.3f} µm and {np.sqrt(np.mean(off[3:]**2)):.2f} µrad rms '
                      f'({found.rms:.2f} standard uncertainties)')
     out.print(f'\nThe six curves differ from those built into the machine by\n  {sizes[0]} before,\n'

@@ -57,7 +57,7 @@ def show(out: Console, config: MachineConfig, paths: list[Path], logs: Path, sec
     command = ' '.join(['rosette report --compare', *(shown(path) for path in paths), '--maker', shown(maker)])
     write_text(page, verification_html(verification, command))
     out.print(f'\nTook {seconds:.1f} s; a real cell would have measured for '
-              f'{sum(one.report.run.time[-1] for one in verification.members) / 3600:.1f} h\n')
+              f'{sum(one.fit.run.time[-1] for one in verification.members) / 3600:.1f} h\n')
     print_result(out, verification.verdict, shown(page))
     out.print('\nAgain from the logs:')
     out.print(f'  {escape(command)}', soft_wrap=True)

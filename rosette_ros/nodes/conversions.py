@@ -22,10 +22,9 @@ from rosette_ros.io.messages import Target
 from rosette_ros.io.model_file import format_entry
 
 if TYPE_CHECKING:  # what fits models imports scipy, which takes a second
-    from rosette_ros.analysis import Report
     from rosette_ros.core.diagnosis import diagnosis as core
     from rosette_ros.core.model import model as core_model
-    from rosette_ros.core.model.least_squares import Parameter
+    from rosette_ros.core.model.least_squares import Fit, Parameter
     from rosette_ros.simulation.probing import BallReading
 
 
@@ -73,15 +72,15 @@ def error_motions_record(message: ErrorMotions) -> records.ErrorMotions:
         [getattr(message, f'u_{curve}') for curve in records.CURVES])
 
 
-def error_motions_message(report: 'Report', stamp: Time, frame_id: str) -> ErrorMotions:
-    """Return the ErrorMotions message of a Report; float64 on both sides, so it is exact."""
-    run, motions, fit = report.run, report.error_motions, report.fit
+def error_motions_message(fit: 'Fit', stamp: Time, frame_id: str) -> ErrorMotions:
+    """Return the ErrorMotions message of a fit; float64 on both sides, so it is exact."""
+    run, motions = fit.run, fit.error_motions
     curves = {curve: motions[curve] for curve in records.CURVES}
     uncertainties = {f'u_{curve}': motions.uncertainty(curve) for curve in records.CURVES}
     return ErrorMotions(
         header=Header(stamp=stamp, frame_id=frame_id), run_id=run.run_id, balls=run.n,
-        radius=float(run.radius), angle=motions.angle, model_name=str(report.model),
-        model_hash=report.model.hash, residual_rms=float(fit.rms), sigma=float(fit.sigma),
+        radius=float(run.radius), angle=motions.angle, model_name=str(fit.model),
+        model_hash=fit.model.hash, residual_rms=float(fit.rms), sigma=float(fit.sigma),
         degrees_of_freedom=int(fit.dof), rank=int(fit.rank),
         completeness=float(run.completeness), **curves, **uncertainties)
 
@@ -109,15 +108,15 @@ def fill_answer(message: BallCentre, reading: 'BallReading', stamp: Time, frame_
     message.form_error, message.temperature = reading.form_error, reading.temperature
 
 
-def model_message(model: 'core_model.Model', stamp: Time, report: 'Report | None' = None) -> Model:
-    """Return the Model message of a model; report: its Report on a run, or None before one."""
+def model_message(model: 'core_model.Model', stamp: Time, fit: 'Fit | None' = None) -> Model:
+    """Return the Model message of a model; fit: of the model to a run, or None before one."""
     message = Model(
         header=Header(stamp=stamp), name=str(model), hash=model.hash, base=list(model.base), residual_rms=math.nan,
         reduced_chi_square=math.nan)
-    if report is None:
+    if fit is None:
         message.effects = [effect_message(term.name, (), _definition(term)) for term in model.terms]
         return message
-    fit, message.run_id = report.fit, report.run.run_id
+    message.run_id = fit.run.run_id
     message.effects = [effect_message(effect.name, effect.parameters, _definition(term))
                        for effect, term in zip(fit.effects, model.terms, strict=True)]
     message.residual_rms = float(fit.rms)

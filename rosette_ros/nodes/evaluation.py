@@ -5,9 +5,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from rosette_ros.analysis import Report, analyse, diagnose
+from rosette_ros.analysis import analyse, diagnose
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.errors import InvalidData, InvalidModel, NotDeterminable
+from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.records import Run
 from rosette_ros.io.messages import Answer, TableFrame, Target
@@ -137,15 +138,15 @@ class ModelChange:
 
     run: Run
     model_before: Model
-    before: Report | None
-    after: Report
+    before: Fit | None
+    after: Fit
 
     @property
     def sentence(self) -> str:
         """What has changed, for a person."""
-        before = f'{1e6 * self.before.fit.rms:.4g}' if self.before else 'undetermined'
+        before = f'{1e6 * self.before.rms:.4g}' if self.before else 'undetermined'
         return (f'run {self.run.run_id}: model {self.after.model}; residual {before} -> '
-                f'{1e6 * self.after.fit.rms:.4g} µm')
+                f'{1e6 * self.after.rms:.4g} µm')
 
 
 @dataclass(eq=False)
@@ -155,8 +156,8 @@ class ModelInUse:
     model: Model
     _runs: dict[str, Run] = field(default_factory=dict)
 
-    def evaluate(self, run: Run) -> Report:
-        """Return the Report of a run and keep the run for requests."""
+    def evaluate(self, run: Run) -> Fit:
+        """Return the Fit of a run and keep the run for requests."""
         self._runs.pop(run.run_id, None)
         self._runs[run.run_id] = run
         while len(self._runs) > RUNS_KEPT:
@@ -197,7 +198,7 @@ class ModelInUse:
             before = None  # which may be the reason for removing the effect
         return self._change(run, model, before)
 
-    def _change(self, run: Run, model: Model, before: Report | None) -> ModelChange:
+    def _change(self, run: Run, model: Model, before: Fit | None) -> ModelChange:
         after = analyse(run, model)
         model_before, self.model = self.model, model
         return ModelChange(run, model_before, before, after)

@@ -11,10 +11,11 @@ from rosette_msgs.msg import BallCentre, Diagnosis, ErrorMotions, Model, ProbeTa
 from rosette_msgs.srv import AddEffect, Diagnose, Recall, RemoveEffect
 from tf2_msgs.msg import TFMessage
 
-from rosette_ros.analysis import MOST_BALLS_JUDGED, Report
+from rosette_ros.analysis import MOST_BALLS_JUDGED
 from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import InvalidModel, RosetteError, plain
 from rosette_ros.core.model import model as core
+from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import Run
 from rosette_ros.io.messages import TABLE_FRAME, TableFrame, answer_of, table_frame_of, target_of
 from rosette_ros.io.model_file import parse_entry, read_model
@@ -140,11 +141,11 @@ class Evaluator(CellNode):
         for run_id in self._runs.ready(self.seconds(), self.parameters['quiet_s']):
             try:
                 run = self._runs.to_run(run_id)
-                report = self._in_use.evaluate(run)
+                fit = self._in_use.evaluate(run)
             except RosetteError as error:
                 self._report_failure(run_id, str(error))
                 continue
-            self._publish(report, self._diagnose_after(run))
+            self._publish(fit, self._diagnose_after(run))
             self._level, self._last = OK, plain(f'run {run_id} is evaluated, {run.size} ball centres')
             self.get_logger().info(self._last)
 
@@ -163,11 +164,11 @@ class Evaluator(CellNode):
             return False
         return True
 
-    def _publish(self, report: Report, is_diagnosed: bool) -> ErrorMotions:
+    def _publish(self, fit: Fit, is_diagnosed: bool) -> ErrorMotions:
         """Publish model and error motions; these come last, since they end a run."""
         stamp = self.now().to_msg()
-        self._model_out.publish(conversions.model_message(report.model, stamp, report))
-        message = conversions.error_motions_message(report, stamp, TABLE_FRAME)
+        self._model_out.publish(conversions.model_message(fit.model, stamp, fit))
+        message = conversions.error_motions_message(fit, stamp, TABLE_FRAME)
         message.diagnosed = is_diagnosed
         self._motions_out.publish(message)
         return message

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rosette_ros.analysis import Change, LadderStep, Report
+from rosette_ros.analysis import Change, LadderStep
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.diagnosis import Candidate, Diagnosis
 from rosette_ros.core.diagnosis.second_run import CheckedEffect, CrossCheck
@@ -70,22 +70,22 @@ def by_curve(values: Iterable[object]) -> Json:
     return dict(zip(CURVE_KEYS, values, strict=True))
 
 
-def evaluation_json(report: Report, verdict: Verdict | None = None) -> Json:
+def evaluation_json(fit: Fit, verdict: Verdict | None = None) -> Json:
     """Return a report, schema rosette-evaluation/1; u holds standard uncertainties.
 
     An effect that stands twice in the model is named with its fixed parameters.
     """
-    run, fit, motions = report.run, report.fit, report.error_motions
-    terms = [term.name for term in report.model.terms]
-    keys = [term.name if terms.count(term.name) == 1 else str(term) for term in report.model.terms]
+    run, motions = fit.run, fit.error_motions
+    terms = [term.name for term in fit.model.terms]
+    keys = [term.name if terms.count(term.name) == 1 else str(term) for term in fit.model.terms]
     return plain({
         'schema': EVALUATION, 'run_id': run.run_id, 'n': run.n, 'radius_m': run.radius,
         'mean_radius_m': fit.mean_radius, 'readings': run.size, 'completeness': run.completeness,
         'angle_rad': motions.angle,
         **by_curve(motions.values.T), 'u': by_curve(motions.u.T), 'coverage_factor': COVERAGE_FACTOR,
-        'iso_names': ISO_NAMES, 'plate_m': report.plate, 'cmm_m': report.cmm, 'fit': fit_json(fit),
-        'gauge': report.gauge, **verdict_json(verdict),
-        'effects': {key: parameters_json(one.parameters) for key, one in zip(keys, report.effects, strict=True)}})
+        'iso_names': ISO_NAMES, 'plate_m': fit.plate, 'cmm_m': fit.cmm, 'fit': fit_json(fit),
+        'gauge': fit.gauge, **verdict_json(verdict),
+        'effects': {key: parameters_json(one.parameters) for key, one in zip(keys, fit.effects, strict=True)}})
 
 
 def comparison_json(comparison: Comparison, verdict: Verdict, steps: Sequence[LadderStep] = ()) -> Json:
@@ -105,7 +105,7 @@ def comparison_json(comparison: Comparison, verdict: Verdict, steps: Sequence[La
         'harmonics': [
             {'axis': line.axis, 'table_waves': line.table_waves, 'cmm_waves': line.cmm_waves,
              'amplitude_m': line.amplitude, 'share': line.share} for line in comparison.harmonics],
-        **({'ladder': [{'added': step.added, 'fit': fit_json(step.report.fit), 'held_out_rms_m': step.cross_validation}
+        **({'ladder': [{'added': step.added, 'fit': fit_json(step.fit), 'held_out_rms_m': step.cross_validation}
                        for step in steps]} if steps else {})})
 
 
@@ -163,10 +163,10 @@ def change_json(action: str, effect: str, file: Path | str, models: tuple[Model,
                               'sentence': sentence, **on_run})
 
 
-def _side_json(report: Report) -> Json:
-    return {'fit': fit_json(report.fit), 'u_max': by_curve(report.error_motions.u.max(axis=0)),
+def _side_json(fit: Fit) -> Json:
+    return {'fit': fit_json(fit), 'u_max': by_curve(fit.error_motions.u.max(axis=0)),
             'effects': [{'effect': effect.name, 'setting': effect.setting,
-                         'parameters': parameters_json(effect.parameters)} for effect in report.effects]}
+                         'parameters': parameters_json(effect.parameters)} for effect in fit.effects]}
 
 
 def advice_json(advice: Advice, n: int, radius: float, run_id: str = '') -> Json:

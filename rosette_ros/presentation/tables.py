@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rosette_ros.analysis import Change, LadderStep, Report, Summary
+from rosette_ros.analysis import Change, LadderStep, Summary
 from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE
 from rosette_ros.core.diagnosis.comparison import AXES, Comparison
 from rosette_ros.core.diagnosis.diagnosis import Candidate
@@ -38,7 +38,7 @@ def tables_of(summary: Summary) -> tuple[Table, ...]:
     """Return every table of a run, in the order of the report."""
     comparison, diagnosis, best = summary.comparison, summary.diagnosis, summary.advice.best if summary.advice else None
     return (curves(summary.final.error_motions), deviations(summary.final), axes(comparison), places(comparison),
-            worst_readings(comparison), waves(comparison), residuals(summary.report.fit, summary.final.fit),
+            worst_readings(comparison), waves(comparison), residuals(summary.fit, summary.final),
             groups(comparison), nested_models(summary.ladder), candidates(diagnosis.candidates),
             fitted_effects(summary.final.effects, 'Effects in the final model'),
             visibility(summary.visibilities, best.visibilities if best else ()), bias(summary.visibilities),
@@ -67,13 +67,13 @@ def curves(motions: ErrorMotions) -> Table:
     return Table('curves', f'Six error motions of the table; {EXPANDED}', tuple(columns))
 
 
-def deviations(report: Report) -> Table:
+def deviations(fit: Fit) -> Table:
     """Return the deviations of the plate's balls and of the CMM's positions."""
-    digits = text.decimals(1e6 * report.fit.sigma, 1) + 1
+    digits = text.decimals(1e6 * fit.sigma, 1) + 1
     return Table('deviations', 'Deviations of the ball plate and of the CMM', (
-        column('number', 'ball or CMM position', range(1, len(report.plate) + 1), str),
+        column('number', 'ball or CMM position', range(1, len(fit.plate) + 1), str),
         *(micrometre_column(f'{key}_{axis}_um', f'{name} {axis}', values[:, place], digits, sign=True)
-          for key, name, values in (('plate', 'plate', report.plate), ('cmm', 'CMM', report.cmm))
+          for key, name, values in (('plate', 'plate', fit.plate), ('cmm', 'CMM', fit.cmm))
           for place, axis in enumerate(AXES))))
 
 
@@ -191,7 +191,7 @@ def groups(comparison: Comparison) -> Table:
 
 def nested_models(steps: Sequence[LadderStep]) -> Table:
     """Return models, each with one effect more, and the error of each in the fit and in cross-validation."""
-    fits, errors = [step.report.fit for step in steps], [step.cross_validation for step in steps]
+    fits, errors = [step.fit for step in steps], [step.cross_validation for step in steps]
     change = [None, *(after / before - 1 for before, after in pairwise(errors))][:len(steps)]
     return Table('ladder', 'Nested models: the error after each effect that is added', (
         words('model', 'model', nested_names(steps)),
@@ -210,7 +210,7 @@ def _chi_square(value: float | None) -> str:
 
 def nested_names(steps: Sequence[LadderStep]) -> list[str]:
     """Return the names of nested models: the base, then what each adds."""
-    return [f'+ {step.added}' if step.added else base_name(step.report.model) for step in steps]
+    return [f'+ {step.added}' if step.added else base_name(step.fit.model) for step in steps]
 
 
 def base_name(model: Model) -> str:
@@ -325,7 +325,7 @@ def orders(advice: Advice) -> Table:
 
 def change_errors(change: Change) -> Table:
     """Return the errors of a run before and after a change of the model."""
-    fits = [report.fit for report in (change.before, change.after)]
+    fits = change.before, change.after
     errors = change.cross_validation_before, change.cross_validation_after
     rows: list[tuple[str, str, list[Any], Callable[[Any], str]]] = [
         ('residual', 'µm', [1e6 * fit.rms for fit in fits], partial(text.fixed, places=3)),

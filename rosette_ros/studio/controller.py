@@ -123,8 +123,8 @@ class Controller:
     async def _calculate(self, ticket: Ticket, opened: OpenedRun, model: Model, unasked: bool) -> None:
         session, run = self.session, opened.run
         self._begin(ticket, 'evaluate')
-        if session.results.report is None:
-            self._keep(ticket, report=await self.do_quick(self._if_current(ticket, analyse), run, model))
+        if session.results.fit is None:
+            self._keep(ticket, fit=await self.do_quick(self._if_current(ticket, analyse), run, model))
         if session.results.ladder is None and not opened.is_large:
             self._keep(ticket, ladder=await self.do_quick(self._if_current(ticket, ladder), run, model))
         if session.results.summary is None and not (unasked and opened.is_large):

@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rosette_ros.analysis import LadderStep, Report
+from rosette_ros.analysis import LadderStep
 from rosette_ros.core.diagnosis.comparison import AXES
+from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import CURVES, ISO_NAMES, ErrorMotions, Floats, Ints
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS
 from rosette_ros.presentation.plots.plot_style import COLOURS
@@ -80,21 +81,21 @@ def _curve(one: Curves, curve: str, unit: str, place: int) -> list[PlotlyFigure]
     return [band, line]
 
 
-def maps_figure(report: Report, scale: Report | None = None) -> PlotlyFigure:
+def maps_figure(fit: Fit, scale: Fit | None = None) -> PlotlyFigure:
     """Return three maps of residuals, table position and ball, one per axis; `scale`: its residuals span the colours.
 
     The size of a reading is the rms over the axes in units of what noise leaves there on average.
     """
-    run, residual = report.run, 1e6 * report.fit.residual
+    run, residual = fit.run, 1e6 * fit.residual
     step = -(-run.n // MOST_CELLS)
     count = -(-run.n // step)
-    top = 1e6 * float(np.abs((scale or report).fit.residual).max()) or 1.0
+    top = 1e6 * float(np.abs((scale or fit).residual).max()) or 1.0
     centre = 1 + step * np.arange(count) + (step - 1) / 2
     gap = 1 if count <= MOST_GAPS else 0
     block = f'<br>the largest of {step} × {step} readings' if step > 1 else ''
     data, layout = [], _panels(1, 3, gap=(0.18, 0.2), margin={'t': 24, 'r': 64})
     for place, axis in enumerate(AXES, 1):
-        values, readings = _cells(report, residual, place - 1, step)
+        values, readings = _cells(fit, residual, place - 1, step)
         data.append({
             'type': 'heatmap', 'z': _array(values), 'x': _array(centre), 'y': _array(centre), 'zmin': -top, 'zmax': top,
             'colorscale': DIVERGING, 'customdata': _array(readings), 'hovertemplate': f'{HOVER}{block}<extra></extra>',
@@ -110,9 +111,9 @@ def _tick(n: int) -> int:
     return next(step for step in (1, 2, 3, 5, 10, 20, 50, 100) if n / step <= 12 or step == 100)
 
 
-def _cells(report: Report, residual: Floats, axis: int, step: int) -> tuple[Floats, Floats]:
+def _cells(fit: Fit, residual: Floats, axis: int, step: int) -> tuple[Floats, Floats]:
     """Return values and what HOVER shows of each cell; a cell is a block of step x step readings."""
-    run, fit = report.run, report.fit
+    run = fit.run
     count = -(-run.n // step)
     row, column = (run.table_position - 1) // step, (run.ball - 1) // step
     block = row * count + column
@@ -127,10 +128,10 @@ def _cells(report: Report, residual: Floats, axis: int, step: int) -> tuple[Floa
     return values, readings
 
 
-def time_figure(report: Report) -> PlotlyFigure:
+def time_figure(fit: Fit) -> PlotlyFigure:
     """Return residuals of x, y, z against time, with lines at twice sigma."""
-    run, residual = report.run, 1e6 * report.fit.residual
-    minutes, sigma = (run.time - run.time[0]) / 60, 2e6 * report.fit.sigma
+    run, residual = fit.run, 1e6 * fit.residual
+    minutes, sigma = (run.time - run.time[0]) / 60, 2e6 * fit.sigma
     data, layout = [], _panels(3, 1, gap=(0.0, 0.08), margin={'t': 10})
     for place, axis in enumerate(AXES, 1):
         shown = _thinned(residual[:, place - 1])
@@ -163,7 +164,7 @@ def ladder_figure(ladder: Sequence[LadderStep], present: int, noise: float | Non
     labels = [name if len(name) < 16 else name.replace('_', '_<br>', 1) for name in nested_names(ladder)]
     labels = [label if k < present else f'<i>{label} ?</i>' for k, label in enumerate(labels)]
     places, ends = list(range(len(ladder))), [-0.35, len(ladder) - 0.65]
-    series = (('fit', [1e6 * step.report.fit.rms for step in ladder], PRESENT, 'circle'),
+    series = (('fit', [1e6 * step.fit.rms for step in ladder], PRESENT, 'circle'),
               ('cross-validation', [1e6 * step.cross_validation for step in ladder], PREVIEWED, 'square'))
     data: list[PlotlyFigure] = [
         {'type': 'scatter', 'mode': 'lines+markers', 'x': places, 'y': _array(values), 'name': name,

@@ -10,9 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
-from rosette_ros.analysis import MOST_BALLS_JUDGED, Change, LadderStep, Report, Summary, Verdict
+from rosette_ros.analysis import MOST_BALLS_JUDGED, Change, LadderStep, Summary, Verdict
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.errors import InvalidModel
+from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.records import Run
 from rosette_ros.presentation.report.provenance import Source
@@ -41,7 +42,7 @@ class OpenedRun:
 class RunResults:
     """The results of a run under a model so far; refusal: why it cannot determine it; problem: what else failed."""
 
-    report: Report | None = None
+    fit: Fit | None = None
     ladder: tuple[LadderStep, ...] | None = None
     summary: Summary | None = None
     refusal: Verdict | None = None

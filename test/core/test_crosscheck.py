@@ -126,8 +126,8 @@ def test_the_ladder_goes_from_the_base_to_the_whole_model():
     steps = ladder(run, model)
     assert [step.added for step in steps] == ['', *(str(term) for term in model.terms)]
     assert set(model.names[3:]) == {'plate_creep', 'frame_cycle'}
-    assert steps[0].report.model == Model()
-    assert steps[-1].report.model == model
+    assert steps[0].fit.model == Model()
+    assert steps[-1].fit.model == model
     held = [step.cross_validation for step in steps]
     assert held == sorted(held, reverse=True)
     assert held[-1] == pytest.approx(SIGMA, rel=0.25)

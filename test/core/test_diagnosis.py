@@ -111,9 +111,9 @@ def test_adding_the_right_effect_ends_the_search():
     run = machine_run('column', hidden=[{'kind': 'frame_drift', 'rate_um_per_h': [1.5, 0, 0.9]}])
     clean = analyse(machine_run('column')).error_motions
     model = Model().with_effect('frame_drift')
-    report = analyse(run, model)
+    fit = analyse(run, model)
     assert diagnose(run, model).missing == ()
-    assert np.abs((report.error_motions.values - clean.values) / report.error_motions.u).max() < 4
+    assert np.abs((fit.error_motions.values - clean.values) / fit.error_motions.u).max() < 4
 
 
 def test_a_wrong_effect_does_not_help_left_out_readings():
@@ -143,10 +143,10 @@ def test_same_run_same_answer():
 def test_comparison_says_where_it_fails():
     """A ball that moved shows as that ball; a clean run fails nowhere."""
     hidden = [{'kind': 'ball_slip', 'ball': 4, 'shift_um': [1.5, 1.0, 0.5], 'at_h': 1.0}]
-    moved = compare(analyse(machine_run('diagonal', hidden=hidden)).fit)
+    moved = compare(analyse(machine_run('diagonal', hidden=hidden)))
     groups = {grouping.label: grouping for grouping in moved.groupings}
     assert groups['ball'].keys[groups['ball'].worst] == '4'
-    clean = compare(analyse(machine_run('diagonal')).fit)
+    clean = compare(analyse(machine_run('diagonal')))
     assert 'at ball 4' in moved.summary and 'at ball' not in clean.summary
     assert np.allclose(clean.axis_rms, SIGMA, rtol=0.2)
 
@@ -158,7 +158,7 @@ def test_monte_carlo_confirms_the_uncertainties(model, draws, tolerance):
     """Drawing the noise anew spreads curves and parameters as the fit states (GUM Supplement 1)."""
     hidden = [{'kind': 'frame_warmup', 'amplitude_um': [2.0, 0, 1.0], 'time_constant_h': 0.3,
                'from_h': 0.25}]
-    result = analyse(machine_run('random', hidden=hidden, n=8), model).fit
+    result = analyse(machine_run('random', hidden=hidden, n=8), model)
     drawn = monte_carlo(result, draws)
     assert abs(drawn.ratio - 1) < tolerance
     for _, _, spread, stated in drawn.parameters:

@@ -82,10 +82,10 @@ def check_table(data):
     assert 3 <= run.n <= 10_000
     if run.n <= 12 or 4 * run.size < run.n:
         try:
-            report = analyse(run)
+            fit = analyse(run)
         except NotDeterminable:
             return
-        assert np.isfinite(report.error_motions.values).all()
+        assert np.isfinite(fit.error_motions.values).all()
 
 
 @many

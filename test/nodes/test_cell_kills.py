@@ -121,7 +121,7 @@ def test_a_node_is_killed_at_any_moment(killable, undisturbed, seed):
     assert run.size == N * N
     if folder.name != run_id:
         assert log.custom_data['rosette.resumes'] == run_id
-    report = analyse(run)
-    assert np.array_equal(report.error_motions.values, undisturbed.error_motions.values)
+    fit = analyse(run)
+    assert np.array_equal(fit.error_motions.values, undisturbed.error_motions.values)
     if outcome is not None:
         assert np.array_equal(outcome.error_motions.values, undisturbed.error_motions.values)

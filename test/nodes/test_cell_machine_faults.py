@@ -37,11 +37,11 @@ def faulty_cell(module_domain_id, tmp_path_factory):
 
 
 def off_the_truth(outcome, faults):
-    """Return the rms of (curve - truth) / u of a log, its Run and its Report."""
+    """Return the rms of (curve - truth) / u of a log, its Run and its Fit."""
     log = read_log(outcome.log)
     run = log.to_run()
-    report = analyse(run)
-    return compare(report, CONFIG.changed(faults=faults), log.frame_of(run.run_id)).rms, run, report
+    fit = analyse(run)
+    return compare(fit, CONFIG.changed(faults=faults), log.frame_of(run.run_id)).rms, run, fit
 
 
 ASKED_AGAIN = {
@@ -64,10 +64,10 @@ def test_the_curves_are_true_whatever_goes_wrong(faulty_cell, kind):
     cell, outcome = faulty_cell(faults)
     assert outcome.success, outcome.message
     assert words in cell.processes['sequencer'].text()
-    rms, run, report = off_the_truth(outcome, faults)
+    rms, run, fit = off_the_truth(outcome, faults)
     assert run.size == N * N
     assert rms < 1.8, 'the six curves are true within their uncertainties (36 numbers)'
-    assert np.array_equal(report.error_motions.values, outcome.error_motions.values)
+    assert np.array_equal(fit.error_motions.values, outcome.error_motions.values)
     if kind == 'table_short':
         assert np.abs(run.angle_deviation).max() == pytest.approx(400e-6, rel=1e-3)
 
@@ -97,9 +97,9 @@ def test_an_outlier_is_kept_and_shown(faulty_cell):
     faults = [{'kind': 'outlier', 'at': [FIRST + 12], 'size_um': 50.0}]
     _, outcome = faulty_cell(faults)
     assert outcome.success
-    rms, run, report = off_the_truth(outcome, faults)
+    rms, run, fit = off_the_truth(outcome, faults)
     assert run.size == N * N
-    assert report.fit.lack_of_fit_p < 1e-6
+    assert fit.lack_of_fit_p < 1e-6
     assert rms < 2.5, 'the uncertainties have grown with the residual'
     found = diagnose(run)
     assert found.missing == ('outlier',)

@@ -93,39 +93,39 @@ def test_frame_survives_the_transform():
 
 
 @pytest.fixture(scope='module')
-def report():
-    """Return the report of a small run."""
+def fit():
+    """Return the fit of a small run."""
     return analyse(Machine(MachineConfig().changed(plate={'balls': 4})).run(plan(4), run_id='r1'))
 
 
-def test_error_motions_survive_bit_for_bit(report):
+def test_error_motions_survive_bit_for_bit(fit):
     """The published curves are the calculated ones."""
-    message = over_the_wire(conversions.error_motions_message(report, STAMP, 'table'))
+    message = over_the_wire(conversions.error_motions_message(fit, STAMP, 'table'))
     assert isinstance(message, ErrorMotions)
     back = conversions.error_motions_record(message)
-    assert np.array_equal(back.values, report.error_motions.values)
-    assert np.array_equal(back.u, report.error_motions.u)
-    assert np.array_equal(back.angle, report.error_motions.angle)
-    assert list(message.crz) == report.error_motions['crz'].tolist()
+    assert np.array_equal(back.values, fit.error_motions.values)
+    assert np.array_equal(back.u, fit.error_motions.u)
+    assert np.array_equal(back.angle, fit.error_motions.angle)
+    assert list(message.crz) == fit.error_motions['crz'].tolist()
     assert len(CURVES) == back.values.shape[1]
-    assert (message.run_id, message.balls, message.rank) == ('r1', 4, report.fit.rank)
-    assert message.sigma == report.fit.sigma
-    assert message.model_hash == report.model.hash
+    assert (message.run_id, message.balls, message.rank) == ('r1', 4, fit.rank)
+    assert message.sigma == fit.sigma
+    assert message.model_hash == fit.model.hash
     assert message.completeness == 1.0
 
 
-def test_model_message_before_and_after_a_fit(report):
+def test_model_message_before_and_after_a_fit(fit):
     """Before the first run there are no numbers; after it there are."""
     before = over_the_wire(conversions.model_message(CoreModel(), STAMP))
     assert isinstance(before, Model)
     assert (before.run_id, before.name) == ('', str(CoreModel()))
     assert math.isnan(before.residual_rms)
     assert math.isnan(before.reduced_chi_square)
-    after = over_the_wire(conversions.model_message(report.model, STAMP, report))
+    after = over_the_wire(conversions.model_message(fit.model, STAMP, fit))
     assert after.run_id == 'r1'
-    assert after.residual_rms == report.fit.rms
-    assert after.reduced_chi_square == report.fit.reduced_chi_square
-    assert list(after.base) == list(report.model.base)
+    assert after.residual_rms == fit.rms
+    assert after.reduced_chi_square == fit.reduced_chi_square
+    assert list(after.base) == list(fit.model.base)
 
 
 def test_fitted_effects_are_named_with_their_parameters():

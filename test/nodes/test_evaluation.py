@@ -43,9 +43,9 @@ def in_use(drifting):
 def test_evaluation_is_that_of_offline(drifting):
     """Under the model in use."""
     model = Model().with_effect('frame_drift')
-    report = ModelInUse(model).evaluate(drifting)
+    fit = ModelInUse(model).evaluate(drifting)
     offline = analyse(drifting, model)
-    assert np.array_equal(report.error_motions.values, offline.error_motions.values)
+    assert np.array_equal(fit.error_motions.values, offline.error_motions.values)
 
 
 def test_the_last_four_runs_are_kept(drifting):
@@ -66,11 +66,11 @@ def test_an_effect_comes_and_goes(in_use, drifting):
     """The model in use changes, and the change holds both fits."""
     change = in_use.add('', 'frame_drift', {'axes': 'xyz'})
     assert str(in_use.model).endswith('+ frame_drift(axes=xyz)')
-    assert change.after.fit.rms < 0.6 * change.before.fit.rms
+    assert change.after.rms < 0.6 * change.before.rms
     assert change.sentence.startswith('run drifting: model table_motions + ')
     back = in_use.remove('drifting', 'frame_drift')
     assert in_use.model == Model()
-    assert back.after.fit.rms == change.before.fit.rms
+    assert back.after.rms == change.before.rms
     assert back.run is drifting
 
 

@@ -132,7 +132,7 @@ def test_adding_the_effect_changes_model_and_curves(story, calibrated):
     assert answer.before.effects == []
     assert [effect.name for effect in answer.after.effects] == ['frame_drift']
     assert answer.after.hash == model.hash
-    assert answer.after.residual_rms == offline.fit.rms < 0.5 * answer.before.residual_rms
+    assert answer.after.residual_rms == offline.rms < 0.5 * answer.before.residual_rms
     assert np.array_equal(answer.error_motions.ctx, offline.error_motions['ctx'])
     assert np.array_equal(answer.error_motions.u_crz, offline.error_motions.uncertainty('crz'))
     assert story[2].diagnosis.missing == []

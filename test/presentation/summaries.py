@@ -24,7 +24,7 @@ def summary_of(hidden='clean', n=8, order='random'):
 
 @functools.cache
 def verification_runs(n=8, seed=4):
-    """Return (machine, alignment, Report, Source) of six runs; machine and noise go on from run to run."""
+    """Return (machine, alignment, Fit, Source) of six runs; machine and noise go on from run to run."""
     out, state = [], None
     for place, changes in enumerate(CONDITIONS, 1):
         machine = Machine(MachineConfig().changed(seed=seed, plate={'balls': n}, **changes), state)

@@ -23,7 +23,7 @@ def widths(made):
 def test_ladder_shows_fit_and_cross_validation_beside_the_repeatability():
     """In µm."""
     made = comparison_plots.ladder([
-        record(added=added, report=record(model=Model(), fit=record(rms=rms)), cross_validation=error)
+        record(added=added, fit=record(model=Model(), rms=rms), cross_validation=error)
         for added, rms, error in (('', 3e-7, 3.2e-7), ('drift', 1e-7, 1.1e-7))], 0.9e-7, 40)
     assert widths(made) == pytest.approx([0.3, 0.1, 0.32, 0.11])
     [known] = [line for line in made.axes[0].lines if 'repeatability' in str(line.get_label())]

@@ -26,9 +26,7 @@ FIGURES = ['curves', 'deviations', 'residual_maps', 'residuals_against', 'histog
 def renamed(summary, run_id):
     """Return a summary whose run has another name."""
     run = summary.run.replace(run_id=run_id)
-    fit = replace(summary.report.fit, run=run)
-    report = replace(summary.report, run=run, fit=fit)
-    return Summary(report, summary.comparison, summary.diagnosis, summary.ladder, summary.advice)
+    return Summary(replace(summary.fit, run=run), summary.comparison, summary.diagnosis, summary.ladder, summary.advice)
 
 
 @pytest.fixture(scope='module')
@@ -48,7 +46,7 @@ def page(request, drift_page, clean_page):
     """One page of each kind."""
     if request.param == 'verification':
         summary = summary_of('clean')
-        return verification_html(verify([(summary.report, Source('<b>', ()))] * 4))
+        return verification_html(verify([(summary.fit, Source('<b>', ()))] * 4))
     return drift_page if request.param == 'drift' else clean_page
 
 
@@ -85,7 +83,7 @@ def test_both_names_of_each_curve_are_shown(drift_page):
 
 def test_what_cannot_be_known_is_said(drift_page):
     """All parts of the gauge."""
-    for words in summary_of('drift').report.gauge:
+    for words in summary_of('drift').fit.gauge:
         assert words in Page(drift_page).texts['curves']
 
 
@@ -147,7 +145,7 @@ def test_the_same_summary_gives_the_same_page(drift_page):
 def test_a_name_is_a_name_whatever_stands_in_it(name):
     """HTML in the name of a run stays text, and so do formulas; in legends, too."""
     summary = renamed(summary_of('clean'), name)
-    page = report_html(summary, overlays=(Series(name, summary.report.error_motions),))
+    page = report_html(summary, overlays=(Series(name, summary.fit.error_motions),))
     read = Page(page)
     assert name in read.texts['']
     assert name in read.texts['conditions']

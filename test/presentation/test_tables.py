@@ -71,9 +71,9 @@ def test_residuals_are_all_there_before_and_after():
     """One row a reading, in measuring order."""
     summary, found = summary_of('drift'), rows(tables()['residuals'])
     assert [int(row['ball']) for row in found] == summary.run.ball.tolist()
-    for when, report in (('before', summary.report), ('after', summary.final)):
+    for when, fit in (('before', summary.fit), ('after', summary.final)):
         np.testing.assert_allclose([[float(row[f'{when}_{axis}_um']) for axis in 'xyz'] for row in found],
-                                   1e6 * report.fit.residual, rtol=1e-14)
+                                   1e6 * fit.residual, rtol=1e-14)
 
 
 def test_effects_are_told_in_si_and_as_a_person_reads_them():

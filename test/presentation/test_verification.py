@@ -21,8 +21,8 @@ REPRODUCED = 40 * NANOMETRE, 350 * NANORADIAN
 
 
 def pairs(n=8):
-    """Return (Report, Source) of six simulated runs."""
-    return [(report, source) for _, _, report, source in verification_runs(n)]
+    """Return (Fit, Source) of six simulated runs."""
+    return [(fit, source) for _, _, fit, source in verification_runs(n)]
 
 
 def maker_of(machine):
@@ -45,17 +45,17 @@ def test_error_motions_come_again_whatever_plate_and_cmm_do():
 def test_what_is_switched_off_is_seen():
     """The CMM's raw errors in (iii), the table's axial error in (iv), its angular error in the fifth run."""
     runs = verification_runs()
-    sizes = [np.sqrt(np.mean((report.cmm - report.cmm.mean(axis=0))**2)) for _, _, report, _ in runs]
+    sizes = [np.sqrt(np.mean((fit.cmm - fit.cmm.mean(axis=0))**2)) for _, _, fit, _ in runs]
     assert min(sizes[2:4]) > 4 * max(sizes[0], sizes[1], *sizes[4:])
-    spans = {place: np.ptp(report.error_motions.values, axis=0) for place, (_, _, report, _) in enumerate(runs)}
+    spans = {place: np.ptp(fit.error_motions.values, axis=0) for place, (_, _, fit, _) in enumerate(runs)}
     assert spans[3][CURVES.index('ctz')] > 3 * max(spans[place][2] for place in (0, 1, 2, 4, 5))
     assert spans[4][CURVES.index('crz')] > 3 * max(spans[place][5] for place in (0, 1, 2, 3, 5))
 
 
 def test_every_run_gives_the_real_errors_of_its_machine():
     """Those with the corrections off, too: within their uncertainties (rms of the normalised errors about 1)."""
-    for machine, alignment, report, source in verification_runs():
-        motions = report.error_motions
+    for machine, alignment, fit, source in verification_runs():
+        motions = fit.error_motions
         truth = remove_gauge(machine.table_truth(motions.angle, alignment.frame))
         rms = np.sqrt(np.mean(((motions.values - truth) / motions.u)**2))
         assert rms < 1.6, source.path
@@ -81,7 +81,7 @@ def test_runs_that_must_not_agree_do_not_count():
 def test_reproducibility_is_the_mean_standard_deviation():
     """Worked out by hand for one curve of four runs."""
     found = verify(pairs()[:4])
-    cty = np.array([report.error_motions['cty'] for report, _ in pairs()[:4]])
+    cty = np.array([fit.error_motions['cty'] for fit, _ in pairs()[:4]])
     by_hand = [(sum((x - sum(xs) / 4)**2 for x in xs) / 3)**0.5 for xs in cty.T]
     assert found.reproducibility[1] == pytest.approx(sum(by_hand) / 8, rel=1e-12)
 

@@ -31,54 +31,54 @@ def numbers(array):
 
 
 @pytest.fixture(scope='module')
-def report():
-    """Return the report of a run of five balls."""
+def fit():
+    """Return the fit of a run of five balls."""
     return analyse(Machine(MachineConfig().changed(seed=2, plate={'balls': 5})).run(plan(5, 'random')))
 
 
 @pytest.fixture(scope='module')
 def large():
-    """Return the report of a run that has to be thinned."""
+    """Return the fit of a run that has to be thinned."""
     n = MOST_CELLS + 6
     return analyse(Machine(MachineConfig().changed(seed=2, plate={'balls': n})).run(plan(n, 'row')))
 
 
-def test_curves_are_the_report_s(report):
+def test_curves_are_the_fit_s(fit):
     """Six panels in µm and µrad, closed to a whole turn, U (k = 2) around them."""
-    figure = curves_figure([Curves('now', report.error_motions, PRESENT)])
+    figure = curves_figure([Curves('now', fit.error_motions, PRESENT)])
     bands, lines = figure['data'][::2], figure['data'][1::2]
     assert len(lines) == 6
     for line, band, curve in zip(lines, bands, ('ctx', 'cty', 'ctz', 'crx', 'cry', 'crz')):
-        value = 1e6 * report.error_motions[curve]
+        value = 1e6 * fit.error_motions[curve]
         assert numbers(line['y']) == pytest.approx([*value, value[0]], rel=1e-6)
-        spread = 2e6 * report.error_motions.uncertainty(curve)
+        spread = 2e6 * fit.error_motions.uncertainty(curve)
         assert numbers(line['customdata'])[:-1] == pytest.approx(spread, rel=1e-6)
         assert numbers(band['y']).max() == pytest.approx((value + spread).max(), rel=1e-6)
         assert ('µm' if curve.startswith('ct') else 'µrad') in line['hovertemplate']
     assert [line['showlegend'] for line in lines] == [True] + 5 * [False]
 
 
-def test_a_cell_of_the_map_is_its_reading(report):
+def test_a_cell_of_the_map_is_its_reading(fit):
     """Row: table position, column: ball; hovering shows all of the reading."""
-    figure = maps_figure(report)
-    run, k = report.run, 7
+    figure = maps_figure(fit)
+    run, k = fit.run, 7
     row, column = run.table_position[k] - 1, run.ball[k] - 1
     for axis, trace in enumerate(figure['data']):
-        assert numbers(trace['z'])[row, column] == pytest.approx(1e6 * report.fit.residual[k, axis], rel=1e-6)
+        assert numbers(trace['z'])[row, column] == pytest.approx(1e6 * fit.residual[k, axis], rel=1e-6)
         shown = numbers(trace['customdata'])[row, column]
         assert shown[:3].tolist() == [run.table_position[k], run.ball[k], run.cmm_position[k]]
-        assert shown[3:6] == pytest.approx(1e6 * report.fit.residual[k], rel=1e-6)
+        assert shown[3:6] == pytest.approx(1e6 * fit.residual[k], rel=1e-6)
         assert shown[7] == k + 1
         assert shown[8] == pytest.approx((run.time[k] - run.time[0]) / 60, rel=1e-6)
         assert trace['zmin'] == -trace['zmax']
     sizes = numbers(figure['data'][0]['customdata'])[..., 6]
-    assert np.sqrt(np.mean(sizes**2)) == pytest.approx(report.fit.rms / report.fit.sigma, rel=1e-5)
+    assert np.sqrt(np.mean(sizes**2)) == pytest.approx(fit.rms / fit.sigma, rel=1e-5)
 
 
-def test_missing_readings_are_gaps(report):
+def test_missing_readings_are_gaps(fit):
     """And are no zeros."""
-    part = analyse(report.run.take(np.arange(report.run.size) != 3))
-    row, column = report.run.table_position[3] - 1, report.run.ball[3] - 1
+    part = analyse(fit.run.take(np.arange(fit.run.size) != 3))
+    row, column = fit.run.table_position[3] - 1, fit.run.ball[3] - 1
     assert np.isnan(numbers(maps_figure(part)['data'][0]['z'])[row, column])
 
 
@@ -87,25 +87,25 @@ def test_large_maps_show_the_largest_of_each_block(large):
     trace = maps_figure(large)['data'][1]
     shown = numbers(trace['z'])
     assert shown.shape[0] <= MOST_CELLS
-    assert np.abs(shown).max() == pytest.approx(1e6 * np.abs(large.fit.residual[:, 1]).max(), rel=1e-6)
+    assert np.abs(shown).max() == pytest.approx(1e6 * np.abs(large.residual[:, 1]).max(), rel=1e-6)
     assert 'the largest of 2 × 2 readings' in trace['hovertemplate']
 
 
 def test_large_series_show_their_extremes(large):
     """In time order."""
     for axis, trace in enumerate(time_figure(large)['data']):
-        shown, residual = numbers(trace['y']), 1e6 * large.fit.residual[:, axis]
+        shown, residual = numbers(trace['y']), 1e6 * large.residual[:, axis]
         assert shown.size <= MOST_MARKS
         assert (shown.min(), shown.max()) == pytest.approx((residual.min(), residual.max()), rel=1e-6)
         assert np.all(np.diff(numbers(trace['x'])) >= 0)
 
 
-def test_the_ladder_marks_what_is_only_proposed(report):
+def test_the_ladder_marks_what_is_only_proposed(fit):
     """Errors of fit and cross-validation of each model, the repeatability; proposals with a question mark."""
-    steps = ladder(report.run, Model().with_effect('frame_drift'))
+    steps = ladder(fit.run, Model().with_effect('frame_drift'))
     figure = ladder_figure(steps, 1, 1e-7)
     assert figure['layout']['xaxis']['ticktext'] == ['base model', '<i>+ frame_drift ?</i>']
-    assert numbers(figure['data'][0]['y']) == pytest.approx([1e6 * step.report.fit.rms for step in steps], rel=1e-6)
+    assert numbers(figure['data'][0]['y']) == pytest.approx([1e6 * step.fit.rms for step in steps], rel=1e-6)
     assert numbers(figure['data'][1]['y']) == pytest.approx([1e6 * step.cross_validation for step in steps], rel=1e-6)
     assert figure['data'][2]['y'] == pytest.approx([0.1, 0.1])
 

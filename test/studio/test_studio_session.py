@@ -112,11 +112,11 @@ def test_a_late_result_is_kept_but_not_shown(session, run):
     """A result belongs to its run and model; with these it is shown again."""
     ticket = session.ticket
     session.add('frame_drift')
-    assert not session.keep(ticket, report=analyse(run))
-    assert session.results.report is None
+    assert not session.keep(ticket, fit=analyse(run))
+    assert session.results.fit is None
     session.undo()
     assert session.is_current(ticket)
-    assert session.results.report.model == Model()
+    assert session.results.fit.model == Model()
 
 
 def test_runs_keep_apart(session, run):
@@ -134,15 +134,15 @@ def test_runs_keep_apart(session, run):
 
 def test_memory_is_bounded(session, run):
     """Of many models the oldest results are dropped."""
-    first, report = session.ticket, analyse(run)
-    session.keep(first, report=report)
+    first, fit = session.ticket, analyse(run)
+    session.keep(first, fit=fit)
     for k in range(MOST_KEPT):
         session.add_entry({'own': f'own_{k}', 'direction': 'z', 'expression': f'{k}*t'})
-        session.keep(session.ticket, report=report)
+        session.keep(session.ticket, fit=fit)
     for _ in range(MOST_KEPT):
         session.undo()
     assert session.ticket == first
-    assert session.results.report is None
+    assert session.results.fit is None
 
 
 def test_a_large_run_waits_for_a_request(session, run, monkeypatch):
@@ -167,7 +167,7 @@ def test_the_verdict_is_that_of_all_interfaces(controller, run):
     assert (results.verdict.level, results.verdict.outcome) == (Level.BAD, Outcome.NAMED)
     assert [step.added for step in results.summary.ladder] == [step.added for step in expected.ladder]
     assert list(dict.fromkeys(step for step, _ in shown)) == ['', *STEPS]
-    assert next(one for _, one in shown if one.report).ladder is None
+    assert next(one for _, one in shown if one.fit).ladder is None
     assert in_loop(controller.report()).lower().lstrip().startswith('<!doctype html')
 
 
@@ -177,7 +177,7 @@ def test_a_large_run_is_only_fitted(controller, run, monkeypatch):
     controller.act(controller.session.open, run, 'a.csv')
     in_loop(controller.refresh())
     results = controller.session.results
-    assert (results.report is None, results.ladder, results.summary, controller.step) == (False, None, None, '')
+    assert (results.fit is None, results.ladder, results.summary, controller.step) == (False, None, None, '')
     in_loop(controller.refresh(unasked=False))
     assert controller.session.results.verdict.outcome == Outcome.NAMED
 

@@ -9,7 +9,7 @@ Nonlinear parameters enter the uncertainties by their tangents d(D a)/d(theta).
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from scipy import special
 from rosette_ros.core.effects.effect import Searched, Setting
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.geometry import TWO_PI, rotate_z
-from rosette_ros.core.model.base_model import BaseSpace, Basis, Real, base_space
+from rosette_ros.core.model.base_model import GAUGE, BaseSpace, Basis, Real, base_space
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.records import ErrorMotions, Floats, Ints, Run
 
@@ -57,7 +57,8 @@ class Fit:
     residual: (N, 3), m, observed minus model; plate, cmm: (n, 3), m; rms: root of the residuals' square sum per degree
     of freedom, m; sigma: standard deviation of a coordinate in use for the uncertainties, m, and sigma_source, where it
     comes from; reduced_chi_square: (rms/repeatability) squared, None where the repeatability is unknown; lack_of_fit_p:
-    probability that noise of the known repeatability leaves as much, None likewise.
+    probability that noise of the known repeatability leaves as much, None likewise; gauge: what no
+    three-rosette run can know, in words.
     """
 
     run: Run
@@ -76,6 +77,7 @@ class Fit:
     lack_of_fit_p: float | None
     mean_radius: float
     joint: 'JointSpace'
+    gauge: ClassVar[tuple[str, ...]] = GAUGE
 
     @cached_property
     def settings(self) -> tuple[Setting, ...]:

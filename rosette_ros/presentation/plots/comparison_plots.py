@@ -27,7 +27,7 @@ def ladder(steps: Sequence[LadderStep], repeatability: float | None = None, dof:
     """
     rows = np.arange(len(steps))
     made, panel = _rows(len(steps), 0.62, 1.05)
-    fitted = np.array([1e6 * step.report.fit.rms for step in steps])
+    fitted = np.array([1e6 * step.fit.rms for step in steps])
     validated = np.array([1e6 * step.cross_validation for step in steps])
     for sizes, offset, colour, label in ((fitted, -BAR / 2, style.AFTER, 'residual of the fit'),
                                          (validated, BAR / 2, style.COLOURS[4], CROSS_VALIDATION)):

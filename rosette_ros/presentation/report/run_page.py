@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from rosette_ros.analysis import Report, Summary
+from rosette_ros.analysis import Summary
 from rosette_ros.core.diagnosis.comparison import spectrum
+from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import ErrorMotions, Run
 from rosette_ros.io.model_file import format_model
 from rosette_ros.io.text_file import refuse_existing, write_text
@@ -36,10 +37,10 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
         sections=SECTIONS, run=summary.run, source=source, command=command, verdict=summary.verdict,
         sign=SIGNS[summary.verdict.level], bars=bars(summary), spans=spans(summary.final.error_motions),
         findings=findings(summary), p_noise=text.P_NOISE, pictures=inline_svgs(pictures), k=text.COVERAGE_FACTOR,
-        changed=len(reports_of(summary)) > 1, cross_validation=text.CROSS_VALIDATION,
+        changed=len(fits_of(summary)) > 1, cross_validation=text.CROSS_VALIDATION,
         order_shares=[f'visible_fraction_{name}' for name in summary.advice.wanted] if summary.advice else [],
         tables={table.name: table for table in tables_of(summary)}, conditions=conditions(summary, source),
-        model=format_model(summary.final.model), software=software(), overlays=overlays, gauge=summary.report.gauge,
+        model=format_model(summary.final.model), software=software(), overlays=overlays, gauge=summary.fit.gauge,
         where=summary.comparison.summary, unavailable=summary.diagnosis.unavailable,
         advice=summary.advice.text if summary.advice else '')
 
@@ -53,41 +54,41 @@ def write_report(path: Path | str, summary: Summary, source: Source | None = Non
 
 def pictures_of(summary: Summary, overlays: Sequence[Series] = ()) -> dict[str, Figure]:
     """Return every figure of a summary by name, in the order of the page; their captions are in the template."""
-    run, reports, found = summary.run, reports_of(summary), summary.diagnosis.candidates[:MOST_CANDIDATES]
-    when = ('before: ', 'after: ') if len(reports) > 1 else ('',)
-    rows = [Residuals(f'{word}{model_label(summary, report)}', run, report.fit.residual)
-            for word, report in zip(when, reports, strict=True)]
-    series = [*(Series(model_label(summary, report), report.error_motions) for report in reports[::-1]), *overlays]
+    run, fits, found = summary.run, fits_of(summary), summary.diagnosis.candidates[:MOST_CANDIDATES]
+    when = ('before: ', 'after: ') if len(fits) > 1 else ('',)
+    rows = [Residuals(f'{word}{model_label(summary, fit)}', run, fit.residual)
+            for word, fit in zip(when, fits, strict=True)]
+    series = [*(Series(model_label(summary, fit), fit.error_motions) for fit in fits[::-1]), *overlays]
     return {
         'curves': six_curves(series),
         'deviations': deviations(summary.final.plate, summary.final.cmm, run.radius),
         'residual_maps': residual_plots.residual_maps(rows),
         'residuals_against': residual_plots.against(rows, run.repeatability),
-        'histogram': residual_plots.histogram(rows, run.repeatability, [one.fit.dof for one in reports]),
+        'histogram': residual_plots.histogram(rows, run.repeatability, [one.dof for one in fits]),
         **({'spectrum': _spectrum(summary)} if run.is_complete else {}),
         'ladder': comparison_plots.ladder(summary.ladder, run.repeatability, run.repeatability_dof),
         **({'candidates': comparison_plots.candidates(found, run.repeatability)} if found else {}),
         'visibility': _visibility(summary)}
 
 
-def model_label(summary: Summary, report: Report) -> str:
+def model_label(summary: Summary, fit: Fit) -> str:
     """Return the name of a model in legends."""
-    if report is summary.report:
-        return base_name(report.model) if not report.model.terms else 'model as given'
-    return f'with {text.names(dict.fromkeys(report.model.names[len(summary.model.names):]))}'
+    if fit is summary.fit:
+        return base_name(fit.model) if not fit.model.terms else 'model as given'
+    return f'with {text.names(dict.fromkeys(fit.model.names[len(summary.model.names):]))}'
 
 
-def reports_of(summary: Summary) -> tuple[Report, ...]:
-    """Return the reports before and after the identified effects are added; one where there are none."""
-    changed = summary.final.model.names != summary.report.model.names
-    return (summary.report, summary.final) if changed else (summary.report,)
+def fits_of(summary: Summary) -> tuple[Fit, ...]:
+    """Return the fits before and after the identified effects are added; one where there are none."""
+    changed = summary.final.model.names != summary.fit.model.names
+    return (summary.fit, summary.final) if changed else (summary.fit,)
 
 
 def _spectrum(summary: Summary) -> Figure:
     """Return the spectra of the residual of the model and of each identified effect."""
     run, final = summary.run, summary.final
     rows = [SpectrumRow(f'residual of the {"model" if summary.model.terms else base_name(summary.model)}',
-                        spectrum(run, summary.report.fit.residual, summary.model.base), True)]
+                        spectrum(run, summary.fit.residual, summary.model.base), True)]
     rows += [SpectrumRow(effect.name, spectrum(run, effect.displacement, final.model.base))
              for effect in final.effects[len(summary.model.terms):][:MOST_SPECTRA]]
     return residual_plots.spectrum_maps(rows, run.repeatability)
@@ -104,10 +105,10 @@ def _visibility(summary: Summary) -> Figure:
 
 def bars(summary: Summary) -> list[Bar]:
     """Return the bars beside the verdict: residual before and after, repeatability."""
-    reports, noise = reports_of(summary), summary.run.repeatability
-    kinds = ('before', 'after') if len(reports) > 1 else ('after',)
-    sizes = [(f'Residual, {model_label(summary, one)}', one.fit.rms, kind)
-             for one, kind in zip(reports, kinds, strict=True)]
+    fits, noise = fits_of(summary), summary.run.repeatability
+    kinds = ('before', 'after') if len(fits) > 1 else ('after',)
+    sizes = [(f'Residual, {model_label(summary, one)}', one.rms, kind)
+             for one, kind in zip(fits, kinds, strict=True)]
     sizes += [('Repeatability of a reading', noise, 'noise')] if noise is not None else []
     top = max(size for _, size, _ in sizes)
     return [Bar(label, text.micrometres(size), size / top, kind) for label, size, kind in sizes]
@@ -137,7 +138,7 @@ def findings(summary: Summary) -> list[tuple[str, str, str, str]]:
 
 def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str, str]]:
     """Return what was measured, when and how, as (name, text) rows."""
-    run, fit = summary.run, summary.final.fit
+    run, fit = summary.run, summary.final
     rows = [('Run', run.run_id or run.source), ('Readings', text.run_size(run)),
             ('Mean radius', f'{text.fixed(1e3 * fit.mean_radius, 6)} mm found, {text.millimetres(run.radius)} nominal'),
             ('Order', order_of(run, source)),

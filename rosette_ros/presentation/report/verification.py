@@ -17,9 +17,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy import special
 
-from rosette_ros.analysis import Report
 from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import CURVES, Floats, Ints
 from rosette_ros.presentation.formatting import CURVE_UNITS, P_NOISE, fixed, micro, millimetres, p_value, signed
 from rosette_ros.presentation.plots.result_plots import Extra, Series, differences, six_curves
@@ -49,7 +49,7 @@ class VerificationRun:
     """One run of a verification: its role, its report, and the curves that must not agree."""
 
     label: str
-    report: Report
+    fit: Fit
     source: Source
     apart: tuple[str, ...] = ()
 
@@ -87,12 +87,12 @@ class Verification:
     @property
     def angle(self) -> Floats:
         """Nominal table angles, (n,), rad."""
-        return self.members[0].report.error_motions.angle
+        return self.members[0].fit.error_motions.angle
 
     @cached_property
     def values(self) -> Floats:
         """Curves of all runs, (m, n, 6), m and rad; NaN where a run must not agree."""
-        out = np.array([one.report.error_motions.values for one in self.members])
+        out = np.array([one.fit.error_motions.values for one in self.members])
         for place, one in enumerate(self.members):
             out[place][:, [CURVES.index(curve) for curve in one.apart]] = np.nan
         return out
@@ -110,7 +110,7 @@ class Verification:
     @cached_property
     def u(self) -> Floats:
         """Standard uncertainties of all runs, (m, n, 6), m and rad."""
-        return np.array([one.report.error_motions.u for one in self.members])
+        return np.array([one.fit.error_motions.u for one in self.members])
 
     @cached_property
     def counts(self) -> Ints:
@@ -152,7 +152,7 @@ class Verification:
     def switched(self, curve: str) -> Floats | None:
         """Return what a switched-off correction adds to a curve, (n,), None where no run has it off."""
         runs = [one for one in self.members if curve in one.apart]
-        return runs[0].report.error_motions[curve] - self.mean[:, CURVES.index(curve)] if runs else None
+        return runs[0].fit.error_motions[curve] - self.mean[:, CURVES.index(curve)] if runs else None
 
     def remainder(self, curve: str) -> Floats | None:
         """Return a curve with its correction off less the maker's table, (n,), None without both."""
@@ -176,19 +176,19 @@ class Verification:
                           f'Check {worst} and {curve} first; rosette report of each run names what its model lacks.')
 
 
-def verify(runs: Sequence[tuple[Report, Source]], maker: MakerTable | None = None) -> Verification:
+def verify(runs: Sequence[tuple[Fit, Source]], maker: MakerTable | None = None) -> Verification:
     """Return the Verification of runs in the order of ROLES; raises InvalidData where number or plates are wrong."""
     if len(runs) not in (4, 6):
         raise InvalidData(f'--compare: wanted four runs or six, got {len(runs)}: (i) all corrected, (ii) plate '
                           'turned, (iii) CMM correction off, (iv) axial correction off too, and perhaps '
                           'table angular correction off and on again')
     first = runs[0][0].run
-    for report, source in runs[1:]:
-        if report.run.n != first.n or not math.isclose(report.run.radius, first.radius, rel_tol=1e-9):
+    for fit, source in runs[1:]:
+        if fit.run.n != first.n or not math.isclose(fit.run.radius, first.radius, rel_tol=1e-9):
             raise InvalidData(f'{source.path}: wanted {first.n} balls on R = {millimetres(first.radius)} as in '
-                              f'{runs[0][1].path}, got {report.run.n} on {millimetres(report.run.radius)}')
-    members = tuple(VerificationRun(label, report, source, apart)
-                    for (label, apart), (report, source) in zip(ROLES, runs, strict=False))
+                              f'{runs[0][1].path}, got {fit.run.n} on {millimetres(fit.run.radius)}')
+    members = tuple(VerificationRun(label, fit, source, apart)
+                    for (label, apart), (fit, source) in zip(ROLES, runs, strict=False))
     return Verification(members, maker)
 
 
@@ -240,14 +240,14 @@ def verification_html(verification: Verification, command: str = '',
         tables={table.name: table for table in verification_tables(verification)},
         p=f'{P_NOISE} of the differences: {p_value(verification.p)}', maker=maker_rows(verification),
         counts=dict(zip(CURVES, verification.counts.tolist(), strict=True)),
-        gauge=verification.members[0].report.gauge, files=tuple(files.values()), command=command, software=software(),
-        run=verification.members[0].report.run)
+        gauge=verification.members[0].fit.gauge, files=tuple(files.values()), command=command, software=software(),
+        run=verification.members[0].fit.run)
 
 
 def verification_pictures(verification: Verification) -> dict[str, Figure]:
     """Return the figures of a verification by name."""
     members = verification.members
-    series = [Series(one.label, one.report.error_motions, place == 0) for place, one in enumerate(members)]
+    series = [Series(one.label, one.fit.error_motions, place == 0) for place, one in enumerate(members)]
     return {'verification_curves': six_curves(series, extras=_extras(verification)),
             'differences': differences([one.label for one in members], verification.angle, verification.differences,
                                        verification.expected, np.repeat(PAPER, 3))}
@@ -303,20 +303,20 @@ def verification_tables(verification: Verification) -> tuple[Table, ...]:
         *(Column(f'{key}_in_unit', name, tuple((1e6 * values).tolist()),
                  tuple(f'{micro(value, digits)} {unit}' for value, digits, unit in zip(values, DIGITS, CURVE_UNITS)))
           for key, name, values in rows)))
-    members, reports = verification.members, [one.report for one in verification.members]
+    members, fits = verification.members, [one.fit for one in verification.members]
     conditions = Table('runs', 'The runs and their conditions', (
         words('run', 'run', [one.label for one in members]),
-        words('run_id', 'name', [one.report.run.run_id or one.source.path for one in members]),
-        micrometre_column('residual_rms_um', 'residual', [one.fit.rms for one in reports]),
-        micrometre_column('cmm_rms_um', 'CMM deviations, rms', [_rms(one.cmm) for one in reports]),
-        micrometre_column('plate_rms_um', 'plate deviations, rms', [_rms(one.plate) for one in reports], 1),
+        words('run_id', 'name', [one.fit.run.run_id or one.source.path for one in members]),
+        micrometre_column('residual_rms_um', 'residual', [one.rms for one in fits]),
+        micrometre_column('cmm_rms_um', 'CMM deviations, rms', [_rms(one.cmm) for one in fits]),
+        micrometre_column('plate_rms_um', 'plate deviations, rms', [_rms(one.plate) for one in fits], 1),
         *(column(f'span_{curve}_{key}', f'{curve} peak to valley',
-                 [1e6 * float(np.ptp(one.error_motions[curve])) for one in reports],
+                 [1e6 * float(np.ptp(one.error_motions[curve])) for one in fits],
                  partial(fixed, places=digits), unit)
           for curve, key, unit, digits in zip(CURVES, FILE_UNITS, CURVE_UNITS, DIGITS, strict=True))))
     columns = [column('table_angle_deg', 'angle', np.rad2deg(verification.angle), partial(fixed, places=1), '°')]
     for place, one in enumerate(members, 1):
-        columns += [column(f'run{place}_{curve}_{key}', curve, 1e6 * one.report.error_motions[curve],
+        columns += [column(f'run{place}_{curve}_{key}', curve, 1e6 * one.fit.error_motions[curve],
                            partial(signed, places=digits) if place == 1 else None, unit)
                     for curve, key, unit, digits in zip(CURVES, FILE_UNITS, CURVE_UNITS, DIGITS, strict=True)]
     curves = Table('verification_curves', f'The curves of run {members[0].label}', tuple(columns))

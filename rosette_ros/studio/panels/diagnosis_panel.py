@@ -85,7 +85,7 @@ class VerdictPanel:
         else:
             time = f'about {duration(opened.run.size * SECONDS_PER_READING)}'
             level, words = '', ('Not judged yet',
-                                f'The residual is {micro(results.report.fit.rms)} µm.' if results.report else '',
+                                f'The residual is {micro(results.fit.rms)} µm.' if results.fit else '',
                                 f'The run has {opened.run.size:,} readings: the diagnosis takes {time} and starts '
                                 'on request.' if waits else '')
         self._icon.set_name(ICONS[level])

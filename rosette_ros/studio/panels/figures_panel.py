@@ -45,29 +45,29 @@ class FiguresPanel:
     def show(self, opened: OpenedRun) -> None:
         """Show the figures."""
         session = self._controller.session
-        report, preview = session.results.report, session.preview
+        fit, preview = session.results.fit, session.preview
         self._changes.show(self._show_preview, preview)
         self._preview_card.set_visibility(preview is not None)
         is_failed = session.results.refusal is not None or bool(session.results.problem)
-        if report is None and opened is self._run and not is_failed:
+        if fit is None and opened is self._run and not is_failed:
             return  # the figures stay for the moment that it takes to fit the new model
         self._run = opened
         for one in (self._curves_card, self._maps_card, self._times_card):
-            one.set_visibility(report is not None)
+            one.set_visibility(fit is not None)
         self._draw()
 
     def _draw(self) -> None:
-        report, preview = self._controller.session.results.report, self._controller.session.preview
-        if report is None:
+        fit, preview = self._controller.session.results.fit, self._controller.session.preview
+        if fit is None:
             return
         after = preview.change.after if preview else None
-        shown = after if after is not None and self._switch.value == PREVIEWED else report
+        shown = after if after is not None and self._switch.value == PREVIEWED else fit
         set_words(self._whose, f'{PREVIEWED}: {preview.name}' if preview and shown is after else PRESENT)
-        curves = [figures.Curves(PRESENT, report.error_motions, figures.PRESENT)]
+        curves = [figures.Curves(PRESENT, fit.error_motions, figures.PRESENT)]
         if after is not None:
             curves.append(figures.Curves(PREVIEWED, after.error_motions, figures.PREVIEWED, 'dot'))
-        self._curves.draw((report, after), figures.curves_figure, curves)
-        self._maps.draw((shown, report), figures.maps_figure, shown, report)
+        self._curves.draw((fit, after), figures.curves_figure, curves)
+        self._maps.draw((shown, fit), figures.maps_figure, shown, fit)
         self._times.draw((shown,), figures.time_figure, shown)
 
     def switch(self) -> None:

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 from nicegui import run, ui
 
-from rosette_ros.analysis import Report, analyse
+from rosette_ros.analysis import analyse
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.errors import CellError, InvalidData, NotDeterminable, RosetteError, one_line
+from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import ErrorMotions
 from rosette_ros.core.scheme import ORDERS
 from rosette_ros.io.messages import PHASE_WORDS, CalibrationProgress, phase_name
@@ -171,18 +172,18 @@ class CellPanel:
         self._curves_due, self._curves_of = now + CURVES_PERIOD, (run_id, count)
         words = f'{count} of {balls**2} ball centres'
         try:
-            report = await self._controller.do_quick(self._analyse_part)
+            fit = await self._controller.do_quick(self._analyse_part)
         except (InvalidData, NotDeterminable) as error:
             set_words(self._curves_words, f'{words}: {one_line(error)}')
         else:
-            self._show_curves(report.error_motions, f'{words} of run {run_id}')
+            self._show_curves(fit.error_motions, f'{words} of run {run_id}')
 
     def _show_curves(self, motions: ErrorMotions, words: str) -> None:
         set_words(self._curves_words, words)
         self._curves.draw((motions,), curves_figure, [Curves('cell', motions, PRESENT)])
         self._curves_card.set_visibility(True)
 
-    def _analyse_part(self) -> Report:
+    def _analyse_part(self) -> Fit:
         with self._watcher.lock:
             part = self._watcher.state.part_of_run()
         return analyse(part)

@@ -49,7 +49,7 @@ class ModelPanel:
     def show(self, opened: OpenedRun) -> None:
         """Show the model."""
         session, results, noise = self._session, self._session.results, opened.run.repeatability
-        set_words(self._fit, micro(results.report.fit.rms) if results.report else UNKNOWN)
+        set_words(self._fit, micro(results.fit.rms) if results.fit else UNKNOWN)
         set_words(self._cross_validation, micro(results.ladder[-1].cross_validation) if results.ladder else UNKNOWN)
         set_words(self._noise, micro(noise) if noise else 'not known')
         self._parts.show(self._show_parts, session.model_parts)
