@@ -73,10 +73,9 @@ class TypeLibrary:
         parts = [self._text(type_name)]
         for name in names[1:]:
             package, kind, short = name.split('/')
-            # Parts of actions stand under two names: the full one, by which the type hash is checked, and the short
-            # one, by which readers find them from `Type` alone.
-            for heading in (*(name,) * (kind == 'action'), f'{package}/{short}'):
-                parts += [DELIMITER, f'MSG: {heading}', self._text(name)]
+            # By the full name rosbags checks the type hash of an action's parts; with a second definition under the
+            # short one, readers that find types by their last part (Foxglove) have two to choose from.
+            parts += [DELIMITER, f'MSG: {name if kind == "action" else f"{package}/{short}"}', self._text(name)]
         idl = '\n'.join(self._idl(name) for name in names) if type_name.endswith('_Event') else ''
         return TypeDefinition(type_name, '\n'.join(parts) + '\n', self._hashes[type_name], idl)
 
