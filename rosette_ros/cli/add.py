@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.markup import escape
 
 from rosette_ros.analysis import Change, analyse, change
-from rosette_ros.cli.arguments import add_formats
+from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, head, print_json, print_parts
 from rosette_ros.core.effects.custom_term import DIRECTIONS, FUNCTIONS, NAMES, PER
 from rosette_ros.core.errors import InvalidModel, NotDeterminable
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--direction', metavar='D', help=f'of a user-defined term: {", ".join(DIRECTIONS)}')
     parser.add_argument('--expression', metavar='E', help='of a user-defined term')
     parser.add_argument('--per', metavar='P', help=f'one amplitude for each: {", ".join(PER)} (default all)')
-    add_formats(parser)
+    add_shared(parser, '--json')
 
 
 def assignment(text: str) -> tuple[str, int | float | str]:

@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from rich.markup import escape
 
 from rosette_ros.analysis import advise, advise_run
-from rosette_ros.cli.arguments import UsageError, add_formats
+from rosette_ros.cli.arguments import UsageError, add_shared
 from rosette_ros.cli.console import console, print_json, print_parts
 from rosette_ros.cli.plan import add_plan
 from rosette_ros.core.effects.library import effect
@@ -28,7 +28,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--show', metavar='EFFECT', action='append', default=[],
                         help='an effect that the next run must show; may be given several times '
                         '(default: all that the present order shows weakly)')
-    add_formats(parser)
+    add_shared(parser, '--json')
 
 
 def run(options: Namespace) -> None:

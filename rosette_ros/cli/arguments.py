@@ -5,6 +5,7 @@ import argparse
 import math
 import re
 from collections.abc import Callable
+from typing import Any
 
 from rosette_ros.core.errors import RosetteError
 from rosette_ros.nodes.names import NAMESPACE
@@ -51,42 +52,28 @@ def namespace(text: str) -> str:
     return bare
 
 
-def add_run(parser: argparse.ArgumentParser) -> None:
-    """Add the argument RUN."""
-    parser.add_argument('run_path', metavar='RUN', help='log directory, .mcap file or ball-centre table (CSV)')
+SHARED: dict[str, dict[str, Any]] = {
+    'run_path': {'metavar': 'RUN', 'help': 'log directory, .mcap file or ball-centre table (CSV)'},
+    '--run-id': {'metavar': 'ID', 'help': 'which run, where a log holds several (rosette info names them)'},
+    '--model': {'metavar': 'FILE', 'help': 'model file (YAML); without it the base model: table motions, '
+                                           'plate deviations, CMM deviations'},
+    '--json': {'action': 'store_true', 'help': 'print one JSON object and nothing else'},
+    '--output': {'metavar': 'DIR', 'default': 'rosette-runs',
+                 'help': 'folder of the logs, one folder per run (default rosette-runs)'},
+    '--domain': {'metavar': 'ID', 'type': whole(0, 232), 'help': 'ROS domain (default: that of the environment)'},
+    '--namespace': {'metavar': 'NS', 'type': namespace, 'default': NAMESPACE,
+                    'help': f'namespace of the cell (default {NAMESPACE})'}}
+"""Arguments that several verbs take."""
 
 
-def add_run_id(parser: argparse.ArgumentParser) -> None:
-    """Add the argument --run-id."""
-    parser.add_argument('--run-id', metavar='ID', help='which run, where a log holds several (rosette info names them)')
+def add_shared(parser: argparse.ArgumentParser, *names: str, **changed: Any) -> None:
+    """Add arguments of SHARED; changed: settings in which they differ."""
+    for name in names:
+        parser.add_argument(*(['-o'] if name == '--output' else []), name, **(SHARED[name] | changed))
 
 
-def add_model(parser: argparse.ArgumentParser) -> None:
-    """Add the argument --model."""
-    parser.add_argument('--model', metavar='FILE', help='model file (YAML); without it the base model: table motions, '
-                        'plate deviations, CMM deviations')
-
-
-def add_formats(parser: argparse.ArgumentParser, csv: str | None = None) -> None:
+def add_formats(parser: argparse.ArgumentParser, csv: str) -> None:
     """Add --json and, with words for it, --csv; one excludes the other."""
     group = parser.add_mutually_exclusive_group()
-    group.add_argument('--json', action='store_true', help='print one JSON object and nothing else')
-    if csv:
-        group.add_argument('--csv', action='store_true', help=csv)
-
-
-def add_logs(parser: argparse.ArgumentParser) -> None:
-    """Add the argument --output, the folder of logs."""
-    parser.add_argument('-o', '--output', metavar='DIR', default='rosette-runs',
-                        help='folder of the logs, one folder per run (default rosette-runs)')
-
-
-def add_domain(parser: argparse.ArgumentParser, default: str = 'that of the environment') -> None:
-    """Add the argument --domain."""
-    parser.add_argument('--domain', metavar='ID', type=whole(0, 232), help=f'ROS domain (default: {default})')
-
-
-def add_namespace(parser: argparse.ArgumentParser) -> None:
-    """Add the argument --namespace."""
-    parser.add_argument('--namespace', metavar='NS', type=namespace, default=NAMESPACE,
-                        help=f'namespace of the cell (default {NAMESPACE})')
+    group.add_argument('--json', **SHARED['--json'])
+    group.add_argument('--csv', action='store_true', help=csv)

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
 
 from rosette_ros.cell.client import CalibrationOutcome, CellClient
-from rosette_ros.cli.arguments import UsageError, add_domain, add_namespace, positive, whole
+from rosette_ros.cli.arguments import UsageError, add_shared, positive, whole
 from rosette_ros.cli.console import console, print_parts, print_verdict
 from rosette_ros.core.errors import CellError
 from rosette_ros.core.scheme import ORDERS, TURNINGS
@@ -37,8 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--options', metavar='YAML', default='',
                         help='further options of the goal, such as "limits.answer_timeout_s: 30"')
     parser.add_argument('--resume', metavar='RUN', help='continue a run that was interrupted: its log, by name or path')
-    add_namespace(parser)
-    add_domain(parser)
+    add_shared(parser, '--namespace', '--domain')
 
 
 def run(options: argparse.Namespace) -> None:

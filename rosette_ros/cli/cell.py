@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from rosette_ros.cell.supervisor import MODULES, Cell
-from rosette_ros.cli.arguments import add_domain, add_logs, add_namespace
+from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console
 from rosette_ros.core.errors import InvalidConfig
 from rosette_ros.nodes import names
@@ -30,9 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--machine', metavar='FILE', help='describes the simulated machine '
                         '(default: the machine.yaml of the package)')
     parser.add_argument('--params', metavar='FILE', help='parameters of the nodes, such as cell.yaml')
-    add_logs(parser)
-    add_namespace(parser)
-    add_domain(parser)
+    add_shared(parser, '--output', '--namespace', '--domain')
 
 
 def run(options: argparse.Namespace) -> None:

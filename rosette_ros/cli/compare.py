@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.text import Text
 
 from rosette_ros.analysis import compare, judge, ladder
-from rosette_ros.cli.arguments import add_formats, add_model, add_run
+from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, head, print_json, print_parts, print_verdict
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.verdict import Verdict
@@ -27,11 +27,10 @@ LOW, HIGH = 2.0, 3.0
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_run(parser)
-    add_model(parser)
+    add_shared(parser, 'run_path', '--model')
     parser.add_argument('--ladder', action='store_true',
                         help='the error of nested models: from the base model on, effect by effect')
-    add_formats(parser)
+    add_shared(parser, '--json')
 
 
 def run(options: Namespace) -> None:

@@ -9,8 +9,8 @@ import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import yaml
@@ -23,14 +23,10 @@ from rosette_ros.cli.cell import make_folder, started
 from rosette_ros.core.errors import CellError
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.model.least_squares import Fit
-from rosette_ros.core.records import CURVES, Floats, remove_gauge
-from rosette_ros.presentation.formatting import fixed
-from rosette_ros.presentation.table_format import Table, column, words
+from rosette_ros.core.records import Floats, remove_gauge
 from rosette_ros.simulation import Machine, MachineConfig
 
 MACHINE = 'machine.yaml'
-FIRST_PORT, PORTS_PER_DOMAIN = 7400, 250
-"""DDS-RTPS 2.2, section 9.6.1.1: port of discovery by multicast = 7400 + 250 domain."""
 HIGHEST = 101
 """Highest domain whose ports lie below those that Linux assigns on its own."""
 
@@ -41,7 +37,7 @@ def free_domain() -> int:
         with contextlib.suppress(OSError):
             for offset in (0, 10, 11):
                 with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-                    probe.bind(('', FIRST_PORT + PORTS_PER_DOMAIN * domain + offset))
+                    probe.bind(('', 7400 + 250 * domain + offset))  # DDS-RTPS 2.2, section 9.6.1.1
             return domain
     raise CellError(f'ROS domain: wanted a free one in 1 .. {HIGHEST}, found none; end other ROS programs or choose '
                     'one with --domain')
@@ -106,12 +102,8 @@ def demo_cell(out: Console, what: str, config: MachineConfig, domain: int | None
             yield made
 
 
-@dataclass(frozen=True, eq=False)
-class TruthComparison:
-    """Results and the truth of the simulated machine, both freed of the gauge.
-
-    truth: (n, 6), m and rad; error: (n, 6) differences in units of the standard uncertainty.
-    """
+class TruthComparison(NamedTuple):
+    """The truth, (n, 6), m and rad, freed of the gauge; errors of results, (n, 6), in standard uncertainties."""
 
     truth: Floats
     error: Floats
@@ -121,28 +113,15 @@ class TruthComparison:
         """Root mean square of the normalised errors; 1 is expected."""
         return float(np.sqrt(np.mean(self.error**2)))
 
-    @property
-    def rms_spread(self) -> float:
-        """Standard deviation expected of the rms: 6 n values, ten of them fixed by the gauge."""
-        return float(1 / np.sqrt(2 * (self.error.size - 10)))
-
 
 def compare(fit: Fit, config: MachineConfig, frame: Frame | None) -> TruthComparison:
-    """Return the comparison of a report with the machine's truth in the frame that was found."""
+    """Return the comparison of a fit with the machine's truth in the frame that was found."""
     motions = fit.error_motions
     truth = remove_gauge(Machine(config).table_truth(motions.angle, frame))
     return TruthComparison(truth, (motions.values - truth) / motions.u)
 
 
-def truth_table(comparison: TruthComparison) -> Table:
-    """Return the table of differences to the truth, by curve."""
-    two = partial(fixed, places=2)
-    return Table('truth', 'Difference to the truth in standard uncertainties', (
-        words('curve', 'curve', CURVES), column('rms', 'rms', np.sqrt(np.mean(comparison.error**2, axis=0)), two),
-        column('largest', 'largest', np.abs(comparison.error).max(axis=0), two)))
-
-
 def shown(path: Path) -> str:
     """Return a path as short as it can be typed from here."""
-    path, here = Path(path).absolute(), Path.cwd()
+    path, here = path.absolute(), Path.cwd()
     return str(path.relative_to(here) if path.is_relative_to(here) else path)

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from rosette_ros.analysis import MOST_BALLS_ADVISED, advise_run, cross_check, diagnose
-from rosette_ros.cli.arguments import add_formats, add_model, add_run
+from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, head, pairs, print_json, print_parts, print_verdict
 from rosette_ros.core.diagnosis.diagnosis import Candidate, Diagnosis
 from rosette_ros.core.diagnosis.second_run import CrossCheck
@@ -27,11 +27,10 @@ CANDIDATE_COLUMNS = (
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_run(parser)
-    add_model(parser)
+    add_shared(parser, 'run_path', '--model')
     parser.add_argument('--check', metavar='RUN_B', help='another run of the same cell: are the effects that are '
                         'identified in RUN confirmed there?')
-    add_formats(parser)
+    add_shared(parser, '--json')
 
 
 def run(options: Namespace) -> None:

@@ -5,7 +5,7 @@ from argparse import ArgumentParser, Namespace
 
 from rich.markup import escape
 
-from rosette_ros.cli.arguments import add_formats
+from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, pairs, print_json, print_parts, rich_table
 from rosette_ros.core.effects.effect import Effect, Quantity
 from rosette_ros.core.effects.library import EFFECTS, effect
@@ -28,7 +28,7 @@ KINDS = {'scale': 'searched and refined', 'phase': 'searched and refined',
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.add_argument('name', metavar='NAME', nargs='?', help='one effect, explained')
-    add_formats(parser)
+    add_shared(parser, '--json')
 
 
 def run(options: Namespace) -> None:

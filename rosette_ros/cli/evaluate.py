@@ -5,7 +5,7 @@ import sys
 from argparse import ArgumentParser, Namespace
 
 from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, judge
-from rosette_ros.cli.arguments import add_formats, add_model, add_run, add_run_id
+from rosette_ros.cli.arguments import add_formats, add_shared
 from rosette_ros.cli.console import console, fit_rows, head, pairs, print_json, print_parts, print_verdict
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.model.least_squares import Fit
@@ -17,9 +17,7 @@ from rosette_ros.presentation.tables import curves, deviations, fitted_effects
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_run(parser)
-    add_run_id(parser)
-    add_model(parser)
+    add_shared(parser, 'run_path', '--run-id', '--model')
     add_formats(parser, csv='print the six curves as a table with standard uncertainties')
 
 

@@ -6,7 +6,7 @@ import sys
 
 from rich.markup import escape
 
-from rosette_ros.cli.arguments import add_run, add_run_id
+from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, head
 from rosette_ros.io.ball_centre_table import format_csv, write_csv
 from rosette_ros.io.open_run import open_run
@@ -14,8 +14,7 @@ from rosette_ros.io.open_run import open_run
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_run(parser)
-    add_run_id(parser)
+    add_shared(parser, 'run_path', '--run-id')
     parser.add_argument('-o', '--output', metavar='CSV', required=True,
                         help='table to write; - for the standard output')
     parser.add_argument('--force', action='store_true', help='overwrite the table')

@@ -6,9 +6,7 @@ envelope is opened and compared with the diagnosis.
 """
 
 import math
-import random
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -38,61 +36,44 @@ from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.simulation.envelope import open_envelope, seal_envelope
 
 ENVELOPE, MODEL = 'envelope.json', 'model.yaml'
-HIDDEN_SIZES = {'most': 3, 'smallest_sigma': 2.0}
+SIZES = {'most': 3, 'smallest_sigma': 2.0}
 """One to three effects of 2 to 30 times the noise: some may still be too small to be named."""
 SURE_SIGMA = 12.0
 """Norm of the visible part, in sigma, from which an effect should be named."""
 
 
-@dataclass(frozen=True)
-class HiddenDemo:
-    """A machine that hides effects drawn from a seed: the analysis of its run, then the envelope."""
-
-    seed: int
-    order: str = 'sensitive'
-    turning: str = 'forward'
-
-    @property
-    def groups(self) -> dict[str, Any]:
-        """Settings of the machine's configuration."""
-        return {'hidden': {'seed': self.seed, **HIDDEN_SIZES}}
-
-    def prepare(self, out: Console, config: MachineConfig, folder: Path) -> None:
-        """Seal the envelope before anything is measured; the files of the folder are copied to the log."""
-        digest = seal_envelope(folder / ENVELOPE, Machine(config))
-        out.print(f'It hides effects drawn from seed {self.seed}. The sealed envelope has the digest\n'
-                  f'  sha256 {digest}')
-
-    def show(self, out: Console, config: MachineConfig, log_path: Path, seconds: float) -> None:
-        """Print the analysis, from the log alone until the envelope is opened."""
-        log = read_log(log_path)
-        run = log.to_run()
-        summary = summarise(run)
-        out.print(f'\n{head(run)}')
-        section(out, '1', 'evaluate: does the base model explain the readings?')
-        out.print(residual_words(summary.fit))
-        section(out, '2', 'compare: where does it fail?')
-        compare_verb.show(out, summary.comparison, summary.verdict)
-        section(out, '3', 'diagnose: what is missing?')
-        diagnose_verb.show(out, summary.diagnosis, diagnose_verb.invisible_effects(summary.diagnosis))
-        section(out, '4', 'add: does the error fall?')
-        out.print(rich_table(nested_models(summary.ladder)))
-        write_model(summary.final.model, log_path / MODEL, force=True)
-        show_truth(out, config, log.frame_of(run.run_id), summary.fit, summary.final)
-        section(out, '5', 'advise: what to measure next?')
-        out.print((summary.advice or advise_run(run)).text)
-        section(out, '6', 'the envelope')
-        show_envelope(out, config, log_path, run, summary.diagnosis)
-        out.print()
-        out.print(pairs([
-            ('Log', escape(shown(log_path))), ('Model', escape(shown(log_path / MODEL))),
-            ('Repeat', f'rosette demo --hidden {self.seed} --seed {config.seed} --balls {config.plate.balls}'),
-            ('Took', f'{seconds:.1f} s')]))
+def seal(out: Console, config: MachineConfig, seed: int, folder: Path) -> None:
+    """Seal the envelope before anything is measured; the files of the folder are copied to the log."""
+    digest = seal_envelope(folder / ENVELOPE, Machine(config))
+    out.print(f'It hides effects drawn from seed {seed}. The sealed envelope has the digest\n'
+              f'  sha256 {digest}')
 
 
-def demo_of(seed: int) -> HiddenDemo:
-    """Return the demonstration of a seed; a negative one stands for a seed that is drawn now."""
-    return HiddenDemo(random.SystemRandom().randrange(10**6) if seed < 0 else seed)
+def show(out: Console, config: MachineConfig, seed: int, log_path: Path, seconds: float) -> None:
+    """Print the analysis, from the log alone until the envelope is opened."""
+    log = read_log(log_path)
+    run = log.to_run()
+    summary = summarise(run)
+    out.print(f'\n{head(run)}')
+    section(out, '1', 'evaluate: does the base model explain the readings?')
+    out.print(residual_words(summary.fit))
+    section(out, '2', 'compare: where does it fail?')
+    compare_verb.show(out, summary.comparison, summary.verdict)
+    section(out, '3', 'diagnose: what is missing?')
+    diagnose_verb.show(out, summary.diagnosis, diagnose_verb.invisible_effects(summary.diagnosis))
+    section(out, '4', 'add: does the error fall?')
+    out.print(rich_table(nested_models(summary.ladder)))
+    write_model(summary.final.model, log_path / MODEL, force=True)
+    show_truth(out, config, log.frame_of(run.run_id), summary.fit, summary.final)
+    section(out, '5', 'advise: what to measure next?')
+    out.print((summary.advice or advise_run(run)).text)
+    section(out, '6', 'the envelope')
+    show_envelope(out, config, log_path, run, summary.diagnosis)
+    out.print()
+    out.print(pairs([
+        ('Log', escape(shown(log_path))), ('Model', escape(shown(log_path / MODEL))),
+        ('Repeat', f'rosette demo --hidden {seed} --seed {config.seed} --balls {config.plate.balls}'),
+        ('Took', f'{seconds:.1f} s')]))
 
 
 def section(out: Console, number: str, title: str) -> None:
@@ -116,13 +97,12 @@ def show_truth(out: Console, config: MachineConfig, frame: Frame | None, before:
 def show_envelope(out: Console, config: MachineConfig, log_path: Path, run: Run, diagnosis: Diagnosis) -> None:
     """Open the envelope and print what was hidden beside what was found."""
     envelope = open_envelope(log_path / ENVELOPE)
-    strengths = visible_strengths(config, run, envelope.hidden)
-    out.print(f'sha256 {envelope.digest}, as it was sealed\n')
-    kinds = [hidden['kind'] for hidden in envelope.hidden]
+    strengths, kinds = visible_strengths(config, run, envelope.hidden), [hidden['kind'] for hidden in envelope.hidden]
     answers = [answer(kind, strength, diagnosis) for kind, strength in zip(kinds, strengths, strict=True)]
+    out.print(f'sha256 {envelope.digest}, as it was sealed\n')
     out.print(rich_table(Table('hidden', 'What was hidden, and what was found', (
-        words('kind', 'hidden', kinds),
-        words('parameters', 'with', map(content, envelope.hidden)), column('strength', 'visible', strengths, sigmas),
+        words('kind', 'hidden', kinds), words('parameters', 'with', map(content, envelope.hidden)),
+        column('strength', 'visible', strengths, sigmas),
         words('answer', 'answer', [text for text, _ in answers])), levels=tuple(level for _, level in answers))))
     if wrong := [name for name in diagnosis.missing if name not in kinds]:
         out.print(f'[yellow]Named but not hidden: {escape(", ".join(wrong))}[/]')

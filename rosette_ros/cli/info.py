@@ -2,14 +2,14 @@
 """rosette info: what is in a run, a log or a table, without evaluating it."""
 
 from argparse import ArgumentParser, Namespace
-from dataclasses import asdict, astuple, dataclass, replace
-from datetime import UTC, datetime
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.markup import escape
 
-from rosette_ros.cli.arguments import UsageError, add_formats, add_run
+from rosette_ros.cli.arguments import UsageError, add_shared
 from rosette_ros.cli.console import console, pairs, print_json, print_parts
 from rosette_ros.core.errors import InvalidData, RosetteError
 from rosette_ros.core.records import Run
@@ -18,77 +18,13 @@ from rosette_ros.io.log_repair import repair_log
 from rosette_ros.io.log_run import RESUMES_KEY, LogRun
 from rosette_ros.io.messages import Phase, phase_name
 from rosette_ros.io.open_run import is_log, open_run
-from rosette_ros.io.run_assembly import RunAnswers
-from rosette_ros.presentation.formatting import duration, fixed, millimetres, pauses, repeatability_words
+from rosette_ros.presentation.formatting import duration, fixed, instant, millimetres, pauses, repeatability_words
 from rosette_ros.presentation.table_format import Table, column, words
-
-SCHEMA = 'rosette-info/1'
-
-
-@dataclass(frozen=True)
-class PhaseFacts:
-    """How much of a phase was measured: targets asked for (of the run all n²), those with an answer that counts."""
-
-    asked: int
-    answered: int
-
-
-@dataclass(frozen=True)
-class RunFacts:
-    """One run, SI; None where the file does not hold it.
-
-    phases: by name; ended: how the run ended; temperature_range_C: lowest and highest; pauses: where the measurement
-    stood still; problem: why it cannot be evaluated, None where it can.
-    """
-
-    run_id: str
-    n: int
-    radius_m: float
-    phases: dict[str, PhaseFacts]
-    order: str | None = None
-    completeness: float = 0.0
-    duration_s: float | None = None
-    pauses: str = ''
-    temperature_range_C: tuple[float, float] | None = None
-    repeatability_m: float | None = None
-    repeatability_dof: float | None = None
-    published_curves: int = 0
-    model: str | None = None
-    ended: str | None = None
-    problem: str | None = None
-
-
-@dataclass(frozen=True)
-class TopicFacts:
-    """One topic of a log."""
-
-    name: str
-    type: str
-    messages: int
-
-
-@dataclass(frozen=True)
-class Facts:
-    """What a file holds; times of a log in ns since the epoch; resumes: the log that this one continues."""
-
-    schema: str
-    path: str
-    kind: str
-    files: tuple[str, ...]
-    runs: tuple[RunFacts, ...]
-    topics: tuple[TopicFacts, ...] = ()
-    messages: int | None = None
-    start_ns: int | None = None
-    end_ns: int | None = None
-    truncated: bool = False
-    problems: tuple[str, ...] = ()
-    resumes: str | None = None
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_run(parser)
-    add_formats(parser)
+    add_shared(parser, 'run_path', '--json')
     parser.add_argument('--repair', action='store_true', help='write what can be read of a log that was cut short, or '
                         'lost its metadata.yaml, as a whole new log beside it; the old one is not touched')
     parser.add_argument('-o', '--output', metavar='DIR', help='where the repaired log goes (default: RUN_repaired)')
@@ -103,7 +39,7 @@ def run(options: Namespace) -> None:
         path = repaired(path, options)
     facts = log_facts(path) if is_log(path) else table_facts(path)
     if options.json:
-        print_json(asdict(facts))
+        print_json(facts)
     else:
         show(facts)
 
@@ -121,95 +57,96 @@ def repaired(path: Path, options: Namespace) -> Path:
     return done.directory
 
 
-def table_facts(path: Path) -> Facts:
-    """Return the Facts of a ball-centre table."""
+def table_facts(path: Path) -> dict[str, Any]:
+    """Return what a ball-centre table holds, as `log_facts`."""
     found = open_run(path)
-    facts = RunFacts(found.run_id, found.n, found.radius, {'run': PhaseFacts(found.n**2, found.size)})
-    return Facts(SCHEMA, str(path), 'table', (str(path),), (_measured(facts, found),))
+    phases = {'run': {'asked': found.n**2, 'answered': found.size}}
+    return _facts(path, 'table', [path], [_run_facts(found.run_id, found.n, found.radius, phases, found)])
 
 
-def log_facts(path: Path) -> Facts:
-    """Return the Facts of a log."""
+def log_facts(path: Path) -> dict[str, Any]:
+    """Return what a log holds, schema rosette-info/1: SI, times of the log in ns since the epoch, None if not known."""
     log = read_log(path)
-    topics = sorted((TopicFacts(topic.name, topic.type_name, topic.messages) for topic in log.topics), key=astuple)
-    runs = tuple(_logged(log, name) for name, found in log.runs.items() if found.targets)
-    return Facts(SCHEMA, str(path), 'log', tuple(map(str, log.files)), runs, tuple(topics), log.messages, log.start_ns,
-                 log.end_ns, log.truncated, log.problems, log.custom_data.get(RESUMES_KEY))
+    topics = sorted((topic.name, topic.type_name, topic.messages) for topic in log.topics)
+    return _facts(path, 'log', log.files, [_logged(log, name) for name, found in log.runs.items() if found.targets],
+                  topics=[dict(zip(('name', 'type', 'messages'), topic, strict=True)) for topic in topics],
+                  messages=log.messages, start_ns=log.start_ns, end_ns=log.end_ns, truncated=log.truncated,
+                  problems=log.problems, resumes=log.custom_data.get(RESUMES_KEY))
 
 
-def _logged(log: LogRun, run_id: str) -> RunFacts:
-    """Return the RunFacts of one run of a log."""
-    state, first = {one.run_id: one for one in log.states}.get(run_id), log.runs[run_id].targets[0]
-    published = [one for one in log.error_motions if one.run_id == run_id]
-    facts = RunFacts(
-        run_id, first.balls, first.radius, _phases(log.runs[run_id]),
-        order=state.order if state else None, published_curves=len(published),
-        model=published[-1].model_name if published else None,
-        ended=f'{phase_name(state.phase).lower()}: {state.text}' if state else None)
+def _facts(path: Path, kind: str, files: Iterable[Path], runs: list[dict[str, Any]], **of_log: Any) -> dict[str, Any]:
+    return {'schema': 'rosette-info/1', 'path': str(path), 'kind': kind, 'files': [str(file) for file in files],
+            'runs': runs, 'topics': [], 'messages': None, 'start_ns': None, 'end_ns': None, 'truncated': False,
+            'problems': [], 'resumes': None, **of_log}
+
+
+def _logged(log: LogRun, run_id: str) -> dict[str, Any]:
+    """Return what a log holds of one run; phases: of the run all n² targets are asked, also if it was broken off."""
+    state, answers = {one.run_id: one for one in log.states}.get(run_id), log.runs[run_id]
+    first, published = answers.targets[0], [one for one in log.error_motions if one.run_id == run_id]
+    planned = {Phase.RUN: max(target.balls for target in answers.targets) ** 2}
+    phases = {phase.name.lower(): {'asked': max(asked, planned.get(phase, 0)), 'answered': answered}
+              for phase, (asked, answered) in answers.counts().items()}
+    found = problem = None
     try:
-        return _measured(facts, log.to_run(run_id))
+        found = log.to_run(run_id)
     except RosetteError as error:
-        return replace(facts, problem=str(error))
+        problem = str(error)
+    return _run_facts(run_id, first.balls, first.radius, phases, found, order=state.order if state else None,
+                      published_curves=len(published), model=published[-1].model_name if published else None,
+                      ended=f'{phase_name(state.phase).lower()}: {state.text}' if state else None, problem=problem)
 
 
-def _measured(facts: RunFacts, found: Run) -> RunFacts:
-    """Return facts with those of the readings."""
-    known = found.temperature[np.isfinite(found.temperature)]
-    return replace(
-        facts, completeness=found.completeness, duration_s=float(np.ptp(found.time)), pauses=pauses(found),
-        temperature_range_C=(float(known.min()), float(known.max())) if known.size else None,
-        repeatability_m=found.repeatability, repeatability_dof=found.repeatability_dof)
+def _run_facts(run_id: str, n: int, radius: float, phases: dict[str, dict[str, int]], found: Run | None,
+               **of_log: Any) -> dict[str, Any]:
+    known = found.temperature[np.isfinite(found.temperature)] if found else np.array([])
+    return {'run_id': run_id, 'n': n, 'radius_m': radius, 'phases': phases, 'order': None,
+            'completeness': found.completeness if found else 0.0,
+            'duration_s': float(np.ptp(found.time)) if found else None, 'pauses': pauses(found) if found else '',
+            'temperature_range_C': [float(known.min()), float(known.max())] if known.size else None,
+            'repeatability_m': found.repeatability if found else None,
+            'repeatability_dof': found.repeatability_dof if found else None,
+            'published_curves': 0, 'model': None, 'ended': None, 'problem': None, **of_log}
 
 
-def _phases(found: RunAnswers) -> dict[str, PhaseFacts]:
-    """Return PhaseFacts by the name of the phase."""
-    planned = {Phase.RUN: max(target.balls for target in found.targets) ** 2}  # also of a run that was broken off
-    return {phase.name.lower(): PhaseFacts(max(asked, planned.get(phase, 0)), answered)
-            for phase, (asked, answered) in found.counts().items()}
-
-
-def show(facts: Facts) -> None:
+def show(facts: dict[str, Any]) -> None:
     """Print the facts for a person."""
-    out = console()
-    out.print(f'[bold]{facts.kind.capitalize()}[/] {escape(facts.path)}', soft_wrap=True)
+    out, topics = console(), facts['topics']
+    out.print(f'[bold]{facts["kind"].capitalize()}[/] {escape(facts["path"])}', soft_wrap=True)
     rows = []
-    if facts.messages is not None:
-        rows.append(('Files', escape(', '.join(Path(file).name for file in facts.files))))
-        times = f', {_instant(facts.start_ns or 0)} to {_instant(facts.end_ns or 0)}' if facts.messages else ''
-        rows.append(('Messages', f'{facts.messages} in {len(facts.topics)} topics{times}'))
-    if facts.resumes:
-        rows.append(('Continues', f'{escape(facts.resumes)}, whose ball centres are in this log too'))
-    if facts.truncated:
+    if facts['messages'] is not None:
+        rows.append(('Files', escape(', '.join(Path(file).name for file in facts['files']))))
+        times = f', {instant(facts["start_ns"])} to {instant(facts["end_ns"])}' if facts['messages'] else ''
+        rows.append(('Messages', f'{facts["messages"]} in {len(topics)} topics{times}'))
+    if facts['resumes']:
+        rows.append(('Continues', f'{escape(facts["resumes"])}, whose ball centres are in this log too'))
+    if facts['truncated']:
         rows.append(('Truncated', '[red]the log ends in the middle; all complete records were read[/]'))
-    rows += [('Problem', f'[red]{escape(problem)}[/]') for problem in facts.problems]
+    rows += [('Problem', f'[red]{escape(problem)}[/]') for problem in facts['problems']]
     if rows:
         out.print(pairs(rows))
-    print_parts(out, [pairs(run_rows(one)) for one in facts.runs])
+    print_parts(out, [pairs(run_rows(one)) for one in facts['runs']])
     print_parts(out, [Table('topics', 'Topics', (
-        column('messages', 'messages', [topic.messages for topic in facts.topics], str),
-        words('topic', 'topic', [topic.name for topic in facts.topics]),
-        words('type', 'type', [topic.type for topic in facts.topics])))])
+        column('messages', 'messages', [topic['messages'] for topic in topics], str),
+        words('topic', 'topic', [topic['name'] for topic in topics]),
+        words('type', 'type', [topic['type'] for topic in topics])))])
 
 
-def run_rows(facts: RunFacts) -> list[tuple[str, str]]:
+def run_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
     """Return what is known of one run as (name, text) rows."""
-    low, high = facts.temperature_range_C or (0.0, 0.0)
-    rows = [('Run', escape(facts.run_id or 'without a name')),
-            ('Plate', f'{facts.n} balls on R = {millimetres(facts.radius_m)}'),
-            ('Measured', ', '.join(f'{name.replace("_", " ")} {phase.answered} of {phase.asked}'
-                                   for name, phase in facts.phases.items())),
-            ('Order', escape(facts.order or '')),
-            ('Duration', f'{duration(facts.duration_s)} from the first ball of the run to the last'
-             if facts.duration_s else ''),
-            ('Pauses', facts.pauses),
-            ('Temperature', f'{fixed(low, 3)} to {fixed(high, 3)} °C' if facts.temperature_range_C else ''),
-            ('Repeatability', repeatability_words(facts.repeatability_m, facts.repeatability_dof)),
-            ('Published', f'error motions, {facts.published_curves}×, model {escape(facts.model or "")}'
-             if facts.published_curves else ''),
-            ('Ended', escape(facts.ended or '')),
-            ('Problem', f'[red]{escape(facts.problem)}[/]' if facts.problem else '')]
+    low, high = facts['temperature_range_C'] or (0.0, 0.0)
+    rows = [('Run', escape(facts['run_id'] or 'without a name')),
+            ('Plate', f'{facts["n"]} balls on R = {millimetres(facts["radius_m"])}'),
+            ('Measured', ', '.join(f'{name.replace("_", " ")} {phase["answered"]} of {phase["asked"]}'
+                                   for name, phase in facts['phases'].items())),
+            ('Order', escape(facts['order'] or '')),
+            ('Duration', f'{duration(facts["duration_s"])} from the first ball of the run to the last'
+             if facts['duration_s'] else ''),
+            ('Pauses', facts['pauses']),
+            ('Temperature', f'{fixed(low, 3)} to {fixed(high, 3)} °C' if facts['temperature_range_C'] else ''),
+            ('Repeatability', repeatability_words(facts['repeatability_m'], facts['repeatability_dof'])),
+            ('Published', f'error motions, {facts["published_curves"]}×, model {escape(facts["model"] or "")}'
+             if facts['published_curves'] else ''),
+            ('Ended', escape(facts['ended'] or '')),
+            ('Problem', f'[red]{escape(facts["problem"])}[/]' if facts['problem'] else '')]
     return [(name, text) for name, text in rows if text]
-
-
-def _instant(stamp_ns: int) -> str:
-    return datetime.fromtimestamp(stamp_ns * 1e-9, UTC).strftime('%Y-%m-%d %H:%M:%S UTC')

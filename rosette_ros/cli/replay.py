@@ -20,7 +20,7 @@ from rosette_msgs.msg import ErrorMotions as ErrorMotionsMessage
 
 from rosette_ros.analysis import analyse
 from rosette_ros.cell.supervisor import Cell, added_environment
-from rosette_ros.cli.arguments import add_domain, positive
+from rosette_ros.cli.arguments import add_shared, positive
 from rosette_ros.cli.console import console, rich_table
 from rosette_ros.core.errors import CellError, InvalidData
 from rosette_ros.core.records import ErrorMotions
@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('log', metavar='RUN', help='log directory or .mcap file')
     parser.add_argument('--rate', metavar='X', type=positive('times the recorded rate'),
                         help='times the recorded rate (default: as fast as possible)')
-    add_domain(parser)
+    add_shared(parser, '--domain')
 
 
 def run(options: argparse.Namespace) -> None:

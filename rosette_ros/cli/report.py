@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from rosette_ros.analysis import analyse, summarise
-from rosette_ros.cli.arguments import add_model, add_run_id
+from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, head, print_verdict
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.errors import InvalidData
@@ -33,8 +33,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.add_argument('run_path', metavar='RUN', nargs='?',
                         help='log directory, .mcap file or ball-centre table (CSV)')
-    add_run_id(parser)
-    add_model(parser)
+    add_shared(parser, '--run-id', '--model')
     parser.add_argument('-o', '--output', metavar='FILE',
                         help='the page (HTML) to write; by default named after RUN, in this folder')
     parser.add_argument('--overlay', metavar='RUN', nargs='+', default=[],

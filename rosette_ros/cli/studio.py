@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from rosette_ros.cli.arguments import add_domain, add_namespace, whole
+from rosette_ros.cli.arguments import add_shared, whole
 from rosette_ros.core.errors import InvalidConfig, InvalidData
 from rosette_ros.io.open_run import is_log
 from rosette_ros.studio.page import StudioOptions
@@ -27,8 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         '127.0.0.1: this computer alone); any other one needs a token')
     parser.add_argument('--token', metavar='T', help=f'token that the page asks for at sign-in, at '
                         f'least {SHORTEST_TOKEN} characters (default: {TOKEN_VARIABLE} of the environment)')
-    add_namespace(parser)
-    add_domain(parser)
+    add_shared(parser, '--namespace', '--domain')
     parser.add_argument('--no-browser', action='store_true', help='print the address and open no browser')
 
 

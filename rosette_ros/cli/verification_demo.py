@@ -6,11 +6,9 @@ machine's file between two runs; machine, clock and noise continue.
 """
 
 from argparse import Namespace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.markup import escape
 
 from rosette_ros.cli.console import console
@@ -21,37 +19,27 @@ from rosette_ros.io.text_file import write_text
 from rosette_ros.presentation.report.verification import MAKER_COLUMNS, ROLES, verification_html
 from rosette_ros.simulation import Machine, MachineConfig
 
-CMM_OFF = {'cmm': {'correction': False}}
-AXIAL_OFF = {**CMM_OFF, 'table': {'axial_correction': False}}
-MAKER, SUPPORTING_POINTS = 'maker.csv', 72
-"""A maker's correction table has many more supporting points than a plate has balls."""
-
 
 def conditions(balls: int) -> tuple[dict[str, Any], ...]:
     """Return what is changed in the machine's configuration for each run, in the order of ROLES."""
     turned = {'clamping': {'plate_turn_deg': 360 / balls * max(1, round(balls / 4))}}
-    return ({}, turned, CMM_OFF, AXIAL_OFF, {'table': {'angular_correction': False}}, {})
+    cmm_off = {'cmm': {'correction': False}}
+    return ({}, turned, cmm_off, {**cmm_off, 'table': {'axial_correction': False}},
+            {'table': {'angular_correction': False}}, {})
 
 
 def run(options: Namespace) -> None:
-    """Measure all runs in one cell, and report."""
+    """Measure all runs in one cell, write the maker's table and the report, and print where they are."""
     config = MachineConfig().changed(seed=options.seed, plate={'balls': options.balls})
-    order = options.order or 'diagonal'
-    out = console()
+    order, out, paths = options.order or 'diagonal', console(), []
     what = f'[bold]The verification of the paper[/]: {len(ROLES)} runs of {options.balls} balls, order {order}'
     with demo_cell(out, what, config, options.domain, options.output) as running:
-        paths = []
         for (label, _), changes in zip(ROLES, conditions(options.balls), strict=True):
             write_machine(config.changed(**changes), running.machine)
             out.print(f'[bold]{escape(label)}[/]')
             paths.append(running.calibrate(order, options.seed))
-    show(out, config, paths, running.logs, running.seconds)
-
-
-def show(out: Console, config: MachineConfig, paths: list[Path], logs: Path, seconds: float) -> None:
-    """Write the maker's table and the report, and print where they are."""
-    name = f'verification_{paths[0].name}'
-    maker, page = logs / f'{name}_{MAKER}', logs / f'{name}.html'
+    seconds, name = running.seconds, f'verification_{paths[0].name}'
+    maker, page = running.logs / f'{name}_maker.csv', running.logs / f'{name}.html'
     write_text(maker, maker_table(Machine(config)))
     verification = verification_of(paths, maker)
     command = ' '.join(['rosette report --compare', *(shown(path) for path in paths), '--maker', shown(maker)])
@@ -65,7 +53,7 @@ def show(out: Console, config: MachineConfig, paths: list[Path], logs: Path, sec
 
 def maker_table(machine: Machine) -> str:
     """Return the correction tables of the table's maker as CSV text."""
-    angle = nominal_angles(SUPPORTING_POINTS)
+    angle = nominal_angles(72)  # many more supporting points than a plate has balls
     curves = 1e6 * machine.maker_table(angle)
     lines = [f'{degrees:g},{row[2] + 0.0:.6f},{row[5] + 0.0:.6f}' for degrees, row in zip(np.rad2deg(angle), curves)]
     return '\n'.join([','.join(MAKER_COLUMNS), *lines]) + '\n'

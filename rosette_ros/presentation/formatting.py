@@ -5,6 +5,7 @@ import math
 import re
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from rosette_ros.core.effects.library import BASE_EFFECTS, EFFECTS
@@ -125,6 +126,11 @@ def duration(seconds: float) -> str:
         return f'{seconds:.3g} s'
     minutes = round(seconds / 60)
     return f'{minutes} min' if minutes < 90 else f'{minutes // 60} h {minutes % 60} min'
+
+
+def instant(stamp_ns: int) -> str:
+    """Return a time in ns since the epoch as date and time of day."""
+    return datetime.fromtimestamp(stamp_ns * 1e-9, UTC).strftime('%Y-%m-%d %H:%M:%S UTC')
 
 
 def names(words: Iterable[str]) -> str:

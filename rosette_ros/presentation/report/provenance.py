@@ -4,7 +4,6 @@
 import hashlib
 import platform
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from rosette_ros.core.planning.advice import scheme_of
 from rosette_ros.core.records import Run
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.open_run import is_log, open_run
+from rosette_ros.presentation.formatting import instant
 
 SOFTWARE = ('numpy', 'scipy', 'matplotlib', 'jinja2', 'mcap', 'rclpy', 'cyclonedds')
 BESIDE = ('machine.yaml', 'cell.yaml')
@@ -49,13 +49,12 @@ def open_source(path: Path | str, run_id: str | None = None) -> tuple[Run, Sourc
         return open_run(path, run_id), Source(str(path), (digest(path),))
     log = read_log(path)
     run = log.to_run(run_id)
-    begun = datetime.fromtimestamp(log.start_ns * 1e-9, UTC).strftime('%Y-%m-%d %H:%M:%S UTC')
     order = next((state.order for state in log.states if state.run_id == run.run_id), '')
     folder = Path(path) if Path(path).is_dir() else Path(path).parent
     beside = [(name, (folder / name).read_bytes()[:LONGEST].decode('utf-8', errors='replace'))
               for name in BESIDE if (folder / name).is_file()]
     entries = '\n'.join(f'{key}: {value}' for key, value in sorted(log.custom_data.items()))
-    return run, Source(str(path), tuple(map(digest, log.files)), begun, order,
+    return run, Source(str(path), tuple(map(digest, log.files)), instant(log.start_ns), order,
                        (*beside, *([('entries of the log', entries)] if entries else [])))
 
 
