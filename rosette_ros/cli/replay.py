@@ -37,7 +37,7 @@ INPUTS = (names.PROBE_TARGET, names.BALL_CENTRE, names.RUN_STATE, names.TF_STATI
 FASTEST = 4000
 """Most messages per second: the queue of a subscriber, some thousand long, must not overflow."""
 LIVE_PATIENCE = 3.5
-"""How long a running cell is searched for before anything is published, s: participants announce themselves every 3 s."""
+"""How long a running cell is searched for before anything is published, s; participants announce themselves every 3."""
 SEARCH_TIMEOUT, START_TIMEOUT, RESULT_TIMEOUT = 5.0, 20.0, 60.0
 _BATCH = 100
 _STEP = 0.05
