@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a diagnosis says of a run, read from its result alone."""
+
+import time
+from dataclasses import dataclass
+
+from rosette_ros.analysis import diagnose
+from rosette_ros.core.diagnosis.diagnosis import Diagnosis
+from rosette_ros.core.records import Run
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One claimed effect: its name, its setting, and the names that it is said to look like."""
+
+    effect: str
+    setting: dict[str, float | str]
+    alike: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The claims of a diagnosis; unexplained: whether it says that something is left; text: what it depends on.
+
+    rms: what is left, m; seconds: how long it took.
+    """
+
+    claims: tuple[Claim, ...]
+    unexplained: bool
+    text: str
+    outcome: str
+    sentence: str
+    rms: float
+    seconds: float
+
+    @property
+    def names(self) -> str:
+        """The claimed names in their order, or '' for none."""
+        return ' + '.join(claim.effect for claim in self.claims)
+
+
+def ask(run: Run) -> tuple[Answer, Diagnosis]:
+    """Return the Answer of the diagnosis of a run, and the diagnosis."""
+    began = time.perf_counter()
+    found = diagnose(run)
+    seconds = time.perf_counter() - began
+    claims = tuple(Claim(one.effect, {name: value if isinstance(value, str) else float(value)
+                                      for name, value in one.setting.items()}, tuple(one.look_alikes))
+                   for one in found.candidates if one.claimed)
+    return Answer(claims, bool(found.unexplained), found.unexplained_text, found.verdict.outcome.value,
+                  found.verdict.sentence, float(found.final.rms), seconds), found

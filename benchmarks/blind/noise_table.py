@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Clean runs by kind of noise: how often does the diagnosis name a physical effect where there is none?"""
+
+from argparse import Namespace
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import Any
+
+from benchmarks.blind.answers import Answer, Claim, ask
+from benchmarks.blind.noise_kinds import EVERY, KINDS, WANDERING
+from benchmarks.blind.proportion import percent, share
+from benchmarks.blind.runs import Plan, machine_config, measure, noisy
+from rosette_ros.simulation import Machine
+
+NAME = 'noise'
+WANDER_NAMES = ('frame_random_walk', 'frame_walk', 'frame_wander')
+"""Names that say that the frame wanders: right where it does."""
+HEADING = ('| noise | σ | runs | false names | 95 % | besides outlier alone | right names | unexplained | named |\n'
+           '|---|---|---|---|---|---|---|---|---|')
+
+Record = dict[str, Any]
+
+
+def tasks(arguments: Namespace) -> Iterator[tuple[str, tuple[Any, ...]]]:
+    """Yield the group and the arguments of `trial` of every run."""
+    for kind in arguments.noise or KINDS:
+        for stated in (True, False) if arguments.stated is None else (arguments.stated == 'yes',):
+            for order in arguments.orders:
+                for seed in arguments.seeds:
+                    yield f'{kind}, {"stated" if stated else "unknown"}', (kind, stated, order, seed, arguments.n)
+
+
+def trial(kind: str, stated: bool, order: str, seed: int, n: int) -> Record:
+    """Return the record of one clean run with noise of a kind."""
+    made = Plan(n, order, seed)
+    clean = measure(Machine(machine_config(seed, n)), made)[0]
+    run, noise = noisy(clean, made, kind, stated)
+    answer = ask(run)[0]
+    verdict, wrong = judged(kind, answer, noise.outliers)
+    return {'noise': kind, 'stated': stated, 'order': order, 'seed': seed, 'n': n, 'judged': verdict, 'wrong': wrong,
+            **asdict(answer)}
+
+
+def judged(kind: str, answer: Answer, outliers: tuple[int, ...]) -> tuple[str, list[str]]:
+    """Return the class of an answer and the false names in it.
+
+    The class: 'false', 'false outlier' (no other false name), 'right', 'unexplained' or 'nothing'.
+    """
+    def is_right(claim: Claim) -> bool:
+        if claim.effect == 'outlier':
+            return claim.setting.get('reading') in outliers
+        return kind.startswith(WANDERING) and claim.effect in WANDER_NAMES
+
+    wrong = sorted({claim.effect for claim in answer.claims if not is_right(claim)})
+    if wrong:
+        return 'false outlier' if wrong == ['outlier'] else 'false', wrong
+    return 'right' if answer.claims else 'unexplained' if answer.unexplained else 'nothing', wrong
+
+
+def is_good(record: Record) -> bool:
+    """Return whether a record holds no false name."""
+    return not record['judged'].startswith(('false', 'failed'))
+
+
+def row(group: str, records: list[Record]) -> str:
+    """Return the line of a group."""
+    kind, stated = group.split(', ')
+    false = [record for record in records if not is_good(record)]
+    count = Counter(record['judged'] for record in records)
+    names = Counter(name for record in false for name in record.get('wrong', ()))
+    said = ', '.join(f'{name} {many}' for name, many in names.most_common(4))
+    return (f'| {kind} | {stated} | {len(records)} | {share(len(false), len(records))} | '
+            f'{percent(count["false"] + count["failed"], len(records))} | {count["right"]} | '
+            f'{sum(bool(record.get("unexplained")) for record in records)} | {said} |')
+
+
+def total(groups: dict[str, list[Record]]) -> str:
+    """Return the line under the table."""
+    runs = [record for records in groups.values() for record in records]
+    bad = sum(not is_good(record) for record in runs)
+    return f'Runs: {len(runs)}; with a false name: {bad} ({percent(bad, len(runs))})'
+
+
+def check(arguments: Namespace) -> str:
+    """Return what is wrong with the kinds that were asked for, '' where nothing is."""
+    unknown = [kind for kind in arguments.noise or () if kind not in EVERY]
+    return f'--noise: wanted some of {", ".join(EVERY)}; got {", ".join(unknown)}' if unknown else ''
