@@ -50,7 +50,8 @@ def noisy(clean: Run, made: Plan, kind: str, stated: bool, shift: Floats | float
     """Return a run of displaced readings with noise of a kind, and the noise.
 
     shift: (N, 3), m; stated: whether a repeatability check of CHECK readings of ball 1 before the run is stated with
-    it; beside: what is hidden, so that each has noise of its own. Readings of a kind that has a resolution are rounded, those of the check too.
+    it; beside: what is hidden, so that each has noise of its own. Readings of a kind that has a resolution are rounded,
+    those of the check too.
     """
     pace = np.ptp(clean.time) / (clean.size - 1)
     one = np.ones(CHECK, dtype=int)
