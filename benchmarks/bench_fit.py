@@ -20,8 +20,7 @@ def measured(n):
     """Return a complete run of n balls with white noise."""
     scheme = plan(n, 'diagonal')
     noise = 1e-7 * np.random.default_rng(n).standard_normal((n * n, 3))
-    return Run.from_readings(n, RADIUS, scheme.table_position, scheme.ball,
-                             scheme.centres(RADIUS) + noise, approach=scheme.approach)
+    return Run(n, RADIUS, scheme.table_position, scheme.ball, scheme.centres(RADIUS) + noise, approach=scheme.approach)
 
 
 def matrix(run, lever):

@@ -38,7 +38,7 @@ def measured(n: int) -> Run:
     """Return a complete run of n balls with noise everywhere."""
     scheme, rng = plan(n, 'diagonal'), np.random.default_rng(1)
     noise = 1e-6 * rng.standard_normal((n * n, 4))
-    return Run.from_readings(
+    return Run(
         n, RADIUS, scheme.table_position, scheme.ball, scheme.centres(RADIUS) + noise[:, :3],
         table_angle=scheme.table_angle + noise[:, 3], approach=scheme.approach,
         time=30.0 * np.arange(n * n), temperature=20 + rng.random(n * n), run_id='benchmark')

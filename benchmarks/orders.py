@@ -29,7 +29,7 @@ def run_of(scheme, pace):
     order = order_of(scheme)
     way = journey(order, pace)
     t = way.time / way.time[-1]
-    return Run.from_readings(
+    return Run(
         scheme.n, pace.radius, scheme.table_position, scheme.ball, scheme.centres(pace.radius),
         time=way.time, approach=scheme.approach, table_travel=way.travel,
         temperature=20 + 0.5 * np.cos(np.pi * t) + 0.25 * np.cos(2 * np.pi * t + 1))

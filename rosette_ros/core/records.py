@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records shared by the whole package: frozen, SI units, array shapes stated once."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -21,6 +21,7 @@ ISO_NAMES = {'ctx': 'EXC', 'cty': 'EYC', 'ctz': 'EZC', 'crx': 'EAC', 'cry': 'EBC
 
 _INTEGERS = ('table_position', 'ball', 'approach', 'session')
 _REALS = ('centre', 'table_angle', 'time', 'temperature', 'table_travel')
+_DERIVED: Any = None  # in place of what was not recorded; never in a record that exists
 
 
 def _freeze(record: object, names: tuple[str, ...], dtype: DTypeLike) -> None:
@@ -41,7 +42,10 @@ class Run:
     unknown; table_travel: (N,) unwrapped table angle, rad; repeatability: standard deviation of a coordinate from
     repeated measurements, m, or None; repeatability_dof: its degrees of freedom, None if it is taken as exactly known;
     repeats: whether a (table_position, ball) may stand more than once; session: (N,) 1 and one more after every pause
-    (a run that was resumed, a CMM that was started again), None for all 1; source: its name in error messages.
+    (a run that was resumed, a CMM that was started again); source: its name in error messages.
+
+    What was not recorded is derived: angles are nominal, times count readings, temperatures are NaN, approach is 0,
+    the travel is unwrapped from angles and approach, and the session is 1.
 
     Raises InvalidData where shapes, ranges or values are wrong.
     """
@@ -51,47 +55,31 @@ class Run:
     table_position: Ints
     ball: Ints
     centre: Floats
-    table_angle: Floats
-    time: Floats
-    temperature: Floats
-    approach: Ints
-    table_travel: Floats
+    table_angle: Floats = _DERIVED
+    time: Floats = _DERIVED
+    temperature: Floats = _DERIVED
+    approach: Ints = _DERIVED
+    table_travel: Floats = _DERIVED
     repeatability: float | None = None
     repeatability_dof: float | None = None
     run_id: str = ''
     repeats: bool = False
-    session: Ints = None  # type: ignore[assignment]  # never None in a record that exists
+    session: Ints = _DERIVED
     source: str = 'run'
 
     def __post_init__(self) -> None:
-        if self.session is None:
-            object.__setattr__(self, 'session', np.ones(np.size(self.table_position)))
-        _freeze(self, _INTEGERS, np.int64)
+        _freeze(self, _INTEGERS[:2], np.int64)
+        derived: dict[str, Callable[[], Floats]] = {
+            'session': lambda: np.ones(self.size), 'approach': lambda: np.zeros(self.size),
+            'table_angle': lambda: self.phi, 'time': lambda: np.arange(self.size, dtype=float),
+            'temperature': lambda: np.full(self.size, np.nan),
+            'table_travel': lambda: unwrap_travel(self.table_angle, self.approach, self.n)}
+        for name, derive in derived.items():
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, derive())
+        _freeze(self, _INTEGERS[2:], np.int64)
         _freeze(self, _REALS, float)
         _check_run(self)
-
-    @staticmethod
-    def from_readings(
-            n: int, radius: float, table_position: ArrayLike, ball: ArrayLike, centre: ArrayLike, *,
-            table_angle: ArrayLike | None = None, time: ArrayLike | None = None, temperature: ArrayLike | None = None,
-            approach: ArrayLike | None = None, table_travel: ArrayLike | None = None, **rest: Any) -> 'Run':
-        """Return a Run, deriving what was not recorded; rest: further fields of Run.
-
-        Missing angles are nominal, times count readings, temperatures are NaN, approach is 0
-        (unknown) and the travel is unwrapped from angles and approach.
-        """
-        table_position = np.asarray(table_position)
-        size = table_position.size
-        if table_angle is None:
-            table_angle = nominal_angles(n)[table_position - 1]
-        approach = np.zeros(size, dtype=int) if approach is None else np.asarray(approach)
-        if table_travel is None:
-            table_travel = unwrap_travel(table_angle, approach, n)
-        time = np.arange(size, dtype=float) if time is None else time
-        temperature = np.full(size, np.nan) if temperature is None else temperature
-        return Run(
-            n, radius, table_position, np.asarray(ball), np.asarray(centre), np.asarray(table_angle), np.asarray(time),
-            np.asarray(temperature), approach, np.asarray(table_travel), **rest)
 
     @property
     def size(self) -> int:

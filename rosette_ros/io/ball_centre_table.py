@@ -9,6 +9,7 @@ unit of its last written decimal of the nominal one means the nominal one: 51.43
 from collections.abc import Iterable
 from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -40,13 +41,14 @@ def parse_csv(data: bytes, source: str = 'table') -> Run:
     angle = _angles(table, n)
     _check_places(table, n)
     columns = table.columns
-    travel = columns.get(TRAVEL_COLUMN)
-    return Run.from_readings(
+    recorded: dict[str, Any] = {'temperature': columns.get('temperature_C'), 'approach': columns.get('approach')}
+    if TRAVEL_COLUMN in columns:
+        recorded['table_travel'] = np.deg2rad(columns[TRAVEL_COLUMN])
+    return Run(
         n, table.radius, table.table_position, table.ball, _centre(table) / 1e3, table_angle=angle,
-        time=columns['time_s'], temperature=columns.get('temperature_C'), approach=columns.get('approach'),
-        table_travel=None if travel is None else np.deg2rad(travel), repeatability=table.repeatability,
+        time=columns['time_s'].astype(float, copy=False), repeatability=table.repeatability,
         repeatability_dof=table.repeatability_dof, run_id=table.run_id, repeats=table.repeats, session=table.session,
-        source=source)
+        source=source, **recorded)
 
 
 def write_csv(run: Run, path: str | Path, force: bool = False) -> None:

@@ -25,6 +25,6 @@ def synthetic_run(n, order='diagonal', seed=0, noise=0.0, curves=None, turning='
         centre[row] = (turned + rotate_z(phi, plate[j - 1]) + curves[i - 1, :3]
                        + np.cross(curves[i - 1, 3:], turned) + cmm[k - 1])
     centre += noise * rng.standard_normal(centre.shape)
-    run = Run.from_readings(n, RADIUS, scheme.table_position, scheme.ball, centre,
-                            time=40.0 * np.arange(n * n), approach=scheme.approach, **rest)
+    run = Run(n, RADIUS, scheme.table_position, scheme.ball, centre, time=40.0 * np.arange(n * n),
+              approach=scheme.approach, **rest)
     return run, curves, plate, cmm

@@ -75,8 +75,8 @@ def test_curves_do_not_depend_on_the_order_to_the_last_bit(n, seed):
     other = rng.permutation(run.size)
 
     def curves(rows):
-        return fit(Run.from_readings(n, run.radius, run.table_position[rows], run.ball[rows], run.centre[rows],
-                                     table_angle=angle[rows])).error_motions
+        return fit(Run(n, run.radius, run.table_position[rows], run.ball[rows], run.centre[rows],
+                       table_angle=angle[rows])).error_motions
 
     assert curves(np.arange(run.size)).values.tobytes() == curves(other).values.tobytes()
     assert curves(np.arange(run.size)).angle.tobytes() == curves(other).angle.tobytes()

@@ -11,6 +11,7 @@ from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.base_model import base_space
 from rosette_ros.core.model.least_squares import JointSpace
 from rosette_ros.core.planning.advice import planned_run
+from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import plan
 
 EVERY = (*EFFECTS.values(), *UNNAMED_TERMS)
@@ -21,7 +22,7 @@ PART = planned_run(plan(6, 'random', 3), 0.18)
 def spaces():
     """Return base spaces of a complete and an incomplete run, and one with an effect in it."""
     keep = np.arange(PART.size) % 17 != 3
-    part = PART.from_readings(
+    part = Run(
         6, 0.18, *(value[keep] for value in (PART.table_position, PART.ball, PART.centre)),
         time=PART.time[keep], temperature=PART.temperature[keep], approach=PART.approach[keep])
     whole = base_space(RUN, 0.18)

@@ -35,7 +35,7 @@ def run_of(scheme):
     """Return the run of a scheme at the pace of the design, with the temperature it assumes."""
     way = journey(order_of(scheme), PACE)
     t = way.time / way.time[-1]
-    return Run.from_readings(
+    return Run(
         scheme.n, RADIUS, scheme.table_position, scheme.ball, scheme.centres(RADIUS),
         time=way.time, approach=scheme.approach, table_travel=way.travel,
         temperature=np.cos(np.pi * t) + 0.5 * np.cos(2 * np.pi * t + 1))

@@ -51,7 +51,7 @@ def test_radians_for_degrees_are_noticed():
 def test_empty_run():
     """No readings are no run."""
     with pytest.raises(InvalidData, match='wanted ball centres, got none'):
-        Run.from_readings(6, 0.1825, np.zeros(0, int), np.zeros(0, int), np.zeros((0, 3)))
+        Run(6, 0.1825, np.zeros(0, int), np.zeros(0, int), np.zeros((0, 3)))
 
 
 def test_gauge_is_removed_once():

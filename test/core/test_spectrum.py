@@ -8,8 +8,9 @@ from synthetic import synthetic_run
 from rosette_ros.core.diagnosis.comparison import spectrum
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.base_model import BaseLines, CompleteSpace
+from rosette_ros.core.records import Run
 
-RUN = synthetic_run(9, 'random', 1)[0]
+RUN =  synthetic_run(9, 'random', 1)[0]
 
 
 def wave(p, q, axis):
@@ -53,6 +54,6 @@ def test_a_residual_has_nothing_on_whole_lines():
 
 def test_an_incomplete_run_has_no_spectrum():
     """It is said what to use instead."""
-    part = RUN.from_readings(9, RUN.radius, RUN.table_position[1:], RUN.ball[1:], RUN.centre[1:])
+    part = Run(9, RUN.radius, RUN.table_position[1:], RUN.ball[1:], RUN.centre[1:])
     with pytest.raises(NotDeterminable, match='every ball once in every table position, got 80'):
         spectrum(part, np.zeros((80, 3)))

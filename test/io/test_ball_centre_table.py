@@ -66,7 +66,7 @@ def runs(draw):
     temperature = rng.uniform(15, 25, size)
     temperature[rng.random(size) < 0.2] = np.nan
     radius = draw(st.floats(0.01, 2))
-    run = Run.from_readings(
+    run = Run(
         n, radius, scheme.table_position, scheme.ball,
         scheme.centres(radius) + 1e-4 * radius * rng.standard_normal((size, 3)),
         table_angle=angle, time=time, temperature=temperature, approach=scheme.approach,
@@ -110,7 +110,7 @@ def test_few_decimals_mean_the_nominal_angle(n, decimals):
     """51.43 is 360/7: without this a false error motion of 25 µrad appears."""
     scheme = plan(n, 'column').table_position[:n]
     centre = plan(n, 'column').centres(0.1)[:n]
-    run = Run.from_readings(n, 0.1, scheme, np.ones(n, int), centre)
+    run = Run(n, 0.1, scheme, np.ones(n, int), centre)
     text = format_csv(run)
     head, table = text.split('approach\n')
     cells = [line.split(',') for line in table.splitlines()]

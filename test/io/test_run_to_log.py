@@ -21,7 +21,7 @@ def make_run(n=4, seed=0, **options):
     scheme = plan(n, 'random', seed)
     time = np.cumsum(rng.integers(1, 10**11, n * n)) * 1e-9
     temperature = np.where(rng.random(n * n) < 0.3, np.nan, 20 + rng.random(n * n))
-    return Run.from_readings(
+    return Run(
         n, 0.1825, scheme.table_position, scheme.ball,
         scheme.centres(0.1825) + 1e-6 * rng.standard_normal((n * n, 3)),
         table_angle=scheme.table_angle + 1e-6 * rng.standard_normal(n * n), time=time - time[0],

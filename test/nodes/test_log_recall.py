@@ -43,7 +43,7 @@ def test_a_log_of_other_messages_is_not_gone_on_with(tmp_path, monkeypatch):
     from rosette_ros.io.run_to_log import write_log
 
     library = TypeLibrary.from_environment(os.environ)
-    run = Run.from_readings(3, 0.1, [1, 1, 1], [1, 2, 3], np.zeros((3, 3)))
+    run = Run(3, 0.1, [1, 1, 1], [1, 2, 3], np.zeros((3, 3)))
     write_log(run.replace(run_id='a'), tmp_path / 'a', library)
     response = recall(tmp_path / 'a', library)
     assert (response.run_id, len(response.targets), len(response.answers)) == ('a', 3, 3)

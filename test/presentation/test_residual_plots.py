@@ -18,9 +18,8 @@ N = 6
 def run():
     """A complete run in a random order, 30 s a ball, slowly warming."""
     scheme = plan(N, 'random', 3)
-    return Run.from_readings(N, 0.1825, scheme.table_position, scheme.ball, scheme.centres(0.1825),
-                             time=30.0 * np.arange(N**2), temperature=20 + 0.001 * np.arange(N**2),
-                             repeatability=1e-7)
+    return Run(N, 0.1825, scheme.table_position, scheme.ball, scheme.centres(0.1825), time=30.0 * np.arange(N**2),
+               temperature=20 + 0.001 * np.arange(N**2), repeatability=1e-7)
 
 
 @pytest.fixture

@@ -78,7 +78,7 @@ def planned_run(scheme: Scheme, radius: float, seconds_per_ball: float = SECONDS
     move = np.linalg.norm(np.diff(centres, axis=0, prepend=centres[:1]), axis=1) / CMM_SPEED
     time = np.cumsum(seconds_per_ball + np.maximum(turn, move))
     time = time - time[0]
-    return Run.from_readings(
+    return Run(
         scheme.n, radius, scheme.table_position, scheme.ball, centres, time=time,
         temperature=20 + 0.1 * np.sin(0.5 * np.pi * time / time[-1]), approach=scheme.approach,
         source=f'planned run, order {scheme.order}')
