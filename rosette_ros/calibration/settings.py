@@ -81,7 +81,7 @@ TABLE = (
            'machine x axis, degrees', -360.0, 360.0),
 )
 RUN = (
-    Wanted('order', 'diagonal', 'order of measurement', choices=tuple(ORDERS)),
+    Wanted('order', 'diagonal', 'order of measurement', choices=ORDERS),
     Wanted('seed', 0, 'draws the order "random"', 0, 2**53),
     Wanted('turning', 'forward', 'sense in which the table turns', choices=TURNINGS),
     Wanted('repeats', 10, 'readings of the repeatability check, 0: none', 0, 10_000),

@@ -97,8 +97,7 @@ def unwrap_travel(angle: ArrayLike, approach: ArrayLike, n: int) -> Floats:
     against = (np.sign(step) == -sense) & (np.abs(step) > np.pi / n)
     step = np.where(against, step + sense * TWO_PI, step)
     # wrap() sends half a turn to -pi, which the sense above has already put right.
-    travel: Floats = angle[0] + np.concatenate([[0.0], np.cumsum(step)])
-    return travel
+    return np.asarray(angle[0] + np.concatenate([[0.0], np.cumsum(step)]))
 
 
 def travel_sense(coordinate: Floats, tolerance: float) -> Floats:
@@ -112,45 +111,27 @@ def travel_sense(coordinate: Floats, tolerance: float) -> Floats:
     return np.where(last >= 0, np.sign(step[np.maximum(last, 0)]), 0.0)
 
 
-Pairs = tuple[Ints, Ints]
-"""Table positions and balls in measuring order, zero-based, each (N,)."""
+ORDERS = ('row', 'diagonal', 'column', 'random', 'sensitive')
 
 
-def _row(n: int, turning: str, seed: int) -> Pairs:
-    i, k = np.repeat(np.arange(n), n), np.tile(np.arange(n), n)
-    return i, (k - i) % n
-
-
-def _diagonal(n: int, turning: str, seed: int) -> Pairs:
-    k, s = np.repeat(np.arange(n), n), np.tile(np.arange(n), n)
+def _pairs(n: int, order: str, turning: str, seed: int) -> tuple[Ints, Ints]:
+    """Return table positions and balls in measuring order, zero-based, each (N,)."""
+    if order == 'sensitive':
+        return sensitive(n)[:2]
+    if order == 'random':
+        return np.divmod(np.random.default_rng(seed).permutation(n * n), n)
+    outer, inner = np.divmod(np.arange(n * n), n)
+    if order == 'row':
+        return outer, (inner - outer) % n
     if turning == 'alternate':
-        s = np.where(k % 2 == 1, n - 1 - s, s)
-    return (k + s) % n, (-s) % n
-
-
-def _column(n: int, turning: str, seed: int) -> Pairs:
-    j, i = np.repeat(np.arange(n), n), np.tile(np.arange(n), n)
-    if turning == 'alternate':
-        i = np.where(j % 2 == 1, n - 1 - i, i)
-    return i, j
-
-
-def _random(n: int, turning: str, seed: int) -> Pairs:
-    cell = np.random.default_rng(seed).permutation(n * n)
-    return cell // n, cell % n
-
-
-def _sensitive(n: int, turning: str, seed: int) -> Pairs:
-    return sensitive(n)[:2]
-
-
-ORDERS = {'row': _row, 'diagonal': _diagonal, 'column': _column, 'random': _random, 'sensitive': _sensitive}
+        inner = np.where(outer % 2 == 1, n - 1 - inner, inner)
+    return (inner, outer) if order == 'column' else ((outer + inner) % n, -inner % n)
 
 
 def plan(n: int, order: str = 'diagonal', seed: int = 0, turning: str = 'forward') -> Scheme:
     """Return the Scheme of one complete run.
 
-    order: a key of ORDERS. `row`: table outer, CMM and plate inner (the paper's case 1); `diagonal`: CMM outer (case 2,
+    order: one of ORDERS. `row`: table outer, CMM and plate inner (the paper's case 1); `diagonal`: CMM outer (case 2,
     Table 1); `column`: ball outer (case 3); `random`: a shuffle drawn from `seed`; `sensitive`: small steps of the
     table in which every effect of the library shows (docs/orders.md). turning: `forward` turns the table
     counter-clockwise always; `alternate` turns it backwards in every second inner loop (every second move in `random`),
@@ -166,7 +147,7 @@ def plan(n: int, order: str = 'diagonal', seed: int = 0, turning: str = 'forward
         raise InvalidPlan(f'order: wanted one of {", ".join(ORDERS)}, got {order!r}')
     if turning not in TURNINGS:
         raise InvalidPlan(f'turning: wanted one of {", ".join(TURNINGS)}, got {turning!r}')
-    i, j = ORDERS[order](n, turning, seed)
+    i, j = _pairs(n, order, turning, seed)
     return Scheme(n, order, int(seed), i + 1, j + 1, _approach(n, order, turning, i))
 
 
