@@ -44,8 +44,7 @@ def rotation_matrix(vector: ArrayLike) -> Floats:
     cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*vector.shape, 3)
     # np.sinc is sin(pi x)/(pi x): both factors stay exact as the angle goes to zero.
     half = np.sinc(angle / TWO_PI)
-    matrix: Floats = np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * half**2 * (cross @ cross)
-    return matrix
+    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * half**2 * (cross @ cross))
 
 
 @dataclass(frozen=True)
@@ -65,13 +64,11 @@ class Frame:
 
     def to_outer(self, points: ArrayLike) -> Floats:
         """Return points (..., 3) of the inner frame in the outer one, m."""
-        outer: Floats = np.asarray(points) @ self.rotation.T + self.origin
-        return outer
+        return np.asarray(np.asarray(points) @ self.rotation.T + self.origin)
 
     def to_inner(self, points: ArrayLike) -> Floats:
         """Return points (..., 3) of the outer frame in the inner one, m."""
-        inner: Floats = (np.asarray(points) - self.origin) @ self.rotation
-        return inner
+        return np.asarray((np.asarray(points) - self.origin) @ self.rotation)
 
     def quaternion(self) -> Floats:
         """Return the unit quaternion (x, y, z, w) of the rotation, w >= 0."""
@@ -135,8 +132,7 @@ def _normal(points: Floats, what: str) -> Floats:
     singular, vectors = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[1:]
     if singular[1] < 1e-6 * singular[0] or singular[0] == 0:
         raise NotDeterminable(f'{what}: wanted points that span a plane, got points on a line; measure more positions')
-    normal: Floats = vectors[2]
-    return normal
+    return np.asarray(vectors[2])
 
 
 def _circle_centre(points: Floats, normal: Floats) -> Floats:
@@ -148,5 +144,4 @@ def _circle_centre(points: Floats, normal: Floats) -> Floats:
     # |p|^2 = 2 c.p + (r^2 - |c|^2) is linear in centre c; points are centred, so it is well scaled.
     matrix = np.column_stack([2 * flat, np.ones(len(flat))])
     centre = np.linalg.lstsq(matrix, (flat**2).sum(axis=1), rcond=None)[0][:2]
-    on_plane: Floats = mean + centre[0] * u + centre[1] * v
-    return on_plane
+    return np.asarray(mean + centre[0] * u + centre[1] * v)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rosette_ros.core.diagnosis.search import Problem
+from rosette_ros.core.effects.effect import FixedEffect
 from rosette_ros.core.model.least_squares import fit
 
 
@@ -76,12 +77,9 @@ def _refit(fitted, rng):
     drawn = run.replace(centre=run.centre - fitted.residual + noise)
     base = fit(drawn, type(fitted.model)(fitted.model.base))
     problem = Problem(drawn, base.joint, base.residual, base.dof, (), ())
-    members = [problem.member(term.effect, setting, 1.0) for term, setting in zip(fitted.model.terms, fitted.settings)]
-    free = [{name: bracket for name, bracket in
-             term.effect.brackets(run, setting).items() if name not in term.fixed}
-            for term, setting in zip(fitted.model.terms, fitted.settings)]
+    members = [problem.member(FixedEffect(term.effect, term.fixed), setting, 1.0)
+               for term, setting in zip(fitted.model.terms, fitted.settings)]
     for _ in range(2 if len(members) > 1 else 1):
-        for place, brackets in enumerate(free):
-            others = problem.select(members[:place] + members[place + 1:])
-            members[place] = problem.refine(members[place], others, brackets)
+        for place, member in enumerate(members):
+            members[place] = problem.refine(member, problem.select(members[:place] + members[place + 1:]))
     return fit(drawn, fitted.model, tuple(member.setting for member in members))

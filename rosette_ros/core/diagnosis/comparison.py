@@ -118,8 +118,7 @@ def _sums(index: Ints, count: int, values: Reals) -> Floats:
     """Return sums of values (m, N, 3) over groups, (m, count, 3)."""
     hot = np.zeros((count, index.size))
     hot[index, np.arange(index.size)] = 1.0
-    sums: Floats = np.einsum('gn,mnc->mgc', hot, values, optimize=True)
-    return sums
+    return np.asarray(np.einsum('gn,mnc->mgc', hot, values, optimize=True))
 
 
 def _grouping(label: str, index: Ints, keys: Sequence[str], residual: Floats, noise: Reals,

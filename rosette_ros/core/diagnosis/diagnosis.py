@@ -259,7 +259,7 @@ class _Candidates:
     def __init__(self, search: _Search) -> None:
         self.search, self.problem = search, search.problem
         self.blocks = CrossValidation(search.space, search.run.size, search.seed)
-        self._without_blocks: dict[tuple[int, ...], _WithoutBlocks] = {}
+        self._without_blocks: dict[Selection, _WithoutBlocks] = {}
 
     def all(self) -> tuple[Candidate, ...]:
         """Return all candidates: claimed ones, each beside those before it, then the others beside all claimed."""
@@ -292,31 +292,14 @@ class _Candidates:
         parameters = self.search.final_fit([each for each in after.members if each.named]).effects[-1].parameters
         return Candidate(
             member.name, dict(member.setting), p, member.share, rms_before, rms_after,
-            scale * self._without(before).rms, scale * self._rms_with(member, before, among),
+            scale * self._without(before).rms, scale * self._without(before).rms_with(member, among),
             float(size * np.log(before.rss / after.rss) - (more - used) * np.log(size)), parameters,
             look_alikes, claimed)
 
     def _without(self, before: Selection) -> '_WithoutBlocks':
-        key = tuple(id(member) for member in before.members)
-        if key not in self._without_blocks:
-            selections = [Selection(before.members, before.rows, residual, float(residual @ residual), 0.0)
-                          for residual in self.blocks.training_residuals(before.residual, before.rows)]
-            self._without_blocks[key] = _WithoutBlocks(
-                self.blocks.rms_of(before.residual, before.rows), self.problem, selections)
-        return self._without_blocks[key]
-
-    def _rms_with(self, member: Member, before: Selection, among: Sequence[str]) -> float:
-        """Return the error of the cross-validation, in sigma, with an effect searched without each block."""
-        found: dict[Setting, tuple[Floats, Floats]] = {}
-        fits = []
-        for setting in self._without(before).settings(member, among):
-            if setting not in found:
-                again = (member if setting is member.setting else
-                         self.problem.member(member.effect, setting, member.chances))
-                after = self.problem.select((*before.members, *([again] if again else ())))
-                found[setting] = after.residual, after.rows
-            fits.append(found[setting])
-        return self.blocks.rms(fits)
+        if before not in self._without_blocks:
+            self._without_blocks[before] = _WithoutBlocks(self.blocks, self.problem, before)
+        return self._without_blocks[before]
 
     def _base_term(self, term: str) -> Candidate:
         run, after = self.search.run, self.search.base
@@ -332,9 +315,22 @@ class _Candidates:
 class _WithoutBlocks:
     """A selection fitted without each block of readings; rms: the error of its cross-validation in sigma."""
 
-    def __init__(self, rms: float, problem: Problem, selections: Sequence[Selection]) -> None:
-        self.rms, self._problem, self._selections = rms, problem, selections
+    def __init__(self, blocks: CrossValidation, problem: Problem, before: Selection) -> None:
+        self.rms = blocks.rms_of(before.residual, before.rows)
+        self._blocks, self._problem, self._before = blocks, problem, before
+        self._selections = [Selection(before.members, before.rows, residual, float(residual @ residual), 0.0)
+                            for residual in blocks.training_residuals(before.residual, before.rows)]
         self._offers: dict[str, list[Offer | None]] = {}
+
+    def rms_with(self, member: Member, among: Sequence[str]) -> float:
+        """Return the same with a member more, its effect searched without each block; among: as of settings."""
+        problem, settings = self._problem, self.settings(member, among)
+        found: dict[Setting, tuple[Floats, Floats]] = {}
+        for setting in dict.fromkeys(settings):
+            again = member if setting is member.setting else problem.member(member.effect, setting, member.chances)
+            after = problem.select((*self._before.members, *([again] if again else ())))
+            found[setting] = after.residual, after.rows
+        return self._blocks.rms([found[setting] for setting in settings])
 
     def settings(self, member: Member, among: Sequence[str]) -> list[Setting]:
         """Return the best setting of a member's effect without each block.

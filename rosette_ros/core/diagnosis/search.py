@@ -13,7 +13,7 @@ much. The score is free of a stated sigma: a wrong repeatability cannot make a c
 """
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -179,18 +179,16 @@ class Problem:
                 stop = start + 1 + len(selection.rows)
                 part = products[..., start:stop]
                 start = stop
-                if (family.name in selection.names and family.name not in REPEATABLE and not allow_repeats):
+                if family.name in selection.names and family.name not in REPEATABLE and not allow_repeats:
                     continue
                 gain = gains(part[..., :1], part[..., 1:])
                 score, best = _best_scores(family, selection.rss, gain, self._left(selection.rows, selection.members))
                 found.append(Offer(float(score[0]), family, int(best[0])))
         return [sorted(found, key=lambda offer: -offer.score) for found in offers]
 
-    def refine(self, member: Member, others: Selection, brackets: Mapping[str, Bracket] | None = None) -> Member:
-        """Return a member with its continuous parameters refined beside others; brackets: its own if None."""
-        if brackets is None:
-            brackets = member.effect.brackets(self.run, member.setting)
-        for name, bracket in brackets.items():
+    def refine(self, member: Member, others: Selection) -> Member:
+        """Return a member with its continuous parameters refined beside others."""
+        for name, bracket in member.effect.brackets(self.run, member.setting).items():
             better = self.member(member.effect, self._best_value(member, others, name, bracket), member.chances)
             if better and _gain(better, others) >= _gain(member, others):
                 member = better

@@ -137,8 +137,7 @@ def _carried(before: Fit, pairs: Sequence[Learnt]) -> Fit | None:
 
 def _displacement(run: Run, effect: Effect, fitted: FittedEffect) -> Floats:
     columns = effect.columns(run, fitted.setting)
-    moved: Floats = columns @ np.array([parameter.value for parameter in fitted.parameters[:columns.shape[-1]]])
-    return moved
+    return np.asarray(columns @ np.array([parameter.value for parameter in fitted.parameters[:columns.shape[-1]]]))
 
 
 def _judge(before: Fit, after: Fit, pairs: Sequence[Learnt], error_with: float) -> list[CheckedEffect]:

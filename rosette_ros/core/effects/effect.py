@@ -178,8 +178,7 @@ class Effect:
         if every.size == tried.size:
             return np.zeros(0)
         near = np.argsort(np.abs(tried - setting.number('t0')))[:3]
-        beside: Floats = every[(every >= tried[near].min()) & (every <= tried[near].max())]
-        return beside
+        return np.asarray(every[(every >= tried[near].min()) & (every <= tried[near].max())])
 
     def check_setting(self, setting: Setting) -> None:
         """Raise InvalidModel unless the setting gives searched parameters values that can be."""

@@ -11,10 +11,8 @@ from rosette_ros.core.errors import InvalidModel
 EFFECTS: dict[str, Effect] = {one.name: one for one in (
     frame.FrameDrift(), frame.FrameWarmup(), frame.FrameTemperature(), frame.FrameCycle(), frame.FrameStep(),
     table.TableZeroDrift(), table.AxisTiltDrift(), table.TableBacklash(), table.AsynchronousMotion(),
-    table.TableWarmup(),
-    plate.PlateCreep(), plate.PlateSlip(), plate.PlateExpansion(), plate.PlateWarp(), plate.BallSlip(),
-    plate.BallForm(),
-    reading.CmmReversal(), reading.Outlier())}
+    table.TableWarmup(), plate.PlateCreep(), plate.PlateSlip(), plate.PlateExpansion(), plate.PlateWarp(),
+    plate.BallSlip(), plate.BallForm(), reading.CmmReversal(), reading.Outlier())}
 """By name; their order is that of every table and page."""
 
 
@@ -25,34 +23,23 @@ def effect(name: str) -> Effect:
     return EFFECTS[name]
 
 
-class TableMotions(Effect):
-    name = 'table_motions'
-    meaning = 'The six error motions of the table: the result of a calibration.'
-    look = 'The bearing, the encoder and the correction tables of the rotary table.'
-    formula = 'T_i + Theta_i x R_z(phi_i) b_j'
-    depends_on = ('table_position',)
-    source = 'Kniel et al. (2019), equations (1) to (16)'
+class BaseEffect(Effect):
+    """A term of the base model, which has no columns: what it is called and what it means."""
+
     carries = 'all'
 
-
-class PlateDeviations(Effect):
-    name = 'plate_deviations'
-    meaning = 'The balls are not at their nominal positions; the plate need not be calibrated.'
-    look = 'No fault: every plate has them, and they turn with it.'
-    formula = 'R_z(phi_i) P_j'
-    depends_on = ('ball',)
-    source = 'Kniel et al. (2019), section 2.1'
-    carries = 'all'
+    def __init__(self, name: str, meaning: str, look: str, formula: str, depends_on: str, source: str) -> None:
+        self.name, self.meaning, self.look, self.formula, self.source = name, meaning, look, formula, source
+        self.depends_on = (depends_on,)
 
 
-class CmmDeviations(Effect):
-    name = 'cmm_deviations'
-    meaning = 'At each of its positions the CMM has a constant measuring error.'
-    look = 'Correction of the linear axes; squareness and scales of the CMM.'
-    formula = 'M_k'
-    depends_on = ('cmm_position',)
-    source = 'Kniel et al. (2019), section 2.1'
-    carries = 'all'
-
-
-BASE_EFFECTS: tuple[Effect, ...] = (TableMotions(), PlateDeviations(), CmmDeviations())
+BASE_EFFECTS = (
+    BaseEffect('table_motions', 'The six error motions of the table: the result of a calibration.',
+               'The bearing, the encoder and the correction tables of the rotary table.',
+               'T_i + Theta_i x R_z(phi_i) b_j', 'table_position', 'Kniel et al. (2019), equations (1) to (16)'),
+    BaseEffect('plate_deviations', 'The balls are not at their nominal positions; the plate need not be calibrated.',
+               'No fault: every plate has them, and they turn with it.', 'R_z(phi_i) P_j', 'ball',
+               'Kniel et al. (2019), section 2.1'),
+    BaseEffect('cmm_deviations', 'At each of its positions the CMM has a constant measuring error.',
+               'Correction of the linear axes; squareness and scales of the CMM.', 'M_k', 'cmm_position',
+               'Kniel et al. (2019), section 2.1'))

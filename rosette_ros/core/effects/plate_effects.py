@@ -128,8 +128,7 @@ class BallSlip(Effect):
         ball = np.array([setting.whole('ball') for setting in settings])[:, None]
         t0 = np.array([setting.number('t0') for setting in settings])[:, None]
         moved = (run.ball == ball) & (seconds(run) > t0)
-        shifts: Floats = moved[:, None, :, None] * np.moveaxis(plate_axes(run), -1, 0)
-        return shifts
+        return np.asarray(moved[:, None, :, None] * np.moveaxis(plate_axes(run), -1, 0))
 
 
 class BallForm(Effect):

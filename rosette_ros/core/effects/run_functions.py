@@ -8,14 +8,12 @@ from rosette_ros.core.records import Floats, Run
 
 def seconds(run: Run) -> Floats:
     """Return the time of each reading since the first, (N,), s."""
-    elapsed: Floats = run.time - run.time[0]
-    return elapsed
+    return np.asarray(run.time - run.time[0])
 
 
 def travel(run: Run) -> Floats:
     """Return the unwrapped table angle of each reading since the first, (N,), rad."""
-    turned: Floats = run.table_travel - run.table_travel[0]
-    return turned
+    return np.asarray(run.table_travel - run.table_travel[0])
 
 
 def duration(run: Run) -> float:
@@ -25,8 +23,7 @@ def duration(run: Run) -> float:
 
 def temperature_change(run: Run) -> Floats:
     """Return the temperature of each reading minus that of the first, (N,), K."""
-    change: Floats = run.temperature - run.temperature[0]
-    return change
+    return np.asarray(run.temperature - run.temperature[0])
 
 
 def unit(axis: int, size: int) -> Floats:

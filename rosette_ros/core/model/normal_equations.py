@@ -53,8 +53,7 @@ class Part:
 
     def cofactor(self) -> Floats:
         """Return the variances of the unknowns for unit variance of a coordinate, (q,)."""
-        cofactor: Floats = np.sum(self._mix**2, axis=1)
-        return cofactor
+        return np.asarray(np.sum(self._mix**2, axis=1))
 
     def undetermined(self) -> Bools:
         """Return which unknowns the readings leave open beyond the gauge, (q,)."""
@@ -62,8 +61,7 @@ class Part:
         beyond = self._null - gauge @ (gauge.T @ self._null)
         vectors, value, _ = np.linalg.svd(beyond, full_matrices=False)
         share = np.sum(vectors[:, value > 0.5]**2, axis=1)
-        is_open: Bools = share > max(0.5 * share.max(initial=0), 1e-6)
-        return is_open
+        return np.asarray(share > max(0.5 * share.max(initial=0), 1e-6))
 
 
 def _one_hot(run: Run) -> tuple[Floats, Floats, Floats]:
