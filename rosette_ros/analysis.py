@@ -174,6 +174,6 @@ def summarise(run: Run, model: Model | None = None, on_step: Callable[[str], obj
 
 
 __all__ = [
-    'MOST_BALLS_ADVISED', 'MOST_BALLS_JUDGED', 'STEPS', 'Change', 'LadderStep', 'Summary', 'Verdict',
-    'advise', 'advise_run', 'analyse', 'change', 'claimed_model', 'compare', 'cross_check', 'diagnose', 'judge',
-    'ladder', 'summarise']
+    'MOST_BALLS_ADVISED', 'MOST_BALLS_JUDGED', 'STEPS', 'Change', 'LadderStep', 'Summary', 'Verdict', 'advise',
+    'advise_run', 'analyse', 'change', 'claimed_model', 'compare', 'cross_check', 'diagnose', 'judge', 'ladder',
+    'summarise']

@@ -97,9 +97,8 @@ class Sweeps:
     def by_rule(n: int) -> 'Sweeps':
         """Return sweeps for any n: v in the order of m**2 times the golden section, modulo 1.
 
-        Such a chirp has an even spectrum. The sense changes after 1, 2, 3, ... sweeps; the gaps,
-        up to half a turn, follow no period either. One half of the table moves the CMM back by one,
-        the other on by two.
+        Such a chirp has an even spectrum. The sense changes after 1, 2, 3, ... sweeps; the gaps, up to half a turn,
+        follow no period either. One half of the table moves the CMM back by one, the other on by two.
         """
         m = np.arange(n)
         ball = np.argsort(np.argsort(_GOLDEN * m**2 % 1.0, kind='stable'), kind='stable')
@@ -107,11 +106,6 @@ class Sweeps:
         gap = (_GOLDEN * m**3 % 1.0 * min(n // 2, WIDEST_GAP + 1)).astype(int)
         shift = np.cumsum(np.where(m < n // 2, -2, 1)) % n
         return Sweeps(ball, 1 - 2 * (block % 2), gap, shift)
-
-    @staticmethod
-    def of(n: int) -> 'Sweeps':
-        """Return the designed sweeps for n balls, or those of the rule."""
-        return Sweeps.from_text(*SWEEPS[n]) if n in SWEEPS else Sweeps.by_rule(n)
 
 
 def order_from_text(text: str) -> tuple[Ints, Ints, Ints]:
@@ -126,8 +120,7 @@ def shortest_way(n: int, position: Ints) -> Ints:
 
     position: (N,) zero-based. Half a turn goes backwards; before the first move the sense is +1.
     """
-    step = (np.diff(position) + n // 2) % n - n // 2
-    step = np.concatenate([[1], step])
+    step = np.concatenate([[1], (np.diff(position) + n // 2) % n - n // 2])
     last = np.maximum.accumulate(np.where(step != 0, np.arange(step.size), 0))
     return np.where(step < 0, -1, 1)[last]
 
@@ -136,5 +129,6 @@ def sensitive(n: int) -> tuple[Ints, Ints, Ints]:
     """Return position, ball (zero-based) and sense of the last table move, (n*n,) each; always the same for one n."""
     if n in READINGS:
         return order_from_text(READINGS[n])
-    position, ball = Sweeps.of(n).readings()
+    sweeps = Sweeps.from_text(*SWEEPS[n]) if n in SWEEPS else Sweeps.by_rule(n)
+    position, ball = sweeps.readings()
     return position, ball, shortest_way(n, position)

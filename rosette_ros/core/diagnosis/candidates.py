@@ -75,7 +75,6 @@ class Projection:
         return np.concatenate(parts, axis=1), np.concatenate(places)
 
     def __call__(self, rows: Reals) -> Reals:
-        """Return the rows freed of the model, same shape."""
         if len(rows) >= FEW:
             rows = rows.astype(np.float32)
         return self.basis.residual(rows) if 3 * self.size <= SMALL else self._residual(rows)

@@ -98,11 +98,7 @@ class CrossValidation:
 
     def rms_of(self, residual: Floats, rows: Floats | None = None) -> float:
         """Return the same for one fit whose settings are not searched without each block."""
-        return self.rms([_fit(residual, rows)] * self.folds)
-
-
-def _fit(residual: Floats, rows: Floats | None = None) -> tuple[Floats, Floats]:
-    return residual, np.zeros((0, residual.size)) if rows is None else rows
+        return self.rms([(residual, np.zeros((0, residual.size)) if rows is None else rows)] * self.folds)
 
 
 def cross_validation_rms(run: Run, fitted: Fit, seed: int = 0) -> float:
@@ -113,7 +109,7 @@ def cross_validation_rms(run: Run, fitted: Fit, seed: int = 0) -> float:
     blocks = CrossValidation(base.joint, run.size, seed)
     whole = Problem(run, base.joint, base.residual, base.dof, (), ())
     problems = effect_problems(run, fitted.model, base.joint, base.residual, base.dof)
-    fits = [_fit(whole.residual)] * blocks.folds
+    fits = [(whole.empty.residual, whole.empty.rows)] * blocks.folds
     # at first the effects count for nothing in a block, then for what they predict there
     for _ in range(IMPUTATIONS if any(term.effect.searched for term in fitted.model.terms) else 1):
         imputed = blocks.imputed(whole.residual, fits) * whole.scale

@@ -36,15 +36,12 @@ class UnnamedTerm(Effect):
         return f'{self.dependence}, in {{direction}}'.format(**setting).replace('(-', '(−')
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
-        """Return the settings to try on this run."""
         return tuple(self.grid(run))
 
     def width(self, run: Run, setting: Setting) -> int:
-        """Return the number of scalars times that of axes."""
         return len(ALL_DIRECTIONS[setting.word('direction')]) * len(self.scalars(run, setting))
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
-        """Return unnamed amplitudes."""
         return tuple(Quantity(f'c{k + 1}', '', 'amplitude') for k in range(self.width(run, setting)))
 
     def columns(self, run: Run, setting: Setting) -> Floats:

@@ -10,7 +10,6 @@ import ast
 import operator
 import warnings
 from collections.abc import Callable, Mapping
-from typing import TypeGuard
 
 import numpy as np
 
@@ -36,8 +35,8 @@ NAMES = {
 GREEK = {'φ': 'phi', 'β': 'beta', 'α': 'alpha', 'ψ': 'psi', 'Ψ': 'psi', 'π': 'pi', 'Psi': 'psi'}
 Function = Callable[..., Floats]
 FUNCTIONS: dict[str, Function] = {
-    'sin': np.sin, 'cos': np.cos, 'exp': np.exp, 'log': np.log, 'sqrt': np.sqrt,
-    'abs': np.abs, 'sign': np.sign, 'tanh': np.tanh, 'step': lambda x: (x > 0) * 1.0}
+    'sin': np.sin, 'cos': np.cos, 'exp': np.exp, 'log': np.log, 'sqrt': np.sqrt, 'abs': np.abs, 'sign': np.sign,
+    'tanh': np.tanh, 'step': lambda x: (x > 0) * 1.0}
 _BINARY: dict[type[ast.operator], Function] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
     ast.Pow: operator.pow}
@@ -95,35 +94,33 @@ def evaluate(tree: ast.expr, values: Mapping[str, Floats | float]) -> Floats | f
     raise TypeError(f'wanted a tree of parse, got {ast.dump(tree)}')
 
 
-def _is_number(value: object) -> TypeGuard[int | float]:
-    return type(value) in (int, float)
-
-
 def _check(node: ast.expr, depth: int) -> None:
     if depth > DEEPEST:
         raise InvalidModel(f'expression: wanted at most {DEEPEST} nested levels, got more')
     inner: list[ast.expr] = []
-    if isinstance(node, ast.Constant) and _is_number(node.value):
-        if abs(node.value) > 1e12:
-            raise InvalidModel('expression: wanted numbers up to 1e12, got a larger one')
-    elif isinstance(node, ast.Name):
-        if node.id not in NAMES:
-            raise InvalidModel(f'expression: wanted names among {", ".join(NAMES)}, got {node.id!r}')
-    elif isinstance(node, ast.UnaryOp) and type(node.op) in _UNARY:
-        inner = [node.operand]
-    elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-        if node.func.id not in FUNCTIONS or len(node.args) != 1 or node.keywords:
-            raise InvalidModel(f'expression: wanted functions of one argument among '
-                               f'{", ".join(FUNCTIONS)}, got {node.func.id!r}')
-        inner = node.args
-    elif isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
-        exponent = node.right.value if isinstance(node.right, ast.Constant) else None
-        if isinstance(node.op, ast.Pow) and not (_is_number(exponent) and abs(exponent) <= LARGEST_POWER):
+    match node:
+        case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
+            if abs(number) > 1e12:
+                raise InvalidModel('expression: wanted numbers up to 1e12, got a larger one')
+        case ast.Name(id=name):
+            if name not in NAMES:
+                raise InvalidModel(f'expression: wanted names among {", ".join(NAMES)}, got {name!r}')
+        case ast.UnaryOp(op=ast.UAdd() | ast.USub(), operand=operand):
+            inner = [operand]
+        case ast.Call(func=ast.Name(id=name), args=inner, keywords=keywords):
+            if name not in FUNCTIONS or len(inner) != 1 or keywords:
+                raise InvalidModel(f'expression: wanted functions of one argument among {", ".join(FUNCTIONS)}, got '
+                                   f'{name!r}')
+        case ast.BinOp(left=base, op=ast.Pow(), right=ast.Constant(value=int() | float() as power)) if (
+                not isinstance(power, bool) and abs(power) <= LARGEST_POWER):
+            inner = [base]
+        case ast.BinOp(op=ast.Pow()):
             raise InvalidModel(f'expression: wanted a number up to {LARGEST_POWER} as exponent')
-        inner = [node.left, node.right]
-    else:
-        raise InvalidModel(f'expression: wanted arithmetic on {", ".join(NAMES)} and the functions '
-                           f'{", ".join(FUNCTIONS)}, got {type(node).__name__}')
+        case ast.BinOp(left=left, op=operation, right=right) if type(operation) in _BINARY:
+            inner = [left, right]
+        case _:
+            raise InvalidModel(f'expression: wanted arithmetic on {", ".join(NAMES)} and the functions '
+                               f'{", ".join(FUNCTIONS)}, got {type(node).__name__}')
     for one in inner:
         _check(one, depth + 1)
 

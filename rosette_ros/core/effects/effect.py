@@ -41,13 +41,12 @@ class Searched(Quantity):
 
     def wanted_for(self, value: object) -> str:
         """Return what is wanted in place of a value, or an empty string where the value can be."""
-        if isinstance(value, (int, float)) and not isinstance(value, bool):
-            if self.kind == 'choice' or (abs(value) <= LARGEST and (self.kind != 'scale' or value > 0)):
-                return ''
-        elif self.kind == 'choice' and isinstance(value, str):
+        if self.kind == 'choice':
+            return '' if isinstance(value, (int, float, str)) and not isinstance(value, bool) else 'a number or a word'
+        if (isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= LARGEST
+                and (self.kind != 'scale' or value > 0)):
             return ''
-        return 'a number or a word' if self.kind == 'choice' else (
-            f'a {"positive " if self.kind == "scale" else ""}number ({self.unit})')
+        return f'a {"positive " if self.kind == "scale" else ""}number ({self.unit})'
 
 
 def per_axis(axes: str, one: Quantity) -> tuple[Quantity, ...]:

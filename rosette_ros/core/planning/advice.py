@@ -78,10 +78,9 @@ def planned_run(scheme: Scheme, radius: float, seconds_per_ball: float = SECONDS
     move = np.linalg.norm(np.diff(centres, axis=0, prepend=centres[:1]), axis=1) / CMM_SPEED
     time = np.cumsum(seconds_per_ball + np.maximum(turn, move))
     time = time - time[0]
-    return Run(
-        scheme.n, radius, scheme.table_position, scheme.ball, centres, time=time,
-        temperature=20 + 0.1 * np.sin(0.5 * np.pi * time / time[-1]), approach=scheme.approach,
-        source=f'planned run, order {scheme.order}')
+    temperature = 20 + 0.1 * np.sin(0.5 * np.pi * time / time[-1])
+    return Run(scheme.n, radius, scheme.table_position, scheme.ball, centres, time=time, temperature=temperature,
+               approach=scheme.approach, source=f'planned run, order {scheme.order}')
 
 
 def advise_order(scheme: Scheme, radius: float, sigma: float, wanted: Sequence[str] = (), names: Sequence[str] = (),
@@ -127,25 +126,14 @@ def scheme_of(run: Run) -> Scheme:
     return Scheme(run.n, order, 0, *cell, run.approach)
 
 
-def compared_orders(n: int, radius: float, sigma: float, wanted: Sequence[str],
-                    seed: int = 0) -> tuple[OrderAdvice, ...]:
-    """Return the OrderAdvice of every order and turning, about the wanted effects alone."""
-    return tuple(advise_order(plan(n, name, seed, turning), radius, sigma, wanted, names=wanted)
-                 for name, turning in VARIANTS)
-
-
-def best_of(orders: Sequence[OrderAdvice]) -> OrderAdvice:
-    """Return the OrderAdvice with the least travel of those whose worst share is near the top."""
-    top = max(entry.worst for entry in orders)
-    return min((entry for entry in orders if entry.worst >= 0.9 * top), key=lambda entry: entry.travel_time)
-
-
 def _advice(present: OrderAdvice, n: int, radius: float, sigma: float, wanted: Sequence[str], seed: int) -> Advice:
     judged = [entry for entry in present.visibilities if not entry.reason]
     weak = tuple(entry.name for entry in judged if entry.typical_share < GOOD_SHARE)
     wanted = tuple(wanted) or weak or tuple(entry.name for entry in judged)
-    every = compared_orders(n, radius, sigma, wanted, seed)
-    best = best_of(every)
+    every = tuple(advise_order(plan(n, name, seed, turning), radius, sigma, wanted, names=wanted)
+                  for name, turning in VARIANTS)
+    top = max(entry.worst for entry in every)
+    best = min((entry for entry in every if entry.worst >= 0.9 * top), key=lambda entry: entry.travel_time)
     best = advise_order(plan(n, best.order, seed, best.turning), radius, sigma, wanted)
     return Advice(present, best, every, weak, wanted, _text(present, best, weak, wanted))
 
