@@ -8,10 +8,12 @@ has sent it is admitted; from then on a cookie is enough.
 
 import asyncio
 import hmac
+import logging
+import re
 import secrets
 from collections.abc import Sequence
 from importlib import resources
-from urllib.parse import parse_qsl, urlsplit
+from urllib.parse import parse_qsl
 
 from jinja2 import Template
 from starlette.datastructures import MutableHeaders
@@ -29,7 +31,11 @@ COOKIE = 'rosette_access'
 WRONG_TOKEN_DELAY = 1.0
 """A wrong token is answered after so long, s."""
 LOOPBACK = ('localhost', '127.0.0.1', '::1')
-POLICY = ("default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; connect-src 'self' ws: wss:; "
+HOST = r'(\[[0-9a-f:.]+\]|[a-z0-9._-]+)(:[0-9]{1,5})?'
+"""Name or address and port, in small letters."""
+FORMS = {'host': HOST, 'origin': f'(null|[a-z][a-z0-9+.-]*://{HOST})?', 'path': r'[^\x00-\x1f\x7f-\x9f\ufffd]*'}
+"""What a browser sends; the server puts U+FFFD for bytes that are no UTF-8."""
+POLICY = ("default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; connect-src 'self'; "
           "object-src 'none'; base-uri 'self'; form-action 'self'; frame-ancestors 'none'")
 """The browser loads everything from the studio (NiceGUI compiles its templates in the browser)."""
 _HEADERS = {'content-security-policy': POLICY, 'x-content-type-options': 'nosniff', 'referrer-policy': 'same-origin'}
@@ -45,7 +51,6 @@ class AccessControl:
     def __init__(self, app: ASGIApp, token: str | None = None, names: Sequence[str] | None = LOOPBACK) -> None:
         self._app, self._token, self._names = app, token, names
         self._key = secrets.token_urlsafe(32)
-        self._one_at_a_time = asyncio.Lock()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on to the studio, or answer it."""
@@ -62,14 +67,22 @@ class AccessControl:
 
     async def _answer(self, request: HTTPConnection, receive: Receive) -> Response | None:
         """Return the answer to a request that does not reach the studio, None for one that does."""
-        headers, scope = request.headers, request.scope
-        host, origin, length = headers.get('host', ''), headers.get('origin'), headers.get('content-length', '0')
-        if self._names is not None and (urlsplit(f'//{host}').hostname or '').lower() not in self._names:
+        headers, scope, length = request.headers, request.scope, request.headers.get('content-length', '0')
+        host, origin = (', '.join(headers.getlist(name)).lower() for name in ('host', 'origin'))
+        for (what, form), value in zip(FORMS.items(), (host, origin, scope['path']), strict=True):
+            if not re.fullmatch(form, value):
+                words = f'{what}: wanted one as browsers send it, got {ascii(value)[:80]}'
+                logging.getLogger(__name__).warning('rosette studio: refused: %s', words)
+                return PlainTextResponse(words, 400)
+        if self._names is not None and re.sub(r':[0-9]+$', '', host).strip('[]') not in self._names:
             return PlainTextResponse(f'host: wanted one of {", ".join(self._names)}, got {host!r}; open the address '
                                      'that the studio printed', 403)
-        if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
+        if origin and origin.partition('://')[2] != host:
             return PlainTextResponse(f'origin: wanted a page of this studio, got {origin!r}', 403)
-        if not length.isdigit() or int(length) > MOST_BODY:
+        if headers.get('sec-fetch-site', 'none') not in ('none', 'same-origin') \
+                and headers.get('sec-fetch-dest') != 'document':
+            return PlainTextResponse('sec-fetch-site: wanted a page of this studio, got a part of another page', 403)
+        if not length.isdecimal() or int(length) > MOST_BODY:
             return PlainTextResponse(TOO_LARGE, 413)
         if self._token is None:
             return None
@@ -96,11 +109,10 @@ class AccessControl:
         return self._admission('/') if await self._is_right(fields.get('token', '')) else _sign_in_page(bool(body))
 
     async def _is_right(self, token: str) -> bool:
-        """Return whether this is the token; wrong ones are answered slowly, one after the other."""
-        async with self._one_at_a_time:
-            right = _is_same(token, self._token or '')
-            if not right and token:
-                await asyncio.sleep(WRONG_TOKEN_DELAY)
+        """Return whether this is the token, at once where it is; wrong ones are answered slowly."""
+        right = _is_same(token, self._token or '')
+        if not right and token:
+            await asyncio.sleep(WRONG_TOKEN_DELAY)
         return right
 
     def _admission(self, path: str) -> Response:

@@ -4,7 +4,6 @@
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from functools import partial
-from importlib import resources
 
 from nicegui import background_tasks, ui
 from nicegui.events import KeyEventArguments, ValueChangeEventArguments
@@ -49,12 +48,10 @@ class Page:
         self._is_reporting = False
         self._add = partial(self._act, self._session.add)
         self._drop_preview = partial(controller.act, self._session.set_preview, None)
-        ui.add_css(resources.files('rosette_ros.studio').joinpath('style.css').read_text('utf-8'))
-        ui.colors(primary='#00598c')
         self._dark = ui.dark_mode(None)
         self._dialog = OpenDialog(controller, options.suggestions, folder, self.refresh)
         self._build_bar()
-        with ui.element('main').classes('sheet'):
+        with ui.element('div').classes('sheet'):
             with self._tab(RUN):
                 self._build_run()
             with self._tab(LIVE):

@@ -9,6 +9,7 @@ import socket
 from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from importlib import resources
 from tempfile import TemporaryDirectory
 
 from nicegui import app, background_tasks, ui
@@ -21,6 +22,9 @@ from rosette_ros.studio.panels.live_panel import CellWatchers
 
 MOST_BROWSERS = 16
 """The state of so many browsers is kept; of more, that of the one not seen for longest is dropped."""
+
+CONNECTED_WITHIN = 30.0
+"""A page whose websocket is not open after so long is forgotten, s."""
 
 
 class Controllers:
@@ -54,10 +58,13 @@ def serve(options: StudioOptions, on_ready: Callable[[str], object] | None = Non
     controllers, cells = Controllers(), CellWatchers()
     with TemporaryDirectory(prefix='rosette_studio_') as folder:
         async def build() -> None:
+            await ui.context.client.connected(CONNECTED_WITHIN)  # what only loads the page keeps nothing here
             controller, is_new = controllers.of(app.storage.browser['id'])
             Page(controller, options, folder, cells).begin(is_new)
 
-        ui.page('/', title='rosette studio', favicon='◎')(build)
+        ui.page('/', title='rosette studio', favicon='◎', language='en-US')(build)
+        ui.add_css(resources.files('rosette_ros.studio').joinpath('style.css').read_text('utf-8'), shared=True)
+        app.colors(primary='#00598c')
         if on_ready:
             app.on_startup(lambda: background_tasks.create(_call_when_ready(options.host, port, address, on_ready)))
         app.on_shutdown(controllers.close)

@@ -54,7 +54,7 @@ def locked(monkeypatch):
     return AccessControl(studio_app, TOKEN)
 
 
-@pytest.mark.parametrize('host', ['evil.example', 'localhost.evil.example:8000', ''])
+@pytest.mark.parametrize('host', ['evil.example', 'localhost.evil.example:8000', '127.0.0.1.evil.example'])
 def test_foreign_names_are_refused(host):
     """A page elsewhere can point its own name to this computer."""
     assert ask(AccessControl(studio_app), ('host', host))[0] == 403
@@ -81,10 +81,72 @@ def test_the_own_page_is_taken():
     assert ask(AccessControl(studio_app), HOST, own, kind='websocket')[0] == 'websocket.accept'
 
 
+@pytest.mark.parametrize(('header', 'value'), [
+    ('host', '[::1'), ('host', ''), ('host', 'localhost:x'), ('host', 'a@localhost'), ('host', 'localhost/a'),
+    ('host', '\xff'), ('origin', 'http://[::1'), ('origin', 'nowhere'), ('origin', 'http://127.0.0.1:8000\r\nx: 1')])
+def test_malformed_headers_are_refused_in_one_line(header, value, caplog):
+    """Without a traceback, for page and websocket."""
+    headers = [HOST, (header, value)] if header == 'origin' else [(header, value)]
+    assert ask(AccessControl(studio_app, names=None), *headers)[0] == 400
+    assert ask(AccessControl(studio_app, names=None), *headers, kind='websocket')[0] == 'websocket.close'
+    assert [line.count(f'refused: {header}: wanted one as browsers send it') for line in caplog.messages] == [1, 1]
+
+
+def test_two_hosts_are_none():
+    """The server and a proxy before it could take different ones."""
+    assert ask(AccessControl(studio_app), HOST, ('host', 'localhost'))[0] == 400
+
+
+@pytest.mark.parametrize('path', ['/\ufffd', '/\x00', '/a\r\nb', '/\x1b[2J'])
+def test_paths_are_text(path):
+    """The server decodes what stands in the address."""
+    assert ask(AccessControl(studio_app), HOST, path=path)[0] == 400
+
+
+def test_parts_of_foreign_pages_are_refused():
+    """An image from elsewhere is no page; a link from elsewhere is followed, and an old browser says nothing."""
+    def fetched(site, destination):
+        return ask(AccessControl(studio_app), HOST, ('sec-fetch-site', site), ('sec-fetch-dest', destination))[0]
+
+    assert [fetched(site, 'image') for site in ('cross-site', 'same-site', 'same-origin')] == [403, 403, 200]
+    assert [fetched(site, 'document') for site in ('cross-site', 'same-site', 'none')] == [200] * 3
+
+
+def test_the_browser_connects_to_the_studio_only():
+    """No websocket of another address."""
+    policy = ask(AccessControl(studio_app), HOST)[1]['content-security-policy']
+    assert "connect-src 'self';" in policy
+
+
+def test_wrong_tokens_do_not_delay_the_right_one(monkeypatch):
+    """However many are waiting for their answer."""
+    monkeypatch.setattr(access_control, 'WRONG_TOKEN_DELAY', 3600.0)
+    locked, answers = AccessControl(studio_app, TOKEN), []
+
+    async def get(token):
+        async def send(message):
+            answers.append((token, message.get('status')))
+
+        await locked({'type': 'http', 'path': '/', 'query_string': f'token={token}'.encode(), 'method': 'GET',
+                      'headers': [(b'host', b'127.0.0.1')]}, None, send)
+
+    async def attack():
+        wrong = [asyncio.create_task(get('wrong')) for _ in range(50)]
+        await asyncio.sleep(0)
+        await asyncio.wait_for(get(TOKEN), 30)
+        for one in wrong:
+            one.cancel()
+
+    with ThreadPoolExecutor(1) as thread:
+        thread.submit(asyncio.run, attack()).result()
+    assert answers[0] == (TOKEN, 303)
+
+
 def test_bodies_are_bounded():
     """By what they say, and by what comes."""
     assert ask(AccessControl(studio_app), HOST, ('content-length', str(MOST_BODY + 1)))[0] == 413
     assert ask(AccessControl(studio_app), HOST, ('content-length', 'many'))[0] == 413
+    assert ask(AccessControl(studio_app), HOST, ('content-length', '²'))[0] == 413
     part = bytes(1 << 24)
     assert ask(AccessControl(studio_app), HOST, body=[part] * 12)[0] == 200
     assert ask(AccessControl(studio_app), HOST, body=[part] * 13)[0] == 413

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The server against clients that are no browser, and against pages of others."""
+
+import re
+import socket
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+from playwright.sync_api import expect
+
+LOADS = 300
+MOST_KEPT = 60
+"""MB; a page that is built takes more than 1 MB."""
+
+
+def send(address, request):
+    """Return the first line of the answer to the bytes of a request."""
+    with socket.create_connection(('127.0.0.1', urlsplit(address).port), timeout=60) as connection:
+        connection.sendall(request)
+        answer = b''.join(iter(lambda: connection.recv(1 << 16), b''))
+    return answer.partition(b'\r\n')[0].decode()
+
+
+def resident(process):
+    """Return the memory of a process, MB."""
+    return int(re.search(r'VmRSS:\s+(\d+)', Path(f'/proc/{process.pid}/status').read_text())[1]) / 1024
+
+
+@pytest.mark.parametrize('head', [
+    b'/ HTTP/1.1\r\nHost: [::1', b'/ HTTP/1.1\r\nHost: \xff', b'/ HTTP/1.1\r\nHost: localhost\r\nOrigin: http://[::1',
+    b'/\xff HTTP/1.1\r\nHost: localhost', b'/%ff HTTP/1.1\r\nHost: localhost', b'/%0d%0aa HTTP/1.1\r\nHost: localhost',
+    b'/ HTTP/1.1\r\nHost: localhost\r\nX-A: a\r\n b', b'/ HTTP/1.1\r\nHost: localhost\r\nX-A: a\nb'])
+def test_what_no_browser_sends_is_refused_in_one_line(studio, head):
+    """In the name, the origin, the path and the headers; the studio lives on."""
+    log = studio.folder / 'studio.log'
+    before = len(log.read_text())
+    assert send(studio.address, b'GET ' + head + b'\r\nConnection: close\r\n\r\n') == 'HTTP/1.1 400 Bad Request'
+    assert len(log.read_text()[before:].splitlines()) == 1
+
+
+def test_pages_that_are_only_loaded_keep_no_memory(start_studio, tmp_path):
+    """Clients without websocket and without cookie."""
+    with start_studio(tmp_path) as studio:
+        request = f'GET / HTTP/1.1\r\nHost: {urlsplit(studio.address).netloc}\r\nConnection: close\r\n\r\n'.encode()
+        assert send(studio.address, request) == 'HTTP/1.1 200 OK'
+        before = resident(studio.process)
+        for _ in range(LOADS):
+            send(studio.address, request)
+        assert resident(studio.process) - before < MOST_KEPT
+
+
+def test_images_on_a_foreign_page_do_not_empty_a_session(studio, chromium):
+    """What was opened is still there."""
+    context = chromium.new_context()
+    page = context.new_page()
+    page.goto(studio.address)
+    expect(page.get_by_test_id('run')).to_have_value('drifting.csv')
+    page.get_by_test_id('remove-cmm_deviations').click()
+    expect(page.get_by_test_id('part-cmm_deviations')).to_be_hidden()
+    foreign = context.new_page()
+    foreign.set_content(''.join(f'<img src="{studio.address}?{k}">' for k in range(40)))
+    foreign.wait_for_load_state('networkidle')
+    page.reload()
+    expect(page.get_by_test_id('part-table_motions')).to_be_visible()
+    expect(page.get_by_test_id('part-cmm_deviations')).to_be_hidden()
+    context.close()
