@@ -26,6 +26,7 @@ from mcap.writer import CompressionType, Writer
 
 from rosette_ros.core.errors import CellError, InvalidConfig, InvalidData
 from rosette_ros.io import bag_metadata as bag
+from rosette_ros.io.log_file import LogFile
 from rosette_ros.io.type_definitions import TypeDefinition
 
 CHUNK_SIZE = 64 * 1024
@@ -89,12 +90,22 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
         self._topics: dict[str, _Topic] = {}
         self._states: dict[tuple[str, Hashable], tuple[_Topic, int, int, bytes]] = {}
         self._files: list[bag.FileSummary] = []
+        self._written: list[LogFile] = []
         self._failure = ''
         self._writer: Writer | None = None
         self._safe = 'nothing'
         self._prepare_directory()
-        with self._disk_errors():
+        try:
             self._begin_file()
+        except OSError as error:
+            self._refused(error)
+            with contextlib.suppress(OSError):
+                metadata = self.directory / bag.FILE_NAME
+                for path in (*(one.path for one in self._written), metadata, Path(f'{metadata}.part')):
+                    path.unlink(missing_ok=True)
+                self.directory.rmdir()  # one that holds something else stays
+            raise CellError(f'{self.directory}: cannot begin the log: {error.strerror}; make room and start '
+                            'again') from error
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -164,6 +175,20 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
                 self._close_file(self._writer)
                 self._write_metadata_file()
 
+    def damage(self, is_whole: bool = False) -> str:
+        """Return how the files on the disk differ from what was flushed or refused, '' where they do not.
+
+        is_whole: whether their bytes are read, too."""
+        return next(filter(None, (one.damage(is_whole) for one in self._written)), '')
+
+    def abandon(self) -> None:
+        """End without writing, and vouch for no file any more."""
+        self._written.clear()
+        if self._writer is not None:
+            self._writer = None
+            with contextlib.suppress(OSError, ValueError):
+                self._stream.raw.close()
+
     def _open_writer(self) -> Writer:
         """Return the writer of the open file; CellError after a refusal, InvalidData after closing."""
         if self._failure:
@@ -188,7 +213,9 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
         """Open the next file; it gets its name, and metadata.yaml names it, when its head is on the disk."""
         path = self.directory / f'{self.name}_{len(self._files)}.mcap'
         unnamed = path.with_name(f'{path.name}.part')
-        self._stream, self._safe_size = open(unnamed, 'xb'), 0  # noqa: SIM115 (closed in _close_file)
+        raw = LogFile(unnamed)
+        self._written.append(raw)
+        self._stream, self._safe_size = io.BufferedWriter(raw), 0
         self._file = bag.FileSummary(path.name)
         self._chunks, self._in_chunk, self._waiting, self._is_fresh = 0, 0, 0, True
         # Chunks are finished by this class, by Writer.flush: their number and size are known here.
@@ -201,7 +228,7 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
         self._repeat_states(writer, log_time)
         self._synchronise(writer)
         self._head_size = self._stream.tell() + self._waiting
-        unnamed.rename(path)
+        raw.rename(path)
         bag.synchronise_folder(self.directory)
         self._files.append(self._file)
         self._note_safe()

@@ -14,7 +14,7 @@ from service_msgs.msg import ServiceEventInfo
 from tf2_msgs.msg import TFMessage
 
 from rosette_ros.calibration.settings import Wanted
-from rosette_ros.core.errors import CellError, InvalidData
+from rosette_ros.core.errors import CellError, InvalidData, RosetteError
 from rosette_ros.io.bag_metadata import Qos
 from rosette_ros.io.log_writer import COMPRESSIONS, LogWriter
 from rosette_ros.io.messages import answer_of, nanoseconds, phase_name, table_frame_of, target_of
@@ -74,33 +74,40 @@ class RunContents:
     def __init__(self, run_id: str, report: Callable[[str], object] = str) -> None:
         """Start empty; report: called with the words about a message that cannot be decoded."""
         self._answers, self._report = RunAnswers(run_id), report
-        self._received: list[tuple[type, bytes]] = []
+        self._received: list[tuple[type, Message]] = []
         self._held: set[tuple[type, Hashable]] = set()
+        self._kept: dict[Hashable, Message] = {}
 
-    def receive(self, kind: type, data: bytes) -> None:
-        """Take a message of one of KINDS, CDR; it is decoded when that is needed, since many may arrive."""
-        self._received.append((kind, data))
+    def receive(self, kind: type, message: Message) -> None:
+        """Take a message of one of KINDS; it is decoded when that is needed, since many may arrive."""
+        self._received.append((kind, message))
+
+    def messages(self) -> list[Message]:
+        """Return what was taken of the run, of its states the last: with it the run can go on in another log."""
+        return list(self._kept.values()) if self.answers else []
 
     @property
     def answers(self) -> RunAnswers:
         """The targets, answers and table frames of the run."""
         received, self._received = self._received, []
-        for kind, data in received:
+        for kind, raw in received:
             try:
-                self.add(decoded(data, kind))
+                self.add(decoded(raw.data, kind), raw)
             except InvalidData as error:
                 self._report(str(error))
         return self._answers
 
-    def add(self, message: Any) -> None:
-        """Take a message of one of KINDS; those of other runs do not count."""
-        if isinstance(message, TFMessage):
-            self._answers.frames += filter(None, map(table_frame_of, message.transforms))
-            return
+    def add(self, message: Any, raw: Message | None = None) -> None:
+        """Take a message of one of KINDS, and as it was received; those of other runs do not count."""
         kind = type(message)
-        if self._answers.run_id not in [one.run_id for one in getattr(message, 'request', [message])]:
+        is_frame = isinstance(message, TFMessage)
+        if not is_frame and self._answers.run_id not in [one.run_id for one in getattr(message, 'request', [message])]:
             return
-        if kind is ProbeTarget:
+        if raw is not None:
+            self._kept[raw.topic if kind is RunState else (raw.topic, raw.data)] = raw
+        if is_frame:
+            self._answers.frames += filter(None, map(table_frame_of, message.transforms))
+        elif kind is ProbeTarget:
             self._answers.add_target(target_of(message))
         elif kind is BallCentre:
             self._answers.add_answer(answer_of(message))
@@ -204,11 +211,32 @@ class LogSession:
                 self._write(message, message.log_time)
         self._recent.clear()
 
+    def damage(self, is_whole: bool = False) -> str:
+        """Return how the open log differs on the disk from what was written, '' where it does not.
+
+        is_whole: whether its bytes are read, too."""
+        return '' if self._writer is None else self._writer.damage(is_whole)
+
+    def replace(self, directory: Path, why: str, *state: Any) -> None:
+        """Write no more to the open log, which is damaged, and continue in another; state: as of open() after run_id.
+
+        Raises RosetteError where that is not possible; `failure` then says why."""
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            writer.abandon()
+        try:
+            self.open(directory, self.run_id, *state)
+        except RosetteError as error:
+            self._writer, self.failure = writer, f'{why}; {error}'
+            raise
+
     def close(self) -> None:
-        """Close the log; raises CellError where the disk refuses."""
+        """Close the log; raises CellError where the disk refuses, or does not hold what was written."""
         writer, self._writer = self._writer, None
         if writer is not None:
             writer.close()
+            if damage := writer.damage(is_whole=True):
+                raise CellError(f'{self.directory}: {damage}')
 
     def flush(self, only_if_due: bool = False) -> None:
         """Bring what was written to the disk; only_if_due: what has waited long enough."""

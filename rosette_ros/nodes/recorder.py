@@ -6,7 +6,7 @@ import re
 import shutil
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -151,9 +151,10 @@ class Recorder(CellNode):
             elif topic == self._rosout_topic and not self._is_ours(decoded(data, Log)):
                 return
             log_time = self._simulated_now if self._is_simulated and self._simulated_now else time.time_ns()
-            is_in_log = self._session.take(Message(topic, data, log_time, log_time, self.seconds()))
+            message = Message(topic, data, log_time, log_time, self.seconds())
+            is_in_log = self._session.take(message) or (self._replace_damaged() and self._session.take(message))
             if is_in_log and topic in self._kinds:
-                self._contents.receive(self._kinds[topic], data)
+                self._contents.receive(self._kinds[topic], message)
             if topic in self._handlers:
                 kind, handler = self._handlers[topic]
                 handler(decoded(data, kind))
@@ -220,9 +221,7 @@ class Recorder(CellNode):
                 directory, links = next_part(self._log_dir, request.run_id), {RESUMES_KEY: folder.name}
                 earlier = [Message(self.resolve_topic_name(name), one.data, one.log_time, one.publish_time, 0.0)
                            for name, one in iter_copied(folder)]
-            contents = RunContents(request.run_id, self.get_logger().error)
-            for message in earlier:
-                contents.add(decoded(message.data, self._kinds[message.topic]))  # refused before a log is open
+            contents = self._contents_of(request.run_id, earlier)  # refused before a log is open
             self._check_room(directory)
             if self._follow_up.is_open:
                 self._close()
@@ -236,6 +235,32 @@ class Recorder(CellNode):
             response.success, response.log = True, str(directory)
         return response
 
+    def _contents_of(self, run_id: str, messages: Iterable[Message]) -> RunContents:
+        """Return the contents of a log that begins with these messages; raises InvalidData."""
+        contents = RunContents(run_id, self.get_logger().error)
+        for message in messages:
+            contents.add(decoded(message.data, self._kinds[message.topic]), message)
+        return contents
+
+    def _replace_damaged(self, is_whole: bool = False) -> bool:
+        """Continue in a new log where the disk does not hold the open one as it was written; return whether it was so.
+
+        The new log begins with all that was received of the run. is_whole: whether the bytes on the disk are read."""
+        session, damage = self._session, self._session.damage(is_whole)
+        if not damage:
+            return False
+        why, kept = f'the log {session.directory} is damaged: {damage}', self._contents.messages()
+        directory, links = next_part(self._log_dir, session.run_id), {RESUMES_KEY: session.directory.name}
+        try:
+            contents = self._contents_of(session.run_id, kept)
+            session.replace(directory, why, self.seconds(), self.now().nanoseconds, kept, links)
+        except RosetteError:
+            self.get_logger().error(session.failure)
+        else:
+            self._contents = contents
+            self.get_logger().error(f'{why}; it continues in {directory}, which begins with all that is known of it')
+        return True
+
     def _check_room(self, directory: Path) -> None:
         """Refuse to begin a log that would soon end for want of room."""
         there = next(path for path in (directory, *directory.parents) if path.exists())
@@ -248,6 +273,7 @@ class Recorder(CellNode):
         """Return what is recorded of a run, up to this moment where its log is open."""
         try:
             if self._session.is_open and request.run == self._session.run_id:
+                self._replace_damaged(is_whole=True)
                 self._session.flush()
                 return recall(self._session.directory, self._library)
             return recall(find_part(self._log_dir, request.run), self._library)
@@ -260,6 +286,7 @@ class Recorder(CellNode):
         if not self._is_log_of(request.run_id):
             response.message = f'wanted the log of run {plain(request.run_id)} open, got {self._open_log}'
             return response
+        self._replace_damaged(is_whole=True)
         self._session.flush()
         response.success, response.message = not self._session.failure, self._session.failure
         stamps = list(self._contents.answers.good_stamps())
@@ -274,6 +301,7 @@ class Recorder(CellNode):
             return response
         now = self.seconds()
         self._stop_asked = self._stop_asked or now
+        self._replace_damaged()
         response.missing = [] if self._session.failure else self._contents.missing(request)
         missing = f'the log lacks {", ".join(response.missing)}' if response.missing else ''
         if missing and now - self._stop_asked < LAST_MESSAGES:
@@ -305,6 +333,7 @@ class Recorder(CellNode):
 
     def wake(self) -> None:
         """Bring what was written to the disk; close a log that follows a run; update the heartbeat."""
+        self._replace_damaged()
         self._session.flush(only_if_due=True)
         self.heartbeat.report(self._session.failure if self._session.is_open else '')
         self.heartbeat.hears = tuple(self._processes.values()) if self._is_connected() else ()

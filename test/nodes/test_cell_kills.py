@@ -125,3 +125,27 @@ def test_a_node_is_killed_at_any_moment(killable, undisturbed, seed):
     assert np.array_equal(fit.error_motions.values, undisturbed.error_motions.values)
     if outcome is not None:
         assert np.array_equal(outcome.error_motions.values, undisturbed.error_motions.values)
+
+
+@pytest.mark.parametrize('damage', [os.unlink, lambda path: os.truncate(path, 0), lambda path: os.truncate(path, 9000)],
+                         ids=['deleted', 'emptied', 'cut'])
+def test_a_log_that_goes_in_the_middle_of_a_run_loses_nothing(killable, undisturbed, damage):
+    """The run goes on in a new part, which holds every answer; the curves are those of an undisturbed run."""
+    cell, domain, heard = killable
+    damaged = []
+
+    def look(progress):
+        if progress.done >= TOTAL // 2 and not damaged:
+            damaged.append(progress.run_id)
+            damage(cell.log_dir / progress.run_id / f'{progress.run_id}_0.mcap')
+
+    with CellClient(domain) as client:
+        outcome = client.calibrate(on_progress=look, check=cell.check)
+    assert outcome.success, outcome.message
+    assert outcome.log == cell.log_dir / f'{outcome.run_id}_part2'
+    assert damaged == [outcome.run_id]
+    log = read_log(outcome.log)
+    assert log.problems == ()
+    assert {answer.seq for answer in log.answers} == answered(heard, outcome.run_id) == set(range(1, TOTAL + 1))
+    assert np.array_equal(analyse(log.to_run()).error_motions.values, undisturbed.error_motions.values)
+    assert np.array_equal(outcome.error_motions.values, undisturbed.error_motions.values)
