@@ -63,6 +63,7 @@ class Job:
     stamp_ns: int = 0  # latest ROS time of the run so far, ns
     located_ns: int = 0  # when its phase RUN began in an earlier part, ns, 0 if it did not
     processes: dict[str, str] = field(default_factory=dict)  # those of the nodes that serve it, by node
+    remarks: list[str] = field(default_factory=list)  # warnings
     opening: bool = True  # its log
     recording: bool = False
     motions: Any = None  # the ErrorMotions message as published

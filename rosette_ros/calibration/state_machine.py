@@ -14,8 +14,10 @@ from rosette_ros.core.errors import RosetteError, plain
 from rosette_ros.core.geometry import Frame, table_frame, wrap
 from rosette_ros.core.scheme import nominal_places
 from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Answer, Phase, Target, short_frame
+from rosette_ros.io.reading_checks import remarks_on_answers
 from rosette_ros.io.run_assembly import RunAnswers
 
+LONG = 90.0  # a run that goes on for longer tells how long, s
 VERIFY_REFUSALS = 20  # a recorder that refuses so often to report what is in the log has no log open
 VERIFY_ROUNDS = 3  # so often the answers in the log are verified at the end of a run, and what it lacks is asked again
 
@@ -107,13 +109,16 @@ def complaint(answer: Answer, target: Target, limits: Limits) -> str:
     if frame == MACHINE_FRAME and asked == TABLE_FRAME:
         return f'wanted frame_id {TABLE_FRAME!r} as in the alignment, got {answer.frame_id!r}'
     if abs(float(wrap(answer.table_angle - target.table_angle))) > limits.angle:
+        degrees = abs(float(wrap(np.deg2rad(answer.table_angle) - target.table_angle))) <= limits.angle
         return (f'wanted the table within {limits.angle:g} rad of {target.table_angle:.6f} rad, got '
-                f'{answer.table_angle:.6f} rad')
+                f'{answer.table_angle:.6f} rad{"; that is degrees, give radians" * degrees}')
     limit = limits.search if target.phase in (Phase.REPEATABILITY, Phase.ALIGNMENT) else limits.distance
     expected = target.centre if frame == asked else nominal_places(
         target.balls, target.radius, target.table_position, target.ball)
     away = float(np.linalg.norm(np.subtract(answer.centre, expected)))
-    return f'wanted a ball within {1e3 * limit:g} mm of the target, got {1e3 * away:.3f} mm' if away > limit else ''
+    millimetres = float(np.linalg.norm(np.multiply(answer.centre, 1e-3) - np.asarray(expected))) <= limit
+    return (f'wanted a ball within {1e3 * limit:g} mm of the target, got {1e3 * away:.3f} mm'
+            f'{"; these are millimetres, give metres" * millimetres}') if away > limit else ''
 
 
 class Sequence:
@@ -144,6 +149,8 @@ class Sequence:
         self._deadline: float | None = None
         self._frame, self._frame_id = plan.taught, MACHINE_FRAME
         self._alignment: list[Answer] = []
+        self._begun = (0.0, 0)  # when the first target was asked, and what was done then
+        self._left = 0.0  # time until all targets are answered, as the answers so far took it, s
 
     @property
     def done(self) -> int:
@@ -164,6 +171,7 @@ class Sequence:
             return self.text
         place, size = self.plan.place_in_phase(target.seq - 1)
         again = '' if target.attempt == 1 else f', attempt {target.attempt}'
+        again += f'; about {round(self._left / 60)} min left' * (self._left > LONG)
         return (f'{Phase(target.phase).name.lower().replace("_", " ")} {place} of {size}: table position '
                 f'{target.table_position}, ball {target.ball}{again}')
 
@@ -171,13 +179,16 @@ class Sequence:
 
     def begin(self, now: float) -> Commands:
         """Ask for the first target."""
-        return self._next(now)
+        commands = self._next(now)
+        self._begun = now, self.done
+        return commands
 
     def answer(self, answer: Answer, now: float) -> Commands:
         """Take an answer of the CMM."""
         target = self._asked
         if answer.run_id != self.run_id:
-            return (Remark(f'not used: answer to run {answer.run_id!r}, this is {self.run_id!r}'),)
+            return (Remark(f'not used: answer to run {answer.run_id!r}, this is {self.run_id!r}; an answer repeats '
+                           'run_id and seq of its target'),)
         if target is None or answer.seq != target.seq:
             waiting = 'nothing' if target is None else f'seq {target.seq}'
             return (Remark(f'not used: answer to seq {answer.seq}, waiting for {waiting}'),)
@@ -186,6 +197,8 @@ class Sequence:
             return self._again(words, now)
         self._asked = None
         commands = self._take(target, answer)
+        began, done = self._begun
+        self._left = (now - began) * (self.plan.total - self.done) / max(self.done - done, 1)
         return commands if self.phase.is_end or self._held else (*commands, *self._next(now))
 
     def hold(self, words: str, now: float) -> Commands:
@@ -372,9 +385,10 @@ class Sequence:
         n = self.plan.scheme.n
         centres = np.array([answer.centre for answer in self._alignment])
         frames = {answer.frame for answer in self._alignment}
+        remarks = tuple(map(Remark, remarks_on_answers(self.answers.counting())))
         if frames == {TABLE_FRAME}:
             self._frame, self._frame_id = Frame.identity(), TABLE_FRAME
-            return ()
+            return remarks
         if frames != {MACHINE_FRAME}:
             return self._finish(Phase.FAILED, f'alignment: wanted all centres in one frame, got '
                                 f'{", ".join(sorted(frames))}')
@@ -382,7 +396,7 @@ class Sequence:
             self._frame = table_frame(centres[:n], centres[n:])
         except RosetteError as error:
             return self._finish(Phase.FAILED, f'alignment: {error}')
-        return (Locate(self._frame),)
+        return Locate(self._frame), *remarks
 
     def _finish(self, phase: Phase, text: str) -> Commands:
         self.phase, self.text = phase, text

@@ -18,6 +18,7 @@ from rosette_ros.io.log_repair import repair_log
 from rosette_ros.io.log_run import RESUMES_KEY, LogRun
 from rosette_ros.io.messages import Phase, phase_name
 from rosette_ros.io.open_run import is_log, open_run
+from rosette_ros.io.reading_checks import remarks_on_answers
 from rosette_ros.presentation.formatting import duration, fixed, instant, millimetres, pauses, repeatability_words
 from rosette_ros.presentation.table_format import Table, column, words
 
@@ -71,7 +72,7 @@ def log_facts(path: Path) -> dict[str, Any]:
     return _facts(path, 'log', log.files, [_logged(log, name) for name, found in log.runs.items() if found.targets],
                   topics=[dict(zip(('name', 'type', 'messages'), topic, strict=True)) for topic in topics],
                   messages=log.messages, start_ns=log.start_ns, end_ns=log.end_ns, truncated=log.truncated,
-                  problems=log.problems, resumes=log.custom_data.get(RESUMES_KEY))
+                  problems=[*log.problems, *log.unasked], resumes=log.custom_data.get(RESUMES_KEY))
 
 
 def _facts(path: Path, kind: str, files: Iterable[Path], runs: list[dict[str, Any]], **of_log: Any) -> dict[str, Any]:
@@ -88,11 +89,14 @@ def _logged(log: LogRun, run_id: str) -> dict[str, Any]:
     phases = {phase.name.lower(): {'asked': max(asked, planned.get(phase, 0)), 'answered': answered}
               for phase, (asked, answered) in answers.counts().items()}
     found = problem = None
+    unused = {reason: count for reason, count in answers.unused().items() if count}
     try:
         found = log.to_run(run_id)
     except RosetteError as error:
         problem = str(error)
+    remarks = found.remarks if found else remarks_on_answers(answers.counting())
     return _run_facts(run_id, first.balls, first.radius, phases, found, order=state.order if state else None,
+                      unused=unused, remarks=remarks,
                       published_curves=len(published), model=published[-1].model_name if published else None,
                       ended=f'{phase_name(state.phase).lower()}: {state.text}' if state else None, problem=problem)
 
@@ -106,7 +110,8 @@ def _run_facts(run_id: str, n: int, radius: float, phases: dict[str, dict[str, i
             'temperature_range_C': [float(known.min()), float(known.max())] if known.size else None,
             'repeatability_m': found.repeatability if found else None,
             'repeatability_dof': found.repeatability_dof if found else None,
-            'published_curves': 0, 'model': None, 'ended': None, 'problem': None, **of_log}
+            'remarks': found.remarks if found else (), 'unused': {}, 'published_curves': 0, 'model': None,
+            'ended': None, 'problem': None, **of_log}
 
 
 def show(facts: dict[str, Any]) -> None:
@@ -116,7 +121,9 @@ def show(facts: dict[str, Any]) -> None:
     rows = []
     if facts['messages'] is not None:
         rows.append(('Files', escape(', '.join(Path(file).name for file in facts['files']))))
-        times = f', {instant(facts["start_ns"])} to {instant(facts["end_ns"])}' if facts['messages'] else ''
+        start, end = facts['start_ns'], facts['end_ns']
+        long = f', {duration(1e-9 * (end - start))}, no date' if facts['messages'] else ''
+        times = f', {instant(start)} to {instant(end)}' if instant(start) else long
         rows.append(('Messages', f'{facts["messages"]} in {len(topics)} topics{times}'))
     if facts['resumes']:
         rows.append(('Continues', f'{escape(facts["resumes"])}, whose ball centres are in this log too'))
@@ -143,10 +150,12 @@ def run_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
             ('Duration', f'{duration(facts["duration_s"])} from the first ball of the run to the last'
              if facts['duration_s'] else ''),
             ('Pauses', facts['pauses']),
+            ('Not used', ', '.join(f'{count} answers {reason}' for reason, count in facts['unused'].items())),
             ('Temperature', f'{fixed(low, 3)} to {fixed(high, 3)} °C' if facts['temperature_range_C'] else ''),
             ('Repeatability', repeatability_words(facts['repeatability_m'], facts['repeatability_dof'])),
             ('Published', f'error motions, {facts["published_curves"]}×, model {escape(facts["model"] or "")}'
              if facts['published_curves'] else ''),
             ('Ended', escape(facts['ended'] or '')),
+            *(('Doubtful', f'[yellow]{escape(remark)}[/]') for remark in facts['remarks']),
             ('Problem', f'[red]{escape(facts["problem"])}[/]' if facts['problem'] else '')]
     return [(name, text) for name, text in rows if text]

@@ -18,6 +18,7 @@ from rosette_ros.core.geometry import TWO_PI, Bools, Floats, nominal_angles
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import cmm_position, nominal_places, unwrap_travel
 from rosette_ros.io.csv_parser import COLUMNS, SCHEMA, TRAVEL_COLUMN, CsvTable
+from rosette_ros.io.reading_checks import remarks_on_table
 from rosette_ros.io.run_assembly import MAX_BALLS, misplaced
 from rosette_ros.io.text_file import read_limited, write_text
 
@@ -44,11 +45,12 @@ def parse_csv(data: bytes, source: str = 'table') -> Run:
     recorded: dict[str, Any] = {'temperature': columns.get('temperature_C'), 'approach': columns.get('approach')}
     if TRAVEL_COLUMN in columns:
         recorded['table_travel'] = np.deg2rad(columns[TRAVEL_COLUMN])
-    return Run(
+    run = Run(
         n, table.radius, table.table_position, table.ball, _centre(table) / 1e3, table_angle=angle,
         time=columns['time_s'].astype(float, copy=False), repeatability=table.repeatability,
         repeatability_dof=table.repeatability_dof, run_id=table.run_id, repeats=table.repeats, session=table.session,
         source=source, **recorded)
+    return run.replace(remarks=remarks_on_table(run))
 
 
 def write_csv(run: Run, path: str | Path, force: bool = False) -> None:

@@ -140,6 +140,12 @@ class LogRun:
         return [answer for run in self.runs.values() for answer in run.answers]
 
     @property
+    def unasked(self) -> tuple[str, ...]:
+        """Answers with a run_id that no target has, in words."""
+        return tuple(f'{len(run.answers)} answers repeat the run_id {name!r}, which no target has'
+                     for name, run in self.runs.items() if not run.targets)
+
+    @property
     def run_ids(self) -> tuple[str, ...]:
         """The runs with targets of phase RUN, in order of appearance."""
         return tuple(name for name, run in self.runs.items() if any(one.phase == Phase.RUN for one in run.targets))

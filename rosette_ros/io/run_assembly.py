@@ -15,6 +15,7 @@ from rosette_ros.core.geometry import Frame
 from rosette_ros.core.records import Floats, Ints, Run
 from rosette_ros.core.scheme import nominal_places, unwrap_travel
 from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Answer, Phase, TableFrame, Target
+from rosette_ros.io.reading_checks import remarks_on_answers, remarks_on_radius
 
 MAX_BALLS = 10_000
 """More balls than this are taken for a mistake."""
@@ -227,7 +228,8 @@ class RunAnswers:
         centre is nearer to another ball's place than to its own.
         """
         n, radius = self._plate(source)
-        pairs = [pair for pair in self.counting() if pair[0].phase == Phase.RUN]
+        counting = self.counting()
+        pairs = [pair for pair in counting if pair[0].phase == Phase.RUN]
         if not pairs:
             unused = ', '.join(f'{count} {reason}' for reason, count in self.unused().items() if count)
             raise InvalidData(f'{source}: wanted ball centres of run {self.run_id!r}, got none that counts'
@@ -248,12 +250,13 @@ class RunAnswers:
                 f'the table frame for table position {i}, ball {j}, got ({got}); was another ball measured, or is the '
                 'table frame wrong?')
         sigma, dof = self.repeatability()
-        return Run(
+        run = Run(
             n=n, radius=radius, table_position=table_position, ball=ball, centre=centre, table_angle=angle,
             time=_joined_time((stamp - stamp[0]) * 1e-9, session),
             temperature=np.where(np.isfinite(temperature), temperature, np.nan), approach=approach,
             table_travel=_joined_travel(travel, angle, approach, session, n), repeatability=sigma,
             repeatability_dof=dof, run_id=self.run_id, repeats=repeats, session=session, source=source)
+        return run.replace(remarks=remarks_on_answers(counting) + remarks_on_radius(run))
 
     def _plate(self, source: str) -> tuple[int, float]:
         """Return (n, radius) on which all targets of phase RUN agree."""

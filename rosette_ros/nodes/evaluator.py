@@ -21,7 +21,7 @@ from rosette_ros.io.messages import TABLE_FRAME, TableFrame, answer_of, table_fr
 from rosette_ros.io.model_file import parse_entry, read_model
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes import conversions, names, qos
-from rosette_ros.nodes.base_node import ERROR, OK, CellNode, Health, run_node
+from rosette_ros.nodes.base_node import ERROR, OK, WARN, CellNode, Health, run_node
 from rosette_ros.nodes.evaluation import ModelChange, ModelInUse, RunCollection
 from rosette_ros.nodes.interfaces import introspected_service
 from rosette_ros.nodes.recorder_client import Recalls
@@ -146,8 +146,10 @@ class Evaluator(CellNode):
                 self._report_failure(run_id, str(error))
                 continue
             self._publish(fit, self._diagnose_after(run))
-            self._level, self._last = OK, plain(f'run {run_id} is evaluated, {run.size} ball centres')
-            self.get_logger().info(self._last)
+            doubts = ''.join(f'; {remark}' for remark in run.remarks)
+            self._level = WARN if doubts else OK
+            self._last = plain(f'run {run_id} is evaluated, {run.size} ball centres{doubts}', most=2000)
+            (self.get_logger().warning if doubts else self.get_logger().info)(self._last)
 
     def _diagnose_after(self, run: Run) -> bool:
         """Publish the diagnosis of a run that was evaluated, where that is wanted; return whether it was published."""

@@ -38,6 +38,7 @@ END_EVENTS = {Phase.DONE: CalibrationEvent.SUCCEEDED, Phase.CANCELLED: Calibrati
 RECALL_TIMEOUT = 60.0  # how long the recorder may read in the log of an earlier part, s
 RESULT_KEPT = 3600  # how long the result of a goal can be fetched, s
 ANSWERS_TIMEOUT = 2.0  # how long answers may be under way to the log, s; then they are asked again
+REMARKS = 5  # so many of the last warnings of a run are in /diagnostics
 FAREWELL = 0.5  # how long a node that ends still serves the client of its goal, which fetches the result, s
 
 
@@ -211,7 +212,7 @@ class Sequencer(ManagedNode):
             return
         done = job.sequence.done
         commands = job.sequence.answer(answer_of(message), self.seconds())
-        if not any(isinstance(command, Remark) for command in commands):  # else it is not used, nor is its time
+        if job.sequence.done > done:  # else it is not used, nor is its time
             job.stamp_ns = max(job.stamp_ns, nanoseconds(message.header.stamp))
         self._do(job, commands)
         if job.sequence.done > done and self.seconds() - self._published >= 1.0 / self.parameters['state_rate_hz']:
@@ -306,6 +307,7 @@ class Sequencer(ManagedNode):
                     self._frames.publish(conversions.frame_message(frame, MACHINE_FRAME, TABLE_FRAME, stamp))
                 case Remark(text):
                     self.get_logger().warning(f'run {job.run_id}: {text}')
+                    job.remarks.append(text)
                 case PublishState():
                     self._publish_state(job)
                 case Verify():
@@ -420,8 +422,10 @@ class Sequencer(ManagedNode):
             sequence = job.sequence
             silent = ''.join(f'; {name} sends no heartbeat: it hangs, or its computer is overloaded'
                              for name in self._cell.late())
+            silent += f'; {len(job.remarks)} warnings, the last: {job.remarks[-1]}' if job.remarks else ''
             return WARN if silent or sequence.is_held else OK, f'{job.progress}: {sequence.describe()}{silent}', {
-                'run_id': job.run_id, 'done': sequence.done, 'total': sequence.plan.total}
+                'run_id': job.run_id, 'done': sequence.done, 'total': sequence.plan.total,
+                'warnings': '; '.join(job.remarks[-REMARKS:])}
         if not self.is_active:
             return WARN, 'not active: no calibration starts until the node is activated', {}
         missing = self._cell.missing(self.parameters['require_recorder'])

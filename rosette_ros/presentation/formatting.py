@@ -23,6 +23,8 @@ P_NOISE, CROSS_VALIDATION, OBSERVABLE, LIMIT = (
     'p (noise alone)', 'cross-validation error', 'observable share', 'detection limit')
 """Terms that every interface uses in the same words."""
 MOST_DECIMALS = 9
+DATED = 10**17
+"""Earlier times, ns since the epoch (March 1973), are no dates: those of an imported table count from its start."""
 MICRO_DECIMALS = 3
 SMALLEST_P = 1e-6
 UNKNOWN = '–'
@@ -129,8 +131,8 @@ def duration(seconds: float) -> str:
 
 
 def instant(stamp_ns: int) -> str:
-    """Return a time in ns since the epoch as date and time of day."""
-    return datetime.fromtimestamp(stamp_ns * 1e-9, UTC).strftime('%Y-%m-%d %H:%M:%S UTC')
+    """Return a time in ns since the epoch as date and time of day, '' where it counts from another origin."""
+    return '' if stamp_ns < DATED else f'{datetime.fromtimestamp(stamp_ns * 1e-9, UTC):%Y-%m-%d %H:%M:%S UTC}'
 
 
 def names(words: Iterable[str]) -> str:

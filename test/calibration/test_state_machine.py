@@ -399,3 +399,46 @@ def test_a_cancelled_run_is_not_verified_any_more():
     sequence.begin(0.0)
     sequence.cancel()
     assert sequence.verified((), ('error motions',), 0.0) == ()
+
+
+def test_mistakes_of_the_cmm_are_told_after_the_alignment():
+    """A node that never fills header.stamp, and whose travel starts again at every turn, no noise: before the run."""
+    commands = run_through(make_sequence(6))
+    texts = [command.text for command in commands if isinstance(command, Remark)]
+    assert len(texts) == 3
+    assert texts[0].startswith('header.stamp is 0 in 14 of 14 answers')
+    assert texts[1].startswith('table_travel is not cumulative')
+    assert texts[2].startswith('the 2 readings of the repeatability check are all the same')
+    located = next(place for place, command in enumerate(commands) if isinstance(command, Locate))
+    assert all(isinstance(command, Remark) for command in commands[located + 1:located + 4])
+
+
+def test_units_that_are_taken_for_others_are_named():
+    """Degrees for radians, millimetres for metres."""
+    sequence = make_sequence(6)
+    ask = last_ask(sequence.begin(0.0))
+    while ask.table_position < 2:
+        ask = last_ask(sequence.answer(answer_to(ask), 0.0))
+    right = answer_to(ask)
+    assert complaint(right._replace(table_angle=60.0), ask, LIMITS).endswith('; that is degrees, give radians')
+    assert complaint(right._replace(centre=tuple(1e3 * x for x in right.centre)), ask, LIMITS).endswith(
+        '; these are millimetres, give metres')
+
+
+def test_a_long_run_tells_how_long_it_goes_on():
+    """A ball takes 30 s: of 51 targets 41 are left after ten of them, for 20.5 min."""
+    sequence = make_sequence(6)
+    ask = last_ask(sequence.begin(0.0))
+    for count in range(1, 11):
+        ask = last_ask(sequence.answer(answer_to(ask), 30.0 * count))
+    assert sequence.plan.total == 51
+    assert sequence.describe().endswith(f'ball {ask.ball}; about 20 min left')
+
+
+def test_an_answer_without_run_id_is_told_what_to_repeat():
+    """In the words that the cell shows."""
+    sequence = make_sequence()
+    ask = last_ask(sequence.begin(0.0))
+    [remark] = sequence.answer(answer_to(ask)._replace(run_id=''), 0.0)
+    assert remark.text == ("not used: answer to run '', this is 'run_a'; "
+                           'an answer repeats run_id and seq of its target')

@@ -70,8 +70,28 @@ def test_info_of_an_imported_log(rosette, make_table, tmp_path):
     assert run['temperature_range_C'] == [20.0, 20.0]
     assert run['repeatability_m'] == pytest.approx(1e-7)
     out = rosette('info', log).out
-    for words in ('7 balls on R = 182.5 mm', 'run 49 of 49', '32 min', '0.1000 µm', 'BallCentre'):
+    assert '1970' not in out
+    for words in ('7 balls on R = 182.5 mm', 'run 49 of 49', '98 in 2 topics, 32 min, no date', '0.1000 µm',
+                  'BallCentre'):
         assert words in out
+
+
+def test_info_says_what_is_doubtful(rosette, make_table, tmp_path):
+    """Rounded coordinates, of a table and of the log made of it, for a person and as JSON."""
+    def to_micrometres(lines):
+        rows = (line.split(',') for line in lines[5:])
+        short = ([*row[:5], *(f'{float(cell):.3f}' for cell in row[5:8]), *row[8:]] for row in rows)
+        return [*lines[:5], *map(','.join, short)]
+
+    table = make_table(edit=to_micrometres)
+    rosette('import', table, '-o', tmp_path / 'log')
+    for path in (table, tmp_path / 'log'):
+        [run] = json.loads(rosette('info', path, '--json').out)['runs']
+        [remark] = run['remarks']
+        assert remark.startswith('readings are rounded to 1 µm')
+        assert 'Doubtful' in rosette('info', path).out
+        for verb in ('evaluate', 'diagnose'):
+            assert 'Check the readings: readings are rounded to 1 µm' in ' '.join(rosette(verb, path).out.split())
 
 
 def test_info_of_a_table(rosette, make_table):

@@ -253,3 +253,12 @@ def test_messages_are_given_raw_in_order_of_recording(make_cell, tmp_path):
     assert all(one.data == bytes(cell.store.serialize_cdr(message, kind))
                for one, (_, kind, message) in zip(messages, cell.sent, strict=True))
     assert all(one.publish_time == one.log_time - 1000 for one in messages)
+
+
+def test_answers_that_no_target_asked_are_told(make_cell, tmp_path):
+    """A node that leaves run_id empty."""
+    cell = make_cell()
+    for message in cell.answers():
+        message.run_id = ''
+    log = read_log(cell.write(tmp_path / 'log'))
+    assert log.unasked == ("21 answers repeat the run_id '', which no target has",)

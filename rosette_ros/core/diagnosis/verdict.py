@@ -27,6 +27,7 @@ class Outcome(StrEnum):
     NAMED = 'named effect missing'
     UNNAMED = 'unnamed effect missing'
     SCATTERS = 'scatters more than stated'
+    DOUBTFUL_READINGS = 'fits, readings in doubt'
     NO_REPEATABILITY = 'cannot be said: no repeatability'
     NOT_DETERMINABLE = 'not determinable'
 
@@ -40,8 +41,9 @@ class Level(StrEnum):
 
 
 LEVELS = {
-    Outcome.FITS: Level.GOOD, Outcome.NAMED: Level.BAD, Outcome.UNNAMED: Level.BAD, Outcome.SCATTERS: Level.DOUBTFUL,
-    Outcome.NO_REPEATABILITY: Level.DOUBTFUL, Outcome.NOT_DETERMINABLE: Level.BAD}
+    Outcome.FITS: Level.GOOD, Outcome.DOUBTFUL_READINGS: Level.DOUBTFUL, Outcome.NAMED: Level.BAD,
+    Outcome.UNNAMED: Level.BAD, Outcome.SCATTERS: Level.DOUBTFUL, Outcome.NO_REPEATABILITY: Level.DOUBTFUL,
+    Outcome.NOT_DETERMINABLE: Level.BAD}
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = 
     left, rms = left_over(final, shapes), _um(fit.rms)
     basis = ('' if fit.run.repeatability is not None else
              '; the repeatability is not known, so this is judged by the structure of the residual alone')
-    action = []
+    action = [f'check the readings: {remark}' for remark in fit.run.remarks]
     if missing:
         names, it = ' and '.join(missing), 'it' if len(missing) == 1 else 'them'
         more = f'; something is left that no named effect explains: {left}' if left else ''
@@ -102,6 +104,9 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = 
         sentence = ('It cannot be said whether the model fits, as the repeatability is not known; no structure is '
                     f'found in the residual of {rms}.')
         action.append('measure the repeatability')
+    elif fit.run.remarks:
+        outcome = Outcome.DOUBTFUL_READINGS
+        sentence = f'The model fits readings that are in doubt: {_beside_repeatability(fit)}.'
     else:
         outcome, sentence = Outcome.FITS, f'The model fits: {_beside_repeatability(fit)}.'
     if hidden:

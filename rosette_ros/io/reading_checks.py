@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Mistakes of a CMM's node, or of a table of readings, that each single reading hides and all together show."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rosette_ros.core.geometry import Floats, wrap
+from rosette_ros.core.records import Run
+from rosette_ros.io.messages import Answer, Phase, Target
+
+Pairs = Sequence[tuple[Target, Answer]]
+"""Targets, and of each the answer that counts, in the order of asking."""
+ECHO = 1e-12
+"""An answer that is no farther from the expected place is that place, m."""
+STEPS = tuple(digit * 10.0**power for power in range(-3, -9, -1) for digit in (1, 0.5))
+"""Steps to which coordinates may be rounded, m: 1 mm, 0.5 mm, 0.1 mm ... 5 nm."""
+FEWEST = 12
+"""So many coordinates that are whole numbers of steps are no chance."""
+SAME_TURN = 0.1
+"""A travel that differs by less from what was asked, rad, is that of the asked move."""
+RADIUS = 2e-3
+"""A radius is wrong that differs by more than this share from the circle of the ball centres."""
+
+
+def check_answers(pairs: Pairs) -> dict[str, str]:
+    """Return what is wrong with answered targets by the name of the check, '' where nothing is.
+
+    A check that these targets do not allow is left out: without a move of the table nothing is known of its travel.
+    """
+    moves = [_Move(before, after) for before, after in pairwise(pairs) if _is_move(before, after)]
+    found = {'stamps': _stamps([answer.stamp_ns for _, answer in pairs])}
+    if len(moves) > 1:
+        found |= {'travel': _travel(moves), 'approach': _approach(moves)}
+    found['places'] = _echo(pairs)
+    repeated = np.array([answer.centre for target, answer in pairs if target.phase == Phase.REPEATABILITY])
+    found['resolution'] = _resolution([answer.centre for _, answer in pairs], repeated)
+    if len(repeated) > 1:
+        same = not np.ptp(repeated, axis=0).any() and not (found['resolution'] or found['places'])
+        found['repeatability'] = (f'the {len(repeated)} readings of the repeatability check are all the same; does the '
+                                  'CMM measure anew each time?' if same else '')
+    return found
+
+
+def remarks_on_answers(pairs: Pairs) -> tuple[str, ...]:
+    """Return what is wrong with answered targets, in words."""
+    return tuple(filter(None, check_answers(pairs).values()))
+
+
+def remarks_on_table(run: Run) -> tuple[str, ...]:
+    """Return what is wrong with the readings of a table, in words."""
+    same = f'the time is the same in all {run.size} readings: effects in time cannot be found'
+    found = (same if run.size > 1 and not np.ptp(run.time) else '', resolution_words(run.centre, run.repeatability))
+    return (*filter(None, found), *remarks_on_radius(run))
+
+
+def remarks_on_radius(run: Run) -> tuple[str, ...]:
+    """Return that the stated radius is not that of the circle of ball centres, in words; nothing where it is."""
+    lies = float(np.mean(np.hypot(run.centre[:, 0], run.centre[:, 1])))
+    if abs(lies / run.radius - 1) > RADIUS:
+        return (f'the ball centres lie on a circle of R = {1e3 * lies:.3f} mm, not of {1e3 * run.radius:.6g} mm as '
+                'stated; correct the radius of the plate',)
+    return ()
+
+
+def resolution_words(coordinates: ArrayLike, repeatability: float | None) -> str:
+    """Return that coordinates, m, are rounded to steps larger than the repeatability, m; '' where they are not."""
+    step = resolution_of(coordinates)
+    if not step or (repeatability is not None and step <= repeatability):
+        return ''
+    beside = '' if repeatability is None else f', more than the repeatability of {1e6 * repeatability:.2g} µm'
+    return f'readings are rounded to {1e6 * step:g} µm{beside}; give every digit that the CMM has'
+
+
+def resolution_of(coordinates: ArrayLike) -> float:
+    """Return the step of which all coordinates, m, are whole numbers, found from their digits; 0 where there is none.
+
+    Zeros, which every step divides, are left out.
+    """
+    values: Floats = np.ravel(np.asarray(coordinates, dtype=float))
+    values = values[values != 0]
+    if np.unique(values).size < FEWEST:
+        return 0.0
+    return next((step for step in STEPS if np.all(np.abs(values / step - np.rint(values / step)) < 1e-4)), 0.0)
+
+
+class _Move:
+    """A table move between two targets that follow each other: asked and answered, rad."""
+
+    def __init__(self, before: tuple[Target, Answer], after: tuple[Target, Answer]) -> None:
+        sense = after[0].approach
+        self.sense, self.approach = sense, after[1].approach
+        self.asked = sense * ((sense * (after[0].table_angle - before[0].table_angle)) % (2 * np.pi))
+        self.travelled = after[1].table_travel - before[1].table_travel
+
+
+def _is_move(before: tuple[Target, Answer], after: tuple[Target, Answer]) -> bool:
+    """Whether the table went from one target straight to the other: neither was asked twice."""
+    (one, _), (other, _) = before, after
+    return (other.seq == one.seq + 1 and one.session == other.session and one.attempt == other.attempt == 1
+            and other.approach != 0 and one.table_position != other.table_position)
+
+
+def _stamps(stamps: Sequence[int]) -> str:
+    zero, alike = stamps.count(0), len(stamps) - len(set(stamps))  # the first of an imported run is 0
+    words = f'0 in {zero}' if zero > 1 else f'the same as another in {alike}'
+    return (f'header.stamp is {words} of {len(stamps)} answers: effects in time cannot be found; give the mean time of '
+            'the touches') if alike else ''
+
+
+def _travel(moves: Sequence[_Move]) -> str:
+    wrong = [move for move in moves if abs(move.travelled - move.asked) > SAME_TURN]
+    if not wrong:
+        return ''
+    if all(move.travelled == 0 for move in moves):
+        what = f'stays the same in {len(moves)} moves of the table'
+    elif all(abs(wrap(move.travelled - move.asked)) < SAME_TURN for move in wrong):
+        what = f'is not cumulative: it jumps by whole turns in {len(wrong)} of {len(moves)} moves'
+    else:
+        what = (f'changes by {wrong[0].travelled:.6g} where the table was asked to turn by {wrong[0].asked:.6g} rad, '
+                f'in {len(wrong)} of {len(moves)} moves')
+    return f'table_travel {what}; count on over full turns, backwards too, in rad'
+
+
+def _approach(moves: Sequence[_Move]) -> str:
+    wrong = [move for move in moves if move.approach != move.sense]
+    if not wrong:
+        return ''
+    what = 'always 0' if not any(move.approach for move in moves) else 'not the asked sense'
+    return (f'approach is {what} after {len(wrong)} of {len(moves)} moves of the table; give the sense of its last '
+            'move, +1 or -1')
+
+
+def _echo(pairs: Pairs) -> str:
+    away = np.array([np.subtract(answer.centre, target.centre) for target, answer in pairs
+                     if target.frame_id == answer.frame_id]).reshape(-1, 3)
+    echoed = int(np.count_nonzero(np.abs(away).max(axis=1, initial=0) < ECHO)) if len(away) else 0
+    return (f'{echoed} of {len(pairs)} answers are exactly the place where the ball was expected: is it measured? The '
+            'curves would be those of a perfect table') if 2 * echoed > len(pairs) else ''
+
+
+def _resolution(centres: ArrayLike, repeated: Floats) -> str:
+    spread = float(np.sqrt(np.mean(np.var(repeated, axis=0, ddof=1)))) if len(repeated) > 1 else 0.0
+    return resolution_words(centres, spread or None)
+

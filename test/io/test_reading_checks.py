@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a CMM's node does wrong is found from its answers, and said in the verdict."""
+
+import numpy as np
+import pytest
+
+from rosette_ros.analysis import judge
+from rosette_ros.calibration.calibration_plan import plan_calibration
+from rosette_ros.core.diagnosis.verdict import Level, Outcome
+from rosette_ros.core.scheme import plan
+from rosette_ros.io.ball_centre_table import format_csv, parse_csv
+from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, Answer, TableFrame
+from rosette_ros.io.reading_checks import check_answers, resolution_of
+from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.simulation import Machine, MachineConfig
+
+N = 6
+BEGIN = 1_700_000_000 * 10**9
+
+
+def measured(turning='alternate', **changes):
+    """Return the answers of the simulated machine to a whole calibration, in the machine frame; changes: by field, what
+    a mistaken node makes of (target, answer)."""
+    machine = Machine(MachineConfig().changed(seed=2, plate={'balls': N}))
+    calibration = plan_calibration(plan(N, 'diagonal', 0, turning), machine.radius, machine.rough_frame)
+    run, frame = RunAnswers('run'), machine.true_frame
+    for index in range(calibration.total):
+        target = calibration.target(index)
+        x, y, z = frame.to_outer(target.centre).tolist()
+        target = target._replace(run_id='run', attempt=1, session=1, centre=(x, y, z), frame_id=MACHINE_FRAME,
+                                 stamp_ns=BEGIN + round(1e9 * machine.time))
+        got = machine.measure(target.table_position, target.ball, target.approach)
+        answer = Answer(
+            'run', target.seq, target.table_position, target.ball, target.cmm_position, STATUS_OK, '', got.table_angle,
+            got.table_travel, int(got.approach), tuple(got.centre.tolist()), got.form_error, got.temperature,
+            MACHINE_FRAME, BEGIN + round(1e9 * got.time))
+        run.add_target(target)
+        run.add_answer(answer._replace(**{name: change(target, answer) for name, change in changes.items()}))
+    run.frames.append(TableFrame(BEGIN, frame))
+    return run
+
+
+def rounded(step):
+    """Return what rounds centres to steps of so many m."""
+    return lambda _, answer: tuple((np.rint(np.array(answer.centre) / step) * step).tolist())
+
+
+MISTAKES = {
+    'zero stamps': ('stamps', {'stamp_ns': lambda _, a: 0}, 'header.stamp is 0 in 59 of 59 answers'),
+    'one stamp': ('stamps', {'stamp_ns': lambda _, a: BEGIN}, 'header.stamp is the same as another in 58 of 59'),
+    'constant travel': ('travel', {'table_travel': lambda _, a: 0.0}, 'table_travel stays the same in 42 moves'),
+    'travel within one turn': ('travel', {'table_travel': lambda _, a: a.table_angle},
+                               'table_travel is not cumulative: it jumps by whole turns in'),
+    'travel in degrees': ('travel', {'table_travel': lambda _, a: float(np.rad2deg(a.table_travel))},
+                          'where the table was asked to turn by 1.0472 rad'),
+    'no approach': ('approach', {'approach': lambda _, a: 0}, 'approach is always 0 after 42 of 42 moves'),
+    'other approach': ('approach', {'approach': lambda _, a: 1}, 'approach is not the asked sense after'),
+    'rounded': ('resolution', {'centre': rounded(1e-6)}, 'readings are rounded to 1 µm, more than the repeatability'),
+    'echo': ('places', {'centre': lambda target, _: target.centre},
+             '59 of 59 answers are exactly the place where the ball was expected'),
+}
+
+
+@pytest.mark.parametrize('turning', ['forward', 'alternate'])
+def test_a_sound_cmm_is_not_remarked_on(turning):
+    """Neither the answers nor the run."""
+    run = measured(turning)
+    assert not any(check_answers(run.counting()).values())
+    assert run.to_run().remarks == ()
+
+
+@pytest.mark.parametrize('mistake', MISTAKES)
+def test_a_mistake_is_named(mistake):
+    """By its check alone, in the remarks of the run and in the verdict, which is not good."""
+    check, changes, words = MISTAKES[mistake]
+    run = measured(**changes)
+    found = {name: text for name, text in check_answers(run.counting()).items() if text}
+    assert list(found) == [check]
+    assert words in found[check]
+    made = run.to_run()
+    assert found[check] in made.remarks
+    verdict = judge(made)
+    assert found[check] in verdict.action
+    assert verdict.level != Level.GOOD
+
+
+def test_a_model_that_fits_doubtful_readings_is_an_outcome():
+    """A zero travel changes no curve: the model fits, but the verdict is not good."""
+    run = measured(table_travel=lambda _, answer: 0.0).to_run()
+    verdict = judge(run)
+    assert verdict.outcome == Outcome.DOUBTFUL_READINGS
+    assert verdict.sentence.startswith('The model fits readings that are in doubt: ')
+    assert not verdict.model_fails
+
+
+@pytest.mark.parametrize('step', [1e-3, 5e-5, 1e-6, 5e-7, 1e-8])
+def test_the_step_is_found_from_the_digits(step):
+    """Of coordinates about a metre from the origin, whose last bit is 0.1 fm; unrounded ones have none."""
+    values = np.random.default_rng(1).uniform(-1, 1, 60)
+    assert resolution_of(np.rint(values / step) * step) == step
+    assert resolution_of(values) == 0
+
+
+def test_rounding_below_the_repeatability_is_no_mistake():
+    """The machine repeats to 0.1 µm: steps of 50 nm add 1 % to its noise."""
+    assert measured(centre=rounded(5e-8)).to_run().remarks == ()
+
+
+def test_a_table_is_checked_too():
+    """Rounded coordinates, a constant time, another radius than stated."""
+    run = Machine(MachineConfig().changed(seed=2, plate={'balls': N})).run(plan(N, 'random'))
+    assert parse_csv(format_csv(run).encode()).remarks == ()
+    [remark] = parse_csv(format_csv(run.replace(centre=np.round(run.centre, 6))).encode()).remarks
+    assert remark.startswith('readings are rounded to 1 µm')
+    [remark] = parse_csv(format_csv(run.replace(time=np.zeros(run.size))).encode()).remarks
+    assert remark.startswith('the time is the same in all 36 readings')
+    [remark] = parse_csv(format_csv(run.replace(radius=0.2)).encode()).remarks
+    assert 'lie on a circle of R = 182.5' in remark and 'not of 200 mm as stated' in remark
