@@ -26,8 +26,8 @@ from mcap.writer import CompressionType, Writer
 
 from rosette_ros.core.errors import CellError, InvalidConfig, InvalidData
 from rosette_ros.io import bag_metadata as bag
-from rosette_ros.io.log_file import LogFile
 from rosette_ros.io.type_definitions import TypeDefinition
+from rosette_ros.io.written_file import WrittenFile
 
 CHUNK_SIZE = 64 * 1024
 LIBRARY = 'rosette_ros'
@@ -90,7 +90,7 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
         self._topics: dict[str, _Topic] = {}
         self._states: dict[tuple[str, Hashable], tuple[_Topic, int, int, bytes]] = {}
         self._files: list[bag.FileSummary] = []
-        self._written: list[LogFile] = []
+        self._written: list[WrittenFile] = []
         self._failure = ''
         self._writer: Writer | None = None
         self._safe = 'nothing'
@@ -213,7 +213,7 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
         """Open the next file; it gets its name, and metadata.yaml names it, when its head is on the disk."""
         path = self.directory / f'{self.name}_{len(self._files)}.mcap'
         unnamed = path.with_name(f'{path.name}.part')
-        raw = LogFile(unnamed)
+        raw = WrittenFile(unnamed)
         self._written.append(raw)
         self._stream, self._safe_size = io.BufferedWriter(raw), 0
         self._file = bag.FileSummary(path.name)

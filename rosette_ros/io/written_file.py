@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 
-class LogFile(io.FileIO):
+class WrittenFile(io.FileIO):
     """A new file: bytes are added at its end alone, so that one that was cut is shorter than what was written.
 
     path: its name now. Raises FileExistsError where there is one of that name."""
