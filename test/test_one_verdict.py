@@ -72,8 +72,8 @@ def verbs(path, capsys):
 
 def studio(run):
     """Return the verdict that the studio shows of a run."""
-    with ThreadPoolExecutor(2) as threads:
-        controller = Controller(threads)
+    with ThreadPoolExecutor(1) as threads:
+        controller = Controller()
         controller.act(controller.session.open, run, 'run.csv')
         threads.submit(asyncio.run, controller.refresh()).result()
         return controller.session.results.verdict

@@ -7,6 +7,7 @@ a long diagnosis delays nothing. A result that belongs to another run or model b
 
 import asyncio
 import multiprocessing
+import resource
 import signal
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -30,6 +31,8 @@ from rosette_ros.studio.studio_session import OpenedRun, Preview, Session, Ticke
 T = TypeVar('T')
 STEP, VALUE, ERROR = 'step', 'value', 'error'
 """What the process sends."""
+READ_WITHIN, READ_MEMORY = 60.0, 2 << 30
+"""Longest time, s, and most memory, bytes, for reading a run that was uploaded."""
 _CONTEXT = multiprocessing.get_context('forkserver')
 _CONTEXT.set_forkserver_preload(['rosette_ros.analysis', 'rosette_ros.presentation.report'])
 
@@ -49,11 +52,11 @@ class Controller:
     a second run and what it shows of the diagnosis.
     """
 
-    def __init__(self, quick: ThreadPoolExecutor) -> None:
+    def __init__(self) -> None:
         self.session, self.changed = Session(), Event[[]]()
         self.step = self.error = ''
         self.check: tuple[str, CrossCheck] | None = None
-        self._quick_thread, self._worker = quick, Worker()
+        self._quick, self._worker, self._reader = ThreadPoolExecutor(1, 'quick'), Worker(), Worker()
         self._refreshed: Ticket | None = None
 
     # Actions
@@ -69,9 +72,13 @@ class Controller:
         self.error = one_line(error)
         self.changed.emit()
 
-    async def open(self, read: Callable[..., tuple[Run, Source]], path: Path, *arguments: object) -> None:
-        """Read a run with read(path, ...) and show it; raises RosetteError in the words of the command line."""
-        run, source = await self.do_quick(read, path, *arguments)
+    async def open(self, read: Callable[..., tuple[Run, Source]], path: Path, *arguments: object,
+                   within: float | None = None, memory: int | None = None) -> None:
+        """Read a run with read(path, ...) in another process and show it; within, memory: as of Worker.run.
+
+        Raises RosetteError in the words of the command line.
+        """
+        run, source = await self._reader.run(read, path, *arguments, within=within, memory=memory)
         self.act(self.session.open, run, path.name or str(path), source)
 
     async def report(self) -> str | None:
@@ -151,11 +158,13 @@ class Controller:
 
     async def do_quick(self, function: Callable[..., T], *arguments: object) -> T:
         """Call a function in the thread for quick work."""
-        return await asyncio.get_running_loop().run_in_executor(self._quick_thread, function, *arguments)
+        return await asyncio.get_running_loop().run_in_executor(self._quick, function, *arguments)
 
     def close(self) -> None:
         """End the calculations."""
-        self._worker.stop()
+        for worker in (self._worker, self._reader):
+            worker.stop()
+        self._quick.shutdown(wait=False, cancel_futures=True)
 
 
 class Worker:
@@ -163,18 +172,20 @@ class Worker:
 
     def __init__(self) -> None:
         self._process: BaseProcess | None = None
+        self._thread = ThreadPoolExecutor(1, 'worker')
 
-    async def run(self, function: Callable[..., T], *arguments: object,
-                  on_step: Callable[[str], None] | None = None) -> T:
+    async def run(self, function: Callable[..., T], *arguments: object, on_step: Callable[[str], None] | None = None,
+                  within: float | None = None, memory: int | None = None) -> T:
         """Return function(*arguments), calculated in another process.
 
-        on_step: passed to the function; called here. Raises what the function raises, Superseded where `stop` or other
-        work has ended it, and WorkerFailed.
+        on_step: passed to the function; called here; within, memory: most time, s, and most memory, bytes, that it may
+        take. Raises what the function raises, Superseded where `stop` or other work has ended it, and WorkerFailed.
         """
         self.stop()
         loop = asyncio.get_running_loop()
         receiver, sender = _CONTEXT.Pipe(duplex=False)
-        process = _CONTEXT.Process(target=_work, args=(sender, function, arguments, on_step is not None), daemon=True)
+        process = _CONTEXT.Process(target=_work, args=(sender, function, arguments, on_step is not None, memory),
+                                   daemon=True)
         self._process = process
 
         def receive() -> tuple[str, Any]:
@@ -194,7 +205,13 @@ class Worker:
                 receiver.close()
                 process.join()
 
-        kind, value = await loop.run_in_executor(None, receive)
+        try:
+            async with asyncio.timeout(within):
+                kind, value = await loop.run_in_executor(self._thread, receive)
+        except TimeoutError:
+            if self._process is process:
+                self.stop()
+            raise WorkerFailed(f'wanted to be done within {within:g} s, was not') from None
         if self._process is process:
             self._process = None
         if kind == ERROR:
@@ -218,10 +235,15 @@ def _start(process: BaseProcess) -> None:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _work(sender: Connection, function: Callable[..., object], arguments: tuple[object, ...], with_steps: bool) -> None:
+def _work(sender: Connection, function: Callable[..., object], arguments: tuple[object, ...], with_steps: bool,
+          memory: int | None) -> None:
     """Work in the other process; send the steps, then the value or the error."""
+    if memory is not None:
+        resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
     steps = {'on_step': lambda step: sender.send((STEP, step))} if with_steps else {}
     try:
         sender.send((VALUE, function(*arguments, **steps)))
     except RosetteError as error:
         sender.send((ERROR, error))
+    except MemoryError:
+        sender.send((ERROR, WorkerFailed(f'wanted to need at most {(memory or 0) >> 20} MB of memory, needed more')))

@@ -8,7 +8,6 @@ import secrets
 import socket
 from collections import OrderedDict
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from importlib import resources
 from tempfile import TemporaryDirectory
 
@@ -31,23 +30,22 @@ class Controllers:
     """The Controller of each browser, by the name in its cookie."""
 
     def __init__(self) -> None:
-        self._quick = ThreadPoolExecutor(1, 'quick')
         self._controllers: OrderedDict[str, Controller] = OrderedDict()
 
     def of(self, browser: str) -> tuple[Controller, bool]:
         """Return the Controller of a browser, and whether it is new."""
         is_new = browser not in self._controllers
-        controller = self._controllers.setdefault(browser, Controller(self._quick))
+        if is_new:
+            self._controllers[browser] = Controller()
         self._controllers.move_to_end(browser)
         while len(self._controllers) > MOST_BROWSERS:
             self._controllers.popitem(last=False)[1].close()
-        return controller, is_new
+        return self._controllers[browser], is_new
 
     def close(self) -> None:
         """End all calculations."""
         for controller in self._controllers.values():
             controller.close()
-        self._quick.shutdown(wait=False, cancel_futures=True)
 
 
 def serve(options: StudioOptions, on_ready: Callable[[str], object] | None = None) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
+from mcap.writer import Writer
 from playwright.sync_api import expect
 
 LOADS = 300
@@ -22,9 +23,9 @@ def send(address, request):
     return answer.partition(b'\r\n')[0].decode()
 
 
-def resident(process):
-    """Return the memory of a process, MB."""
-    return int(re.search(r'VmRSS:\s+(\d+)', Path(f'/proc/{process.pid}/status').read_text())[1]) / 1024
+def resident(process, name='VmRSS'):
+    """Return the memory of a process, MB; VmHWM: the most that it has had."""
+    return int(re.search(rf'{name}:\s+(\d+)', Path(f'/proc/{process.pid}/status').read_text())[1]) / 1024
 
 
 @pytest.mark.parametrize('head', [
@@ -65,3 +66,21 @@ def test_images_on_a_foreign_page_do_not_empty_a_session(studio, chromium):
     expect(page.get_by_test_id('part-table_motions')).to_be_visible()
     expect(page.get_by_test_id('part-cmm_deviations')).to_be_hidden()
     context.close()
+
+
+def test_an_upload_that_expands_is_refused(start_studio, chromium, tmp_path):
+    """A log of 0.1 MB that holds 3 GB takes no memory of the studio, which lives on."""
+    bomb = tmp_path / 'bomb.mcap'
+    writer = Writer(str(bomb), chunk_size=1 << 30)
+    writer.start()
+    channel = writer.register_channel('/x', 'cdr', writer.register_schema('std_msgs/msg/String', 'ros2msg', b''))
+    for k in range(30):
+        writer.add_message(channel, k, bytes(100 << 20), k)
+    writer.finish()
+    with start_studio(tmp_path) as studio:
+        page = chromium.new_page()
+        page.goto(studio.address)
+        page.locator('input[type=file]').set_input_files(bomb)
+        expect(page.get_by_test_id('open-error')).to_contain_text('bomb.mcap: ')
+        assert resident(studio.process, 'VmHWM') < 500
+        page.close()

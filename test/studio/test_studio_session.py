@@ -49,10 +49,9 @@ def session(run):
 @pytest.fixture
 def controller():
     """Yield a controller with nothing open."""
-    with ThreadPoolExecutor(1) as quick:
-        made = Controller(quick)
-        yield made
-        made.close()
+    made = Controller()
+    yield made
+    made.close()
 
 
 def test_an_empty_session_shows_nothing():
@@ -239,7 +238,48 @@ def test_a_second_run_is_checked(controller, run, tmp_path):
     assert (name, check.confirmed) == ('second.csv', True)
 
 
+def read_for_ever(path):
+    """Read what never ends."""
+    while path:
+        pass
+
+
+def test_who_reads_long_delays_nobody(controller, run, tmp_path):
+    """Another user opens a run and sees its results meanwhile; opening another file ends the first."""
+    write_csv(run, tmp_path / 'a.csv')
+    other = Controller()
+
+    async def use():
+        slow = asyncio.create_task(controller.open(read_for_ever, tmp_path))
+        await asyncio.sleep(0)
+        await other.open(open_source, tmp_path / 'a.csv')
+        await other.refresh()
+        assert not slow.done()
+        await controller.open(open_source, tmp_path / 'a.csv')
+        with pytest.raises(Superseded):
+            await slow
+
+    in_loop(use())
+    other.close()
+    assert other.session.results.verdict.outcome == Outcome.NAMED
+    assert controller.session.current.name == 'a.csv'
+
+
 # The worker
+
+
+def take_memory(size):
+    """Use so many bytes."""
+    return len(bytearray(size))
+
+
+def test_work_is_bounded():
+    """In time and in memory, in words."""
+    with pytest.raises(WorkerFailed, match='wanted to be done within 0.1 s, was not'):
+        in_loop(Worker().run(time.sleep, 600, within=0.1))
+    with pytest.raises(WorkerFailed, match='wanted to need at most 2048 MB of memory, needed more'):
+        in_loop(Worker().run(take_memory, 4 << 30, memory=2 << 30))
+    assert in_loop(Worker().run(take_memory, 1 << 20, within=60.0, memory=2 << 30)) == 1 << 20
 
 
 def refuse(words):

@@ -5,6 +5,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 from nicegui import ui
 from nicegui.events import UploadEventArguments
@@ -14,7 +15,7 @@ from rosette_ros.core.records import Run
 from rosette_ros.presentation.report import open_source
 from rosette_ros.presentation.report.provenance import Source
 from rosette_ros.studio.access_control import MOST_UPLOAD, TOO_LARGE
-from rosette_ros.studio.controller import Controller
+from rosette_ros.studio.controller import READ_MEMORY, READ_WITHIN, Controller, Superseded, WorkerFailed
 from rosette_ros.studio.panels.widgets import ErrorLine, button, input_field, marked, row
 
 MOST_NAME = 120
@@ -69,16 +70,19 @@ class OpenDialog:
         with tempfile.TemporaryDirectory(dir=self._folder) as folder:
             path = Path(folder, safe_name(event.file.name))
             await event.file.save(path)
-            await self._open(read_upload, path)
+            await self._open(read_upload, path, within=READ_WITHIN, memory=READ_MEMORY)
         self._upload.reset()
 
-    async def _open(self, read: Callable[..., tuple[Run, Source]], path: Path, *arguments: object) -> None:
+    async def _open(self, read: Callable[..., tuple[Run, Source]], path: Path, *arguments: object,
+                    **limits: Any) -> None:
         self._error.set('')
         self._busy.set_visibility(True)
         try:
-            await self._controller.open(read, path, *arguments)
+            await self._controller.open(read, path, *arguments, **limits)
+        except Superseded:
+            pass
         except RosetteError as error:
-            self._error.set(one_line(error))
+            self._error.set((f'{path.name}: ' if isinstance(error, WorkerFailed) else '') + one_line(error))
             self.dialog.open()
         else:
             self.dialog.close()
