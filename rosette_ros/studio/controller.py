@@ -121,11 +121,15 @@ class Controller:
         except Superseded:
             return
         except NotDeterminable as error:
-            session.keep(ticket, refusal=not_determinable(one_line(error)))
+            session.keep(ticket, refusal=not_determinable(
+                one_line(error), [str(term) for term in session.model.terms]))
         except RosetteError as error:
             session.keep(ticket, problem=one_line(error))
-        if session.is_current(ticket):
+        except Exception as error:
+            session.keep(ticket, problem=f'a mistake of the program, told on the console: {one_line(error)}')
             self._begin(ticket, '')
+            raise
+        self._begin(ticket, '')
 
     async def _calculate(self, ticket: Ticket, opened: OpenedRun, model: Model, unasked: bool) -> None:
         session, run = self.session, opened.run

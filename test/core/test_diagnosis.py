@@ -12,7 +12,7 @@ from rosette_ros.core.diagnosis.cross_validation import CrossValidation
 from rosette_ros.core.diagnosis.diagnosis import diagnose
 from rosette_ros.core.diagnosis.verdict import Outcome
 from rosette_ros.core.model.least_squares import fit
-from rosette_ros.core.model.model import Model
+from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
 
@@ -48,6 +48,23 @@ def test_the_hidden_effect_is_named(kind):
     assert top.cross_validation_after < top.cross_validation_before
     assert not found.unexplained
     assert f'The model lacks {kind}' in found.verdict.sentence
+
+
+def test_what_the_model_describes_is_still_in_the_cell():
+    """A verdict that a model fits says how large its effects are, but for those that are not there."""
+    run = machine_run(n=8, hidden=[{'kind': 'frame_drift', **HIDDEN['frame_drift']}])
+    drift = Model().with_effect('frame_drift')
+    found = diagnose(run, drift)
+    size = f'{1e6 * found.fit.effects[0].rms:#.3g} µm rms'
+    assert found.verdict.outcome == Outcome.FITS
+    assert f'the cause of what the model only describes, frame_drift ({size}), or keep it' in found.verdict.action
+    assert 'only describes' not in diagnose(machine_run(n=8), drift).verdict.action
+
+
+def test_a_model_without_base_terms_is_judged():
+    """What it lacks are the base terms."""
+    found = diagnose(machine_run(n=5), Model(()))
+    assert found.verdict.outcome == Outcome.NAMED and set(BASE_TERMS) <= set(found.missing)
 
 
 def test_amplitudes_are_those_of_the_machine():

@@ -187,6 +187,34 @@ def test_a_model_that_the_run_cannot_determine_has_a_verdict(controller, run):
     in_loop(controller.refresh())
     verdict = controller.session.results.verdict
     assert (verdict.outcome, verdict.level) == (Outcome.NOT_DETERMINABLE, Level.BAD)
+    assert verdict.action == 'Measure the missing balls.'
+    controller.act(controller.session.add, 'frame_drift')
+    in_loop(controller.refresh())
+    assert controller.session.results.verdict.action == (
+        'Measure the missing balls, or remove frame_drift from the model.')
+
+
+def test_a_mistake_of_the_program_is_shown(controller, run, monkeypatch):
+    """No step is left running, and the traceback goes to the console."""
+    def stumble(*_):
+        raise ValueError('cannot reshape')
+
+    monkeypatch.setattr('rosette_ros.studio.controller.analyse', stumble)
+    controller.act(controller.session.open, run, 'a.csv')
+    with pytest.raises(ValueError, match='cannot reshape'):
+        in_loop(controller.refresh())
+    assert controller.step == ''
+    assert controller.session.results.problem == 'a mistake of the program, told on the console: cannot reshape'
+
+
+def test_all_base_terms_can_be_removed(controller, run):
+    """The verdict says what is missing."""
+    controller.act(controller.session.open, run, 'a.csv')
+    for _ in range(3):
+        controller.act(controller.session.remove, 0)
+    in_loop(controller.refresh())
+    assert (controller.step, controller.session.results.problem) == ('', '')
+    assert 'The model lacks table_motions' in controller.session.results.verdict.sentence
 
 
 def test_what_was_asked_before_ends(controller, run):

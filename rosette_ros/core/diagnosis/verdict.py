@@ -18,6 +18,8 @@ every day; at 1e-6 a repeatability stated a third too small would pass on a plat
 (301 degrees of freedom) is refused from 1.10 times the stated repeatability, one of 6 balls (49) from 1.24 times.
 """
 SMALLEST_P = 1e-12
+CERTAIN = 4
+"""An effect in the model is there where a parameter is so many times its standard uncertainty: by chance 6e-5."""
 
 
 class Outcome(StrEnum):
@@ -109,15 +111,24 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = 
         sentence = f'The model fits readings that are in doubt: {_beside_repeatability(fit)}.'
     else:
         outcome, sentence = Outcome.FITS, f'The model fits: {_beside_repeatability(fit)}.'
+    present = [f'{one.name} ({_um(one.rms)} rms)' for one in fit.effects
+               if any(abs(part.value) > CERTAIN * part.u for part in one.parameters)]
+    if present:
+        action.append(f'look in the cell for the cause of what the model only describes, {" and ".join(present)}, or '
+                      'keep it in the model')
     if hidden:
         action.append(f'measure next in an order that shows {", ".join(hidden)} (rosette advise)')
     text = '; '.join(action) or 'nothing needs to be done'
     return Verdict(outcome, sentence, f'{text[0].upper()}{text[1:]}.')
 
 
-def not_determinable(reason: str) -> Verdict:
-    """Return the Verdict on a run from which the model cannot be determined; reason: that of the error, in one line."""
-    return Verdict(Outcome.NOT_DETERMINABLE, reason, 'Measure more balls, or remove what was added to the model.')
+def not_determinable(reason: str, added: Sequence[str] = ()) -> Verdict:
+    """Return the Verdict on a run from which the model cannot be determined.
+
+    reason: that of the error, in one line; added: the effects in the model beside its base.
+    """
+    remove = f', or remove {" and ".join(added)} from the model' if added else ''
+    return Verdict(Outcome.NOT_DETERMINABLE, reason, f'Measure the missing balls{remove}.')
 
 
 def _beside_repeatability(fit: 'Fit') -> str:

@@ -81,7 +81,7 @@ class Basis:
     def of_parts(parts: tuple[Part, Part]) -> 'Basis':
         """Return the basis of the base model's two parts, without weights."""
         z, w = (np.ascontiguousarray(part.basis.T) for part in parts)
-        return Basis(z, w.reshape(len(w), -1, 2), np.zeros((0, z.shape[1], 3)))
+        return Basis(z, w.reshape(len(w), z.shape[1], 2), np.zeros((0, z.shape[1], 3)))
 
     @property
     def rank(self) -> int:

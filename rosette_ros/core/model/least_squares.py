@@ -49,6 +49,11 @@ class FittedEffect:
     parameters: tuple[Parameter, ...]
     displacement: Floats
 
+    @property
+    def rms(self) -> float:
+        """Root mean square of its part over all coordinates, m."""
+        return float(np.sqrt(np.mean(self.displacement**2)))
+
 
 @dataclass(frozen=True, eq=False)
 class Fit:
