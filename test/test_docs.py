@@ -131,8 +131,8 @@ def test_verbs_of_the_readme_exist():
     """Those of the table, and those of every example."""
     text = text_of(ROOT / 'README.md')
     listed = {verb for row in re.findall(r'^\| (`.*?) \|', text, re.MULTILINE)
-              for verb in re.findall(r'`(\w+)[ `]', row)}
-    used = set(re.findall(r'^(?:\.venv/bin/)?rosette (\w+)', text, re.MULTILINE))
+              for verb in re.findall(r'`([\w-]+)[ `]', row)}
+    used = set(re.findall(r'^(?:\.venv/bin/)?rosette ([\w-]+)', text, re.MULTILINE))
     assert listed == set(VERBS)
     assert used - set(VERBS) == set()
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, Self
 
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
@@ -91,6 +91,7 @@ class CellClient:
         self._rejections: list[str] = []
         self._node.create_subscription(CalibrationEvent, names.CALIBRATION_EVENT, self._on_event, qos.EVENT)
         self._run_id, self._is_restarted, self._has_state = '', False, False
+        self._progress = CalibrationProgress()
         self._verdicts: dict[str, Verdict | None] = {}
         self._node.create_subscription(Diagnosis, names.DIAGNOSIS, self._on_diagnosis, qos.RESULT)
         self._action = ActionClient(self._node, Calibrate, names.CALIBRATE)
@@ -98,7 +99,7 @@ class CellClient:
         # of feedback and events, too.
         self._node.create_subscription(RunState, names.RUN_STATE, self._on_state, qos.STATE)
 
-    def __enter__(self) -> 'CellClient':
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -188,7 +189,7 @@ class CellClient:
 
     def _on_state(self, state: RunState) -> None:
         """A sequencer that is idle while a calibration of it is on, is another process."""
-        self._has_state = True
+        self._has_state, self._progress = True, progress_of(state)
         if state.phase == Phase.IDLE:
             self._is_restarted = True
 

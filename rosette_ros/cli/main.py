@@ -22,12 +22,13 @@ from rosette_ros.cli.arguments import UsageError
 from rosette_ros.core.errors import RosetteError
 
 SIGNS = {'−': '-', '–': '-', '─': '-', '±': '+-', '→': '->', 'µ': 'u', '°': 'deg', 'σ': 'sigma', 'Δ': 'd', '·': '.',
-         **dict(zip('▁▂▃▄▅▆▇█', '12345678', strict=True))}
+         '✓': 'ok', '✗': 'x', **dict(zip('▁▂▃▄▅▆▇█', '12345678', strict=True))}
 """Signs that are printed, and what a terminal without them shows: a number keeps its sign."""
 VERBS = {
     'demo': ('demo', 'calibrate a simulated rotary table from start to end'),
     'plan': ('plan', 'the target list of a measuring scheme'),
     'cell': ('cell', 'a whole cell on this computer: starts its nodes, restarts failed nodes'),
+    'check-cmm': ('check_cmm', 'try a CMM before a calibration: what its node does wrong'),
     'calibrate': ('calibrate', 'start a calibration in a running cell and wait for the result'),
     'evaluate': ('evaluate', 'the six error motions of a run, with uncertainties'),
     'compare': ('compare', 'a model compared with a run: where it fails, by how much of the noise'),

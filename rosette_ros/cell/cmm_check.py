@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A CMM tried before a calibration: it is asked for a few balls, its answers are checked one by one and together."""
+
+import statistics
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from rcl_interfaces.srv import GetParameters
+from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rosette_msgs.msg import BallCentre, ProbeTarget
+
+from rosette_ros.calibration.calibration_plan import CalibrationPlan
+from rosette_ros.calibration.settings import LIMITS, PLANNED, limits_of, plan_of
+from rosette_ros.calibration.state_machine import complaint
+from rosette_ros.cell.client import CellClient
+from rosette_ros.core.errors import CellError
+from rosette_ros.io.messages import MACHINE_FRAME, Answer, Phase, Target, answer_of
+from rosette_ros.io.reading_checks import check_answers
+from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.nodes import conversions, names, qos
+
+SEARCH, SETTLING, ECHOES = 5.0, 1.0, 0.5  # for the CMM; for all to discover each other; for a second answer, s
+CLOCK_OFF = 2.0  # a stamp so long before its target or after its answer is of another clock, s
+PLAUSIBLE_FORM, PLAUSIBLE_TEMPERATURE = 1e-4, (5.0, 45.0)  # m; °C
+HELD = {
+    'stamps': 'every answer has a time of its own', 'travel': 'counts on over full turns, forward and backwards',
+    'approach': 'the sense of the last move', 'places': 'measured, not repeated from the target',
+    'resolution': 'the coordinates have all digits'}
+"""What holds where a check of reading_checks finds nothing wrong."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One check: its name, whether it is passed (None: for information), and what was found."""
+
+    name: str
+    passed: bool | None
+    text: str
+
+
+@dataclass(frozen=True)
+class CmmReport:
+    """All checks; seconds_per_ball: median, None without an answer; run_seconds: what a calibration would take;
+    repeatability: standard deviation of a coordinate, m, None where it was not found."""
+
+    checks: tuple[Check, ...]
+    seconds_per_ball: float | None
+    run_seconds: float | None
+    repeatability: float | None
+
+    @property
+    def failed(self) -> tuple[str, ...]:
+        """Names of the checks that are not passed."""
+        return tuple(check.name for check in self.checks if check.passed is False)
+
+
+class CmmClient(CellClient):
+    """Asks a CMM for balls in place of a sequencer; a context manager; arguments as of CellClient."""
+
+    def __init__(self, domain_id: int | None = None, namespace: str = names.NAMESPACE) -> None:
+        """Join the graph."""
+        super().__init__(domain_id, namespace)
+        self._received: list[tuple[float, int, Answer]] = []
+        self._targets = self._node.create_publisher(ProbeTarget, names.PROBE_TARGET, qos.TARGET)
+        self._node.create_subscription(BallCentre, names.BALL_CENTRE, self._on_answer, qos.ANSWER)
+
+    def settings(self, given: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the settings of the sequencer, the defaults where there is none, changed by those given."""
+        every = (*PLANNED, *LIMITS)
+        values = {wanted.name: wanted.default for wanted in every}
+        service = self._node.create_client(GetParameters, f'{names.SEQUENCER}/get_parameters')
+        if self._spin_until(service.service_is_ready, SETTLING):
+            response = self._await(service.call_async(GetParameters.Request(names=list(values))), SEARCH, None)
+            found = map(parameter_value_to_python, response.values)
+            values |= {name: value for name, value in zip(values, found, strict=True) if value is not None}
+        return values | {wanted.name: wanted.check(given[wanted.name], 'check-cmm') for wanted in every
+                         if given.get(wanted.name) is not None}
+
+    def check(self, values: Mapping[str, Any], repeats: int = 5,
+              on_progress: Callable[[str], object] | None = None) -> CmmReport:
+        """Ask for one ball several times, at some table positions forward and backwards, and for another ball.
+
+        values: as of `settings`. Raises CellError where there is no CMM, or a calibration is on."""
+        self._await_cmm()
+        plan, limits = plan_of(values), limits_of(values)
+        graph = self._graph_checks()
+        run, waited, complaints = RunAnswers(f'check_{time.time_ns()}'), list[float](), list[str]()
+        asked = _plan(plan, repeats)
+        for index in range(asked.total):
+            target = self._ask(run, asked, index)
+            if on_progress:
+                on_progress(f'{index + 1} of {asked.total}: {target}')
+            began = time.monotonic()
+            if not self._spin_until(partial(self._is_answered, target), limits.answer_timeout):
+                complaints.append(f'{target}: no answer within {limits.answer_timeout:g} s'
+                                  f'{self._strangers(run.run_id)}')
+                break
+            received, _, answer = next(one for one in self._of(run.run_id) if one[2].seq == target.seq)
+            waited.append(received - began)
+            words = complaint(answer, target, limits)
+            complaints += [f'{target}: {words}'] if words else []
+            run.add_answer(answer)
+        self._spin_until(lambda: False, ECHOES)
+        checks = (*graph, self._one_answer(run), _answers(complaints, asked.total), *self._together(run))
+        each = statistics.median(waited) if waited else None
+        return CmmReport(checks, each, each and each * plan.total, run.repeatability()[0])
+
+    def _ask(self, run: RunAnswers, asked: CalibrationPlan, index: int) -> Target:
+        """Publish a target as the sequencer would, before its alignment."""
+        target, now = asked.target(index), time.time_ns()
+        x, y, z = asked.taught.to_outer(target.centre).tolist()
+        target = target._replace(run_id=run.run_id, attempt=1, session=1, centre=(x, y, z), frame_id=MACHINE_FRAME,
+                                 stamp_ns=now)
+        run.add_target(target)
+        self._targets.publish(conversions.target_message(target, conversions.time_message(now)))
+        return target
+
+    def _await_cmm(self) -> None:
+        self._spin_until(self._is_there, SEARCH)
+        if not self._is_there():
+            raise CellError(f'cell {self._where}: no CMM: wanted one that subscribes to {names.PROBE_TARGET} and '
+                            f'publishes {names.BALL_CENTRE}, got none within {SEARCH:g} s; start it, check namespace '
+                            'and ROS_DOMAIN_ID')
+        self._spin_until(lambda: False, SETTLING)
+        if self._progress.is_running:
+            raise CellError(f'cell {self._where}: run {self._progress.run_id} is on; wait for its end or cancel it')
+
+    def _is_there(self) -> bool:
+        return bool(self._node.count_publishers(names.BALL_CENTRE) and self._listeners())
+
+    def _listeners(self) -> list[Any]:
+        """Return the endpoints that obey targets."""
+        return [info for info in self._node.get_subscriptions_info_by_topic(self._topic(names.PROBE_TARGET))
+                if info.node_name not in (names.RECORDER, names.EVALUATOR)]
+
+    def _topic(self, name: str) -> str:
+        return self._node.resolve_topic_name(name)
+
+    def _graph_checks(self) -> tuple[Check, ...]:
+        """Return what the graph alone shows: types, quality of service, how many there are."""
+        answers, listeners = self._node.get_publishers_info_by_topic(self._topic(names.BALL_CENTRE)), self._listeners()
+        wrong = [f'{info.topic_type} on {name}, wanted {wanted}' for name, wanted, infos in (
+            (names.BALL_CENTRE, 'rosette_msgs/msg/BallCentre', answers),
+            (names.PROBE_TARGET, 'rosette_msgs/msg/ProbeTarget', listeners)) for info in infos
+            if info.topic_type != wanted]
+        held = [] if all(info.qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL for info in listeners) else [
+            f'{names.PROBE_TARGET} is subscribed to transient local: the machine would move to an old target; wanted '
+            'volatile']
+        held += [f'{names.BALL_CENTRE} is published best effort; wanted reliable' for info in answers
+                 if info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT]
+        beats = self._node.count_publishers(f'{names.CMM}/{names.ALIVE}')
+        return (Check('types', not wrong, '; '.join(wrong) or 'ProbeTarget and BallCentre'),
+                Check('quality of service', not held, '; '.join(held) or 'as wanted'),
+                Check('one CMM', len(answers) == len(listeners) == 1,
+                      f'{len(answers)} publishers of {names.BALL_CENTRE}, {len(listeners)} subscribers of '
+                      f'{names.PROBE_TARGET}'),
+                Check('heartbeat', True if beats else None, 'found' if beats else
+                      'none: that the CMM is disconnected is noticed when an answer is overdue'))
+
+    def _one_answer(self, run: RunAnswers) -> Check:
+        answers = [answer.seq for *_, answer in self._of(run.run_id)]
+        twice = len(answers) - len(set(answers))
+        return Check('one answer', not twice, f'{twice} more answers than targets' if twice else 'to each target')
+
+    def _strangers(self, run_id: str) -> str:
+        """Return in words which answers came that no target asked for."""
+        other = sorted({answer.run_id for *_, answer in self._received} - {run_id})
+        return f', but answers to run {", ".join(map(repr, other))}: repeat run_id and seq' if other else ''
+
+    def _together(self, run: RunAnswers) -> list[Check]:
+        """Return what all answers together show."""
+        pairs = run.counting()
+        if not pairs:
+            return []
+        answers, sigma = [answer for _, answer in pairs], run.repeatability()[0]
+        found = check_answers(pairs)
+        checks = [Check(name, not found[name], found[name] or held) for name, held in HELD.items() if name in found]
+        spread = 'not found' if sigma is None else f'{1e6 * sigma:.3g} µm, standard deviation of a coordinate'
+        words = found.get('repeatability', '')
+        checks.append(Check('repeatability', None if sigma is None and not words else not words, words or spread))
+        frames = sorted({answer.frame for answer in answers})
+        checks.append(Check('frame', len(frames) == 1, f'centres in {", ".join(frames)}'))
+        if not self._node.count_publishers(names.CLOCK):
+            off = [gap for target, answer in pairs if abs(gap := self._clock_gap(target, answer)) > CLOCK_OFF]
+            checks.append(Check('clock', not off, f'header.stamp is {off[0]:+.1f} s off the time of this computer; '
+                                'synchronise the clocks' if off else 'stamps lie between target and answer'))
+        form = [answer.form_error for answer in answers]
+        checks.append(Check('form error', all(0 <= one < PLAUSIBLE_FORM for one in form),
+                            f'{1e6 * min(form):.3g} to {1e6 * max(form):.3g} µm'))
+        warm = np.array([answer.temperature for answer in answers])
+        known, (low, high) = warm[np.isfinite(warm)], PLAUSIBLE_TEMPERATURE
+        checks.append(Check('temperature', bool(np.all((known > low) & (known < high))) if known.size else None,
+                            f'{known.min():.2f} to {known.max():.2f} °C' if known.size else 'not measured (NaN)'))
+        return checks
+
+    def _clock_gap(self, target: Target, answer: Answer) -> float:
+        """Return how long a stamp lies before its target or after the receipt of the answer, s, 0 between."""
+        received = next(at for _, at, one in self._received if one is answer)
+        return 1e-9 * (min(answer.stamp_ns - target.stamp_ns, 0) + max(answer.stamp_ns - received, 0))
+
+    def _of(self, run_id: str) -> list[tuple[float, int, Answer]]:
+        return [one for one in self._received if one[2].run_id == run_id]
+
+    def _is_answered(self, target: Target) -> bool:
+        return any(answer.seq == target.seq for *_, answer in self._of(target.run_id))
+
+    def _on_answer(self, message: BallCentre) -> None:
+        self._received.append((time.monotonic(), time.time_ns(), answer_of(message)))
+
+
+def _plan(whole: CalibrationPlan, repeats: int) -> CalibrationPlan:
+    """Return what is asked: ball 1 repeatedly, over a full turn forward, backwards over it again, then ball 2."""
+    n = whole.scheme.n
+    one, two = 1 + n // 3, 1 + 2 * n // 3
+    position = np.array([*[1] * repeats, one, two, 1, one, 1, two, two])
+    sense = np.array([1, *[0] * (repeats - 1), 1, 1, 1, 1, -1, -1, 0])
+    phase = np.array([*[Phase.REPEATABILITY] * repeats, *[Phase.ALIGNMENT] * 7])
+    ball = np.array([*[1] * (repeats + 6), 2])
+    return CalibrationPlan(whole.scheme, whole.radius, whole.taught, phase, position, ball, sense)
+
+
+def _answers(complaints: list[str], total: int) -> Check:
+    more = f' ({len(complaints)} such answers)' if len(complaints) > 1 else ''
+    return Check('answers', not complaints, f'{complaints[0]}{more}' if complaints else
+                 f'{total} of {total} as asked: ball, position, angle, place, units')

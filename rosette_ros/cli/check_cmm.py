@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosette check-cmm: tries a CMM before a calibration and says what its node does wrong."""
+
+import argparse
+import sys
+from dataclasses import asdict
+
+from rosette_ros.cell.cmm_check import CmmClient, CmmReport
+from rosette_ros.cli.arguments import add_shared, positive, whole
+from rosette_ros.cli.console import console, print_json, print_parts
+from rosette_ros.core.errors import CellError
+from rosette_ros.presentation.formatting import duration
+from rosette_ros.presentation.table_format import Table, words
+
+MARKS = {True: '✓', False: '✗', None: '–'}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = ('The machine moves: ball 1 several times, at three table positions over a full turn forward and '
+                     'backwards, then ball 2.\nPlate and table are those of the sequencer, if one is running.')
+    parser.add_argument('--balls', metavar='N', type=whole(3, 1000), help='balls on the plate')
+    parser.add_argument('--radius-mm', metavar='R', type=positive('mm'), help='radius of the circle of ball centres')
+    parser.add_argument('--origin-mm', metavar=('X', 'Y', 'Z'), type=float, nargs=3,
+                        help='where the centre of the plate roughly is, machine coordinates')
+    parser.add_argument('--azimuth-deg', metavar='A', type=float,
+                        help='where ball 1 roughly is at table angle 0, from machine x towards y')
+    parser.add_argument('--repeats', metavar='K', type=whole(2, 1000), default=5,
+                        help='readings of the repeatability (default 5)')
+    parser.add_argument('--timeout', metavar='S', type=positive('s'), help='wait for an answer no longer')
+    add_shared(parser, '--json', '--namespace', '--domain')
+
+
+def run(options: argparse.Namespace) -> None:
+    """Print what was found; raises CellError where a check is not passed."""
+    given = {
+        'plate.balls': options.balls, 'plate.radius_m': options.radius_mm and 1e-3 * options.radius_mm,
+        'table.origin_m': options.origin_mm and [1e-3 * value for value in options.origin_mm],
+        'table.azimuth_deg': options.azimuth_deg, 'limits.answer_timeout_s': options.timeout}
+    with CmmClient(options.domain, options.namespace) as client, console(sys.stderr).status('waiting') as status:
+        report = client.check(client.settings(given), options.repeats, status.update)
+    if options.json:
+        print_json({'schema': 'rosette-cmm-check/1', 'passed': not report.failed,
+                    'checks': [asdict(check) for check in report.checks], 'seconds_per_ball': report.seconds_per_ball,
+                    'run_seconds': report.run_seconds, 'repeatability_m': report.repeatability})
+    else:
+        show(report)
+    if report.failed:
+        raise CellError(f'check-cmm: {len(report.failed)} of {len(report.checks)} checks are not passed: '
+                        f'{", ".join(report.failed)} (docs/real-cmm.md)')
+
+
+def show(report: CmmReport) -> None:
+    """Print a report for a person."""
+    checks = report.checks
+    time = '' if report.seconds_per_ball is None or report.run_seconds is None else (
+        f'A ball takes {duration(report.seconds_per_ball)}, a calibration about {duration(report.run_seconds)}.')
+    print_parts(console(), [Table('cmm_check', 'What the CMM answers', (
+        words('passed', '', [MARKS[check.passed] for check in checks]),
+        words('check', 'check', [check.name for check in checks]),
+        words('found', 'found', [check.text for check in checks])),
+        levels=tuple('bad' if check.passed is False else '' for check in checks), note=time)])

@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A CMM is tried before a calibration: what its node does wrong is named, over DDS."""
+
+import json
+import threading
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rosette_msgs.msg import BallCentre, ProbeTarget, RunState
+
+from rosette_ros.cell.cmm_check import CmmClient
+from rosette_ros.cli.main import main
+from rosette_ros.core.errors import CellError
+from rosette_ros.nodes import names, qos
+
+BALLS, TURN = 6, 2 * np.pi
+
+
+@dataclass
+class Cmm:
+    """A CMM in a thread of the test; wrong: changes every answer before it is published."""
+
+    domain: int
+    wrong: object = lambda answer, target: answer
+    copies: int = 1
+    travel: float = 0.0
+    sense: int = 0
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(1))
+
+    def __enter__(self):
+        self._context = Context()
+        self._context.init(domain_id=self.domain)
+        self.node = Node('cmm', namespace='/rosette', context=self._context)
+        self._answers = self.node.create_publisher(BallCentre, 'ball_centre', 100)
+        self.node.create_subscription(ProbeTarget, 'probe_target', self._on_target, 10)
+        self.states = self.node.create_publisher(RunState, names.RUN_STATE, qos.STATE)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._spin)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._over.set()
+        self._thread.join()
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+    def _spin(self):
+        while not self._over.is_set():
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def _on_target(self, target):
+        if target.approach:
+            self.sense = target.approach
+            self.travel += self.sense * ((self.sense * (target.table_angle - self.travel)) % TURN)
+        answer = BallCentre(
+            run_id=target.run_id, seq=target.seq, table_position=target.table_position, ball=target.ball,
+            cmm_position=target.cmm_position, table_angle=self.travel % TURN, table_travel=self.travel,
+            approach=self.sense, form_error=1e-7, temperature=20.0)
+        answer.header.stamp = self.node.get_clock().now().to_msg()
+        answer.header.frame_id = 'machine'
+        noise = self.rng.normal(0, 1e-7, 3) + 1e-5
+        answer.centre.x, answer.centre.y, answer.centre.z = (
+            float(value) for value in np.array([target.centre.x, target.centre.y, target.centre.z]) + noise)
+        for _ in range(self.copies):
+            self._answers.publish(self.wrong(answer, target))
+
+
+@pytest.fixture(scope='module')
+def cmm(module_domain_id):
+    """Yield a CMM that makes no mistake unless a test makes it."""
+    with Cmm(module_domain_id) as running:
+        yield running
+
+
+@pytest.fixture
+def check(cmm, module_domain_id):
+    """Return a function that tries the CMM with a mistake and returns the report."""
+    def run(wrong=None, copies=1, **given):
+        cmm.wrong, cmm.copies = wrong or (lambda answer, target: answer), copies
+        with CmmClient(module_domain_id) as client:
+            return client.check(client.settings({'plate.balls': BALLS, **given}))
+    yield run
+    cmm.wrong, cmm.copies = lambda answer, target: answer, 1
+
+
+def changed(**values):
+    """Return a mistake: fields, dotted by two underscores, that become what a function of (answer, target) says."""
+    def wrong(answer, target):
+        for name, value in values.items():
+            *path, last = name.split('__')
+            owner = answer
+            for part in path:
+                owner = getattr(owner, part)
+            setattr(owner, last, value(answer, target))
+        return answer
+    return wrong
+
+
+def test_a_sound_cmm_passes_every_check(check):
+    """Twelve balls; 5 readings of 0.1 µm tell the repeatability to a factor of two."""
+    report = check()
+    assert report.failed == ()
+    texts = {one.name: one.text for one in report.checks}
+    assert texts['answers'] == '12 of 12 as asked: ball, position, angle, place, units'
+    assert texts['one CMM'] == '1 publishers of ball_centre, 1 subscribers of probe_target'
+    assert set(texts) >= {'types', 'frame', 'stamps', 'travel', 'approach', 'places', 'resolution', 'clock',
+                          'temperature', 'form error', 'heartbeat', 'quality of service', 'one answer'}
+    assert 0.5e-7 < report.repeatability < 2e-7
+    assert report.run_seconds == pytest.approx(report.seconds_per_ball * (10 + 2 * BALLS + BALLS**2 + 1))
+
+
+@pytest.mark.parametrize('failed, words, mistake', [
+    ('stamps', 'header.stamp is 0 in 12 of 12', changed(header__stamp__sec=lambda *_: 0,
+                                                        header__stamp__nanosec=lambda *_: 0)),
+    ('clock', 'header.stamp is +3', changed(header__stamp__sec=lambda answer, _: answer.header.stamp.sec + 30)),
+    ('travel', 'is not cumulative: it jumps by whole turns in 2 of 6', changed(
+        table_travel=lambda answer, _: answer.table_travel % TURN)),
+    ('approach', 'approach is always 0 after 6 of 6', changed(approach=lambda *_: 0)),
+    ('places', '12 of 12 answers are exactly the place', changed(centre=lambda _, target: target.centre)),
+    ('answers', 'that is degrees, give radians', changed(
+        table_angle=lambda answer, _: float(np.rad2deg(answer.table_angle)))),
+    ('answers', 'these are millimetres, give metres', changed(
+        centre__x=lambda answer, _: 1e3 * answer.centre.x, centre__y=lambda answer, _: 1e3 * answer.centre.y,
+        centre__z=lambda answer, _: 1e3 * answer.centre.z)),
+    ('answers', "wanted frame_id 'machine' or 'table', got 'base_link'", changed(
+        header__frame_id=lambda *_: 'base_link')),
+    ('form error', '100 to 100 µm', changed(form_error=lambda *_: 1e-4)),
+    ('temperature', '293.15 to 293.15', changed(temperature=lambda *_: 293.15)),
+])
+def test_a_mistake_fails_its_check(check, failed, words, mistake):
+    """In words that say what is wrong."""
+    report = check(mistake)
+    assert failed in report.failed
+    assert words in next(one.text for one in report.checks if one.name == failed)
+
+
+def test_answers_that_come_twice(check):
+    """Every target is answered by two messages."""
+    report = check(copies=2)
+    assert report.failed == ('one answer',)
+
+
+def test_an_answer_without_run_id_is_no_answer(check):
+    """The first target ends it, after its time."""
+    report = check(changed(run_id=lambda *_: ''), **{'limits.answer_timeout_s': 0.5})
+    assert report.failed == ('answers',)
+    text = next(one.text for one in report.checks if one.name == 'answers')
+    assert "no answer within 0.5 s, but answers to run '': repeat run_id and seq" in text
+
+
+def test_two_cmms_are_told(check, module_domain_id):
+    """A second one with the same name."""
+    with Cmm(module_domain_id):
+        report = check()
+    assert {'one CMM', 'one answer'} <= set(report.failed)
+
+
+def test_the_verb_prints_ticks_and_json(cmm, module_domain_id, capsys):
+    """Exit 0, and 2 with one line where a check fails; the table and the object are printed in both cases."""
+    verb = ['check-cmm', '--balls', str(BALLS), '--domain', str(module_domain_id)]
+    assert main(verb) == 0
+    out = capsys.readouterr().out
+    assert '✓  travel' in out and '–  heartbeat' in out and 'a calibration about' in out
+    cmm.wrong = changed(approach=lambda *_: 0)
+    assert main([*verb, '--json']) == 2
+    captured = capsys.readouterr()
+    cmm.wrong = lambda answer, target: answer
+    found = json.loads(captured.out)
+    assert found['schema'] == 'rosette-cmm-check/1' and not found['passed']
+    assert [one['name'] for one in found['checks'] if one['passed'] is False] == ['approach']
+    assert captured.err == (f'rosette: check-cmm: 1 of {len(found["checks"])} checks are not passed: approach '
+                            '(docs/real-cmm.md)\n')
+
+
+def test_nothing_moves_while_a_calibration_is_on(cmm, check):
+    """The machine belongs to the sequencer then."""
+    cmm.states.publish(RunState(run_id='run_a', phase=RunState.PHASE_RUN))
+    with pytest.raises(CellError, match='run run_a is on; wait for its end or cancel it'):
+        check()
+    cmm.states.publish(RunState(run_id='run_a', phase=RunState.PHASE_DONE))
+
+
+def test_no_cmm_is_told(domain_id):
+    """After some seconds, in words."""
+    with CmmClient(domain_id) as client, pytest.raises(CellError, match='no CMM: wanted one that subscribes to'):
+        client.check(client.settings({}))
