@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a diagnosis says of a run, read from its result alone."""
 
+import re
 import time
 from dataclasses import dataclass
 
@@ -49,3 +50,27 @@ def ask(run: Run) -> tuple[Answer, Diagnosis]:
                    for one in found.candidates if one.claimed)
     return Answer(claims, bool(found.unexplained), found.unexplained_text, found.verdict.outcome.value,
                   found.verdict.sentence, float(found.final.rms), seconds), found
+
+
+VARIABLES = {
+    'time': r'\btime\b', 'temperature': r'temperature', 'ball': r'\bballs?\b',
+    'angle': r'table angle|table position|angle of the table', 'line': r'encoder|interpolation', 'travel': r'travel',
+    'position': r'CMM position|place in the machine', 'machine': r'fixed in the machine|machine axes',
+    'table_sense': r'sense of the (last )?table|table turns|backlash', 'cmm_sense': r"sense of the (last )?CMM|CMM's",
+    'direction': r'direction of (the )?(last )?(approach|move|CMM)'}
+"""Variables by the words with which a text tells them."""
+PLACE = frozenset(('angle', 'ball', 'position'))
+"""Any two of these are what all three are: the CMM position is the sum of the other two."""
+
+
+def told_variables(text: str) -> set[str]:
+    """Return the variables that a text tells."""
+    told = {name for name, words in VARIABLES.items() if re.search(words, text, re.IGNORECASE)}
+    return told | PLACE if len(told & PLACE) > 1 else told
+
+
+def told_axes(text: str) -> set[str]:
+    """Return of 'x', 'y' and 'z' what a text tells, 'xy' for radial and tangential."""
+    axes = set(re.findall(r'\b([xyz])\b', text))
+    return axes | ({'x', 'y'} if re.search(r'radial|tangential|in the plane', text) else set()) | (
+        {'z'} if re.search(r'axial|vertical', text) else set())

@@ -2,6 +2,8 @@
 """Options, processes, progress, JSON and comparison of the blind tests."""
 
 import argparse
+import contextlib
+import functools
 import itertools
 import json
 import multiprocessing
@@ -9,15 +11,19 @@ import os
 import sys
 import time
 import traceback
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from benchmarks.blind import library_table, noise_table
+from benchmarks.blind import causes_table, coverage_table, library_table, noise_table, power_table
+from benchmarks.blind.noise_kinds import EVERY
 from benchmarks.blind.runs import ORDERS
 from rosette_ros.core.scheme import TURNINGS
 
-TABLES: tuple[ModuleType, ...] = (noise_table, library_table)
+TABLES: tuple[ModuleType, ...] = (noise_table, causes_table, library_table, power_table, coverage_table)
+UNASKED = TABLES[:3]
+"""The tables that are made where none is asked for: the others take hours."""
 
 Record = dict[str, Any]
 
@@ -32,6 +38,8 @@ def options(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument('--seeds', type=int, default=20, help='runs of each kind and order')
     parser.add_argument('--first-seed', type=int, default=1)
     parser.add_argument('--strength', type=float, nargs='+', help='norm of what is visible, in σ')
+    parser.add_argument('--beside', default='white', choices=EVERY, metavar='KIND',
+                        help='noise beside what --causes, --library and --power hide')
     parser.add_argument('--together', type=int, default=1, help='effects of the library hidden at once')
     parser.add_argument('--turning', choices=TURNINGS, default='forward', help='of runs that hide effects')
     parser.add_argument('-n', '--balls', dest='n', type=int, default=12)
@@ -42,14 +50,14 @@ def options(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument('--compare', type=Path, metavar='OLD.json', help='compare with what an earlier run wrote')
     parser.add_argument('--list', action='store_true', help='print every answer that is not right')
     arguments = parser.parse_args(argv)
-    arguments.tables = [one for one in TABLES if getattr(arguments, one.NAME) is not None] or list(TABLES)
+    arguments.tables = [one for one in TABLES if getattr(arguments, one.NAME) is not None] or list(UNASKED)
     arguments.seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
     for complaint in filter(None, (table.check(arguments) for table in arguments.tables)):
         parser.error(complaint)
     return arguments
 
 
-def work(task: tuple[ModuleType | str, str, tuple[Any, ...]]) -> tuple[str, Record]:
+def work(task: tuple[str, str, tuple[Any, ...]]) -> tuple[str, Record]:
     """Return the group and the record of one run; one that fails is counted and told."""
     table, group, given = task
     try:
@@ -63,9 +71,13 @@ def main(argv: list[str] | None = None) -> int:
     arguments = options(argv)
     old = json.loads(arguments.compare.read_text()) if arguments.compare else {}
     made: dict[str, dict[str, list[Record]]] = {}
-    with multiprocessing.get_context('spawn').Pool(arguments.jobs) as pool:
+    with contextlib.ExitStack() as stack:
+        answers: Callable[..., Iterable[Any]] = map
+        if arguments.jobs > 1:
+            pool = stack.enter_context(multiprocessing.get_context('spawn').Pool(arguments.jobs))
+            answers = functools.partial(pool.imap, chunksize=2)
         for table in arguments.tables:
-            made[table.NAME] = _make(table, arguments, pool, old.get(table.NAME, {}))
+            made[table.NAME] = _make(table, arguments, answers, old.get(table.NAME, {}))
             if arguments.json:
                 arguments.json.write_text(json.dumps(made, indent=0, ensure_ascii=False))
     failed = [record for groups in made.values() for records in groups.values() for record in records
@@ -75,23 +87,25 @@ def main(argv: list[str] | None = None) -> int:
     return int(bool(failed))
 
 
-def _make(table: ModuleType, arguments: argparse.Namespace, pool: Any, old: dict[str, list[Record]]
-          ) -> dict[str, list[Record]]:
+def _make(table: ModuleType, arguments: argparse.Namespace, answers: Callable[..., Iterable[Any]],
+          old: dict[str, list[Record]]) -> dict[str, list[Record]]:
     """Print a table group by group as its runs end, and return the records by group."""
     began = time.perf_counter()
     file = table.__name__.split('.')[-1]
     tasks = [(file, group, given) for group, given in table.tasks(arguments)]
     groups: dict[str, list[Record]] = {}
     print(f'\n{table.__doc__.splitlines()[0]}\n\n{table.HEADING}', flush=True)
-    for group, pairs in itertools.groupby(pool.imap(work, tasks, chunksize=2), key=lambda pair: pair[0]):
-        groups[group] = [record for _, record in pairs]
+    for group, records in itertools.groupby(answers(work, tasks), key=lambda pair: pair[0]):
+        groups[group] = [record for _, record in records]
         print(table.row(group, groups[group]), flush=True)
         if arguments.list:
             for record in groups[group]:
                 if not table.is_good(record):
                     print('   ', {key: value for key, value in record.items() if key not in ('sentence', 'seconds')})
         if group in old:
-            print('   ', _difference(table, old[group], groups[group]), flush=True)
+            pairs = _same(old[group], groups[group])
+            print('   ', table.difference(pairs) if hasattr(table, 'difference') else _difference(table, pairs),
+                  flush=True)
     print(f'\n{table.total(groups)}')
     seconds = [record['seconds'] for records in groups.values() for record in records if 'seconds' in record]
     print(f'{len(tasks)} runs in {time.perf_counter() - began:.0f} s; a diagnosis took '
@@ -99,15 +113,20 @@ def _make(table: ModuleType, arguments: argparse.Namespace, pool: Any, old: dict
     return groups
 
 
-def _difference(table: ModuleType, old: list[Record], new: list[Record]) -> str:
+def _difference(table: ModuleType, pairs: list[tuple[Record, Record]]) -> str:
     """Return how the answers to the same runs have changed."""
-    before = {_which(record): table.is_good(record) for record in old}
-    pairs = [(before[_which(record)], table.is_good(record)) for record in new if _which(record) in before]
-    return (f'right before {sum(was for was, _ in pairs)}, now {sum(now for _, now in pairs)} of {len(pairs)} same '
-            f'runs; mended {sum(now and not was for was, now in pairs)}, '
-            f'broken {sum(was and not now for was, now in pairs)}')
+    good = [(table.is_good(was), table.is_good(now)) for was, now in pairs]
+    return (f'right before {sum(was for was, _ in good)}, now {sum(now for _, now in good)} of {len(good)} same '
+            f'runs; mended {sum(now and not was for was, now in good)}, '
+            f'broken {sum(was and not now for was, now in good)}')
 
 
-def _which(record: Record) -> tuple[Any, ...]:
+def _same(old: list[Record], new: list[Record]) -> list[tuple[Record, Record]]:
+    """Return the records of the same runs, old and new."""
+    before = {_which(record): record for record in old}
+    return [(before[_which(record)], record) for record in new if _which(record) in before]
+
+
+def _which(record: Record) -> tuple[str, ...]:
     keys = ('order', 'seed', 'n', 'strength', 'stated', 'noise', 'turning', 'hidden')
     return tuple(str(record.get(key)) for key in keys)

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from benchmarks.blind.runs import SIGMA, Plan, machine_config, measure
+from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.model.base_model import base_space
@@ -80,6 +81,22 @@ def hide(made: Plan, kinds: Sequence[str], strength: float, sigma: Sequence[floa
                   shifts if len(shifts) == len(found) else None)
 
 
+def remaining(run: Run, found: Diagnosis, shift: Floats) -> float:
+    """Return the norm of what the claims of a diagnosis cannot describe of a displacement (N, 3), in σ.
+
+    Each claim is taken with the setting that was found and any amplitudes.
+    """
+    space = base_space(run, mean_radius(run))
+    left = space.residual(shift[None]).reshape(-1)
+    columns = [np.moveaxis(term.effect.columns(run, fitted.setting), -1, 0).astype(float)
+               for term, fitted in zip(found.terms, found.final.effects)]
+    if columns:
+        flat = space.residual(np.concatenate(columns)).reshape(-1, left.size).T
+        flat = flat / np.maximum(np.linalg.norm(flat, axis=0), 1e-300)
+        left = left - flat @ np.linalg.lstsq(flat, left, rcond=1e-9)[0]
+    return float(np.linalg.norm(left)) / SIGMA
+
+
 def true_parameters(run: Run, effect: Effect, setting: Setting, shift: Floats) -> dict[str, float]:
     """Return the parameters with which an effect describes a displacement (N, 3) best, by name.
 
@@ -108,7 +125,7 @@ def true_parameters(run: Run, effect: Effect, setting: Setting, shift: Floats) -
     return {**dict(zip(names, solve(values)[0])), **dict(zip(continuous, values))}
 
 
-def covered(run: Run, found, kinds: Sequence[str], shifts: Sequence[Floats]) -> list[bool]:
+def covered(run: Run, found: Diagnosis, kinds: Sequence[str], shifts: Sequence[Floats]) -> list[bool]:
     """Return whether each parameter of each true claim of a diagnosis lies within its expanded uncertainty (k = 2)."""
     out = []
     for fitted, term in zip(found.final.effects, found.terms):

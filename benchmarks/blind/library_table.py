@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Effects of the library that the machine hides, on white noise: are they named, and are their parameters right?"""
+"""Effects of the library that the machine hides: are they named, and are their parameters right?"""
 
 import itertools
 from argparse import Namespace
@@ -12,6 +12,7 @@ import numpy as np
 
 from benchmarks.blind.answers import Claim, ask
 from benchmarks.blind.library_effects import covered, hide
+from benchmarks.blind.noise_kinds import AXES
 from benchmarks.blind.runs import SIGMA, Plan, noisy
 from rosette_ros.simulation.hidden import NAMED
 
@@ -33,16 +34,17 @@ def tasks(arguments: Namespace) -> Iterator[tuple[str, tuple[Any, ...]]]:
                 drawn = np.random.default_rng([seed, together]).choice(kinds, together, replace=False).tolist()
                 yield f'{order}, {group}', (
                     [group] if together == 1 else drawn, Plan(arguments.n, order, seed, arguments.turning), strength,
-                    arguments.stated != 'no')
+                    arguments.beside, arguments.stated != 'no')
 
 
-def trial(kinds: list[str], made: Plan, strength: float, stated: bool) -> Record:
+def trial(kinds: list[str], made: Plan, strength: float, beside: str, stated: bool) -> Record:
     """Return the record of one run that hides one effect of each kind."""
-    hidden = hide(made, kinds, strength)
-    head = {'hidden': kinds, 'strength': strength, 'shares': hidden.shares, 'stated': stated, **asdict(made)}
+    hidden = hide(made, kinds, strength, AXES.get(beside, (1, 1, 1)))
+    head = {'hidden': kinds, 'strength': strength, 'shares': hidden.shares, 'noise': beside, 'stated': stated,
+            **asdict(made)}
     if hidden.shifts is None:
         return {**head, 'judged': 'not observable'}
-    run = noisy(hidden.clean, made, 'white', stated, sum(hidden.shifts), ' '.join(kinds))[0]
+    run = noisy(hidden.clean, made, beside, stated, sum(hidden.shifts), ' '.join(kinds))[0]
     answer, found = ask(run)
     first = any(kind == claim.effect or kind in claim.alike for claim in answer.claims[:1] for kind in kinds)
     return {**head, 'judged': 'named' if is_named(answer.claims, kinds) else 'wrong', 'first': first,

@@ -153,12 +153,13 @@ def random_walk(at: Readings, rng: Generator, end: float, axes: tuple[float, ...
 
 Kind = Callable[[Readings, Generator], Floats | Noise]
 
+AXES: dict[str, tuple[float, float, float]] = {
+    'z_1.5': (1, 1, 1.5), 'z_2': (1, 1, 2), 'z_3': (1, 1, 3), 'x_2': (2, 1, 1), 'x_3_y_2': (3, 2, 1)}
+"""Standard deviations of the kinds that differ by axis, in σ."""
+
 KINDS: dict[str, Kind] = {
     'white': white,
-    'z_1.5': partial(by_axis, factors=(1, 1, 1.5)),
-    'z_2': partial(by_axis, factors=(1, 1, 2)),
-    'z_3': partial(by_axis, factors=(1, 1, 3)),
-    'x_2': partial(by_axis, factors=(2, 1, 1)),
+    **{kind: partial(by_axis, factors=factors) for kind, factors in AXES.items() if kind != 'x_3_y_2'},
     't3_coordinate': partial(student, dof=3, per_reading=False),
     't3_reading': partial(student, dof=3, per_reading=True),
     't4_coordinate': partial(student, dof=4, per_reading=False),
@@ -179,7 +180,7 @@ KINDS: dict[str, Kind] = {
 """The kinds of the promise: what users' machines are known to have."""
 
 BEYOND: dict[str, Kind] = {
-    'x_3_y_2': partial(by_axis, factors=(3, 2, 1)),
+    'x_3_y_2': partial(by_axis, factors=AXES['x_3_y_2']),
     'radial_2': partial(by_direction, radial=2),
     'laplace': laplace,
     'contaminated': partial(contaminated, share=0.05, factor=3),

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs whose truth is known: a machine that measures without noise, displacements of its readings, noise of a kind."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from zlib import crc32
 
@@ -75,11 +74,3 @@ def state_repeatability(run: Run, check: Floats) -> Run:
     dof = 3 * (len(check) - 1)
     return run.replace(repeatability=float(np.sqrt(np.sum((check - check.mean(axis=0))**2) / dof)),
                        repeatability_dof=dof)
-
-
-def weights(kind: str, made: Plan) -> Sequence[float]:
-    """Return the standard deviations of a kind of noise by axis, in σ, as far as it differs by axis."""
-    size = 4000
-    at = Readings(made.n, 0, np.arange(float(size)), np.arange(size) % made.n + 1, np.ones(size, dtype=int))
-    offset = draw_noise(kind, at, np.random.default_rng(1)).offset
-    return (offset.std(axis=0).round(1)).tolist()

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Foreign causes are the physics that they claim, of the strength asked for, and answers to them are judged rightly."""
+
+import numpy as np
+import pytest
+
+from benchmarks.blind.answers import Answer, Claim, told_axes, told_variables
+from benchmarks.blind.cause import lagged
+from benchmarks.blind.causes_table import displaced, judged
+from benchmarks.blind.foreign_causes import EVERY
+from benchmarks.blind.library_effects import visible_part
+from benchmarks.blind.runs import ORDERS, SIGMA, Plan
+from rosette_ros.core.geometry import rotate_z
+from rosette_ros.simulation.hidden.hidden_effect import HOOKS
+
+ABSORBED = ('encoder_harmonics',)
+BY_BALL = ('ball_creep_exponential', 'ball_creep_linear', 'ball_rattle', 'ball_fixed_in_machine', 'two_balls_creep')
+
+
+def drawn(kind, order='sensitive', strength=16.0, seed=1):
+    """Return cause, run without it, visible share and displacement."""
+    return displaced(kind, Plan(12, order, seed, EVERY[kind].turning), strength)
+
+
+@pytest.mark.parametrize('kind', [kind for kind in EVERY if kind not in ABSORBED])
+def test_a_cause_has_the_stated_norm(kind):
+    """What is visible of it has a norm of 16 σ, of 40 σ if that is asked for, and the same shape."""
+    _, clean, share, shift = drawn(kind)
+    assert share > 0.2
+    assert np.linalg.norm(visible_part(clean, shift)) == pytest.approx(16 * SIGMA)
+    assert drawn(kind, strength=40.0)[3] == pytest.approx(2.5 * shift)
+    assert any(hasattr(EVERY[kind], hook) for hook in HOOKS)
+
+
+@pytest.mark.parametrize('order', ORDERS)
+def test_waves_of_the_scale_above_half_alias_and_leave_nothing(order):
+    """At nominal stops they are a curve crz like any other."""
+    share, shift = drawn('encoder_harmonics', order)[2:]
+    assert share < 1e-2 and shift is None
+
+
+def test_backlash_is_not_seen_when_the_table_turns_one_way():
+    """Its plan turns both ways; forward there is one sense only."""
+    share, shift = displaced('backlash_by_angle', Plan(12, 'diagonal', 1), 16.0)[2:]
+    assert share < 0.05 and shift is None
+
+
+@pytest.mark.parametrize('kind', BY_BALL)
+def test_only_its_ball_moves(kind):
+    """All others are displaced alike (by the mean that is removed, and by how the frame was found)."""
+    cause, clean, _, shift = drawn(kind)
+    others = ~np.isin(clean.ball, getattr(cause, 'balls', getattr(cause, 'ball', None)))
+    spread = visible_part(clean, shift)[~others].std() / SIGMA
+    assert np.ptp(shift[others], axis=0).max() < 0.02 * np.ptp(shift[~others], axis=0).max() and spread > 0.5
+
+
+def test_a_plate_on_three_feet_has_their_symmetry():
+    """Turned by 120° on the table, with the load 120° further, the plate bends the same way; nothing moves in x, y."""
+    clean, _, shift = drawn('plate_on_three_feet')[1:]
+    seen = visible_part(clean, shift)
+    assert np.abs(seen[:, :2]).max() < 1e-3 * np.abs(seen).max()
+    value = {(i, j): z for i, j, z in zip(clean.table_position, clean.ball, seen[:, 2])}
+    turned = [value[(i - 4 - 1) % 12 + 1, (j + 4 - 1) % 12 + 1] for i, j in value]
+    assert turned == pytest.approx(list(value.values()), abs=1e-3 * np.abs(seen).max())
+
+
+def test_stems_lean_the_same_way_in_the_machine():
+    """Each ball's displacement is one vector in machine axes, and all are parallel."""
+    _, clean, _, shift = drawn('stems_under_gravity')
+    for ball in range(1, 13):
+        assert np.ptp(shift[clean.ball == ball], axis=0).max() < 0.02 * np.ptp(shift, axis=0).max()
+    singular = np.linalg.svd(shift[:, :2] - shift[:, :2].mean(axis=0), compute_uv=False)
+    assert singular[1] < 0.02 * singular[0]
+
+
+def test_a_ball_that_rattles_has_two_seats():
+    """In the plate's axes its centres lie in two groups, and it changes more than once."""
+    cause, clean, _, shift = drawn('ball_rattle')
+    own = np.argsort(clean.time)[clean.ball == cause.ball]
+    place = rotate_z(-clean.phi[own], shift[own])[:, :2] @ np.array(cause.shift_um[:2])
+    low, high = place.min(), place.max()
+    near = np.minimum(np.abs(place - low), np.abs(place - high)) < 0.2 * (high - low)
+    assert near.mean() > 0.8 and np.count_nonzero(np.diff(place > (low + high) / 2)) > 1
+
+
+def test_a_pulse_comes_back_and_a_drift_begins():
+    """Before and after, the frame stands where it stood."""
+    clean, _, shift = drawn('pulse')[1:]
+    off = np.linalg.norm(shift - np.median(shift, axis=0), axis=1) > 0.5 * SIGMA
+    assert 0 < np.count_nonzero(off) < 40 and np.ptp(np.flatnonzero(off)) == np.count_nonzero(off) - 1
+    assert not off[[0, -1]].any()
+    cause, clean, _, shift = drawn('drift_from')
+    still = clean.time < 3600 * (cause.at_h - cause.until_h) + clean.time[-1] - 60
+    assert np.ptp(shift[still], axis=0).max() < 1e-3 * np.ptp(shift, axis=0).max()
+
+
+def test_what_lags_solves_its_equation():
+    """τ y' + y = sin(w t) from equilibrium at 0: (sin wt − wτ cos wt + wτ e^{−t/τ}) / (1 + w²τ²)."""
+    time = np.linspace(0, 3, 3001)
+    pace, constant = 5.0, 0.3
+    turn = pace * constant
+    exact = (np.sin(pace * time) - turn * np.cos(pace * time) + turn * np.exp(-time / constant)) / (1 + turn**2)
+    assert lagged(time, np.sin(pace * time), constant) == pytest.approx(exact, abs=1e-5)
+
+
+def test_the_record_of_the_temperature_is_what_the_cause_says():
+    """Coarse: few values; missing: none; a gap: none in the middle third."""
+    recorded = {kind: (lambda cause, clean, *_: cause.recorded(clean).temperature)(*drawn(kind)) for kind in (
+        'temperature_coarse', 'temperature_missing', 'temperature_gap', 'temperature_lagged')}
+    assert 3 <= len(np.unique(recorded['temperature_coarse'])) <= 6
+    assert np.isnan(recorded['temperature_missing']).all()
+    assert np.flatnonzero(np.isnan(recorded['temperature_gap'])).tolist() == list(range(48, 96))
+    assert len(np.unique(recorded['temperature_lagged'])) > 100
+
+
+def answer(*claims, text='', unexplained=None):
+    """Return an answer of claims, each a name or a name and its look-alikes."""
+    made = [Claim(one, {}, ()) if isinstance(one, str) else Claim(one[0], {}, one[1:]) for one in claims]
+    return Answer(tuple(made), bool(text) if unexplained is None else unexplained, text, '', '', 0.0, 0.0)
+
+
+@pytest.mark.parametrize(('kind', 'given', 'left', 'wanted'), [
+    ('drift_from', answer('frame_drift'), 9.0, 'wrong'),
+    ('drift_from', answer('frame_drift'), 2.0, 'named'),
+    ('drift_from', answer('frame_drift_from'), 9.0, 'named'),
+    ('drift_from', answer('frame_cycle'), 2.0, 'wrong'),
+    ('drift_from', answer(('frame_cycle', 'frame_drift_from')), 9.0, 'group'),
+    ('drift_from', answer('frame_drift_from', 'outlier'), 9.0, 'wrong'),
+    ('drift_from', answer(text='it changes with time along a curve, in x and z'), 16.0, 'free form'),
+    ('drift_from', answer(text='it changes with time along a curve, in x, y and z'), 16.0, 'unexplained'),
+    ('drift_from', answer(text='it changes with time along a curve, in z'), 16.0, 'unexplained'),
+    ('drift_from', answer(text='it is a product of time and ball, in x and z'), 16.0, 'unexplained'),
+    ('drift_from', answer(), 16.0, 'nothing'),
+    ('scale_drift', answer('frame_drift'), 9.0, 'named'),
+    ('plate_on_three_feet', answer(text='product of table position (3 waves) and CMM position (−2 waves), in x and z'),
+     9.0, 'free form'),
+    ('plate_on_three_feet', answer('ball_form'), 1.0, 'wrong'),
+])
+def test_answers_are_judged(kind, given, left, wanted):
+    """A name is right as the cause or its family; a neighbour's only where its shape describes the cause."""
+    assert judged(EVERY[kind], given, left, {'x': 8.0, 'y': 1.0, 'z': 13.0}) == wanted
+
+
+def test_variables_and_axes_are_read_from_a_text():
+    """Two of table angle, ball and CMM position are all three."""
+    assert told_variables('ball 7 moves in time, not as a step') == {'ball', 'time'}
+    assert told_variables('product of table position and CMM position') == {'angle', 'ball', 'position'}
+    assert told_variables('it depends on the sense of the last table move') == {'table_sense'}
+    assert told_axes('in x, y and z') == {'x', 'y', 'z'} and told_axes('radial') == {'x', 'y'}
