@@ -69,8 +69,12 @@ def told_variables(text: str) -> set[str]:
     return told | PLACE if len(told & PLACE) > 1 else told
 
 
-def told_axes(text: str) -> set[str]:
-    """Return of 'x', 'y' and 'z' what a text tells, 'xy' for radial and tangential."""
+def told_axes(text: str) -> tuple[str, set[str]]:
+    """Return the frame of the axes that a text tells ('machine', 'plate', 'polar' or '', any), and the axes.
+
+    Radial and tangential are x and y of the polar frame.
+    """
     axes = set(re.findall(r'\b([xyz])\b', text))
-    return axes | ({'x', 'y'} if re.search(r'radial|tangential|in the plane', text) else set()) | (
-        {'z'} if re.search(r'axial|vertical', text) else set())
+    polar = {axis for axis, word in (('x', 'radial'), ('y', 'tangential')) if word in text}
+    axes |= polar | ({'z'} if re.search(r'\b(axial|vertical)', text) else set())
+    return 'polar' if polar else 'plate' if re.search(r'plate.s (x|y)|plate (x|y)', text) else '', axes

@@ -23,7 +23,7 @@ Names = tuple[str, ...]
 class Cause:
     """A cause; groups: settings of the machine on which it can be seen; turning: of the plan that shows it.
 
-    variables: what it depends on, each alternative a set of keys of answers.VARIABLES.
+    variables: what it depends on, each alternative a set of keys of answers.VARIABLES; frame: of its directions.
     """
 
     right: ClassVar[Names] = ()
@@ -32,6 +32,7 @@ class Cause:
     variables: ClassVar[tuple[frozenset[str], ...]] = ()
     groups: ClassVar[dict[str, Any]] = {}
     turning: ClassVar[str] = 'forward'
+    frame: ClassVar[str] = 'machine'
 
     @classmethod
     def draw(cls, by: Draw) -> Self:

@@ -16,6 +16,7 @@ from benchmarks.blind.library_effects import remaining, scaled, situation, visib
 from benchmarks.blind.noise_kinds import AXES
 from benchmarks.blind.proportion import share
 from benchmarks.blind.runs import SIGMA, Plan, machine_config, measure, noisy
+from rosette_ros.core.geometry import rotate_z
 from rosette_ros.core.records import Floats, Run
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.simulation.hidden import Draw, acting
@@ -30,6 +31,7 @@ AXIS_SEEN = 2.0
 """An axis of which less than this norm is visible, in σ, is not one of the cause."""
 
 Record = dict[str, Any]
+Axes = dict[str, dict[str, float]]
 
 
 class MachineWithCause(Machine):
@@ -74,14 +76,21 @@ def trial(kind: str, strength: float, made: Plan, beside: str, stated: bool) -> 
     run = cause.recorded(noisy(clean, made, beside, stated, shift, kind)[0])
     answer, found = ask(run)
     left = remaining(run, found, shift)
-    axes = dict(zip('xyz', np.linalg.norm(visible_part(clean, shift), axis=0) / SIGMA))
+    axes = visible_axes(clean, shift)
     return {**head, 'judged': judged(cause, answer, left, axes), 'left': left, 'axes': axes, **asdict(answer)}
 
 
-def judged(cause: Cause, answer: Answer, left: float, axes: dict[str, float]) -> str:
+def visible_axes(clean: Run, shift: Floats) -> Axes:
+    """Return the visible norm of a displacement along each axis of each frame, in σ."""
+    seen = visible_part(clean, shift)
+    frames = {'machine': seen, 'plate': rotate_z(-clean.phi, seen), 'polar': rotate_z(-clean.alpha, seen)}
+    return {frame: dict(zip('xyz', (np.linalg.norm(part, axis=0) / SIGMA).tolist())) for frame, part in frames.items()}
+
+
+def judged(cause: Cause, answer: Answer, left: float, axes: Axes) -> str:
     """Return the class of an answer, one of CLASSES.
 
-    left: norm of what the claims cannot describe of the cause; axes: visible norm along each axis, both in σ.
+    left: norm of what the claims cannot describe of the cause, in σ; axes: as visible_axes returns them.
     """
     if not answer.claims:
         if not answer.unexplained:
@@ -95,14 +104,20 @@ def judged(cause: Cause, answer: Answer, left: float, axes: dict[str, float]) ->
     return 'wrong'
 
 
-def is_told(cause: Cause, text: str, axes: dict[str, float]) -> bool:
+def is_told(cause: Cause, text: str, axes: Axes) -> bool:
     """Return whether a text tells the variables of a cause and the axes along which most of it is seen."""
-    told, along = told_variables(text), told_axes(text)
-    most = {name for name, size in axes.items() if size > 0.5 * max(axes.values())}
-    seen = {name for name, size in axes.items() if size > AXIS_SEEN}
-    is_true = any(alternative <= told for alternative in cause.variables) and told <= frozenset().union(
-        *cause.variables, *(PLACE for alternative in cause.variables if len(alternative & PLACE) > 1))
-    return is_true and most <= along <= seen
+    told = told_variables(text)
+    known = frozenset().union(*cause.variables, *(PLACE for one in cause.variables if len(one & PLACE) > 1))
+    if not (told <= known and any(alternative <= told for alternative in cause.variables)):
+        return False
+    frame, along = told_axes(text)
+    return any(_are_told(along, axes[name]) for name in ([frame] if frame else ['machine', cause.frame]))
+
+
+def _are_told(along: set[str], seen: dict[str, float]) -> bool:
+    """Return whether axes are those that matter, and none that is not seen."""
+    most = {axis for axis, size in seen.items() if size > 0.5 * max(seen.values())}
+    return most <= along <= {axis for axis, size in seen.items() if size > AXIS_SEEN}
 
 
 def is_good(record: Record) -> bool:
@@ -133,7 +148,8 @@ def total(groups: dict[str, list[Record]]) -> str:
                 if record['judged'] != 'not observable']
         count = Counter(record['judged'] for record in seen)
         out.append(f'At {strength} σ, {len(seen)} runs: ' + ', '.join(f'{one} {count[one]}' for one in CLASSES)
-                   + f'; wrong {share(len(seen) - sum(map(is_good, seen)), max(len(seen), 1)).split(" | ")[1]}')
+                   + f'; wrong {share(len(seen) - sum(map(is_good, seen)), max(len(seen), 1)).split(" | ")[1]}; '
+                   f'told without a name {count["free form"] + count["unexplained"]}, truly {count["free form"]}')
     return '\n'.join(out)
 
 

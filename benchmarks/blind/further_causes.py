@@ -20,6 +20,7 @@ class PlateCreepSettles(Cause):
     right = ('plate_motion', 'plate_movement', 'plate_creep_exponential', 'plate_settling')
     family = ('plate_creep', 'plate_slip')
     variables = said('time angle', 'time')
+    frame = 'plate'
     shift_um: Vector
     start_h: float
     constant_h: float
@@ -116,6 +117,7 @@ class ExpansionLagged(Cause):
 
     right = ('plate_expansion', 'plate_expansion_lagged')
     variables = said('temperature', 'time', 'temperature position', 'time position')
+    frame = 'plate'
     groups = {'climate': {'cycle_K': 0.1, 'cycle_min': 70.0}}  # noqa: RUF012
     coefficient_ppm_per_K: float
     constant_h: float
@@ -136,6 +138,7 @@ class TwoBallsCreep(Cause):
     right = ('ball_creep', 'ball_motion', 'ball_movement', 'ball_drift')
     family = ('ball_slip',)
     variables = said('ball time')
+    frame = 'plate'
     balls: tuple[int, ...]
     shift_um: tuple[Vector, ...]
     start_h: float

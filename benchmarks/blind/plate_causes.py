@@ -29,6 +29,7 @@ class PlateOnThreeFeet(Cause):
 
     right = ('plate_gravity', 'plate_support', 'plate_supports', 'plate_sag')
     variables = said('angle ball')
+    frame = 'plate'
     bend_um: float
     higher_um: float
     phase: float
@@ -87,6 +88,7 @@ class BallCreep(Cause):
     right = ('ball_creep', 'ball_motion', 'ball_movement', 'ball_drift')
     family = ('ball_slip',)
     variables = said('ball time')
+    frame = 'plate'
     ball: int
     shift_um: Vector
     at_h: float
@@ -119,6 +121,7 @@ class BallRattle(Cause):
     right = ('ball_rattle', 'ball_motion', 'ball_movement')
     family = ('ball_slip', 'outlier')
     variables = said('ball time')
+    frame = 'plate'
     ball: int
     shift_um: Vector
     changes_h: tuple[float, ...]
@@ -139,6 +142,7 @@ class PlateProduct(Cause):
 
     right = ('plate_support', 'plate_supports', 'plate_gravity', 'plate_bending')
     variables = said('angle ball')
+    frame = 'plate'
     direction: ClassVar[str] = 'z'
     size_um: float
     turn_phase: float

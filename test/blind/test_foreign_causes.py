@@ -127,7 +127,9 @@ def answer(*claims, text='', unexplained=None):
     ('drift_from', answer(('frame_cycle', 'frame_drift_from')), 9.0, 'group'),
     ('drift_from', answer('frame_drift_from', 'outlier'), 9.0, 'wrong'),
     ('drift_from', answer(text='it changes with time along a curve, in x and z'), 16.0, 'free form'),
-    ('drift_from', answer(text='it changes with time along a curve, in x, y and z'), 16.0, 'unexplained'),
+    ('drift_from', answer(text='it changes with time along a curve, in plate x, y and z'), 16.0, 'free form'),
+    ('drift_from', answer(text='it changes with time along a curve, radially and in z, radial'), 16.0, 'free form'),
+    ('drift_from', answer(text='it changes with time along a curve, tangential'), 16.0, 'unexplained'),
     ('drift_from', answer(text='it changes with time along a curve, in z'), 16.0, 'unexplained'),
     ('drift_from', answer(text='it is a product of time and ball, in x and z'), 16.0, 'unexplained'),
     ('drift_from', answer(), 16.0, 'nothing'),
@@ -138,7 +140,9 @@ def answer(*claims, text='', unexplained=None):
 ])
 def test_answers_are_judged(kind, given, left, wanted):
     """A name is right as the cause or its family; a neighbour's only where its shape describes the cause."""
-    assert judged(EVERY[kind], given, left, {'x': 8.0, 'y': 1.0, 'z': 13.0}) == wanted
+    machine, plate = {'x': 8.0, 'y': 1.0, 'z': 13.0}, {'x': 5.7, 'y': 5.7, 'z': 13.0}
+    axes = {'machine': machine, 'plate': plate, 'polar': {'x': 8.0, 'y': 0.5, 'z': 13.0}}
+    assert judged(EVERY[kind], given, left, axes) == wanted
 
 
 def test_variables_and_axes_are_read_from_a_text():
@@ -146,4 +150,5 @@ def test_variables_and_axes_are_read_from_a_text():
     assert told_variables('ball 7 moves in time, not as a step') == {'ball', 'time'}
     assert told_variables('product of table position and CMM position') == {'angle', 'ball', 'position'}
     assert told_variables('it depends on the sense of the last table move') == {'table_sense'}
-    assert told_axes('in x, y and z') == {'x', 'y', 'z'} and told_axes('radial') == {'x', 'y'}
+    assert told_axes('in x, y and z') == ('', {'x', 'y', 'z'}) and told_axes('radial') == ('polar', {'x'})
+    assert told_axes("along the plate's y") == ('plate', {'y'})
