@@ -11,9 +11,9 @@ import numpy as np
 
 from benchmarks.blind.answers import PLACE, Answer, ask, told_axes, told_variables
 from benchmarks.blind.cause import Cause
-from benchmarks.blind.foreign_causes import CAUSES, EVERY
+from benchmarks.blind.foreign_causes import BEYOND, CAUSES, EVERY
 from benchmarks.blind.library_effects import remaining, scaled, situation, visible_part
-from benchmarks.blind.noise_kinds import AXES
+from benchmarks.blind.noise_kinds import AXES, chosen
 from benchmarks.blind.proportion import share
 from benchmarks.blind.runs import SIGMA, Plan, machine_config, measure, noisy
 from rosette_ros.core.geometry import rotate_z
@@ -45,7 +45,7 @@ class MachineWithCause(Machine):
 
 def tasks(arguments: Namespace) -> Iterator[tuple[str, tuple[Any, ...]]]:
     """Yield the group and the arguments of `trial` of every run."""
-    for kind in arguments.causes or CAUSES:
+    for kind in chosen(arguments.causes, CAUSES, BEYOND):
         for strength in arguments.strength or (16.0, 40.0):
             for order in arguments.orders:
                 for seed in arguments.seeds:
@@ -155,5 +155,5 @@ def total(groups: dict[str, list[Record]]) -> str:
 
 def check(arguments: Namespace) -> str:
     """Return what is wrong with the kinds that were asked for, '' where nothing is."""
-    unknown = [kind for kind in arguments.causes or () if kind not in EVERY]
-    return f'--causes: wanted some of {", ".join(EVERY)}; got {", ".join(unknown)}' if unknown else ''
+    unknown = [kind for kind in arguments.causes or () if kind not in (*EVERY, 'beyond')]
+    return f'--causes: wanted beyond, or some of {", ".join(EVERY)}; got {", ".join(unknown)}' if unknown else ''

@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.blind.answers import ask
 from benchmarks.blind.library_effects import covered, hide
 from benchmarks.blind.library_table import LIBRARY
-from benchmarks.blind.noise_kinds import AXES, EVERY, KINDS
+from benchmarks.blind.noise_kinds import AXES, BEYOND, EVERY, KINDS, chosen
 from benchmarks.blind.runs import Plan, noisy
 from rosette_ros.analysis import analyse
 from rosette_ros.core.records import CURVES, ErrorMotions, remove_gauge
@@ -30,7 +30,7 @@ Record = dict[str, Any]
 
 def tasks(arguments: Namespace) -> Iterator[tuple[str, tuple[Any, ...]]]:
     """Yield the group and the arguments of `trial` of every run."""
-    for kind in arguments.coverage or KINDS:
+    for kind in chosen(arguments.coverage, KINDS, BEYOND):
         for order in arguments.orders:
             for seed in arguments.seeds:
                 yield kind, (kind, Plan(arguments.n, order, seed), arguments.stated != 'no')
@@ -98,5 +98,5 @@ def total(groups: dict[str, list[Record]]) -> str:
 
 def check(arguments: Namespace) -> str:
     """Return what is wrong with the kinds that were asked for, '' where nothing is."""
-    unknown = [kind for kind in arguments.coverage or () if kind not in EVERY]
-    return f'--coverage: wanted some of {", ".join(EVERY)}; got {", ".join(unknown)}' if unknown else ''
+    unknown = [kind for kind in arguments.coverage or () if kind not in (*EVERY, 'beyond')]
+    return f'--coverage: wanted beyond, or some of {", ".join(EVERY)}; got {", ".join(unknown)}' if unknown else ''

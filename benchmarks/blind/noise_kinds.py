@@ -4,7 +4,7 @@
 A kind is a function of the readings and a generator; to add one, write it and a line of KINDS or BEYOND.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -197,6 +197,11 @@ BEYOND: dict[str, Kind] = {
 EVERY = {**KINDS, **BEYOND}
 WANDERING = ('flicker', 'walk')
 """How the names of those kinds begin in which the frame wanders."""
+
+
+def chosen(asked: Sequence[str] | None, usual: Iterable[str], beyond: Iterable[str]) -> list[str]:
+    """Return the kinds that were asked for, the usual ones if none is; the word beyond stands for all those."""
+    return [kind for one in asked or usual for kind in (beyond if one == 'beyond' else (one,))]
 
 
 def draw_noise(kind: str, at: Readings, rng: Generator) -> Noise:

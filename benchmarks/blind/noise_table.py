@@ -8,7 +8,7 @@ from dataclasses import asdict
 from typing import Any
 
 from benchmarks.blind.answers import Answer, Claim, ask
-from benchmarks.blind.noise_kinds import EVERY, KINDS, WANDERING
+from benchmarks.blind.noise_kinds import BEYOND, EVERY, KINDS, WANDERING, chosen
 from benchmarks.blind.proportion import percent, share
 from benchmarks.blind.runs import Plan, machine_config, measure, noisy
 from rosette_ros.simulation import Machine
@@ -24,7 +24,7 @@ Record = dict[str, Any]
 
 def tasks(arguments: Namespace) -> Iterator[tuple[str, tuple[Any, ...]]]:
     """Yield the group and the arguments of `trial` of every run."""
-    for kind in arguments.noise or KINDS:
+    for kind in chosen(arguments.noise, KINDS, BEYOND):
         for stated in (True, False) if arguments.stated is None else (arguments.stated == 'yes',):
             for order in arguments.orders:
                 for seed in arguments.seeds:
@@ -84,5 +84,5 @@ def total(groups: dict[str, list[Record]]) -> str:
 
 def check(arguments: Namespace) -> str:
     """Return what is wrong with the kinds that were asked for, '' where nothing is."""
-    unknown = [kind for kind in arguments.noise or () if kind not in EVERY]
-    return f'--noise: wanted some of {", ".join(EVERY)}; got {", ".join(unknown)}' if unknown else ''
+    unknown = [kind for kind in arguments.noise or () if kind not in (*EVERY, 'beyond')]
+    return f'--noise: wanted beyond, or some of {", ".join(EVERY)}; got {", ".join(unknown)}' if unknown else ''

@@ -9,6 +9,7 @@ from benchmarks.blind.answers import Answer, Claim
 from benchmarks.blind.command import main
 from benchmarks.blind.library_effects import hide, visible_part
 from benchmarks.blind.library_table import is_named
+from benchmarks.blind.noise_kinds import chosen
 from benchmarks.blind.noise_table import judged
 from benchmarks.blind.power_table import median
 from benchmarks.blind.proportion import interval
@@ -87,12 +88,19 @@ def test_tables_are_printed_written_and_compared(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(('option', 'kind', 'words'), [
-    ('--noise', 'pink', 'wanted some of white, z_1.5'), ('--causes', 'ghost', 'wanted some of plate_on_three_feet'),
+    ('--noise', 'pink', 'wanted beyond, or some of white, z_1.5'),
+    ('--causes', 'ghost', 'wanted beyond, or some of plate_on_three_feet'),
     ('--library', 'ghost', 'wanted some of frame_drift'), ('--power', 'ghost', 'wanted some of frame_drift'),
-    ('--coverage', 'pink', 'wanted some of white')])
+    ('--coverage', 'pink', 'wanted beyond, or some of white')])
 def test_unknown_kinds_are_refused(option, kind, words, capsys):
     """The message lists the known ones."""
     with pytest.raises(SystemExit):
         main([option, kind])
     said = capsys.readouterr().err
     assert f'{option}: {words}' in said and f'got {kind}' in said
+
+
+def test_beyond_stands_for_the_further_kinds():
+    """Nothing asked for is the usual kinds, the word beyond all of the others, among names."""
+    assert chosen(None, ['a', 'b'], ['c', 'd']) == ['a', 'b'] == chosen([], ['a', 'b'], ['c', 'd'])
+    assert chosen(['b', 'beyond'], ['a', 'b'], ['c', 'd']) == ['b', 'c', 'd']
