@@ -1,23 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the pages of a run and of a verification have in common: templates, figures, bars."""
+"""What the pages of a run and of a verification have in common: templates and figures."""
 
 import io
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import matplotlib as mpl
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.presentation.plots.plot_style import LOOK
 
 PAGES = Environment(loader=PackageLoader('rosette_ros.presentation.report'), autoescape=True, trim_blocks=True,
                     lstrip_blocks=True, undefined=StrictUndefined)
-SIGNS = {Level.GOOD: '✓', Level.DOUBTFUL: '?', Level.BAD: '✗'}
-"""Signs of the levels of a verdict, so that nobody has to see the colour."""
 RASTER_DPI = 110
 """Resolution of maps inside an SVG."""
 _HEAD = re.compile(r'\A.*?(?=<svg\b)', re.DOTALL)
@@ -26,16 +22,6 @@ _NAMESPACE = re.compile(r'\s+xmlns(?::\w+)?="[^"]*"')
 _IMAGE_IDENTITY = re.compile(r'(<image\b[^>]*?)\s+id="[^"]*"')
 """Nothing refers to it, and equal images have equal ones."""
 _IDENTITY = re.compile(r'(\bid="|\bhref="#|\burl\(#)')
-
-
-@dataclass(frozen=True)
-class Bar:
-    """A bar beside the verdict: label, size with its unit, share of the longest, class of its colour."""
-
-    label: str
-    size: str
-    share: float
-    kind: str
 
 
 def inline_svgs(figures: Mapping[str, Figure]) -> dict[str, Markup]:

@@ -2,7 +2,6 @@
 """The page of one run: a Summary as one HTML file that needs nothing else."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,18 +11,14 @@ from rosette_ros.core.diagnosis.comparison import spectrum
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import ErrorMotions, Run
 from rosette_ros.io.model_file import format_model
-from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.plots import comparison_plots, residual_plots
 from rosette_ros.presentation.plots.residual_plots import Residuals, SpectrumRow
 from rosette_ros.presentation.plots.result_plots import Series, deviations, six_curves
-from rosette_ros.presentation.report.page_parts import PAGES, SIGNS, Bar, inline_svgs
+from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
 from rosette_ros.presentation.report.provenance import Source, order_of, software
 from rosette_ros.presentation.tables import base_name, tables_of
 
-SECTIONS = (('verdict', 'Verdict'), ('curves', 'Error motions'), ('deviations', 'Plate and CMM'),
-            ('residuals', 'Residuals'), ('ladder', 'Nested models'), ('candidates', 'Candidates'),
-            ('visibility', 'Observability'), ('conditions', 'Conditions'))
 MOST_CANDIDATES, MOST_SPECTRA = 8, 3
 KINDS = {'radial': (0, 2, 'µm'), 'axial': (2, 3, 'µm'), 'tilt': (3, 5, 'µrad'), 'angular positioning': (5, 6, 'µrad')}
 """Columns of the six curves by kind of motion."""
@@ -34,8 +29,8 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
     """Return the report of a Summary as one HTML text; pictures: of `pictures_of`, where they are drawn already."""
     pictures = pictures or pictures_of(summary, overlays)
     return PAGES.get_template('report.html.j2').render(
-        sections=SECTIONS, run=summary.run, source=source, command=command, verdict=summary.verdict,
-        sign=SIGNS[summary.verdict.level], bars=bars(summary), spans=spans(summary.final.error_motions),
+        run=summary.run, source=source, command=command, verdict=summary.verdict,
+        sizes=bars(summary), spans=spans(summary.final.error_motions),
         findings=findings(summary), p_noise=text.P_NOISE, pictures=inline_svgs(pictures), k=text.COVERAGE_FACTOR,
         changed=len(fits_of(summary)) > 1, cross_validation=text.CROSS_VALIDATION,
         order_shares=[f'visible_fraction_{name}' for name in summary.advice.wanted] if summary.advice else [],
@@ -43,13 +38,6 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
         model=format_model(summary.final.model), software=software(), overlays=overlays, gauge=summary.fit.gauge,
         where=summary.comparison.summary, unavailable=summary.diagnosis.unavailable,
         advice=summary.advice.text if summary.advice else '')
-
-
-def write_report(path: Path | str, summary: Summary, source: Source | None = None, command: str = '',
-                 overlays: Sequence[Series] = (), force: bool = False) -> None:
-    """Write `report_html` into a file; raises InvalidData where it exists already and `force` is not set."""
-    refuse_existing(path, force)
-    write_text(path, report_html(summary, source, command, overlays), force)
 
 
 def pictures_of(summary: Summary, overlays: Sequence[Series] = ()) -> dict[str, Figure]:
@@ -85,7 +73,6 @@ def fits_of(summary: Summary) -> tuple[Fit, ...]:
 
 
 def _spectrum(summary: Summary) -> Figure:
-    """Return the spectra of the residual of the model and of each identified effect."""
     run, final = summary.run, summary.final
     rows = [SpectrumRow(f'residual of the {"model" if summary.model.terms else base_name(summary.model)}',
                         spectrum(run, summary.fit.residual, summary.model.base), True)]
@@ -103,15 +90,14 @@ def _visibility(summary: Summary) -> Figure:
         (f'this order: {order_of(summary.run)}', f'recommended: {best.label}' if best else ''))
 
 
-def bars(summary: Summary) -> list[Bar]:
-    """Return the bars beside the verdict: residual before and after, repeatability."""
+def bars(summary: Summary) -> list[tuple[str, float, str, str]]:
+    """Return the bars beside the verdict, residual before and after, repeatability: label, m, text, class of colour."""
     fits, noise = fits_of(summary), summary.run.repeatability
     kinds = ('before', 'after') if len(fits) > 1 else ('after',)
     sizes = [(f'Residual, {model_label(summary, one)}', one.rms, kind)
              for one, kind in zip(fits, kinds, strict=True)]
     sizes += [('Repeatability of a reading', noise, 'noise')] if noise is not None else []
-    top = max(size for _, size, _ in sizes)
-    return [Bar(label, text.micrometres(size), size / top, kind) for label, size, kind in sizes]
+    return [(label, size, text.micrometres(size), kind) for label, size, kind in sizes]
 
 
 def spans(motions: ErrorMotions) -> list[tuple[str, str, str]]:

@@ -23,7 +23,7 @@ from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import CURVES, Floats, Ints
 from rosette_ros.presentation.formatting import CURVE_UNITS, P_NOISE, fixed, micro, millimetres, p_value, signed
 from rosette_ros.presentation.plots.result_plots import Extra, Series, differences, six_curves
-from rosette_ros.presentation.report.page_parts import PAGES, SIGNS, Bar, inline_svgs
+from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
 from rosette_ros.presentation.report.provenance import Source, software
 from rosette_ros.presentation.table_format import Column, Table, column, micrometre_column, words
 from rosette_ros.presentation.tables import CURVE_NAMES, FILE_UNITS
@@ -38,10 +38,7 @@ SURE = 0.001
 """Runs of a smaller p (noise alone) differ."""
 MAKER_COLUMNS = ('table_angle_deg', 'ctz_um', 'crz_urad')
 LARGEST_FILE = 10_000_000
-SECTIONS = (('verdict', 'Verdict'), ('curves', 'Error motions'), ('differences', 'Differences'),
-            ('reproducibility', 'Reproducibility'), ('runs', 'Runs'), ('conditions', 'Conditions'))
 DIGITS = tuple(3 if unit == 'µm' else 2 for unit in CURVE_UNITS)
-OUTCOMES = {Level.GOOD: 'the runs agree', Level.BAD: 'the runs differ'}
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,10 +231,8 @@ def verification_html(verification: Verification, command: str = '',
     pictures = pictures or verification_pictures(verification)
     files = {(file.path, file.sha256): file for one in verification.members for file in one.source.files}
     return PAGES.get_template('verification.html.j2').render(
-        sections=SECTIONS, verification=verification, verdict=verification.verdict,
-        sign=SIGNS[verification.verdict.level], outcome=OUTCOMES[verification.verdict.level],
-        bars=_bars(verification), pictures=inline_svgs(pictures),
-        tables={table.name: table for table in verification_tables(verification)},
+        verification=verification, verdict=verification.verdict, sizes=_bars(verification),
+        pictures=inline_svgs(pictures), tables={table.name: table for table in verification_tables(verification)},
         p=f'{P_NOISE} of the differences: {p_value(verification.p)}', maker=maker_rows(verification),
         counts=dict(zip(CURVES, verification.counts.tolist(), strict=True)),
         gauge=verification.members[0].fit.gauge, files=tuple(files.values()), command=command, software=software(),
@@ -248,9 +243,9 @@ def verification_pictures(verification: Verification) -> dict[str, Figure]:
     """Return the figures of a verification by name."""
     members = verification.members
     series = [Series(one.label, one.fit.error_motions, place == 0) for place, one in enumerate(members)]
-    return {'verification_curves': six_curves(series, extras=_extras(verification)),
-            'differences': differences([one.label for one in members], verification.angle, verification.differences,
-                                       verification.expected, np.repeat(PAPER, 3))}
+    return {'verification_curves': six_curves(series, extras=_extras(verification)), 'differences': differences(
+        [one.label for one in members], verification.angle, verification.differences, verification.expected,
+        np.repeat(PAPER, 3))}
 
 
 def _extras(verification: Verification) -> list[Extra]:
@@ -260,22 +255,20 @@ def _extras(verification: Verification) -> list[Extra]:
                          ('crz', ("(v) maker's table", '(vi) angular correction off minus (v)'))):
         left = verification.remainder(curve)
         if left is not None and verification.maker is not None:
-            out += [Extra(curve, names[0], verification.maker.at(curve, verification.angle)),
-                    Extra(curve, names[1], left)]
+            values = verification.maker.at(curve, verification.angle), left
+            out += [Extra(curve, name, value) for name, value in zip(names, values, strict=True)]
     return out
 
 
-def _bars(verification: Verification) -> list[tuple[str, list[Bar]]]:
-    """Return two groups of bars, µm and µrad: this cell, noise alone, the paper."""
+def _bars(verification: Verification) -> list[tuple[str, list[tuple[str, float, str, str]]]]:
+    """Return two groups of bars, µm and µrad: this cell, noise alone, the paper; as `run_page.bars`."""
     expected = verification.expected[:3].mean(), verification.expected[3:].mean()
     groups = []
     for place, (heading, unit, digits) in enumerate((('Translations', 'µm', 3), ('Rotations', 'µrad', 2))):
         values = (('Reproducibility of these runs', verification.overall[place], 'after'),
                   ('Noise alone', expected[place], 'noise'), ('Kniel et al. (2019)', PAPER[place], 'before'))
-        top = max(value for _, value, _ in values)
         groups.append((f'{heading}, {unit}', [
-            Bar(label, f'{fixed(1e6 * value, digits)} {unit}', float(value / top), kind)
-            for label, value, kind in values]))
+            (label, value, f'{fixed(1e6 * value, digits)} {unit}', kind) for label, value, kind in values]))
     return groups
 
 
