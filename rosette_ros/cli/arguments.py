@@ -5,6 +5,7 @@ import argparse
 import math
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from rosette_ros.core.errors import RosetteError
@@ -28,6 +29,15 @@ def whole(low: int | None, high: int) -> Callable[[str], int]:
             raise argparse.ArgumentTypeError(f'wanted a whole number {span}, got {text!r}')
         return value
     return read
+
+
+def made_folder(path: str, use: str = 'for logs', hint: str = '; choose another one with --output') -> Path:
+    """Make a folder and return it; raise UsageError, with its use and a hint, where that is not possible."""
+    try:
+        Path(path).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f'{path}: wanted a folder {use}, got: {error.strerror}{hint}') from error
+    return Path(path)
 
 
 def positive(unit: str) -> Callable[[str], float]:

@@ -87,7 +87,6 @@ class ProgressDisplay(Progress):
     """Shows the progress of a calibration on stderr: a bar on a terminal, and a line per phase, which stays."""
 
     def __init__(self) -> None:
-        """Prepare; nothing is shown before the context is entered."""
         out = console(sys.stderr)
         super().__init__(SpinnerColumn(), TextColumn('{task.description:<22}'), BarColumn(bar_width=32),
                          MofNCompleteColumn(), TextColumn('{task.fields[rate]}'), console=out, transient=True,

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from rosette_ros.cell.supervisor import MODULES, Cell
-from rosette_ros.cli.arguments import add_shared
+from rosette_ros.cli.arguments import add_shared, made_folder
 from rosette_ros.cli.console import console
 from rosette_ros.core.errors import InvalidConfig
 from rosette_ros.nodes import names
@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> None:
     out = console()
     nodes = [name for name in MODULES if not (options.no_simulation and name == names.CMM)]
     cell = Cell(options.domain, options.namespace, machine=options.machine, params_file=options.params, nodes=nodes,
-                log_dir=make_folder(options.output), simulated_time=not options.no_simulation)
+                log_dir=made_folder(options.output), simulated_time=not options.no_simulation)
     with started(out, cell):
         domain = int(os.environ.get('ROS_DOMAIN_ID') or 0) if options.domain is None else options.domain
         where = f' --domain {domain}' if domain else ''
@@ -61,17 +61,6 @@ def run(options: argparse.Namespace) -> None:
                 time.sleep(CHECK_PERIOD)
         except KeyboardInterrupt:
             print('Ending the cell.', file=sys.stderr)
-
-
-def make_folder(path: str) -> Path:
-    """Make the folder of the logs and return it; raise InvalidConfig where that is not possible."""
-    logs = Path(path)
-    try:
-        logs.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InvalidConfig(f'{logs}: wanted a folder for logs, got: {error.strerror}; choose another one with '
-                            '--output') from error
-    return logs
 
 
 @contextlib.contextmanager

@@ -74,7 +74,6 @@ def reading_map(comparison: Comparison, sigma: float) -> Text | None:
 
 
 def _mark(size: float) -> tuple[str, str]:
-    """Return text and style of one reading."""
     if np.isnan(size):
         return '  ', 'default'
     return ('· ', 'dim') if size < LOW else (f'{min(int(size), 9)} ', 'red' if size >= HIGH else 'yellow')

@@ -52,7 +52,6 @@ def rich_table(data: Table) -> Group:
 
 
 def _width(column: Column) -> int:
-    """Return the length of the longest line in a column."""
     texts = (*(column.shown or ()), *column.footer)
     return max((len(line) for text in texts for line in text.splitlines()), default=0)
 

@@ -18,8 +18,9 @@ from rich.console import Console
 
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import Cell
+from rosette_ros.cli.arguments import made_folder
 from rosette_ros.cli.calibrate import calibrate
-from rosette_ros.cli.cell import make_folder, started
+from rosette_ros.cli.cell import started
 from rosette_ros.core.errors import CellError
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.model.least_squares import Fit
@@ -91,7 +92,7 @@ def demo_cell(out: Console, what: str, config: MachineConfig, domain: int | None
     """
     began = time.monotonic()
     domain = free_domain() if domain is None else domain
-    logs = make_folder(output)
+    logs = made_folder(output)
     out.print(f'{what}, machine drawn from seed {config.seed}; four ROS 2 nodes in domain {domain}')
     with tempfile.TemporaryDirectory(prefix='rosette_demo_') as folder:
         machine = Path(folder) / MACHINE

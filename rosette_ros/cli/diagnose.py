@@ -10,8 +10,7 @@ from rich.markup import escape
 from rosette_ros.analysis import MOST_BALLS_ADVISED, advise_run, cross_check, diagnose
 from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, head, pairs, print_json, print_parts, print_verdict
-from rosette_ros.core.diagnosis.diagnosis import Candidate, Diagnosis
-from rosette_ros.core.diagnosis.second_run import CrossCheck
+from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.planning.visibility import Visibility, visibility
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import open_run
@@ -38,8 +37,7 @@ def run(options: Namespace) -> None:
     measured, model = open_run(options.run_path), read_model(options.model)
     other = open_run(options.check) if options.check else None
     diagnosis = diagnose(measured, model)
-    check = None if other is None else cross_check(other, diagnosis)
-    invisible = invisible_effects(diagnosis)
+    check, invisible = None if other is None else cross_check(other, diagnosis), invisible_effects(diagnosis)
     if options.json:
         print_json(diagnosis_json(diagnosis, invisible, check))
         return
@@ -47,44 +45,31 @@ def run(options: Namespace) -> None:
     out.print(head(measured))
     show(out, diagnosis, invisible)
     if check is not None:
-        show_check(out, check)
+        colour = {True: 'green', False: 'red', None: 'yellow'}[check.confirmed]
+        out.print(f'\n[bold]Checked on {escape(check.before.run.run_id or check.before.run.source)}[/], which had no '
+                  f'part in the search\n[{colour}]{escape(check.text)}[/]')
+        print_parts(out, [tables.cross_check(check)])
 
 
 def invisible_effects(diagnosis: Diagnosis) -> tuple[Visibility, ...]:
     """Return the Visibility of every effect that is not observable in the order of the run."""
-    if not diagnosis.invisible:
-        return ()
-    final = diagnosis.final
-    return visibility(final.run, final.sigma, final.model.base, names=diagnosis.invisible)
+    final, names = diagnosis.final, diagnosis.invisible
+    return visibility(final.run, final.sigma, final.model.base, names=names) if names else ()
 
 
 def show(out: Console, diagnosis: Diagnosis, invisible: Sequence[Visibility]) -> None:
     """Print a diagnosis and the verdict; invisible: of the effects that are not observable."""
     print_verdict(out, diagnosis.verdict)
-    refused = '; '.join(f'{name}: {reason}' for name, reason in diagnosis.unavailable)
-    measured = diagnosis.fit.run
+    refused, measured = '; '.join(f'{name}: {reason}' for name, reason in diagnosis.unavailable), diagnosis.fit.run
     advice = advise_run(measured).text if invisible and measured.n <= MOST_BALLS_ADVISED else ''
     notes = [(title, escape(text)) for title, text in (('Not judged', refused), ('Next order', advice)) if text]
     claimed = [one for one in diagnosis.candidates if one.claimed]
     others = [one for one in diagnosis.candidates if not one.claimed][:NEXT_BEST]
     print_parts(out, [
         tables.candidates(claimed, 'Missing effects, most significant first').select(*CANDIDATE_COLUMNS),
-        pairs(meanings(claimed)) if claimed else None,
+        pairs((escape(name), escape(f'{MEANINGS[name].meaning} Look at: {MEANINGS[name].look}'))
+              for name in dict.fromkeys(one.effect for one in claimed) if name in MEANINGS) if claimed else None,
         tables.effects([(one.effect, one.setting, one.parameters) for one in claimed],
                        'Parameters of the missing effects'),
         tables.candidates(others, 'Not identified: the next best').select(*CANDIDATE_COLUMNS),
         tables.bias(invisible), pairs(notes) if notes else None])
-
-
-def meanings(candidates: Sequence[Candidate]) -> list[tuple[str, str]]:
-    """Return what effects mean and where to look in the cell."""
-    return [(escape(name), escape(f'{MEANINGS[name].meaning} Look at: {MEANINGS[name].look}'))
-            for name in dict.fromkeys(one.effect for one in candidates) if name in MEANINGS]
-
-
-def show_check(out: Console, check: CrossCheck) -> None:
-    """Print the check on another run."""
-    colour = {True: 'green', False: 'red', None: 'yellow'}[check.confirmed]
-    out.print(f'\n[bold]Checked on {escape(check.before.run.run_id or check.before.run.source)}[/], which had no part '
-              f'in the search\n[{colour}]{escape(check.text)}[/]')
-    print_parts(out, [tables.cross_check(check)])

@@ -15,11 +15,8 @@ from rosette_ros.presentation.formatting import MEANINGS, scale_of
 from rosette_ros.presentation.json_output import effects_json
 from rosette_ros.presentation.table_format import Table, words
 
-CARRIES = {
-    'all': 'settings and sizes hold for the next run of the same cell',
-    'shape': 'the settings hold for the next run, phases and sizes do not',
-    'nothing': 'an event of one run',
-}
+CARRIES = {'all': 'settings and sizes hold for the next run of the same cell',
+           'shape': 'the settings hold for the next run, phases and sizes do not', 'nothing': 'an event of one run'}
 """What of an effect a later run shares."""
 KINDS = {'scale': 'searched and refined', 'phase': 'searched and refined',
          'instant': 'searched: a moment between two readings', 'choice': 'one of a few, all are tried'}

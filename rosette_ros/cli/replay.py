@@ -2,11 +2,12 @@
 """rosette replay: publishes what an evaluator reads from a log, and compares the error motions that it publishes."""
 
 import argparse
+import contextlib
 import os
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from rclpy.context import Context
@@ -39,8 +40,7 @@ FASTEST = 4000
 LIVE_PATIENCE = 3.5
 """How long a running cell is searched for before anything is published, s; participants announce themselves every 3."""
 SEARCH_TIMEOUT, START_TIMEOUT, RESULT_TIMEOUT = 5.0, 20.0, 60.0
-_BATCH = 100
-_STEP = 0.05
+_BATCH, _STEP = 100, 0.05
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,7 +56,7 @@ def run(options: argparse.Namespace) -> None:
     log = read_log(options.log)
     expected = expected_motions(log)
     out = console()
-    with LogPlayer(log.topics, options.domain) as player:
+    with contextlib.closing(LogPlayer(log.topics, options.domain)) as player:
         if player.await_evaluator(SEARCH_TIMEOUT):
             found = replay(player, options, log, expected)
         else:
@@ -74,14 +74,12 @@ def run(options: argparse.Namespace) -> None:
                           'software, or another model?')
 
 
-@dataclass(frozen=True, eq=False)
-class Expected:
-    """The curves expected of one run, and their source."""
+class Expected(NamedTuple):
+    """The curves expected of one run, their source, and whether u is, too: no message has an imported one."""
 
     motions: ErrorMotions
     source: str
     with_u: bool
-    """Whether their uncertainties are expected too: the repeatability of an imported table is in no message."""
 
 
 def expected_motions(log: LogRun) -> dict[str, Expected]:
@@ -145,14 +143,13 @@ def difference(got: ErrorMotions, expected: Expected) -> str:
 
 
 class LogPlayer:
-    """Publishes logged messages, byte for byte, and collects the error motions received; a context manager.
+    """Publishes logged messages, byte for byte, and collects the error motions received.
 
     topics: of the log; domain: ROS domain, None for that of the environment. Raises CellError where the log holds no
     ball centres.
     """
 
     def __init__(self, topics: Sequence[TopicSummary], domain: int | None = None) -> None:
-        """Join the graph and announce the topics."""
         os.environ.update(added_environment(os.environ))
         inputs = {_last(name) for name in INPUTS}
         chosen = {topic.name: topic for topic in topics if _last(topic.name) in inputs}
@@ -172,11 +169,7 @@ class LogPlayer:
         self._motions: list[ErrorMotionsMessage] = []
         self._node.create_subscription(ErrorMotionsMessage, names.ERROR_MOTIONS, self._motions.append, 10)
 
-    def __enter__(self) -> 'LogPlayer':
-        """Return the player."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
         """Leave the graph."""
         self._executor.shutdown()
         self._node.destroy_node()
@@ -189,26 +182,17 @@ class LogPlayer:
 
     def refuse_running_cell(self) -> None:
         """Raise CellError where a CMM or a sequencer, searched during LIVE_PATIENCE, is on the graph."""
-        deadline = time.monotonic() + LIVE_PATIENCE
-        while True:
-            for topic in map(self._node.resolve_topic_name, (names.BALL_CENTRE, names.PROBE_TARGET)):
-                if self._node.count_publishers(topic) > (topic in self._publishers):
-                    raise CellError(f'replay: {topic} has another publisher: a live cell is on this graph, and '
-                                    'recorded targets would move its machine. End the cell, or choose another --domain')
-            if time.monotonic() > deadline:
-                return
-            self.spin(_STEP)
+        topics = [self._node.resolve_topic_name(topic) for topic in (names.BALL_CENTRE, names.PROBE_TARGET)]
+        if live := self.spin(LIVE_PATIENCE, lambda: [
+                one for one in topics if self._node.count_publishers(one) > (one in self._publishers)]):
+            raise CellError(f'replay: {live[0]} has another publisher: a live cell is on this graph, and '
+                            'recorded targets would move its machine. End the cell, or choose another --domain')
 
     def await_evaluator(self, timeout: float) -> bool:
         """Return whether an evaluator receives all topics within `timeout`, s."""
         wanted = [publisher for name, publisher in self._publishers.items() if _last(name) != _last(names.CLOCK)]
-        deadline = time.monotonic() + timeout
-        while time.monotonic() < deadline:
-            if (all(publisher.get_subscription_count() for publisher in wanted)
-                    and self._node.count_publishers(names.ERROR_MOTIONS) > 0):
-                return True
-            self.spin(_STEP)
-        return False
+        return bool(self.spin(timeout, lambda: all(publisher.get_subscription_count() for publisher in wanted)
+                              and self._node.count_publishers(names.ERROR_MOTIONS) > 0))
 
     def play(self, messages: Iterable[LoggedMessage], rate: float | None = None) -> None:
         """Publish those logged messages whose topics are announced; rate: None as fast as FASTEST allows."""
@@ -217,25 +201,22 @@ class LogPlayer:
         for count, message in enumerate(chosen):
             start = message.log_time if start is None else start
             if rate:
-                self._spin_until(began + 1e-9 * (message.log_time - start) / rate)
+                self.spin(began + 1e-9 * (message.log_time - start) / rate - time.monotonic())
             elif count % _BATCH == 0:
-                self._spin_until(began + count / FASTEST)
+                self.spin(began + count / FASTEST - time.monotonic())
             self._publishers[message.topic].publish(message.data)
-
-    def _spin_until(self, due: float) -> None:
-        while (left := due - time.monotonic()) > 0:
-            self.spin(min(_STEP, left))
 
     def await_motions(self, run_ids: Iterable[str], timeout: float) -> dict[str, ErrorMotionsMessage]:
         """Return the error motions received by run_id, once those of all the runs are there or `timeout` is over."""
-        deadline = time.monotonic() + timeout
-        while not {one.run_id for one in self._motions} >= set(run_ids) and time.monotonic() < deadline:
-            self.spin(_STEP)
+        self.spin(timeout, lambda: {one.run_id for one in self._motions} >= set(run_ids))
         return {one.run_id: one for one in self._motions}
 
-    def spin(self, timeout: float) -> None:
-        """Let callbacks run for at most `timeout`, s."""
-        self._executor.spin_once(timeout_sec=max(timeout, 0.0))
+    def spin(self, timeout: float, is_done: Callable[[], Any] = lambda: False) -> Any:
+        """Let callbacks run until `is_done`, or for `timeout`, s; return what it returned last."""
+        deadline = time.monotonic() + timeout
+        while not (done := is_done()) and (left := deadline - time.monotonic()) > 0:
+            self._executor.spin_once(timeout_sec=min(_STEP, left))
+        return done
 
 
 def _last(topic: str) -> str:

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from rosette_ros.analysis import analyse, summarise
-from rosette_ros.cli.arguments import add_shared
+from rosette_ros.cli.arguments import add_shared, made_folder
 from rosette_ros.cli.console import console, head, print_verdict
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.errors import InvalidData
@@ -31,8 +31,7 @@ from rosette_ros.presentation.tables import tables_of
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    parser.add_argument('run_path', metavar='RUN', nargs='?',
-                        help='log directory, .mcap file or ball-centre table (CSV)')
+    add_shared(parser, 'run_path', nargs='?')
     add_shared(parser, '--run-id', '--model')
     parser.add_argument('-o', '--output', metavar='FILE',
                         help='the page (HTML) to write; by default named after RUN, in this folder')
@@ -128,20 +127,12 @@ def command_of(options: Namespace) -> str:
 def write_parts(options: Namespace, pictures: Mapping[str, Figure], tables: Iterable[Table]) -> None:
     """Write every figure and every table into the folders that the options name."""
     for name, figure in pictures.items() if options.figures else ():
-        path = folder_of(options.figures) / f'{name}.{options.format}'
+        path = made_folder(options.figures, 'to write to', '') / f'{name}.{options.format}'
         refuse_existing(path, options.force)
         save(figure, path)
     for table in tables if options.tables else ():
-        write_text(folder_of(options.tables) / f'{table.name}.csv', table.csv(), options.force)
-
-
-def folder_of(path: str) -> Path:
-    """Make a folder and return it."""
-    try:
-        Path(path).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InvalidData(f'{path}: wanted a folder to write to, got: {error.strerror}') from error
-    return Path(path)
+        path = made_folder(options.tables, 'to write to', '') / f'{table.name}.csv'
+        write_text(path, table.csv(), options.force)
 
 
 def print_result(out: Console, verdict: Verdict | Conclusion, path: Path | str) -> None:

@@ -4,9 +4,8 @@
 import math
 import re
 from collections.abc import Container, Iterable, Mapping
-from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from rosette_ros.core.effects.library import BASE_EFFECTS, EFFECTS
 from rosette_ros.core.records import CURVES, Run
@@ -30,20 +29,16 @@ SMALLEST_P = 1e-6
 UNKNOWN = '–'
 
 
-@dataclass(frozen=True)
-class Scale:
+class Scale(NamedTuple):
     """How an SI value is shown: times `factor`, in `unit`."""
 
     factor: float
     unit: str
 
 
-SCALES = {
-    '1': Scale(1.0, ''), 's': Scale(1 / 60, 'min'),
-    'm': Scale(1e6, 'µm'), 'rad': Scale(1e6, 'µrad'),
-    'm/s': Scale(3.6e9, 'µm/h'), 'rad/s': Scale(3.6e9, 'µrad/h'), '1/s': Scale(3.6e9, 'ppm/h'),
-    'm/K': Scale(1e6, 'µm/K'), '1/K': Scale(1e6, 'ppm/K'),
-}
+SCALES = {'1': Scale(1.0, ''), 's': Scale(1 / 60, 'min'), 'm': Scale(1e6, 'µm'), 'rad': Scale(1e6, 'µrad'),
+          'm/s': Scale(3.6e9, 'µm/h'), 'rad/s': Scale(3.6e9, 'µrad/h'), '1/s': Scale(3.6e9, 'ppm/h'),
+          'm/K': Scale(1e6, 'µm/K'), '1/K': Scale(1e6, 'ppm/K')}
 """SI unit: how it is shown; a unit that is not here is shown as it is."""
 
 OF_PARAMETER = {'psi0': Scale(0.5 / math.pi, 'turns'), 'nu': Scale(1.0, 'per turn')}

@@ -81,10 +81,9 @@ def evaluation_json(fit: Fit, verdict: Verdict | None = None) -> Json:
     return plain({
         'schema': EVALUATION, 'run_id': run.run_id, 'n': run.n, 'radius_m': run.radius,
         'mean_radius_m': fit.mean_radius, 'readings': run.size, 'completeness': run.completeness,
-        'angle_rad': motions.angle,
-        **by_curve(motions.values.T), 'u': by_curve(motions.u.T), 'coverage_factor': COVERAGE_FACTOR,
-        'iso_names': ISO_NAMES, 'plate_m': fit.plate, 'cmm_m': fit.cmm, 'fit': fit_json(fit),
-        'gauge': fit.gauge, **verdict_json(verdict),
+        'angle_rad': motions.angle, **by_curve(motions.values.T), 'u': by_curve(motions.u.T),
+        'coverage_factor': COVERAGE_FACTOR, 'iso_names': ISO_NAMES, 'plate_m': fit.plate, 'cmm_m': fit.cmm,
+        'fit': fit_json(fit), 'gauge': fit.gauge, **verdict_json(verdict),
         'effects': {key: parameters_json(one.parameters) for key, one in zip(keys, fit.effects, strict=True)}})
 
 
@@ -98,13 +97,12 @@ def comparison_json(comparison: Comparison, verdict: Verdict, steps: Sequence[La
         'groups': {one.label: {'keys': one.keys, 'rms_m': one.rms, 'mean_m': one.mean, 'p': one.p,
                                'worst': one.keys[one.worst]} for one in comparison.groupings},
         'neighbours': {'correlation': comparison.neighbour_correlation, 'p': comparison.neighbour_p},
-        'worst_readings': [
-            {'reading': one.number, 'table_position': one.table_position, 'ball': one.ball,
-             'cmm_position': one.cmm_position, 'residual_m': one.residual, 'size_sigma': one.size, 'p': one.p}
-            for one in comparison.worst],
-        'harmonics': [
-            {'axis': line.axis, 'table_waves': line.table_waves, 'cmm_waves': line.cmm_waves,
-             'amplitude_m': line.amplitude, 'share': line.share} for line in comparison.harmonics],
+        'worst_readings': [{
+            'reading': one.number, 'table_position': one.table_position, 'ball': one.ball,
+            'cmm_position': one.cmm_position, 'residual_m': one.residual, 'size_sigma': one.size, 'p': one.p,
+        } for one in comparison.worst],
+        'harmonics': [{'axis': line.axis, 'table_waves': line.table_waves, 'cmm_waves': line.cmm_waves,
+                       'amplitude_m': line.amplitude, 'share': line.share} for line in comparison.harmonics],
         **({'ladder': [{'added': step.added, 'fit': fit_json(step.fit), 'held_out_rms_m': step.cross_validation}
                        for step in steps]} if steps else {})})
 
@@ -132,7 +130,6 @@ def _candidate_json(entry: Candidate) -> Json:
 
 
 def _check_json(check: CrossCheck) -> Json:
-    """Return a check on another run; carried: with the first run's amplitudes, nothing fitted."""
     return {
         'run_id': check.before.run.run_id, 'confirmed': check.confirmed, 'text': check.text,
         'before': fit_json(check.before), 'after': fit_json(check.after),
@@ -158,9 +155,9 @@ def change_json(action: str, effect: str, file: Path | str, models: tuple[Model,
         'run_id': change.after.run.run_id, 'before': _side_json(change.before), 'after': _side_json(change.after),
         'held_out_rms_before_m': change.cross_validation_before, 'held_out_rms_after_m': change.cross_validation_after,
         'helps': change.helps, 'hurts': change.hurts, 'curve_change': by_curve(change.curve_change)}
-    return plain({'schema': CHANGE, 'action': action, 'effect': effect, 'file': str(file),
-                              'model_before': models[0].names, 'model': models[1].to_mapping(),
-                              'sentence': sentence, **on_run})
+    return plain({
+        'schema': CHANGE, 'action': action, 'effect': effect, 'file': str(file), 'model_before': models[0].names,
+        'model': models[1].to_mapping(), 'sentence': sentence, **on_run})
 
 
 def _side_json(fit: Fit) -> Json:

@@ -7,8 +7,7 @@ at all. A new fault is a name in FaultKind, the case that carries it out, and a 
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, Literal, Protocol, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -16,24 +15,6 @@ from pydantic import Field
 from rosette_ros.core.records import Floats
 from rosette_ros.simulation.random_streams import part_generator
 from rosette_ros.simulation.setting_types import NotNegative, Settings, Share
-
-OTHER_RUN = 'another_run'
-
-
-class BallCentreFields(Protocol):
-    """What a fault changes in a ball centre: the fields of rosette_msgs/BallCentre."""
-
-    STATUS_OK: int
-    STATUS_FAILED: int
-    run_id: str
-    seq: int
-    ball: int
-    status: int
-    text: str
-    centre: Any
-
-
-AnyCentre = TypeVar('AnyCentre', bound=BallCentreFields)
 
 FaultKind = Literal[
     'silent', 'late', 'twice', 'again',  # when and how often an answer comes: `distort`
@@ -60,8 +41,7 @@ class FaultSettings(Settings):
 FaultList = Annotated[tuple[FaultSettings, ...], Field(strict=False, max_length=100)]
 
 
-@dataclass(frozen=True, eq=False)
-class Strike:
+class Strike(NamedTuple):
     """A fault that strikes one answer; direction: (3,) random unit vector for what needs one."""
 
     fault: FaultSettings
@@ -80,15 +60,14 @@ def strikes(faults: Sequence[FaultSettings], seed: int, seq: int, attempt: int) 
     return tuple(out)
 
 
-def distort(answer: AnyCentre, struck: Sequence[Strike], previous: AnyCentre | None,
-            now: float) -> list[tuple[AnyCentre, float | None]]:
+def distort(answer: Any, struck: Sequence[Strike], previous: Any, now: float) -> list[tuple[Any, float | None]]:
     """Return what is published instead of an answer: pairs of a message and when (steady s, None: now).
 
-    previous: the answer before this one, or None. The answer given is not changed; several faults act one after the
+    answer: a rosette_msgs/BallCentre, not changed; previous: the one before, or None; several faults act one after the
     other.
     """
     changed = copy.deepcopy(answer)
-    out: list[tuple[AnyCentre, float | None]] = []
+    out: list[tuple[Any, float | None]] = []
     due = None
     for strike in struck:
         match strike.fault.kind:
@@ -103,7 +82,7 @@ def distort(answer: AnyCentre, struck: Sequence[Strike], previous: AnyCentre | N
             case 'wrong_seq':
                 changed.seq += 1
             case 'wrong_run':
-                changed.run_id = OTHER_RUN
+                changed.run_id = 'another_run'
             case 'not_a_number':
                 changed.centre.y = float('nan')
             case 'infinite':

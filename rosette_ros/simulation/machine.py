@@ -6,7 +6,7 @@ tilted axis, machine frame. Each of its touches is made at its own time on a rea
 the least-squares sphere gives the centre.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,18 +22,9 @@ from rosette_ros.simulation.motion import MachineState, Moment, Moves, moves
 from rosette_ros.simulation.probing import BallNotFound, BallReading, BallReadings
 from rosette_ros.simulation.random_streams import part_generator, standard_normal
 
-_REACH_SHARE = 0.5
-"""A ball whose centre is farther from the aim than this share of its radius is not found."""
-_NO_ANGLE = 1e-300
 
-
-@dataclass(frozen=True, eq=False)
-class Alignment:
-    """What is known before a run.
-
-    frame: the table frame in the machine frame; repeatability: sd of a ball-centre coordinate, m; dof: its degrees of
-    freedom; both None if not measured.
-    """
+class Alignment(NamedTuple):
+    """Before a run: table frame in the machine frame, sd of a coordinate, m, and its dof, both None if not measured."""
 
     frame: Frame
     repeatability: float | None = None
@@ -48,10 +39,7 @@ class Machine:
     """
 
     def __init__(self, config: MachineConfig, state: MachineState | None = None) -> None:
-        """Build the parts of the cell from their seeds."""
-        self.config = config
-        self.n = config.plate.balls
-        self.radius = config.radius
+        self.config, self.n, self.radius = config, config.plate.balls, config.radius
         rough = 1e-3 * np.array(config.placement.origin_mm)
         self.rough_frame = Frame(np.eye(3), rough)
         self.true_frame = _true_frame(config, rough)
@@ -63,8 +51,7 @@ class Machine:
         self.touch_noise, self.position_noise = probing.noise_sizes(config.probing, self.pattern)
         self.hidden = config.hidden
         if config.hidden_draw is not None:
-            situation = _expected_situation(config, self.pattern.size)
-            self.hidden = self.hidden + draw_hidden(config.hidden_draw, situation)
+            self.hidden += draw_hidden(config.hidden_draw, _expected_situation(config, self.pattern.size))
         self._acting = acting(self.hidden)
         self._angles = nominal_angles(self.n)
         self._nominal = cell_parts.nominal_balls(self.n, self.radius)
@@ -94,13 +81,11 @@ class Machine:
 
         table_position, ball, approach: (N,); aim: (N, 3) machine frame, m; short: as `measure`. Raises as `measure`.
         """
-        table_position = self._checked(table_position, 'table position')
-        ball = self._checked(ball, 'ball')
+        table_position, ball = self._checked(table_position, 'table position'), self._checked(ball, 'ball')
         if aim is None:
             aim = self.rough_frame.to_outer(self._nominal[(table_position + ball - 2) % self.n])
         draws = standard_normal(self.config.seed, self.state.readings + np.arange(ball.size), self.pattern.size + 6)
-        timing = self.config.timing
-        approach = np.asarray(approach)
+        timing, approach = self.config.timing, np.asarray(approach)
         made = moves(
             self.state, timing, self.n, table_position, approach, np.asarray(aim),
             wait=timing.jitter_s * np.abs(draws[:, -6]),
@@ -120,8 +105,7 @@ class Machine:
         """Measure ball 1 `repeats` times, then at every table position (the axis), then every ball (the plane)."""
         one, every = np.ones(self.n, dtype=int), np.arange(1, self.n + 1)
         sigma, dof = self._repeat(repeats)
-        axis = self.measure_many(every, one, one)
-        plane = self.measure_many(one, every, one)
+        axis, plane = self.measure_many(every, one, one), self.measure_many(one, every, one)
         return Alignment(table_frame(axis.centre, plane.centre), sigma, dof)
 
     def run(self, scheme: Scheme, repeats: int = 10, align: bool = True, run_id: str = '') -> Run:
@@ -190,7 +174,6 @@ class Machine:
         return index.astype(np.int64)
 
     def _moment(self, made: Moves, table_position: Ints, ball: Ints) -> Moment:
-        """Return the Moment of all touches of the moves."""
         touch = self.config.timing.touch_s * np.arange(1, self.pattern.size + 1)
         time = made.arrived[:, None] + touch
         return Moment(
@@ -226,7 +209,7 @@ class Machine:
         """Return the found centres (N, 3) and form errors (N,), m."""
         centre, aim = self.ball_centres(moment), aim[:, None, :]
         pattern, reach = self.pattern, self.pattern.radius + self.pattern.tip
-        _refuse_far(moment, centre - aim, _REACH_SHARE * reach)
+        _refuse_far(moment, centre - aim, 0.5 * reach)
         direction = pattern.direction
         way = probing.contact(aim, direction, centre, reach)
         if self._acting['surface']:
@@ -248,9 +231,9 @@ def _refuse_far(moment: Moment, off: Floats, reach: float) -> None:
     if not (far <= reach).all():
         bad = np.flatnonzero(~(far <= reach))
         raise BallNotFound(
-            f'table position {moment.table_position[bad[0], 0]}, ball {moment.ball[bad[0], 0]}: '
-            f'wanted a ball within {1e3 * reach:.3g} mm of the aim, its centre is '
-            f'{1e3 * far[bad[0]]:.4g} mm away; check the frame of the target and the alignment')
+            f'table position {moment.table_position[bad[0], 0]}, ball {moment.ball[bad[0], 0]}: wanted a ball within '
+            f'{1e3 * reach:.3g} mm of the aim, its centre is {1e3 * far[bad[0]]:.4g} mm away; check the frame of the '
+            'target and the alignment')
 
 
 def _true_frame(config: MachineConfig, rough: Floats) -> Frame:
@@ -264,10 +247,7 @@ def _true_frame(config: MachineConfig, rough: Floats) -> Frame:
 
 
 def _expected_situation(config: MachineConfig, touches: int) -> Situation:
-    """Return the situation of a complete run, so that drawn effects fall into it; touches: Q per ball.
-
-    A ball is counted with one step of the table or of the CMM.
-    """
+    """Return the situation of a complete run, a ball counted with one step of table or CMM; touches: Q per ball."""
     n, timing = config.plate.balls, config.timing
     pitch = 2e3 * config.radius * np.sin(np.pi / n)
     table = 360.0 / n / timing.table_speed_deg_per_s + timing.table_settle_s
@@ -288,7 +268,7 @@ def rotated(vector: Floats, points: Floats) -> Floats:
     time, where the number of array operations is the cost.
     """
     # The sine of the smallest angle is that angle: no rotation needs no case of its own.
-    angle = np.maximum(np.sqrt(np.vecdot(vector, vector)), _NO_ANGLE)[..., None]
+    angle = np.maximum(np.sqrt(np.vecdot(vector, vector)), 1e-300)[..., None]
     half = np.sin(0.5 * angle) / (0.5 * angle)
     once = np.cross(vector, points)
     return points + (np.sin(angle) / angle) * once + (0.5 * half * half) * np.cross(vector, once)

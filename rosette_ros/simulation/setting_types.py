@@ -17,16 +17,9 @@ Pair = Annotated[tuple[Number, Number], Strict(False)]
 Seed = Annotated[int, Strict(), Field(ge=0, lt=2**63)]
 
 _WORDS = {
-    'missing': 'a value',
-    'model_type': 'a mapping of settings',
-    'model_attributes_type': 'a mapping with a `kind`',
-    'tuple_type': 'a list',
-    'bool_type': 'true or false',
-    'int_type': 'a whole number',
-    'float_type': 'a number',
-    'string_type': 'a text',
-    'union_tag_not_found': 'an effect with its `kind`',
-}
+    'missing': 'a value', 'tuple_type': 'a list', 'bool_type': 'true or false', 'int_type': 'a whole number',
+    'float_type': 'a number', 'string_type': 'a text', 'model_type': 'a mapping of settings',
+    'model_attributes_type': 'a mapping with a `kind`', 'union_tag_not_found': 'an effect with its `kind`'}
 """What pydantic's types of error want, in the words of someone who edits YAML."""
 
 
@@ -77,7 +70,6 @@ def _wanted_and_got(error: ErrorDetails, model: type[BaseModel]) -> tuple[str, s
 
 
 def _fields(model: type[BaseModel], loc: tuple[int | str, ...]) -> set[str]:
-    """Return the names that the group at `loc` knows."""
     groups = [model]
     for part in (part for part in loc if not isinstance(part, int)):
         inner = [found for group in groups if (field := group.model_fields.get(part)) is not None

@@ -53,7 +53,6 @@ class AccessControl:
         self._key = secrets.token_urlsafe(32)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on to the studio, or answer it."""
         if scope['type'] not in ('http', 'websocket'):
             await self._app(scope, receive, send)
             return
@@ -138,7 +137,6 @@ class AccessControl:
 
 
 def _with_headers(send: Send) -> Send:
-    """Return a send that adds the headers that every answer has."""
     async def guarded(message: Message) -> None:
         if message['type'] == 'http.response.start':
             message = {**message, 'headers': list(message.get('headers', ()))}

@@ -125,7 +125,6 @@ class CellWatcher:
         self._node.create_subscription(kind, topic, partial(self._receive, resolved), profile, event_callbacks=events)
 
     def _receive(self, topic: str, message: Any) -> None:
-        """Take a message; one that cannot be used is a fault."""
         with self.lock:
             try:
                 self._take(message)

@@ -161,7 +161,6 @@ class Page:
     # Actions
 
     async def _run(self, work: Awaitable[None]) -> None:
-        """Wait for work; show the words of an error."""
         try:
             await work
         except Superseded:
@@ -170,7 +169,6 @@ class Page:
             self._controller.fail(error)
 
     def _act(self, action: Callable[..., None], *arguments: object) -> None:
-        """Call a method of the session; calculate what follows."""
         try:
             self._controller.act(action, *arguments)
         except RosetteError as error:

@@ -81,6 +81,5 @@ def software() -> tuple[tuple[str, str], ...]:
 
 def order_of(run: Run, source: Source | None = None) -> str:
     """Return the order in which a run was measured: as its cell named it, else as it is recognised."""
-    scheme = scheme_of(run)
     turning = ', the table turning both ways' if np.any(run.approach < 0) else ''
-    return f'{(source.order if source else "") or scheme.order}{turning}'
+    return f'{(source.order if source else "") or scheme_of(run).order}{turning}'

@@ -82,7 +82,6 @@ def _spectrum(summary: Summary) -> Figure:
 
 
 def _visibility(summary: Summary) -> Figure:
-    """Return the observable shares in this order, and in the recommended one where it is another."""
     advice = summary.advice
     best = advice.best if advice and advice.best.label != advice.present.label else None
     return comparison_plots.visibility(

@@ -45,7 +45,6 @@ class HiddenFrameWarmup(HiddenEffect):
 
     @classmethod
     def draw(cls, by: Draw) -> Self:
-        """Draw one that begins just before the run, over a tenth to half of it."""
         return cls(amplitude_um=by.vector(by.size_um), from_h=0.95 * by.run.start_h,
                    time_constant_h=by.run.duration_h * by.between(0.1, 0.5))
 
@@ -61,7 +60,6 @@ class HiddenFrameTemperature(HiddenEffect):
 
     @classmethod
     def draw(cls, by: Draw) -> Self:
-        """Draw one that moves by about the size for a warming of 0.1 K."""
         return cls(coefficient_um_per_K=by.vector(by.size_um / 0.1))
 
 
@@ -79,7 +77,6 @@ class HiddenFrameCycle(HiddenEffect):
 
     @classmethod
     def draw(cls, by: Draw) -> Self:
-        """Draw one with three to twelve periods in the run."""
         return cls(cosine_um=by.vector(by.size_um), sine_um=by.vector(by.size_um),
                    period_min=60 * by.run.duration_h / by.between(3, 12))
 

@@ -116,7 +116,6 @@ class CellPanel:
             await self._on_open(str(self._watcher.outcome.log))
 
     async def _update(self) -> None:
-        """Show what was received since the last time."""
         with self._watcher.lock:
             state = self._watcher.state
             progress, verdict, motions, faults = state.progress, state.verdict, state.motions, tuple(state.faults)

@@ -102,7 +102,6 @@ class CustomTermPanel:
                 'per': self._per.value}
 
     def _check(self) -> None:
-        """Show what is wrong with the term, in the words of the command line."""
         words = ''
         try:
             if self._expression.value:
