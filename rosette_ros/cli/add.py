@@ -89,10 +89,7 @@ def model_before(path: str) -> Model:
 
 
 def change_file(options: argparse.Namespace, action: str, before: Model, after: Model) -> None:
-    """Change the model file and print what the change does to a run, where one is given.
-
-    Raises before anything is written where the run does not determine what the new model asks.
-    """
+    """Change the model file and show what that does to a run; raises first where the run cannot determine the model."""
     name, measured = options.effect, open_run(options.run_path) if options.run_path else None
     done, words = (None, '') if measured is None else compared(measured, action, name, before, after)
     write_model(after, options.model, force=True)
@@ -111,10 +108,7 @@ def change_file(options: argparse.Namespace, action: str, before: Model, after: 
 
 
 def compared(measured: Run, action: str, name: str, before: Model, after: Model) -> tuple[Change | None, str]:
-    """Return the change on a run and what it means; no change where the old model did not fit.
-
-    Raises NotDeterminable where the run does not determine what the new model asks.
-    """
+    """Return the change on a run and its meaning, None where the old model did not fit; may raise NotDeterminable."""
     try:
         done = change(measured, before, after)
     except NotDeterminable as error:
@@ -131,11 +125,10 @@ def judgement(action: str, name: str, done: Change) -> str:
     errors = f'{micro(before)} to {micro(after)} µm'
     if not (math.isfinite(before) and math.isfinite(after)):
         return f'Whether {name} helps cannot be judged: too few readings for a cross-validation.'
-    if action == ADD and done.helps:
-        return f'{name} helps: the cross-validation error falls from {errors}.'
     if action == ADD:
-        return (f'{name} does not lower the cross-validation error ({errors}): it only describes noise. '
-                f'Remove it with rosette remove {name}.')
+        return f'{name} helps: the cross-validation error falls from {errors}.' if done.helps else (
+            f'{name} does not lower the cross-validation error ({errors}): it only describes noise. '
+            f'Remove it with rosette remove {name}.')
     if done.hurts:
         return (f'{name} is needed: without it the cross-validation error rises from {errors}. '
                 f'Add it again with rosette add {name}.')

@@ -66,8 +66,7 @@ def run(options: argparse.Namespace) -> None:
 def calibrate(client: CellClient, **goal: Any) -> CalibrationOutcome:
     """Run a calibration with progress on stderr and return its successful outcome; goal: of CellClient.calibrate.
 
-    Raises CellError where the cell refuses, fails or disconnects, and KeyboardInterrupt, with words, where the
-    calibration was cancelled.
+    Raises CellError where the cell refuses, fails or disconnects, KeyboardInterrupt where it was cancelled.
     """
     with ProgressDisplay() as display:
         try:

@@ -92,8 +92,7 @@ def show(out: Console, config: MachineConfig, log_path: Path, seconds: float) ->
     print_parts(out, [
         curves(fit.error_motions), pairs(fit_rows(fit)),
         Table('truth', 'Difference to the truth in standard uncertainties', (
-            words('curve', 'curve', CURVES),
-            column('rms', 'rms', np.sqrt(np.mean(comparison.error**2, axis=0)), two),
+            words('curve', 'curve', CURVES), column('rms', 'rms', np.sqrt(np.mean(comparison.error**2, axis=0)), two),
             column('largest', 'largest', np.abs(comparison.error).max(axis=0), two)))])
     # 6 n values, ten of them fixed by the gauge
     out.print(f'\nDifference to the truth: [bold]rms {comparison.rms:.2f}[/] standard uncertainties; 1 ± '

@@ -86,10 +86,7 @@ class DemoCell:
 
 @contextlib.contextmanager
 def demo_cell(out: Console, what: str, config: MachineConfig, domain: int | None, output: str) -> Iterator[DemoCell]:
-    """Start a cell with a simulated machine, end it afterwards.
-
-    what: printed, what is measured; domain: ROS domain, None for a free one; output: folder of the logs.
-    """
+    """Start a cell with a simulated machine, end it afterwards; what: printed; domain: None for a free one."""
     began = time.monotonic()
     domain = free_domain() if domain is None else domain
     logs = made_folder(output)

@@ -136,10 +136,7 @@ def answer(kind: str, strength: float, diagnosis: Diagnosis) -> tuple[str, Level
 
 
 def visible_strengths(config: MachineConfig, run: Run, hidden: Sequence[Mapping[str, Any]]) -> Floats:
-    """Return the norm of what each hidden effect adds to the residual of the base model, in sigma.
-
-    The machine measures twice, with one effect and without any; the noise is the same in both.
-    """
+    """Return the norm that each effect adds to the residual of the base model, in σ, measured with it and without."""
     scheme = Scheme(run.n, 'as measured', 0, run.table_position, run.ball, np.where(run.approach < 0, -1, 1))
     clean, *moved = (Machine(config.changed(hidden=each, hidden_draw=None)).run(scheme).centre
                      for each in ([], *([effect] for effect in hidden)))

@@ -39,10 +39,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def studio_options(options: argparse.Namespace, environment: Mapping[str, str]) -> StudioOptions:
-    """Return the options of the server.
-
-    Raises InvalidConfig where an address that other computers can reach comes without a token.
-    """
+    """Return the options; raises InvalidConfig for an address that others can reach without a token."""
     token = options.token if options.token is not None else environment.get(TOKEN_VARIABLE) or None
     if token is not None and (len(token) < SHORTEST_TOKEN or not token.isascii() or not token.isprintable()):
         raise InvalidConfig(f'--token: wanted at least {SHORTEST_TOKEN} printable ASCII characters, got '

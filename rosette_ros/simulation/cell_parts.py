@@ -106,10 +106,7 @@ class TableSettings(Settings):
 
 @dataclass(frozen=True, eq=False)
 class PeriodicCurves:
-    """Six periodic functions of the table angle: Fourier sums without a constant.
-
-    orders: (h,) harmonics; cosine, sine: (h, 6) amplitudes, m and rad in the order of core.records.CURVES.
-    """
+    """Fourier sums without a constant; orders: (h,); cosine, sine: (h, 6), m and rad as core.records.CURVES."""
 
     orders: Ints
     cosine: Floats
@@ -236,10 +233,7 @@ class ClimateSettings(Settings):
 
 @dataclass(frozen=True, eq=False)
 class Climate:
-    """The temperature at the plate.
-
-    start: at power-on, °C; rate: K/s; amplitude [K], pace [rad/s], phase [rad]: of the day and the air conditioning.
-    """
+    """Temperature at the plate: start, °C; rate, K/s; amplitude [K], pace [rad/s], phase [rad] of day and cooling."""
 
     start: float
     rate: float

@@ -21,11 +21,7 @@ SCHEMA = 'rosette-envelope/1'
 
 @dataclass(frozen=True)
 class Envelope:
-    """An opened envelope.
-
-    digest: sha256 of the sealed text, hexadecimal; seed: of the machine; hidden: the effects as mappings, as they may
-    stand in a configuration.
-    """
+    """An opened envelope: sha256 of the sealed text, hex; seed of the machine; effects as in a configuration."""
 
     digest: str
     seed: int
@@ -33,14 +29,11 @@ class Envelope:
 
 
 def seal_envelope(path: Path, machine: Machine) -> str:
-    """Write what a machine hides into a new file and return its digest (sha256, hexadecimal).
-
-    Raises InvalidData where the file exists or cannot be written.
-    """
+    """Write what a machine hides into a new file, return its sha256, hex; raises InvalidData if that fails."""
     hidden = [effect.model_dump(mode='json') for effect in machine.hidden]
     # The salt keeps anyone from finding the content by trying out configurations.
-    text = json.dumps({'seed': machine.config.seed, 'hidden': hidden,
-                       'salt': secrets.token_hex(16)}, sort_keys=True).encode()
+    content = {'seed': machine.config.seed, 'hidden': hidden, 'salt': secrets.token_hex(16)}
+    text = json.dumps(content, sort_keys=True).encode()
     digest = hashlib.sha256(text).hexdigest()
     envelope = {'schema': SCHEMA, 'sha256': digest, 'sealed': base64.b64encode(text).decode()}
     try:
@@ -55,10 +48,7 @@ def seal_envelope(path: Path, machine: Machine) -> str:
 
 
 def open_envelope(path: Path) -> Envelope:
-    """Return what is in the envelope of a file.
-
-    Raises InvalidData where it cannot be read, or where content and digest do not agree.
-    """
+    """Return what is in an envelope; raises InvalidData where it cannot be read, or does not agree with its digest."""
     try:
         outer = json.loads(path.read_text(encoding='utf-8'))
     except (OSError, ValueError, RecursionError) as error:

@@ -32,11 +32,7 @@ class Alignment(NamedTuple):
 
 
 class Machine:
-    """A cell that measures balls and keeps its state from reading to reading.
-
-    state: where an earlier machine of the same configuration stood, to continue from there (default: just switched on,
-    ball 1 under the probe).
-    """
+    """A cell that measures balls one after the other; state: where another machine stood, default: just switched on."""
 
     def __init__(self, config: MachineConfig, state: MachineState | None = None) -> None:
         self.config, self.n, self.radius = config, config.plate.balls, config.radius

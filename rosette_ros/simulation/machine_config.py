@@ -33,10 +33,7 @@ class PlacementSettings(Settings):
 
 
 class MachineConfig(Settings):
-    """The whole simulated cell.
-
-    `hidden` is a list of effects, or a mapping `{seed: N}` that draws them (then `hidden_draw`).
-    """
+    """The whole simulated cell; hidden: a list of effects, or `{seed: N}`, which draws them (then `hidden_draw`)."""
 
     seed: Seed = 1
     plate: cell_parts.PlateSettings = cell_parts.PlateSettings()
@@ -104,9 +101,6 @@ def machine_config(values: Any, source: str = 'machine configuration') -> Machin
 
 
 def load_machine(path: Path | str) -> MachineConfig:
-    """Return the configuration of a YAML file; what is not in it has its default.
-
-    Raises InvalidConfig where the file cannot be read or a setting is wrong.
-    """
+    """Return the configuration of a YAML file, the rest by default; raises InvalidConfig where a setting is wrong."""
     values = read_yaml(path, 'a machine file', MAX_BYTES, InvalidConfig)
     return machine_config({} if values is None else values, str(path))

@@ -17,10 +17,7 @@ _SECOND = np.uint64(0x94D049BB133111EB)
 
 
 def standard_normal(seed: int, reading: ArrayLike, draws: int) -> Floats:
-    """Return standard normal numbers of each reading's own stream, (N, draws).
-
-    seed: below 2**63; reading: (N,) whole numbers, the machine's count of readings.
-    """
+    """Return standard normal numbers (N, draws) of streams by seed, below 2**63, and number of the reading, (N,)."""
     start = _mixed(np.array([seed], dtype=np.uint64) + _GAMMA)
     key = _mixed(start + (np.asarray(reading, dtype=np.uint64) + np.uint64(1)) * _GAMMA)
     count = np.arange(1, draws + 1, dtype=np.uint64)

@@ -114,8 +114,7 @@ class Page:
             with ui.element('div').classes('halves'):
                 with ui.element('div').classes('side'):
                     panels = (
-                        ModelPanel(controller, self._act),
-                        CandidatesPanel(controller, self._preview, self._add),
+                        ModelPanel(controller, self._act), CandidatesPanel(controller, self._preview, self._add),
                         CustomTermPanel(controller, self._preview_entry, partial(self._act, self._session.add_entry)),
                         CrossCheckPanel(controller, lambda place: self._run(controller.cross_check(place))))
                 with ui.element('div').classes('main'):

@@ -21,10 +21,7 @@ LONGEST_NAME = 28
 
 
 def ladder(steps: Sequence[LadderStep], repeatability: float | None = None, dof: float | None = None) -> Figure:
-    """Return a figure: the errors of nested models in the fit and in cross-validation, µm.
-
-    repeatability: m, with a band of two standard uncertainties where its degrees of freedom are known.
-    """
+    """Return a figure: errors of nested models in fit and cross-validation, µm; repeatability: m, its band by dof."""
     rows = np.arange(len(steps))
     made, panel = _rows(len(steps), 0.62, 1.05)
     fitted = np.array([1e6 * step.fit.rms for step in steps])

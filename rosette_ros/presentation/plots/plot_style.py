@@ -51,10 +51,7 @@ def panels(made: Figure, rows: int = 1, columns: int = 1) -> Any:
 
 def scale(panel: Axes, x: Marks | None = None, y: Marks | None = None, grid: str = 'xy', numbers: str = 'xy',
           steps: tuple[int, int] = (STEPS, STEPS)) -> None:
-    """Draw grid and numbers of the axes named by `grid` and `numbers`.
-
-    x, y: {place: text}, None for round numbers with at most `steps` steps along x and y.
-    """
+    """Draw grid and numbers of axes; x, y: {place: text}, None for round numbers with at most `steps` steps."""
     for name, axis, places, most in (('x', panel.xaxis, x, steps[0]), ('y', panel.yaxis, y, steps[1])):
         if places is None:
             axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))

@@ -191,10 +191,8 @@ def histogram(series: Sequence[Residuals], noise: float | None, dof: Sequence[in
         density = np.exp(-0.5 * (where / shown)**2) / (shown * np.sqrt(2 * np.pi))
         panel.plot(where, size * width * density, color=style.INK, linewidth=1.8, linestyle=style.DASHED,
                    label=f'noise alone, σ = {fixed(spread, 3)} µm')
-    panel.set(xlim=(edges[0], edges[-1]))
+    panel.set(xlim=(edges[0], edges[-1]), xlabel='residual of a coordinate in µm', ylabel='coordinates')
     style.scale(panel, grid='y', steps=(8, 4))
-    panel.set_xlabel('residual of a coordinate in µm')
-    panel.set_ylabel('coordinates')
     panel.legend(frameon=False, fontsize=10, loc='upper right')
     return made
 
@@ -209,10 +207,7 @@ class SpectrumRow:
 
 
 def spectrum_maps(rows: Sequence[SpectrumRow], noise: float | None = None) -> Figure:
-    """Return two maps (z; x and y) for each of some spectra, µm; grey is what the base model absorbs whole.
-
-    noise: sigma of a coordinate, m; sizes of noise alone are then written below.
-    """
+    """Return maps (z; x and y) of spectra, µm; grey: absorbed by the base model; noise: sigma of a coordinate, m."""
     height = 3.3 * len(rows) + 0.35
     made = style.figure(10, height)
     limit = 1e6 * max(max(row.spectrum.left.max() for row in rows), 1e-15)

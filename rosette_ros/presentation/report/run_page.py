@@ -48,8 +48,7 @@ def pictures_of(summary: Summary, overlays: Sequence[Series] = ()) -> dict[str, 
             for word, fit in zip(when, fits, strict=True)]
     series = [*(Series(model_label(summary, fit), fit.error_motions) for fit in fits[::-1]), *overlays]
     return {
-        'curves': six_curves(series),
-        'deviations': deviations(summary.final.plate, summary.final.cmm, run.radius),
+        'curves': six_curves(series), 'deviations': deviations(summary.final.plate, summary.final.cmm, run.radius),
         'residual_maps': residual_plots.residual_maps(rows),
         'residuals_against': residual_plots.against(rows, run.repeatability),
         'histogram': residual_plots.histogram(rows, run.repeatability, [one.dof for one in fits]),

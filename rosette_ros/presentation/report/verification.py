@@ -116,10 +116,7 @@ class Verification:
 
     @cached_property
     def reproducibility(self) -> Floats:
-        """Reproducibility of each curve, (6,), m and rad.
-
-            s = mean over table angles of sqrt(sum over runs (x - mean)^2 / (m - 1))
-        """
+        """Reproducibility, (6,), m and rad: mean over table angles of sqrt(sum over runs (x - mean)^2 / (m - 1))."""
         return np.nanstd(self.values, axis=0, ddof=1).mean(axis=0)
 
     @cached_property
@@ -304,8 +301,7 @@ def verification_tables(verification: Verification) -> tuple[Table, ...]:
         micrometre_column('cmm_rms_um', 'CMM deviations, rms', [_rms(one.cmm) for one in fits]),
         micrometre_column('plate_rms_um', 'plate deviations, rms', [_rms(one.plate) for one in fits], 1),
         *(column(f'span_{curve}_{key}', f'{curve} peak to valley',
-                 [1e6 * float(np.ptp(one.error_motions[curve])) for one in fits],
-                 partial(fixed, places=digits), unit)
+                 [1e6 * float(np.ptp(one.error_motions[curve])) for one in fits], partial(fixed, places=digits), unit)
           for curve, key, unit, digits in zip(CURVES, FILE_UNITS, CURVE_UNITS, DIGITS, strict=True))))
     columns = [column('table_angle_deg', 'angle', np.rad2deg(verification.angle), partial(fixed, places=1), '°')]
     for place, one in enumerate(members, 1):

@@ -40,10 +40,7 @@ ball's centre to the touch points, machine frame, and the TouchPattern.
 
 @dataclass(frozen=True)
 class Situation:
-    """The run that effects are drawn for, as it is expected.
-
-    balls: n; radius: m; start_h: when it begins after power-on; duration_h: how long it takes; sigma_um: repeatability.
-    """
+    """The run that effects are drawn for: n; radius, m; begin after power-on and duration, h; repeatability, µm."""
 
     balls: int
     radius: float

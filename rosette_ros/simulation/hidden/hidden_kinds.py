@@ -139,10 +139,7 @@ class HiddenTableBacklash(HiddenEffect):
 
 
 class HiddenAsynchronousMotion(HiddenEffect):
-    """The bearing's cage turns at its own rate: the axis moves with `order` times the travel.
-
-    Radial motion is an orbit, tilt motion a cone, axial motion up and down.
-    """
+    """The bearing's cage turns at its own rate, `order` times the travel: an orbit, a cone, or up and down."""
 
     kind: Literal['asynchronous_motion'] = 'asynchronous_motion'
     order: Annotated[float, Field(gt=0, le=50, description='periods per turn, not whole')]
