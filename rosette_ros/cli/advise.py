@@ -16,15 +16,12 @@ from rosette_ros.presentation import tables
 from rosette_ros.presentation.formatting import exact, millimetres
 from rosette_ros.presentation.json_output import advice_json
 
-MOST_BALLS = 72
-RADIUS_MM = 182.5
-
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.add_argument('run_path', metavar='RUN', nargs='?', help='log directory, .mcap file or '
                         'ball-centre table (CSV); instead of a run, --balls and --order')
-    add_plan(parser, MOST_BALLS, RADIUS_MM)
+    add_plan(parser, most_balls=72, radius_mm=182.5)
     parser.add_argument('--show', metavar='EFFECT', action='append', default=[],
                         help='an effect that the next run must show; may be given several times '
                         '(default: all that the present order shows weakly)')

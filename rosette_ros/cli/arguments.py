@@ -2,14 +2,17 @@
 """Arguments that several verbs share, and how their texts become values."""
 
 import argparse
+import contextlib
 import math
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from rosette_ros.core.errors import RosetteError
 from rosette_ros.nodes.names import NAMESPACE
+
+Value = TypeVar('Value', int, float)
 
 
 class UsageError(RosetteError):
@@ -19,15 +22,20 @@ class UsageError(RosetteError):
 def whole(low: int | None, high: int) -> Callable[[str], int]:
     """Return a reader of whole numbers in low .. high; low None: no lower bound."""
     span = f'of at most {high}' if low is None else f'in {low} .. {high}'
+    return _reader(int, lambda value: value <= high and (low is None or value >= low), f'a whole number {span}')
 
-    def read(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            value = high + 1
-        if value > high or (low is not None and value < low):
-            raise argparse.ArgumentTypeError(f'wanted a whole number {span}, got {text!r}')
-        return value
+
+def positive(unit: str) -> Callable[[str], float]:
+    """Return a reader of positive finite numbers in a unit."""
+    return _reader(float, lambda value: 0 < value < math.inf, f'a positive number ({unit})')
+
+
+def _reader(kind: Callable[[str], Value], is_right: Callable[[Value], bool], wanted: str) -> Callable[[str], Value]:
+    def read(text: str) -> Value:
+        with contextlib.suppress(ValueError):
+            if is_right(value := kind(text)):
+                return value
+        raise argparse.ArgumentTypeError(f'wanted {wanted}, got {text!r}')
     return read
 
 
@@ -38,19 +46,6 @@ def made_folder(path: str, use: str = 'for logs', hint: str = '; choose another 
     except OSError as error:
         raise UsageError(f'{path}: wanted a folder {use}, got: {error.strerror}{hint}') from error
     return Path(path)
-
-
-def positive(unit: str) -> Callable[[str], float]:
-    """Return a reader of positive finite numbers in a unit."""
-    def read(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not 0 < value < math.inf:
-            raise argparse.ArgumentTypeError(f'wanted a positive number ({unit}), got {text!r}')
-        return value
-    return read
 
 
 def namespace(text: str) -> str:

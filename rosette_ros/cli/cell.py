@@ -19,9 +19,6 @@ from rosette_ros.cli.console import console
 from rosette_ros.core.errors import InvalidConfig
 from rosette_ros.nodes import names
 
-CHECK_PERIOD = 0.2
-"""How often the nodes are checked, s; a failed one is restarted within that."""
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb takes."""
@@ -58,7 +55,7 @@ def run(options: argparse.Namespace) -> None:
             while True:
                 for words in cell.restart_failed().values():
                     print(f'{datetime.now():%H:%M:%S} {words}; restarted', file=sys.stderr, flush=True)
-                time.sleep(CHECK_PERIOD)
+                time.sleep(0.2)
         except KeyboardInterrupt:
             print('Ending the cell.', file=sys.stderr)
 

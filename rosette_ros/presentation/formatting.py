@@ -21,7 +21,6 @@ MEANINGS = {effect.name: effect for effect in (*BASE_EFFECTS, *EFFECTS.values())
 P_NOISE, CROSS_VALIDATION, OBSERVABLE, LIMIT = (
     'p (noise alone)', 'cross-validation error', 'observable share', 'detection limit')
 """Terms that every interface uses in the same words."""
-MOST_DECIMALS = 9
 DATED = 10**17
 """Earlier times, ns since the epoch (March 1973), are no dates: those of an imported table count from its start."""
 MICRO_DECIMALS = 3
@@ -54,7 +53,7 @@ def decimals(uncertainty: float, digits: int = 2) -> int:
     """Return how many decimals show `digits` significant digits of an uncertainty (GUM 7.2.6)."""
     if not (math.isfinite(uncertainty) and uncertainty > 0):
         return MICRO_DECIMALS
-    return min(max(digits - 1 - math.floor(math.log10(uncertainty)), 0), MOST_DECIMALS)
+    return min(max(digits - 1 - math.floor(math.log10(uncertainty)), 0), 9)
 
 
 def plain(value: float, places: int) -> str:

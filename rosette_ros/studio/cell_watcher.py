@@ -25,8 +25,6 @@ from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import make_executor
 from rosette_ros.studio.live_state import CellState
 
-_PERIOD = 0.1
-"""The thread checks so often whether it shall end, s."""
 TOPICS = (
     (names.RUN_STATE, RunState, qos.COLLECT_LATCHED), (names.PROBE_TARGET, ProbeTarget, qos.COLLECT_LATCHED),
     (names.TF_STATIC, TFMessage, qos.COLLECT_LATCHED), (names.BALL_CENTRE, BallCentre, qos.COLLECT),
@@ -117,7 +115,7 @@ class CellWatcher:
 
     def _spin(self) -> None:
         while not self._is_closed.is_set():
-            self._executor.spin_once(timeout_sec=_PERIOD)
+            self._executor.spin_once(timeout_sec=0.1)
 
     def _subscribe(self, topic: str, kind: type, profile: Any) -> None:
         resolved = self._node.resolve_topic_name(topic)

@@ -26,6 +26,7 @@ PlotlyFigure = dict[str, Any]
 """Data, layout and config as JSON: their many forms are Plotly's."""
 PRESENT, PREVIEWED = COLOURS[0], COLOURS[1]
 """Colours of the model as it is, and of the preview."""
+FONT = 'Roboto, system-ui, sans-serif'
 DIVERGING = ((0, '#0072b2'), (0.25, '#7fb8d8'), (0.5, '#f2f2f2'), (0.75, '#eaae7f'), (1, '#d55e00'))
 MOST_CELLS = 64
 """A map of more rows is thinned to at most so many; each block shows its largest residual."""
@@ -33,12 +34,10 @@ MOST_GAPS = 20
 """Cells of a map of at most so many rows have gaps between them."""
 MOST_MARKS = 1500
 """A line of more points shows the lowest and the highest of each section."""
-FONT = 'Roboto, system-ui, sans-serif'
 AXIS = {'zeroline': False, 'fixedrange': True, 'title': {'standoff': 6, 'font': {'size': 12}}}
 HOVER = ('table position %{customdata[0]}, ball %{customdata[1]}, CMM position %{customdata[2]}'
          '<br>x %{customdata[3]:+.3f}, y %{customdata[4]:+.3f}, z %{customdata[5]:+.3f} µm'
          '<br>size %{customdata[6]:.1f} σ<br>reading %{customdata[7]}, at %{customdata[8]:.1f} min')
-SYMBOLS = ('circle', 'square', 'diamond')
 
 
 class Curves(NamedTuple):
@@ -133,12 +132,12 @@ def time_figure(fit: Fit) -> PlotlyFigure:
     run, residual = fit.run, 1e6 * fit.residual
     minutes, sigma = (run.time - run.time[0]) / 60, 2e6 * fit.sigma
     data, layout = [], _panels(3, 1, gap=(0.0, 0.08), margin={'t': 10})
-    for place, axis in enumerate(AXES, 1):
+    for place, (axis, symbol) in enumerate(zip(AXES, ('circle', 'square', 'diamond'), strict=True), 1):
         shown = _thinned(residual[:, place - 1])
         data.append({
             'type': 'scatter', 'mode': 'markers' if run.size <= MOST_MARKS else 'lines', 'name': axis,
             'x': _array(minutes[shown]), 'y': _array(residual[shown, place - 1]), **_axes(place),
-            'marker': {'size': 4, 'color': PRESENT, 'symbol': SYMBOLS[place - 1]}, 'showlegend': False,
+            'marker': {'size': 4, 'color': PRESENT, 'symbol': symbol}, 'showlegend': False,
             'line': {'color': PRESENT, 'width': 1},
             'hovertemplate': f'{axis} %{{y:+.3f}} µm at %{{x:.1f}} min<extra></extra>'})
         x = {'title': {'text': 'time / min'}} if place == 3 else {'showticklabels': False, 'matches': 'x3'}

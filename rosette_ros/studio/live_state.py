@@ -12,10 +12,8 @@ from rosette_ros.core.records import ErrorMotions, Run
 from rosette_ros.io.messages import STATUS_OK, Answer, CalibrationProgress, Phase, TableFrame, Target, phase_name
 from rosette_ros.io.run_assembly import RunAnswers
 
-MOST_FAULTS = 30
 MOST_RUNS = 3
 """The answers of so many runs are kept: an answer may be received before the first target of its run."""
-MOST_FRAMES = 100
 MOST_BALLS = 1000
 """A plate of more balls is not drawn."""
 SILENT_AFTER = 4.0
@@ -54,7 +52,7 @@ class CellState:
         self.progress = CalibrationProgress()
         self.motions: ErrorMotions | None = None
         self.verdict: Verdict | None = None
-        self.faults: deque[Fault] = deque(maxlen=MOST_FAULTS)
+        self.faults: deque[Fault] = deque(maxlen=30)
         self.frames: list[TableFrame] = []
         self._run = RunAnswers('', self.frames)
         self._runs: dict[str, RunAnswers] = {}
@@ -94,7 +92,7 @@ class CellState:
     def add_frame(self, frame: TableFrame) -> None:
         """Take the table frame in the machine frame."""
         self.frames.append(frame)
-        del self.frames[:-MOST_FRAMES]
+        del self.frames[:-100]
 
     def set_motions(self, run_id: str, motions: ErrorMotions) -> None:
         """Take the curves of the evaluator."""

@@ -14,8 +14,6 @@ from rosette_ros.presentation.plots.plot_style import LOOK
 
 PAGES = Environment(loader=PackageLoader('rosette_ros.presentation.report'), autoescape=True, trim_blocks=True,
                     lstrip_blocks=True, undefined=StrictUndefined)
-RASTER_DPI = 110
-"""Resolution of maps inside an SVG."""
 _HEAD = re.compile(r'\A.*?(?=<svg\b)', re.DOTALL)
 _METADATA = re.compile(r'\s*<metadata>.*?</metadata>', re.DOTALL)
 _NAMESPACE = re.compile(r'\s+xmlns(?::\w+)?="[^"]*"')
@@ -30,7 +28,7 @@ def inline_svgs(figures: Mapping[str, Figure]) -> dict[str, Markup]:
     for name, figure in figures.items():
         stream = io.StringIO()
         with mpl.rc_context({**LOOK, 'svg.hashsalt': name}):
-            figure.savefig(stream, format='svg', dpi=RASTER_DPI, metadata={'Date': None})
+            figure.savefig(stream, format='svg', dpi=110, metadata={'Date': None})
         begin, _, rest = _METADATA.sub('', _HEAD.sub('', stream.getvalue())).partition('>')
         rest = _IMAGE_IDENTITY.sub(r'\1', rest).replace('xlink:href=', 'href=')
         rest = _IDENTITY.sub(rf'\g<1>{name}-', rest)

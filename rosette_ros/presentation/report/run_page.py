@@ -29,15 +29,12 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
     """Return the report of a Summary as one HTML text; pictures: of `pictures_of`, where they are drawn already."""
     pictures = pictures or pictures_of(summary, overlays)
     return PAGES.get_template('report.html.j2').render(
-        run=summary.run, source=source, command=command, verdict=summary.verdict,
-        sizes=bars(summary), spans=spans(summary.final.error_motions),
+        summary=summary, source=source, command=command, sizes=bars(summary), spans=spans(summary.final.error_motions),
         findings=findings(summary), p_noise=text.P_NOISE, pictures=inline_svgs(pictures), k=text.COVERAGE_FACTOR,
         changed=len(fits_of(summary)) > 1, cross_validation=text.CROSS_VALIDATION,
         order_shares=[f'visible_fraction_{name}' for name in summary.advice.wanted] if summary.advice else [],
         tables={table.name: table for table in tables_of(summary)}, conditions=conditions(summary, source),
-        model=format_model(summary.final.model), software=software(), overlays=overlays, gauge=summary.fit.gauge,
-        where=summary.comparison.summary, unavailable=summary.diagnosis.unavailable,
-        advice=summary.advice.text if summary.advice else '')
+        model=format_model(summary.final.model), software=software(), overlays=overlays)
 
 
 def pictures_of(summary: Summary, overlays: Sequence[Series] = ()) -> dict[str, Figure]:

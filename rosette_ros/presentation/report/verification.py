@@ -215,7 +215,6 @@ def _numbers(row: list[str], path: Path | str, place: int) -> list[float]:
 
 
 def _c4(count: int) -> float:
-    """Return the mean of a standard deviation of `count` normal values, in units of the true one."""
     return math.sqrt(2 / (count - 1)) * math.exp(math.lgamma(count / 2) - math.lgamma((count - 1) / 2))
 
 
@@ -228,12 +227,11 @@ def verification_html(verification: Verification, command: str = '',
     pictures = pictures or verification_pictures(verification)
     files = {(file.path, file.sha256): file for one in verification.members for file in one.source.files}
     return PAGES.get_template('verification.html.j2').render(
-        verification=verification, verdict=verification.verdict, sizes=_bars(verification),
+        verification=verification, sizes=_bars(verification), files=tuple(files.values()), command=command,
         pictures=inline_svgs(pictures), tables={table.name: table for table in verification_tables(verification)},
         p=f'{P_NOISE} of the differences: {p_value(verification.p)}', maker=maker_rows(verification),
         counts=dict(zip(CURVES, verification.counts.tolist(), strict=True)),
-        gauge=verification.members[0].fit.gauge, files=tuple(files.values()), command=command, software=software(),
-        run=verification.members[0].fit.run)
+        software=software())
 
 
 def verification_pictures(verification: Verification) -> dict[str, Figure]:

@@ -28,7 +28,6 @@ OpenLog = Callable[[str], Awaitable[None]]
 HEALTH = {Health.HEALTHY: ('check_circle', 'var(--good)'), Health.WARNING: ('warning', 'var(--doubtful)'),
           Health.FAULT: ('error', 'var(--bad)'), Health.SILENT: ('volume_off', 'var(--bad)')}
 """Icon and colour of a level of health; its word is the level itself."""
-PERIOD = 0.3
 CURVES_PERIOD = 0.6
 """Curves so far are calculated at most so often, s."""
 MOST_CELLS = 4
@@ -92,7 +91,7 @@ class CellPanel:
                 with card('Ball centres so far: distance from the expected place', 'filling') as self._filling_card:
                     self._filling = Figure(320, 'Ball centres so far')
         self._curves_card.set_visibility(False)
-        ui.timer(PERIOD, self._update)
+        ui.timer(0.3, self._update)
 
     def _build_calibration(self) -> None:
         with row():

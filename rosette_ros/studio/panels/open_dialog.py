@@ -20,7 +20,6 @@ from rosette_ros.studio.panels.widgets import ErrorLine, button, input_field, ma
 
 MOST_NAME = 120
 """Longest name of a file, bytes; systems take 255."""
-MOST_SUGGESTED = 30
 
 
 class OpenDialog:
@@ -41,7 +40,7 @@ class OpenDialog:
             if suggestions:
                 ui.label('Runs found').classes('soft small')
                 with ui.element('div').style('display: grid; max-height: 180px; overflow: auto'):
-                    for path in suggestions[:MOST_SUGGESTED]:
+                    for path in suggestions[:30]:
                         button(path, lambda path=path: self.open(path), 'description') \
                             .props('align=left').style('width: 100%')
             ui.label(f'or upload one: an .mcap file or a CSV table of at most {MOST_UPLOAD >> 20} MB')
