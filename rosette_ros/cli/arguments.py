@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from rosette_ros.core.errors import RosetteError
-from rosette_ros.nodes.names import NAMESPACE
+from rosette_ros.nodes.names import DOMAINS, NAMESPACE
 
 Value = TypeVar('Value', int, float)
 
@@ -65,7 +65,8 @@ SHARED: dict[str, dict[str, Any]] = {
     '--json': {'action': 'store_true', 'help': 'print one JSON object and nothing else'},
     '--output': {'metavar': 'DIR', 'default': 'rosette-runs',
                  'help': 'folder of the logs, one folder per run (default rosette-runs)'},
-    '--domain': {'metavar': 'ID', 'type': whole(0, 232), 'help': 'ROS domain (default: that of the environment)'},
+    '--domain': {'metavar': 'ID', 'type': whole(0, DOMAINS[-1]),
+                 'help': 'ROS domain (default: that of the environment)'},
     '--namespace': {'metavar': 'NS', 'type': namespace, 'default': NAMESPACE,
                     'help': f'namespace of the cell (default {NAMESPACE})'}}
 """Arguments that several verbs take."""

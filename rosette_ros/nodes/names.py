@@ -6,6 +6,8 @@ from collections.abc import Iterable
 SEQUENCER, CMM, EVALUATOR, RECORDER = 'sequencer', 'cmm', 'evaluator', 'recorder'
 NODES = (SEQUENCER, CMM, EVALUATOR, RECORDER)
 NAMESPACE = 'rosette'
+DOMAINS = range(233)
+"""ROS domains whose ports DDS can use; another one ends the process."""
 
 PROBE_TARGET = 'probe_target'
 BALL_CENTRE = 'ball_centre'

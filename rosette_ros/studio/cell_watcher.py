@@ -10,26 +10,28 @@ from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import Log
 from rclpy.context import Context
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import NameValidationException
+from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
-from rosette_msgs.msg import BallCentre, CalibrationEvent, Diagnosis, ErrorMotions, ProbeTarget, RunState
+from rosette_msgs.msg import BallCentre, Diagnosis, ErrorMotions, ProbeTarget, RunState
 from tf2_msgs.msg import TFMessage
 
 from rosette_ros.cell.client import CalibrationOutcome, CellClient
 from rosette_ros.cell.supervisor import added_environment
-from rosette_ros.core.errors import CellError, RosetteError, one_line
+from rosette_ros.core.errors import CellError, RosetteError, one_line, plain
 from rosette_ros.io.messages import answer_of, progress_of, table_frame_of, target_of
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import make_executor
-from rosette_ros.studio.live_state import CellState
+from rosette_ros.studio.live_state import CellState, Health
 
 TOPICS = (
     (names.RUN_STATE, RunState, qos.COLLECT_LATCHED), (names.PROBE_TARGET, ProbeTarget, qos.COLLECT_LATCHED),
     (names.TF_STATIC, TFMessage, qos.COLLECT_LATCHED), (names.BALL_CENTRE, BallCentre, qos.COLLECT),
     (names.ERROR_MOTIONS, ErrorMotions, qos.COLLECT_LATCHED), (names.DIAGNOSIS, Diagnosis, qos.COLLECT_LATCHED),
-    (names.CALIBRATION_EVENT, CalibrationEvent, qos.COLLECT), (names.DIAGNOSTICS, DiagnosticArray, qos.COLLECT))
+    (names.ROSOUT, Log, qos.COLLECT_LATCHED), (names.DIAGNOSTICS, DiagnosticArray, qos.COLLECT))
 
 
 class CellWatcher:
@@ -41,6 +43,9 @@ class CellWatcher:
 
     def __init__(self, domain_id: int | None = None, namespace: str = names.NAMESPACE) -> None:
         os.environ.update(added_environment(os.environ))
+        domain = os.environ.get('ROS_DOMAIN_ID') or 0 if domain_id is None else domain_id
+        if str(domain) not in map(str, names.DOMAINS):
+            raise CellError(f'studio: ROS domain: wanted a whole number from 0 to {names.DOMAINS[-1]}, got {domain}')
         self.lock, self.state = threading.Lock(), CellState()
         self.outcome: CalibrationOutcome | None = None
         self.problem = ''
@@ -133,6 +138,10 @@ class CellWatcher:
         with self.lock:
             self.state.add_fault(_clock(), f'{count} messages on {topic} were lost')
 
+    def _is_warning(self, message: Log) -> bool:
+        cell = self._node.get_namespace().strip('/').replace('/', '.')
+        return message.level >= LoggingSeverity.WARN and f'{message.name}.'.startswith(f'{cell}.')
+
     def _take(self, message: Any) -> None:
         """Put what a message states into `state`; Any: messages of rclpy have no types."""
         state = self.state
@@ -140,9 +149,9 @@ class CellWatcher:
             case ProbeTarget():
                 state.add_target(target_of(message))
             case BallCentre():
-                state.add_answer(answer_of(message), _clock())
+                state.add_answer(answer_of(message))
             case RunState():
-                state.set_progress(progress_of(message), _clock())
+                state.set_progress(progress_of(message), time.monotonic())
             case TFMessage():
                 for frame in filter(None, map(table_frame_of, message.transforms)):
                     state.add_frame(frame)
@@ -150,8 +159,9 @@ class CellWatcher:
                 state.set_motions(message.run_id, conversions.error_motions_record(message))
             case Diagnosis():
                 state.set_verdict(message.run_id, conversions.verdict_record(message))
-            case CalibrationEvent(kind=CalibrationEvent.REJECTED):
-                state.add_fault(_clock(), f'calibration refused: {message.text}')
+            case Log() if self._is_warning(message):
+                kind = Health.FAULT if message.level >= LoggingSeverity.ERROR else Health.WARNING
+                state.add_fault(_clock(), f'{message.name.rsplit(".", 1)[-1]}: {plain(message.msg)}', kind)
             case DiagnosticArray():
                 for one in message.status:
                     if one.hardware_id == self._node.get_namespace().lstrip('/'):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is received of a running cell, as plain values: progress, ball centres, curves, health, faults. No ROS."""
+"""What is received of a running cell, as plain values: progress, ball centres, curves, health, warnings. No ROS."""
 
 from collections import deque
 from enum import StrEnum
@@ -9,7 +9,7 @@ from typing import NamedTuple
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.errors import plain
 from rosette_ros.core.records import ErrorMotions, Run
-from rosette_ros.io.messages import STATUS_OK, Answer, CalibrationProgress, Phase, TableFrame, Target, phase_name
+from rosette_ros.io.messages import Answer, CalibrationProgress, Phase, TableFrame, Target
 from rosette_ros.io.run_assembly import RunAnswers
 
 MOST_RUNS = 3
@@ -18,6 +18,8 @@ MOST_BALLS = 1000
 """A plate of more balls is not drawn."""
 SILENT_AFTER = 4.0
 """A node whose health was not received for so long is shown as silent, s."""
+PACE_OF, PACE_FROM = 60, 6
+"""The remaining time follows from the pace over so many states of the run; fewer answers in them give none."""
 
 
 class Health(StrEnum):
@@ -39,10 +41,11 @@ class NodeHealth(NamedTuple):
 
 
 class Fault(NamedTuple):
-    """Something that went wrong: wall time and words."""
+    """What a node warns of, or what went wrong: wall time, words and level."""
 
     clock: str
     words: str
+    level: Health = Health.FAULT
 
 
 class CellState:
@@ -57,6 +60,7 @@ class CellState:
         self._run = RunAnswers('', self.frames)
         self._runs: dict[str, RunAnswers] = {}
         self._health: dict[str, NodeHealth] = {}
+        self._pace: deque[tuple[float, int]] = deque(maxlen=PACE_OF)
 
     # What is received
 
@@ -66,11 +70,8 @@ class CellState:
             self._run, self.motions, self.verdict = self._answers_of(target.run_id), None, None
         self._run.add_target(target)
 
-    def add_answer(self, answer: Answer, clock: str) -> None:
-        """Take an answer; a ball that could not be measured is a fault."""
-        if answer.status != STATUS_OK:
-            self.add_fault(clock, f'table position {answer.table_position}, ball {answer.ball} could not be measured: '
-                           f'{answer.text}')
+    def add_answer(self, answer: Answer) -> None:
+        """Take an answer."""
         self._answers_of(answer.run_id).add_answer(answer)
 
     def _answers_of(self, run_id: str) -> RunAnswers:
@@ -79,15 +80,17 @@ class CellState:
             del self._runs[next(one for one in self._runs if one not in (run_id, self.run_id))]
         return run
 
-    def set_progress(self, progress: CalibrationProgress, clock: str) -> None:
-        """Take the state of the calibration; one that has failed or was cancelled is a fault."""
-        if progress.phase in (Phase.FAILED, Phase.CANCELLED) and progress != self.progress and progress.run_id:
-            self.add_fault(clock, f'run {progress.run_id} {phase_name(progress.phase).lower()}: {progress.text}')
+    def set_progress(self, progress: CalibrationProgress, now: float) -> None:
+        """Take the state of the calibration; now: steady time, s."""
+        if progress.run_id != self.progress.run_id or progress.done < self.progress.done:
+            self._pace.clear()
+        if not self._pace or progress.done > self._pace[-1][1]:
+            self._pace.append((now, progress.done))
         self.progress = progress
 
-    def add_fault(self, clock: str, words: str) -> None:
-        """Take something that went wrong."""
-        self.faults.appendleft(Fault(clock, words))
+    def add_fault(self, clock: str, words: str, level: Health = Health.FAULT) -> None:
+        """Take something that went wrong, or that a node warns of."""
+        self.faults.appendleft(Fault(clock, words, level))
 
     def add_frame(self, frame: TableFrame) -> None:
         """Take the table frame in the machine frame."""
@@ -134,6 +137,14 @@ class CellState:
         return sorted(one if now - one.received < SILENT_AFTER else one._replace(
             level=Health.SILENT, sentence=f'nothing received for {now - one.received:.0f} s')
             for one in self._health.values())
+
+    @property
+    def remaining(self) -> float | None:
+        """Time that the run still takes at the pace of its last answers, s; None where it is not known."""
+        (begun, first), (last, done) = (self._pace[0], self._pace[-1]) if self._pace else ((0.0, 0), (0.0, 0))
+        if done - first < PACE_FROM or not self.progress.is_running:
+            return None
+        return (self.progress.total - done) * (last - begun) / (done - first)
 
     def part_of_run(self) -> Run:
         """Return the Run of the ball centres so far; raises InvalidData where there are none."""

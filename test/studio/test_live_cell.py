@@ -5,6 +5,9 @@ import pytest
 import yaml
 from playwright.sync_api import expect
 
+from rosette_ros.core.errors import CellError
+from rosette_ros.studio.panels.live_panel import CellWatchers
+
 BALLS = 6
 SILENT = {'kind': 'silent', 'at': [20], 'always': True}
 """A target without an answer: the calibration is still running when it is cancelled."""
@@ -34,6 +37,8 @@ def test_calibrate_and_cancel_from_the_page(cell, module_domain_id, studio, page
     expect(page.get_by_test_id('phase')).to_contain_text('done')
     expect(page.get_by_test_id('live-words')).to_contain_text('Result of run')
     expect(page.get_by_test_id('outcome')).to_contain_text('The model fits')
+    curves = page.get_by_test_id('live-figure').locator('.scatterlayer .trace')
+    expect(curves).not_to_have_count(0)
     expect(page.get_by_test_id('fault-list')).to_have_text('None.')
     page.get_by_test_id('open-log').click()
     expect(page.get_by_test_id('tab-run')).to_have_attribute('aria-selected', 'true')
@@ -43,16 +48,42 @@ def test_calibrate_and_cancel_from_the_page(cell, module_domain_id, studio, page
     cell.machine.write_text(yaml.safe_dump({**machine, 'faults': [SILENT]}))
     page.get_by_test_id('tab-live').click()
     page.get_by_test_id('start').click()
+    expect(page.get_by_test_id('live-words')).not_to_contain_text('Result of run')
+    expect(page.get_by_test_id('live-words')).to_contain_text('too few ball centres')
+    expect(curves).to_have_count(0)
+    expect(page.get_by_test_id('progress-text')).to_contain_text('left. ')
     page.get_by_test_id('cancel').click()
     expect(page.get_by_test_id('outcome')).to_contain_text('cancelled')
-    expect(page.get_by_test_id('fault-list')).to_contain_text('cancelled')
     expect(page.get_by_test_id('start')).to_be_enabled()
+    expect(curves).to_have_count(0)
+    expect(page.get_by_test_id('fault-list')).not_to_contain_text('cancelled')
+    cell.check()
+
+
+def test_warnings_of_the_nodes_are_shown(cell, module_domain_id, studio, page):
+    """A ball that cannot be measured at once is requested again: the sequencer warns, and the page shows it."""
+    machine = yaml.safe_load(cell.machine.read_text())
+    cell.machine.write_text(yaml.safe_dump({**machine, 'faults': [{'kind': 'failed', 'at': [5]}, SILENT]}))
+    connect(page, studio, module_domain_id)
+    page.get_by_test_id('start').click()
+    expect(page.get_by_test_id('fault-list')).to_contain_text('asking again')
+    page.get_by_test_id('cancel').click()
+    expect(page.get_by_test_id('outcome')).to_contain_text('cancelled')
     cell.check()
 
 
 def test_a_domain_without_a_cell(studio, domain_id, page):
-    """A calibration is refused in the words of the command line."""
+    """Nothing can be started, and the page says why."""
     connect(page, studio, domain_id)
     expect(page.get_by_test_id('health-table')).to_contain_text('No node of this cell has reported yet')
-    page.get_by_test_id('start').click()
-    expect(page.get_by_test_id('outcome')).to_contain_text('wanted a sequencer within 10 s, got none')
+    expect(page.get_by_test_id('start')).to_be_disabled()
+    expect(page.get_by_test_id('start-hint')).to_contain_text('The sequencer has not been heard')
+
+
+def test_a_domain_that_does_not_exist_is_refused(studio, page):
+    """It would end the process: DDS has no ports for it."""
+    connect(page, studio, 233)
+    expect(page.get_by_text('wanted a whole number from 0 to 232')).to_be_visible()
+    assert studio.process.poll() is None
+    with pytest.raises(CellError, match='ROS domain: wanted a whole number from 0 to 232, got 233'):
+        CellWatchers().watch(233, 'rosette')

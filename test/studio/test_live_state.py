@@ -8,7 +8,7 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.messages import Answer, CalibrationProgress, Phase, Target
 from rosette_ros.simulation import Machine, MachineConfig
-from rosette_ros.studio.live_state import CellState, Fault
+from rosette_ros.studio.live_state import PACE_FROM, CellState, Fault, Health
 
 
 def messages(n=4, run_id='a'):
@@ -34,7 +34,7 @@ def test_a_run_grows_with_its_answers(late):
     for k, answer in enumerate(answers):
         for target in targets[max(0, k - late):k - late + 1]:
             state.add_target(target)
-        state.add_answer(answer, '12:00:00')
+        state.add_answer(answer)
     for target in targets[len(targets) - late:]:
         state.add_target(target)
     assert (state.run_id, state.balls, len(state.cells)) == ('a', 4, 16)
@@ -60,13 +60,13 @@ def test_a_new_run_replaces_the_old_one():
         _, targets, answers = messages(run_id=run_id)
         for target, answer in zip(targets[:3], answers):
             state.add_target(target)
-            state.add_answer(answer, '')
+            state.add_answer(answer)
         assert (state.run_id, len(state.cells), state.motions, state.verdict) == (run_id, 3, None, None)
         state.set_motions(run_id, object())
         state.set_verdict(run_id, object())
         state.set_motions('another', None)
         assert state.motions is not None
-    state.add_answer(messages(run_id='d')[2][3], '')
+    state.add_answer(messages(run_id='d')[2][3])
     assert (state.run_id, len(state.cells)) == ('e', 3)
 
 
@@ -77,20 +77,33 @@ def test_a_plate_of_too_many_balls_is_not_drawn():
     assert (state.balls, state.cells) == (0, {})
 
 
-def test_faults_are_listed():
-    """Failed readings, refusals, failed runs; the newest first, the same once."""
+def test_warnings_and_faults_are_listed():
+    """The newest first; how a run ends is its state, and a ball without reading is told by the sequencer."""
     state = CellState()
     _, targets, answers = messages()
     state.add_target(targets[0])
-    state.add_answer(answers[0]._replace(status=1, text='no contact'), '1')
-    state.add_fault('2', 'calibration refused: busy')
-    failed = CalibrationProgress('a', Phase.FAILED, 'row', 1, 16, 'gave up')
-    state.set_progress(failed, '3')
-    state.set_progress(failed, '4')
-    assert list(state.faults) == [
-        Fault('3', 'run a failed: gave up'), Fault('2', 'calibration refused: busy'),
-        Fault('1', 'table position 1, ball 1 could not be measured: no contact')]
+    state.add_answer(answers[0]._replace(status=1, text='no contact'))
+    state.add_fault('1', 'sequencer: no contact; asking again', Health.WARNING)
+    state.add_fault('2', 'recorder: the disk is full')
+    state.set_progress(CalibrationProgress('a', Phase.CANCELLED, 'row', 1, 16, 'by the user'), 3.0)
+    assert list(state.faults) == [Fault('2', 'recorder: the disk is full', Health.FAULT),
+                                  Fault('1', 'sequencer: no contact; asking again', Health.WARNING)]
     assert state.cells == {}
+
+
+def test_the_remaining_time_follows_the_pace_of_the_last_answers():
+    """Of 100 targets, one each 2 s; not known at first, after the end, and after a new run has begun."""
+    state, progress = CellState(), CalibrationProgress('a', Phase.RUN, 'row', 0, 100)
+    assert state.remaining is None
+    for k in range(21):
+        state.set_progress(progress._replace(done=k), 10.0 + 2 * k)
+        assert (state.remaining is None) == (k < PACE_FROM)
+    state.set_progress(progress._replace(done=20, text='again'), 60.0)
+    assert state.remaining == pytest.approx(160.0)
+    state.set_progress(progress._replace(done=20, phase=Phase.CANCELLED), 61.0)
+    assert state.remaining is None
+    state.set_progress(progress._replace(run_id='b', done=1), 70.0)
+    assert state.remaining is None
 
 
 @pytest.mark.parametrize(('phase', 'running'), [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tab of a running cell: start, cancel, progress, curves so far, health, faults."""
+"""The tab of a running cell: start, cancel, progress, curves so far, health, warnings and faults."""
 
 import importlib
 import time
@@ -15,7 +15,8 @@ from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import ErrorMotions
 from rosette_ros.core.scheme import ORDERS
 from rosette_ros.io.messages import PHASE_WORDS, CalibrationProgress, phase_name
-from rosette_ros.nodes.names import NAMESPACE
+from rosette_ros.nodes.names import DOMAINS, NAMESPACE, SEQUENCER
+from rosette_ros.presentation.formatting import duration
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.figures import PRESENT, Curves, curves_figure, filling_figure
 from rosette_ros.studio.live_state import Fault, Health, NodeHealth
@@ -32,6 +33,7 @@ CURVES_PERIOD = 0.6
 """Curves so far are calculated at most so often, s."""
 MOST_CELLS = 4
 """So many cells are watched at once; of more, the one connected first is dropped."""
+SEEDS = range(2**53)
 
 
 class LivePanel:
@@ -43,8 +45,7 @@ class LivePanel:
         self._controller, self._cells, self._on_open = controller, cells, on_open
         with card('Cell', 'cell'):
             with row():
-                self._domain = input_field(ui.number('ROS domain', value=domain, min=0, max=232, precision=0,
-                                                     placeholder='of the environment'), 'domain', 'width: 130px')
+                self._domain = _whole('ROS domain', domain, DOMAINS, 'domain').props('placeholder="of the environment"')
                 self._namespace = input_field(ui.input('namespace', value=namespace), 'namespace', 'width: 130px')
                 self._connect = button('Connect', self.connect, 'link', 'connect', strong=True)
             self._error = ErrorLine('cell-error')
@@ -54,6 +55,8 @@ class LivePanel:
     async def connect(self) -> None:
         """Join the domain and show the cell."""
         self._error.set('')
+        if not self._domain.validate():
+            return
         self._connect.set_enabled(False)
         try:
             domain = None if self._domain.value is None else int(self._domain.value)
@@ -75,19 +78,19 @@ class CellPanel:
 
     def __init__(self, controller: Controller, watcher: 'CellWatcher', on_open: OpenLog) -> None:
         self._controller, self._watcher, self._on_open = controller, watcher, on_open
-        self._curves_due, self._curves_of = 0.0, ('', 0)
+        self._curves_due, self._curves_of, self._curves_run = 0.0, ('', 0), ''
         with ui.element('div').classes('halves'):
             with ui.element('div').classes('side'):
                 with card('Calibration', 'calibration'):
                     self._build_calibration()
                 with card('Nodes', 'health'):
                     self._health = Area(marked(ui.element('div').classes('health'), 'health-table'))
-                with card('Faults', 'faults'):
+                with card('Warnings and faults', 'faults'):
                     self._faults = Area(marked(ui.element('div').classes('list small').props('role=log'), 'fault-list'))
             with ui.element('div').classes('main'):
                 with card('Six error motions so far, with U (k = 2)', 'live-curves') as self._curves_card:
                     self._curves_words = marked(ui.label('').classes('soft small'), 'live-words')
-                    self._curves = Figure(400, 'Curves so far')
+                    self._curves = Figure(400, 'Curves so far', 'live-figure')
                 with card('Ball centres so far: distance from the expected place', 'filling') as self._filling_card:
                     self._filling = Figure(320, 'Ball centres so far')
         self._curves_card.set_visibility(False)
@@ -97,10 +100,12 @@ class CellPanel:
         with row():
             orders = {'': 'as configured', **{name: name for name in ORDERS}}
             self._order = input_field(ui.select(orders, label='order', value=''), 'order', 'width: 190px')
-            self._seed = input_field(ui.number('seed', value=0, min=0, max=2**53, precision=0), 'seed', 'width: 100px')
+            self._seed = _whole('seed', 0, SEEDS, 'seed')
         with row():
             self._start = button('Start', self._calibrate, 'play_arrow', 'start', strong=True)
             self._cancel = button('Cancel', self._watcher.cancel, 'stop', 'cancel')
+        self._hint = ui.label('The sequencer has not been heard: start the cell, check domain and namespace.')
+        marked(self._hint.classes('soft small'), 'start-hint')
         self._phase = marked(ui.label('').props('role=status aria-live=polite'), 'phase')
         self._bar = ui.linear_progress(0, show_value=False, size='10px').props('aria-label="Progress"')
         self._text = marked(ui.label('').classes('soft small'), 'progress-text')
@@ -108,7 +113,8 @@ class CellPanel:
         self._open = button('Open this log', self._open_log, 'folder_open', 'open-log', strong=True)
 
     def _calibrate(self) -> None:
-        self._watcher.calibrate(self._order.value, int(self._seed.value or 0))
+        if self._seed.validate():
+            self._watcher.calibrate(self._order.value, int(self._seed.value or 0))
 
     async def _open_log(self) -> None:
         if self._watcher.outcome and self._watcher.outcome.log:
@@ -119,22 +125,31 @@ class CellPanel:
             state = self._watcher.state
             progress, verdict, motions, faults = state.progress, state.verdict, state.motions, tuple(state.faults)
             balls, cells, run_id, health = state.balls, state.cells, state.run_id, state.health(time.monotonic())
-        self._show_calibration(progress, verdict)
+            remaining = state.remaining
+        self._show_calibration(progress, verdict, remaining)
+        heard = any(one.name == SEQUENCER and one.level != Health.SILENT for one in health)
+        self._start.set_enabled(heard and not (self._watcher.is_calibrating or progress.is_running))
+        self._hint.set_visibility(not heard)
         self._health.show(self._show_health, [one._replace(received=0.0) for one in health])
         self._faults.show(self._show_faults, faults)
         self._filling_card.set_visibility(bool(cells))
         if cells:
             self._filling.draw((run_id, len(cells)), filling_figure, balls, cells)
-        if motions is None:
-            await self._show_part(run_id, len(cells), balls)
-        else:
+        if motions is not None:
             self._show_curves(motions, f'Result of run {run_id}.' if run_id else 'Result of the last run.')
+        elif run_id != self._curves_run:
+            self._show_curves(None, f'No ball centre of run {run_id} yet.')
+        if motions is None:
+            await self._show_part(run_id, len(cells))
+        self._curves_run = run_id
 
-    def _show_calibration(self, progress: CalibrationProgress, verdict: Verdict | None) -> None:
+    def _show_calibration(self, progress: CalibrationProgress, verdict: Verdict | None,
+                          remaining: float | None) -> None:
         phase = PHASE_WORDS.get(progress.phase) or phase_name(progress.phase)
         set_words(self._phase, f'{phase}, order {progress.order}' if progress.order else phase)
         count = f'{progress.done} of {progress.total} ball centres. ' if progress.total else ''
-        set_words(self._text, f'{count}{progress.text}')
+        left = '' if remaining is None else f'About {duration(60 * -(-remaining // 60))} left. '
+        set_words(self._text, f'{count}{left}{progress.text}')
         self._bar.set_value(progress.done / progress.total if progress.total else 0)
         calibrating = self._watcher.is_calibrating
         outcome, words = None if calibrating else self._watcher.outcome, self._watcher.problem
@@ -142,7 +157,6 @@ class CellPanel:
             words = outcome.message
         elif verdict is not None and not progress.is_running:
             words = f'{verdict.sentence} {verdict.action}'
-        self._start.set_enabled(not (calibrating or progress.is_running))
         self._cancel.set_enabled(calibrating)
         set_words(self._end, words)
         self._open.set_visibility(outcome is not None and bool(outcome.log))
@@ -158,33 +172,46 @@ class CellPanel:
 
     def _show_faults(self, faults: tuple[Fault, ...]) -> None:
         for one in faults:
-            ui.label(f'{one.clock}  {one.words}').classes('wrap')
+            icon, colour = HEALTH[one.level]
+            with row().classes('told'):
+                ui.icon(icon).style(f'color: {colour}').props(f'aria-label={one.level}')
+                ui.label(f'{one.clock}  {one.words}').classes('wrap')
         if not faults:
             ui.label('None.').classes('soft')
 
-    async def _show_part(self, run_id: str, count: int, balls: int) -> None:
+    async def _show_part(self, run_id: str, count: int) -> None:
         """Show the curves of the ball centres so far, as soon as they determine the model."""
         now = time.monotonic()
         if not count or now < self._curves_due or self._curves_of == (run_id, count):
             return
         self._curves_due, self._curves_of = now + CURVES_PERIOD, (run_id, count)
-        words = f'{count} of {balls**2} ball centres'
+        words, motions = f'{count} ball centres of run {run_id}', None
         try:
             fit = await self._controller.do_quick(self._analyse_part)
         except (InvalidData, NotDeterminable) as error:
-            set_words(self._curves_words, f'{words}: {one_line(error)}')
+            words += f': {one_line(error)}'
         else:
-            self._show_curves(fit.error_motions, f'{words} of run {run_id}')
+            words, motions = f'{fit.run.size} of {fit.run.n**2} ball centres of run {fit.run.run_id}', fit.error_motions
+        if self._watcher.state.run_id == run_id and self._watcher.state.motions is None:
+            self._show_curves(motions, words)
 
-    def _show_curves(self, motions: ErrorMotions, words: str) -> None:
+    def _show_curves(self, motions: ErrorMotions | None, words: str) -> None:
+        """Show curves, or none, with what they are."""
         set_words(self._curves_words, words)
-        self._curves.draw((motions,), curves_figure, [Curves('cell', motions, PRESENT)])
+        self._curves.draw((motions,), curves_figure, [] if motions is None else [Curves('cell', motions, PRESENT)])
         self._curves_card.set_visibility(True)
 
     def _analyse_part(self) -> Fit:
         with self._watcher.lock:
             part = self._watcher.state.part_of_run()
         return analyse(part)
+
+
+def _whole(words: str, value: int | None, known: range, mark: str) -> ui.number:
+    """Return a field for a whole number; what is no such number is refused by `validate`."""
+    made = ui.number(words, value=value, validation={
+        f'wanted a whole number from 0 to {known[-1]}': lambda given: given is None or given in known})
+    return input_field(made, mark, 'width: 150px')
 
 
 class CellWatchers:

@@ -113,8 +113,8 @@ def set_words(label: ui.label, words: str) -> None:
 class Figure:
     """A Plotly figure, drawn in the background and only where it changes; words: for a screen reader."""
 
-    def __init__(self, height: int, words: str) -> None:
-        self._plot = ui.plotly({'data': [], 'layout': {}, 'config': {}})
+    def __init__(self, height: int, words: str, mark: str = '') -> None:
+        self._plot = marked(ui.plotly({'data': [], 'layout': {}, 'config': {}}), mark)
         self._plot.style(f'width: 100%; height: {height}px').props(f'role=img aria-label="{words}"')
         self._key: tuple[object, ...] = ()
 
