@@ -21,11 +21,10 @@ from rosette_ros.core.errors import InvalidConfig
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.log_reader import read_log
-from rosette_ros.io.text_file import write_text
 from rosette_ros.presentation.formatting import fixed, millimetres
 from rosette_ros.presentation.plots.plot_style import save
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
-from rosette_ros.presentation.report import open_source, report_html
+from rosette_ros.presentation.report import open_source, write_report
 from rosette_ros.presentation.table_format import Table, column, words
 from rosette_ros.presentation.tables import curves
 from rosette_ros.simulation import MachineConfig
@@ -100,7 +99,7 @@ def show(out: Console, config: MachineConfig, log_path: Path, seconds: float) ->
     out.print(f'Took {seconds:.1f} s; a real cell would have measured for {run.time[-1] / 3600:.1f} h\n')
     if summary is not None:
         where['Report'] = log_path / 'report.html'
-        write_text(where['Report'], report_html(summary, source, f'rosette report {shown(log_path)}'))
+        write_report(where['Report'], summary, source, f'rosette report {shown(log_path)}')
     where |= {'Log': log_path, 'Machine': log_path / MACHINE}
     out.print(pairs([(name, escape(shown(path))) for name, path in where.items()]))
     out.print('\nNext:')

@@ -14,7 +14,7 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.text_file import write_text
 from rosette_ros.presentation.plots.result_plots import Series
-from rosette_ros.presentation.report import Source, open_source, report_html
+from rosette_ros.presentation.report import Source, open_source, report_html, write_report
 from rosette_ros.presentation.report.verification import verification_html, verify
 
 ORDER = ['verdict', 'curves', 'deviations', 'residuals', 'ladder', 'candidates', 'visibility', 'conditions']
@@ -157,7 +157,7 @@ def test_a_report_is_not_overwritten(tmp_path):
     path = tmp_path / 'report.html'
     path.write_text('precious')
     with pytest.raises(InvalidData, match=r'report\.html: exists already; take another name or use --force'):
-        write_text(path, report_html(summary_of('clean')))
+        write_report(path, summary_of('clean'))
     assert path.read_text() == 'precious'
 
 

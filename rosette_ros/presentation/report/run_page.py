@@ -2,6 +2,7 @@
 """The page of one run: a Summary as one HTML file that needs nothing else."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -11,6 +12,7 @@ from rosette_ros.core.diagnosis.comparison import spectrum
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import ErrorMotions, Run
 from rosette_ros.io.model_file import format_model
+from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.plots import comparison_plots, residual_plots
 from rosette_ros.presentation.plots.residual_plots import Residuals, SpectrumRow
@@ -35,6 +37,13 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
         order_shares=[f'visible_fraction_{name}' for name in summary.advice.wanted] if summary.advice else [],
         tables={table.name: table for table in tables_of(summary)}, conditions=conditions(summary, source),
         model=format_model(summary.final.model), software=software(), overlays=overlays)
+
+
+def write_report(path: Path | str, summary: Summary, source: Source | None = None, command: str = '',
+                 overlays: Sequence[Series] = (), force: bool = False) -> None:
+    """Write `report_html` into a file; raises InvalidData where it exists already and `force` is not set."""
+    refuse_existing(path, force)
+    write_text(path, report_html(summary, source, command, overlays), force)
 
 
 def pictures_of(summary: Summary, overlays: Sequence[Series] = ()) -> dict[str, Figure]:
