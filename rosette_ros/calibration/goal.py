@@ -12,7 +12,7 @@ import yaml
 from rosette_ros.calibration import settings
 from rosette_ros.calibration.calibration_plan import CalibrationPlan
 from rosette_ros.calibration.settings import Value
-from rosette_ros.calibration.state_machine import Sequence
+from rosette_ros.calibration.state_machine import Sequence, Verify
 from rosette_ros.core.errors import CellError
 from rosette_ros.io.messages import Phase, answer_of, target_of
 from rosette_ros.io.run_assembly import RunAnswers
@@ -66,6 +66,7 @@ class Job:
     remarks: list[str] = field(default_factory=list)  # warnings
     opening: bool = True  # its log
     recording: bool = False
+    verifying: Verify | None = None  # what the recorder was asked last
     motions: Any = None  # the ErrorMotions message as published
 
     @property

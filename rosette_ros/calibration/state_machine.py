@@ -146,6 +146,7 @@ class Sequence:
         self._results: Results | None = None
         self._skipped_last = True
         self._held = ''
+        self._in_doubt: list[tuple[int, int]] = []
         self._deadline: float | None = None
         self._frame, self._frame_id = plan.taught, MACHINE_FRAME
         self._alignment: list[Answer] = []
@@ -201,19 +202,23 @@ class Sequence:
         self._left = (now - began) * (self.plan.total - self.done) / max(self.done - done, 1)
         return commands if self.phase.is_end or self._held else (*commands, *self._next(now))
 
-    def hold(self, words: str, now: float) -> Commands:
-        """Ask for nothing more until resume_asking; answers are still taken. words: why, for a person."""
+    def hold(self, words: str, now: float, verify: bool = False) -> Commands:
+        """Ask for nothing more until resume_asking; answers are still taken. words: why, for a person.
+
+        verify: whether to verify the log, as after the end of a CMM: an answer that is not in it is sent by nobody."""
         if self.phase.is_end or self.phase is Phase.EVALUATION:
             return ()
         self._held = words
         self._deadline = now + self.limits.return_timeout
-        return Remark(f'{words}; the run waits for it'), PublishState()
+        if verify and self.verifies:
+            self._in_doubt = [(target.seq, taken.stamp_ns) for target, taken in self.answers.counting()]
+        return Remark(f'{words}; the run waits for it'), PublishState(), *(Verify(self.done),) * bool(self._in_doubt)
 
     def resume_asking(self, now: float, restarted: bool) -> Commands:
         """Continue after hold; restarted: a pause lies between, the present target is asked again."""
         if not self._held or self.phase.is_end:
             return ()
-        self._held = ''
+        self._held, self._in_doubt = '', []
         self.session += restarted
         remark = Remark('the run continues' + (f' in session {self.session}' if restarted else ''))
         if self._asked is None:
@@ -236,9 +241,16 @@ class Sequence:
     def verified(self, recorded: Collection[tuple[int, int]], missing: Collection[str], now: float) -> Commands:
         """Take what is in the log: (seq, stamp in ns) of its answers, and what else is missing, in words.
 
-        Answers that are not there are asked again; results or a last state that are not there end the run."""
+        Answers that are not there do not count and are asked again; results or a last state that are not there end the
+        run."""
         if self.phase in (Phase.CANCELLED, Phase.FAILED):
             return ()
+        if self._held:
+            lost = [seq for seq, stamp_ns in self._in_doubt if (seq, stamp_ns) not in recorded]
+            self._in_doubt = []
+            return self._drop(lost) if lost else ()
+        if self._asked is not None:
+            return ()  # the run has continued: the log is verified at its end
         if self._results is not None:
             if missing:
                 return self._finish(Phase.FAILED, f'the log lacks {", ".join(missing)}; all ball centres are in it: '
@@ -251,15 +263,17 @@ class Sequence:
         if not lost:
             self._rounds = VERIFY_ROUNDS
             return self._next(now)
-        words = f'{len(lost)} answers are not in the log'
         if self._rounds >= VERIFY_ROUNDS:
-            return self._finish(Phase.FAILED, f'{words}, after asking for them {self._rounds - 1} times: the recorder '
-                                'does not receive what the CMM publishes; check its network and namespace')
-        self._asked_again = lost
-        return (Remark(f'{words}; asking for them again'), *self._next(now))
+            return self._finish(Phase.FAILED, f'{len(lost)} answers are not in the log, after asking for them '
+                                f'{self._rounds - 1} times: the recorder does not receive what the CMM publishes; '
+                                'check its network and namespace')
+        return (*self._drop(lost), *self._next(now))
 
     def not_verified(self, words: str, now: float) -> Commands:
         """Take note that the log could not be verified: the recorder may be about to be found disconnected."""
+        self._in_doubt = []
+        if self._held or self._asked is not None or self.phase in (Phase.CANCELLED, Phase.FAILED):
+            return ()  # it is verified when the run has continued
         self._refusals += 1
         if self._results is not None or self._refusals >= VERIFY_REFUSALS:
             return self._finish(Phase.FAILED, f'the log cannot be verified: {words}')
@@ -267,7 +281,7 @@ class Sequence:
 
     def tick(self, now: float) -> Commands:
         """Ask again or give up if an answer is late."""
-        if self._deadline is None or now < self._deadline:
+        if self._deadline is None or now < self._deadline or self._in_doubt:
             return ()
         if self._held:
             return self._finish(Phase.FAILED, f'{self._held} and did not come back within '
@@ -311,7 +325,6 @@ class Sequence:
         if self._asked_again:
             target = self.plan.target(self._asked_again.pop(0) - 1)
             self.phase, self._tries = Phase(target.phase), 1
-            self.answers.drop_answers(target.seq)
             return (self._ask(target, now),)
         if self.verifies and self._rounds < VERIFY_ROUNDS:
             self.text, self._deadline = 'verifying the log', None
@@ -319,6 +332,13 @@ class Sequence:
         self.phase, self.text = Phase.EVALUATION, 'waiting for the error motions'
         self._deadline = now + self.limits.evaluation_timeout
         return (PublishState(),)
+
+    def _drop(self, lost: Collection[int]) -> Commands:
+        """Let answers that the log lacks, by seq, not count, and ask for them again after the last target."""
+        self._asked_again += lost
+        for seq in lost:
+            self.answers.drop_answers(seq)
+        return Remark(f'{len(lost)} answers are not in the log; asking for them again'), PublishState()
 
     def _done(self) -> Commands:
         """Publish the last state; the run ends when that is in the log, too."""

@@ -264,7 +264,7 @@ class Sequencer(ManagedNode):
             return
         if (gone or restarted) and not sequence.is_held:
             who = ' and '.join(f'the {NODE_WORDS[name]}' for name in dict.fromkeys(gone + restarted))
-            self._do(job, sequence.hold(f'{who} is disconnected', now))
+            self._do(job, sequence.hold(f'{who} is disconnected', now, names.RECORDER not in gone + restarted))
         if gone or not sequence.is_held:
             return
         if not restarted:
@@ -343,6 +343,7 @@ class Sequencer(ManagedNode):
     def _verify(self, job: Job, command: Verify) -> None:
         """Have the recorder report what is in the log."""
         sequence, timeout, results = job.sequence, self._recorder_timeout, command.results
+        job.verifying = command
         request = Recorded.Request(run_id=job.run_id, phase=int(command.phase))
         patience = 0.8 * timeout if results else min(ANSWERS_TIMEOUT, 0.8 * timeout)
         if results:
@@ -350,8 +351,8 @@ class Sequencer(ManagedNode):
             request.model_hash, request.diagnosis = results.model_hash, results.diagnosed
 
         def on_recorded(response: Recorded.Response) -> None:
-            if job.sequence is not sequence or sequence.is_held:
-                return  # the recorder was restarted meanwhile
+            if job.sequence is not sequence or job.verifying is not command:
+                return  # the recorder was restarted, or is asked anew
             if response.success:
                 recorded = set(zip(response.seq, response.stamp_ns, strict=True))
                 self._do(job, sequence.verified(recorded, response.missing, self.seconds()))

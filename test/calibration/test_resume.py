@@ -135,6 +135,62 @@ def test_what_is_not_in_the_log_is_asked_again():
     assert sequence.done == PLAN.total
 
 
+def dead_cmm():
+    """Return (sequence, present target): a CMM has ended whose second answer of two never arrived at the recorder."""
+    sequence = Sequence(RUN_ID, PLAN, LIMITS, verifies=True)
+    ask = last_ask(sequence.begin(0.0))
+    for _ in range(2):
+        ask = last_ask(sequence.answer(answer_to(ask, stamp_ns=ask.seq), 0.0))
+    assert sequence.hold('the CMM is disconnected', 1.0, verify=True)[-1] == Verify(2)
+    return sequence, ask
+
+
+def test_an_answer_that_a_dead_cmm_did_not_bring_to_the_log_does_not_count():
+    """Nobody sends it again: the run ends with what the log holds, but not before that is known."""
+    sequence, _ = dead_cmm()
+    end = 1.0 + LIMITS.return_timeout
+    assert sequence.tick(end) == ()
+    assert sequence.verified({(1, 1)}, (), end)[0] == Remark('1 answers are not in the log; asking for them again')
+    assert sequence.done == 1
+    assert sequence.tick(end)[-1].text.startswith('the CMM is disconnected and did not come back within 60 s; resume')
+
+
+@pytest.mark.parametrize('in_time', [True, False])
+def test_the_next_cmm_measures_what_the_dead_one_did_not_bring_to_the_log(in_time):
+    """Once, after the last target, whether the recorder has said so while the CMM was away or at the end."""
+    sequence, ask = dead_cmm()
+    if in_time:
+        sequence.verified({(1, 1)}, (), 1.0)
+    commands, asked = sequence.resume_asking(2.0, restarted=True), []
+    if not in_time:
+        assert sequence.verified({(1, 1)}, (), 2.0) == ()
+    while ask := last_ask(commands):
+        asked.append(ask.seq)
+        commands = sequence.answer(answer_to(ask, stamp_ns=100 + ask.seq), 2.0)
+        if commands[-1] == Verify(PLAN.total):
+            there = {(seq, stamp) for seq, stamp in sequence.answers.good_stamps() if stamp != 2}
+            commands = sequence.verified(there, (), 2.0)
+    assert asked == [*range(3, PLAN.total + 1), 2]
+    assert sequence.phase is Phase.EVALUATION
+    assert sequence.done == PLAN.total
+
+
+def test_a_recorder_that_cannot_say_what_it_has_does_not_hold_up_the_end():
+    """The recorder is silent, too: the run ends as it would without a look into the log."""
+    sequence, _ = dead_cmm()
+    assert sequence.not_verified('it is silent', 5.0) == ()
+    assert sequence.done == 2
+    assert sequence.tick(1.0 + LIMITS.return_timeout)[-1].phase is Phase.FAILED
+
+
+def test_an_answer_during_the_look_into_the_log_counts():
+    """A CMM that only hung has answered meanwhile: what the recorder said before tells nothing about that answer."""
+    sequence, ask = dead_cmm()
+    sequence.answer(answer_to(ask, stamp_ns=3), 1.1)
+    assert sequence.verified({(1, 1), (2, 2)}, (), 1.2) == ()
+    assert sequence.done == 3
+
+
 def test_a_recorder_that_never_gets_answers_ends_the_run():
     """Asking again and again would not help."""
     sequence, again = verifying((5,))

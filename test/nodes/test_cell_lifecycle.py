@@ -190,4 +190,4 @@ def test_a_dead_cmm_is_noticed_long_before_its_answer_is_late(cell, client, inte
     assert 'the CMM is disconnected; waiting for it' in told
     log = read_log(outcome.log)
     assert log.problems == ()
-    assert len(log.answers) >= 3
+    assert log.runs[outcome.run_id].answered == log.states[-1].done >= 2  # the last one may have died with its sender
