@@ -14,6 +14,7 @@ from rosette_ros.core.errors import InvalidModel, NotDeterminable
 from rosette_ros.core.model.base_model import CompleteSpace, DenseSpace, base_space
 from rosette_ros.core.model.least_squares import fit, mean_radius, observed
 from rosette_ros.core.model.model import BASE_TERMS
+from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.records import Run, remove_gauge
 from rosette_ros.core.scheme import ORDERS
 
@@ -175,9 +176,9 @@ def test_weights_count():
     run, curves, *_ = synthetic_run(6, seed=2)
     centre = run.centre.copy()
     centre[7] += 1e-3
-    weight = np.ones(36)
+    weight = np.ones((36, 3))
     weight[7] = 1e-12
-    result = fit(run.replace(centre=centre), weight=weight)
+    result = fit(run.replace(centre=centre), noise=Noise(weight=weight))
     assert np.abs(result.error_motions.values - remove_gauge(curves)).max() < 1e-8
 
 

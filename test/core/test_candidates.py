@@ -67,7 +67,7 @@ def test_families_give_the_gains_of_whitened_columns(effect, name):
     stacked = np.concatenate([rows[:1] - (rows[:1] @ members.T) @ members, members])
     made = families(run, (effect,), project, keep_hidden=True)
     assert sum(len(family.settings) for family in made) == len(effect.settings(run))
-    for family, products in products_of(made, stacked):
+    for family, products in products_of(made, stacked, project):
         for block in {0, len(family.settings) // 2, len(family.settings) - 1}:
             columns = np.moveaxis(effect.columns(run, family.settings[block]), -1, 0)
             plain, rank, share = whiten(columns[None].astype(float), project)

@@ -40,21 +40,27 @@ EMPTY = 0.25
 
 
 class Projection:
-    """Rows (m, N, 3) freed of a model; many rows of a small run in single precision.
+    """Rows (m, N, 3) freed of a model, in white coordinates; many rows of a small run in single precision.
 
     Single precision is for the search and simulated noise: the score of the best is computed anew in double precision.
     """
 
     def __init__(self, space: BaseSpace | JointSpace, size: int) -> None:
-        if space.basis is None:
-            raise ValueError('wanted readings of equal weight: effects are not searched among others')
-        self.basis, self.size = space.basis, size
-        self._residual = cast(Callable[[Reals], Reals], space.residual)  # keeps the precision of its argument
+        self.basis, self.size, self.whitening = space.basis, size, space.whitening
+        self._free = cast(Callable[[Reals], Reals], space.free)  # keeps the precision of its argument
 
     @cached_property
     def columns(self) -> Reals:
-        """The model's basis in single precision, (3 N, rank)."""
-        return np.ascontiguousarray(self.basis.rows().astype(np.float32).T)
+        """W' of the model's basis in single precision, (3 N, rank): what raw columns have of it."""
+        return np.ascontiguousarray(self.adjoint(self.basis.rows()).astype(np.float32).T)
+
+    def adjoint(self, rows: Reals) -> Reals:
+        """Return W' of white rows (m, 3 N): their products with raw columns are those of the whitened ones."""
+        return self.whitening.adjoint(rows.reshape(len(rows), -1, 3)).reshape(len(rows), -1)
+
+    def white(self, rows: Reals) -> Reals:
+        """Return W of raw rows (m, 3 N)."""
+        return self.whitening.apply(rows.reshape(len(rows), -1, 3)).reshape(len(rows), -1)
 
     def along(self, direction: Reals) -> tuple[Reals, Ints]:
         """Return what a unit along its direction (N, 3) at each reading has of the basis.
@@ -75,14 +81,19 @@ class Projection:
         return np.concatenate(parts, axis=1), np.concatenate(places)
 
     def __call__(self, rows: Reals) -> Reals:
+        """Return raw rows freed of the model, in white coordinates, same shape."""
+        return self.free(self.whitening.apply(rows.astype(np.float32) if len(rows) >= FEW else rows))
+
+    def free(self, rows: Reals) -> Reals:
+        """Return white rows freed of the model, same shape."""
         if len(rows) >= FEW:
             rows = rows.astype(np.float32)
-        return self.basis.residual(rows) if 3 * self.size <= SMALL else self._residual(rows)
+        return self.basis.residual(rows) if 3 * self.size <= SMALL else self._free(rows)
 
 
 @dataclass(frozen=True, eq=False)
 class Dense:
-    """Orthonormal rows as they are, (blocks, q, 3 N), float32."""
+    """Orthonormal rows in white coordinates as they are, (blocks, q, 3 N), float32."""
 
     rows: Reals
 
@@ -158,12 +169,13 @@ class Family:
         return products * self.mix if self.q == 1 else self.mix @ products
 
 
-def products_of(families: Sequence[Family], rows: Reals) -> Iterator[tuple[Family, Reals]]:
-    """Yield (family, U times rows (m, 3 N)) of families; those of one effect share their bank."""
+def products_of(families: Sequence[Family], rows: Reals, project: Projection) -> Iterator[tuple[Family, Reals]]:
+    """Yield (family, U times white rows (m, 3 N)) of families; those of one effect share their bank."""
+    raw = np.ascontiguousarray(project.adjoint(rows), dtype=np.float32)
     rows = np.ascontiguousarray(rows, dtype=np.float32)
     for _, sharing in groupby(families, key=lambda family: id(family.bank)):
         first = next(sharing)
-        found = first.bank.products(rows)
+        found = first.bank.products(rows if isinstance(first.bank, Dense) else raw)
         yield from ((family, family.picked(found)) for family in (first, *sharing))
 
 
@@ -290,9 +302,21 @@ def _sparse(blocks: Reals, project: Projection) -> tuple[scipy.sparse.csr_array,
     rows.data = rows.data / np.repeat(scale, np.diff(rows.indptr))
     rows = rows.astype(np.float32)
     inside = (rows @ project.columns).reshape(b, q, -1)
-    whole = (rows @ rows.T).toarray().reshape(b, q, b, q)[np.arange(b), :, np.arange(b)]
+    whole = _within(rows, project, b)
     mix, ranks, shares = _mix(whole - inside @ inside.transpose(0, 2, 1), moves.reshape(b, q))
     return rows, mix.astype(np.float32), ranks, shares
+
+
+def _within(rows: scipy.sparse.csr_array, project: Projection, b: int) -> Reals:
+    """Return the products of the whitened columns within each of b blocks, (b, q, q)."""
+    if project.whitening.is_diagonal:
+        rows = rows.copy()
+        if not project.whitening.is_plain:
+            rows.data = rows.data * project.whitening.factors.reshape(-1)[rows.indices].astype(rows.dtype)
+        whole: Reals = (rows @ rows.T).toarray().reshape(b, -1, b, rows.shape[0] // b)
+        return whole[np.arange(b), :, np.arange(b)]
+    white = project.white(rows.toarray()).reshape(b, rows.shape[0] // b, -1)
+    return white @ white.transpose(0, 2, 1)
 
 
 def _compressed(flat: Reals) -> scipy.sparse.csr_array:
@@ -349,7 +373,9 @@ def _wave_gram(bank: Waves, project: Projection) -> Reals:
     v, m, n = bank.waves.shape
     d = len(bank.directions)
     along = [project.along(direction) for direction in bank.directions]
-    both = np.einsum('anc,bnc->nab', bank.directions, bank.directions).reshape(n, d * d)
+    white = project.whitening
+    scaled = bank.directions if white.is_plain or not white.is_diagonal else bank.directions * white.factors
+    both = np.einsum('anc,bnc->nab', scaled, scaled).reshape(n, d * d)
     out = np.empty((v, m * d, m * d))
     for start in range(0, v, CHUNK):
         waves = bank.waves[start:start + CHUNK]
@@ -357,7 +383,12 @@ def _wave_gram(bank: Waves, project: Projection) -> Reals:
         for k, (part, places) in enumerate(along):
             taken[:, :, k, places] = (waves.reshape(-1, n) @ part).reshape(len(waves), m, -1)
         inside = taken.reshape(len(waves), m * d, -1)
-        pairs = (waves[:, :, None] * waves[:, None]).reshape(-1, n) @ both
-        whole = pairs.reshape(-1, m, m, d, d).transpose(0, 1, 3, 2, 4).reshape(-1, m * d, m * d)
+        if white.is_diagonal:
+            pairs = (waves[:, :, None] * waves[:, None]).reshape(-1, n) @ both
+            whole = pairs.reshape(-1, m, m, d, d).transpose(0, 1, 3, 2, 4).reshape(-1, m * d, m * d)
+        else:
+            every = project.white((waves[:, :, None, :, None] * bank.directions).reshape(-1, 3 * n))
+            every = every.reshape(len(waves), m * d, -1)
+            whole = every @ every.transpose(0, 2, 1)
         out[start:start + CHUNK] = whole - inside @ inside.transpose(0, 2, 1)
     return out

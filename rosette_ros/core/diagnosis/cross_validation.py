@@ -104,11 +104,11 @@ class CrossValidation:
 def cross_validation_rms(run: Run, fitted: Fit, seed: int = 0) -> float:
     """Return the error of the cross-validation of a fit, m."""
     if not fitted.model.terms:
-        return CrossValidation(fitted.joint, run.size, seed).rms_of(fitted.residual.reshape(-1))
-    base = fit(run, Model(fitted.model.base))
+        return CrossValidation(fitted.joint, run.size, seed).rms_of(fitted.white_residual.reshape(-1))
+    base = fit(run, Model(fitted.model.base), noise=fitted.noise)
     blocks = CrossValidation(base.joint, run.size, seed)
-    whole = Problem(run, base.joint, base.residual, base.dof, (), ())
-    problems = effect_problems(run, fitted.model, base.joint, base.residual, base.dof)
+    whole = Problem(run, base.joint, base.white_residual, base.dof, (), ())
+    problems = effect_problems(run, fitted.model, base.joint, base.white_residual, base.dof)
     fits = [(whole.empty.residual, whole.empty.rows)] * blocks.folds
     # at first the effects count for nothing in a block, then for what they predict there
     for _ in range(IMPUTATIONS if any(term.effect.searched for term in fitted.model.terms) else 1):

@@ -4,7 +4,7 @@
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +12,7 @@ from scipy import special
 
 from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, why_not_judged
 from rosette_ros.core.diagnosis.cross_validation import CrossValidation
+from rosette_ros.core.diagnosis.noise_search import NoiseFit, NoiseProblem, estimate, noise_of_rounding, resolution_of
 from rosette_ros.core.diagnosis.parameter_search import choose_settings
 from rosette_ros.core.diagnosis.search import Member, Offer, Problem, Selection, searched_count
 from rosette_ros.core.diagnosis.unnamed_terms import UnnamedTerm
@@ -21,6 +22,7 @@ from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.least_squares import Fit, JointSpace, Parameter, fit
 from rosette_ros.core.model.model import BASE_TERMS, Model, Term
+from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.records import Floats, Run
 
 CLAIM = 0.002
@@ -30,6 +32,13 @@ CLAIM_BASE = 1e-4
 LOOK_ALIKE = 8.0
 """Difference of scores (twice the log Bayes factor) below which two effects cannot be distinguished."""
 DRAWS = 300
+ALONE = 10.0
+"""Score by which effects in white noise must be better than another noise without them; outliers may be as much worse:
+heavy tails are many of them."""
+MOST_NOISES = 3
+"""Searches beside that in white noise."""
+COARSE = 1.5
+"""Step of the readings, over the residual, above which their noise is mostly that of rounding."""
 NOISELESS = 1e-10
 """Residual rms, m, below which nothing is searched: a tenth of a nanometre concerns nobody."""
 
@@ -101,7 +110,7 @@ class Diagnosis(Finding):
 def judge(run: Run, model: Model | None = None, seed: int = 0) -> Verdict:
     """Return the Verdict of `diagnose` without what only a diagnosis shows; arguments and errors as there."""
     with _bounded(run):
-        return _Search(run, model or Model(), seed).finding.verdict
+        return _search(run, model or Model(), seed).finding.verdict
 
 
 def diagnose(run: Run, model: Model | None = None, seed: int = 0) -> Diagnosis:
@@ -112,7 +121,7 @@ def diagnose(run: Run, model: Model | None = None, seed: int = 0) -> Diagnosis:
     are such that no calculation ends.
     """
     with _bounded(run):
-        search = _Search(run, model or Model(), seed)
+        search = _search(run, model or Model(), seed)
         return Diagnosis(**vars(search.finding), candidates=_Candidates(search).all(), unavailable=search.unavailable)
 
 
@@ -147,7 +156,7 @@ def missing_base(run: Run, start: Fit) -> tuple[str, ...]:
     best: tuple[str, ...] = ()
     best_score, rss = 0.0, start.rms**2 * start.dof
     for chosen in sets:
-        tried = fit(run, Model((*model.base, *chosen), model.terms), start.settings)
+        tried = fit(run, Model((*model.base, *chosen), model.terms), start.settings, start.noise)
         score = start.dof * np.log(rss / max(tried.rms**2 * tried.dof, 1e-300)) - 2 * (tried.rank - start.rank)
         if f_test(start, tried) * len(sets) < CLAIM_BASE and score > best_score:
             best, best_score = chosen, score
@@ -157,17 +166,19 @@ def missing_base(run: Run, start: Fit) -> tuple[str, ...]:
 class _Search:
     """The search on one run: what it chooses, its null distribution, and what the verdict rests on."""
 
-    def __init__(self, run: Run, model: Model, seed: int) -> None:
+    def __init__(self, run: Run, model: Model, seed: int, noise: Noise | None = None) -> None:
         """Free the readings of the model, to whose fit, `start`, the `absent` base terms are added in `base`."""
         self.run, self.seed = run, seed
-        self.start = base = fit(run, model, choose_settings(run, model))
+        self.start = base = fit(run, model, choose_settings(run, model, noise), noise)
         self.absent = missing_base(run, self.start)
         if self.absent:
-            base = fit(run, Model((*model.base, *self.absent), model.terms), self.start.settings)
+            base = fit(run, Model((*model.base, *self.absent), model.terms), self.start.settings, noise)
+        if noise is None and (step := resolution_of(run)) > COARSE * base.rms:
+            self.start, base = (replace(one, noise=Noise(resolution=step)) for one in (self.start, base))
         self.base, joint = base, base.joint
         self.space = JointSpace(joint.space, joint.every, np.zeros((0, run.size, 3)))
         self.dof = 3 * run.size - joint.space.rank - self.space.rank
-        self.problem = Problem(run, self.space, self.space.residual(base.residual[None])[0], self.dof)
+        self.problem = Problem(run, self.space, self.space.free(base.white_residual[None])[0], self.dof)
         self.noiseless = base.rms < NOISELESS
 
     @cached_property
@@ -187,7 +198,13 @@ class _Search:
     def null(self) -> Floats:
         """Best scores of pure noise, sorted: the null distribution of the search."""
         rng = np.random.default_rng(self.seed)
-        return np.sort(self.problem.null_scores(DRAWS if self.run.n < 48 else DRAWS // 2, rng))
+        noise = rng.standard_normal((DRAWS if self.run.n < 48 else DRAWS // 2, self.run.size, 3))
+        return np.sort(self.problem.null_scores(noise_of_rounding(self.base, noise) if self.is_coarse else noise))
+
+    @property
+    def is_coarse(self) -> bool:
+        """Whether the readings are rounded by as much as what is left, so that their noise is mostly that."""
+        return self.base.noise.resolution > 0
 
     def p(self, score: float) -> float:
         """Return the probability that noise reaches a score anywhere; it falls exponentially beyond what is drawn."""
@@ -225,8 +242,8 @@ class _Search:
         """Return the joint fit of the model with members added."""
         terms = tuple(Term(member.effect) for member in members)
         model = Model(self.base.model.base, (*self.base.model.terms, *terms), repeated=True)
-        return fit(self.run, model, (*self.base.settings, *(member.setting for member in members)),
-                   space=self.base.joint.space)
+        return fit(self.run, model, (*self.base.settings, *(member.setting for member in members)), self.base.noise,
+                   self.base.joint.space)
 
     @cached_property
     def look_alikes(self) -> dict[int, tuple[str, ...]]:
@@ -251,6 +268,49 @@ class _Search:
             shares[family.name] = max(shares.get(family.name, 0.0), float(family.shares.max()))
         known = {*missing, *(term.name for term in self.base.model.terms), *(name for name, _ in self.unavailable)}
         return tuple(name for name in EFFECTS if name not in known and shares.get(name, 0.0) < HIDDEN_SHARE)
+
+
+def _search(run: Run, model: Model, seed: int) -> _Search:
+    """Return the search under the noise that, with what is found under it, has the best score.
+
+    Effects and noise compete: what white noise leaves beside the effects found is tested, and so is what it leaves
+    without them. Where a test fails, the noise is estimated, and the search is made again under it.
+    """
+    white = _Search(run, model, seed)
+    if white.noiseless:
+        return white
+    best, best_score = white, white.chosen.score
+    beside = _noise(white, white.chosen)
+    alone = beside if not white.chosen.members else _noise(white, white.problem.empty)
+    waiting = [(one, names) for one, names in ((beside, white.chosen.names), (alone, ())) if not one.noise.is_white]
+    margin = ALONE
+    if beside.noise.is_white:
+        margin = -ALONE if set(white.chosen.names) == {'outlier'} else ALONE
+        if alone.score < best_score - margin:
+            return white
+    for _ in range(MOST_NOISES):
+        if not waiting:
+            break
+        one, names = waiting.pop(0)
+        search = _Search(run, model, seed, one.noise)
+        again = _noise(white, search.chosen)
+        members = [made for member in search.chosen.members
+                   if (made := white.problem.member(member.effect, member.setting, member.chances))]
+        score = white.problem.select(members).score + again.score
+        if score > best_score - (margin if best is white else 0.0):
+            best, best_score = search, score
+        if not again.noise.is_white and (search.chosen.names, again.noise.kinds) != (names, one.noise.kinds):
+            waiting.insert(0, (again, search.chosen.names))
+    return best
+
+
+def _noise(white: _Search, chosen: Selection) -> NoiseFit:
+    """Return the noise of a run beside a selection; of rounding alone where the readings are coarse."""
+    run, joint = white.run, white.base.joint
+    columns = [np.moveaxis(member.effect.columns(run, member.setting), -1, 0) for member in chosen.members]
+    problem = NoiseProblem(run, joint.space.basis, np.concatenate([joint.every, *columns]), white.base.residual,
+                           white.seed)
+    return problem.start if white.is_coarse else estimate(problem)
 
 
 class _Candidates:
@@ -303,10 +363,10 @@ class _Candidates:
 
     def _base_term(self, term: str) -> Candidate:
         run, after = self.search.run, self.search.base
-        before = fit(run, after.model.without_effect(term), after.settings)
+        before = fit(run, after.model.without_effect(term), after.settings, after.noise)
         left, rss = (each.rms**2 * each.dof for each in (after, before))
-        error, error_with = (CrossValidation(each.joint, run.size, self.search.seed).rms_of(each.residual.reshape(-1))
-                             for each in (before, after))
+        error, error_with = (CrossValidation(each.joint, run.size, self.search.seed).rms_of(
+            each.white_residual.reshape(-1)) for each in (before, after))
         size = 3 * run.size
         return Candidate(term, {}, min(f_test(before, after) * 7, 1.0), 1.0, before.rms, after.rms, error, error_with,
                          float(size * np.log(rss / left) - (after.rank - before.rank) * np.log(size)), (), (), True)

@@ -8,10 +8,11 @@ from rosette_ros.core.effects.effect import FixedEffect, Setting
 from rosette_ros.core.errors import InvalidModel, NotDeterminable
 from rosette_ros.core.model.least_squares import JointSpace, fit, refused_as_hidden
 from rosette_ros.core.model.model import Model, Term
+from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.records import Floats, Run
 
 
-def choose_settings(run: Run, model: Model) -> tuple[Setting, ...]:
+def choose_settings(run: Run, model: Model, noise: Noise | None = None) -> tuple[Setting, ...]:
     """Return a Setting for each effect of a model: the best on this run, jointly, within what is fixed.
 
     Raises NotDeterminable where an effect cannot be judged on this run or be seen in its order, InvalidModel where a
@@ -24,12 +25,12 @@ def choose_settings(run: Run, model: Model) -> tuple[Setting, ...]:
         if reason:
             raise NotDeterminable(f'{run.source}: {term.name} cannot be judged: {reason}')
         _check_choices(run, term)
-    start = fit(run, Model(model.base))
-    return search_settings(run, model, effect_problems(run, model, start.joint, start.residual, start.dof))
+    start = fit(run, Model(model.base), noise=noise)
+    return search_settings(run, model, effect_problems(run, model, start.joint, start.white_residual, start.dof))
 
 
 def effect_problems(run: Run, model: Model, space: JointSpace, residual: Floats, dof: int) -> tuple[Problem, ...]:
-    """Return a Problem of each effect alone, none where all is fixed; space, residual (N, 3), m, dof: of the base."""
+    """Return a Problem of each effect alone, none where all is fixed; residual: white, (N, 3), m; all of the base."""
     if all(parameter.name in term.fixed for term in model.terms for parameter in term.effect.searched):
         return ()
     effects = [FixedEffect(term.effect, term.fixed) if term.fixed else term.effect for term in model.terms]

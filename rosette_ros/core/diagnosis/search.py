@@ -173,7 +173,7 @@ class Problem:
         stacked = np.concatenate([np.vstack([s.residual[None], s.rows]) for s in selections])
         offers: list[list[Offer]] = [[] for _ in selections]
         wanted = [family for family in self.families if names is None or family.name in names]
-        for family, products in products_of(wanted, stacked):
+        for family, products in products_of(wanted, stacked, self.project):
             start = 0
             for selection, found in zip(selections, offers):
                 stop = start + 1 + len(selection.rows)
@@ -296,18 +296,17 @@ class Problem:
                 out.append((child.members[-1], child.score - rest.score, offer.score))
         return sorted(out, key=lambda rival: -rival[1])
 
-    def null_scores(self, draws: int, rng: np.random.Generator) -> Floats:
-        """Return the best score of any effect in `draws` runs of pure noise, (draws,).
+    def null_scores(self, noise: Floats) -> Floats:
+        """Return the best score of any effect in runs of pure noise, (m,).
 
-        The noise is white, goes through the same projection and the same families; a share of about
-        a tenth of the library's score is not refined, alike for noise and data.
+        The noise (m, N, 3), in white coordinates, goes through the same projection and the same families; a share of
+        about a tenth of the library's score is not refined, alike for noise and data.
         """
-        n = self.run.size
-        noise = self.project(rng.standard_normal((draws, n, 3))).reshape(draws, 3 * n)
-        rss = np.sum(noise**2, axis=1)
-        best = np.full(draws, -np.inf)
+        left = self.project.free(noise).reshape(len(noise), -1)
+        rss = np.sum(left**2, axis=1)
+        best = np.full(len(left), -np.inf)
         named = [family for family in self.families if not isinstance(family.effect, UnnamedTerm)]
-        for family, products in products_of(named, noise):
+        for family, products in products_of(named, left, self.project):
             best = np.maximum(best, _best_scores(family, rss, gains(products), self.dof)[0])
         return best
 

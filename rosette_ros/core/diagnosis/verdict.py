@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit
     from rosette_ros.core.model.least_squares import Fit
+    from rosette_ros.core.model.noise import Noise
 
 UNLIKELY = 0.01
 """Probability of lack of fit below which readings scatter more than stated.
@@ -20,6 +21,9 @@ every day; at 1e-6 a repeatability stated a third too small would pass on a plat
 SMALLEST_P = 1e-12
 CERTAIN = 4
 """An effect in the model is there where a parameter is so many times its standard uncertainty: by chance 6e-5."""
+WANDERING = 0.85
+"""Correlation from reading to reading above which noise is told as a wander of the frame."""
+_LOOK_AT = 'check the probe and the slide of {}; weights follow what was found'
 
 
 class Outcome(StrEnum):
@@ -30,6 +34,7 @@ class Outcome(StrEnum):
     UNNAMED = 'unnamed effect missing'
     SCATTERS = 'scatters more than stated'
     DOUBTFUL_READINGS = 'fits, readings in doubt'
+    NOISE = 'fits with other noise'
     NO_REPEATABILITY = 'cannot be said: no repeatability'
     NOT_DETERMINABLE = 'not determinable'
 
@@ -45,7 +50,7 @@ class Level(StrEnum):
 LEVELS = {
     Outcome.FITS: Level.GOOD, Outcome.DOUBTFUL_READINGS: Level.DOUBTFUL, Outcome.NAMED: Level.BAD,
     Outcome.UNNAMED: Level.BAD, Outcome.SCATTERS: Level.DOUBTFUL, Outcome.NO_REPEATABILITY: Level.DOUBTFUL,
-    Outcome.NOT_DETERMINABLE: Level.BAD}
+    Outcome.NOISE: Level.DOUBTFUL, Outcome.NOT_DETERMINABLE: Level.BAD}
 
 
 @dataclass(frozen=True)
@@ -116,6 +121,10 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = 
     if present:
         action.append(f'look in the cell for the cause of what the model only describes, {" and ".join(present)}, or '
                       'keep it in the model')
+    if noise := noise_words(final.noise, final.sigma, final.run.size):
+        outcome = Outcome.NOISE if outcome == Outcome.FITS else outcome
+        sentence += f' The noise is not white and equal: {"; ".join(words for words, _ in noise)}.'
+        action += [advice for _, advice in noise]
     if hidden:
         action.append(f'measure next in an order that shows {", ".join(hidden)} (rosette advise)')
     text = '; '.join(action) or 'nothing needs to be done'
@@ -129,6 +138,41 @@ def not_determinable(reason: str, added: Sequence[str] = ()) -> Verdict:
     """
     remove = f', or remove {" and ".join(added)} from the model' if added else ''
     return Verdict(Outcome.NOT_DETERMINABLE, reason, f'Measure the missing balls{remove}.')
+
+
+def noise_words(noise: 'Noise', sigma: float, readings: int) -> list[tuple[str, str]]:
+    """Return in what a noise is other than white and equal, each with what to do; sigma: its size, m."""
+    out = []
+    if noise.resolution:
+        out.append((f'the readings are rounded to {_um(noise.resolution)}', 'export the coordinates with more digits'))
+    total = (noise.axes**2 + noise.wander * (noise.phi < 1))**0.5
+    (x, y, z), plane = total, ((total[0]**2 + total[1]**2) / 2)**0.5
+    if x != y:
+        worse, better = ('x', 'y') if x > y else ('y', 'x')
+        out.append((f'{worse} repeats {max(x, y) / min(x, y):.1f} times worse than {better}', _LOOK_AT.format(worse)))
+    if z != plane and not (noise.wander.any() and max(z, plane) < 1.3 * min(z, plane)):
+        ratio = z / plane
+        out.append((f'z repeats {max(ratio, 1 / ratio):.1f} times {"worse" if ratio > 1 else "better"} than x and y',
+                    _LOOK_AT.format('z' if ratio > 1 else 'x and y')))
+    if noise.tail:
+        out.append((f'single {noise.tail}s stand out more than normal noise allows (Student, {noise.tail_dof:g} '
+                    'degrees of freedom)', 'clean balls and stylus; the readings that stand out count less'))
+    if noise.by:
+        worst, typical = int(noise.factors.argmax()) + 1, sorted(noise.factors)[noise.factors.size // 2]
+        where = f'part {worst} of {noise.factors.size} of the run' if noise.by == 'time' else f'{noise.by} {worst}'
+        out.append((f'{where} scatters {noise.factors.max() / typical:.1f} times as much as the others',
+                    f'look at {where}'))
+    if noise.wander.any():
+        axis = int(noise.wander.argmax())
+        step, white = noise.wander[axis], noise.axes[axis]**2
+        if noise.phi == 1:
+            words = f'the frame wanders: random walk of {_um(sigma * (step * readings)**0.5)} over the run'
+        elif noise.phi > WANDERING:
+            words = f'the frame wanders by {_um(sigma * step**0.5)} within about {1 / (1 - noise.phi):.0f} readings'
+        else:
+            words = f'neighbouring readings are correlated {noise.phi * step / (step + white):.1f}'
+        out.append((words, 'look for draughts, vibration and temperature of the frame, or measure faster'))
+    return out
 
 
 def _beside_repeatability(fit: 'Fit') -> str:

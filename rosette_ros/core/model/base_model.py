@@ -13,7 +13,7 @@ tangentially, so that plate position, radius and turn stand in P.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import scipy.fft
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from rosette_ros.core.errors import InvalidModel, NotDeterminable
 from rosette_ros.core.model.model import BASE_TERMS
+from rosette_ros.core.model.noise import Real, Whitening
 from rosette_ros.core.model.normal_equations import Part, base_parts
 from rosette_ros.core.records import CURVES, Bools, Floats, Run
 
@@ -37,8 +38,6 @@ _LARGE = 40  # balls; what runs of smaller plates lack is listed term by term
 SMALL = 333
 """Readings up to which a basis that is at hand is quicker than an FFT."""
 
-Real = TypeVar('Real', bound=np.floating[Any])
-"""Single or double precision; a projection keeps that of its argument."""
 Spectra = NDArray[np.complexfloating[Any, Any]]
 
 
@@ -52,18 +51,20 @@ class BaseParameters:
 
 
 def base_space(run: Run, lever: float, terms: tuple[str, ...] = BASE_TERMS,
-               weight: Floats | None = None) -> 'BaseSpace':
+               whitening: Whitening | None = None) -> 'BaseSpace':
     """Return the space of the base model on a run: CompleteSpace where it can be, else DenseSpace.
 
-    lever: radius at which rotations act, m; terms: subset of BASE_TERMS; weight: (N,) positive, inverse relative
-    variances, or None for equal ones. Raises NotDeterminable, with what cannot be determined, for too little data.
+    lever: radius at which rotations act, m; terms: subset of BASE_TERMS; whitening: of the noise, None where it is
+    white and equal; what a space makes of columns stands in white coordinates. Raises NotDeterminable, with what cannot
+    be determined, for too little data.
     """
     unknown = [term for term in terms if term not in BASE_TERMS]
     if unknown:
         raise InvalidModel(f'base: wanted some of {", ".join(BASE_TERMS)}, got {unknown[0]!r}')
-    if run.is_complete and (weight is None or np.ptp(weight) == 0):
-        return CompleteSpace(run, lever, terms)
-    return DenseSpace(run, lever, terms, weight)
+    whitening = whitening or Whitening(run.size, np.ones(3))
+    if run.is_complete and whitening.by_axis and whitening.sd[0] == whitening.sd[1]:
+        return CompleteSpace(run, lever, terms, whitening)
+    return DenseSpace(run, lever, terms, whitening)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +80,7 @@ class Basis:
 
     @staticmethod
     def of_parts(parts: tuple[Part, Part]) -> 'Basis':
-        """Return the basis of the base model's two parts, without weights."""
+        """Return the basis of the base model's two parts."""
         z, w = (np.ascontiguousarray(part.basis.T) for part in parts)
         return Basis(z, w.reshape(len(w), z.shape[1], 2), np.zeros((0, z.shape[1], 3)))
 
@@ -151,9 +152,11 @@ class BaseLines:
 
 
 class CompleteSpace:
-    """The base model on a complete, equally weighted run: projecting on its lines costs one FFT."""
+    """The base model on a complete run whose noise is equal but for z: projecting on its lines costs one FFT."""
 
-    def __init__(self, run: Run, lever: float, terms: tuple[str, ...] = BASE_TERMS) -> None:
+    def __init__(self, run: Run, lever: float, terms: tuple[str, ...] = BASE_TERMS,
+                 whitening: Whitening | None = None) -> None:
+        self.whitening = whitening or Whitening(run.size, np.ones(3))
         self.n, self.lever, self.terms = run.n, lever, tuple(terms)
         self._run = run
         self._cell = (run.table_position - 1) * run.n + run.cmm_position - 1
@@ -165,7 +168,7 @@ class CompleteSpace:
     @cached_property
     def basis(self) -> Basis:
         """Orthonormal rows that span the base model."""
-        return Basis.of_parts(base_parts(self._run, self.terms, np.ones(self._run.size)))
+        return Basis.of_parts(base_parts(self._run, self.terms))
 
     def _grid(self, values: NDArray[Real]) -> NDArray[Real]:
         """Return values (m, N) on the grid of table and CMM positions, (m, n, n)."""
@@ -178,7 +181,11 @@ class CompleteSpace:
         return scipy.fft.fft2(w, axes=(1, 2), overwrite_x=True, workers=_workers(columns))
 
     def residual(self, columns: NDArray[Real]) -> NDArray[Real]:
-        """Return what the base model cannot describe of columns (m, N, 3), same shape and precision."""
+        """Return what the base model cannot describe of columns (m, N, 3), in white coordinates, same precision."""
+        return self.free(self.whitening.apply(columns))
+
+    def free(self, columns: NDArray[Real]) -> NDArray[Real]:
+        """Return what the base model cannot describe of white columns (m, N, 3), same shape and precision."""
         out = np.zeros(columns.shape, dtype=columns.dtype)
         if not len(columns):
             return out
@@ -246,7 +253,9 @@ class CompleteSpace:
         if 'table_motions' not in self.terms:
             return np.zeros((n, 6))
         radial, axial = (n - 2) / n**2, (n - 1) / n**2
-        return np.tile([radial, radial, axial, 2 * radial / r**2, 2 * radial / r**2, axial / r**2], (n, 1))
+        plane, z = self.whitening.sd[[0, 2]]**2
+        return np.tile([plane * radial, plane * radial, z * axial, 2 * z * radial / r**2, 2 * z * radial / r**2,
+                        plane * axial / r**2], (n, 1))
 
 
 def _points(w: Spectra, z: Spectra) -> Floats:
@@ -267,11 +276,11 @@ class DenseSpace:
     """
 
     def __init__(self, run: Run, lever: float, terms: tuple[str, ...] = BASE_TERMS,
-                 weight: Floats | None = None) -> None:
+                 whitening: Whitening | None = None) -> None:
+        self.whitening = whitening or Whitening(run.size, np.ones(3))
         self.n, self.lever, self.terms = run.n, lever, tuple(terms)
         self._refuse_far_too_few(run)
-        self._root = np.ones(run.size) if weight is None else np.sqrt(weight / np.mean(weight))
-        self._parts = base_parts(run, self.terms, self._root)
+        self._parts = base_parts(run, self.terms, self.whitening)
         self.rank = sum(part.rank for part in self._parts)
         wanted = BaseLines.of(run.n, self.terms).rank
         if self.rank < wanted:
@@ -279,9 +288,9 @@ class DenseSpace:
             raise _too_few(run, f'give rank {self.rank} where {wanted} is needed', f'; cannot determine {missing}')
 
     @cached_property
-    def basis(self) -> Basis | None:
-        """Orthonormal rows that span the base model; None where readings have weights."""
-        return Basis.of_parts(self._parts) if np.ptp(self._root) == 0 else None
+    def basis(self) -> Basis:
+        """Orthonormal rows that span the base model in white coordinates."""
+        return Basis.of_parts(self._parts)
 
     def _refuse_far_too_few(self, run: Run) -> None:
         """Refuse a run of a large plate with fewer readings than unknowns before memory for these is taken."""
@@ -296,23 +305,19 @@ class DenseSpace:
         names = [f'{what} {k + 1}' for what, row in rows for k in np.flatnonzero(row)]
         return ', '.join(names[:6]) + (f' and {len(names) - 6} more' if len(names) > 6 else '')
 
-    def _split(self, columns: NDArray[Real]) -> tuple[Floats, Floats]:
-        """Return the weighted rows of z, (m, N), and of x and y, (m, 2 N)."""
-        plane = (columns[..., :2] * self._root[:, None]).reshape(len(columns), 2 * self._root.size)
-        return columns[..., 2] * self._root, plane
+    def residual(self, columns: NDArray[Real]) -> NDArray[Any]:
+        """Return what the base model cannot describe of columns (m, N, 3), in white coordinates."""
+        return self.free(self.whitening.apply(columns))
 
-    def residual(self, columns: NDArray[Real]) -> Floats:
-        """Return what the base model cannot describe of columns (m, N, 3), same shape.
-
-        Rows are weighted by the root of their weight, as least squares sees them.
-        """
-        z, w = (part.residual(rows) for part, rows in zip(self._parts, self._split(columns)))
+    def free(self, columns: NDArray[Any]) -> NDArray[Any]:
+        """Return what the base model cannot describe of white columns (m, N, 3), same shape."""
+        z, w = (part.residual(rows) for part, rows in zip(self._parts, _split(columns)))
         return np.concatenate([w.reshape(len(columns), z.shape[1], 2), z[..., None]], axis=-1)
 
     def parameters(self, columns: Floats) -> BaseParameters:
         """Return the BaseParameters that describe columns (m, N, 3) best, in the gauge."""
         z, w = (part.solve(rows).reshape(len(columns), -1, self.n)
-                for part, rows in zip(self._parts, self._split(columns)))
+                for part, rows in zip(self._parts, _split(self.whitening.apply(columns))))
         lever = self.lever
         curves = np.stack([w[:, 0], w[:, 1], z[:, 0], z[:, 1] / lever, z[:, 2] / lever, w[:, 2] / lever], axis=-1)
         plate = np.stack([w[:, 3], w[:, 4], z[:, 3]], axis=-1)
@@ -326,6 +331,11 @@ class DenseSpace:
         z, w = (part.cofactor().reshape(-1, self.n) for part in self._parts)
         r = self.lever
         return np.stack([w[0], w[1], z[0], z[1] / r**2, z[2] / r**2, w[2] / r**2], axis=-1)
+
+
+def _split(columns: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the rows of z, (m, N), and of x and y, (m, 2 N), of columns (m, N, 3)."""
+    return columns[..., 2], columns[..., :2].reshape(len(columns), 2 * columns.shape[1])
 
 
 def _too_few(run: Run, rank: str, missing: str = '') -> NotDeterminable:

@@ -18,8 +18,9 @@ from scipy import special
 from rosette_ros.core.effects.effect import Searched, Setting
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.geometry import TWO_PI, rotate_z
-from rosette_ros.core.model.base_model import GAUGE, BaseSpace, Basis, Real, base_space
+from rosette_ros.core.model.base_model import GAUGE, BaseSpace, Basis, base_space
 from rosette_ros.core.model.model import Model, Term
+from rosette_ros.core.model.noise import Noise, Real, Whitening
 from rosette_ros.core.records import ErrorMotions, Floats, Ints, Run
 
 HIDDEN = 1e-6
@@ -62,8 +63,8 @@ class Fit:
     residual: (N, 3), m, observed minus model; plate, cmm: (n, 3), m; rms: root of the residuals' square sum per degree
     of freedom, m; sigma: standard deviation of a coordinate in use for the uncertainties, m, and sigma_source, where it
     comes from; reduced_chi_square: (rms/repeatability) squared, None where the repeatability is unknown; lack_of_fit_p:
-    probability that noise of the known repeatability leaves as much, None likewise; gauge: what no
-    three-rosette run can know, in words.
+    probability that noise of the known repeatability leaves as much, None likewise; rms, sigma: of the size that noise
+    takes as 1; gauge: what no three-rosette run can know, in words.
     """
 
     run: Run
@@ -82,7 +83,13 @@ class Fit:
     lack_of_fit_p: float | None
     mean_radius: float
     joint: 'JointSpace'
+    noise: Noise
     gauge: ClassVar[tuple[str, ...]] = GAUGE
+
+    @cached_property
+    def white_residual(self) -> Floats:
+        """The residual in white coordinates, (N, 3), m."""
+        return np.asarray(self.joint.whitening.apply(self.residual[None])[0])
 
     @cached_property
     def settings(self) -> tuple[Setting, ...]:
@@ -143,9 +150,18 @@ class JointSpace:
         """Return the least-squares amplitudes (q,) of base-free observations (N, 3)."""
         return self._solve @ observed_perp.reshape(-1)
 
+    @property
+    def whitening(self) -> Whitening:
+        """Of the noise."""
+        return self.space.whitening
+
     def residual(self, rows: NDArray[Real]) -> NDArray[Real] | Floats:
-        """Return rows (m, N, 3) freed of base model and effects."""
-        free = self.space.residual(rows)
+        """Return rows (m, N, 3) freed of base model and effects, in white coordinates."""
+        return self.free(self.whitening.apply(rows))
+
+    def free(self, rows: NDArray[Real]) -> NDArray[Real] | Floats:
+        """Return white rows (m, N, 3) freed of base model and effects."""
+        free = self.space.free(rows)
         if not self.q:
             return free
         flat: NDArray[Any] = free.reshape(len(free), -1)
@@ -154,10 +170,10 @@ class JointSpace:
         return flat.reshape(rows.shape)
 
     @cached_property
-    def basis(self) -> Basis | None:
-        """Orthonormal rows that span base model and effects; None where there are weights."""
+    def basis(self) -> Basis:
+        """Orthonormal rows that span base model and effects in white coordinates."""
         base = self.space.basis
-        if base is None or not self.q:
+        if not self.q:
             return base
         scaled = self._flat[:self.q] / self._scale[:self.q, None]
         value, vector = np.linalg.eigh(scaled @ scaled.T)
@@ -210,16 +226,17 @@ def _parts(run: Run, model: Model, settings: Sequence[Mapping[str, float | str]]
 
 
 def fit(run: Run, model: Model | None = None, settings: Sequence[Mapping[str, float | str]] = (),
-        weight: Floats | None = None, space: BaseSpace | None = None) -> Fit:
+        noise: Noise | None = None, space: BaseSpace | None = None) -> Fit:
     """Return the joint least-squares Fit of a model on a run.
 
-    settings: a Setting for each effect of the model, in its order; weight: (N,) inverse relative variances of the
-    readings, or None; space: of the base terms of the model where it is at hand from another fit of the same run and
-    weights. Raises NotDeterminable where readings are too few or an effect cannot be seen in this order.
+    settings: a Setting for each effect of the model, in its order; noise: of the readings, None if white; space: of
+    the base terms of the model where it is at hand from another fit of the same run and noise. Raises NotDeterminable
+    where readings are too few or an effect cannot be seen in this order.
     """
     model = model or Model()
     lever = mean_radius(run)
-    space = space or base_space(run, lever, model.base, weight)
+    noise = noise or Noise()
+    space = space or base_space(run, lever, model.base, noise.whitening(run))
     parts = _parts(run, model, settings)
     columns = np.concatenate([np.zeros((0, run.size, 3)), *(part.columns for part in parts)])
     linear = JointSpace(space, columns, np.zeros((0, run.size, 3)))
@@ -245,11 +262,10 @@ def fit(run: Run, model: Model | None = None, settings: Sequence[Mapping[str, fl
         raise NotDeterminable(f'{run.source}: {3 * run.size} coordinates leave {dof} degrees of freedom for {model}; '
                               'measure more balls or remove an effect')
     sigma, source, chi, p = _noise(run, rss, dof)
-    root = np.ones(run.size) if weight is None else np.sqrt(weight / np.mean(weight))
     u = sigma * np.sqrt(joint.curve_cofactor())
     return Fit(run, model, ErrorMotions(_mean_angles(run), base.curves[0], u), base.plate[0], base.cmm[0],
-               weighted / root[:, None], _fitted(run, parts, amplitude, joint, sigma), space.rank + joint.rank,
-               dof, float(np.sqrt(rss / dof)), sigma, source, chi, p, lever, joint)
+               space.whitening.inverse(weighted[None])[0], _fitted(run, parts, amplitude, joint, sigma),
+               space.rank + joint.rank, dof, float(np.sqrt(rss / dof)), sigma, source, chi, p, lever, joint, noise)
 
 
 def _mean_angles(run: Run) -> Floats:

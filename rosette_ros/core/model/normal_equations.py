@@ -6,32 +6,36 @@ import scipy.linalg
 
 from rosette_ros.core.geometry import nominal_angles
 from rosette_ros.core.model.model import BASE_TERMS
+from rosette_ros.core.model.noise import Whitening
 from rosette_ros.core.records import Bools, Floats, Run
 
 Gauge = tuple[Floats, Floats]
 """Vectors (q, k) that no readings see, and the constraints (k, q) that fix them, of q unknowns."""
 
 
-def base_parts(run: Run, terms: tuple[str, ...], root: Floats) -> 'tuple[Part, Part]':
-    """Return the least squares of z and of x and y; root: (N,) root of the weights."""
-    return (Part(_z_design(run, terms), root, _z_gauge(run.n)),
-            Part(_w_design(run, terms), np.repeat(root, 2), _w_gauge(run.n)))
+def base_parts(run: Run, terms: tuple[str, ...], whitening: Whitening | None = None) -> 'tuple[Part, Part]':
+    """Return the least squares of z and of x and y in white coordinates."""
+    z, w = _z_design(run, terms), _w_design(run, terms)
+    if whitening is not None and not whitening.is_plain:
+        z = whitening.along(2, z.T).T
+        for axis in (0, 1):
+            w[axis::2] = whitening.along(axis, w[axis::2].T).T
+    return Part(z, _z_gauge(run.n)), Part(w, _w_gauge(run.n))
 
 
 class Part:
     """Least squares of one independent part of the base model (z, or x and y together).
 
-    rank; basis: (rows, rank) orthonormal columns that span the weighted design.
+    rank; basis: (rows, rank) orthonormal columns that span the design.
     """
 
-    def __init__(self, design: Floats, root: Floats, gauge: Gauge) -> None:
-        weighted = design * root[:, None]
-        value, vector = np.linalg.eigh(weighted.T @ weighted)
+    def __init__(self, design: Floats, gauge: Gauge) -> None:
+        value, vector = np.linalg.eigh(design.T @ design)
         keep = value > 1e-9 * max(value[-1], 1.0)
         self.rank = int(keep.sum())
         self._null = vector[:, ~keep]
         scaled = vector[:, keep] / np.sqrt(value[keep])
-        basis = weighted @ scaled
+        basis = design @ scaled
         # One Cholesky step makes the basis orthonormal to rounding.
         root_factor = np.linalg.cholesky(basis.T @ basis)
         self.basis: Floats = scipy.linalg.solve_triangular(root_factor, basis.T, lower=True).T

@@ -1,0 +1,354 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which noise a run has: tests of what a fit leaves, and estimates by restricted maximum likelihood.
+
+The noise competes with effects in one currency, twice the log likelihood less what its parameters cost: with the model
+and the effects beside it as columns B in white coordinates, -2 L = dof ln RSS + ln det C + ln det B'B.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+from scipy import special
+from scipy.signal import lfilter
+
+from rosette_ros.core.diagnosis.search import cost
+from rosette_ros.core.model.base_model import Basis
+from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.model.noise import Noise, Whitening, place_of
+from rosette_ros.core.records import Floats, Run
+
+DRAWS = 200
+CALIBRATED = 20
+SEEN = 2e-3
+"""Probability, over all tests, below which the noise is looked at as other than it was taken."""
+KINDS = 6
+"""Kinds of noise that are looked for; each has to pay for the choice."""
+TAILS = (2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0)
+MEMORIES = (0.3, 0.6, 0.8, 0.9, 0.97, 1.0)
+"""phi of the wander that are tried."""
+GROUPS = ('ball', 'CMM position', 'table position', 'time')
+MOST_KINDS = 3
+PARTS = ((2,), (0, 1))
+"""Axes that are independent of each other in the model."""
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """A way in which what a fit leaves is not noise as it was taken: its kind, what it is of, and the p of as much."""
+
+    kind: str
+    of: str
+    p: float
+
+
+class NoiseProblem:
+    """The readings freed of a model whose noise is asked for.
+
+    basis: of the base model in white noise; columns: (q, N, 3) of the effects in the model; observed: (N, 3), m,
+    whatever base model and effects may add to it.
+    """
+
+    def __init__(self, run: Run, basis: Basis, columns: Floats, observed: Floats, seed: int) -> None:
+        self.run, self._observed = run, observed
+        self._designs = []
+        for rows, axes in zip((basis.axial, basis.plane.reshape(len(basis.plane), -1)), PARTS):
+            extra = columns[..., axes].reshape(len(columns), len(axes) * run.size)
+            extra = extra - (extra @ rows.T) @ rows
+            value, vector = np.linalg.eigh(extra @ extra.T)
+            keep = value > 1e-9 * max(value.max(initial=0), 1e-300)
+            self._designs.append(np.hstack([rows.T, extra.T @ (vector[:, keep] / np.sqrt(value[keep]))]))
+        self.dof = 3 * run.size - sum(design.shape[1] for design in self._designs)
+        self._draws = np.random.default_rng(seed).standard_normal((DRAWS, run.size, 3))
+        self.start = self.at(Noise())
+
+    def at(self, noise: Noise) -> 'NoiseFit':
+        """Return what is left under a noise."""
+        white = noise.whitening(self.run)
+        every = np.concatenate([white.apply(self._observed[None]), self._draws])
+        left, log_det, bases = np.empty_like(every), white.log_det, []
+        for axes, design in zip(PARTS, self._designs):
+            basis, grown = _orthonormal(_whitened(white, axes, design))
+            rows = every[..., axes].reshape(len(every), -1)
+            rows = rows - (rows @ basis) @ basis.T
+            left[..., axes] = rows.reshape(len(every), -1, len(axes))
+            log_det += grown
+            bases.append(basis)
+        rss = float(np.sum(left[0]**2))
+        return NoiseFit(self, noise, white, left, rss, self.dof * np.log(rss) + log_det, bases)
+
+    def size(self, axes: tuple[int, ...], white: Whitening) -> float:
+        """Return the variance of what is left of some axes in white coordinates."""
+        basis, _ = _orthonormal(_whitened(white, axes, self._designs[PARTS.index(axes)]))
+        rows = self._rows(axes, white)
+        return float((np.sum(rows**2) - np.sum((rows @ basis)**2)) / (rows.size - basis.shape[1]))
+
+    def _rows(self, axes: tuple[int, ...], white: Whitening) -> Floats:
+        return np.stack([white.along(axis, self._observed[None, :, axis])[0] for axis in axes], axis=-1).reshape(-1)
+
+    def minus_log_likelihood(self, axes: tuple[int, ...], white: Whitening) -> float:
+        """Return -2 L of some axes alone, whose size is their own."""
+        design = self._designs[PARTS.index(axes)]
+        basis, log_det = _orthonormal(_whitened(white, axes, design))
+        rows = self._rows(axes, white)
+        rss = np.sum(rows**2) - np.sum((rows @ basis)**2)
+        dof = rows.size - basis.shape[1]
+        return float(dof * np.log(max(rss, 1e-300) / dof) + log_det + white.log_det_of(axes))
+
+
+def _whitened(white: Whitening, axes: tuple[int, ...], design: Floats) -> Floats:
+    if white.is_plain:
+        return design
+    out = np.empty_like(design)
+    for place, axis in enumerate(axes):
+        out[place::len(axes)] = white.along(axis, design[place::len(axes)].T).T
+    return out
+
+
+def _orthonormal(design: Floats) -> tuple[Floats, float]:
+    """Return an orthonormal basis of the columns (rows, r) and ln det of their products."""
+    root = np.linalg.cholesky(design.T @ design)
+    basis: Floats = scipy.linalg.solve_triangular(root, design.T, lower=True, check_finite=False).T
+    return basis, 2 * float(np.sum(np.log(np.diag(root))))
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseFit:
+    """A noise and what it leaves of the readings and of DRAWS simulated ones, (1 + DRAWS, N, 3) in white coordinates.
+
+    minus: -2 L, to be compared with that of another noise of the same problem; score: twice the log likelihood beside
+    that of white noise, less what the parameters cost.
+    """
+
+    problem: NoiseProblem
+    noise: Noise
+    whitening: Whitening
+    left: Floats
+    rss: float
+    minus: float
+    bases: list[Floats]
+    score: float = 0.0
+
+    def studentised(self) -> Floats:
+        """Return each coordinate as it stands beside all others in units of its own scatter, (1 + DRAWS, N, 3)."""
+        every = self.left / np.sqrt(np.sum(self.left**2, axis=(1, 2)) / self.problem.dof)[:, None, None]
+        every = self.whitening.adjoint(every)
+        out: Floats = every / np.sqrt(np.maximum(np.mean(every[1:]**2, axis=0), 1e-12))
+        return out
+
+    def misfits(self) -> list[Misfit]:
+        """Return the tests of the noise, least probable first; p counts all of them."""
+        found = list(self._tests())
+        return sorted((replace(one, p=min(1.0, one.p * len(found))) for one in found), key=lambda one: one.p)
+
+    def _tests(self) -> Iterator[Misfit]:
+        run, every = self.problem.run, self.studentised()
+        square = every**2
+        by_axis = np.log(np.mean(square, axis=1))
+        yield Misfit('axes', 'z', _two_sided(by_axis[:, 2] - np.log(np.mean(np.exp(by_axis[:, :2]), axis=1))))
+        yield Misfit('axes', 'xyz', _two_sided(by_axis[:, 0] - by_axis[:, 1]))
+        yield Misfit('tail', 'coordinate', _one_sided(np.sum(square**2, axis=(1, 2))))
+        yield Misfit('tail', 'reading', _one_sided(np.sum(np.sum(square, axis=2)**2, axis=1)))
+        for by in GROUPS:
+            index = place_of(run, by)
+            hot = (index == np.arange(index.max() + 1)[:, None]).astype(float)
+            sums, number = np.sum(square, axis=2) @ hot.T, hot.sum(axis=1)
+            yield Misfit('by', by, _one_sided(np.sum((sums - sums[1:].mean(axis=0))**2 / number, axis=1)))
+        for phi in (0.4, 0.9, 1.0):
+            for axes in PARTS:
+                kept = lfilter([1.0], [1.0, -phi], self.left[:, ::-1, axes], axis=1)
+                size = np.sum(self.left[..., axes]**2, axis=(1, 2))
+                yield Misfit('wander', 'z' if axes == (2,) else 'xy', _one_sided(np.sum(kept**2, axis=(1, 2)) / size))
+
+    def better(self, kinds: Sequence[str] = ('axes', 'tail', 'by', 'wander')) -> 'NoiseFit':
+        """Return the fit with a kind of noise more where one is seen and pays, else this one."""
+        best = self
+        seen = [one for one in self.misfits() if one.p < SEEN and one.kind in kinds]
+        for kind, of in dict.fromkeys((one.kind, '' if one.kind == 'wander' else one.of) for one in seen):
+            made = {'axes': self._with_axes, 'tail': self._with_tail, 'by': self._with_factors,
+                    'wander': self._with_wander}[kind](of)
+            best = max(best, made, key=lambda one: one.score)
+        return best
+
+    def _kept(self, noise: Noise, k: int, extra: float = 0.0) -> 'NoiseFit':
+        """Return the fit of a noise of k numbers more; extra: what it gains beside that in -2 L."""
+        found = self.problem.at(noise.scaled())
+        gain = self.minus - found.minus + extra
+        return replace(found, score=self.score + gain - float(cost(max(gain, 0.0), k)) - 2 * np.log(KINDS))
+
+    def _with_axes(self, of: str) -> 'NoiseFit':
+        noise = self.noise
+        for _ in range(1 if of == 'z' else 3):
+            left = self.problem.at(noise).left
+            square, wanted = np.sum(left[0]**2, axis=0), np.mean(np.sum(left[1:]**2, axis=1), axis=0)
+            if of == 'z':
+                square[:2], wanted[:2] = square[:2].sum(), wanted[:2].sum()
+            noise = replace(noise, axes=noise.axes * np.sqrt(square / wanted * wanted.sum() / square.sum()))
+        return self._kept(noise, 1 if of == 'z' else 2)
+
+    def _with_factors(self, by: str) -> 'NoiseFit':
+        """Return the fit with a size for each group, drawn to the common one by what it is known worse than that."""
+        index, noise = place_of(self.problem.run, by), self.noise
+        if noise.by:
+            return self
+        hot = (index == np.arange(index.max() + 1)[:, None]).astype(float)
+        factors, fitted = np.ones(len(hot)), self
+        for _ in range(3):
+            square = hot @ np.sum(fitted.left**2, axis=2).T
+            dof = square[:, 1:].mean(axis=1)
+            logs = np.log(factors**2 * square[:, 0] / dof)
+            logs = logs - np.average(logs, weights=dof)
+            spread = max(float(np.average(logs**2 - 2 / dof, weights=dof)), 1e-3)
+            factors = np.exp(0.5 * logs * spread / (spread + 2 / dof))
+            factors = factors / np.sqrt(np.mean(factors[index]**2))
+            fitted = self.problem.at(replace(noise, by=by, factors=factors))
+        return self._kept(fitted.noise, len(hot))
+
+    def _with_tail(self, per: str) -> 'NoiseFit':
+        """Return the fit with Student weights, by the degrees of freedom of the largest likelihood.
+
+        A fit by heavy tails has more freedom than its parameters say; what it gains by that from normal noise is taken
+        off.
+        """
+        if self.noise.tail:
+            return self
+        rows = self.left / np.sqrt(np.sum(self.left**2, axis=(1, 2)) / self.problem.dof)[:, None, None]
+        scale = np.sqrt(np.maximum(np.mean(self.whitening.adjoint(rows[1:])**2, axis=0), 1e-12))
+        rows = rows[:1 + CALIBRATED]
+        normal = self._tail_of(rows, scale, per, np.inf)[0]
+        found = []
+        for dof in TAILS:
+            likelihood, weight = self._tail_of(rows, scale, per, dof)
+            gains = likelihood - normal
+            found.append((gains[0] - gains[1:].mean() - _divergence(rows[0].size, per, dof) * self._share, dof, weight))
+        gain, dof, weight = max(found, key=lambda one: one[0])
+        before = 1.0 if self.noise.weight is None else self.noise.weight
+        noise = replace(self.noise, tail=per, tail_dof=dof, weight=before * weight)
+        return replace(self.problem.at(noise.scaled()),
+                       score=self.score + gain - float(cost(max(gain, 0.0), 2)) - 2 * np.log(KINDS))
+
+    @property
+    def _share(self) -> float:
+        return float(self.problem.dof / (3 * self.problem.run.size))
+
+    def _tail_of(self, rows: Floats, scale: Floats, per: str, dof: float) -> tuple[Floats, Floats]:
+        """Return twice the log likelihood (m,) of Student's distribution, and weights (N, 3) of the first of rows."""
+        wide = 3 if per == 'reading' else 1
+        left, size = rows, np.ones((len(rows), 1, 1))
+        for _ in range(12 if np.isfinite(dof) else 1):
+            energy = (self.whitening.adjoint(left) / scale)**2
+            energy = energy.sum(axis=2, keepdims=True) if wide == 3 else energy
+            weight = (dof + wide) / (dof + energy / size) if np.isfinite(dof) else np.ones_like(energy)
+            size = np.mean(weight * energy, axis=(1, 2), keepdims=True) / wide
+            if self.whitening.is_diagonal:
+                left = left - self._taken(left * weight / weight.max(axis=(1, 2), keepdims=True))
+        density = _log_density(energy / size, wide, dof) - wide / 2 * np.log(size)
+        weight = np.broadcast_to(weight[0] / size[0], rows[0].shape)  # as the noise is 1
+        return 2 * self._share * np.sum(density, axis=(1, 2)), weight
+
+    def _taken(self, rows: Floats) -> Floats:
+        """Return what the model takes of white rows (m, N, 3)."""
+        out = np.empty_like(rows)
+        for axes, basis in zip(PARTS, self.bases):
+            flat = rows[..., axes].reshape(len(rows), -1)
+            out[..., axes] = ((flat @ basis) @ basis.T).reshape(len(rows), -1, len(axes))
+        return out
+
+    def _with_wander(self, of: str) -> 'NoiseFit':
+        """Return the fit with a wander, by the best of MEMORIES; its variance and the rest's size for z and x, y."""
+        if self.noise.wander.any():
+            return self
+        sd = np.broadcast_to(self.whitening.sd, (self.problem.run.size, 3))
+        best, chosen = np.inf, self.noise
+        for phi in MEMORIES:
+            found = [self._ratio(axes, sd, phi) for axes in PARTS]
+            if sum(value for value, _ in found) < best:
+                best = sum(value for value, _ in found)
+                size, wander = np.ones(3), np.zeros(3)
+                for axes, (_, ratio) in zip(PARTS, found):
+                    white = Whitening(len(sd), sd, phi, np.full(3, ratio))
+                    size[list(axes)] = self.problem.size(axes, white)
+                    wander[list(axes)] = ratio * size[list(axes)]
+                chosen = replace(self.noise, phi=phi, axes=self.noise.axes * np.sqrt(size), wander=wander)
+        return self._kept(chosen, 4)
+
+    def _ratio(self, axes: tuple[int, ...], sd: Floats, phi: float) -> tuple[float, float]:
+        """Return the least -2 L of some axes and the variance of the wander over that of the rest."""
+        def minus(log_ratio: float) -> float:
+            white = Whitening(len(sd), sd, phi, np.full(3, np.exp(log_ratio)))
+            return self.problem.minus_log_likelihood(axes, white)
+
+        # a random walk grows by its variance at every reading
+        tried = np.log(np.geomspace(1e-3, 1.0, 5) if phi == 1 else np.geomspace(0.03, 30, 5))
+        values = [minus(one) for one in tried]
+        place = min(max(int(np.argmin(values)), 1), 3)
+        low, middle, high = values[place - 1:place + 2]
+        bend, step = low - 2 * middle + high, tried[1] - tried[0]
+        best = tried[place] + (np.clip(0.5 * step * (low - high) / bend, -step, step) if bend > 0
+                               else step * np.sign(low - high))
+        none = self.problem.minus_log_likelihood(axes, Whitening(len(sd), sd))
+        return min((none, 0.0), (minus(best), float(np.exp(best))))
+
+
+def _log_density(energy: Floats, wide: int, dof: float) -> Floats:
+    """Return the log density, less a constant, of Student's distribution of so many coordinates of square sum."""
+    if not np.isfinite(dof):
+        return -0.5 * energy
+    out: Floats = (special.gammaln((dof + wide) / 2) - special.gammaln(dof / 2) - wide / 2 * np.log(dof / 2)
+                   - (dof + wide) / 2 * np.log1p(energy / dof))
+    return out
+
+
+def _divergence(size: int, per: str, dof: float) -> float:
+    """Return twice the log likelihood by which normal noise of `size` coordinates prefers the normal distribution."""
+    wide = 3 if per == 'reading' else 1
+    energy = special.gammaincinv(wide / 2, (np.arange(2000) + 0.5) / 2000) * 2
+    scale = np.geomspace(0.3, 1.5, 60)[:, None]  # Student's distribution at its best scale
+    loss = -0.5 * energy.mean() - np.max(np.mean(_log_density(energy / scale, wide, dof), axis=1)
+                                         - wide / 2 * np.log(scale[:, 0]))
+    return 2 * float(loss) * size / wide
+
+
+def _one_sided(values: Floats) -> float:
+    """Return the probability of values[0] beside simulated values[1:], by a gamma distribution of their moments."""
+    drawn = values[1:]
+    mean, sd = drawn.mean(), drawn.std()
+    skew = min(max(float(np.mean((drawn - mean)**3) / sd**3), 0.1), 2.0)
+    k = 4 / skew**2
+    return float(special.gammaincc(k, max(k + (values[0] - mean) / sd * np.sqrt(k), 0.0)))
+
+
+def _two_sided(values: Floats) -> float:
+    return float(2 * special.ndtr(-abs(values[0] - values[1:].mean()) / values[1:].std()))
+
+
+def estimate(problem: NoiseProblem) -> NoiseFit:
+    """Return the noise of a problem: kinds are taken on one by one as long as tests see them and they pay."""
+    found = problem.start
+    for _ in range(MOST_KINDS):
+        better = found.better()
+        if better is found:
+            break
+        found = better
+    return found
+
+
+def resolution_of(run: Run) -> float:
+    """Return the largest decimal step, m, of which all coordinates of a run are multiples, 0 where there is none."""
+    for step in (10.0**power * factor for power in range(-4, -10, -1) for factor in (5, 2, 1)):
+        if np.all(np.abs(run.centre - np.rint(run.centre / step) * step) < 1e-4 * step):
+            return step
+    return 0.0
+
+
+def noise_of_rounding(fitted: Fit, noise: Floats) -> Floats:
+    """Return what rounding makes of white noise (m, N, 3) about the readings as they are fitted, in white coordinates.
+
+    Rounding errors repeat where a coordinate does: they have the patterns of the readings and are no white noise.
+    """
+    step = resolution_of(fitted.run)
+    true = fitted.run.centre - fitted.residual
+    size = np.sqrt(max(fitted.rms**2 - step**2 / 12, (0.1 * fitted.rms)**2))
+    rounded: Floats = np.rint((true + size * noise) / step) * step - true
+    return np.asarray(fitted.joint.whitening.apply(rounded)) / fitted.rms

@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The noise of the readings: unequal axes, places and tails, and a frame that wanders; how it is made white.
+
+A reading r along axis a has the noise s e + u: s = axis factor x factor of its place / root of its Student weight, e
+white; u wanders with the readings, u_r = phi u_(r-1) + white. The variance of u is `wander` (phi = 1: per reading).
+In relative units: a check of CHECK readings in a row would find the variance 1 on average. White noise of equal size is
+all ones.
+
+With D the operator x_r - phi x_(r-1), D (s e + u) has a covariance of three diagonals, G G': W = G^-1 D makes the noise
+white, in O(N) operations whatever s is.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, TypeVar
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+from rosette_ros.core.records import Floats, Ints, Run
+
+AXES = ('x', 'y', 'z')
+CHECK = 10
+SECTIONS = 12
+Real = TypeVar('Real', bound=np.floating[Any])
+"""Single or double precision; what is made of columns keeps that of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """What the noise of a run is like, relative to its size.
+
+    axes: (3,) standard deviation of the unwandering part along x, y, z; by: what the size differs by (as `places`), ''
+    nothing; factors: (groups,) size of each; tail: '' normal, `coordinate` or `reading` for Student's distribution of
+    tail_dof degrees of freedom of each; weight: (N, 3) Student weights in this run; phi, wander: (3,) as above;
+    resolution: of the readings, m, 0 where it is not seen.
+    """
+
+    axes: Floats = field(default_factory=lambda: np.ones(3))
+    by: str = ''
+    factors: Floats = field(default_factory=lambda: np.ones(1))
+    tail: str = ''
+    tail_dof: float = float('inf')
+    weight: Floats | None = None
+    phi: float = 0.0
+    wander: Floats = field(default_factory=lambda: np.zeros(3))
+    resolution: float = 0.0
+
+    @property
+    def is_white(self) -> bool:
+        """Whether the noise is white and equal in all."""
+        return self.weight is None and not self.by and not self.wander.any() and bool(np.all(self.axes == 1))
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """In what it is other than white and equal."""
+        return tuple(kind for kind, has in (
+            ('axes', np.ptp(self.axes) > 0 and not self.wander.any()), ('by ' + self.by, self.by),
+            ('tail ' + self.tail, self.tail), ('wander', self.wander.any())) if has)
+
+    def whitening(self, run: Run) -> 'Whitening':
+        """Return what makes the noise of a run white."""
+        if self.weight is None and not self.by:
+            return Whitening(run.size, self.axes, self.phi, self.wander)
+        sd = np.tile(self.axes, (run.size, 1))
+        if self.by:
+            sd = sd * self.factors[place_of(run, self.by)][:, None]
+        if self.weight is not None:
+            sd = sd / np.sqrt(self.weight)
+        return Whitening(run.size, sd, self.phi, self.wander)
+
+    def scaled(self) -> 'Noise':
+        """Return the same noise with a variance of 1 within CHECK readings in a row."""
+        apart = np.arange(1, CHECK)
+        grown = apart if self.phi == 1 else 1 - self.phi**apart
+        within = 2 * np.sum((CHECK - apart) * grown) / (CHECK * (CHECK - 1))
+        wider = 1 / (1 - 2 / max(self.tail_dof, 3.0))  # variance of Student's distribution, where it has one
+        total = float(np.mean(self.axes**2) * wider + np.mean(self.wander) * within)
+        return replace(self, axes=self.axes / np.sqrt(total), wander=self.wander / total)
+
+
+def places(run: Run) -> Iterator[tuple[str, Ints, list[str]]]:
+    """Yield what readings can be grouped by: its name, the group of each reading, (N,) from 0, and names of groups."""
+    every = [str(k + 1) for k in range(run.n)]
+    yield 'table position', run.table_position - 1, every
+    yield 'ball', run.ball - 1, every
+    yield 'CMM position', run.cmm_position - 1, every
+    sections = min(SECTIONS, run.size // 3)
+    time = run.time - run.time[0]
+    edge = np.linspace(0, time[-1] or 1.0, sections + 1)
+    section = np.clip(np.searchsorted(edge, time, side='right') - 1, 0, sections - 1)
+    yield 'time', section, [f'{a / 60:.0f}-{b / 60:.0f} min' for a, b in pairwise(edge)]
+    order = np.arange(run.size) * sections // run.size
+    yield 'sequence', order, [f'{np.flatnonzero(order == s)[0] + 1}-{np.flatnonzero(order == s)[-1] + 1}'
+                              for s in range(sections)]
+
+
+def place_of(run: Run, by: str) -> Ints:
+    """Return the group of each reading, (N,) from 0."""
+    return next(index for label, index, _ in places(run) if label == by)
+
+
+class Whitening:
+    """W with W C W' = 1 for the covariance C of a run's noise; x, y and z are independent.
+
+    sd: (3,) or (N, 3) standard deviation of the unwandering part; phi, wander: (3,) as of Noise.
+    """
+
+    def __init__(self, size: int, sd: Floats, phi: float = 0.0, wander: Floats | None = None) -> None:
+        self.by_axis = sd.ndim == 1 and (wander is None or not wander.any())
+        self.size, self.sd = size, sd
+        wander = np.zeros(3) if wander is None else wander
+        self._phi, self._wander = phi, wander
+        self._made: dict[int, _Filter] = {}
+        self.is_plain = self.by_axis and bool(np.all(self.sd == 1))
+        self.is_diagonal = not wander.any()
+
+    def _filter(self, axis: int) -> '_Filter':
+        if axis not in self._made:
+            sd = np.broadcast_to(self.sd, (self.size, 3))[:, axis]
+            self._made[axis] = _Filter(sd, self._phi, float(self._wander[axis]))
+        return self._made[axis]
+
+    @cached_property
+    def log_det(self) -> float:
+        """The logarithm of det C."""
+        return self.log_det_of((0, 1, 2))
+
+    def log_det_of(self, axes: Sequence[int]) -> float:
+        """Return the logarithm of det C of some axes."""
+        return float(sum(self._filter(axis).log_det for axis in axes))
+
+    @cached_property
+    def factors(self) -> Floats:
+        """The diagonal of W where it is diagonal, (N, 3)."""
+        factors: Floats = 1 / np.broadcast_to(self.sd, (self.size, 3))
+        return factors
+
+    def along(self, axis: int, rows: Floats) -> Floats:
+        """Return W of rows (m, N) along one axis."""
+        return self._filter(axis).apply(rows)
+
+    def apply(self, columns: NDArray[Real]) -> NDArray[Real]:
+        """Return W of columns (m, N, 3), same shape and precision."""
+        return self._each('apply', columns)
+
+    def adjoint(self, columns: NDArray[Real]) -> NDArray[Real]:
+        """Return W' of columns (m, N, 3), same shape and precision."""
+        return self._each('adjoint', columns)
+
+    def inverse(self, columns: NDArray[Real]) -> NDArray[Real]:
+        """Return W^-1 of columns (m, N, 3), same shape and precision: what white noise becomes."""
+        return self._each('inverse', columns)
+
+    def _each(self, what: str, columns: NDArray[Real]) -> NDArray[Real]:
+        if self.is_plain:
+            return columns
+        if self.is_diagonal:
+            factors = self.factors.astype(columns.dtype)
+            scaled: NDArray[Real] = np.divide(columns, factors) if what == 'inverse' else np.multiply(columns, factors)
+            return scaled
+        out = np.zeros_like(columns)
+        for axis in range(3):
+            if columns[..., axis].any():
+                out[..., axis] = getattr(self._filter(axis), what)(columns[..., axis])
+        return out
+
+
+class _Filter:
+    """W of one axis: rows (m, N) to rows (m, N)."""
+
+    def __init__(self, sd: Floats, phi: float, wander: float) -> None:
+        self._sd, self._phi, self._wanders = sd, phi, wander > 0
+        self.log_det = 2 * float(np.sum(np.log(sd)))
+        if not self._wanders:
+            return
+        self._first = np.sqrt(1 - phi**2) if phi < 1 else 1.0
+        scale = np.full(sd.size, 1.0)
+        scale[0] = self._first
+        drive = wander * (1 - phi**2) if phi < 1 else wander
+        variance = sd**2
+        band = np.zeros((2, sd.size))
+        band[0] = drive + (scale * sd)**2
+        band[0, 1:] += phi**2 * variance[:-1]
+        band[1, :-1] = -phi * variance[:-1] * scale[:-1]
+        self._band: Floats = scipy.linalg.cholesky_banded(band, lower=True, check_finite=False)
+        self.log_det = 2 * float(np.sum(np.log(self._band[0])) - np.log(self._first))
+
+    def apply(self, rows: NDArray[Any]) -> Floats:
+        if not self._wanders:
+            return np.asarray(rows / self._sd)
+        moved = rows.T.astype(float)
+        moved[1:] -= self._phi * rows.T[:-1]
+        moved[0] *= self._first
+        return _banded(self._band, moved, b'N').T
+
+    def adjoint(self, rows: NDArray[Any]) -> Floats:
+        if not self._wanders:
+            return np.asarray(rows / self._sd)
+        solved = _banded(self._band, rows.T.astype(float), b'T')
+        out = solved.copy()
+        out[0] *= self._first
+        out[:-1] -= self._phi * solved[1:]
+        return out.T
+
+    def inverse(self, rows: NDArray[Any]) -> Floats:
+        if not self._wanders:
+            return np.asarray(rows * self._sd)
+        white = rows.T.astype(float)
+        moved = self._band[0][:, None] * white
+        moved[1:] += self._band[1, :-1, None] * white[:-1]
+        difference = np.ones((2, len(white)))
+        difference[0, 0], difference[1] = self._first, -self._phi
+        return _banded(difference, moved, b'N').T
+
+
+def _banded(band: Floats, rows: Floats, transposed: bytes) -> Floats:
+    """Return the solution of a lower triangle of two diagonals for rows (N, m)."""
+    out: Floats = lapack.dtbtrs(band, rows, uplo=b'L', trans=transposed)[0]
+    return out

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The noise of a run: whitening makes it white, its estimates are right, and it is never told as a physical effect."""
+
+import numpy as np
+import pytest
+from synthetic import synthetic_run
+
+from rosette_ros.core.diagnosis.diagnosis import judge
+from rosette_ros.core.diagnosis.noise_search import NoiseProblem, estimate
+from rosette_ros.core.diagnosis.verdict import Outcome
+from rosette_ros.core.model.least_squares import fit, observed
+from rosette_ros.core.model.model import Model
+from rosette_ros.core.model.noise import Noise, Whitening
+
+SIGMA = 1e-7
+NONE = np.zeros((0, 144, 3))
+
+
+def noisy(offset, seed=0, order='random'):
+    """Return a run of 12 balls with an offset (N, 3) in sigma on its readings, whose repeatability is known."""
+    run = synthetic_run(12, order, seed, repeatability=SIGMA)[0]
+    return run.replace(centre=run.centre + SIGMA * offset)
+
+
+def white(seed):
+    """Return independent normal numbers for 144 readings, and the generator."""
+    rng = np.random.default_rng([seed, 7])
+    return rng.standard_normal((144, 3)), rng
+
+
+def autoregressive(seed, rho):
+    """Return noise whose neighbours are correlated."""
+    drive, _ = white(seed)
+    out = drive.copy()
+    for place in range(1, 144):
+        out[place] = rho * out[place - 1] + np.sqrt(1 - rho**2) * drive[place]
+    return out
+
+
+def walk(seed, end):
+    """Return white noise on a frame that wanders at random."""
+    noise, rng = white(seed)
+    return noise + end / 12 * np.cumsum(rng.standard_normal((144, 3)), axis=0)
+
+
+def student(seed, dof):
+    """Return noise of heavy tails, the same scale for all axes of a reading."""
+    noise, rng = white(seed)
+    return noise * np.sqrt((dof - 2) / rng.chisquare(dof, (144, 1)))
+
+
+def estimated(offset, seed=0, order='random'):
+    """Return the NoiseFit of a run."""
+    run = noisy(offset, seed, order)
+    found = fit(run)
+    return estimate(NoiseProblem(run, found.joint.space.basis, NONE, found.residual, 0))
+
+
+def covariance(sd, phi, wander):
+    """Return the covariance (3 N, 3 N) of a noise, written out."""
+    size = len(sd)
+    k = np.arange(size)
+    kernel = np.minimum(k[:, None], k) + 1.0 if phi == 1 else phi**np.abs(k[:, None] - k)
+    out = np.zeros((size, 3, size, 3))
+    for axis in range(3):
+        out[:, axis, :, axis] = np.diag(sd[:, axis]**2) + wander[axis] * kernel
+    return out.reshape(3 * size, 3 * size)
+
+
+@pytest.mark.parametrize('phi', [0.3, 0.97, 1.0])
+def test_whitening_makes_white(phi):
+    """W C W' = 1, the adjoint is W', the inverse is W^-1, and the determinant is that of C."""
+    sd, wander = np.random.default_rng(1).uniform(0.5, 2, (20, 3)), np.array([0.5, 0.0, 2.0])
+    white_of = Whitening(20, sd, phi, wander)
+    units = np.eye(60).reshape(60, 20, 3)
+    w, adjoint, inverse = (part(units).reshape(60, 60).T for part in (
+        white_of.apply, white_of.adjoint, white_of.inverse))
+    wanted = covariance(sd, phi, wander)
+    assert np.abs(w @ wanted @ w.T - np.eye(60)).max() < 1e-12
+    assert np.abs(adjoint - w.T).max() < 1e-14
+    assert np.abs(w @ inverse - np.eye(60)).max() < 1e-12
+    assert white_of.log_det == pytest.approx(np.linalg.slogdet(wanted)[1], abs=1e-10)
+
+
+@pytest.mark.parametrize('noise', [
+    Noise(axes=np.array([0.8, 0.8, 1.3])), Noise(axes=np.array([0.5, 1.0, 1.3])), Noise(by='ball', factors=np.arange(
+        1.0, 7.0)), Noise(phi=0.9, wander=np.array([1.0, 1.0, 3.0])), Noise(phi=1.0, wander=np.array([0.0, 0.0, 0.1]))])
+def test_a_fit_is_generalised_least_squares(noise):
+    """Residual and uncertainty of the curves are those of a dense solution with the covariance written out."""
+    run = synthetic_run(6, 'random', 3, noise=SIGMA)[0]
+    found = fit(run, Model().with_effect('plate_warp', {'order': 2}), [{'order': 2}], noise)
+    plain = np.eye(108).reshape(108, 36, 3)
+    rest = fit(run).joint.space.free(plain).reshape(108, 108)
+    columns = np.moveaxis(found.joint.columns, 0, -1).reshape(108, -1)
+    design = np.hstack([np.eye(108) - rest, columns])
+    sd = np.broadcast_to(noise.whitening(run).sd, (36, 3))
+    root = np.linalg.cholesky(covariance(sd, noise.phi, noise.wander))
+    basis = np.linalg.svd(np.linalg.solve(root, design), full_matrices=False)
+    basis = basis[0][:, basis[1] > 1e-9 * basis[1][0]]
+    left = np.linalg.solve(root, observed(run).reshape(-1))
+    left = root @ (left - basis @ (basis.T @ left))
+    assert np.abs(left - found.residual.reshape(-1)).max() < 1e-9 * SIGMA + 1e-12 * 0.18
+    # the curves of unit readings spread as the covariance says
+    each = np.array([fit(run.replace(centre=run.centre + 1e-6 * unit), found.model, found.settings, noise)
+                     .error_motions.values - found.error_motions.values for unit in plain[::1]])
+    spread = np.einsum('anc,ab,bnc->nc', each, root @ root.T, each) / 1e-12
+    assert np.sqrt(spread) * found.sigma == pytest.approx(found.error_motions.u, rel=1e-5)
+
+
+def test_unequal_axes_come_back():
+    """z twice as noisy is found within its uncertainty, over 20 runs without bias; the axes stay as one."""
+    ratios = []
+    for seed in range(20):
+        noise = estimated(white(seed)[0] * (1, 1, 2), seed, ('row', 'random')[seed % 2]).noise
+        ratios.append(noise.axes[2] / noise.axes[0])
+    assert abs(np.mean(ratios) / 2 - 1) < 3 * 0.09 / np.sqrt(20)  # 90 and 211 degrees of freedom: 9 %
+
+
+def test_a_wander_comes_back():
+    """A random walk of 10 sigma over the run, and the correlation of neighbours, over some runs without bias."""
+    ends = [np.sqrt(144 * np.mean(found.noise.wander) / np.mean(found.noise.axes**2)) for found in (
+        estimated(walk(seed, 10.0), seed) for seed in range(6)) if found.noise.phi == 1]
+    assert len(ends) >= 4
+    assert np.mean(ends) == pytest.approx(10, rel=0.25)
+    assert all('wander' in estimated(autoregressive(seed, 0.6), seed).noise.kinds for seed in range(4))
+
+
+def test_white_noise_stays_white():
+    """Equal white noise is taken as other in few runs."""
+    assert sum(estimated(white(seed)[0], seed).noise.is_white for seed in range(40)) >= 38
+
+
+KINDS = {
+    'z': (lambda seed: white(seed)[0] * (1, 1, 2), 'z repeats '),
+    'tails': (lambda seed: student(seed, 3), ' stand out more than normal noise allows (Student, '),
+    'neighbours': (lambda seed: autoregressive(seed, 0.6), 'neighbouring readings are correlated 0.'),
+    'walk': (lambda seed: walk(seed, 10.0), 'the frame wanders: random walk of '),
+    'ball': (lambda seed: white(seed)[0] * np.where(np.arange(144) % 12 == 6, 3.0, 1.0)[:, None], '7 scatters ')}
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_noise_is_told_as_noise(kind):
+    """No physical effect is named, and the sentence says what the noise is like."""
+    make, words = KINDS[kind]
+    order = 'row' if kind == 'ball' else 'random'
+    verdicts = [judge(noisy(make(seed), seed, order)) for seed in (0, 2)]
+    assert all(one.outcome in (Outcome.FITS, Outcome.NOISE, Outcome.SCATTERS) for one in verdicts)
+    assert all(words in one.sentence for one in verdicts)
+
+
+def test_rounding_is_told_as_rounding():
+    """Readings in steps of 1 um, whose noise is a tenth of that."""
+    run = synthetic_run(12, 'diagonal', 1, noise=SIGMA, repeatability=SIGMA)[0]
+    verdict = judge(run.replace(centre=np.round(run.centre, 6)))
+    assert verdict.outcome == Outcome.SCATTERS
+    assert 'the readings are rounded to 1.00 µm' in verdict.sentence
+    assert 'more digits' in verdict.action
+
+
+def test_an_effect_is_named_in_noisy_axes():
+    """A drift is named where z is twice as noisy, and both are told."""
+    run = noisy(white(3)[0] * (1, 1, 2), 3)
+    drift = 1.2e-6 * (run.time / run.time[-1])[:, None] * np.array([1.0, 0.5, 0.0])
+    verdict = judge(run.replace(centre=run.centre + drift))
+    assert verdict.outcome == Outcome.NAMED
+    assert 'lacks frame_drift:' in verdict.sentence and 'z repeats ' in verdict.sentence
+
+
+def test_a_complete_run_of_unequal_axes_needs_no_dense_solution():
+    """The variance of the curves is in closed form: z and the plane scale apart."""
+    run = synthetic_run(6, 'row', 0, noise=SIGMA)[0]
+    axes = np.array([0.5, 0.5, 2.0])
+    equal, other = fit(run).joint.curve_cofactor(), fit(run, noise=Noise(axes=axes)).joint.curve_cofactor()
+    assert other / equal == pytest.approx(np.tile([0.25, 0.25, 4, 4, 4, 0.25], (6, 1)), rel=1e-12)
