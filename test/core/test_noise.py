@@ -134,7 +134,7 @@ KINDS = {
     'z': (lambda seed: white(seed)[0] * (1, 1, 2), 'z repeats '),
     'tails': (lambda seed: student(seed, 3), ' stand out more than normal noise allows (Student, '),
     'neighbours': (lambda seed: autoregressive(seed, 0.6), 'neighbouring readings are correlated 0.'),
-    'walk': (lambda seed: walk(seed, 10.0), 'the frame wanders: random walk of '),
+    'walk': (lambda seed: walk(seed, 10.0), 'the frame wanders'),
     'ball': (lambda seed: white(seed)[0] * np.where(np.arange(144) % 12 == 6, 3.0, 1.0)[:, None], '7 scatters ')}
 
 

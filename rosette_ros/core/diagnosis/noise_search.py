@@ -153,7 +153,7 @@ class NoiseFit:
         for by in GROUPS:
             index = place_of(run, by)
             hot = (index == np.arange(index.max() + 1)[:, None]).astype(float)
-            sums, number = np.sum(square, axis=2) @ hot.T, hot.sum(axis=1)
+            sums, number = np.sum(square, axis=2) @ hot.T, np.maximum(hot.sum(axis=1), 1)
             yield Misfit('by', by, _one_sided(np.sum((sums - sums[1:].mean(axis=0))**2 / number, axis=1)))
         for phi in (0.4, 0.9, 1.0):
             for axes in PARTS:
@@ -196,8 +196,8 @@ class NoiseFit:
         factors, fitted = np.ones(len(hot)), self
         for _ in range(3):
             square = hot @ np.sum(fitted.left**2, axis=2).T
-            dof = square[:, 1:].mean(axis=1)
-            logs = np.log(factors**2 * square[:, 0] / dof)
+            dof = np.maximum(square[:, 1:].mean(axis=1), 1e-3)  # groups may be empty
+            logs = np.log(np.maximum(factors**2 * square[:, 0] / dof, 1e-3))
             logs = logs - np.average(logs, weights=dof)
             spread = max(float(np.average(logs**2 - 2 / dof, weights=dof)), 1e-3)
             factors = np.exp(0.5 * logs * spread / (spread + 2 / dof))
