@@ -31,6 +31,8 @@ NEGLIGIBLE = 0.05
 LARGEST_LIMIT = 100.0
 ANGLE_DECIMALS = 9
 """1e-9 degrees are 3 pm at 182.5 mm."""
+LEAST_NOISE = 1e-15
+"""What stands for the noise of readings that have none, m: nothing is divided by zero."""
 BARS, MOST_BARS = '▁▂▃▄▅▆▇█', 40
 
 
@@ -103,7 +105,7 @@ def noise_of(fit: Fit) -> tuple[float, str]:
     """Return what residuals are divided by, m, and its name: the repeatability where it is known."""
     if fit.run.repeatability is not None:
         return fit.run.repeatability, 'the repeatability'
-    return fit.rms, 'the rms of all residuals; the repeatability is not known'
+    return max(fit.rms, LEAST_NOISE), 'the rms of all residuals; the repeatability is not known'
 
 
 def axes(comparison: Comparison) -> Table:

@@ -36,6 +36,7 @@ RIDGE = 1e-3
 SMALL = 1000
 FEW = 32
 EMPTY = 0.25
+NO_RESIDUAL = 1e-290  # square sum that stands for none, m²
 """Share of numbers that are not zero below which columns are kept as sparse."""
 
 

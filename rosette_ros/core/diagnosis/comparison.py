@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import special
 
-from rosette_ros.core.diagnosis.candidates import Projection, Reals
+from rosette_ros.core.diagnosis.candidates import NO_RESIDUAL, Projection, Reals
 from rosette_ros.core.diagnosis.verdict import UNLIKELY
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.base_model import BaseLines
@@ -130,7 +130,7 @@ def _grouping(label: str, index: Ints, keys: Sequence[str], residual: Floats, no
     mean = _sums(index, count, residual[None])[0] / number
     rms = np.where(wanted > 1e-12, np.sqrt(squares / np.maximum(wanted, 1e-12)), 0.0)
     every = np.concatenate([residual[None], noise])
-    total = np.sum(every**2, axis=(1, 2))
+    total = np.maximum(np.sum(every**2, axis=(1, 2)), NO_RESIDUAL)
     # the most uneven group, each draw in units of its own scatter
     uneven = (_sums(index, count, every**2) / np.maximum(wanted, 1e-12) / total[:, None, None] * total[1:].mean())
     statistic = uneven.max(axis=(1, 2))
@@ -140,7 +140,8 @@ def _grouping(label: str, index: Ints, keys: Sequence[str], residual: Floats, no
 
 def _neighbours(residual: Floats, noise: Reals) -> tuple[float, float]:
     every = np.concatenate([residual[None], noise])
-    value = (np.sum(every[:, 1:] * every[:, :-1], axis=(1, 2)) / np.sum(every**2, axis=(1, 2)))
+    total = np.maximum(np.sum(every**2, axis=(1, 2)), NO_RESIDUAL)
+    value = np.sum(every[:, 1:] * every[:, :-1], axis=(1, 2)) / total
     centre = value[1:].mean()
     z = (value[0] - centre) / value[1:].std()
     return float(value[0] - centre), float(2 * special.ndtr(-abs(z)))
@@ -148,7 +149,7 @@ def _neighbours(residual: Floats, noise: Reals) -> tuple[float, float]:
 
 def _worst(fit: Fit, noise: Reals, expected: Reals) -> tuple[Reading, ...]:
     run, scale = fit.run, np.sqrt(np.maximum(expected, 1e-12))
-    size = np.sqrt(np.sum((fit.residual / scale)**2, axis=1)) / fit.rms
+    size = np.sqrt(np.sum((fit.residual / scale)**2, axis=1)) / max(fit.rms, NO_RESIDUAL)
     total = np.sqrt(np.sum(noise**2, axis=(1, 2)) / fit.dof)
     largest = np.sqrt(np.sum((noise / scale)**2, axis=2)).max(axis=1) / total
     return tuple(Reading(int(k + 1), int(run.table_position[k]), int(run.ball[k]), int(run.cmm_position[k]),

@@ -21,7 +21,17 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from rosette_ros.core.diagnosis.candidates import SMALL, Family, Projection, Reals, families, gains, products_of, whiten
+from rosette_ros.core.diagnosis.candidates import (
+    NO_RESIDUAL,
+    SMALL,
+    Family,
+    Projection,
+    Reals,
+    families,
+    gains,
+    products_of,
+    whiten,
+)
 from rosette_ros.core.diagnosis.unnamed_terms import UNNAMED_TERMS, UnnamedTerm
 from rosette_ros.core.effects.effect import Bracket, Effect, Setting
 from rosette_ros.core.effects.library import EFFECTS
@@ -122,7 +132,7 @@ class Problem:
     @cached_property
     def empty(self) -> Selection:
         """The selection of nothing."""
-        rss = float(self.residual @ self.residual)
+        rss = max(float(self.residual @ self.residual), NO_RESIDUAL)
         return Selection((), np.zeros((0, self.residual.size)), self.residual, rss, 0.0)
 
     def member(self, effect: Effect, setting: Setting, chances: float) -> Member | None:
@@ -149,7 +159,7 @@ class Problem:
         rows = (vector[:, keep] / np.sqrt(value[keep])).T @ stacked
         residual = self.residual - (rows @ self.residual) @ rows
         residual = residual - (rows @ residual) @ rows
-        rss = max(float(residual @ residual), 1e-300)
+        rss = max(float(residual @ residual), NO_RESIDUAL)
         coefficients = vector[:, keep] @ ((vector[:, keep].T @ (stacked @ self.residual)) / value[keep])
         spent, start = 0.0, 0
         for member in members:
@@ -317,7 +327,7 @@ def _best_scores(family: Family, rss: float | Floats, gain: Reals, dof: int) -> 
     rss: square sums, (m,) or one; gain: (blocks, m), their fall; dof: degrees of freedom of rss. Of blocks of one rank
     the one with the largest gain has the best score.
     """
-    columns = np.arange(gain.shape[1])
+    columns, rss = np.arange(gain.shape[1]), np.maximum(rss, NO_RESIDUAL)
     best, block = np.full(gain.shape[1], -np.inf), np.zeros(gain.shape[1], dtype=int)
     for rank, places in family.by_rank:
         largest = places[np.argmax(gain[places], axis=0)]

@@ -38,7 +38,7 @@ def ladder(steps: Sequence[LadderStep], repeatability: float | None = None, dof:
         panel.axvspan(known - spread, known + spread, color=style.INK, alpha=0.13, linewidth=0)
         panel.axvline(known, color=style.INK, linewidth=1.6, linestyle=style.DASHED,
                       label=f'repeatability, {known:.3f} µm')
-    panel.set_xlim(0, 1.13 * max(*fitted, *validated, known))
+    panel.set_xlim(0, 1.13 * max(*fitted, *validated, known, 1e-9))
     _finish(made, panel, nested_names(steps), 'error of a coordinate in µm (rms)')
     return made
 

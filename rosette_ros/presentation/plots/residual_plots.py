@@ -105,7 +105,7 @@ def against(series: Sequence[Residuals], noise: float | None = None) -> Figure:
     made = style.figure(10, 6.6)
     made.subplots_adjust(left=0.07, right=0.99, bottom=0.125, top=0.98, hspace=0.1, wspace=0.06)
     grid = style.panels(made, 3, len(places))
-    limit = 1.08 * max(float(np.abs(1e6 * one.values).max()) for one in series)
+    limit = 1.08 * max(1e-9, *(float(np.abs(1e6 * one.values).max()) for one in series))
     for axis, name in enumerate(AXES):
         for column, (label, values, marks, sections) in enumerate(places):
             panel = grid[axis, column]
@@ -175,7 +175,7 @@ def histogram(series: Sequence[Residuals], noise: float | None, dof: Sequence[in
     made.subplots_adjust(left=0.065, right=0.99, bottom=0.15, top=0.98)
     panel = style.panels(made)[0, 0]
     flat = [1e6 * one.values.ravel() for one in series]
-    spread = 1e6 * noise if noise is not None else float(np.std(flat[-1]))
+    spread = 1e6 * noise if noise is not None else max(float(np.std(flat[-1])), 1e-9)
     reach = min(max(max(float(np.abs(one).max()) for one in flat), 3.5 * spread), WIDE * spread)
     width = max(spread / 3, reach / 60)
     count = int(np.ceil(reach / width - 0.5))
