@@ -197,7 +197,7 @@ class NoiseFit:
         for _ in range(3):
             square = hot @ np.sum(fitted.left**2, axis=2).T
             dof = np.maximum(square[:, 1:].mean(axis=1), 1e-3)  # groups may be empty
-            logs = np.log(np.maximum(factors**2 * square[:, 0] / dof, 1e-3))
+            logs = np.log(factors**2 * np.maximum(square[:, 0] * self.problem.dof / fitted.rss / dof, 1e-3))
             logs = logs - np.average(logs, weights=dof)
             spread = max(float(np.average(logs**2 - 2 / dof, weights=dof)), 1e-3)
             factors = np.exp(0.5 * logs * spread / (spread + 2 / dof))
