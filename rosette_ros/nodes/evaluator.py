@@ -149,7 +149,10 @@ class Evaluator(CellNode):
             doubts = ''.join(f'; {remark}' for remark in run.remarks)
             self._level = WARN if doubts else OK
             self._last = plain(f'run {run_id} is evaluated, {run.size} ball centres{doubts}', most=2000)
-            (self.get_logger().warning if doubts else self.get_logger().info)(self._last)
+            if doubts:
+                self.get_logger().warning(self._last)
+            else:
+                self.get_logger().info(self._last)
 
     def _diagnose_after(self, run: Run) -> bool:
         """Publish the diagnosis of a run that was evaluated, where that is wanted; return whether it was published."""
