@@ -17,7 +17,6 @@ from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Answe
 from rosette_ros.io.reading_checks import remarks_on_answers
 from rosette_ros.io.run_assembly import RunAnswers
 
-LONG = 90.0  # a run that goes on for longer tells how long, s
 VERIFY_REFUSALS = 20  # a recorder that refuses so often to report what is in the log has no log open
 VERIFY_ROUNDS = 3  # so often the answers in the log are verified at the end of a run, and what it lacks is asked again
 
@@ -151,7 +150,7 @@ class Sequence:
         self._frame, self._frame_id = plan.taught, MACHINE_FRAME
         self._alignment: list[Answer] = []
         self._begun = (0.0, 0)  # when the first target was asked, and what was done then
-        self._left = 0.0  # time until all targets are answered, as the answers so far took it, s
+        self.left = 0.0  # time until all targets are answered, as the answers so far took it, s
 
     @property
     def done(self) -> int:
@@ -172,7 +171,6 @@ class Sequence:
             return self.text
         place, size = self.plan.place_in_phase(target.seq - 1)
         again = '' if target.attempt == 1 else f', attempt {target.attempt}'
-        again += f'; about {round(self._left / 60)} min left' * (self._left > LONG)
         return (f'{Phase(target.phase).name.lower().replace("_", " ")} {place} of {size}: table position '
                 f'{target.table_position}, ball {target.ball}{again}')
 
@@ -199,7 +197,7 @@ class Sequence:
         self._asked = None
         commands = self._take(target, answer)
         began, done = self._begun
-        self._left = (now - began) * (self.plan.total - self.done) / max(self.done - done, 1)
+        self.left = (now - began) * (self.plan.total - self.done) / max(self.done - done, 1)
         return commands if self.phase.is_end or self._held else (*commands, *self._next(now))
 
     def hold(self, words: str, now: float, verify: bool = False) -> Commands:

@@ -13,9 +13,11 @@ from types import FrameType
 from typing import Any, Self
 
 from action_msgs.msg import GoalStatus
+from rcl_interfaces.msg import Log
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from rclpy.task import Future
 from rosette_msgs.action import Calibrate
@@ -92,6 +94,8 @@ class CellClient:
         self._node.create_subscription(CalibrationEvent, names.CALIBRATION_EVENT, self._on_event, qos.EVENT)
         self._run_id, self._is_restarted, self._has_state = '', False, False
         self._progress = CalibrationProgress()
+        self._on_warning: Callable[[str], object] | None = None
+        self._node.create_subscription(Log, names.ROSOUT, self._on_log, qos.EVENT)
         self._verdicts: dict[str, Verdict | None] = {}
         self._node.create_subscription(Diagnosis, names.DIAGNOSIS, self._on_diagnosis, qos.RESULT)
         self._action = ActionClient(self._node, Calibrate, names.CALIBRATE)
@@ -120,17 +124,19 @@ class CellClient:
             on_progress: Callable[[CalibrationProgress], object] | None = None,
             check: Callable[[], object] | None = None, timeout: float | None = None, resume: str = '', *,
             balls: int = 0, radius: float = 0.0, turning: str = '', repeats: int | None = None,
-            drift_check: bool | None = None, attempts: int = 0, skips: int | None = None) -> CalibrationOutcome:
+            drift_check: bool | None = None, attempts: int = 0, skips: int | None = None,
+            on_warning: Callable[[str], object] | None = None) -> CalibrationOutcome:
         """Run a calibration to its end and return its CalibrationOutcome.
 
         The fields of the goal are those of Calibrate.action; '', 0 or None: as configured, and a new run where `resume`
         is empty; radius: m. check: called now and then, may raise (a cell's own check); timeout: s, after which the
-        calibration is cancelled. KeyboardInterrupt cancels it and waits for its clean end.
+        calibration is cancelled. KeyboardInterrupt cancels it and waits for its clean end. on_warning:
+        gets what the nodes of the cell warn of.
 
         Raises CellError where the sequencer is not there, refuses, or is disconnected."""
         self.wait()
         self._rejections.clear()
-        self._run_id, self._is_restarted = '', False
+        self._run_id, self._is_restarted, self._on_warning = '', False, on_warning
 
         def on_feedback(message: Any) -> None:
             if on_progress and message.feedback.state.phase in list(Phase):
@@ -186,6 +192,11 @@ class CellClient:
 
     def _on_diagnosis(self, message: Diagnosis) -> None:
         self._verdicts = {message.run_id: conversions.verdict_record(message)}
+
+    def _on_log(self, message: Log) -> None:
+        cell = self._where[1:].replace('/', '.')
+        if self._on_warning and message.level >= LoggingSeverity.WARN and f'{message.name}.'.startswith(f'{cell}.'):
+            self._on_warning(f'{message.name.rpartition(".")[2]}: {message.msg}')
 
     def _on_state(self, state: RunState) -> None:
         """A sequencer that is idle while a calibration of it is on, is another process."""

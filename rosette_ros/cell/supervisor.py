@@ -2,6 +2,7 @@
 """A whole cell on this computer: its nodes as processes, started, supervised and ended together."""
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -31,6 +32,8 @@ MOST_FAILURES, FAILURES_WITHIN = 5, 60.0  # a node that fails so often within so
 _STEPS = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # how a node is ended: signal, s for it
 _ESCALATION = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL).index
 _POLL = 0.02
+LOG_LINE = re.compile(r'\[(\w+)\] \[[\d.]+\] \[[^]]*\]: (.*)')
+"""A line of a node's log: level and words."""
 
 RANGE, PEERS, RMW = 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS', 'RMW_IMPLEMENTATION'
 TRANSPORTS, PROFILES = 'FASTDDS_BUILTIN_TRANSPORTS', 'FASTRTPS_DEFAULT_PROFILES_FILE'
@@ -46,11 +49,20 @@ class NodeProcess:
     popen: subprocess.Popen[bytes]
     output: Path
     begin: int
+    told: int = 0
 
     def text(self) -> str:
         with open(self.output, 'rb') as stream:
             stream.seek(self.begin)
             return stream.read().decode('utf-8', errors='replace')
+
+    def news(self) -> list[tuple[str | Any, ...]]:
+        """Return the whole lines of the log that have come since the last call, as (level, words)."""
+        with open(self.output, 'rb') as stream:
+            stream.seek(max(self.begin, self.told))
+            lines = stream.read().rpartition(b'\n')[0]
+        self.told = max(self.begin, self.told) + len(lines) + bool(lines)
+        return [found.groups() for found in map(LOG_LINE.match, lines.decode('utf-8', 'replace').splitlines()) if found]
 
     def end(self, number: signal.Signals) -> None:
         """Send the signal; one that is still loading its modules has nothing to end in order."""
@@ -136,6 +148,11 @@ class Cell:
         self.processes[name] = NodeProcess(name, popen, output, begin)
         if wait:
             self._await_output({name: f'{names.READY}\n'})
+
+    def news(self) -> list[str]:
+        """Return what is new for a person: all that the sequencer says, and what the other nodes warn of."""
+        return [f'{name}: {words}' for name, process in self.processes.items() for level, words in process.news()
+                if words != names.READY and (name == names.SEQUENCER or level != 'INFO')]
 
     def stop(self) -> dict[str, int | None]:
         """End all nodes, the sequencer first; return the exit codes by node."""

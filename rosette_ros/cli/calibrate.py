@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 
 from rosette_ros.cell.client import CalibrationOutcome, CellClient
 from rosette_ros.cli.arguments import UsageError, add_shared, positive, whole
@@ -70,7 +70,7 @@ def calibrate(client: CellClient, **goal: Any) -> CalibrationOutcome:
     """
     with ProgressDisplay() as display:
         try:
-            outcome = client.calibrate(on_progress=display.show, **goal)
+            outcome = client.calibrate(on_progress=display.show, on_warning=display.warn, **goal)
         except TimeoutError as error:
             raise CellError(f'{error}; see the output of the sequencer') from error
     rest = (f'; what was measured is in {outcome.log}, continue with: {client.resume_command(outcome.log)}'
@@ -88,8 +88,8 @@ class ProgressDisplay(Progress):
     def __init__(self) -> None:
         out = console(sys.stderr)
         super().__init__(SpinnerColumn(), TextColumn('{task.description:<22}'), BarColumn(bar_width=32),
-                         MofNCompleteColumn(), TextColumn('{task.fields[rate]}'), console=out, transient=True,
-                         disable=not out.is_terminal)
+                         MofNCompleteColumn(), TextColumn('{task.fields[rate]}'), TimeRemainingColumn(), console=out,
+                         transient=True, disable=not out.is_terminal)
         self._bar = self.add_task('waiting for the cell', total=None, rate='')
         self._phase: int | None = None
         self._began, self._from, self._done = 0.0, 0, 0
@@ -110,6 +110,10 @@ class ProgressDisplay(Progress):
         self.update(self._bar, completed=self._done, total=progress.total,
                     description='' if phase is None else PHASE_WORDS[phase],
                     rate=f'{balls / spent:.0f} balls/s' if balls > 1 and spent > 0.2 else '')
+
+    def warn(self, words: str) -> None:
+        """Show what a node of the cell warns of."""
+        self.console.print(f'  [yellow]{escape(words)}[/]', soft_wrap=True)
 
     def _spent(self) -> tuple[int, float]:
         """Return the balls measured in this phase and its wall time so far, s."""

@@ -51,10 +51,13 @@ def run(options: argparse.Namespace) -> None:
         if options.no_simulation:
             out.print('It waits for a CMM that answers probe_target with ball_centre (docs/real-cmm.md).')
         out.print(f'In another terminal:\n  rosette calibrate{where}\nCtrl-C ends the cell.', highlight=False)
+        cell.news()
         try:
             while True:
                 for words in cell.restart_failed().values():
                     print(f'{datetime.now():%H:%M:%S} {words}; restarted', file=sys.stderr, flush=True)
+                for words in cell.news():
+                    out.print(f'{datetime.now():%H:%M:%S} {escape(words)}', soft_wrap=True)
                 time.sleep(0.2)
         except KeyboardInterrupt:
             print('Ending the cell.', file=sys.stderr)

@@ -130,9 +130,13 @@ class CellMonitor:
         if not lacks and self._complete_since is None:
             self._complete_since = now
         status = lacks or (names.COMPLETE if self.is_settled(now) else 'the nodes are getting connected')
+        was_complete = self.status == names.COMPLETE
         if status != self.status:
-            self.status = status
-            self._node.get_logger().info(status)
+            log, self.status = self._node.get_logger(), status
+            if lacks and was_complete:
+                log.warning(status)
+            else:
+                log.info(status)
 
     def is_settled(self, now: float) -> bool:
         """Return whether all nodes have been present long enough, and the recorder receives from all of them."""

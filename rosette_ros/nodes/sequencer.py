@@ -38,6 +38,7 @@ END_EVENTS = {Phase.DONE: CalibrationEvent.SUCCEEDED, Phase.CANCELLED: Calibrati
 RECALL_TIMEOUT = 60.0  # how long the recorder may read in the log of an earlier part, s
 RESULT_KEPT = 3600  # how long the result of a goal can be fetched, s
 ANSWERS_TIMEOUT = 2.0  # how long answers may be under way to the log, s; then they are asked again
+TELL = 60.0  # a run logs its progress so often, s
 REMARKS = 5  # so many of the last warnings of a run are in /diagnostics
 FAREWELL = 0.5  # how long a node that ends still serves the client of its goal, which fetches the result, s
 
@@ -253,6 +254,7 @@ class Sequencer(ManagedNode):
             if not (job.opening or job.is_over):
                 self._check_nodes(job, now)
             self._do(job, job.sequence.tick(now))
+            self.get_logger().info(f'run {job.run_id}: {job.progress}', throttle_duration_sec=TELL, skip_first=True)
 
     def _check_nodes(self, job: Job, now: float) -> None:
         """Hold a run while a node that it needs is disconnected; continue when that one is back."""

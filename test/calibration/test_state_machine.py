@@ -10,6 +10,7 @@ import pytest
 from hypothesis import strategies as st
 
 from rosette_ros.calibration.calibration_plan import plan_calibration
+from rosette_ros.calibration.goal import Job, Request
 from rosette_ros.calibration.state_machine import (
     Ask,
     Finish,
@@ -432,7 +433,8 @@ def test_a_long_run_tells_how_long_it_goes_on():
     for count in range(1, 11):
         ask = last_ask(sequence.answer(answer_to(ask), 30.0 * count))
     assert sequence.plan.total == 51
-    assert sequence.describe().endswith(f'ball {ask.ball}; about 20 min left')
+    assert sequence.left == 1230.0
+    assert Job(sequence, Request('test'), 'diagonal').progress == 'alignment, 10 of 51 balls, about 20 min left'
 
 
 def test_an_answer_without_run_id_is_told_what_to_repeat():
