@@ -39,12 +39,13 @@ class TemperatureLagged(Cause):
 
 @dataclass(frozen=True)
 class TemperatureCoarse(TemperatureLagged):
-    """The temperature is recorded in steps of a quarter of its range; the frame follows the true one with a lag."""
+    """The temperature is recorded in steps of a large part of its range; the frame follows the true one with a lag."""
 
     lag = (0.02, 0.1)
 
     def recorded(self, run: Run) -> Run:
-        step = np.ptp(run.temperature) / 4
+        # a share between 0.25 and 0.7 of the range, by the drawn time constant
+        step = np.ptp(run.temperature) * (0.25 + 0.45 * (1e3 * self.constant_h % 1))
         return run.replace(temperature=step * np.round(run.temperature / step))
 
 
