@@ -128,8 +128,7 @@ def write_parts(options: Namespace, pictures: Mapping[str, Figure], tables: Iter
     """Write every figure and every table into the folders that the options name."""
     for name, figure in pictures.items() if options.figures else ():
         path = made_folder(options.figures, 'to write to', '') / f'{name}.{options.format}'
-        refuse_existing(path, options.force)
-        save(figure, path)
+        save(figure, path, options.force)
     for table in tables if options.tables else ():
         path = made_folder(options.tables, 'to write to', '') / f'{table.name}.csv'
         write_text(path, table.csv(), options.force)

@@ -5,7 +5,6 @@ Every key is mandatory for rosbag2. The same mapping, without the top-level key,
 record `rosbag2`. Source: rosbag2_storage (jazzy), metadata_io and yaml.hpp.
 """
 
-import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,7 +16,7 @@ import yaml
 
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.io.safe_yaml import BAD_VALUE, load_plain
-from rosette_ros.io.text_file import read_limited, reading
+from rosette_ros.io.text_file import read_limited, reading, replace_file
 
 VERSION = 9
 FILE_NAME = 'metadata.yaml'
@@ -152,25 +151,9 @@ def custom_data_in(records: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
         return {}
 
 
-def write_bag_metadata(directory: Path, mapping: Mapping[str, Any]) -> None:
-    """Write `directory`/metadata.yaml as a whole or not at all: a killed writer leaves the old one."""
-    target = directory / FILE_NAME
-    temporary = target.with_suffix('.yaml.part')
-    with open(temporary, 'w', encoding='utf-8') as stream:
-        stream.write(bag_text({TOP_KEY: mapping}))
-        stream.flush()
-        os.fsync(stream.fileno())
-    os.replace(temporary, target)
-    synchronise_folder(directory)
-
-
-def synchronise_folder(directory: Path) -> None:
-    """Bring the names in a folder to the disk: a file of which only the content is there is lost without power."""
-    folder = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
+def write_bag_metadata(directory: Path, mapping: Mapping[str, Any], is_first: bool) -> None:
+    """Write `directory`/metadata.yaml as a whole or not at all; raises FileExistsError where the first is there."""
+    replace_file(directory / FILE_NAME, bag_text({TOP_KEY: mapping}).encode(), force=not is_first)
 
 
 @dataclass(frozen=True)

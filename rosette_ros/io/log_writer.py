@@ -10,7 +10,6 @@ record lists which messages are repeated, so that a reader of the whole log coun
 """
 
 import contextlib
-import glob
 import io
 import os
 import time
@@ -26,6 +25,7 @@ from mcap.writer import CompressionType, Writer
 
 from rosette_ros.core.errors import CellError, InvalidConfig, InvalidData
 from rosette_ros.io import bag_metadata as bag
+from rosette_ros.io.text_file import synchronise_folder
 from rosette_ros.io.type_definitions import TypeDefinition
 from rosette_ros.io.written_file import WrittenFile
 
@@ -93,19 +93,18 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
         self._written: list[WrittenFile] = []
         self._failure = ''
         self._writer: Writer | None = None
-        self._safe = 'nothing'
-        self._prepare_directory()
+        self._safe, self._is_described = 'nothing', False
+        self._is_new = self._prepare_directory()
         try:
             self._begin_file()
-        except OSError as error:
-            self._refused(error)
-            with contextlib.suppress(OSError):
-                metadata = self.directory / bag.FILE_NAME
-                for path in (*(one.path for one in self._written), metadata, Path(f'{metadata}.part')):
-                    path.unlink(missing_ok=True)
-                self.directory.rmdir()  # one that holds something else stays
-            raise CellError(f'{self.directory}: cannot begin the log: {error.strerror}; make room and start '
-                            'again') from error
+        except BaseException as error:
+            self.remove()
+            if isinstance(error, FileExistsError):
+                raise self._taken(Path(error.filename2 or error.filename).name) from error
+            if isinstance(error, OSError):
+                raise CellError(f'{self.directory}: cannot begin the log: {error.strerror}; make room and start '
+                                'again') from error
+            raise
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -184,6 +183,20 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
     def abandon(self) -> None:
         """End without writing, and vouch for no file any more."""
         self._written.clear()
+        self._stop()
+
+    def remove(self) -> None:
+        """Delete what was written, no other file, and the folder if it was made and is empty."""
+        self._stop()
+        for file in self._written:
+            file.remove()
+        with contextlib.suppress(OSError):
+            if self._is_described:
+                (self.directory / bag.FILE_NAME).unlink()
+            if self._is_new:
+                self.directory.rmdir()
+
+    def _stop(self) -> None:
         if self._writer is not None:
             self._writer = None
             with contextlib.suppress(OSError, ValueError):
@@ -197,7 +210,9 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
             raise InvalidData(f'{self.directory}: the log is closed')
         return self._writer
 
-    def _prepare_directory(self) -> None:
+    def _prepare_directory(self) -> bool:
+        """Make the directory and return whether it is new; raises InvalidData where it holds a log."""
+        is_new = not self.directory.exists()
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
             present = sorted(path.name for path in self.directory.iterdir()
@@ -206,8 +221,12 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
             raise InvalidData(f'{self.directory}: wanted a folder for the log, got {error.strerror}; choose another '
                               'log folder') from error
         if present:
-            raise InvalidData(f'{self.directory}: holds a log already ({present[0]}); nothing is overwritten, choose '
-                              'another run name or log folder')
+            raise self._taken(present[0])
+        return is_new
+
+    def _taken(self, name: str) -> InvalidData:
+        return InvalidData(f'{self.directory}: holds a log already ({name}); nothing is overwritten, choose another '
+                           'run name or log folder')
 
     def _begin_file(self, log_time: int = 0) -> Writer:
         """Open the next file; it gets its name, and metadata.yaml names it, when its head is on the disk."""
@@ -229,7 +248,7 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
         self._synchronise(writer)
         self._head_size = self._stream.tell() + self._waiting
         raw.rename(path)
-        bag.synchronise_folder(self.directory)
+        synchronise_folder(self.directory)
         self._files.append(self._file)
         self._note_safe()
         self._write_metadata_file()
@@ -323,7 +342,9 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
     def _write_metadata_file(self) -> None:
         """Describe what stands in the files: other readers count there."""
         topics = [topic.summary(topic.messages + topic.repeated) for topic in self._topics.values()]
-        bag.write_bag_metadata(self.directory, bag.bag_mapping(topics, self._files, self._custom_data))
+        bag.write_bag_metadata(self.directory, bag.bag_mapping(topics, self._files, self._custom_data),
+                               not self._is_described)
+        self._is_described = True
 
     @contextlib.contextmanager
     def _disk_errors(self) -> Iterator[None]:
@@ -353,21 +374,14 @@ def whole_log(directory: str | Path, name: str, **options: Any) -> Iterator[LogW
 
     Raises InvalidData where the directory holds a log, CellError where the disk refuses.
     """
-    directory = Path(directory)
-    was_there, writer = directory.is_dir(), None
+    writer = None
     try:
         writer = LogWriter(directory, name, **options)
         with writer:
             yield writer
     except BaseException as error:
-        if writer is None and isinstance(error, InvalidData):
-            raise  # nothing was begun: the directory holds another log
-        with contextlib.suppress(OSError):
-            for pattern in (f'{glob.escape(name)}_*.mcap*', f'{bag.FILE_NAME}*'):
-                for path in directory.glob(pattern):
-                    path.unlink()
-            if not was_there:
-                directory.rmdir()
+        if writer is not None:
+            writer.remove()
         if isinstance(error, CellError) and isinstance(error.__cause__, OSError):
             raise CellError(f'{directory}: cannot write the log: {error.__cause__.strerror}; make room and try again, '
                             'nothing of it was kept') from error

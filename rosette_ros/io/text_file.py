@@ -1,12 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that a person gives and gets: refusals in words, text written as a whole or not at all."""
+"""Files that a person gives and gets: refusals in words, written as a whole or not at all."""
 
 import contextlib
+import errno
 import os
+import secrets
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 
 from rosette_ros.core.errors import InvalidData, RosetteError
+
+EXISTS = 'exists already; take another name or use --force'
 
 
 @contextlib.contextmanager
@@ -31,24 +36,71 @@ def read_limited(path: str | Path, wanted: str, most: int, kind: type[RosetteErr
 def refuse_existing(path: str | Path, force: bool = False) -> None:
     """Raise InvalidData where a file exists already and `force` is not set."""
     if Path(path).exists() and not force:
-        raise InvalidData(f'{path}: exists already; take another name or use --force')
+        raise InvalidData(f'{path}: {EXISTS}')
 
 
 def write_text(path: str | Path, text: str, force: bool = False) -> None:
-    """Write a text file as a whole or not at all.
+    """Write a text file as `write_bytes` does."""
+    write_bytes(path, text.encode(), force)
+
+
+def write_bytes(path: str | Path, data: bytes, force: bool = False) -> None:
+    """Write a file as a whole or not at all; one that is replaced keeps its mode, and links to it.
 
     Raises InvalidData where one exists already and `force` is not set, or it cannot be written.
     """
-    path = Path(path)
-    beside = path.with_name(f'.{path.name}.{os.getpid()}')
     try:
         refuse_existing(path, force)
-        if path.exists() and not path.is_file():
-            path.write_text(text, encoding='utf-8')  # a device or a pipe cannot be replaced
-            return
-        beside.write_text(text, encoding='utf-8', newline='')
-        beside.replace(path)
+        if Path(path).exists() and not Path(path).is_file():
+            Path(path).write_bytes(data)  # a device or a pipe cannot be replaced
+        else:
+            replace_file(path, data, force)
     except OSError as error:
-        with contextlib.suppress(OSError):
-            beside.unlink()
-        raise InvalidData(f'{path}: cannot be written: {error.strerror}') from error
+        exists = isinstance(error, FileExistsError)
+        raise InvalidData(f'{path}: {EXISTS if exists else f"cannot be written: {error.strerror}"}') from error
+
+
+def replace_file(path: str | Path, data: bytes, force: bool = True) -> None:
+    """Bring a whole file to the disk in place of another one, or, without `force`, where there is none.
+
+    A killed writer or a full disk leaves the old one. Raises OSError; FileExistsError without `force`.
+    """
+    target = Path(os.path.realpath(path))
+    beside = target.with_name(f'.{secrets.token_hex(8)}.part')
+    file = os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+    try:
+        with open(file, 'wb') as stream:
+            if force and target.exists():
+                os.fchmod(file, stat.S_IMODE(target.stat().st_mode))
+            stream.write(data)
+            stream.flush()
+            os.fsync(file)
+        if force:
+            beside.replace(target)
+        else:
+            give_name(beside, target)
+        synchronise_folder(target.parent)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def give_name(path: Path, name: Path) -> None:
+    """Rename a file; raises FileExistsError where there is one of the new name."""
+    try:
+        os.link(path, name)
+        path.unlink()
+    except OSError as error:
+        if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.ENOSYS):
+            raise
+        # A file system without hard links.
+        os.close(os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
+        path.replace(name)
+
+
+def synchronise_folder(directory: Path) -> None:
+    """Bring the names in a folder to the disk: a file of which only the content is there is lost without power."""
+    folder = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)

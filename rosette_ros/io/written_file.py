@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """A file that is written once, and whether the disk still holds what was written."""
 
+import contextlib
 import io
 import os
 import zlib
 from pathlib import Path
 from typing import Any
+
+from rosette_ros.io.text_file import give_name
 
 
 class WrittenFile(io.FileIO):
@@ -34,8 +37,15 @@ class WrittenFile(io.FileIO):
         return self._size
 
     def rename(self, path: Path) -> None:
-        """Give the file its final name."""
-        self.path = self.path.rename(path)
+        """Give the file its final name; raises FileExistsError where there is one of that name."""
+        give_name(self.path, path)
+        self.path = path
+
+    def remove(self) -> None:
+        """Delete the file, unless another one has its name now."""
+        with contextlib.suppress(OSError):
+            if _identity(os.stat(self.path)) == self._identity:
+                self.path.unlink()
 
     def damage(self, is_whole: bool = False) -> str:
         """Return how the file on the disk differs from what was written, '' where it does not.

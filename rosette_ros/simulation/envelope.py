@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from rosette_ros.core.errors import InvalidData
+from rosette_ros.io.text_file import replace_file
 from rosette_ros.simulation.machine import Machine
 
 SCHEMA = 'rosette-envelope/1'
@@ -37,8 +38,7 @@ def seal_envelope(path: Path, machine: Machine) -> str:
     digest = hashlib.sha256(text).hexdigest()
     envelope = {'schema': SCHEMA, 'sha256': digest, 'sealed': base64.b64encode(text).decode()}
     try:
-        with path.open('x', encoding='utf-8') as file:
-            file.write(json.dumps(envelope, indent=1) + '\n')
+        replace_file(path, (json.dumps(envelope, indent=1) + '\n').encode(), force=False)
     except FileExistsError as error:
         raise InvalidData(f'{path}: wanted a new file for the envelope, got one that exists; '
                           'name another, an envelope is never overwritten') from error

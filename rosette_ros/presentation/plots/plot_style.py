@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How every figure looks: colours that the colour-blind distinguish, axes, grids, labels."""
 
+import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.io.text_file import write_bytes
 
 INK, GRID, GREY = '#222222', '#d9d9d9', '#666666'
 COLOURS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#56b4e9', '#e69f00')
@@ -98,10 +99,9 @@ def label_of(text: str) -> str:
     return f' {words}' if words.startswith('_') else words
 
 
-def save(made: Figure, path: Path | str) -> None:
-    """Write a figure; the ending of `path` chooses the format (png, svg, pdf)."""
-    try:
-        with mpl.rc_context(LOOK):
-            made.savefig(path, dpi=DPI)
-    except OSError as error:
-        raise InvalidData(f'{path}: cannot be written: {error.strerror}') from error
+def save(made: Figure, path: Path | str, force: bool = False) -> None:
+    """Write a figure as `write_bytes` does; the ending of `path` chooses the format (png, svg, pdf)."""
+    stream = io.BytesIO()
+    with mpl.rc_context(LOOK):
+        made.savefig(stream, dpi=DPI, format=Path(path).suffix[1:])
+    write_bytes(path, stream.getvalue(), force)
