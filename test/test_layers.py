@@ -22,7 +22,7 @@ ROS = frozenset(('rclpy', 'rosette_msgs', 'rosgraph_msgs', 'std_msgs', 'std_srvs
                  'service_msgs', 'ament_index_python', 'launch', 'launch_ros'))
 SIMULATION_MAY = frozenset(('core.errors', 'core.geometry', 'core.records', 'core.scheme', 'core',
                             'io.safe_yaml', 'io.text_file'))
-"""What the simulated machine shares with the evaluation: records, geometry, how YAML is read and files are written, no physics."""
+"""What the simulated machine shares with the evaluation: records, geometry, reading YAML, writing files, no physics."""
 
 ALLOWED = {
     '__init__': set(),
