@@ -14,13 +14,11 @@ from launch.events.process import ProcessExited
 from launch.substitutions import LaunchConfiguration, NotEqualsSubstitution
 from launch_ros.actions import Node, SetParameter, SetParametersFromFile, SetRemap
 
-from rosette_ros.cell.supervisor import FAILURES_WITHIN, MOST_FAILURES, added_environment
+from rosette_ros.cell.supervisor import CHECK_PERIOD, FAILURES_WITHIN, MOST_FAILURES, added_environment
 from rosette_ros.nodes import names
 
 PACKAGE = 'rosette_ros'
 CONFIG = Path(get_package_share_directory(PACKAGE)) / 'config' / 'cell.yaml'
-RESPAWN_DELAY = 0.2
-"""How long after its end a node is restarted, s; a cell that ends meanwhile restarts none."""
 
 
 class Namespace(Substitution):
@@ -74,7 +72,7 @@ def node(executable: str, name: str, *arguments: str, condition: IfCondition | N
           for argument in arguments),
         Node(package=PACKAGE, executable=executable, name=name, namespace=Namespace(),
              ros_arguments=['--enclave', ['/', Namespace(), '/', name]], output='screen', emulate_tty=True,
-             respawn=True, respawn_delay=RESPAWN_DELAY, on_exit=end_of(name)),
+             respawn=True, respawn_delay=CHECK_PERIOD, on_exit=end_of(name)),
     ], condition=condition)
 
 

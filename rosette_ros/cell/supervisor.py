@@ -28,6 +28,7 @@ MODULES = {
 """The nodes in the order of starting: subscribers come first."""
 
 START_TIMEOUT = 60.0
+CHECK_PERIOD = 0.2  # a failed node is restarted within this time, s, unless the cell ends meanwhile
 MOST_FAILURES, FAILURES_WITHIN = 5, 60.0  # a node that fails so often within so many seconds is not restarted
 _STEPS = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # how a node is ended: signal, s for it
 _ESCALATION = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL).index

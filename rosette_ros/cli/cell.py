@@ -13,7 +13,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from rosette_ros.cell.supervisor import MODULES, Cell
+from rosette_ros.cell.supervisor import CHECK_PERIOD, MODULES, Cell
 from rosette_ros.cli.arguments import add_shared, made_folder
 from rosette_ros.cli.console import console
 from rosette_ros.core.errors import InvalidConfig

@@ -2,8 +2,7 @@
 """rosbag2's description of a log: metadata.yaml version 9, quality of service in its words, the files of a log.
 
 Every key is mandatory for rosbag2. The same mapping, without the top-level key, stands in each .mcap file as metadata
-record `rosbag2`. Source: rosbag2_storage (jazzy), metadata_io and yaml.hpp.
-"""
+record `rosbag2`. Source: rosbag2_storage (jazzy), metadata_io and yaml.hpp."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -25,10 +24,8 @@ METADATA_RECORD, METADATA_KEY = 'rosbag2', 'serialized_metadata'
 """Name and key of the metadata record of an .mcap file that holds the description."""
 REPEATED_RECORD = 'rosette.repeated'
 """Metadata record of a further file of a log: topic to the sequence numbers, by spaces, of what it repeats."""
-INFINITE = 9223372036 * 10**9 + 854775807
-"""Duration that rosbag2 writes for "no limit", ns."""
-MAX_BYTES = 1 << 20
-"""A larger metadata.yaml is refused: a log of a cell needs some ten thousand bytes."""
+INFINITE = 9223372036 * 10**9 + 854775807  # duration that rosbag2 writes for "no limit", ns
+MAX_BYTES = 1 << 20  # a larger metadata.yaml is refused: a log of a cell needs some ten thousand bytes
 
 _Dumper = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 _TIMES = ('deadline', 'lifespan', 'liveliness_lease_duration')
@@ -168,8 +165,7 @@ class BagListing:
 def find_files(path: str | Path) -> BagListing:
     """Return the BagListing of a log directory or of one .mcap file.
 
-    Raises InvalidData where there is none, or metadata.yaml is none or names a file that is missing.
-    """
+    Raises InvalidData where there is none, or metadata.yaml is none or names a file that is missing."""
     path = Path(path)
     with reading(path, 'a log'):
         if not path.is_dir():
@@ -195,8 +191,7 @@ def files_in(directory: Path) -> tuple[Path, ...]:
 def read_bag_metadata(path: Path) -> BagListing:
     """Return the BagListing of a metadata.yaml.
 
-    Raises InvalidData where it is not one, or names files that are missing or outside its folder.
-    """
+    Raises InvalidData where it is not one, or names files that are missing or outside its folder."""
     data = read_limited(path, 'a log description', MAX_BYTES)
     try:
         bag = load_plain(data.decode())[TOP_KEY]

@@ -3,8 +3,7 @@
 
 `# key: value` lines, a line of column names, then one line per reading in measuring order. A table angle within half a
 unit of its last written decimal of the nominal one means the nominal one: 51.43 at 7 balls is 360°/7, not an error of
-25 µrad.
-"""
+25 µrad."""
 
 from collections.abc import Iterable
 from decimal import Decimal
@@ -22,10 +21,8 @@ from rosette_ros.io.reading_checks import remarks_on_table
 from rosette_ros.io.run_assembly import MAX_BALLS, misplaced
 from rosette_ros.io.text_file import read_limited, write_text
 
-MAX_BYTES = 256 << 20
-"""A larger table is refused; 360 balls make 17 MB."""
-TRAVEL_TOLERANCE = 1e-3
-"""A travel that angles and approach determine to within this, rad, is not written."""
+MAX_BYTES = 256 << 20  # a larger table is refused; 360 balls make 17 MB
+TRAVEL_TOLERANCE = 1e-3  # a travel that angles and approach determine to within this, rad, is not written
 _UNIT = 2.0  # factor within which a ratio of radii is taken for a wrong unit
 
 
@@ -62,8 +59,7 @@ def format_csv(run: Run) -> str:
     """Return a Run as the text of a CSV table.
 
     Coordinates in mm with 12 decimals (1e-15 m); everything else such that reading it gives the same number, or one
-    that differs by the last bit.
-    """
+    that differs by the last bit."""
     names = list(COLUMNS)
     integers = {'seq': np.arange(1, run.size + 1), 'table_position': run.table_position, 'ball': run.ball,
                 'cmm_position': run.cmm_position, 'approach': run.approach}

@@ -17,8 +17,7 @@ SCHEMA = 'rosette-ball-centres/1'
 COLUMNS = ('seq', 'table_position', 'ball', 'cmm_position', 'table_angle_deg', 'x_mm', 'y_mm', 'z_mm', 'time_s',
            'temperature_C', 'approach')
 """Columns of the table in the order of writing; any order is read."""
-TRAVEL_COLUMN = 'table_travel_deg'
-"""Written only where angles and approach do not determine how the table travelled."""
+TRAVEL_COLUMN = 'table_travel_deg'  # written only where angles and approach do not determine how the table travelled
 
 _OPTIONAL = frozenset(('cmm_position', 'temperature_C', 'approach', TRAVEL_COLUMN))
 _INTEGERS = frozenset(('seq', 'table_position', 'ball', 'cmm_position', 'approach'))
@@ -104,8 +103,7 @@ class CsvTable:
 
     columns: array (N,) by column name, units as in the name; angle_cells: the texts of table_angle_deg; lines: line of
     each row; radius, repeatability: m; balls: as the heading says, or None; session: (N,) 1 and one more from each row
-    of `pauses_before` on.
-    """
+    of `pauses_before` on."""
 
     def __init__(self, data: bytes, source: str) -> None:
         """Take a file's bytes; raises InvalidData, naming `source`, where it is no table."""

@@ -4,8 +4,7 @@
 A file is read from front to back, so that one that ends in the middle gives everything up to its last whole chunk.
 The mcap library parses the records, mcap-ros2-support the messages. Where records begin and end is found here, and
 their lengths are bounded before memory is asked for: behind a damaged record reading goes on with the next one.
-Source: MCAP specification, version 0.
-"""
+Source: MCAP specification, version 0."""
 
 import contextlib
 import os
@@ -34,8 +33,7 @@ from rosette_ros.io.safe_yaml import BAD_VALUE
 from rosette_ros.io.text_file import reading
 
 MAGIC = b'\x89MCAP0\r\n'
-MAX_RECORD = 1 << 28
-"""Larger records and chunks are not read, bytes."""
+MAX_RECORD = 1 << 28  # larger records and chunks are not read, bytes
 MAX_MESSAGE, MAX_SCHEMA = 1 << 22, 1 << 16
 """Longer messages and schemas are not decoded, bytes: error motions of 10 000 balls take 1 MB."""
 
@@ -95,8 +93,7 @@ class LogFile:
 
     channels: by number; metadata: of each metadata record by name, the last one wins; counts: messages by channel;
     chunks: read so far; summary: of its messages; truncated: whether the end is missing; problems: in words;
-    skip_repeated: whether messages that the file repeats of an earlier one are skipped.
-    """
+    skip_repeated: whether messages that the file repeats of an earlier one are skipped."""
 
     def __init__(self, path: Path, skip_repeated: bool = False) -> None:
         """Open nothing yet."""
@@ -114,8 +111,7 @@ class LogFile:
     def messages(self, wanted: Callable[[LogChannel], bool] = lambda channel: True) -> Iterator[LoggedMessage]:
         """Yield the messages of the wanted channels; all are counted.
 
-        Raises InvalidData where it is no MCAP file of profile ros2.
-        """
+        Raises InvalidData where it is no MCAP file of profile ros2."""
         with reading(self.path, 'a log'), open(self.path, 'rb', buffering=1 << 20) as stream:
             yield from self._read(stream, wanted)
 
@@ -309,8 +305,7 @@ class _Payload(bytes):
 def message_decoder(type_name: str, schema_text: str) -> Callable[[bytes], SimpleNamespace]:
     """Return the function that decodes the CDR bytes of a type by its ros2msg text.
 
-    Raises InvalidData where the text is no definition; so does the function where bytes end early or are no CDR.
-    """
+    Raises InvalidData where the text is no definition; so does the function where bytes end early or are no CDR."""
     if len(schema_text) > MAX_SCHEMA:
         raise InvalidData(f'schema of {type_name}: wanted at most {MAX_SCHEMA} bytes, got {len(schema_text)}')
     printed = StringIO()  # the parser of the library prints the line that is wrong
@@ -360,8 +355,7 @@ def iter_log(path: str | Path) -> Iterator[LoggedMessage]:
 def read_log(path: str | Path) -> LogRun:
     """Return what a log directory or an .mcap file holds; a log cut short gives what is whole.
 
-    Raises InvalidData where there is no log, it is empty, of another profile, or its ball centres cannot be decoded.
-    """
+    Raises InvalidData where there is no log, it is empty, of another profile, or its ball centres cannot be decoded."""
     listing = bag.find_files(path)
     files, log = open_files(listing.files), LogRun(Path(path), listing.files)
     problems, checked = list(listing.problems), set[tuple[str, str]]()

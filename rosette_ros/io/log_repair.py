@@ -11,8 +11,7 @@ from rosette_ros.io.log_reader import LogFile, custom_data_of, open_files
 from rosette_ros.io.log_writer import LogWriter, whole_log
 from rosette_ros.io.type_definitions import TypeDefinition
 
-FROM_KEY = 'rosette.repaired_from'
-"""Entry of custom_data, name of the log from which a repaired one was made."""
+FROM_KEY = 'rosette.repaired_from'  # entry of custom_data, name of the log from which a repaired one was made
 
 
 @dataclass(frozen=True)
@@ -31,8 +30,7 @@ def repair_log(path: str | Path, directory: str | Path | None = None) -> Repair:
     touched. directory: of the new log, `<log>_repaired` beside the old one if None.
 
     Raises InvalidData where the log is whole, holds nothing, is none, or the directory holds a log, CellError where
-    the disk refuses; nothing is left then.
-    """
+    the disk refuses; nothing is left then."""
     path = Path(path)
     files, problems = _files(path)
     if directory is None:

@@ -34,10 +34,8 @@ TF_MESSAGE, TF_STATIC = 'tf2_msgs/msg/TFMessage', 'tf_static'
 
 REPEATABILITY_KEY, DOF_KEY = 'rosette.repeatability_m', 'rosette.repeatability_dof'
 """Entries of custom_data where the repeatability is known but was not measured in the log."""
-RESUMES_KEY = 'rosette.resumes'
-"""Entry of custom_data, name of the log that a run goes on from."""
-REPEATS_KEY = 'rosette.repeated_balls'
-"""Entry of custom_data, `yes` where balls were planned more than once."""
+RESUMES_KEY = 'rosette.resumes'  # entry of custom_data, name of the log that a run goes on from
+REPEATS_KEY = 'rosette.repeated_balls'  # entry of custom_data, `yes` where balls were planned more than once
 
 
 class PublishedMotions(NamedTuple):
@@ -68,8 +66,7 @@ _KINDS = {str: 'a text', float: 'a number', int: 'a whole number of 32 bits'}
 def check_version(type_name: str, schema_text: str, message: SimpleNamespace) -> None:
     """Refuse a message that lacks fields of its record or has other kinds of values in them.
 
-    The schema decides this for all of its messages. Raises InvalidData.
-    """
+    The schema decides this for all of its messages. Raises InvalidData."""
     fields = ', '.join(vars(type(message))['__slots__'])
     wide = re.findall(r'^[ \t]*u?int64[ \t]+(\w+)', schema_text, re.MULTILINE)
     advice = 'it was written with another version of the message'
@@ -93,8 +90,7 @@ class LogRun:
 
     runs: what was asked and answered, by run_id, in order of appearance; frames: in order of receipt; states: the last
     of each run; events: CalibrationEvents, decoded; start_ns, end_ns: first and last log time; truncated:
-    whether the log ends in the middle; problems: what is wrong with it, in words.
-    """
+    whether the log ends in the middle; problems: what is wrong with it, in words."""
 
     path: Path
     files: tuple[Path, ...]
@@ -153,8 +149,7 @@ class LogRun:
     def run(self, run_id: str | None = None) -> RunAnswers:
         """Return the run to take among those that have begun: `run_id`, or the only one there is.
 
-        Raises InvalidData where there is none, another, or more than one without a choice.
-        """
+        Raises InvalidData where there is none, another, or more than one without a choice."""
         present = self.run_ids
         if not present:
             raise InvalidData(f'{self.path}: {NO_RUN}')
@@ -176,8 +171,7 @@ class LogRun:
     def to_run(self, run_id: str | None = None) -> Run:
         """Return the Run of the log; run_id chooses where there are several.
 
-        Raises InvalidData where there is no ball centre, or no one run; see RunAnswers.to_run.
-        """
+        Raises InvalidData where there is no ball centre, or no one run; see RunAnswers.to_run."""
         source = str(self.path)
         if not any(run.answers for run in self.runs.values()):
             topics = ', '.join(topic.name for topic in self.topics) or 'none'

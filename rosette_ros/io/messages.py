@@ -13,8 +13,7 @@ from rosette_ros.core.geometry import Frame
 MACHINE_FRAME = 'machine'
 TABLE_FRAME = 'table'
 STATUS_OK = 0
-UNIT_TOLERANCE = 1e-6
-"""A quaternion whose norm differs from 1 by more is none."""
+UNIT_TOLERANCE = 1e-6  # a quaternion whose norm differs from 1 by more is none
 
 
 class Phase(IntEnum):
@@ -71,8 +70,7 @@ class CalibrationProgress(NamedTuple):
 class Target(NamedTuple):
     """One ball to be probed, as in ProbeTarget.msg.
 
-    table_angle: rad; centre: where the ball is expected, m, in frame_id; stamp_ns: when it was asked, ns.
-    """
+    table_angle: rad; centre: where the ball is expected, m, in frame_id; stamp_ns: when it was asked, ns."""
 
     run_id: str
     seq: int
@@ -99,8 +97,7 @@ class Answer(NamedTuple):
     """What the CMM answers to one target, as in BallCentre.msg.
 
     table_angle, table_travel: rad; centre: m, in frame_id; form_error: m; temperature: °C, NaN if unknown; stamp_ns:
-    when it was measured, ns.
-    """
+    when it was measured, ns."""
 
     run_id: str
     seq: int
@@ -177,8 +174,7 @@ def short_frame(frame_id: str) -> str:
 def table_frame_of(message: Any) -> TableFrame | None:
     """Return the TableFrame of a TransformStamped, None where it is a transform between other frames.
 
-    Raises InvalidData where the rotation is no unit quaternion, or the translation is not finite.
-    """
+    Raises InvalidData where the rotation is no unit quaternion, or the translation is not finite."""
     if short_frame(message.header.frame_id) != MACHINE_FRAME or short_frame(message.child_frame_id) != TABLE_FRAME:
         return None
     rotation, translation = message.transform.rotation, message.transform.translation

@@ -25,8 +25,7 @@ def read_model(path: str | Path | None) -> Model:
 def parse_entry(text: str, source: str) -> dict[str, Any]:
     """Return the mapping of YAML text that describes one effect: settings, or a custom term; {} for an empty text.
 
-    Raises InvalidModel, naming `source`, for text that is no mapping or too long.
-    """
+    Raises InvalidModel, naming `source`, for text that is no mapping or too long."""
     if len(text) > MOST_BYTES:
         raise InvalidModel(f'{source}: wanted at most {MOST_BYTES} characters, got {len(text)}')
     mapping = parse_yaml(text.encode(), source, InvalidModel)

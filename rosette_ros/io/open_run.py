@@ -17,8 +17,7 @@ _OTHERS = {b'SQLite format 3\0': 'is an sqlite3 log; wanted MCAP: convert it wit
 def is_log(path: str | Path) -> bool:
     """Whether a path is a log: a directory, or a file that begins as MCAP does.
 
-    Raises InvalidData where nothing is there, or it is something else that is known.
-    """
+    Raises InvalidData where nothing is there, or it is something else that is known."""
     path = Path(path)
     with reading(path, WANTED):
         if path.is_dir():
@@ -39,8 +38,7 @@ def open_run(path: str | Path, run_id: str | None = None) -> Run:
     """Return the Run of a log directory, an .mcap file or a CSV table, recognised by its content.
 
     run_id chooses where a log holds several runs. Raises InvalidData where it is none of them, or a table holds another
-    run than the one asked for.
-    """
+    run than the one asked for."""
     if is_log(path):
         return read_log(path).to_run(run_id)
     run = read_csv(path)

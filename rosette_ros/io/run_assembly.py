@@ -2,8 +2,7 @@
 """Which targets and answers of a run exist, which of them count, and the Run that follows.
 
 The one way from messages to numbers: sequencer, evaluator, recorder, log reader and studio all come through here,
-so the same messages give the same numbers, bit for bit.
-"""
+so the same messages give the same numbers, bit for bit."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -17,10 +16,8 @@ from rosette_ros.core.scheme import nominal_places, unwrap_travel
 from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Answer, Phase, TableFrame, Target
 from rosette_ros.io.reading_checks import remarks_on_answers, remarks_on_radius
 
-MAX_BALLS = 10_000
-"""More balls than this are taken for a mistake."""
-MIN_REPEATABILITY = 1e-12
-"""Repeated readings that differ by less, m, show rounding and not repeatability."""
+MAX_BALLS = 10_000  # more balls than this are taken for a mistake
+MIN_REPEATABILITY = 1e-12  # repeated readings that differ by less, m, show rounding and not repeatability
 NO_RUN = 'wanted probe targets of phase RUN, got none; the calibration ended before its run began'
 SAME_FRAME = 1e-12
 """Frames whose axes (as numbers) and origins (m) differ by no more are one frame that was published twice."""
@@ -30,8 +27,7 @@ class RunAnswers:
     """The targets and answers of one run, and the table frames; topics may arrive in any order relative to each other.
 
     A target that was sent again counts as it was sent last. Of several good answers to it the first counts that was
-    measured after it was asked for the last time; if none was, the first. frames: table frames by any run, shared.
-    """
+    measured after it was asked for the last time; if none was, the first. frames: table frames by any run, shared."""
 
     def __init__(self, run_id: str, frames: list[TableFrame] | None = None) -> None:
         """Start empty."""
@@ -161,8 +157,7 @@ class RunAnswers:
         """Return the table frame in the machine frame: the last one found before the first target of phase RUN, where
         none was, the first of all; None where there is none.
 
-        Raises InvalidData where frames that differ were published during the alignment of the run.
-        """
+        Raises InvalidData where frames that differ were published during the alignment of the run."""
         if not self.frames:
             return None
         self._refuse_two_frames(source)
@@ -176,8 +171,7 @@ class RunAnswers:
     def _refuse_two_frames(self, source: str) -> None:
         """Refuse frames that differ between the begin of the alignment and the first target of phase RUN.
 
-        Where the alignment was repeated after a pause, the session that ended it counts.
-        """
+        Where the alignment was repeated after a pause, the session that ended it counts."""
         if all(answer.frame == TABLE_FRAME for answer in self.answers):
             return
         end, own = self._run_begin(), self.targets
@@ -200,8 +194,7 @@ class RunAnswers:
         """Return (standard deviation of a coordinate in m, degrees of freedom) of the readings of phase REPEATABILITY.
 
         Pooled over the balls and the three axes: sigma² = sum (p - mean)² / dof, dof = 3 (m - 1) for m readings of one
-        ball. (None, None) where no ball was read twice.
-        """
+        ball. (None, None) where no ball was read twice."""
         places: dict[tuple[int, int], list[tuple[float, float, float]]] = {}
         for target, answer in self.counting():
             if target.phase == Phase.REPEATABILITY:
@@ -225,8 +218,7 @@ class RunAnswers:
         as readings usually are apart.
 
         Raises InvalidData where no ball centre is left, targets contradict each other, a frame is unknown, or a ball
-        centre is nearer to another ball's place than to its own.
-        """
+        centre is nearer to another ball's place than to its own."""
         n, radius = self._plate(source)
         counting = self.counting()
         pairs = [pair for pair in counting if pair[0].phase == Phase.RUN]

@@ -18,8 +18,7 @@ from rosette_ros.io.messages import STATUS_OK, TABLE_FRAME, Phase
 from rosette_ros.io.type_definitions import TypeLibrary
 
 TARGET_TOPIC, ANSWER_TOPIC = '/rosette/probe_target', '/rosette/ball_centre'
-MAX_SECONDS = 2**31
-"""Seconds that a ROS time stamp can hold."""
+MAX_SECONDS = 2**31  # seconds that a ROS time stamp can hold
 LATCHED = Qos(durability='transient_local')
 
 
@@ -30,8 +29,7 @@ def write_log(run: Run, directory: str | Path, library: TypeLibrary, name: str |
     and a BallCentre in the table frame; the repeatability goes to custom_data. Times are kept to 1 ns, counted from 0.
 
     Raises InvalidData where the directory holds a log, or the run is longer than stamps can hold, CellError where
-    the disk refuses; nothing is left then.
-    """
+    the disk refuses; nothing is left then."""
     directory = Path(directory)
     if run.time[-1] - run.time[0] >= MAX_SECONDS:
         raise InvalidData(f'{run.source}: time: wanted a run of less than {MAX_SECONDS} s, got '

@@ -2,8 +2,7 @@
 """YAML from outside: no aliases, no deep nesting, no key twice, and one kind of error whatever is wrong with it.
 
 A few hundred bytes of aliases within aliases stand for more than fits into a memory, and nesting of some ten
-thousand levels ends the whole process in the loader: both are refused before anything is built.
-"""
+thousand levels ends the whole process in the loader: both are refused before anything is built."""
 
 from pathlib import Path
 from typing import Any
@@ -13,8 +12,7 @@ import yaml
 from rosette_ros.core.errors import RosetteError
 from rosette_ros.io.text_file import read_limited
 
-DEEPEST = 20
-"""Collections nested deeper than this are refused."""
+DEEPEST = 20  # collections nested deeper than this are refused
 BAD_VALUE = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 """What the constructors of the loader raise besides YAMLError, such as for `!!int ""` or 2001-13-45."""
 

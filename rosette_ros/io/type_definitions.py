@@ -4,8 +4,7 @@
 A ROS package installs its definitions (.msg, .srv, .action) and their type descriptions (.json) below
 `share/<package>/`. A log needs for every type the text of the type and of all it contains (encoding `ros2msg`, MCAP
 registry), also for the types that have no file of their own: service events, action feedback. Source: REP-2011,
-rosidl_generator_type_description.
-"""
+rosidl_generator_type_description."""
 
 import json
 import os
@@ -17,8 +16,7 @@ from typing import Any
 
 from rosette_ros.core.errors import InvalidConfig
 
-DELIMITER = '=' * 80
-"""The line between the parts of a ros2msg schema."""
+DELIMITER = '=' * 80  # the line between the parts of a ros2msg schema
 
 _NESTED = 1
 _PRIMITIVES = {
@@ -36,8 +34,7 @@ class TypeDefinition:
     """A type as a log describes it.
 
     name: `package/kind/Type`; text: ros2msg schema with all dependencies; hash: RIHS01 type hash; idl: for service
-    events the same as ros2idl schema, else empty: not every reader of ros2msg can name a type of a service.
-    """
+    events the same as ros2idl schema, else empty: not every reader of ros2msg can name a type of a service."""
 
     name: str
     text: str
@@ -64,8 +61,7 @@ class TypeLibrary:
         """Return the TypeDefinition of `package/kind/Type`; raises InvalidConfig where the type is not installed.
 
         Besides messages: `package/srv/Name_Event`, `package/action/Name_FeedbackMessage` and the other parts of
-        services and actions.
-        """
+        services and actions."""
         names = [type_name]  # and all types it contains, each once, in order of appearance
         for name in names:
             nested = (field['type']['nested_type_name'] for field in self._fields(name))
@@ -164,8 +160,7 @@ def _idl_member(field: dict[str, Any]) -> str:
 def _qualified(text: str, type_name: str) -> str:
     """Return a part of a service or action with its package before every bare message name.
 
-    A bare name there means `package/msg/Name`; outside its file it would be searched beside the service.
-    """
+    A bare name there means `package/msg/Name`; outside its file it would be searched beside the service."""
     package = type_name.split('/')[0]
 
     def qualify(match: re.Match[str]) -> str:

@@ -35,8 +35,7 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 WAKE_PERIOD, HEALTH_PERIOD = 0.1, 1.0
 AUTOSTART = Wanted('autostart', True, 'whether the node configures and activates itself; false: a lifecycle '
                    'manager does', read_only=True)
-_SIGNAL_PERIOD = 0.1
-"""A signal, or the end of the parent process, is noticed within this time, s."""
+_SIGNAL_PERIOD = 0.1  # a signal, or the end of the parent process, is noticed within this time, s
 
 Health = tuple[bytes, str, dict[str, object]]
 """Level of DiagnosticStatus, one sentence, values by name."""
@@ -46,8 +45,7 @@ class CellNode(Node):
     """A node of the cell.
 
     Topics: publishes `/diagnostics` (diagnostic_msgs/DiagnosticArray) every HEALTH_PERIOD and `<node>/alive`
-    (rosette_msgs/Heartbeat). All callbacks run in one thread, in the order in which messages were received.
-    """
+    (rosette_msgs/Heartbeat). All callbacks run in one thread, in the order in which messages were received."""
 
     def __init__(self, name: str, wanted: Sequence[Wanted] = ()) -> None:
         """Declare the parameters; raises InvalidConfig."""
@@ -191,8 +189,7 @@ class _StopSignal:
 def run_node(name: str, make_node: Callable[[], CellNode], args: list[str] | None = None) -> int:
     """Run one node until SIGINT or SIGTERM and return the exit code.
 
-    0 after a clean end, 2 where the node cannot run as configured: one line on stderr gives the reason.
-    """
+    0 after a clean end, 2 where the node cannot run as configured: one line on stderr gives the reason."""
     stop = _StopSignal()
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
@@ -211,8 +208,7 @@ def make_executor(context: Context | None = None) -> Executor:
     """Return the executor of a node (context: None for the default one).
 
     It costs a tenth of SingleThreadedExecutor, which goes through all entities of the node for every message. Its
-    spin() does not return in rclpy 7.1.6; spin_once does.
-    """
+    spin() does not return in rclpy 7.1.6; spin_once does."""
     return EventsExecutor(context=context)
 
 

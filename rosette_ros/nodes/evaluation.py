@@ -43,8 +43,7 @@ class RunCollection:
     """The last runs, each until it can be evaluated.
 
     Topics keep their own order, but nothing is known about the order between them: an answer may arrive before its
-    target, the table frame after both, the order to evaluate before all. now: steady time, s.
-    """
+    target, the table frame after both, the order to evaluate before all. now: steady time, s."""
 
     def __init__(self) -> None:
         """Start empty."""
@@ -96,8 +95,7 @@ class RunCollection:
         """Return the run_ids that can be evaluated now.
 
         Those that were ordered and are complete; where no sequencer publishes states, those whose n*n targets are
-        answered when nothing has arrived for `quiet` s.
-        """
+        answered when nothing has arrived for `quiet` s."""
         return [run_id for run_id, run in self._runs.items()
                 if not run.is_evaluated and (run.expected is not None or self._is_quiet(run, now, quiet))
                 and not run.lacks]
@@ -183,8 +181,7 @@ class ModelInUse:
     def add(self, run_id: str, effect: str, entry: Mapping[str, Any]) -> ModelChange:
         """Add an effect to the model and fit a run again; entry: as of extended().
 
-        The model stays as it was where an error is raised: InvalidModel, NotDeterminable, InvalidData.
-        """
+        The model stays as it was where an error is raised: InvalidModel, NotDeterminable, InvalidData."""
         run = self.run(run_id)
         return self._change(run, extended(self.model, effect, entry), analyse(run, self.model))
 
@@ -207,8 +204,7 @@ class ModelInUse:
 def extended(model: Model, effect: str, entry: Mapping[str, Any]) -> Model:
     """Return a model with an effect more; entry: its settings or a user's own term, as in a model file.
 
-    Raises InvalidModel.
-    """
+    Raises InvalidModel."""
     if 'own' in entry:
         if effect not in ('', entry['own']):
             raise InvalidModel(f'effect: wanted {entry["own"]!r} as in the definition, or nothing, got {effect!r}')

@@ -46,8 +46,7 @@ class Evaluator(CellNode):
 
     Topics: subscribes to `probe_target`, `ball_centre`, `run_state`, `/tf_static`; publishes `model`, `diagnosis`,
     `error_motions`, in this order, all latched. Services: `evaluator/diagnose`, `evaluator/add_effect`,
-    `evaluator/remove_effect`, answered after their calculation, during which messages wait. Parameters: WANTED.
-    """
+    `evaluator/remove_effect`, answered after their calculation, during which messages wait. Parameters: WANTED."""
 
     def __init__(self) -> None:
         """Create the interfaces and publish the model in use."""

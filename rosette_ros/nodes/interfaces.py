@@ -21,8 +21,7 @@ _NAME = re.compile(r'([a-z][a-z0-9_]*)/(msg|srv|action)/([A-Z][A-Za-z0-9_]*)')
 def interface_class(type_name: str) -> type:
     """Return the class of `package/msg/Type`, `package/srv/Type_Event` or `package/action/Type_FeedbackMessage`.
 
-    Raises InvalidConfig where it is not installed.
-    """
+    Raises InvalidConfig where it is not installed."""
     match = _NAME.fullmatch(type_name)
     if not match:
         raise InvalidConfig(f'message type: wanted package/msg/Type, got {type_name!r:.100}')

@@ -3,8 +3,7 @@
 
 Each node publishes rosette_msgs/Heartbeat on `<node>/alive`. The middleware reports that a publisher has disappeared
 (liveliness) or is late (deadline); the name of the process tells a restarted node from the one before. A CMM that
-publishes no heartbeat is judged by its publishers and subscriptions alone.
-"""
+publishes no heartbeat is judged by its publishers and subscriptions alone."""
 
 import uuid
 from typing import TYPE_CHECKING, Any
@@ -19,8 +18,7 @@ if TYPE_CHECKING:
     from rosette_ros.nodes.base_node import CellNode
     from rosette_ros.nodes.recorder_client import RecorderLink
 
-SETTLING = 1.0
-"""How long all nodes have to be present before a run: discovery takes its time in each of them, s."""
+SETTLING = 1.0  # how long all nodes have to be present before a run: discovery takes its time in each of them, s
 
 
 class HeartbeatPublisher:
@@ -53,8 +51,7 @@ class NodeMonitor:
     """What the heartbeats say about another node of the cell.
 
     process: that of the last heartbeat, '' before the first; problem, hears: as in Heartbeat.msg; is_disconnected:
-    whether one was present and neither it nor a successor is; is_late: whether its heartbeat is overdue.
-    """
+    whether one was present and neither it nor a successor is; is_late: whether its heartbeat is overdue."""
 
     def __init__(self, node: 'CellNode', peer: str) -> None:
         """Subscribe to the heartbeat of the node named `peer`."""
@@ -92,8 +89,7 @@ class NodeMonitor:
 class CellMonitor:
     """The nodes that a calibration needs, as the graph and their heartbeats describe them.
 
-    status: what the cell lacks, or that it is complete, in words.
-    """
+    status: what the cell lacks, or that it is complete, in words."""
 
     def __init__(self, node: 'CellNode', recorder: 'RecorderLink') -> None:
         """Subscribe to all heartbeats of the cell."""

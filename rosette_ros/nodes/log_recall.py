@@ -27,8 +27,7 @@ _COPIED = {'rosette_msgs/msg/ProbeTarget': names.PROBE_TARGET, 'rosette_msgs/msg
 def find_part(log_dir: Path, wanted: str) -> Path:
     """Return the folder of the log to continue from; wanted: its name in `log_dir`, its path, or a run_id (last part).
 
-    Raises InvalidData where there is none, it lies elsewhere, or was continued already.
-    """
+    Raises InvalidData where there is none, it lies elsewhere, or was continued already."""
     path = Path(wanted)
     longest = max(map(len, wanted.encode(errors='replace').split(b'/')))
     if not path.name.strip('.') or longest > _LONGEST_NAME or '\0' in wanted:
@@ -65,8 +64,7 @@ def next_part(log_dir: Path, run_id: str) -> Path:
 def recall(folder: Path, library: TypeLibrary) -> Recall.Response:
     """Return what a log holds of its run; library: of the installed messages.
 
-    Raises InvalidData where the log cannot be read or was written with another version of the messages.
-    """
+    Raises InvalidData where the log cannot be read or was written with another version of the messages."""
     response = Recall.Response(success=True, log=folder.name, run_id=run_of(folder.name))
     if not any(file.stat().st_size for file in find_files(folder).files):
         return response

@@ -24,8 +24,7 @@ from rosette_ros.nodes.interfaces import decoded
 
 LATCHED_KEPT = 10
 RECENT_KEPT = 256
-LONGEST_ANSWER = 600.0
-"""An answer of the evaluator that has not come after this time is not waited for, s."""
+LONGEST_ANSWER = 600.0  # an answer of the evaluator that has not come after this time is not waited for, s
 
 LOG = (
     Wanted('compression', 'none', 'how the chunks of a log are compressed', choices=tuple(COMPRESSIONS)),
@@ -42,8 +41,7 @@ class Retention(Enum):
     """What becomes of a message while no log is open.
 
     NONE: it is dropped; LATCHED: it is valid until the next one and opens every log; RECENT: it belongs to the request
-    that will open a log, or describes the nodes at that time, and stands at the head of that log.
-    """
+    that will open a log, or describes the nodes at that time, and stands at the head of that log."""
 
     NONE = 'none'
     LATCHED = 'latched'
@@ -141,8 +139,7 @@ class LogSession:
 
     recent: how long a message of Retention.RECENT is kept, s; qos_of: returns the Qos of the publishers of a topic;
     settings: returns the values of LOG for the next log. run_id: of the open or last log; failure: why the disk refused
-    a message, '' where it did not; directory, messages, lost: of that log, how many are in it, how many are not.
-    """
+    a message, '' where it did not; directory, messages, lost: of that log, how many are in it, how many are not."""
 
     def __init__(self, recent: float, qos_of: Callable[[str], list[Qos]],
                  settings: Callable[[], Mapping[str, Any]] = dict) -> None:
@@ -189,8 +186,7 @@ class LogSession:
         """Open the log of a run; messages of an earlier part, latched and recent ones come first.
 
         now: steady time, s; log_time: ROS time of what was received before, ns; custom_data: for metadata.yaml. Raises
-        InvalidData where the directory holds a log already, CellError where one is open.
-        """
+        InvalidData where the directory holds a log already, CellError where one is open."""
         if self.is_open:
             raise CellError(f'the log of run {self.run_id} is open; wanted it closed first')
         settings = self._settings()
@@ -271,8 +267,7 @@ def state_of(topic: str, type_name: str) -> Callable[[bytes], Hashable] | None:
     """Return the function that says of a message's bytes what it is the state of, None for topics without states.
 
     The last message of each state is valid until the next, and repeated where a log continues in a new file. One of
-    static frames is valid for the frames that it names: others may be latched by other nodes.
-    """
+    static frames is valid for the frames that it names: others may be latched by other nodes."""
     if type_name in ('rosette_msgs/msg/Model', 'rosette_msgs/msg/ErrorMotions', 'rosette_msgs/msg/RunState'):
         return lambda data: ''
     if type_name == 'tf2_msgs/msg/TFMessage' and topic.split('/')[-1] == 'tf_static':
@@ -291,8 +286,7 @@ def _frames(data: bytes) -> Hashable:
 class FollowUp:
     """Requests to the evaluator after a run, which get a log of their own: `<run_id>_analysis`.
 
-    It is closed when all are answered and nothing was asked for `quiet` s (0: no such logs). Times are steady, s.
-    """
+    It is closed when all are answered and nothing was asked for `quiet` s (0: no such logs). Times are steady, s."""
 
     def __init__(self, quiet: float) -> None:
         """Start without requests."""

@@ -31,8 +31,7 @@ ADD_EFFECT = 'evaluator/add_effect'
 REMOVE_EFFECT = 'evaluator/remove_effect'
 SERVICE_EVENT = '/_service_event'
 
-ALIVE = 'alive'
-"""Below the name of each node: its heartbeat."""
+ALIVE = 'alive'  # below the name of each node: its heartbeat
 
 TF_STATIC = '/tf_static'
 CLOCK = '/clock'
@@ -42,20 +41,17 @@ PARAMETER_EVENTS = '/parameter_events'
 OF_A_DOMAIN = ('/tf', TF_STATIC, CLOCK)
 """Frames and time: all nodes of a ROS domain share them, unless they are remapped."""
 
-READY = 'ready'
-"""A node logs this word when its interfaces are created."""
+READY = 'ready'  # a node logs this word when its interfaces are created
 COMPLETE = 'the cell is complete'
 """The sequencer logs this sentence when every node that a calibration needs is present."""
 
-PARENT_PID = 'ROSETTE_CELL_PID'
-"""Environment variable, set by cell.supervisor: a node ends when this process does."""
+PARENT_PID = 'ROSETTE_CELL_PID'  # environment variable, set by cell.supervisor: a node ends when this process does
 
 
 def remappings(namespace: str) -> tuple[tuple[str, str], ...]:
     """Return the pairs (name, name instead) by which a cell has frames and time of its own.
 
-    None in the namespace that is the default: there the names are those that ROS tools expect.
-    """
+    None in the namespace that is the default: there the names are those that ROS tools expect."""
     if namespace.strip('/') == NAMESPACE:
         return ()
     return tuple((name, name.lstrip('/')) for name in OF_A_DOMAIN)

@@ -2,8 +2,7 @@
 """The QoS profiles of the cell, once.
 
 Everything is reliable. What a late joiner needs is latched (transient local). A queue holds more than can be under way,
-so that a slow reader loses nothing.
-"""
+so that a slow reader loses nothing."""
 
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
@@ -14,11 +13,9 @@ def _profile(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATIL
                       reliability=ReliabilityPolicy.RELIABLE)
 
 
-TARGET = _profile(10, DurabilityPolicy.TRANSIENT_LOCAL)
-"""Commands: latched for observers; a CMM subscribes with ORDER."""
+TARGET = _profile(10, DurabilityPolicy.TRANSIENT_LOCAL)  # commands: latched for observers; a CMM subscribes with ORDER
 
-ORDER = _profile(10)
-"""For the CMM: volatile, so that no machine moves on an old command."""
+ORDER = _profile(10)  # for the CMM: volatile, so that no machine moves on an old command
 
 ANSWER = _profile(100)
 STATE = _profile(10, DurabilityPolicy.TRANSIENT_LOCAL)
@@ -27,10 +24,8 @@ EVENT = _profile(100)
 CLOCK = _profile(10)
 HEALTH = _profile(10)
 
-HEARTBEAT_PERIOD = 0.5
-"""A node publishes its heartbeat at this interval, s."""
-HEARTBEAT_LOST = 2.5 * HEARTBEAT_PERIOD
-"""A process without a heartbeat for this time is not counted, s."""
+HEARTBEAT_PERIOD = 0.5  # a node publishes its heartbeat at this interval, s
+HEARTBEAT_LOST = 2.5 * HEARTBEAT_PERIOD  # a process without a heartbeat for this time is not counted, s
 ALIVE = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL, deadline=Duration(seconds=1),

@@ -97,8 +97,7 @@ class Recorder(CellNode):
     """Subscribes to the whole cell and writes while a log is open.
 
     Topics: subscribes to TOPICS and to all others in its namespace. Services: `recorder/start_recording`,
-    `recorder/stop_recording`, `recorder/recorded`, `recorder/recall`. Parameters: WANTED.
-    """
+    `recorder/stop_recording`, `recorder/recorded`, `recorder/recall`. Parameters: WANTED."""
 
     def __init__(self) -> None:
         """Subscribe to everything that a cell publishes."""

@@ -32,10 +32,8 @@ WANTED = (
            0.1, 10.0),
     Wanted('answer_s', 0.0, 'wall time that each answer takes, s; 0: as fast as the computer allows', 0.0, 0.3),
 )
-FARTHEST = 100.0
-"""A centre that is farther from the origin of the machine is taken for a mistake, m."""
-LAST_ANSWERS = 5.0
-"""How long an ending CMM waits for subscribers that have not yet received its answers, s."""
+FARTHEST = 100.0  # a centre that is farther from the origin of the machine is taken for a mistake, m
+LAST_ANSWERS = 5.0  # how long an ending CMM waits for subscribers that have not yet received its answers, s
 
 
 class SimulatedCmm(CellNode):
@@ -45,8 +43,7 @@ class SimulatedCmm(CellNode):
     not depend on the speed of the computer. A change in the file of the machine applies from the next run on, as when
     a person switches a correction off between two runs.
 
-    Topics: subscribes to `probe_target`; publishes `ball_centre` and `/clock`. Parameters: WANTED.
-    """
+    Topics: subscribes to `probe_target`; publishes `ball_centre` and `/clock`. Parameters: WANTED."""
 
     def __init__(self) -> None:
         """Build the machine and create the interfaces; raises RosetteError."""
@@ -91,8 +88,7 @@ class SimulatedCmm(CellNode):
         """Set the clock and read the machine's file again at the first target of a run.
 
         The clock never falls behind what was published before, by this process or an earlier one. The machine goes on
-        where it stood: its time and its noise continue.
-        """
+        where it stood: its time and its noise continue."""
         late = nanoseconds(target.header.stamp) - nanoseconds(self._stamp(self._machine.time))
         self._switched_on += max(late, 0)
         if self._file.is_file():
