@@ -57,13 +57,9 @@ def plan_calibration(scheme: Scheme, radius: float, taught: Frame, repeats: int 
     check: the first ball of the run once more. Source: Kniel et al. (2019), section 2.2, steps (a)-(d)."""
     every, first = np.arange(1, scheme.n + 1), np.ones(scheme.n, dtype=int)
     last = slice(0, 1 if drift_check else 0)
-    parts = [
-        (Phase.REPEATABILITY, *(np.ones(repeats, dtype=int),) * 3),
-        (Phase.ALIGNMENT, every, first, first),
-        (Phase.ALIGNMENT, first, every, first),
-        (Phase.RUN, scheme.table_position, scheme.ball, scheme.approach),
-        (Phase.DRIFT_CHECK, scheme.table_position[last], scheme.ball[last], scheme.approach[last]),
-    ]
+    parts = [(Phase.REPEATABILITY, *(np.ones(repeats, dtype=int),) * 3), (Phase.ALIGNMENT, every, first, first),
+             (Phase.ALIGNMENT, first, every, first), (Phase.RUN, scheme.table_position, scheme.ball, scheme.approach),
+             (Phase.DRIFT_CHECK, scheme.table_position[last], scheme.ball[last], scheme.approach[last])]
     phase = np.concatenate([np.full(part[1].size, part[0]) for part in parts])
     position, ball, sense = (np.concatenate([part[column] for part in parts]) for column in (1, 2, 3))
     stays = np.diff(position, prepend=0) == 0

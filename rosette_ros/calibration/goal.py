@@ -14,7 +14,7 @@ from rosette_ros.calibration.calibration_plan import CalibrationPlan
 from rosette_ros.calibration.settings import Value
 from rosette_ros.calibration.state_machine import Sequence, Verify
 from rosette_ros.core.errors import CellError
-from rosette_ros.io.messages import Phase, answer_of, target_of
+from rosette_ros.io.messages import answer_of, target_of
 from rosette_ros.io.run_assembly import RunAnswers
 
 LONG = 90.0
@@ -96,7 +96,7 @@ class Job:
         before = self.sequence
         self.sequence = Sequence(self.run_id, before.plan, before.limits, earlier_answers(recalled, before.plan),
                                  before.session)
-        self.resumes, self.located_ns = recalled.log, _run_begin(self.sequence.earlier)
+        self.resumes, self.located_ns = recalled.log, self.sequence.earlier.run_begin()
 
 
 def make_job(request: Request, configured: Mapping[str, Value], taken: Collection[str], recalled: Any = None) -> Job:
@@ -115,7 +115,6 @@ def make_job(request: Request, configured: Mapping[str, Value], taken: Collectio
 
 
 def _resumed_job(request: Request, recalled: Any, changes: Mapping[str, Value], values: Mapping[str, Value]) -> Job:
-    """Return the Job that measures what an earlier part of a run lacks."""
     if not recalled.success:
         raise CellError(recalled.message)
     run_id = recalled.run_id
@@ -130,7 +129,7 @@ def _resumed_job(request: Request, recalled: Any, changes: Mapping[str, Value], 
                         'motions are published')
     latest = max((*(one.stamp_ns for one in earlier.targets), *(one.stamp_ns for one in earlier.answers)), default=0)
     return Job(Sequence(run_id, plan, settings.limits_of(values), earlier), request, str(values['order']),
-               settings.format_settings(values), recalled.log, stamp_ns=latest, located_ns=_run_begin(earlier))
+               settings.format_settings(values), recalled.log, stamp_ns=latest, located_ns=earlier.run_begin())
 
 
 def refuse_other_plan(changes: Mapping[str, Value], planned: Mapping[str, Value], run_id: str) -> None:
@@ -159,8 +158,3 @@ def earlier_answers(recalled: Any, plan: CalibrationPlan) -> RunAnswers:
         if answer.run_id == earlier.run_id:
             earlier.add_answer(answer)
     return earlier
-
-
-def _run_begin(earlier: RunAnswers) -> int:
-    """Return when the first target of phase RUN was asked, ns, 0 where none was."""
-    return min((target.stamp_ns for target in earlier.targets if target.phase == Phase.RUN), default=0)

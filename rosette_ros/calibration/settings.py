@@ -4,7 +4,7 @@
 import difflib
 import itertools
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -14,10 +14,10 @@ import yaml
 
 from rosette_ros.calibration.calibration_plan import CalibrationPlan, plan_calibration
 from rosette_ros.calibration.state_machine import Limits
-from rosette_ros.core.errors import InvalidConfig, one_line
+from rosette_ros.core.errors import InvalidConfig
 from rosette_ros.core.geometry import Frame, rotation_matrix
 from rosette_ros.core.scheme import ORDERS, TURNINGS, plan
-from rosette_ros.io.safe_yaml import load_plain
+from rosette_ros.io.safe_yaml import parse_mapping
 
 MAX_OPTIONS = 10_000  # longest YAML text taken from a goal, characters
 _MOST = 1e300  # whole numbers beyond are no float
@@ -72,21 +72,18 @@ class Wanted:
 
 PLATE = (
     Wanted('plate.balls', 12, 'number of balls on the plate and of table positions', 3, 1000),
-    Wanted('plate.radius_m', 0.1825, 'nominal radius of the circle of ball centres, m', 1e-3, 10.0),
-)
+    Wanted('plate.radius_m', 0.1825, 'nominal radius of the circle of ball centres, m', 1e-3, 10.0))
 TABLE = (
     Wanted('table.origin_m', (0.35, 0.26, -0.3), 'where the centre of the plate roughly is, x y z in machine '
            'coordinates, m', -100.0, 100.0),
     Wanted('table.azimuth_deg', 0.0, 'where ball 1 roughly is at table angle 0, counted counter-clockwise from the '
-           'machine x axis, degrees', -360.0, 360.0),
-)
+           'machine x axis, degrees', -360.0, 360.0))
 RUN = (
     Wanted('order', 'diagonal', 'order of measurement', choices=ORDERS),
     Wanted('seed', 0, 'draws the order "random"', 0, 2**53),
     Wanted('turning', 'forward', 'sense in which the table turns', choices=TURNINGS),
     Wanted('repeats', 10, 'readings of the repeatability check, 0: none', 0, 10_000),
-    Wanted('drift_check', True, 'whether the first ball is measured again after the run'),
-)
+    Wanted('drift_check', True, 'whether the first ball is measured again after the run'))
 LIMITS = (
     Wanted('limits.answer_timeout_s', Limits.answer_timeout, 'wall time after which a target is asked again, s', 0.01,
            1e5),
@@ -99,8 +96,7 @@ LIMITS = (
     Wanted('limits.search_m', Limits.search, 'how far a ball may lie from where it is expected before the alignment, m',
            1e-6, 1.0),
     Wanted('limits.distance_m', Limits.distance, 'the same after the alignment, m', 1e-6, 1.0),
-    Wanted('limits.angle_rad', Limits.angle, 'how far the table may stand from the commanded angle, rad', 1e-9, 0.5),
-)
+    Wanted('limits.angle_rad', Limits.angle, 'how far the table may stand from the commanded angle, rad', 1e-9, 0.5))
 RESUME = Wanted('resume', '', 'the log to continue: the name of its folder, or its path')
 OPTIONS = RUN[2:] + LIMITS[:5] + (RESUME,)  # what the options of a goal may change for one calibration
 PLANNED = PLATE + TABLE + RUN  # what decides which targets a calibration has
@@ -131,16 +127,8 @@ def goal_changes(goal: Any) -> dict[str, Value]:
 
 def parse_options(text: str) -> dict[str, Value]:
     """Return what a YAML mapping of names from OPTIONS, or no text, changes, name to value; raises InvalidConfig."""
-    if len(text) > MAX_OPTIONS:
-        raise InvalidConfig(f'options: wanted at most {MAX_OPTIONS} characters, got {len(text)}')
-    try:
-        given = load_plain(text)
-    except yaml.YAMLError as error:
-        raise InvalidConfig(f'options: wanted a YAML mapping, got text that is none: {one_line(error)}') from None
-    if not isinstance(given, (dict, type(None))):
-        raise InvalidConfig(f'options: wanted a YAML mapping such as "repeats: 5", got {text!r:.80}')
     known, changes = {wanted.name: wanted for wanted in OPTIONS}, {}
-    for name, value in (given or {}).items():
+    for name, value in parse_mapping(text, 'options', MAX_OPTIONS, 'repeats: 5', InvalidConfig).items():
         if name not in known:
             raise InvalidConfig(unknown_name('options', str(name)[:80], known))
         changes[name] = known[name].check(value, 'options')
@@ -169,20 +157,19 @@ def format_settings(values: Mapping[str, Value]) -> str:
 
 def parse_settings(text: str, where: str) -> dict[str, Value]:
     """Return the settings that format_settings wrote, name to value; raises InvalidConfig in words."""
-    try:
-        given = load_plain(text) if len(text) <= MAX_OPTIONS else None
-    except yaml.YAMLError:
-        given = None
-    if not isinstance(given, dict):
-        raise InvalidConfig(f'{where}: wanted the settings of the run as a YAML mapping, got {text[:80]!r}')
+    given = parse_mapping(text, where, MAX_OPTIONS, 'order: row', InvalidConfig)
     return {wanted.name: wanted.check(given.get(wanted.name), where) for wanted in PLANNED}
 
 
 def run_name(when: datetime, order: str, taken: Collection[str]) -> str:
     """Return a run_id such as `rosette_20260412_083000_diagonal` that is not in `taken`."""
-    name = f'rosette_{when:%Y%m%d_%H%M%S}_{order}'
-    more = (f'{name}_{count}' for count in itertools.count(2))
-    return name if name not in taken else next(one for one in more if one not in taken)
+    return first_free(f'rosette_{when:%Y%m%d_%H%M%S}_{order}', taken.__contains__)
+
+
+def first_free(name: str, is_taken: Callable[[str], bool]) -> str:
+    """Return a name, or the first of `<name>_2`, `<name>_3` and so on, that is not taken."""
+    more = (f'{name}_{number}' for number in itertools.count(2))
+    return next(one for one in itertools.chain([name], more) if not is_taken(one))
 
 
 def unknown_name(where: str, name: str, known: Iterable[str]) -> str:

@@ -139,16 +139,12 @@ class Sequence:
         self.earlier = earlier or RunAnswers(run_id)
         self.session = max(self.earlier.session, session) + 1
         self._asked: Target | None = None
-        self._next_index = self._tries = 0
-        self._asked_again: list[int] = []
-        self._rounds = self._refusals = 0
+        self._asked_again, self._alignment = list[int](), list[Answer]()
+        self._next_index = self._tries = self._rounds = self._refusals = 0
         self._results: Results | None = None
-        self._skipped_last = True
-        self._held = ''
-        self._in_doubt: list[tuple[int, int]] = []
+        self._held, self._in_doubt, self._skipped_last = '', list[tuple[int, int]](), True
         self._deadline: float | None = None
         self._frame, self._frame_id = plan.taught, MACHINE_FRAME
-        self._alignment: list[Answer] = []
         self._begun = (0.0, 0)  # when the first target was asked, and what was done then
         self.left = 0.0  # time until all targets are answered, as the answers so far took it, s
 
@@ -174,8 +170,6 @@ class Sequence:
         return (f'{Phase(target.phase).name.lower().replace("_", " ")} {place} of {size}: table position '
                 f'{target.table_position}, ball {target.ball}{again}')
 
-    # What happens
-
     def begin(self, now: float) -> Commands:
         """Ask for the first target."""
         commands = self._next(now)
@@ -191,8 +185,7 @@ class Sequence:
         if target is None or answer.seq != target.seq:
             waiting = 'nothing' if target is None else f'seq {target.seq}'
             return (Remark(f'not used: answer to seq {answer.seq}, waiting for {waiting}'),)
-        words = complaint(answer, target, self.limits)
-        if words:
+        if words := complaint(answer, target, self.limits):
             return self._again(words, now)
         self._asked = None
         commands = self._take(target, answer)
@@ -285,9 +278,9 @@ class Sequence:
             return self._finish(Phase.FAILED, f'{self._held} and did not come back within '
                                 f'{self.limits.return_timeout:g} s; resume the run when it is connected')
         if self.phase is Phase.EVALUATION:
-            return self._finish(Phase.FAILED, (
-                f'wanted error motions from the evaluator within {self.limits.evaluation_timeout:g} s, got none; all '
-                'ball centres are in the log: evaluate it offline'))
+            return self._finish(Phase.FAILED, 'wanted error motions from the evaluator within '
+                                f'{self.limits.evaluation_timeout:g} s, got none; all ball centres are in the log: '
+                                'evaluate it offline')
         return self._again(f'no answer within {self.limits.answer_timeout:g} s', now)
 
     def cancel(self, text: str = 'cancelled on request') -> Commands:
@@ -297,8 +290,6 @@ class Sequence:
     def fail(self, text: str) -> Commands:
         """End because something outside has failed."""
         return () if self.phase.is_end else self._finish(Phase.FAILED, text)
-
-    # What follows
 
     def _next(self, now: float) -> Commands:
         """Ask for the next target that has no good answer yet; at their end verify, then wait for the evaluation."""

@@ -33,8 +33,6 @@ from rosette_ros.nodes import conversions, names, qos
 CANCEL_TIMEOUT = 30.0
 RESUME_TIMEOUT = 90.0  # a sequencer has the recorder read in the log of a run before it accepts to resume it, s
 _STEP = 0.1
-_REASON_TIMEOUT = 2.0
-_DIAGNOSIS_TIMEOUT = 10.0  # a diagnosis that was published before the result may be received after it, s
 _DISCONNECTED = 3.0  # a sequencer that is not on the graph for so long is taken to be disconnected, s
 
 
@@ -145,12 +143,11 @@ class CellClient:
         goal = Calibrate.Goal(
             order=order, seed=seed, options=options, balls=balls, radius=float(radius), turning=turning,
             attempts=attempts, resume=resume, repeats=_count(repeats), skips=_count(skips),
-            drift_check={None: Calibrate.Goal.AS_CONFIGURED, True: Calibrate.Goal.YES,
-                         False: Calibrate.Goal.NO}[drift_check])
+            drift_check=_count(drift_check))
         handle = self._await(self._action.send_goal_async(goal, feedback_callback=on_feedback),
                              RESUME_TIMEOUT if resume else 10.0, check)
         if not handle.accepted:
-            self._spin_until(lambda: bool(self._rejections), _REASON_TIMEOUT)  # the action has no field for the reason
+            self._spin_until(lambda: bool(self._rejections), 2.0)  # the action has no field for the reason
             reason = self._rejections[-1] if self._rejections else 'see the log of the sequencer'
             raise CellError(f'cell {self._where}: calibration refused: {reason}')
         result = handle.get_result_async()
@@ -162,7 +159,7 @@ class CellClient:
                 response = self._await(result, CANCEL_TIMEOUT, check)
         outcome = outcome_of(response)
         if outcome.success and response.result.error_motions.diagnosed:
-            self._spin_until(lambda: outcome.run_id in self._verdicts, _DIAGNOSIS_TIMEOUT)
+            self._spin_until(lambda: outcome.run_id in self._verdicts, 10.0)  # it may be received after the result
         return replace(outcome, verdict=self._verdicts.get(outcome.run_id))
 
     def _await(self, future: Future, timeout: float | None, check: Callable[[], object] | None,
@@ -218,15 +215,13 @@ class CellClient:
 
 
 def _count(number: int | None) -> int:
-    """Return the field of a goal for a number that may be 0."""
-    return 0 if number is None else number or Calibrate.Goal.NONE
+    """Return the field of a goal for a number that may be 0 or a choice: NONE and NO are the same number."""
+    return 0 if number is None else int(number) or Calibrate.Goal.NONE
 
 
 def outcome_of(response: Any) -> CalibrationOutcome:
     """Return the CalibrationOutcome of a calibrate result with its status."""
     result = response.result
     motions = conversions.error_motions_record(result.error_motions) if result.success else None
-    return CalibrationOutcome(
-        success=result.success, cancelled=response.status == GoalStatus.STATUS_CANCELED,
-        message=result.message, run_id=result.run_id,
-        log=Path(result.log) if result.log else None, error_motions=motions)
+    return CalibrationOutcome(result.success, response.status == GoalStatus.STATUS_CANCELED, result.message,
+                              result.run_id, Path(result.log) if result.log else None, motions)

@@ -19,12 +19,8 @@ import yaml
 from rosette_ros.core.errors import CellError, InvalidConfig
 from rosette_ros.nodes import names
 
-MODULES = {
-    names.RECORDER: 'rosette_ros.nodes.recorder',
-    names.EVALUATOR: 'rosette_ros.nodes.evaluator',
-    names.CMM: 'rosette_ros.nodes.simulated_cmm',
-    names.SEQUENCER: 'rosette_ros.nodes.sequencer',
-}
+MODULES = {names.RECORDER: 'rosette_ros.nodes.recorder', names.EVALUATOR: 'rosette_ros.nodes.evaluator',
+           names.CMM: 'rosette_ros.nodes.simulated_cmm', names.SEQUENCER: 'rosette_ros.nodes.sequencer'}
 """The nodes in the order of starting: subscribers come first."""
 
 START_TIMEOUT = 60.0
@@ -97,9 +93,8 @@ class Cell:
                  nodes: Collection[str] = tuple(MODULES), output_dir: str | Path | None = None,
                  simulated_time: bool = True, remappings: Sequence[tuple[str, str]] | None = None) -> None:
         """Prepare; nothing is started before `start`."""
-        unknown = set(nodes) - set(MODULES)
-        if unknown:
-            raise InvalidConfig(f'cell: nodes: wanted some of {", ".join(MODULES)}, got {sorted(unknown)[0]!r}')
+        if unknown := set(nodes) - set(MODULES):
+            raise InvalidConfig(f'cell: nodes: wanted some of {", ".join(MODULES)}, got {min(unknown)!r}')
         self.domain_id, self.namespace = domain_id, namespace.strip('/')
         self._remappings = names.remappings(namespace) if remappings is None else remappings
         self.log_dir = Path(log_dir).absolute()
@@ -142,10 +137,9 @@ class Cell:
         output = self.output_dir / f'{name}.log'
         with open(output, 'ab') as stream:
             begin = stream.tell()
-            popen = subprocess.Popen(
-                self._command(name), stdin=subprocess.DEVNULL, stdout=stream,
-                stderr=subprocess.STDOUT, start_new_session=True,
-                env={**cell_environment(self.domain_id), names.PARENT_PID: str(os.getpid())})
+            popen = subprocess.Popen(self._command(name), stdin=subprocess.DEVNULL, stdout=stream,
+                                     stderr=subprocess.STDOUT, start_new_session=True,
+                                     env={**cell_environment(self.domain_id), names.PARENT_PID: str(os.getpid())})
         self.processes[name] = NodeProcess(name, popen, output, begin)
         if wait:
             self._await_output({name: f'{names.READY}\n'})
@@ -201,7 +195,6 @@ class Cell:
                 *(part for path in files for part in ('--params-file', path))]
 
     def _await_output(self, wanted: Mapping[str, str]) -> None:
-        """Wait until each node has printed its words; wanted: words by node."""
 
         def missing() -> list[str]:
             self.check()

@@ -58,7 +58,7 @@ def run(options: argparse.Namespace) -> None:
                     print(f'{datetime.now():%H:%M:%S} {words}; restarted', file=sys.stderr, flush=True)
                 for words in cell.news():
                     out.print(f'{datetime.now():%H:%M:%S} {escape(words)}', soft_wrap=True)
-                time.sleep(0.2)
+                time.sleep(CHECK_PERIOD)
         except KeyboardInterrupt:
             print('Ending the cell.', file=sys.stderr)
 

@@ -53,10 +53,8 @@ class Qos:
     @staticmethod
     def from_mapping(mapping: Mapping[str, Any]) -> 'Qos':
         """Return the Qos of a mapping that rosbag2 wrote; KeyError or TypeError if it is none."""
-        values: dict[str, Any] = {
-            name: kind(mapping[name]) for name, kind in Qos.__annotations__.items() if name not in _TIMES}
-        values |= {name: int(mapping[name]['sec']) * 10**9 + int(mapping[name]['nsec']) for name in _TIMES}
-        return Qos(**values)
+        times = {name: int(mapping[name]['sec']) * 10**9 + int(mapping[name]['nsec']) for name in _TIMES}
+        return Qos(**{name: kind({**mapping, **times}[name]) for name, kind in Qos.__annotations__.items()})
 
 
 def qos_text(profiles: Iterable[Qos]) -> str:
@@ -114,10 +112,8 @@ def bag_mapping(topics: Iterable[TopicSummary], files: Sequence[FileSummary],
     """Return rosbag2's BagMetadata of a log as a mapping."""
     start, end = span(files)
     return {
-        'version': VERSION, 'storage_identifier': 'mcap',
-        'duration': {'nanoseconds': end - start},
-        'starting_time': {'nanoseconds_since_epoch': start},
-        'message_count': sum(entry.messages for entry in files),
+        'version': VERSION, 'storage_identifier': 'mcap', 'duration': {'nanoseconds': end - start},
+        'starting_time': {'nanoseconds_since_epoch': start}, 'message_count': sum(entry.messages for entry in files),
         'topics_with_message_count': [{
             'topic_metadata': {
                 'name': topic.name, 'type': topic.type_name, 'serialization_format': 'cdr',
@@ -127,8 +123,8 @@ def bag_mapping(topics: Iterable[TopicSummary], files: Sequence[FileSummary],
         'compression_format': '', 'compression_mode': '', 'relative_file_paths': [entry.path for entry in files],
         'files': [{
             'path': entry.path, 'starting_time': {'nanoseconds_since_epoch': entry.start_ns},
-            'duration': {'nanoseconds': entry.end_ns - entry.start_ns},
-            'message_count': entry.messages} for entry in files],
+            'duration': {'nanoseconds': entry.end_ns - entry.start_ns}, 'message_count': entry.messages}
+            for entry in files],
         'custom_data': dict(custom_data) if custom_data else None, 'ros_distro': 'jazzy'}
 
 
@@ -204,15 +200,15 @@ def read_bag_metadata(path: Path) -> BagListing:
     if storage != 'mcap':
         raise InvalidData(f'{path}: storage_identifier: wanted mcap, got {storage!r:.80}; convert the log with '
                           '`ros2 bag convert`')
-    if not (isinstance(names, list) and names and all(isinstance(name, str) and Path(name).name == name
-                                                      for name in names) and len({*names}) == len(names)):
+    is_list = isinstance(names, list) and all(isinstance(name, str) and Path(name).name == name for name in names)
+    if not (is_list and names and len({*names}) == len(names)):
         raise InvalidData(f'{path}: relative_file_paths: wanted names of files in the same folder, got {names!r:.200}; '
                           'each is named once')
     for name in names:
         if not (path.parent / name).is_file():
             raise InvalidData(f'{path}: names {name}, which is missing; put the file back, or delete metadata.yaml to '
                               'read the files that are there')
-    others = sorted({one.name for one in path.parent.glob('*.mcap')} - {*names})
-    problems = (f'{path}: does not name {", ".join(others)}, which was not read; delete metadata.yaml to read all '
-                'files that are there',) if others else ()
+    others = ', '.join(sorted({one.name for one in path.parent.glob('*.mcap')} - {*names}))
+    problems = (f'{path}: does not name {others}, which was not read; delete metadata.yaml to read all files that are '
+                'there',) if others else ()
     return BagListing(tuple(path.parent / name for name in names), custom_data, problems)

@@ -43,7 +43,7 @@ def parse_csv(data: bytes, source: str = 'table') -> Run:
     if TRAVEL_COLUMN in columns:
         recorded['table_travel'] = np.deg2rad(columns[TRAVEL_COLUMN])
     run = Run(
-        n, table.radius, table.table_position, table.ball, _centre(table) / 1e3, table_angle=angle,
+        n, table.radius, table.table_position, table.ball, table.centre / 1e3, table_angle=angle,
         time=columns['time_s'].astype(float, copy=False), repeatability=table.repeatability,
         repeatability_dof=table.repeatability_dof, run_id=table.run_id, repeats=table.repeats, session=table.session,
         source=source, **recorded)
@@ -65,8 +65,7 @@ def format_csv(run: Run) -> str:
                 'cmm_position': run.cmm_position, 'approach': run.approach}
     cells: dict[str, Iterable[str]] = {
         **{name: map(str, values.tolist()) for name, values in integers.items()},
-        **{f'{axis}_mm': [f'{value:.12f}' for value in (run.centre[:, column] * 1e3).tolist()]
-           for column, axis in enumerate('xyz')},
+        **{f'{axis}_mm': map('{:.12f}'.format, values) for axis, values in zip('xyz', (run.centre.T * 1e3).tolist())},
         'table_angle_deg': _angle_cells(run), 'time_s': map(repr, run.time.tolist()),
         'temperature_C': ['' if value != value else repr(value) for value in run.temperature.tolist()]}
     if np.ptp(run.table_travel - unwrap_travel(run.table_angle, run.approach, run.n)) >= TRAVEL_TOLERANCE:
@@ -102,9 +101,6 @@ def _angle_cells(run: Run) -> list[str]:
     exact = (360.0 * (run.table_position - 1) / run.n).tolist()
     return [repr(short) if is_nominal else f'{value:.15f}'
             for is_nominal, short, value in zip(nominal.tolist(), exact, np.rad2deg(run.table_angle).tolist())]
-
-
-# What makes a table a run: indices, order, angles and places that fit each other
 
 
 def _find_balls(table: CsvTable) -> int:
@@ -173,7 +169,6 @@ def _angles(table: CsvTable, n: int) -> Floats:
 
 
 def _wrapped(degrees: Floats) -> Floats:
-    """Return angles in [-180°, 180°)."""
     return np.asarray((degrees + 180.0) % 360.0 - 180.0)
 
 
@@ -194,14 +189,9 @@ def _angle_advice(angle: Floats, nominal: Floats, n: int) -> str:
     return 'is the number of balls right? If some are missing, say so by "# balls: ..."'
 
 
-def _centre(table: CsvTable) -> Floats:
-    """Return the ball centres, (N, 3), mm."""
-    return np.stack([table.columns[f'{axis}_mm'] for axis in 'xyz'], axis=-1)
-
-
 def _check_places(table: CsvTable, n: int) -> None:
     """Refuse ball centres that lie nearer to another ball's place than to their own, and wrong units."""
-    centre, radius = _centre(table), table.radius * 1e3
+    centre, radius = table.centre, table.radius * 1e3
     i, j = table.table_position, table.ball
     measured = np.median(np.hypot(centre[:, 0], centre[:, 1]))
     for factor, unit in ((1e-3, 'metres'), (1e3, 'micrometres')):

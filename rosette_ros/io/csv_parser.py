@@ -71,13 +71,13 @@ class _Heading:
                               'in the first lines, got none')
 
     def value(self, key: str, wanted: str, convert: Callable[[str], _Value], absent: _Value) -> _Value:
-        """Return a value as `convert` makes it of its text; a ValueError says that it is not what is wanted."""
+        """Return a value as `convert` makes it of its text; its KeyError or ValueError refuses it."""
         if key not in self._values:
             return absent
         text, line = self._values[key]
         try:
             return convert(text)
-        except ValueError as error:
+        except (KeyError, ValueError) as error:
             raise _wrong(self._source, line, '', f'{key}: {wanted}', repr(text[:80])) from error
 
     def positive(self, key: str, digits: int = 0) -> float | None:
@@ -101,12 +101,11 @@ class _Heading:
 class CsvTable:
     """A table as it was written, N rows.
 
-    columns: array (N,) by column name, units as in the name; angle_cells: the texts of table_angle_deg; lines: line of
-    each row; radius, repeatability: m; balls: as the heading says, or None; session: (N,) 1 and one more from each row
-    of `pauses_before` on."""
+    columns: array (N,) by column name, units as in the name; centre: (N, 3), mm; angle_cells: the texts of
+    table_angle_deg; lines: line of each row; radius, repeatability: m; balls: as the heading says, or None; session:
+    (N,) 1 and one more from each row of `pauses_before` on."""
 
     def __init__(self, data: bytes, source: str) -> None:
-        """Take a file's bytes; raises InvalidData, naming `source`, where it is no table."""
         lines = _lines(data, source)
         at = next((at for at, line in enumerate(lines) if line.strip() and not line.startswith('#')), len(lines))
         heading = _Heading(lines[:at], source)
@@ -120,12 +119,13 @@ class CsvTable:
         self.columns = {name: _numbers(cells[name], name, self.lines, source)
                         for name in names if name in (*COLUMNS, TRAVEL_COLUMN)}
         self.table_position, self.ball = (self.columns[name].astype(np.int64) for name in ('table_position', 'ball'))
+        self.centre: Floats = np.stack([self.columns[f'{axis}_mm'] for axis in 'xyz'], axis=-1)
         self.radius = heading.positive('radius_mm', 3) or 0.0
         self.repeatability = heading.positive('repeatability_um', 6)
         self.repeatability_dof = heading.positive('repeatability_dof')
         self.run_id = heading.value('run_id', 'a name', str, '')
         self.balls = heading.value('balls', 'a whole number', _whole, None)
-        self.repeats = heading.value('repeated_balls', 'yes or no', _yes, False)
+        self.repeats = heading.value('repeated_balls', 'yes or no', {'yes': True, 'no': False}.__getitem__, False)
         self.session = heading.session(len(rows))
 
     def wrong(self, row: int | np.integer, column: str, wanted: str, got: object, advice: str = '') -> InvalidData:
@@ -146,12 +146,6 @@ def _whole(text: str) -> int | None:
     return int(value)
 
 
-def _yes(text: str) -> bool:
-    if text not in ('yes', 'no'):
-        raise ValueError
-    return text == 'yes'
-
-
 def _check_names(names: list[str], source: str, line: int) -> None:
     for missing in (name for name in COLUMNS if name not in names and name not in _OPTIONAL):
         is_other = len(names) == 1 and (';' in names[0] or '\t' in names[0])
@@ -167,12 +161,11 @@ def _check_names(names: list[str], source: str, line: int) -> None:
 
 def _rows(lines: list[str], at: int, width: int, source: str) -> tuple[list[int], list[list[str]]]:
     """Return (line of each row, cells of each row)."""
-    numbers = [index + 1 for index in range(at, len(lines)) if lines[index].strip()]
-    if not numbers:
+    numbered = [(number, text) for number, text in enumerate(lines[at:], at + 1) if text.strip()]
+    if not numbered:
         raise InvalidData(f'{source}: wanted rows of ball centres, got none')
     rows = []
-    for number in numbers:
-        text = lines[number - 1]
+    for number, text in numbered:
         try:
             row = next(csv.reader([text], strict=True)) if '"' in text else text.split(',')
         except csv.Error as error:
@@ -184,11 +177,10 @@ def _rows(lines: list[str], at: int, width: int, source: str) -> tuple[list[int]
             advice = 'write decimals with a point, not a comma' if len(row) > width else 'is the row cut off?'
             raise _wrong(source, number, '', f'{width} cells', len(row), advice)
         rows.append(row)
-    return numbers, rows
+    return [number for number, _ in numbered], rows
 
 
 def _numbers(cells: Sequence[str], name: str, lines: list[int], source: str) -> Floats | Ints:
-    """Return one column as an array, (N,)."""
     empty = np.array([name in _EMPTY and not cell.strip() for cell in cells])
     texts = [_EMPTY[name] if is_empty else cell for cell, is_empty in zip(cells, empty)] if empty.any() else cells
     joined = ''.join(texts)

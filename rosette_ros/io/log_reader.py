@@ -96,13 +96,10 @@ class LogFile:
     skip_repeated: whether messages that the file repeats of an earlier one are skipped."""
 
     def __init__(self, path: Path, skip_repeated: bool = False) -> None:
-        """Open nothing yet."""
         self.path, self._skip_repeated = path, skip_repeated
-        self.channels: dict[int, LogChannel] = {}
+        self.channels, self.counts, self.problems = dict[int, LogChannel](), Counter[int](), list[str]()
         self.metadata: dict[str, dict[str, str]] = {}
-        self.counts: Counter[int] = Counter()
         self.chunks, self.summary, self.truncated = 0, bag.FileSummary(path.name), False
-        self.problems: list[str] = []
         self._schemas: dict[int, Schema] = {}
         self._repeated: dict[str, set[int]] = {}
         self._skipped = self._undescribed = 0
@@ -144,7 +141,6 @@ class LogFile:
                        f'read {self.summary.messages} messages of {self.chunks} whole chunks')
 
     def _check_begin(self, stream: IO[bytes], size: int) -> None:
-        """Refuse what is no MCAP file, or of another profile than ros2."""
         magic = stream.read(len(MAGIC))
         if not magic:
             raise InvalidData(f'{self.path}: is empty; wanted an MCAP log')
@@ -168,7 +164,6 @@ class LogFile:
                               'the log')
 
     def _note(self, problem: str) -> None:
-        """Note a problem, once."""
         if (words := f'{self.path}: {problem}') not in self.problems:
             self.problems.append(words)
 
@@ -206,7 +201,6 @@ class LogFile:
                        'the first holds')
 
     def _message(self, content: bytes, wanted: Callable[[LogChannel], bool]) -> Iterator[LoggedMessage]:
-        """Count a message, and yield it where its channel is wanted."""
         if len(content) < _MESSAGE_HEAD.size:
             self._note('a damaged message record was skipped')
             return
@@ -285,9 +279,6 @@ def _uncompressed(chunk: Chunk) -> bytes:
     return chunk.data
 
 
-# Messages
-
-
 class _Payload(bytes):
     """Bytes of a message: a slice of them is whole, or raises ValueError; text that is no UTF-8 is replaced."""
 
@@ -331,9 +322,6 @@ def message_decoder(type_name: str, schema_text: str) -> Callable[[bytes], Simpl
             raise InvalidData(f'{type_name}: cannot be decoded: {plain(str(error), 200)}') from error
 
     return decode
-
-
-# Logs
 
 
 def open_files(paths: tuple[Path, ...]) -> list[LogFile]:

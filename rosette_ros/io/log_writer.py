@@ -6,8 +6,7 @@ indexed and synchronised, and metadata.yaml gives the counts so far. So a killed
 the file reads up to its last whole chunk.
 
 A log may be split into files. Each stands alone: what holds as a state is repeated at its head, and a metadata
-record lists which messages are repeated, so that a reader of the whole log counts them once.
-"""
+record lists which messages are repeated, so that a reader of the whole log counts them once."""
 
 import contextlib
 import io
@@ -35,12 +34,9 @@ COMPRESSIONS = {'none': CompressionType.NONE, 'lz4': CompressionType.LZ4, 'zstd'
 MAX_CHUNKS = 40_000
 """A new file is begun after so many chunks: the index of a file is held in memory until its end.
 
-Each chunk costs 1.4 kB with 13 topics. At one chunk a second this is a file of 11 hours and 55 MB.
-"""
-MAX_FILES = 500
-"""No more files than this are begun for their size or time: metadata.yaml names them all, every second."""
-MAX_STATES = 100
-"""At most so many messages are repeated at the head of a file, the latest."""
+Each chunk costs 1.4 kB with 13 topics. At one chunk a second this is a file of 11 hours and 55 MB."""
+MAX_FILES = 500  # no more files than this are begun for their size or time: metadata.yaml names them all, every second
+MAX_STATES = 100  # at most so many messages are repeated at the head of a file, the latest
 _SEQUENCE = 0xFFFFFFFF
 _LEAST_HEADS = 2  # a file is not ended for its size before so many times the size of its head
 _MESSAGE_HEAD, _CHANNEL_HEAD = 31, 180  # bytes of a record before its data; about those of a schema and a channel
@@ -71,14 +67,11 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
     finished, however small; max_file_bytes, max_file_seconds: begin a new file after so many bytes or so much log time
     (None: only after MAX_CHUNKS chunks); custom_data: for metadata.yaml; clock: wall time in s that never jumps.
 
-    Raises InvalidData where the directory holds a log already: nothing is ever overwritten.
-    """
+    Raises InvalidData where the directory holds a log already: nothing is ever overwritten."""
 
     def __init__(self, directory: str | Path, name: str, *, compression: str = 'none', chunk_size: int = CHUNK_SIZE,
-                 flush_interval: float = 1.0, max_file_bytes: int | None = None,
-                 max_file_seconds: float | None = None, custom_data: Mapping[str, str] | None = None,
-                 clock: Callable[[], float] = time.monotonic) -> None:
-        """Make the directory, open the first file and write metadata.yaml."""
+                 flush_interval: float = 1.0, max_file_bytes: int | None = None, max_file_seconds: float | None = None,
+                 custom_data: Mapping[str, str] | None = None, clock: Callable[[], float] = time.monotonic) -> None:
         if compression not in COMPRESSIONS:
             raise InvalidConfig(f'compression of the log: wanted one of {", ".join(COMPRESSIONS)}, got {compression!r}')
         self.directory, self.name = Path(directory), name
@@ -86,14 +79,11 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
         self._flush_interval, self._clock = flush_interval, clock
         self._max_bytes = max_file_bytes
         self._max_ns = None if max_file_seconds is None else int(max_file_seconds * 1e9)
-        self._custom_data = dict(custom_data or {})
-        self._topics: dict[str, _Topic] = {}
+        self._custom_data, self._topics = dict(custom_data or {}), dict[str, _Topic]()
         self._states: dict[tuple[str, Hashable], tuple[_Topic, int, int, bytes]] = {}
-        self._files: list[bag.FileSummary] = []
-        self._written: list[WrittenFile] = []
-        self._failure = ''
+        self._files, self._written = list[bag.FileSummary](), list[WrittenFile]()
         self._writer: Writer | None = None
-        self._safe, self._is_described = 'nothing', False
+        self._failure, self._safe, self._is_described = '', 'nothing', False
         self._is_new = self._prepare_directory()
         try:
             self._begin_file()
@@ -119,8 +109,7 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
         """Add a topic, once, before its first message.
 
         qos: of each of its publishers; state_of: for a topic whose last message holds until the next, returns of a
-        message's bytes what it is the state of: the last message of each is repeated at the head of further files.
-        """
+        message's bytes what it is the state of: the last message of each is repeated at the head of further files."""
         if topic in self._topics:
             raise InvalidData(f'{self.directory}: topic {topic} was added before')
         writer = self._open_writer()
@@ -131,8 +120,7 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
     def write(self, topic: str, data: bytes, log_time: int, publish_time: int) -> None:
         """Write one message: CDR bytes as on the wire, times in ns (before 1970: 0).
 
-        Raises CellError where the disk refuses; what was flushed before stays readable.
-        """
+        Raises CellError where the disk refuses; what was flushed before stays readable."""
         writer = self._writer or self._open_writer()
         entry = self._topics.get(topic)
         if entry is None:
@@ -258,8 +246,7 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
         """Write schema and channel of a topic.
 
         Some readers of ros2msg cannot name the parts of a service (docs/log-format.md): for their sake such a topic
-        has a second channel without messages, before its own, whose schema in ros2idl gives the full names.
-        """
+        has a second channel without messages, before its own, whose schema in ros2idl gives the full names."""
         definition = topic.definition
         metadata = {'offered_qos_profiles': bag.qos_text(topic.qos), 'topic_type_hash': definition.hash}
         for encoding, text in (('ros2idl', definition.idl), ('ros2msg', definition.text)):
@@ -372,8 +359,7 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
 def whole_log(directory: str | Path, name: str, **options: Any) -> Iterator[LogWriter]:
     """Open a LogWriter with its options; where the log cannot be written to its end, no file of it is left.
 
-    Raises InvalidData where the directory holds a log, CellError where the disk refuses.
-    """
+    Raises InvalidData where the directory holds a log, CellError where the disk refuses."""
     writer = None
     try:
         writer = LogWriter(directory, name, **options)
@@ -391,8 +377,7 @@ def whole_log(directory: str | Path, name: str, **options: Any) -> Iterator[LogW
 def encode_messages(definition: TypeDefinition, messages: Iterable[Mapping[str, Any]]) -> list[bytes]:
     """Return messages of one type as CDR bytes; of each a mapping of fields, what is not given is zero or empty.
 
-    The library encodes into an .mcap only: it is written to memory and read back.
-    """
+    The library encodes into an .mcap only: it is written to memory and read back."""
     stream = io.BytesIO()
     with mcap_ros2.writer.Writer(stream, compression=CompressionType.NONE) as writer:
         schema = writer.register_msgdef(definition.name, definition.text)

@@ -34,11 +34,6 @@ class Phase(IntEnum):
         """Whether no phase follows."""
         return self in (Phase.DONE, Phase.CANCELLED, Phase.FAILED)
 
-    @property
-    def is_running(self) -> bool:
-        """Whether a calibration is running."""
-        return self is not Phase.IDLE and not self.is_end
-
 
 PHASE_WORDS: dict[int, str] = {
     Phase.IDLE: 'no calibration is running', Phase.REPEATABILITY: 'repeatability check',
@@ -64,7 +59,7 @@ class CalibrationProgress(NamedTuple):
     @property
     def is_running(self) -> bool:
         """Whether a calibration is running."""
-        return self.phase in list(Phase) and Phase(self.phase).is_running
+        return Phase.IDLE < self.phase < Phase.DONE
 
 
 class Target(NamedTuple):
@@ -89,7 +84,6 @@ class Target(NamedTuple):
     stamp_ns: int
 
     def __str__(self) -> str:
-        """Name the target for a person."""
         return f'target {self.seq} (table position {self.table_position}, ball {self.ball})'
 
 

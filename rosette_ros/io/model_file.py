@@ -9,7 +9,7 @@ import yaml
 
 from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.model.model import Model
-from rosette_ros.io.safe_yaml import parse_yaml, read_yaml
+from rosette_ros.io.safe_yaml import parse_mapping, read_yaml
 from rosette_ros.io.text_file import write_text
 
 MOST_BYTES = 100_000
@@ -26,13 +26,9 @@ def parse_entry(text: str, source: str) -> dict[str, Any]:
     """Return the mapping of YAML text that describes one effect: settings, or a custom term; {} for an empty text.
 
     Raises InvalidModel, naming `source`, for text that is no mapping or too long."""
-    if len(text) > MOST_BYTES:
-        raise InvalidModel(f'{source}: wanted at most {MOST_BYTES} characters, got {len(text)}')
-    mapping = parse_yaml(text.encode(), source, InvalidModel)
-    if mapping is None:
-        return {}
-    if not isinstance(mapping, dict) or not all(isinstance(key, str) for key in mapping):
-        raise InvalidModel(f'{source}: wanted a YAML mapping such as "tau: 600.0", got {text!r:.80}')
+    mapping = parse_mapping(text, source, MOST_BYTES, 'tau: 600.0', InvalidModel)
+    if not all(isinstance(key, str) for key in mapping):
+        raise InvalidModel(f'{source}: wanted a YAML mapping of names, got {text!r:.80}')
     return mapping
 
 

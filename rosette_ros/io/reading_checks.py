@@ -13,23 +13,18 @@ from rosette_ros.io.messages import Answer, Phase, Target
 
 Pairs = Sequence[tuple[Target, Answer]]
 """Targets, and of each the answer that counts, in the order of asking."""
-ECHO = 1e-12
-"""An answer that is no farther from the expected place is that place, m."""
+ECHO = 1e-12  # an answer that is no farther from the expected place is that place, m
 STEPS = tuple(digit * 10.0**power for power in range(-3, -9, -1) for digit in (1, 0.5))
 """Steps to which coordinates may be rounded, m: 1 mm, 0.5 mm, 0.1 mm ... 5 nm."""
-FEWEST = 12
-"""So many coordinates that are whole numbers of steps are no chance."""
-SAME_TURN = 0.1
-"""A travel that differs by less from what was asked, rad, is that of the asked move."""
-RADIUS = 2e-3
-"""A radius is wrong that differs by more than this share from the circle of the ball centres."""
+FEWEST = 12  # so many coordinates that are whole numbers of steps are no chance
+SAME_TURN = 0.1  # a travel that differs by less from what was asked, rad, is that of the asked move
+RADIUS = 2e-3  # a radius is wrong that differs by more than this share from the circle of the ball centres
 
 
 def check_answers(pairs: Pairs) -> dict[str, str]:
     """Return what is wrong with answered targets by the name of the check, '' where nothing is.
 
-    A check that these targets do not allow is left out: without a move of the table nothing is known of its travel.
-    """
+    A check that these targets do not allow is left out: without a move of the table nothing is known of its travel."""
     moves = [_Move(before, after) for before, after in pairwise(pairs) if _is_move(before, after)]
     found = {'stamps': _stamps([answer.stamp_ns for _, answer in pairs])}
     if len(moves) > 1:
@@ -77,8 +72,7 @@ def resolution_words(coordinates: ArrayLike, repeatability: float | None) -> str
 def resolution_of(coordinates: ArrayLike) -> float:
     """Return the step of which all coordinates, m, are whole numbers, found from their digits; 0 where there is none.
 
-    Zeros, which every step divides, are left out.
-    """
+    Zeros, which every step divides, are left out."""
     values: Floats = np.ravel(np.asarray(coordinates, dtype=float))
     values = values[values != 0]
     if np.unique(values).size < FEWEST:

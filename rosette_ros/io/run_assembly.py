@@ -30,16 +30,10 @@ class RunAnswers:
     measured after it was asked for the last time; if none was, the first. frames: table frames by any run, shared."""
 
     def __init__(self, run_id: str, frames: list[TableFrame] | None = None) -> None:
-        """Start empty."""
         self.run_id = run_id
         self.frames: list[TableFrame] = [] if frames is None else frames
-        self.targets: list[Target] = []
-        self.answers: list[Answer] = []
-        self._last: dict[int, Target] = {}
-        self._by_seq: dict[int, list[Answer]] = {}
-        self._answered: set[int] = set()
-
-    # What arrives
+        self.targets, self.answers = list[Target](), list[Answer]()
+        self._last, self._by_seq, self._answered = dict[int, Target](), dict[int, list[Answer]](), set[int]()
 
     def add_target(self, target: Target) -> None:
         """Take a target of this run."""
@@ -76,8 +70,6 @@ class RunAnswers:
         if self._by_seq.pop(seq, None):
             self.answers = [answer for answer in self.answers if answer.seq != seq]
             self._answered.discard(seq)
-
-    # What is there
 
     def last_target(self, seq: int) -> Target | None:
         """Return a target as it was asked last, None where it was not."""
@@ -147,11 +139,9 @@ class RunAnswers:
                     f'{self.answered} of them')
         begin = min(target.stamp_ns for target in self.targets)
         if (any(one.status == STATUS_OK and one.frame != TABLE_FRAME for one in self.answers)
-                and not any(begin <= one.stamp_ns <= self._run_begin() for one in self.frames)):
+                and not any(begin <= one.stamp_ns <= self.run_begin(2**63) for one in self.frames)):
             return 'wanted the table frame on /tf_static, got none for this run'
         return ''
-
-    # The table frame
 
     def frame(self, source: str = 'run') -> Frame | None:
         """Return the table frame in the machine frame: the last one found before the first target of phase RUN, where
@@ -161,12 +151,13 @@ class RunAnswers:
         if not self.frames:
             return None
         self._refuse_two_frames(source)
-        begin = self._run_begin()
+        begin = self.run_begin(2**63)
         before = [one for one in self.frames if one.stamp_ns <= begin]
         return max(before, key=lambda one: one.stamp_ns).frame if before else self.frames[0].frame
 
-    def _run_begin(self) -> int:
-        return min((target.stamp_ns for target in self.targets if target.phase == Phase.RUN), default=2**63)
+    def run_begin(self, otherwise: int = 0) -> int:
+        """Return when the first target of phase RUN was asked, ns, `otherwise` where none was."""
+        return min((target.stamp_ns for target in self.targets if target.phase == Phase.RUN), default=otherwise)
 
     def _refuse_two_frames(self, source: str) -> None:
         """Refuse frames that differ between the begin of the alignment and the first target of phase RUN.
@@ -174,7 +165,7 @@ class RunAnswers:
         Where the alignment was repeated after a pause, the session that ended it counts."""
         if all(answer.frame == TABLE_FRAME for answer in self.answers):
             return
-        end, own = self._run_begin(), self.targets
+        end, own = self.run_begin(2**63), self.targets
         aligning = [one for one in own if one.phase == Phase.ALIGNMENT and one.stamp_ns <= end]
         if aligning:
             session = max(aligning, key=lambda one: one.stamp_ns).session
@@ -187,8 +178,6 @@ class RunAnswers:
         if len(different) > 1:
             raise InvalidData(f'{source}: wanted one table frame for run {self.run_id}, got {len(different)} that '
                               'differ; two cells share /tf_static? give each its namespace or domain')
-
-    # Numbers
 
     def repeatability(self) -> tuple[float, float] | tuple[None, None]:
         """Return (standard deviation of a coordinate in m, degrees of freedom) of the readings of phase REPEATABILITY.
@@ -237,10 +226,9 @@ class RunAnswers:
         for row in misplaced(n, radius, table_position, ball, centre) if n >= 3 and radius > 0 else ():
             i, j, got = table_position[row], ball[row], ', '.join(f'{1e3 * value:.6g}' for value in centre[row])
             x, y, _ = 1e3 * nominal_places(n, radius, i, j)
-            raise InvalidData(
-                f'{source}: ball centre with seq {answers[row].seq}: wanted a place near ({x:.3f}, {y:.3f}, 0) mm in '
-                f'the table frame for table position {i}, ball {j}, got ({got}); was another ball measured, or is the '
-                'table frame wrong?')
+            raise InvalidData(f'{source}: ball centre with seq {answers[row].seq}: wanted a place near ({x:.3f}, '
+                              f'{y:.3f}, 0) mm in the table frame for table position {i}, ball {j}, got ({got}); was '
+                              'another ball measured, or is the table frame wrong?')
         sigma, dof = self.repeatability()
         run = Run(
             n=n, radius=radius, table_position=table_position, ball=ball, centre=centre, table_angle=angle,
@@ -268,12 +256,11 @@ class RunAnswers:
     def _in_table_frame(self, answers: Sequence[Answer], source: str) -> Floats:
         """Return the ball centres in the table frame, (N, 3)."""
         centre = np.array([answer.centre for answer in answers], dtype=float)
-        frames = [answer.frame for answer in answers]
-        for answer, name in zip(answers, frames):
-            if name not in (MACHINE_FRAME, TABLE_FRAME):
+        for answer in answers:
+            if answer.frame not in (MACHINE_FRAME, TABLE_FRAME):
                 raise InvalidData(f'{source}: ball centre with seq {answer.seq}: frame_id: wanted {MACHINE_FRAME} or '
                                   f'{TABLE_FRAME}, got {answer.frame_id!r}; the CMM repeats the frame_id of the target')
-        in_table = np.array([name == TABLE_FRAME for name in frames])
+        in_table = np.array([answer.frame == TABLE_FRAME for answer in answers])
         if in_table.all():
             return centre
         frame = self.frame(source)

@@ -50,7 +50,6 @@ def write_log(run: Run, directory: str | Path, library: TypeLibrary, name: str |
 
 
 def _messages(run: Run, run_id: str, stamp: Ints) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
-    """Yield the fields of the target and the answer of each reading."""
     expected = nominal_places(run.n, run.radius, run.table_position, run.ball)
     for row in range(run.size):
         seconds, rest = divmod(int(stamp[row]), 10**9)
@@ -58,16 +57,14 @@ def _messages(run: Run, run_id: str, stamp: Ints) -> Iterator[tuple[dict[str, An
             'header': {'stamp': {'sec': seconds, 'nanosec': rest}, 'frame_id': TABLE_FRAME}, 'run_id': run_id,
             'seq': row + 1, 'table_position': run.table_position[row], 'ball': run.ball[row],
             'cmm_position': run.cmm_position[row], 'approach': run.approach[row]}
-        yield ({**common, 'attempt': 1, 'session': run.session[row], 'phase': Phase.RUN, 'balls': run.n,
-                'radius': run.radius, 'table_angle': run.phi[row],
-                'centre': dict(zip('xyz', expected[row], strict=True))},
-               {**common, 'status': STATUS_OK, 'table_angle': run.table_angle[row],
-                'table_travel': run.table_travel[row], 'temperature': run.temperature[row],
-                'centre': dict(zip('xyz', run.centre[row], strict=True))})
+        yield (
+            {**common, 'attempt': 1, 'session': run.session[row], 'phase': Phase.RUN, 'balls': run.n,
+             'radius': run.radius, 'table_angle': run.phi[row], 'centre': dict(zip('xyz', expected[row], strict=True))},
+            {**common, 'status': STATUS_OK, 'table_angle': run.table_angle[row], 'table_travel': run.table_travel[row],
+             'temperature': run.temperature[row], 'centre': dict(zip('xyz', run.centre[row], strict=True))})
 
 
 def _known(run: Run) -> dict[str, str]:
-    """Return the custom_data of a log of the run."""
     known = {'rosette.source': str(run.source)}
     if run.repeats:
         known[REPEATS_KEY] = 'yes'

@@ -58,6 +58,16 @@ def parse_yaml(data: bytes, source: str, kind: type[RosetteError]) -> Any:
         raise kind(f'{source}: wanted YAML, got text that is none: {place}{problem}') from None
 
 
+def parse_mapping(text: str, source: str, most: int, example: str, kind: type[RosetteError]) -> dict[Any, Any]:
+    """Return the YAML mapping in a text of at most `most` characters, {} for an empty one; raises as parse_yaml."""
+    if len(text) > most:
+        raise kind(f'{source}: wanted at most {most} characters, got {len(text)}')
+    mapping = parse_yaml(text.encode(errors='replace'), source, kind)
+    if not isinstance(mapping, (dict, type(None))):
+        raise kind(f'{source}: wanted a YAML mapping such as "{example}", got {text!r:.80}')
+    return mapping or {}
+
+
 def load_plain(text: str) -> Any:
     """Return what YAML text says; raise yaml.YAMLError where it is none, or not plain."""
     depth = 0

@@ -47,8 +47,7 @@ def write_text(path: str | Path, text: str, force: bool = False) -> None:
 def write_bytes(path: str | Path, data: bytes, force: bool = False) -> None:
     """Write a file as a whole or not at all; one that is replaced keeps its mode, and links to it.
 
-    Raises InvalidData where one exists already and `force` is not set, or it cannot be written.
-    """
+    Raises InvalidData where one exists already and `force` is not set, or it cannot be written."""
     try:
         refuse_existing(path, force)
         if Path(path).exists() and not Path(path).is_file():
@@ -63,8 +62,7 @@ def write_bytes(path: str | Path, data: bytes, force: bool = False) -> None:
 def replace_file(path: str | Path, data: bytes, force: bool = True) -> None:
     """Bring a whole file to the disk in place of another one, or, without `force`, where there is none.
 
-    A killed writer or a full disk leaves the old one. Raises OSError; FileExistsError without `force`.
-    """
+    A killed writer or a full disk leaves the old one. Raises OSError; FileExistsError without `force`."""
     target = Path(os.path.realpath(path))
     beside = target.with_name(f'.{secrets.token_hex(8)}.part')
     file = os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)

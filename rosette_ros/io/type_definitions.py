@@ -46,7 +46,6 @@ class TypeLibrary:
     """The definitions installed below the `share` folders of some prefixes, the first one wins."""
 
     def __init__(self, prefixes: Iterable[str | Path]) -> None:
-        """Take the prefixes, the folders that AMENT_PREFIX_PATH lists."""
         self.prefixes = tuple(Path(prefix) for prefix in prefixes)
         self._descriptions: dict[str, list[dict[str, Any]]] = {}
         self._hashes: dict[str, str] = {}
@@ -76,7 +75,6 @@ class TypeLibrary:
         return TypeDefinition(type_name, '\n'.join(parts) + '\n', self._hashes[type_name], idl)
 
     def _fields(self, type_name: str) -> list[dict[str, Any]]:
-        """Return the fields of a type as its type description has them."""
         if type_name in self._descriptions:
             return self._descriptions[type_name]
         path = self._find(type_name, '.json')
@@ -140,7 +138,6 @@ def _element(described: dict[str, Any], primitives: dict[int, str], nested: str,
 
 
 def _field_type(described: dict[str, Any], owner: str) -> str:
-    """Return the ros2msg spelling of a described field type of the type `owner`."""
     package, kind, name = (described['nested_type_name'] or '//').split('/')
     is_sibling = kind != 'msg' and owner.startswith(f'{package}/{kind}/')
     element, added = _element(described, _PRIMITIVES, name if is_sibling else f'{package}/{name}', '<={}')
@@ -149,7 +146,6 @@ def _field_type(described: dict[str, Any], owner: str) -> str:
 
 
 def _idl_member(field: dict[str, Any]) -> str:
-    """Return the ros2idl spelling of a described field."""
     described, name = field['type'], field['name']
     element, added = _element(described, _IDL_PRIMITIVES, described['nested_type_name'].replace('/', '::'), '<{}>')
     capacity = described['capacity']

@@ -24,6 +24,7 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.time import Time
+from std_msgs.msg import Header
 
 from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import RosetteError
@@ -48,7 +49,6 @@ class CellNode(Node):
     (rosette_msgs/Heartbeat). All callbacks run in one thread, in the order in which messages were received."""
 
     def __init__(self, name: str, wanted: Sequence[Wanted] = ()) -> None:
-        """Declare the parameters; raises InvalidConfig."""
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self.parameters = Parameters(self, tuple(wanted))
         self.system = Clock(clock_type=ClockType.SYSTEM_TIME)
@@ -88,8 +88,6 @@ class CellNode(Node):
         while not condition() and self.seconds() < deadline:
             self.executor.spin_once(timeout_sec=_SIGNAL_PERIOD)
 
-    # What a node may override
-
     def lost(self, topic: str, count: int) -> None:
         """Take note of messages that were lost in transport."""
         self.get_logger().error(f'{count} messages on {topic} were lost in transport')
@@ -103,8 +101,6 @@ class CellNode(Node):
 
     def finish(self) -> None:
         """End in good order; called outside callbacks, may call spin_until."""
-
-    # Times
 
     def seconds(self) -> float:
         """Return the steady wall time, s."""
@@ -122,12 +118,9 @@ class CellNode(Node):
     def _publish_health(self) -> None:
         level, sentence, values = self.health()
         status = DiagnosticStatus(
-            level=level, name=self.get_fully_qualified_name().lstrip('/'), message=sentence,
-            hardware_id=self.get_namespace().lstrip('/'),
-            values=[KeyValue(key=str(key), value=str(value)) for key, value in values.items()])
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.now().to_msg()
-        self._health_out.publish(message)
+            level=level, name=self.get_fully_qualified_name()[1:], message=sentence,
+            hardware_id=self.get_namespace()[1:], values=[KeyValue(key=key, value=str(values[key])) for key in values])
+        self._health_out.publish(DiagnosticArray(header=Header(stamp=self.now().to_msg()), status=[status]))
 
 
 class ManagedNode(LifecycleNodeMixin, CellNode):
@@ -175,8 +168,7 @@ class _StopSignal:
 
     def __init__(self) -> None:
         self.is_received = False
-        self._before: dict[int, Any] = {number: signal.signal(number, self._take)
-                                        for number in (signal.SIGINT, signal.SIGTERM)}
+        self._before = {number: signal.signal(number, self._take) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def _take(self, number: int, frame: FrameType | None) -> None:
         self.is_received = True

@@ -18,6 +18,7 @@ from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Frame
 from rosette_ros.io.bag_metadata import Qos
+from rosette_ros.io.log_run import PublishedMotions
 from rosette_ros.io.messages import Target
 from rosette_ros.io.model_file import format_entry
 
@@ -46,30 +47,25 @@ def point_array(message: Point) -> records.Floats:
 
 def target_message(target: Target, stamp: Time) -> ProbeTarget:
     """Return the ProbeTarget of a target."""
-    return ProbeTarget(
-        header=Header(stamp=stamp, frame_id=target.frame_id), run_id=target.run_id, seq=target.seq,
-        attempt=target.attempt, session=target.session, phase=int(target.phase), balls=target.balls,
-        radius=target.radius, table_position=target.table_position, ball=target.ball,
-        cmm_position=target.cmm_position, table_angle=target.table_angle, approach=target.approach,
-        centre=point(target.centre))
+    fields = {name: value for name, value in target._asdict().items() if name not in ('frame_id', 'stamp_ns')}
+    return ProbeTarget(**{**fields, 'phase': int(target.phase), 'centre': point(target.centre)},
+                       header=Header(stamp=stamp, frame_id=target.frame_id))
 
 
 def frame_message(frame: Frame, parent: str, child: str, stamp: Time) -> TFMessage:
     """Return the TFMessage that says where the frame `child` is in `parent`."""
     x, y, z = map(float, frame.origin)
     rotation = Quaternion(**dict(zip('xyzw', map(float, frame.quaternion()), strict=True)))
-    return TFMessage(transforms=[TransformStamped(
-        header=Header(stamp=stamp, frame_id=parent), child_frame_id=child,
-        transform=Transform(translation=Vector3(x=x, y=y, z=z), rotation=rotation))])
+    transform = Transform(translation=Vector3(x=x, y=y, z=z), rotation=rotation)
+    return TFMessage(transforms=[TransformStamped(header=Header(stamp=stamp, frame_id=parent), child_frame_id=child,
+                                                  transform=transform)])
 
 
 def error_motions_record(message: ErrorMotions) -> records.ErrorMotions:
     """Return the core record of an ErrorMotions message; raises InvalidData where its curves are no curves."""
     if not len(message.angle):
         raise InvalidData(f'error motions of run {message.run_id!r}: wanted curves, got none')
-    return records.ErrorMotions.from_curves(
-        message.angle, [getattr(message, curve) for curve in records.CURVES],
-        [getattr(message, f'u_{curve}') for curve in records.CURVES])
+    return PublishedMotions.of(message).motions
 
 
 def error_motions_message(fit: 'Fit', stamp: Time, frame_id: str) -> ErrorMotions:
@@ -78,10 +74,9 @@ def error_motions_message(fit: 'Fit', stamp: Time, frame_id: str) -> ErrorMotion
     curves = {curve: motions[curve] for curve in records.CURVES}
     uncertainties = {f'u_{curve}': motions.uncertainty(curve) for curve in records.CURVES}
     return ErrorMotions(
-        header=Header(stamp=stamp, frame_id=frame_id), run_id=run.run_id, balls=run.n,
-        radius=float(run.radius), angle=motions.angle, model_name=str(fit.model),
-        model_hash=fit.model.hash, residual_rms=float(fit.rms), sigma=float(fit.sigma),
-        degrees_of_freedom=int(fit.dof), rank=int(fit.rank),
+        header=Header(stamp=stamp, frame_id=frame_id), run_id=run.run_id, balls=run.n, radius=float(run.radius),
+        angle=motions.angle, model_name=str(fit.model), model_hash=fit.model.hash, residual_rms=float(fit.rms),
+        sigma=float(fit.sigma), degrees_of_freedom=int(fit.dof), rank=int(fit.rank),
         completeness=float(run.completeness), **curves, **uncertainties)
 
 
@@ -100,37 +95,31 @@ def qos_record(profile: QoSProfile) -> Qos:
 
 def fill_answer(message: BallCentre, reading: 'BallReading', stamp: Time, frame_id: str) -> None:
     """Write a machine's Reading into the answer to a target."""
-    message.header.stamp, message.header.frame_id = stamp, frame_id
-    message.status = BallCentre.STATUS_OK
+    message.header, message.status = Header(stamp=stamp, frame_id=frame_id), BallCentre.STATUS_OK
     message.table_angle, message.table_travel = reading.table_angle, reading.table_travel
-    message.approach = int(reading.approach)
-    message.centre = point(reading.centre)
+    message.approach, message.centre = int(reading.approach), point(reading.centre)
     message.form_error, message.temperature = reading.form_error, reading.temperature
 
 
 def model_message(model: 'core_model.Model', stamp: Time, fit: 'Fit | None' = None) -> Model:
     """Return the Model message of a model; fit: of the model to a run, or None before one."""
-    message = Model(
-        header=Header(stamp=stamp), name=str(model), hash=model.hash, base=list(model.base), residual_rms=math.nan,
-        reduced_chi_square=math.nan)
-    if fit is None:
-        message.effects = [effect_message(term.name, (), _definition(term)) for term in model.terms]
-        return message
-    message.run_id = fit.run.run_id
-    message.effects = [effect_message(effect.name, effect.parameters, _definition(term))
-                       for effect, term in zip(fit.effects, model.terms, strict=True)]
-    message.residual_rms = float(fit.rms)
-    if fit.reduced_chi_square is not None:
-        message.reduced_chi_square = float(fit.reduced_chi_square)
+    message = Model(header=Header(stamp=stamp), name=str(model), hash=model.hash, base=list(model.base),
+                    residual_rms=math.nan, reduced_chi_square=math.nan)
+    parameters = [effect.parameters for effect in fit.effects] if fit else [()] * len(model.terms)
+    message.effects = [effect_message(term.name, fitted, _definition(term))
+                       for term, fitted in zip(model.terms, parameters, strict=True)]
+    if fit is not None:
+        message.run_id, message.residual_rms = fit.run.run_id, float(fit.rms)
+        if fit.reduced_chi_square is not None:
+            message.reduced_chi_square = float(fit.reduced_chi_square)
     return message
 
 
 def effect_message(name: str, parameters: 'Sequence[Parameter]', definition: str = '') -> Effect:
     """Return the Effect message of an effect's name, fitted Parameters and definition in YAML."""
-    return Effect(
-        name=name, definition=definition, parameter=[one.name for one in parameters],
-        value=[float(one.value) for one in parameters], u=[float(one.u) for one in parameters],
-        unit=[one.unit for one in parameters])
+    return Effect(name=name, definition=definition, parameter=[one.name for one in parameters],
+                  value=[float(one.value) for one in parameters], u=[float(one.u) for one in parameters],
+                  unit=[one.unit for one in parameters])
 
 
 def _definition(term: 'core_model.Term') -> str:
@@ -141,30 +130,27 @@ def _definition(term: 'core_model.Term') -> str:
 
 def diagnosis_message(run: records.Run, diagnosis: 'core.Diagnosis', stamp: Time) -> Diagnosis:
     """Return the Diagnosis message of a core Diagnosis of a run."""
+    model, verdict = diagnosis.model, diagnosis.verdict
     return Diagnosis(
-        header=Header(stamp=stamp), run_id=run.run_id, model_name=str(diagnosis.model),
-        model_hash=diagnosis.model.hash, verdict=diagnosis.verdict.sentence, outcome=str(diagnosis.verdict.outcome),
-        level=str(diagnosis.verdict.level), action=diagnosis.verdict.action,
+        header=Header(stamp=stamp), run_id=run.run_id, model_name=str(model), model_hash=model.hash,
+        verdict=verdict.sentence, outcome=str(verdict.outcome), level=str(verdict.level), action=verdict.action,
         missing=list(diagnosis.missing), unexplained=bool(diagnosis.unexplained),
-        unexplained_text=diagnosis.unexplained_text,
-        candidates=[candidate_message(entry) for entry in diagnosis.candidates],
+        unexplained_text=diagnosis.unexplained_text, candidates=list(map(candidate_message, diagnosis.candidates)),
         invisible=list(diagnosis.invisible))
 
 
 def verdict_record(message: Diagnosis) -> Verdict | None:
     """Return the verdict in a diagnosis; None where its outcome is not one that this version knows."""
-    if message.outcome not in list(Outcome):
-        return None
-    return Verdict(Outcome(message.outcome), message.verdict, message.action)
+    known = message.outcome in list(Outcome)
+    return Verdict(Outcome(message.outcome), message.verdict, message.action) if known else None
 
 
 def candidate_message(entry: 'core.Candidate') -> Candidate:
     """Return the Candidate message of a core Candidate; what was searched is its definition."""
     setting = format_entry(dict(entry.setting)) if entry.setting else ''
+    same = ('p', 'visible_fraction', 'rms_before', 'rms_after', 'delta_bic')
     return Candidate(
-        effect=entry.effect, p=float(entry.p), visible_fraction=float(entry.visible_fraction),
-        rms_before=float(entry.rms_before), rms_after=float(entry.rms_after),
-        held_out_rms_before=float(entry.cross_validation_before),
-        held_out_rms_after=float(entry.cross_validation_after), delta_bic=float(entry.delta_bic),
+        effect=entry.effect, held_out_rms_before=float(entry.cross_validation_before),
+        held_out_rms_after=float(entry.cross_validation_after), look_alikes=list(entry.look_alikes),
         parameters=effect_message(entry.effect, entry.parameters, setting),
-        look_alikes=list(entry.look_alikes))
+        **{name: float(getattr(entry, name)) for name in same})

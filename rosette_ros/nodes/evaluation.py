@@ -3,7 +3,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 from rosette_ros.analysis import analyse, diagnose
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
@@ -15,23 +15,30 @@ from rosette_ros.io.messages import Answer, TableFrame, Target
 from rosette_ros.io.run_assembly import RunAnswers
 
 RUNS_KEPT = 4
+_Run = TypeVar('_Run')
+
+
+def _keep(runs: dict[str, _Run], run_id: str, run: _Run) -> None:
+    """Enter a run as the last one and drop the first where there are too many."""
+    runs.pop(run_id, None)
+    runs[run_id] = run
+    if len(runs) > RUNS_KEPT:
+        del runs[next(iter(runs))]
 
 
 @dataclass(eq=False)
 class _Collected:
-    """A run as far as its messages have arrived; expected: answered targets at its end, None while it is on;
-    received: when its last message was, steady time, s."""
+    """A run as far as its messages have arrived."""
 
     answers: RunAnswers
-    expected: int | None = None
+    expected: int | None = None  # answered targets at its end, None while it is on
     has_states: bool = False
     is_evaluated: bool = False
     is_over: bool = False
-    received: float = 0.0
+    received: float = 0.0  # steady time of its last message, s
 
     @property
     def is_wanted(self) -> bool:
-        """Whether its evaluation was ordered and is still waited for."""
         return self.expected is not None and not (self.is_evaluated or self.is_over)
 
     @property
@@ -46,7 +53,6 @@ class RunCollection:
     target, the table frame after both, the order to evaluate before all. now: steady time, s."""
 
     def __init__(self) -> None:
-        """Start empty."""
         self._runs: dict[str, _Collected] = {}
         self._frames: list[TableFrame] = []
 
@@ -65,8 +71,7 @@ class RunCollection:
 
     def expect(self, run_id: str, answers: int, now: float) -> None:
         """Take the order to evaluate a run as soon as so many targets are answered."""
-        known = self._runs.get(run_id)
-        if known is not None and known.is_over:
+        if run_id in self._runs and self._runs[run_id].is_over:
             del self._runs[run_id]  # it was resumed after its end
         run = self._run(run_id, now)
         run.has_states, run.expected = True, answers
@@ -96,9 +101,11 @@ class RunCollection:
 
         Those that were ordered and are complete; where no sequencer publishes states, those whose n*n targets are
         answered when nothing has arrived for `quiet` s."""
+        def is_quiet(run: _Collected) -> bool:
+            return not run.has_states and now - run.received >= quiet and run.answers.is_complete
+
         return [run_id for run_id, run in self._runs.items()
-                if not run.is_evaluated and (run.expected is not None or self._is_quiet(run, now, quiet))
-                and not run.lacks]
+                if not run.is_evaluated and (run.expected is not None or is_quiet(run)) and not run.lacks]
 
     def late(self, now: float, patience: float) -> list[tuple[str, str]]:
         """Return (run_id, what it lacks) of runs that were ordered and got nothing more for `patience` s."""
@@ -119,15 +126,10 @@ class RunCollection:
         """Return a run; a reading after its evaluation begins it again."""
         run = self._runs.get(run_id)
         if run is None or (is_reading and run.is_evaluated):
-            self._runs.pop(run_id, None)
-            run = self._runs[run_id] = _Collected(RunAnswers(run_id, self._frames))
-            while len(self._runs) > RUNS_KEPT:
-                del self._runs[next(iter(self._runs))]
+            run = _Collected(RunAnswers(run_id, self._frames))
+            _keep(self._runs, run_id, run)
         run.received = now
         return run
-
-    def _is_quiet(self, run: _Collected, now: float, quiet: float) -> bool:
-        return not run.has_states and now - run.received >= quiet and run.answers.is_complete
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,10 +158,7 @@ class ModelInUse:
 
     def evaluate(self, run: Run) -> Fit:
         """Return the Fit of a run and keep the run for requests."""
-        self._runs.pop(run.run_id, None)
-        self._runs[run.run_id] = run
-        while len(self._runs) > RUNS_KEPT:
-            del self._runs[next(iter(self._runs))]
+        _keep(self._runs, run.run_id, run)
         return analyse(run, self.model)
 
     def run(self, run_id: str = '') -> Run:

@@ -2,7 +2,7 @@
 """The evaluator: turns a finished run into six error motions, with the same code as offline, and diagnoses it."""
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 from geometry_msgs.msg import TransformStamped
@@ -13,8 +13,7 @@ from tf2_msgs.msg import TFMessage
 
 from rosette_ros.analysis import MOST_BALLS_JUDGED
 from rosette_ros.calibration.settings import Wanted
-from rosette_ros.core.errors import InvalidModel, RosetteError, plain
-from rosette_ros.core.model import model as core
+from rosette_ros.core.errors import InvalidModel, RosetteError, one_line, plain
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import Run
 from rosette_ros.io.messages import TABLE_FRAME, TableFrame, answer_of, table_frame_of, target_of
@@ -29,16 +28,28 @@ from rosette_ros.nodes.recorder_client import Recalls
 WANTED = (
     Wanted('quiet_s', 1.0, 'a run without states of a sequencer is evaluated when all its balls are in and nothing '
            'more has arrived for so long, s of wall time', 0.01, 3600.0),
-    Wanted('patience_s', 10.0, 'how long missing messages are waited for before that is reported, s of wall time',
-           0.01, 3600.0),
+    Wanted('patience_s', 10.0, 'how long missing messages are waited for before that is reported, s of wall time', 0.01,
+           3600.0),
     Wanted('model', '', 'model file (YAML) to start with; empty: the base model', read_only=True),
-    Wanted('diagnose_after_run', True, 'whether a run is diagnosed as soon as it is evaluated, so that the diagnosis '
-           'is in its log'),
-    Wanted('diagnose_most_balls', MOST_BALLS_JUDGED, 'plates with more balls are diagnosed on request only: it takes '
-           'its time', 0, 1000),
-)
+    Wanted('diagnose_after_run', True, 'whether each run is diagnosed, so that the diagnosis is in its log'),
+    Wanted('diagnose_most_balls', MOST_BALLS_JUDGED, 'larger plates are diagnosed on request only', 0, 1000))
 RECALL_AFTER, RECALL_PERIOD, RECALL_TIMEOUT = 0.3, 2.0, 60.0
 """Messages that are missing for so long are requested from the recorder, again after so long, with a timeout, s."""
+
+
+def _callback_of(name: str) -> Callable[[Callable[..., None]], Callable[..., Any]]:
+    """Make the callback of a service of a method that fills in the response or raises RosetteError: a refusal."""
+    def decorate(handle: Callable[..., None]) -> Callable[..., Any]:
+        def on_request(self: 'Evaluator', request: Any, response: Any) -> Any:
+            try:
+                handle(self, request, response)
+                response.success = True
+            except RosetteError as error:
+                response.success, response.message = False, one_line(error)
+                self.get_logger().warning(f'{name}: {response.message}')
+            return response
+        return on_request
+    return decorate
 
 
 class Evaluator(CellNode):
@@ -49,10 +60,8 @@ class Evaluator(CellNode):
     `evaluator/remove_effect`, answered after their calculation, during which messages wait. Parameters: WANTED."""
 
     def __init__(self) -> None:
-        """Create the interfaces and publish the model in use."""
         super().__init__(names.EVALUATOR, WANTED)
-        path = self.parameters['model']
-        self._in_use = ModelInUse(read_model(path) if path else core.Model())
+        self._in_use = ModelInUse(read_model(self.parameters['model'] or None))
         self._runs = RunCollection()
         self._level, self._last = OK, 'no run yet'
         self._reported: set[str] = set()
@@ -70,8 +79,6 @@ class Evaluator(CellNode):
         self.on(names.RUN_STATE, RunState, self._on_state, qos.COLLECT_LATCHED)
         self._model_out.publish(conversions.model_message(self._in_use.model, self.now().to_msg()))
 
-    # Runs
-
     def _on_target(self, message: ProbeTarget) -> None:
         self._runs.add_target(target_of(message), self.seconds())
         self._evaluate_ready()
@@ -85,15 +92,14 @@ class Evaluator(CellNode):
             self._runs.add_frame(frame)
         self._evaluate_ready()
 
-    def _frames_in(self, transforms: Iterable[TransformStamped]) -> list[TableFrame]:
-        """Return the table frames among transforms; a malformed one is reported."""
-        frames = []
+    def _frames_in(self, transforms: Iterable[TransformStamped]) -> Iterator[TableFrame]:
+        """Yield the table frames among transforms; a malformed one is reported."""
         for one in transforms:
             try:
-                frames.append(table_frame_of(one))
+                if frame := table_frame_of(one):
+                    yield frame
             except RosetteError as error:
                 self.get_logger().error(f'{names.TF_STATIC}: not used: {error}')
-        return [frame for frame in frames if frame is not None]
 
     def _on_state(self, message: RunState) -> None:
         run_id, now = message.run_id, self.seconds()
@@ -127,7 +133,7 @@ class Evaluator(CellNode):
         if not response.success:
             self.get_logger().warning(f'messages of a run are missing and not recalled: {plain(response.message)}')
             return
-        recorded = RunAnswers(response.run_id, self._frames_in(response.frames))
+        recorded = RunAnswers(response.run_id, list(self._frames_in(response.frames)))
         for target in response.targets:
             recorded.add_target(target_of(target))
         for answer in response.answers:
@@ -139,15 +145,14 @@ class Evaluator(CellNode):
     def _evaluate_ready(self) -> None:
         for run_id in self._runs.ready(self.seconds(), self.parameters['quiet_s']):
             try:
-                run = self._runs.to_run(run_id)
-                fit = self._in_use.evaluate(run)
+                fit = self._in_use.evaluate(self._runs.to_run(run_id))
             except RosetteError as error:
                 self._report_failure(run_id, str(error))
                 continue
-            self._publish(fit, self._diagnose_after(run))
-            doubts = ''.join(f'; {remark}' for remark in run.remarks)
+            self._publish(fit, self._diagnose_after(fit.run))
+            doubts = ''.join(f'; {remark}' for remark in fit.run.remarks)
             self._level = WARN if doubts else OK
-            self._last = plain(f'run {run_id} is evaluated, {run.size} ball centres{doubts}', most=2000)
+            self._last = plain(f'run {run_id} is evaluated, {fit.run.size} ball centres{doubts}', most=2000)
             if doubts:
                 self.get_logger().warning(self._last)
             else:
@@ -178,7 +183,6 @@ class Evaluator(CellNode):
         return message
 
     def _diagnose(self, run_id: str = '') -> Diagnosis:
-        """Diagnose a run and publish the message; raises RosetteError."""
         message = conversions.diagnosis_message(*self._in_use.diagnose(run_id), self.now().to_msg())
         self._diagnosis_out.publish(message)
         return message
@@ -189,46 +193,31 @@ class Evaluator(CellNode):
 
     # Services: what becomes known is published too, before the response
 
-    def _on_diagnose(self, request: Diagnose.Request, response: Diagnose.Response) -> Diagnose.Response:
-        try:
-            response.diagnosis = self._diagnose(request.run_id)
-        except RosetteError as error:
-            return self._refuse(names.DIAGNOSE, error, response)
-        response.success, response.message = True, response.diagnosis.verdict
-        return response
+    @_callback_of(names.DIAGNOSE)
+    def _on_diagnose(self, request: Diagnose.Request, response: Diagnose.Response) -> None:
+        response.diagnosis = self._diagnose(request.run_id)
+        response.message = response.diagnosis.verdict
 
-    def _on_add(self, request: AddEffect.Request, response: AddEffect.Response) -> AddEffect.Response:
-        try:
-            change = self._in_use.add(request.run_id, request.effect, entry_of(request))
-        except RosetteError as error:
-            return self._refuse(names.ADD_EFFECT, error, response)
-        return self._answer(change, response)
+    @_callback_of(names.ADD_EFFECT)
+    def _on_add(self, request: AddEffect.Request, response: AddEffect.Response) -> None:
+        self._answer(self._in_use.add(request.run_id, request.effect, entry_of(request)), response)
 
-    def _on_remove(self, request: RemoveEffect.Request, response: RemoveEffect.Response) -> RemoveEffect.Response:
-        try:
-            change = self._in_use.remove(request.run_id, request.effect)
-        except RosetteError as error:
-            return self._refuse(names.REMOVE_EFFECT, error, response)
-        return self._answer(change, response)
+    @_callback_of(names.REMOVE_EFFECT)
+    def _on_remove(self, request: RemoveEffect.Request, response: RemoveEffect.Response) -> None:
+        self._answer(self._in_use.remove(request.run_id, request.effect), response)
 
-    def _answer(self, change: ModelChange, response: Any) -> Any:
+    def _answer(self, change: ModelChange, response: Any) -> None:
         """Publish and answer what a new model says of a run, and what it still lacks."""
         stamp = self.now().to_msg()
         response.before = conversions.model_message(change.model_before, stamp, change.before)
         response.after = conversions.model_message(change.after.model, stamp, change.after)
         response.error_motions = self._publish(change.after, is_diagnosed=False)
-        response.success, response.message = True, change.sentence
+        response.message = change.sentence
         try:
             self._diagnose(change.run.run_id)
         except RosetteError as error:
             response.message += f'; not diagnosed: {error}'
         self.get_logger().info(response.message)
-        return response
-
-    def _refuse(self, name: str, error: RosetteError, response: Any) -> Any:
-        response.success, response.message = False, ' '.join(str(error).split())
-        self.get_logger().warning(f'{name}: {response.message}')
-        return response
 
     def health(self) -> Health:
         """Return what became of the last run."""
@@ -250,7 +239,6 @@ def entry_of(request: AddEffect.Request) -> Mapping[str, object]:
 
 
 def _setting(parameter: Parameter) -> float | str:
-    """Return the value of an effect's setting; raises InvalidModel."""
     value, name = parameter.value, plain(parameter.name)
     fields = {ParameterType.PARAMETER_DOUBLE: 'double_value', ParameterType.PARAMETER_INTEGER: 'integer_value',
               ParameterType.PARAMETER_STRING: 'string_value'}

@@ -9,8 +9,8 @@ import uuid
 from typing import TYPE_CHECKING, Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.node import Node
 from rosette_msgs.msg import Heartbeat
+from std_msgs.msg import Header
 
 from rosette_ros.nodes import names, qos
 
@@ -25,7 +25,6 @@ class HeartbeatPublisher:
     """The heartbeat of a node; hears: as in Heartbeat.msg."""
 
     def __init__(self, node: 'CellNode') -> None:
-        """Create the publisher."""
         self._node = node
         self.process = f'{node.get_name()} {uuid.uuid4().hex[:12]}'
         self._problem = ''
@@ -41,10 +40,9 @@ class HeartbeatPublisher:
 
     def publish(self) -> None:
         """Publish one; called every HEARTBEAT_PERIOD."""
-        message = Heartbeat(node=self._node.get_name(), process=self.process, problem=self._problem,
-                            hears=list(self.hears), period=qos.HEARTBEAT_PERIOD)
-        message.header.stamp = self._node.now().to_msg()
-        self._publisher.publish(message)
+        self._publisher.publish(Heartbeat(
+            header=Header(stamp=self._node.now().to_msg()), node=self._node.get_name(), process=self.process,
+            problem=self._problem, hears=list(self.hears), period=qos.HEARTBEAT_PERIOD))
 
 
 class NodeMonitor:
@@ -54,11 +52,9 @@ class NodeMonitor:
     whether one was present and neither it nor a successor is; is_late: whether its heartbeat is overdue."""
 
     def __init__(self, node: 'CellNode', peer: str) -> None:
-        """Subscribe to the heartbeat of the node named `peer`."""
         self._node = node
         self._received: dict[str, float] = {}
-        self.process, self.problem = '', ''
-        self.hears: tuple[str, ...] = ()
+        self.process, self.problem, self.hears = '', '', tuple[str, ...]()
         self._publishers, self.is_disconnected, self.is_late = 0, False, False
         node.create_subscription(
             Heartbeat, f'{peer}/{names.ALIVE}', self._on_heartbeat, qos.ALIVE,
@@ -92,7 +88,6 @@ class CellMonitor:
     status: what the cell lacks, or that it is complete, in words."""
 
     def __init__(self, node: 'CellNode', recorder: 'RecorderLink') -> None:
-        """Subscribe to all heartbeats of the cell."""
         self._node, self._recorder = node, recorder
         self._monitors = {name: NodeMonitor(node, name) for name in names.NODES}
         self._complete_since: float | None = None
@@ -102,8 +97,8 @@ class CellMonitor:
     def missing(self, with_recorder: bool) -> list[str]:
         """Return what the cell lacks for a calibration, in words."""
         node = self._node
-        missing = [f'{count} nodes named {name}: wanted one in this domain and namespace; is another cell '
-                   'running? Give each its own (--domain, --namespace)'
+        missing = [f'{count} nodes named {name}: wanted one in this domain and namespace; is another cell running? '
+                   'Give each its own (--domain, --namespace)'
                    for name, monitor in self._monitors.items() if (count := monitor.count()) > 1]
         if self._is_disconnected(names.CMM) or not (node.count_publishers(names.BALL_CENTRE) and self._obeys_targets()):
             missing.append(f'no CMM: wanted one that subscribes to {names.PROBE_TARGET} and publishes '
@@ -147,12 +142,12 @@ class CellMonitor:
 
     def processes(self) -> dict[str, str]:
         """Return the processes that serve a run now, by node; a node without heartbeat is left out."""
-        return {name: self._monitors[name].process for name in (names.CMM, names.RECORDER)
-                if self._monitors[name].process}
+        present = ((name, self._monitors[name].process) for name in (names.CMM, names.RECORDER))
+        return {name: process for name, process in present if process}
 
     def disconnected(self, processes: dict[str, str]) -> list[str]:
         """Return the nodes of a run that are disconnected; processes: those with which it began."""
-        return [name for name in processes if self._is_disconnected(name)]
+        return list(filter(self._is_disconnected, processes))
 
     def restarted(self, processes: dict[str, str]) -> list[str]:
         """Return the nodes of a run that are another process than it began with."""
@@ -177,7 +172,7 @@ class CellMonitor:
 
     def _find_endpoints(self) -> frozenset[bytes]:
         """Return the endpoints of the cell's main topics: those of a restarted node are others."""
-        node: Node = self._node
+        node = self._node
         centres, motions = map(node.resolve_topic_name, (names.BALL_CENTRE, names.ERROR_MOTIONS))
         infos = (*node.get_publishers_info_by_topic(centres), *node.get_publishers_info_by_topic(motions),
                  *node.get_subscriptions_info_by_topic(centres))

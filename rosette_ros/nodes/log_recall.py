@@ -16,7 +16,6 @@ from rosette_ros.io.type_definitions import TypeLibrary
 from rosette_ros.nodes import names
 from rosette_ros.nodes.interfaces import decoded, interface_class
 
-_LONGEST_NAME = 255  # bytes, of a folder
 _PART = re.compile(r'(?P<run>.+)_part(?P<number>[1-9]\d{0,5})')
 _FIELDS = {'rosette_msgs/msg/ProbeTarget': 'targets', 'rosette_msgs/msg/BallCentre': 'answers',
            'rosette_msgs/msg/CalibrationEvent': 'events', 'rosette_msgs/msg/ErrorMotions': 'error_motions'}
@@ -30,7 +29,7 @@ def find_part(log_dir: Path, wanted: str) -> Path:
     Raises InvalidData where there is none, it lies elsewhere, or was continued already."""
     path = Path(wanted)
     longest = max(map(len, wanted.encode(errors='replace').split(b'/')))
-    if not path.name.strip('.') or longest > _LONGEST_NAME or '\0' in wanted:
+    if not path.name.strip('.') or longest > 255 or '\0' in wanted:
         raise InvalidData(f'resume: wanted the name of a log in {log_dir}, got {wanted!r:.100}')
     if path.name != wanted and path.absolute().parent.resolve() != log_dir.resolve():
         raise InvalidData(f'resume: wanted a log in the folder of the recorder, {log_dir}, got {wanted!r:.100}; '

@@ -4,7 +4,6 @@
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from enum import Enum
-from itertools import chain, count
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -13,7 +12,7 @@ from rosette_msgs.srv import Recorded, StopRecording
 from service_msgs.msg import ServiceEventInfo
 from tf2_msgs.msg import TFMessage
 
-from rosette_ros.calibration.settings import Wanted
+from rosette_ros.calibration.settings import Wanted, first_free
 from rosette_ros.core.errors import CellError, InvalidData, RosetteError
 from rosette_ros.io.bag_metadata import Qos
 from rosette_ros.io.log_writer import COMPRESSIONS, LogWriter
@@ -21,31 +20,24 @@ from rosette_ros.io.messages import answer_of, nanoseconds, phase_name, table_fr
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.io.type_definitions import TypeDefinition
 from rosette_ros.nodes.interfaces import decoded
+from rosette_ros.nodes.recorder_client import END_EVENTS
 
 LATCHED_KEPT = 10
 RECENT_KEPT = 256
 LONGEST_ANSWER = 600.0  # an answer of the evaluator that has not come after this time is not waited for, s
 
-LOG = (
+LOG = (  # a change applies from the next log on
     Wanted('compression', 'none', 'how the chunks of a log are compressed', choices=tuple(COMPRESSIONS)),
     Wanted('max_file_mb', 0, 'a log continues in a new file after so many MB; 0: unlimited', 0, 1_000_000),
-    Wanted('max_file_s', 0, 'a log continues in a new file after so many s of ROS time; 0: unlimited', 0, 10_000_000),
-)
-"""Parameters of a log; a change applies from the next log on."""
-
-_END_EVENTS = {RunState.PHASE_DONE: CalibrationEvent.SUCCEEDED, RunState.PHASE_CANCELLED: CalibrationEvent.CANCELLED,
-               RunState.PHASE_FAILED: CalibrationEvent.FAILED}
+    Wanted('max_file_s', 0, 'a log continues in a new file after so many s of ROS time; 0: unlimited', 0, 10_000_000))
 
 
 class Retention(Enum):
-    """What becomes of a message while no log is open.
+    """What becomes of a message while no log is open."""
 
-    NONE: it is dropped; LATCHED: it is valid until the next one and opens every log; RECENT: it belongs to the request
-    that will open a log, or describes the nodes at that time, and stands at the head of that log."""
-
-    NONE = 'none'
-    LATCHED = 'latched'
-    RECENT = 'recent'
+    NONE = 'it is dropped'
+    LATCHED = 'it is valid until the next one and opens every log'
+    RECENT = 'it belongs to a request that opens a log, or describes the nodes then: it is at the head of that log'
 
 
 class Message(NamedTuple):
@@ -61,12 +53,10 @@ class Message(NamedTuple):
 class RunContents:
     """What a log holds of its run."""
 
-    _IDENTITIES: ClassVar[dict[type, Callable[[Any], Hashable]]] = {
+    _IDENTITIES: ClassVar[dict[type, Callable[[Any], Hashable]]] = {  # what tells messages of one type and run apart
         RunState: lambda message: message.phase, CalibrationEvent: lambda message: message.kind,
-        Model: lambda message: message.hash, Diagnosis: lambda message: None,
-        ErrorMotions: lambda message: nanoseconds(message.header.stamp),
-        StopRecording.Event: lambda message: message.info.event_type}
-    """What tells messages of one type and run apart."""
+        Model: lambda message: message.hash, Diagnosis: lambda message: None, StopRecording.Event: lambda message:
+        message.info.event_type, ErrorMotions: lambda message: nanoseconds(message.header.stamp)}
     KINDS = (ProbeTarget, BallCentre, TFMessage, *_IDENTITIES)
 
     def __init__(self, run_id: str, report: Callable[[str], object] = str) -> None:
@@ -127,8 +117,8 @@ class RunContents:
         else:
             missing += [f'{wanted.answers - answers.answered} answers'] * (answers.answered < wanted.answers)
             wanted_too[StopRecording.Event, ServiceEventInfo.REQUEST_RECEIVED] = 'this request'
-            if wanted.phase in _END_EVENTS:
-                wanted_too[CalibrationEvent, _END_EVENTS[wanted.phase]] = 'the event of the end'
+            if wanted.phase in END_EVENTS:
+                wanted_too[CalibrationEvent, END_EVENTS[wanted.phase]] = 'the event of the end'
         if wanted.phase:
             wanted_too[RunState, wanted.phase] = f'the state {phase_name(wanted.phase).lower()}'
         return missing + [words for key, words in wanted_too.items() if key not in self._held]
@@ -143,12 +133,9 @@ class LogSession:
 
     def __init__(self, recent: float, qos_of: Callable[[str], list[Qos]],
                  settings: Callable[[], Mapping[str, Any]] = dict) -> None:
-        """Start without topics and without a log."""
         self._recent_kept, self._qos_of, self._settings = recent, qos_of, settings
-        self._definitions: dict[str, TypeDefinition] = {}
-        self._retention: dict[str, Retention] = {}
-        self._latched: dict[str, deque[Message]] = {}
-        self._recent: deque[Message] = deque(maxlen=RECENT_KEPT)
+        self._definitions, self._retention = dict[str, TypeDefinition](), dict[str, Retention]()
+        self._latched, self._recent = dict[str, deque[Message]](), deque[Message](maxlen=RECENT_KEPT)
         self._writer: LogWriter | None = None
         self._written: set[str] = set()
         self.run_id, self.failure, self.directory = '', '', Path()
@@ -170,7 +157,7 @@ class LogSession:
         retention = self._retention[message.topic]
         if retention is Retention.LATCHED:
             self._latched[message.topic].append(message)
-        if self._writer is not None:
+        if self.is_open:
             return self._write(message, message.log_time)
         if retention is Retention.RECENT:
             self._recent.append(message)
@@ -191,12 +178,11 @@ class LogSession:
             raise CellError(f'the log of run {self.run_id} is open; wanted it closed first')
         settings = self._settings()
         self._writer = LogWriter(
-            directory, Path(directory).name, custom_data=custom_data, compression=settings.get('compression', 'none'),
+            directory, directory.name, custom_data=custom_data, compression=settings.get('compression', 'none'),
             max_file_seconds=settings.get('max_file_s') or None,
             max_file_bytes=1_000_000 * settings.get('max_file_mb', 0) or None)
-        self.run_id, self.failure, self.directory = run_id, '', Path(directory)
-        self.messages = self.lost = 0
-        self._written = set()
+        self.run_id, self.failure, self.directory = run_id, '', directory
+        self.messages, self.lost, self._written = 0, 0, set()
         for topic in self._definitions:
             if profiles := self._qos_of(topic):
                 self._add_to_log(self._writer, topic, profiles)
@@ -289,11 +275,7 @@ class FollowUp:
     It is closed when all are answered and nothing was asked for `quiet` s (0: no such logs). Times are steady, s."""
 
     def __init__(self, quiet: float) -> None:
-        """Start without requests."""
-        self._quiet = quiet
-        self._waiting = 0
-        self._last = 0.0
-        self.is_open = False
+        self._quiet, self._waiting, self._last, self.is_open = quiet, 0, 0.0, False
 
     def asked(self, now: float) -> bool:
         """Take note of a request; return whether a log has to be opened, if none is open."""
@@ -314,6 +296,4 @@ class FollowUp:
 
 def free_name(run_id: str, is_taken: Callable[[str], bool]) -> str:
     """Return the name of a log that follows a run ('': none is known): `<run_id>_analysis`, `_analysis_2` and so on."""
-    name = f'{run_id}_analysis' if run_id else 'analysis'
-    names = chain([name], (f'{name}_{number}' for number in count(2)))
-    return next(one for one in names if not is_taken(one))
+    return first_free(f'{run_id}_analysis' if run_id else 'analysis', is_taken)

@@ -9,35 +9,21 @@ NAMESPACE = 'rosette'
 DOMAINS = range(233)
 """ROS domains whose ports DDS can use; another one ends the process."""
 
-PROBE_TARGET = 'probe_target'
-BALL_CENTRE = 'ball_centre'
-ERROR_MOTIONS = 'error_motions'
-MODEL = 'model'
-DIAGNOSIS = 'diagnosis'
-RUN_STATE = 'run_state'
-CALIBRATION_EVENT = 'calibration_event'
+PROBE_TARGET, BALL_CENTRE = 'probe_target', 'ball_centre'
+ERROR_MOTIONS, MODEL, DIAGNOSIS = 'error_motions', 'model', 'diagnosis'
+RUN_STATE, CALIBRATION_EVENT = 'run_state', 'calibration_event'
 
-CALIBRATE = 'calibrate'
-CALIBRATE_FEEDBACK = 'calibrate/_action/feedback'
-CALIBRATE_STATUS = 'calibrate/_action/status'
-START_CALIBRATION = 'start_calibration'
-CANCEL_CALIBRATION = 'cancel_calibration'
-START_RECORDING = 'recorder/start_recording'
-STOP_RECORDING = 'recorder/stop_recording'
-RECALL = 'recorder/recall'
-RECORDED = 'recorder/recorded'
-DIAGNOSE = 'evaluator/diagnose'
-ADD_EFFECT = 'evaluator/add_effect'
-REMOVE_EFFECT = 'evaluator/remove_effect'
+CALIBRATE, CALIBRATE_FEEDBACK, CALIBRATE_STATUS = 'calibrate', 'calibrate/_action/feedback', 'calibrate/_action/status'
+START_CALIBRATION, CANCEL_CALIBRATION = 'start_calibration', 'cancel_calibration'
+START_RECORDING, STOP_RECORDING = 'recorder/start_recording', 'recorder/stop_recording'
+RECALL, RECORDED = 'recorder/recall', 'recorder/recorded'
+DIAGNOSE, ADD_EFFECT, REMOVE_EFFECT = 'evaluator/diagnose', 'evaluator/add_effect', 'evaluator/remove_effect'
 SERVICE_EVENT = '/_service_event'
 
 ALIVE = 'alive'  # below the name of each node: its heartbeat
 
-TF_STATIC = '/tf_static'
-CLOCK = '/clock'
-DIAGNOSTICS = '/diagnostics'
-ROSOUT = '/rosout'
-PARAMETER_EVENTS = '/parameter_events'
+TF_STATIC, CLOCK, DIAGNOSTICS = '/tf_static', '/clock', '/diagnostics'
+ROSOUT, PARAMETER_EVENTS = '/rosout', '/parameter_events'
 OF_A_DOMAIN = ('/tf', TF_STATIC, CLOCK)
 """Frames and time: all nodes of a ROS domain share them, unless they are remapped."""
 
@@ -52,9 +38,7 @@ def remappings(namespace: str) -> tuple[tuple[str, str], ...]:
     """Return the pairs (name, name instead) by which a cell has frames and time of its own.
 
     None in the namespace that is the default: there the names are those that ROS tools expect."""
-    if namespace.strip('/') == NAMESPACE:
-        return ()
-    return tuple((name, name.lstrip('/')) for name in OF_A_DOMAIN)
+    return () if namespace.strip('/') == NAMESPACE else tuple((name, name.lstrip('/')) for name in OF_A_DOMAIN)
 
 
 def remap_arguments(pairs: Iterable[tuple[str, str]]) -> list[str]:

@@ -21,7 +21,6 @@ class Parameters:
     or on the command line is seen and refused."""
 
     def __init__(self, node: Node, wanted: Iterable[Wanted]) -> None:
-        """Declare all; raises InvalidConfig for a wrong value or an unknown name."""
         self._node = node
         self._wanted = {one.name: one for one in wanted}
         self._where = f'node {node.get_name()}: parameter'
@@ -66,5 +65,4 @@ def _descriptor(one: Wanted) -> ParameterDescriptor:
 
 
 def _plain(value: Any) -> Any:
-    """Return arrays of parameters as lists."""
     return list(value) if hasattr(value, 'typecode') else value

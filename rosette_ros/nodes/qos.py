@@ -4,13 +4,15 @@
 Everything is reliable. What a late joiner needs is latched (transient local). A queue holds more than can be under way,
 so that a slow reader loses nothing."""
 
+from typing import Any
+
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
 
-def _profile(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE) -> QoSProfile:
+def _profile(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE, **more: Any) -> QoSProfile:
     return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth, durability=durability,
-                      reliability=ReliabilityPolicy.RELIABLE)
+                      reliability=ReliabilityPolicy.RELIABLE, **more)
 
 
 TARGET = _profile(10, DurabilityPolicy.TRANSIENT_LOCAL)  # commands: latched for observers; a CMM subscribes with ORDER
@@ -26,10 +28,8 @@ HEALTH = _profile(10)
 
 HEARTBEAT_PERIOD = 0.5  # a node publishes its heartbeat at this interval, s
 HEARTBEAT_LOST = 2.5 * HEARTBEAT_PERIOD  # a process without a heartbeat for this time is not counted, s
-ALIVE = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL, deadline=Duration(seconds=1),
-    liveliness=LivelinessPolicy.AUTOMATIC, liveliness_lease_duration=Duration(nanoseconds=700_000_000))
+ALIVE = _profile(10, DurabilityPolicy.TRANSIENT_LOCAL, deadline=Duration(seconds=1),
+                 liveliness=LivelinessPolicy.AUTOMATIC, liveliness_lease_duration=Duration(nanoseconds=700_000_000))
 """Heartbeats: the middleware reports within the lease that a process has ended, within the deadline that a heartbeat is
 late. On a topic of their own, so that a CMM with other QoS still fits the cell. Ten deep: in a queue of one, the
 heartbeats of two processes of one name would replace each other."""

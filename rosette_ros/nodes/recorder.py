@@ -29,26 +29,15 @@ from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, CellNode, Health, run_node
 from rosette_ros.nodes.interfaces import decoded, interface_class, introspected_service
 from rosette_ros.nodes.log_recall import find_part, iter_copied, next_part, recall
-from rosette_ros.nodes.log_session import (
-    LOG,
-    FollowUp,
-    LogSession,
-    Message,
-    Retention,
-    RunContents,
-    free_name,
-)
+from rosette_ros.nodes.log_session import LOG, FollowUp, LogSession, Message, Retention, RunContents, free_name
 
 WANTED = (
     Wanted('log_dir', 'runs', 'folder in which every run gets a folder of its own'),
-    Wanted('recent_s', 2.0, 'requests and node health received so long before a log opens belong to it, s of wall '
-           'time', 0.0, 60.0),
-    Wanted('follow_up_s', 10.0, 'requests to the evaluator after a run get a log of their own, closed when nothing '
-           'was asked for so long, s of wall time; 0: no such logs', 0.0, 3600.0),
-    Wanted('least_free_mb', 20, 'a log is not begun with less room on the disk, MB', 0, 1_000_000),
-    *LOG,
-)
-DISCOVERY_PERIOD = 1.0
+    Wanted('recent_s', 2.0, 'requests and node health received so long before a log opens belong to it, s of wall time',
+           0.0, 60.0),
+    Wanted('follow_up_s', 10.0, 'requests to the evaluator after a run get a log of their own, closed when nothing was '
+           'asked for so long, s of wall time; 0: no such logs', 0.0, 3600.0),
+    Wanted('least_free_mb', 20, 'a log is not begun with less room on the disk, MB', 0, 1_000_000), *LOG)
 LAST_MESSAGES = 2.0
 """How long an open log waits for what belongs to its end, and an ending recorder for the sequencer to close it, s."""
 
@@ -63,8 +52,7 @@ class RecordedTopic(NamedTuple):
 
 
 REQUESTS = ((names.DIAGNOSE, 'rosette_msgs/srv/Diagnose_Event'), (names.ADD_EFFECT, 'rosette_msgs/srv/AddEffect_Event'),
-            (names.REMOVE_EFFECT, 'rosette_msgs/srv/RemoveEffect_Event'))
-"""What the evaluator may be asked after a run; see FollowUp."""
+            (names.REMOVE_EFFECT, 'rosette_msgs/srv/RemoveEffect_Event'))  # what a FollowUp records
 TOPICS = (
     RecordedTopic(names.PROBE_TARGET, 'rosette_msgs/msg/ProbeTarget', profile=qos.RECORD_LATCHED),
     RecordedTopic(names.BALL_CENTRE, 'rosette_msgs/msg/BallCentre'),
@@ -78,16 +66,14 @@ TOPICS = (
     RecordedTopic(names.TF_STATIC, 'tf2_msgs/msg/TFMessage', Retention.LATCHED, qos.RECORD_LATCHED),
     RecordedTopic(names.CALIBRATION_EVENT, 'rosette_msgs/msg/CalibrationEvent', Retention.RECENT),
     RecordedTopic(names.CALIBRATE_STATUS, 'action_msgs/msg/GoalStatusArray', Retention.RECENT),
-    RecordedTopic(names.START_CALIBRATION + names.SERVICE_EVENT, 'std_srvs/srv/Trigger_Event', Retention.RECENT),
-    RecordedTopic(names.CANCEL_CALIBRATION + names.SERVICE_EVENT, 'std_srvs/srv/Trigger_Event', Retention.RECENT),
-    RecordedTopic(names.START_RECORDING + names.SERVICE_EVENT, 'rosette_msgs/srv/StartRecording_Event',
-                  Retention.RECENT),
     RecordedTopic(names.STOP_RECORDING + names.SERVICE_EVENT, 'rosette_msgs/srv/StopRecording_Event'),
     *(RecordedTopic(f'{node}/{names.ALIVE}', 'rosette_msgs/msg/Heartbeat') for node in names.NODES),
     RecordedTopic(names.PARAMETER_EVENTS, 'rcl_interfaces/msg/ParameterEvent', Retention.RECENT),
     RecordedTopic(names.ROSOUT, 'rcl_interfaces/msg/Log', Retention.RECENT),
-    *(RecordedTopic(name + names.SERVICE_EVENT, type_name, Retention.RECENT) for name, type_name in REQUESTS),
-)
+    *(RecordedTopic(name + names.SERVICE_EVENT, type_name, Retention.RECENT) for name, type_name in (
+        *REQUESTS, (names.START_CALIBRATION, 'std_srvs/srv/Trigger_Event'),
+        (names.CANCEL_CALIBRATION, 'std_srvs/srv/Trigger_Event'),
+        (names.START_RECORDING, 'rosette_msgs/srv/StartRecording_Event'))))
 """What a cell publishes; other topics in its namespace are found on the graph."""
 
 _RUN_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]{0,127}')
@@ -100,7 +86,6 @@ class Recorder(CellNode):
     `recorder/stop_recording`, `recorder/recorded`, `recorder/recall`. Parameters: WANTED."""
 
     def __init__(self) -> None:
-        """Subscribe to everything that a cell publishes."""
         super().__init__(names.RECORDER, WANTED)
         self._library = TypeLibrary.from_environment(os.environ)
         self._session = LogSession(self.parameters['recent_s'], self._offered_qos, lambda: self.parameters.values(LOG))
@@ -120,13 +105,11 @@ class Recorder(CellNode):
         for topic in TOPICS:
             self._record(self.resolve_topic_name(topic.name), topic.type_name, topic.retention, topic.profile)
         self._discover()
-        self.every(DISCOVERY_PERIOD, self._discover)
+        self.every(1.0, self._discover)
         introspected_service(self, StartRecording, names.START_RECORDING, self._on_start)
         introspected_service(self, StopRecording, names.STOP_RECORDING, self._on_stop)
         self.create_service(Recall, names.RECALL, self._on_recall)
         self.create_service(Recorded, names.RECORDED, self._on_recorded)
-
-    # Messages
 
     def _make_handlers(self) -> dict[str, tuple[type, Callable[[Any], None]]]:
         """Return class and handler of the messages that mean something for the recorder itself, by topic."""
@@ -139,11 +122,10 @@ class Recorder(CellNode):
 
     def _record(self, topic: str, type_name: str, retention: Retention, profile: QoSProfile) -> None:
         self._session.add_topic(topic, self._library.definition(type_name), retention)
-        self._subscribed[topic] = self.on(topic, interface_class(type_name), partial(self._receive, topic), profile,
-                                             raw=True)
+        self._subscribed[topic] = self.on(
+            topic, interface_class(type_name), partial(self._receive, topic), profile, raw=True)
 
     def _receive(self, topic: str, data: bytes) -> None:
-        """Take one message: into the log, and to its handler."""
         try:
             if topic == self._clock_topic:
                 self._simulated_now = nanoseconds(decoded(data, Clock).clock)
@@ -192,11 +174,9 @@ class Recorder(CellNode):
         self._session.lose(count)
 
     def _is_ours(self, message: Log) -> bool:
-        """Return whether a /rosout message comes from this cell."""
         return f'{message.name}.'.startswith(f'{self._in_cell}.') or not self._in_cell
 
     def _discover(self) -> None:
-        """Subscribe to what is new in the cell's namespace."""
         home = self.get_namespace().rstrip('/') + '/'
         for topic, types in self.get_topic_names_and_types():
             if not topic.startswith(home) or topic in self._subscribed or topic in self._not_recorded:
@@ -209,8 +189,6 @@ class Recorder(CellNode):
 
     def _offered_qos(self, topic: str) -> list[Qos]:
         return [conversions.qos_record(info.qos_profile) for info in self.get_publishers_info_by_topic(topic)]
-
-    # Services
 
     def _on_start(self, request: StartRecording.Request, response: StartRecording.Response) -> StartRecording.Response:
         try:
@@ -261,7 +239,6 @@ class Recorder(CellNode):
         return True
 
     def _check_room(self, directory: Path) -> None:
-        """Refuse to begin a log that would soon end for want of room."""
         there = next(path for path in (directory, *directory.parents) if path.exists())
         free, wanted = shutil.disk_usage(there).free / 1e6, self.parameters['least_free_mb']
         if free < wanted:
@@ -271,14 +248,13 @@ class Recorder(CellNode):
     def _on_recall(self, request: Recall.Request, response: Recall.Response) -> Recall.Response:
         """Return what is recorded of a run, up to this moment where its log is open."""
         try:
-            if self._session.is_open and request.run == self._session.run_id:
+            if self._is_log_of(request.run):
                 self._replace_damaged(is_whole=True)
                 self._session.flush()
                 return recall(self._session.directory, self._library)
             return recall(find_part(self._log_dir, request.run), self._library)
         except RosetteError as error:
-            response.success, response.message = False, str(error)
-            return response
+            return Recall.Response(message=str(error))
 
     def _on_recorded(self, request: Recorded.Request, response: Recorded.Response) -> Recorded.Response:
         """Return which answers are in the open log, once it is on the disk."""
@@ -327,8 +303,6 @@ class Recorder(CellNode):
     @property
     def _log_dir(self) -> Path:
         return Path(self.parameters['log_dir']).expanduser().absolute()
-
-    # The wall clock and the end
 
     def wake(self) -> None:
         """Bring what was written to the disk; close a log that follows a run; update the heartbeat."""

@@ -8,34 +8,37 @@ from typing import TYPE_CHECKING, Any
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.client import Client
 from rclpy.task import Future
+from rosette_msgs.msg import CalibrationEvent
 from rosette_msgs.srv import Recall, Recorded, StartRecording, StopRecording
 
+from rosette_ros.io.messages import Phase
 from rosette_ros.nodes import names
 from rosette_ros.nodes.interfaces import introspected_client
 
 if TYPE_CHECKING:
     from rosette_ros.nodes.base_node import CellNode
 
+END_EVENTS: dict[int, int] = {Phase.DONE: CalibrationEvent.SUCCEEDED, Phase.CANCELLED: CalibrationEvent.CANCELLED,
+                              Phase.FAILED: CalibrationEvent.FAILED}
+
 
 @dataclass(eq=False)
 class _Call:
-    """A request that waits for its response until `deadline`, steady time, s; repeat: returns the next request on a
-    response that is not final, else None; future: None until it is sent (again)."""
+    """A request that waits for its response."""
 
     client: Client
     request: Any
     timeout: float
-    deadline: float
+    deadline: float  # steady time, s
     done: Callable[[Any], None]
-    repeat: Callable[[Any], Any]
-    future: Future | None = None
+    repeat: Callable[[Any], Any]  # returns the next request on a response that is not final, else None
+    future: Future | None = None  # None until it is sent (again)
 
 
 class Recalls:
     """Reads the logs of the recorder; every request is answered, by it or, after the timeout, in its place."""
 
     def __init__(self, node: 'CellNode') -> None:
-        """Create the client."""
         self._node = node
         # Not introspected: the response is in a log already. In a group of its own: a coroutine that waits for it
         # holds the group of the node.
@@ -97,7 +100,6 @@ class RecorderLink(Recalls):
     """The sequencer's side of the protocol with the recorder."""
 
     def __init__(self, node: 'CellNode') -> None:
-        """Create the clients."""
         super().__init__(node)
         self._start = introspected_client(node, StartRecording, names.START_RECORDING)
         self._stop = introspected_client(node, StopRecording, names.STOP_RECORDING)

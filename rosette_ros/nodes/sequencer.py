@@ -24,23 +24,18 @@ from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, Health, ManagedNode, run_node
 from rosette_ros.nodes.interfaces import introspected_service
 from rosette_ros.nodes.liveliness import SETTLING, CellMonitor
-from rosette_ros.nodes.recorder_client import RecorderLink
+from rosette_ros.nodes.recorder_client import END_EVENTS, RecorderLink
 
 CALIBRATION = PLANNED + LIMITS
 CELL = (
     Wanted('require_recorder', True, 'whether a run without a log is refused'),
     Wanted('recorder_timeout_s', 10.0, 'wall time for opening, verifying or closing a log, s', 0.1, 1e4),
-    Wanted('state_rate_hz', 10.0, 'most states per second of wall time while a phase lasts, Hz', 0.1, 1e4),
-)
+    Wanted('state_rate_hz', 10.0, 'most states per second of wall time while a phase lasts, Hz', 0.1, 1e4))
 NODE_WORDS = {names.CMM: 'CMM', names.RECORDER: 'recorder'}
-END_EVENTS = {Phase.DONE: CalibrationEvent.SUCCEEDED, Phase.CANCELLED: CalibrationEvent.CANCELLED,
-              Phase.FAILED: CalibrationEvent.FAILED}
 RECALL_TIMEOUT = 60.0  # how long the recorder may read in the log of an earlier part, s
-RESULT_KEPT = 3600  # how long the result of a goal can be fetched, s
 ANSWERS_TIMEOUT = 2.0  # how long answers may be under way to the log, s; then they are asked again
 TELL = 60.0  # a run logs its progress so often, s
 REMARKS = 5  # so many of the last warnings of a run are in /diagnostics
-FAREWELL = 0.5  # how long a node that ends still serves the client of its goal, which fetches the result, s
 
 
 class CalibrateServer(ActionServer):
@@ -64,8 +59,7 @@ class Sequencer(ManagedNode):
         self._job: Job | None = None
         self._next_job: Job | None = None
         self._taken: set[str] = set()
-        self._last, self._last_level = 'no run yet', OK
-        self._published = 0.0
+        self._last, self._last_level, self._published = 'no run yet', OK, 0.0
         self._states = self.create_publisher(RunState, names.RUN_STATE, qos.STATE)
         self._events = self.create_publisher(CalibrationEvent, names.CALIBRATION_EVENT, qos.EVENT)
         self._targets = self.create_publisher(ProbeTarget, names.PROBE_TARGET, qos.TARGET)
@@ -78,15 +72,13 @@ class Sequencer(ManagedNode):
         introspected_service(self, Trigger, names.CANCEL_CALIBRATION, self._on_cancel_service)
         self._action = CalibrateServer(
             self, Calibrate, names.CALIBRATE, execute_callback=lambda goal_handle: None, goal_callback=self._on_goal,
-            handle_accepted_callback=self._on_accepted, cancel_callback=self._on_cancel, result_timeout=RESULT_KEPT)
+            handle_accepted_callback=self._on_accepted, cancel_callback=self._on_cancel, result_timeout=3600)
         self._states.publish(RunState(header=self._header(), phase=int(Phase.IDLE), text='ready'))
         self.autostart()
 
     def destroy_node(self) -> None:
         self._action.destroy()
         super().destroy_node()
-
-    # Requests
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success, response.message = self._prepare(Request(names.START_CALIBRATION))
@@ -97,14 +89,11 @@ class Sequencer(ManagedNode):
     def _on_cancel_service(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Cancel the calibration that is on, by whichever interface it was requested."""
         job = self._job
-        response.success = job is not None and not job.is_over
         if job is None or job.is_over:
-            response.message = 'wanted a run to cancel, got none that is on'
-            return response
-        response.message = job.run_id
+            return Trigger.Response(message='wanted a run to cancel, got none that is on')
         self._publish_event(job.request, CalibrationEvent.CANCEL_REQUESTED, 'cancel requested', job)
         self._do(job, job.sequence.cancel())
-        return response
+        return Trigger.Response(success=True, message=job.run_id)
 
     async def _on_goal(self, goal: Calibrate.Goal) -> GoalResponse:
         request = Request.of_goal(names.CALIBRATE, goal)
@@ -155,18 +144,14 @@ class Sequencer(ManagedNode):
         return True, job.run_id
 
     def _make_job(self, request: Request, recalled: Recall.Response | None) -> Job:
-        """Return the job of a request; raises RosetteError with the reason why not."""
         if not self.is_active:
             raise CellError(f'the sequencer is not active: no calibration starts until it is activated (ros2 lifecycle '
                             f'set {self.get_fully_qualified_name()} activate)')
         if self._job is not None:
             raise CellError(f'run {self._job.run_id} is on ({self._job.progress}); wait for its end or cancel it')
-        missing = self._cell.missing(self.parameters['require_recorder'])
-        if missing:
+        if missing := self._cell.missing(self.parameters['require_recorder']):
             raise CellError('; '.join(missing))
         return make_job(request, self.parameters.values(CALIBRATION), self._taken, recalled)
-
-    # From request to result
 
     def _accept(self) -> None:
         """Accept the job that was prepared: the log first, then the first target."""
@@ -296,8 +281,6 @@ class Sequencer(ManagedNode):
 
         self._recorder.recall(job.run_id, RECALL_TIMEOUT, on_recalled)
 
-    # Commands of the state machine
-
     def _do(self, job: Job, commands: Sequence[Command]) -> None:
         for command in commands:
             match command:
@@ -343,7 +326,6 @@ class Sequencer(ManagedNode):
         return Header(stamp=self.now().to_msg())
 
     def _verify(self, job: Job, command: Verify) -> None:
-        """Have the recorder report what is in the log."""
         sequence, timeout, results = job.sequence, self._recorder_timeout, command.results
         job.verifying = command
         request = Recorded.Request(run_id=job.run_id, phase=int(command.phase))
@@ -416,7 +398,7 @@ class Sequencer(ManagedNode):
             return
         self._do(job, job.sequence.cancel('the sequencer was stopped'))
         self.spin_until(lambda: self._job is None, self._recorder_timeout)
-        self.spin_until(lambda: False, FAREWELL)
+        self.spin_until(lambda: False, 0.5)  # the client of the goal fetches the result
 
     def health(self) -> Health:
         """Say whether a calibration can start, or how far the present one is."""
@@ -431,8 +413,7 @@ class Sequencer(ManagedNode):
                 'warnings': '; '.join(job.remarks[-REMARKS:])}
         if not self.is_active:
             return WARN, 'not active: no calibration starts until the node is activated', {}
-        missing = self._cell.missing(self.parameters['require_recorder'])
-        if missing:
+        if missing := self._cell.missing(self.parameters['require_recorder']):
             return WARN, '; '.join(missing), {'last': self._last}
         return self._last_level, f'ready; {self._last}', {}
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated CMM and table: obeys targets, publishes ball centres and the simulated time."""
 
+import contextlib
 import math
 import os
 import signal
@@ -15,6 +16,7 @@ from rclpy.duration import Duration
 from rclpy.time import Time
 from rosette_msgs.msg import BallCentre, ProbeTarget
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Header
 
 from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import CellError, InvalidConfig, InvalidPlan, RosetteError
@@ -26,14 +28,12 @@ from rosette_ros.simulation.faults import Strike, distort, strikes
 from rosette_ros.simulation.machine import BallReading
 
 WANTED = (
-    Wanted('machine', '', 'file that describes the simulated machine; empty: the machine.yaml that is installed with '
-           'the package', read_only=True),
+    Wanted('machine', '', 'file that describes the simulated machine; empty: the machine.yaml of the package',
+           read_only=True),
     Wanted('clock_rate_hz', 4.0, 'how often the simulated time is published while nothing is measured, Hz of wall time',
            0.1, 10.0),
-    Wanted('answer_s', 0.0, 'wall time that each answer takes, s; 0: as fast as the computer allows', 0.0, 0.3),
-)
+    Wanted('answer_s', 0.0, 'wall time that each answer takes, s; 0: as fast as the computer allows', 0.0, 0.3))
 FARTHEST = 100.0  # a centre that is farther from the origin of the machine is taken for a mistake, m
-LAST_ANSWERS = 5.0  # how long an ending CMM waits for subscribers that have not yet received its answers, s
 
 
 class SimulatedCmm(CellNode):
@@ -46,7 +46,6 @@ class SimulatedCmm(CellNode):
     Topics: subscribes to `probe_target`; publishes `ball_centre` and `/clock`. Parameters: WANTED."""
 
     def __init__(self) -> None:
-        """Build the machine and create the interfaces; raises RosetteError."""
         super().__init__(names.CMM, WANTED)
         self._file = Path(self.parameters['machine'] or default_machine())
         self._machine = Machine(load_machine(self._file))
@@ -62,9 +61,8 @@ class SimulatedCmm(CellNode):
         self.every(1.0 / self.parameters['clock_rate_hz'], self._publish_time)
 
     def _on_target(self, target: ProbeTarget) -> None:
-        answer = BallCentre(
-            run_id=target.run_id, seq=target.seq, table_position=target.table_position,
-            ball=target.ball, cmm_position=target.cmm_position)
+        answer = BallCentre(run_id=target.run_id, seq=target.seq, table_position=target.table_position,
+                            ball=target.ball, cmm_position=target.cmm_position)
         struck: Sequence[Strike] = ()
         try:
             if target.run_id != self._run_id:
@@ -76,8 +74,7 @@ class SimulatedCmm(CellNode):
             self._failed += 1
             self.get_logger().warning(f'seq {target.seq}: {error}')
             answer.status, answer.text = BallCentre.STATUS_FAILED, str(error)
-            answer.header.stamp = self._stamp(self._machine.time)
-            answer.header.frame_id = target.header.frame_id
+            answer.header = Header(stamp=self._stamp(self._machine.time), frame_id=target.header.frame_id)
         else:
             self._measured += 1
             conversions.fill_answer(answer, reading, self._stamp(reading.time), MACHINE_FRAME)
@@ -105,7 +102,7 @@ class SimulatedCmm(CellNode):
         if short_frame(target.header.frame_id) != MACHINE_FRAME:
             raise CellError(f'wanted a target in the frame {MACHINE_FRAME!r}, got {target.header.frame_id!r}')
         aim = conversions.point_array(target.centre)
-        if not all(abs(value) < FARTHEST for value in aim.tolist()):
+        if not (abs(aim) < FARTHEST).all():
             raise CellError(f'wanted a target within {FARTHEST:g} m, got the centre {tuple(aim.tolist())}')
         short = sum(1e-6 * strike.fault.short_urad for strike in struck if strike.fault.kind == 'table_short')
         if any(strike.fault.kind == 'neighbour' for strike in struck):
@@ -113,7 +110,6 @@ class SimulatedCmm(CellNode):
         return machine.measure(target.table_position, target.ball, target.approach, aim, short)
 
     def _answer(self, answer: BallCentre, struck: Sequence[Strike]) -> None:
-        """Publish an answer as the faults that strike it change it."""
         now = self.seconds()
         for message, due in distort(answer, struck, self._last_answer, now):
             self.after(0.0 if due is None else due - now, partial(self._answers.publish, message))
@@ -138,30 +134,25 @@ class SimulatedCmm(CellNode):
 
     def finish(self) -> None:
         """End once all subscribers have the answers: nobody could send them again what was lost in transport."""
-        self._answers.wait_for_all_acked(Duration(seconds=LAST_ANSWERS))
+        self._answers.wait_for_all_acked(Duration(seconds=5))
 
     def health(self) -> Health:
         """Return what was measured."""
-        level = WARN if self._failed or self._struck else OK
         sentence = f'{self._measured} balls measured, {self._failed} targets refused'
-        if self._struck:
-            sentence += f', {self._struck} faults as configured'
-        return level, sentence, {'measured': self._measured, 'failed': self._failed,
-                                 'simulated_s': f'{self._machine.time:.1f}'}
+        sentence += f', {self._struck} faults as configured' if self._struck else ''
+        return WARN if self._failed or self._struck else OK, sentence, {
+            'measured': self._measured, 'failed': self._failed, 'simulated_s': f'{self._machine.time:.1f}'}
 
 
 def default_machine() -> Path:
     """Return the path of the machine.yaml that comes with the package."""
-    beside = Path(__file__).parents[2] / 'config' / 'machine.yaml'
-    try:
-        shared = Path(get_package_share_directory('rosette_ros')) / 'config' / 'machine.yaml'
-    except PackageNotFoundError:
-        shared = beside
-    for path in (beside, shared):
-        if path.is_file():
-            return path
-    raise InvalidConfig(f'machine: wanted machine.yaml as {beside} or {shared}, found none; set the parameter '
-                        '"machine"')
+    roots = [Path(__file__).parents[2]]
+    with contextlib.suppress(PackageNotFoundError):
+        roots.append(Path(get_package_share_directory('rosette_ros')))
+    paths = [root / 'config' / 'machine.yaml' for root in roots]
+    for path in filter(Path.is_file, paths):
+        return path
+    raise InvalidConfig(f'machine: wanted {" or ".join(map(str, paths))}, found none; set the parameter "machine"')
 
 
 def main(args: list[str] | None = None) -> int:

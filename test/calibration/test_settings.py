@@ -68,11 +68,11 @@ def test_options_change_a_calibration():
     ('repeat: 5', "options: unknown name 'repeat'; did you mean repeats. Known: turning"),
     ('repeats: -1', r'options: repeats: wanted a whole number in 0 \.\. 10000'),
     ('repeats', 'wanted a YAML mapping such as "repeats: 5", got \'repeats\''),
-    ('a: [', 'options: wanted a YAML mapping, got text that is none'),
+    ('a: [', 'options: wanted YAML, got text that is none: line 2'),
     ('!!python/object/apply:os.system [true]', 'text that is none'),
     ('turning: sideways', 'wanted one of forward, alternate'),
     ('x' * 10_001, 'wanted at most 10000 characters, got 10001'),
-    ('&a [*a]', 'wanted a YAML mapping'),
+    ('&a [*a]', 'options: line 1: wanted plain YAML, got an alias'),
 ])
 def test_bad_options_are_refused_in_words(text, words):
     """No name is guessed, no code is run."""
