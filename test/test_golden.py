@@ -24,14 +24,15 @@ EXPECTED = sorted((GOLDEN / 'expected').glob('*.json.gz'))
 FEWEST = 30
 
 EXCEPTIONS = {
+    'log_backlash_n7_random_alternate': 'an order is advised only where it is better: here from 0.325 to 0.343',
     'table_clean_n12_diagonal_1um': 'rounding to 1 µm is told as that, no longer as the form of the balls',
     'table_acceleration_n8_random_model_own': 'what the model leaves wanders along z: its fit is weighted',
     'table_outlier_n6_sensitive_norep': 'compare fails where the search names an effect, as diagnose does',
     'table_temperature_n7_random_norep': 'compare fails where the search names an effect, as diagnose does'}
 """Input (as its test is called): why it is decided otherwise now, in one line. DECIDED is not compared then."""
 DECIDED = ('missing', 'unexplained', 'claimed', 'failing', 'final', 'invisible_bias')
-WEIGHTED = {'table_acceleration_n8_random_model_own': ('fit',)}
-"""Input: what else is not compared, as the noise is not white."""
+WEIGHTED = {'table_acceleration_n8_random_model_own': ('fit',), 'log_backlash_n7_random_alternate': ('recommended',)}
+"""Input: what else is not compared: the noise is not white; an order no better than the present one was advised."""
 
 TOLERANCE = 1e-12
 """Relative. The same operations in the same order agree to the last bit; this leaves room for another way to the last

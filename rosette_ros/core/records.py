@@ -19,6 +19,13 @@ CURVES = ('ctx', 'cty', 'ctz', 'crx', 'cry', 'crz')
 ISO_NAMES = {'ctx': 'EXC', 'cty': 'EYC', 'ctz': 'EZC', 'crx': 'EAC', 'cry': 'EBC', 'crz': 'ECC'}
 """The same curves after ISO 230-1 and ISO 230-7."""
 
+STEPS = tuple(digit * 10.0**power for power in range(-4, -10, -1) for digit in (10, 5, 2))
+"""Steps to which coordinates may be rounded, m: 1 mm, 0.5 mm, 0.2 mm ... 0.2 nm."""
+FEWEST_DIGITS = 12
+"""So many coordinates that are whole numbers of steps are no chance."""
+ROUNDED = 'readings are rounded to'
+"""How a remark on the resolution begins."""
+
 _INTEGERS = ('table_position', 'ball', 'approach', 'session')
 _REALS = ('centre', 'table_angle', 'time', 'temperature', 'table_travel')
 _DERIVED: Any = None  # in place of what was not recorded; never in a record that exists
@@ -241,6 +248,18 @@ class ErrorMotions:
         return self.u[:, CURVES.index(curve)]
 
 
+def resolution_of(coordinates: ArrayLike) -> float:
+    """Return the step of which all coordinates, m, are whole numbers, found from their digits; 0 where there is none.
+
+    Zeros, which every step divides, are left out.
+    """
+    values = np.ravel(np.asarray(coordinates, dtype=float))
+    values = values[values != 0]
+    if np.unique(values).size < FEWEST_DIGITS:
+        return 0.0
+    return next((step for step in STEPS if np.all(np.abs(values / step - np.rint(values / step)) < 1e-4)), 0.0)
+
+
 def remove_gauge(values: ArrayLike, angle: Floats | None = None) -> Floats:
     """Return curves (n, 6) without the ten parts that no three-rosette run can know.
 
@@ -258,4 +277,4 @@ def remove_gauge(values: ArrayLike, angle: Floats | None = None) -> Floats:
     return out
 
 
-__all__ = ['CURVES', 'ISO_NAMES', 'Bools', 'ErrorMotions', 'Floats', 'Ints', 'Run', 'remove_gauge']
+__all__ = ['CURVES', 'ISO_NAMES', 'Bools', 'ErrorMotions', 'Floats', 'Ints', 'Run', 'remove_gauge', 'resolution_of']

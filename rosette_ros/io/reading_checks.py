@@ -8,15 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rosette_ros.core.geometry import Floats, wrap
-from rosette_ros.core.records import Run
+from rosette_ros.core.records import ROUNDED, Run, resolution_of
 from rosette_ros.io.messages import Answer, Phase, Target
 
 Pairs = Sequence[tuple[Target, Answer]]
 """Targets, and of each the answer that counts, in the order of asking."""
 ECHO = 1e-12  # an answer that is no farther from the expected place is that place, m
-STEPS = tuple(digit * 10.0**power for power in range(-3, -9, -1) for digit in (1, 0.5))
-"""Steps to which coordinates may be rounded, m: 1 mm, 0.5 mm, 0.1 mm ... 5 nm."""
-FEWEST = 12  # so many coordinates that are whole numbers of steps are no chance
 SAME_TURN = 0.1  # a travel that differs by less from what was asked, rad, is that of the asked move
 RADIUS = 2e-3  # a radius is wrong that differs by more than this share from the circle of the ball centres
 
@@ -66,18 +63,7 @@ def resolution_words(coordinates: ArrayLike, repeatability: float | None) -> str
     if not step or (repeatability is not None and step <= repeatability):
         return ''
     beside = '' if repeatability is None else f', more than the repeatability of {1e6 * repeatability:.2g} µm'
-    return f'readings are rounded to {1e6 * step:g} µm{beside}; give every digit that the CMM has'
-
-
-def resolution_of(coordinates: ArrayLike) -> float:
-    """Return the step of which all coordinates, m, are whole numbers, found from their digits; 0 where there is none.
-
-    Zeros, which every step divides, are left out."""
-    values: Floats = np.ravel(np.asarray(coordinates, dtype=float))
-    values = values[values != 0]
-    if np.unique(values).size < FEWEST:
-        return 0.0
-    return next((step for step in STEPS if np.all(np.abs(values / step - np.rint(values / step)) < 1e-4)), 0.0)
+    return f'{ROUNDED} {1e6 * step:g} µm{beside}; give every digit that the CMM has'
 
 
 class _Move:

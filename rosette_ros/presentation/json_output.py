@@ -26,6 +26,8 @@ from rosette_ros.presentation.formatting import COVERAGE_FACTOR
 
 EVALUATION, COMPARISON, DIAGNOSIS = 'rosette-evaluation/1', 'rosette-comparison/1', 'rosette-diagnosis/1'
 ADVICE, EFFECTS, CHANGE = 'rosette-advice/1', 'rosette-effects/1', 'rosette-change/1'
+STANDARD = 1
+"""Coverage factor k of every `u`: standard uncertainties."""
 CURVE_KEYS = tuple(f'{curve}_{"m" if curve.startswith("ct") else "rad"}' for curve in CURVES)
 
 Json = dict[str, Any]
@@ -62,7 +64,8 @@ def verdict_json(verdict: Verdict | None) -> Json:
 
 def parameters_json(parameters: Iterable[Parameter]) -> Json:
     """Return parameters by name."""
-    return {one.name: {'value': one.value, 'u': one.u, 'unit': one.unit} for one in parameters}
+    return {one.name: {'value': one.value, 'u': one.u, 'coverage_factor': STANDARD, 'unit': one.unit}
+            for one in parameters}
 
 
 def by_curve(values: Iterable[object]) -> Json:
@@ -82,6 +85,8 @@ def evaluation_json(fit: Fit, verdict: Verdict | None = None) -> Json:
         'schema': EVALUATION, 'run_id': run.run_id, 'n': run.n, 'radius_m': run.radius,
         'mean_radius_m': fit.mean_radius, 'readings': run.size, 'completeness': run.completeness,
         'angle_rad': motions.angle, **by_curve(motions.values.T), 'u': by_curve(motions.u.T),
+        'u_coverage_factor': STANDARD, 'U': by_curve(COVERAGE_FACTOR * motions.u.T),
+        'U_coverage_factor': COVERAGE_FACTOR,
         'coverage_factor': COVERAGE_FACTOR, 'iso_names': ISO_NAMES, 'plate_m': fit.plate, 'cmm_m': fit.cmm,
         'fit': fit_json(fit), 'gauge': fit.gauge, **verdict_json(verdict),
         'effects': {key: parameters_json(one.parameters) for key, one in zip(keys, fit.effects, strict=True)}})
@@ -161,7 +166,7 @@ def change_json(action: str, effect: str, file: Path | str, models: tuple[Model,
 
 
 def _side_json(fit: Fit) -> Json:
-    return {'fit': fit_json(fit), 'u_max': by_curve(fit.error_motions.u.max(axis=0)),
+    return {'fit': fit_json(fit), 'u_max': by_curve(fit.error_motions.u.max(axis=0)), 'u_coverage_factor': STANDARD,
             'effects': [{'effect': effect.name, 'setting': effect.setting,
                          'parameters': parameters_json(effect.parameters)} for effect in fit.effects]}
 

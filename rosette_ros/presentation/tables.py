@@ -314,7 +314,8 @@ def bias(visibilities: Sequence[Visibility]) -> Table:
 def orders(advice: Advice) -> Table:
     """Return the orders that were compared for the next run; the largest smallest observable share first."""
     every = (advice.present, *sorted(advice.orders, key=lambda order: -order.worst))
-    marks = ['present', *('recommended' if one.label == advice.best.label else '' for one in every[1:])]
+    marks = ['present', *('recommended' if one.label == advice.best.label and advice.best is not advice.present else ''
+                          for one in every[1:])]
     return Table('orders', 'Orders for the next run, by the observable share of the effects that are weak now', (
         words('order', 'order', [one.label for one in every]), words('mark', '', marks),
         words('worst_effect', 'least observable', [one.worst_effect for one in every]),

@@ -79,7 +79,9 @@ def test_json_has_what_the_contract_says(rosette, make_table):
     assert got['radius_m'] == 0.1825
     for key in ('angle_rad', *CURVES):
         assert len(got[key]) == 7
-    assert set(got['u']) == set(CURVES)
+    assert set(got['u']) == set(got['U']) == set(CURVES)
+    assert (got['u_coverage_factor'], got['U_coverage_factor'], got['coverage_factor']) == (1, 2, 2)
+    assert got['U']['ctz_m'] == [2 * u for u in got['u']['ctz_m']]
     assert {len(u) for u in got['u'].values()} == {7}
     assert min(min(u) for u in got['u'].values()) > 0
     for key in ('plate_m', 'cmm_m'):
@@ -120,7 +122,7 @@ def test_an_effect_comes_with_value_uncertainty_and_unit(rosette, make_table, tm
     drift = got['effects']['frame_drift']
     assert drift
     for parameter in drift.values():
-        assert set(parameter) == {'value', 'u', 'unit'}
+        assert set(parameter) == {'value', 'u', 'coverage_factor', 'unit'} and parameter['coverage_factor'] == 1
     assert 'frame_drift' in rosette('evaluate', path, '--model', model).out
 
 

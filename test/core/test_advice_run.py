@@ -78,3 +78,14 @@ def test_a_value_that_can_never_be(name, fixed, words):
     """Is refused by the model itself."""
     with pytest.raises(InvalidModel, match=words):
         Model().with_effect(name, fixed)
+
+
+def test_no_order_is_advised_that_is_no_better():
+    """For 8 balls in order sensitive nothing shows its weakest effect better; for a row many orders do."""
+    best = advise(8, 'sensitive')
+    assert best.best is best.present
+    assert 'Measure next' not in best.text
+    row = advise(8, 'row')
+    assert row.best is not row.present
+    for name in row.wanted[:6]:
+        assert f'{name} {100 * row.present.share(name):.0f} → {100 * row.best.share(name):.0f} %' in row.text

@@ -7,10 +7,11 @@ import pytest
 from rosette_ros.analysis import judge
 from rosette_ros.calibration.calibration_plan import plan_calibration
 from rosette_ros.core.diagnosis.verdict import Level, Outcome
+from rosette_ros.core.records import resolution_of
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv
 from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, Answer, TableFrame
-from rosette_ros.io.reading_checks import check_answers, resolution_of
+from rosette_ros.io.reading_checks import check_answers
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.simulation import Machine, MachineConfig
 

@@ -12,7 +12,7 @@ from scipy import special
 
 from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, why_not_judged
 from rosette_ros.core.diagnosis.cross_validation import CrossValidation
-from rosette_ros.core.diagnosis.noise_search import NoiseFit, NoiseProblem, estimate, noise_of_rounding, resolution_of
+from rosette_ros.core.diagnosis.noise_search import NoiseFit, NoiseProblem, estimate, noise_of_rounding
 from rosette_ros.core.diagnosis.parameter_search import choose_settings
 from rosette_ros.core.diagnosis.search import Member, Offer, Problem, Selection, searched_count
 from rosette_ros.core.diagnosis.unnamed_terms import UnnamedTerm
@@ -23,7 +23,7 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.least_squares import Fit, JointSpace, Parameter, fit
 from rosette_ros.core.model.model import BASE_TERMS, Model, Term
 from rosette_ros.core.model.noise import Noise
-from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.records import Floats, Run, resolution_of
 
 CLAIM = 0.002
 """Search-wide probability below which a name is claimed; 5 % is what the users were promised."""
@@ -173,7 +173,7 @@ class _Search:
         self.absent = missing_base(run, self.start)
         if self.absent:
             base = fit(run, Model((*model.base, *self.absent), model.terms), self.start.settings, noise)
-        if noise is None and (step := resolution_of(run)) > COARSE * base.rms:
+        if noise is None and (step := resolution_of(run.centre)) > COARSE * base.rms:
             self.start, base = (replace(one, noise=Noise(resolution=step)) for one in (self.start, base))
         self.base, joint = base, base.joint
         self.space = JointSpace(joint.space, joint.every, np.zeros((0, run.size, 3)))

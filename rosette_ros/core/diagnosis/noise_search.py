@@ -17,7 +17,7 @@ from rosette_ros.core.diagnosis.search import cost
 from rosette_ros.core.model.base_model import Basis
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import Noise, Whitening, place_of
-from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.records import Floats, Run, resolution_of
 
 DRAWS = 200
 CALIBRATED = 20
@@ -334,20 +334,12 @@ def estimate(problem: NoiseProblem) -> NoiseFit:
     return found
 
 
-def resolution_of(run: Run) -> float:
-    """Return the largest decimal step, m, of which all coordinates of a run are multiples, 0 where there is none."""
-    for step in (10.0**power * factor for power in range(-4, -10, -1) for factor in (5, 2, 1)):
-        if np.all(np.abs(run.centre - np.rint(run.centre / step) * step) < 1e-4 * step):
-            return step
-    return 0.0
-
-
 def noise_of_rounding(fitted: Fit, noise: Floats) -> Floats:
     """Return what rounding makes of white noise (m, N, 3) about the readings as they are fitted, in white coordinates.
 
     Rounding errors repeat where a coordinate does: they have the patterns of the readings and are no white noise.
     """
-    step = resolution_of(fitted.run)
+    step = resolution_of(fitted.run.centre)
     true = fitted.run.centre - fitted.residual
     size = np.sqrt(max(fitted.rms**2 - step**2 / 12, (0.1 * fitted.rms)**2))
     rounded: Floats = np.rint((true + size * noise) / step) * step - true

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
+from rosette_ros.core.records import ROUNDED
+
 if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit
     from rosette_ros.core.model.least_squares import Fit
     from rosette_ros.core.model.noise import Noise
@@ -89,14 +91,20 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = 
     left, rms = left_over(final, shapes), _um(fit.rms)
     basis = ('' if fit.run.repeatability is not None else
              '; the repeatability is not known, so this is judged by the structure of the residual alone')
-    action = [f'check the readings: {remark}' for remark in fit.run.remarks]
+    action = [f'check the readings: {remark}' for remark in fit.run.remarks
+              if not (final.noise.resolution and remark.startswith(ROUNDED))]  # said with the noise
     if missing:
         names, it = ' and '.join(missing), 'it' if len(missing) == 1 else 'them'
         more = f'; something is left that no named effect explains: {left}' if left else ''
         outcome = Outcome.NAMED
-        sentence = f'The model lacks {names}: with {it} the residual falls from {rms} to {_um(final.rms)}{more}{basis}.'
+        outliers = outlier_words(final, len(fit.effects))
+        which = f' ({"; ".join(outliers)})' if outliers else ''
+        sentence = (f'The model lacks {names}{which}: with {it} the residual falls from {rms} to '
+                    f'{_um(final.rms)}{more}{basis}.')
         commands = ', '.join(f'rosette add {name} --model FILE' for name in missing)
         action.append(f'check {names} in the cell or add {it} to the model: {commands}')
+        if outliers:
+            action.append('measure the wrong readings again')
         if look_alikes:
             action.append(f'in this order {" and ".join(look_alikes)} would look nearly the same')
     elif shapes:
@@ -129,6 +137,19 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = 
         action.append(f'measure next in an order that shows {", ".join(hidden)} (rosette advise)')
     text = '; '.join(action) or 'nothing needs to be done'
     return Verdict(outcome, sentence, f'{text[0].upper()}{text[1:]}.')
+
+
+def outlier_words(final: 'Fit', known: int) -> list[str]:
+    """Return which readings are wrong, in words, of the outliers in a fit behind so many effects."""
+    run, found = final.run, []
+    for effect in final.effects[known:]:
+        if effect.name == 'outlier':
+            row = effect.setting.whole('reading') - 1
+            largest = max(effect.parameters, key=lambda one: abs(one.value))
+            minutes, size = (run.time[row] - run.time[0]) / 60, _um(largest.value).replace('-', '−')
+            found.append(f'reading {row + 1}, table position {run.table_position[row]}, ball {run.ball[row]}, after '
+                         f'{minutes:.1f} min, {size} along {largest.name.removeprefix("d_")}')
+    return found
 
 
 def not_determinable(reason: str, added: Sequence[str] = ()) -> Verdict:

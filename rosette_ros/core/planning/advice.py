@@ -19,6 +19,8 @@ VARIANTS = tuple((order, turning) for order in ORDERS for turning in TURNINGS
 """Orders and turnings that differ: a row never turns back, `sensitive` has senses of its own."""
 AS_MEASURED = 'as measured'
 """Name of an order that is none of the known ones."""
+BETTER = 0.02
+"""An order is advised whose smallest share of what is wanted is larger by more than this."""
 GOOD_SHARE = 0.3
 """Visible share from which an order shows an effect well."""
 
@@ -134,7 +136,10 @@ def _advice(present: OrderAdvice, n: int, radius: float, sigma: float, wanted: S
                   for name, turning in VARIANTS)
     top = max(entry.worst for entry in every)
     best = min((entry for entry in every if entry.worst >= 0.9 * top), key=lambda entry: entry.travel_time)
-    best = advise_order(plan(n, best.order, seed, best.turning), radius, sigma, wanted)
+    if best.worst > min(present.share(name) for name in wanted) + BETTER:
+        best = advise_order(plan(n, best.order, seed, best.turning), radius, sigma, wanted)
+    else:
+        best = present
     return Advice(present, best, every, weak, wanted, _text(present, best, weak, wanted))
 
 
@@ -146,10 +151,11 @@ def _text(present: OrderAdvice, best: OrderAdvice, weak: Sequence[str], wanted: 
         parts.append(f'Order {present.label} hides {", ".join(hidden)}.')
     if seen:
         parts.append(f'It shows {", ".join(seen)} only weakly.')
-    if best.label != present.label and best.worst > present.worst + 0.02:
-        shares = ', '.join(f'{name} {present.share(name):.2f} → {best.share(name):.2f}' for name in wanted[:6])
+    if best is not present:
+        shares = ', '.join(f'{name} {100 * present.share(name):.0f} → {100 * best.share(name):.0f} %'
+                           for name in wanted[:6])
         longer = best.duration / present.duration - 1
-        parts.append(f'Measure next in order {best.label}: visible shares {shares}; the run takes '
+        parts.append(f'Measure next in order {best.label}: observable shares {shares}; the run takes '
                      f'{abs(longer):.0%} {"longer" if longer >= 0 else "less"}.')
     still = [name for name in wanted if best.share(name) < HIDDEN_SHARE]
     if still:
