@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clean runs by kind of noise: how often does the diagnosis name a physical effect where there is none?"""
 
+import re
 from argparse import Namespace
 from collections import Counter
 from collections.abc import Iterator
@@ -16,8 +17,17 @@ from rosette_ros.simulation import Machine
 NAME = 'noise'
 WANDER_NAMES = ('frame_random_walk', 'frame_walk', 'frame_wander')
 """Names that say that the frame wanders: right where it does."""
-HEADING = ('| noise | σ | runs | false names | 95 % | besides outlier alone | right names | unexplained | named |\n'
-           '|---|---|---|---|---|---|---|---|---|')
+HEADING = ('| noise | σ | runs | false names | 95 % | besides outlier alone | right names | unexplained | noise told | '
+           'named |\n|---|---|---|---|---|---|---|---|---|---|')
+TOLD = {
+    'white': None, 'z_2_t4': 'z repeats|Student', 'z': 'z repeats', 'x': '[xyz] repeats', 'radial': 'radial',
+    't3': 'Student', 't4': 'Student', 'laplace': 'Student', 'contaminated': 'Student', 'outliers': 'Student|outlier',
+    'sigma_by_ball': 'ball', 'sigma_by_table': 'table position', 'sigma_by_cmm': 'CMM position',
+    'ar': 'correlated|wanders', 'slow': 'of the run scatters', 'rounded': 'rounded', 'flicker': 'correlated|wanders',
+    'walk': 'wanders'}
+"""Words in which a verdict tells a kind of noise, by how its name begins; None where nothing is to be told."""
+NOT_WHITE = 'noise is not'
+"""Words of any verdict that tells of noise."""
 
 Record = dict[str, Any]
 
@@ -39,7 +49,7 @@ def trial(kind: str, stated: bool, order: str, seed: int, n: int) -> Record:
     answer = ask(run)[0]
     verdict, wrong = judged(kind, answer, noise.outliers)
     return {'noise': kind, 'stated': stated, 'order': order, 'seed': seed, 'n': n, 'judged': verdict, 'wrong': wrong,
-            **asdict(answer)}
+            'told': is_told(kind, answer.sentence), **asdict(answer)}
 
 
 def judged(kind: str, answer: Answer, outliers: tuple[int, ...]) -> tuple[str, list[str]]:
@@ -58,6 +68,12 @@ def judged(kind: str, answer: Answer, outliers: tuple[int, ...]) -> tuple[str, l
     return 'right' if answer.claims else 'unexplained' if answer.unexplained else 'nothing', wrong
 
 
+def is_told(kind: str, sentence: str) -> bool:
+    """Return whether a verdict tells of the noise what is true: its kind, or nothing where it is white."""
+    words = next(words for begin, words in TOLD.items() if kind.startswith(begin))
+    return bool(re.search(words, sentence)) if words else NOT_WHITE not in sentence
+
+
 def is_good(record: Record) -> bool:
     """Return whether a record holds no false name."""
     return not record['judged'].startswith(('false', 'failed'))
@@ -70,9 +86,10 @@ def row(group: str, records: list[Record]) -> str:
     count = Counter(record['judged'] for record in records)
     names = Counter(name for record in false for name in record.get('wrong', ()))
     said = ', '.join(f'{name} {many}' for name, many in names.most_common(4))
+    told = sum(bool(record.get('told')) for record in records)
     return (f'| {kind} | {stated} | {len(records)} | {share(len(false), len(records))} | '
             f'{percent(count["false"] + count["failed"], len(records))} | {count["right"]} | '
-            f'{sum(bool(record.get("unexplained")) for record in records)} | {said} |')
+            f'{sum(bool(record.get("unexplained")) for record in records)} | {told} | {said} |')
 
 
 def total(groups: dict[str, list[Record]]) -> str:

@@ -9,8 +9,8 @@ from benchmarks.blind.answers import Answer, Claim
 from benchmarks.blind.command import main
 from benchmarks.blind.library_effects import hide, visible_part
 from benchmarks.blind.library_table import is_named
-from benchmarks.blind.noise_kinds import chosen
-from benchmarks.blind.noise_table import judged
+from benchmarks.blind.noise_kinds import EVERY, chosen
+from benchmarks.blind.noise_table import is_told, judged
 from benchmarks.blind.power_table import median
 from benchmarks.blind.proportion import interval
 from benchmarks.blind.runs import SIGMA, Plan
@@ -37,6 +37,25 @@ def answer(*claims, unexplained=False):
 def test_names_on_noise_are_judged(kind, given, outliers, wanted):
     """Any name is false, but an outlier that is one, and a frame that wanders where it does."""
     assert judged(kind, given, outliers)[0] == wanted
+
+
+@pytest.mark.parametrize(('kind', 'sentence', 'wanted'), [
+    ('white', 'The model fits.', True),
+    ('white', 'The model fits. The noise is not white and equal: z repeats 1.5 times worse than x and y.', False),
+    ('z_2', 'The noise is not white and equal: z repeats 1.5 times worse than x and y.', True),
+    ('z_2', 'The model fits.', False),
+    ('ar_0.6_z', 'The noise is not white and equal: the readings are rounded to 0.500 µm.', False)])
+def test_what_a_verdict_tells_of_the_noise_is_judged(kind, sentence, wanted):
+    """Its kind, or nothing where it is white."""
+    assert is_told(kind, sentence) == wanted
+
+
+@pytest.mark.parametrize('kind', EVERY)
+def test_every_kind_has_words(kind):
+    """A verdict that tells all kinds at once tells each, but white noise."""
+    everything = ('The noise is not white: z repeats, radial, Student, ball 3, table position, CMM position, correlated, '
+                  'part of the run scatters, rounded, wanders')
+    assert is_told(kind, everything) == (kind != 'white')
 
 
 def test_the_interval_is_exact():
