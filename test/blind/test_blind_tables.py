@@ -53,8 +53,8 @@ def test_what_a_verdict_tells_of_the_noise_is_judged(kind, sentence, wanted):
 @pytest.mark.parametrize('kind', EVERY)
 def test_every_kind_has_words(kind):
     """A verdict that tells all kinds at once tells each, but white noise."""
-    everything = ('The noise is not white: z repeats, radial, Student, ball 3, table position, CMM position, correlated, '
-                  'part of the run scatters, rounded, wanders')
+    everything = ('The noise is not white: z repeats, radial, Student, ball 3, table position, CMM position, '
+                  'correlated, part of the run scatters, rounded, wanders')
     assert is_told(kind, everything) == (kind != 'white')
 
 
