@@ -36,10 +36,11 @@ class Limits:
 
 
 class Results(NamedTuple):
-    """What the evaluator has published of a run: the error motions by their stamp, ns, the model by its hash, and
-    whether a diagnosis."""
+    """What the evaluator has published of a run: the error motions by their stamp, ns, their readings and the model by
+    their hashes, and whether a diagnosis."""
 
     stamp_ns: int
+    readings_hash: str
     model_hash: str
     diagnosed: bool
 
@@ -142,7 +143,8 @@ class Sequence:
         self._asked_again, self._alignment = list[int](), list[Answer]()
         self._next_index = self._tries = self._rounds = self._refusals = 0
         self._results: Results | None = None
-        self._held, self._in_doubt, self._skipped_last = '', list[tuple[int, int]](), True
+        self._held, self._is_gone, self.disturbed = '', True, list[str]()
+        self._in_doubt, self._skipped_last = list[tuple[int, int]](), True
         self._deadline: float | None = None
         self._frame, self._frame_id = plan.taught, MACHINE_FRAME
         self._begun = (0.0, 0)  # when the first target was asked, and what was done then
@@ -161,7 +163,7 @@ class Sequence:
     def describe(self) -> str:
         """Return one sentence for a person about what happens now."""
         if self._held and not self.phase.is_end:
-            return f'{self._held}; waiting for it'
+            return f'{self._held}; waiting for {"it" if self._is_gone else "the end of one"}'
         target = self._asked
         if target is None:
             return self.text
@@ -193,17 +195,21 @@ class Sequence:
         self.left = (now - began) * (self.plan.total - self.done) / max(self.done - done, 1)
         return commands if self.phase.is_end or self._held else (*commands, *self._next(now))
 
-    def hold(self, words: str, now: float, verify: bool = False) -> Commands:
-        """Ask for nothing more until resume_asking; answers are still taken. words: why, for a person.
+    def hold(self, words: str, now: float, verify: bool = False, is_gone: bool = True) -> Commands:
+        """Ask for nothing more until resume_asking; answers are still taken.
 
-        verify: whether to verify the log, as after the end of a CMM: an answer that is not in it is sent by nobody."""
+        words: why, for a person; verify: whether to verify the log, as after the end of a CMM: an answer that is not in
+        it is sent by nobody; is_gone: whether something has to come back, and not to go."""
         if self.phase.is_end or self.phase is Phase.EVALUATION:
             return ()
-        self._held = words
+        self._held, self._is_gone = words, is_gone
+        if not is_gone and words not in self.disturbed:
+            self.disturbed.append(words)
         self._deadline = now + self.limits.return_timeout
         if verify and self.verifies:
             self._in_doubt = [(target.seq, taken.stamp_ns) for target, taken in self.answers.counting()]
-        return Remark(f'{words}; the run waits for it'), PublishState(), *(Verify(self.done),) * bool(self._in_doubt)
+        remark = Remark(f'{words}; the run waits for {"it" if is_gone else "the end of one"}')
+        return remark, PublishState(), *(Verify(self.done),) * bool(self._in_doubt)
 
     def resume_asking(self, now: float, restarted: bool) -> Commands:
         """Continue after hold; restarted: a pause lies between, the present target is asked again."""
@@ -275,8 +281,10 @@ class Sequence:
         if self._deadline is None or now < self._deadline or self._in_doubt:
             return ()
         if self._held:
-            return self._finish(Phase.FAILED, f'{self._held} and did not come back within '
-                                f'{self.limits.return_timeout:g} s; resume the run when it is connected')
+            limit = f'{self.limits.return_timeout:g} s'
+            words = (f'and did not come back within {limit}; resume the run when it is connected' if self._is_gone else
+                     f'for {limit}; end one of them and resume the run')
+            return self._finish(Phase.FAILED, f'{self._held} {words}')
         if self.phase is Phase.EVALUATION:
             return self._finish(Phase.FAILED, 'wanted error motions from the evaluator within '
                                 f'{self.limits.evaluation_timeout:g} s, got none; all ball centres are in the log: '
@@ -334,6 +342,7 @@ class Sequence:
         self.phase, self._deadline = Phase.DONE, None
         balls = ', '.join(f'table position {one.table_position} ball {one.ball}' for one in self.skipped)
         self.text = f'error motions are published{f"; {len(self.skipped)} left out: {balls}" * bool(balls)}'
+        self.text += ''.join(f'; {words} for a while: what they published then is not used' for words in self.disturbed)
         return (PublishState(),)
 
     def _take(self, target: Target, answer: Answer) -> Commands:

@@ -29,8 +29,11 @@ from rosette_ros.core.errors import CellError
 from rosette_ros.core.records import ErrorMotions
 from rosette_ros.io.messages import CalibrationProgress, Phase, progress_of
 from rosette_ros.nodes import conversions, names, qos
+from rosette_ros.nodes.liveliness import NodeMonitor
+from rosette_ros.nodes.senders import Sender
 
 CANCEL_TIMEOUT = 30.0
+SEARCH = 3.5  # how long nodes of a cell are searched: one that was not found at once is found within 3 s, s
 RESUME_TIMEOUT = 90.0  # a sequencer has the recorder read in the log of a run before it accepts to resume it, s
 _STEP = 0.1
 _DISCONNECTED = 3.0  # a sequencer that is not on the graph for so long is taken to be disconnected, s
@@ -99,7 +102,9 @@ class CellClient:
         self._action = ActionClient(self._node, Calibrate, names.CALIBRATE)
         # The last one: DDS announces subscriptions in their order, so a sequencer whose state is received knows those
         # of feedback and events, too.
-        self._node.create_subscription(RunState, names.RUN_STATE, self._on_state, qos.STATE)
+        self._sequencer = Sender(self._node, names.RUN_STATE, NodeMonitor(self._node, names.SEQUENCER))
+        self._sequencer.on_change = self._on_restart
+        self._sequencer.judge(self._node.create_subscription(RunState, names.RUN_STATE, self._on_state, qos.STATE))
 
     def __enter__(self) -> Self:
         return self
@@ -114,8 +119,16 @@ class CellClient:
         """Wait for a sequencer; raises CellError where none answers in time."""
         if not self._spin_until(lambda: self._action.server_is_ready() and self._has_state
                                 and self._node.count_publishers(names.CALIBRATION_EVENT) > 0, timeout):
+            if self._sequencer.rivals:
+                raise CellError(f'cell {self._where}: {self._sequencer.rivals}: wanted one sequencer; end one of them')
             raise CellError(f'cell {self._where}: wanted a sequencer within {timeout:g} s, got none; start the cell, '
                             'check namespace and ROS_DOMAIN_ID')
+
+    def running(self, patience: float = SEARCH) -> list[str]:
+        """Return which nodes of a cell are found within `patience`, s."""
+        monitors = [NodeMonitor(self._node, name) for name in names.NODES]
+        self._spin_until(lambda: all(monitor.count() for monitor in monitors), patience)
+        return [monitor.peer for monitor in monitors if monitor.count()]
 
     def calibrate(
             self, order: str = '', seed: int = 0, options: str = '',
@@ -172,6 +185,7 @@ class CellClient:
             if interrupt and interrupt.received:
                 raise KeyboardInterrupt
             now = time.monotonic()
+            self._sequencer.watch()
             seen = now if self._action.server_is_ready() else seen
             if now - seen > _DISCONNECTED or (interrupt and self._is_restarted):
                 event = 'was restarted' if self._is_restarted else 'is disconnected'
@@ -197,14 +211,18 @@ class CellClient:
 
     def _on_state(self, state: RunState) -> None:
         """A sequencer that is idle while a calibration of it is on, is another process."""
-        self._has_state, self._progress = True, progress_of(state)
-        if state.phase == Phase.IDLE:
-            self._is_restarted = True
+        if self._sequencer.admits():
+            self._has_state, self._progress = True, progress_of(state)
+            self._is_restarted = self._is_restarted or state.phase == Phase.IDLE
+
+    def _on_restart(self) -> None:
+        self._is_restarted = True
 
     def _spin_until(self, condition: Callable[[], bool], timeout: float) -> bool:
         deadline = time.monotonic() + timeout
         while not condition() and time.monotonic() < deadline:
             self._executor.spin_once(timeout_sec=_STEP)
+            self._sequencer.watch()
         return condition()
 
     def _on_event(self, event: CalibrationEvent) -> None:

@@ -13,10 +13,11 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
+from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import CHECK_PERIOD, MODULES, Cell
 from rosette_ros.cli.arguments import add_shared, made_folder
 from rosette_ros.cli.console import console
-from rosette_ros.core.errors import InvalidConfig
+from rosette_ros.core.errors import CellError, InvalidConfig
 from rosette_ros.nodes import names
 
 
@@ -41,6 +42,7 @@ def run(options: argparse.Namespace) -> None:
     nodes = [name for name in MODULES if not (options.no_simulation and name == names.CMM)]
     cell = Cell(options.domain, options.namespace, machine=options.machine, params_file=options.params, nodes=nodes,
                 log_dir=made_folder(options.output), simulated_time=not options.no_simulation)
+    refuse_second_cell(out, cell)
     with started(out, cell):
         domain = int(os.environ.get('ROS_DOMAIN_ID') or 0) if options.domain is None else options.domain
         where = f' --domain {domain}' if domain else ''
@@ -61,6 +63,21 @@ def run(options: argparse.Namespace) -> None:
                 time.sleep(CHECK_PERIOD)
         except KeyboardInterrupt:
             print('Ending the cell.', file=sys.stderr)
+
+
+def refuse_second_cell(out: Console, cell: Cell) -> None:
+    """Raise CellError where a cell runs in the domain and namespace of one that shall be started.
+
+    With SROS2 this process has no enclave and sees nothing: the sequencers refuse calibrations while there are two.
+    """
+    if os.environ.get('ROS_SECURITY_ENABLE', '').lower() == 'true':
+        return
+    with out.status('searching for another cell'), CellClient(cell.domain_id, cell.namespace) as client:
+        found = client.running()
+    if found:
+        where = 'this ROS domain' if cell.domain_id is None else f'domain {cell.domain_id}'
+        raise CellError(f'cell: wanted no cell in {where} and namespace /{cell.namespace}, found {", ".join(found)}; '
+                        'end that one, or give this one its own --domain or --namespace')
 
 
 @contextlib.contextmanager

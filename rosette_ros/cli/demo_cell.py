@@ -20,7 +20,7 @@ from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import Cell
 from rosette_ros.cli.arguments import made_folder
 from rosette_ros.cli.calibrate import calibrate
-from rosette_ros.cli.cell import started
+from rosette_ros.cli.cell import refuse_second_cell, started
 from rosette_ros.core.errors import CellError
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.model.least_squares import Fit
@@ -88,13 +88,16 @@ class DemoCell:
 def demo_cell(out: Console, what: str, config: MachineConfig, domain: int | None, output: str) -> Iterator[DemoCell]:
     """Start a cell with a simulated machine, end it afterwards; what: printed; domain: None for a free one."""
     began = time.monotonic()
-    domain = free_domain() if domain is None else domain
+    is_given, domain = domain is not None, free_domain() if domain is None else domain
     logs = made_folder(output)
     out.print(f'{what}, machine drawn from seed {config.seed}; four ROS 2 nodes in domain {domain}')
     with tempfile.TemporaryDirectory(prefix='rosette_demo_') as folder:
         machine = Path(folder) / MACHINE
         write_machine(config, machine)
-        with started(out, make_cell(config, machine, domain, logs)) as cell, CellClient(domain) as client:
+        prepared = make_cell(config, machine, domain, logs)
+        if is_given:
+            refuse_second_cell(out, prepared)
+        with started(out, prepared) as cell, CellClient(domain) as client:
             made = DemoCell(cell, client, machine, logs, began)
             out.print(f'  nodes are running after     {made.seconds:5.1f} s')
             yield made

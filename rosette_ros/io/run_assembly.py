@@ -4,6 +4,7 @@
 The one way from messages to numbers: sequencer, evaluator, recorder, log reader and studio all come through here,
 so the same messages give the same numbers, bit for bit."""
 
+import hashlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
@@ -108,6 +109,13 @@ class RunAnswers:
         asked = Counter(target.phase for target in self._last.values())
         answered = Counter(self._last[seq].phase for seq in self._answered)
         return {phase: (asked[phase], answered[phase]) for phase in Phase if phase in asked}
+
+    @property
+    def readings_hash(self) -> str:
+        """SHA-256 of the answers that count and what they answer, hex."""
+        parts = ((target.phase, target.session, target.balls, target.radius, answer._replace(text=''))
+                 for target, answer in self.counting())
+        return hashlib.sha256(repr(list(parts)).encode()).hexdigest()
 
     @property
     def is_complete(self) -> bool:

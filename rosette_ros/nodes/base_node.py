@@ -29,8 +29,9 @@ from std_msgs.msg import Header
 from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import RosetteError
 from rosette_ros.nodes import names, qos
-from rosette_ros.nodes.liveliness import HeartbeatPublisher
-from rosette_ros.nodes.parameters import Parameters
+from rosette_ros.nodes.liveliness import HeartbeatPublisher, NodeMonitor
+from rosette_ros.nodes.parameters import Parameters, refuse_unknown_sections
+from rosette_ros.nodes.senders import Sender
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 WAKE_PERIOD, HEALTH_PERIOD = 0.1, 1.0
@@ -57,14 +58,51 @@ class CellNode(Node):
         self.heartbeat = HeartbeatPublisher(self)
         self.every(qos.HEARTBEAT_PERIOD, self.heartbeat.publish)
         self.every(HEALTH_PERIOD, self._publish_health)
-        self.every(WAKE_PERIOD, lambda: self.wake())
+        self._monitors: dict[str, NodeMonitor] = {}
+        self._senders: dict[str, Sender] = {}
+        self.every(WAKE_PERIOD, self._wake)
 
     def on(self, name: str, message_class: type, handler: Callable[[Any], None], profile: QoSProfile,
-           raw: bool = False) -> Subscription:
-        """Subscribe and count lost messages; raw: the handler gets CDR bytes."""
+           raw: bool = False, from_one: bool = False) -> Subscription:
+        """Subscribe and count lost messages; raw: the handler gets CDR bytes; from_one: of a topic in names.PUBLISHERS
+        nothing is handled while several nodes publish it."""
         topic = self.resolve_topic_name(name)
-        events = SubscriptionEventCallbacks(message_lost=lambda event: self.lost(topic, event.total_count_change))
-        return self.create_subscription(message_class, topic, handler, profile, raw=raw, event_callbacks=events)
+        sender = self.sender(name) if from_one and name in names.PUBLISHERS else None
+
+        def admitted(message: Any) -> None:
+            if sender is None or sender.admits():
+                handler(message)
+
+        events = SubscriptionEventCallbacks(
+            message_lost=lambda event: self.lost(topic, event.total_count_change),
+            matched=None if sender is None else lambda event: sender.look())
+        made = self.create_subscription(message_class, topic, admitted, profile, raw=raw, event_callbacks=events)
+        if sender is not None:
+            sender.judge(made)
+        return made
+
+    def monitor(self, peer: str) -> NodeMonitor:
+        """Return the monitor of another node of the cell."""
+        if peer not in self._monitors:
+            self._monitors[peer] = NodeMonitor(self, peer)
+        return self._monitors[peer]
+
+    def sender(self, topic: str) -> Sender:
+        """Return what is known about the publisher of a topic in names.PUBLISHERS."""
+        if topic not in self._senders:
+            sender = self._senders[topic] = Sender(self, topic, self.monitor(names.PUBLISHERS[topic]))
+            sender.on_rivals = lambda words: self.get_logger().warning(f'{words}: what they publish is not used')
+        return self._senders[topic]
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether each topic that is used from one publisher alone has that one and no other."""
+        return all(sender.is_bound for sender in self._senders.values())
+
+    def _wake(self) -> None:
+        for sender in self._senders.values():
+            sender.watch()
+        self.wake()
 
     def every(self, period: float, callback: Callable[[], None]) -> None:
         """Call back every `period` s of wall time, whatever the simulated time does."""
@@ -117,6 +155,8 @@ class CellNode(Node):
 
     def _publish_health(self) -> None:
         level, sentence, values = self.health()
+        for rivals in filter(None, (sender.rivals for sender in self._senders.values())):
+            level, sentence = max(level, WARN), f'{sentence}; {rivals}: what they publish is not used'
         status = DiagnosticStatus(
             level=level, name=self.get_fully_qualified_name()[1:], message=sentence,
             hardware_id=self.get_namespace()[1:], values=[KeyValue(key=key, value=str(values[key])) for key in values])
@@ -185,7 +225,7 @@ def run_node(name: str, make_node: Callable[[], CellNode], args: list[str] | Non
     stop = _StopSignal()
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        _spin(make_node, stop)
+        _spin(make_node, stop, sys.argv if args is None else args)
     except (RosetteError, NameValidationException, ParameterException,
             rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError) as error:
         print(f'{name}: {" ".join(str(error).split())}', file=sys.stderr)
@@ -204,13 +244,14 @@ def make_executor(context: Context | None = None) -> Executor:
     return EventsExecutor(context=context)
 
 
-def _spin(make_node: Callable[[], CellNode], stop: _StopSignal) -> None:
+def _spin(make_node: Callable[[], CellNode], stop: _StopSignal, arguments: Sequence[str]) -> None:
     parent = os.environ.get(names.PARENT_PID, '')
 
     def is_orphaned() -> bool:
         return parent.isdigit() and os.getppid() != int(parent)
 
     node = make_node()
+    refuse_unknown_sections(arguments, node)
     executor = make_executor()
     executor.add_node(node)
     try:

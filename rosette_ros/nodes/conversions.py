@@ -9,7 +9,15 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Quaternion, Transform, TransformStamped, Vector3
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
-from rosette_msgs.msg import BallCentre, Candidate, Diagnosis, Effect, ErrorMotions, Model, ProbeTarget
+from rosette_msgs.msg import (
+    BallCentre,
+    Candidate,
+    Diagnosis,
+    Effect,
+    ErrorMotions,
+    Model,
+    ProbeTarget,
+)
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 

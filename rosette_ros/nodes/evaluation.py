@@ -116,6 +116,11 @@ class RunCollection:
         """Return the ids of the runs that were ordered and lack messages."""
         return [run_id for run_id, run in self._runs.items() if run.is_wanted and run.lacks]
 
+    def readings_hash(self, run_id: str) -> str:
+        """Return the hash of a run's answers that count, '' where the run is not kept any more."""
+        run = self._runs.get(run_id)
+        return run.answers.readings_hash if run else ''
+
     def to_run(self, run_id: str) -> Run:
         """Return the Run; raises InvalidData where the messages do not make one."""
         run = self._runs[run_id]

@@ -73,10 +73,11 @@ class Evaluator(CellNode):
         introspected_service(self, Diagnose, names.DIAGNOSE, self._on_diagnose)
         introspected_service(self, AddEffect, names.ADD_EFFECT, self._on_add)
         introspected_service(self, RemoveEffect, names.REMOVE_EFFECT, self._on_remove)
-        self.on(names.PROBE_TARGET, ProbeTarget, self._on_target, qos.COLLECT_LATCHED)
-        self.on(names.BALL_CENTRE, BallCentre, self._on_answer, qos.COLLECT)
+        self.on(names.PROBE_TARGET, ProbeTarget, self._on_target, qos.COLLECT_LATCHED, from_one=True)
+        self.on(names.BALL_CENTRE, BallCentre, self._on_answer, qos.COLLECT, from_one=True)
         self.on(names.TF_STATIC, TFMessage, self._on_frames, qos.COLLECT_LATCHED)
-        self.on(names.RUN_STATE, RunState, self._on_state, qos.COLLECT_LATCHED)
+        self.on(names.RUN_STATE, RunState, self._on_state, qos.COLLECT_LATCHED, from_one=True)
+        self.sender(names.RUN_STATE).on_change = self._runs.end_all
         self._model_out.publish(conversions.model_message(self._in_use.model, self.now().to_msg()))
 
     def _on_target(self, message: ProbeTarget) -> None:
@@ -178,7 +179,7 @@ class Evaluator(CellNode):
         stamp = self.now().to_msg()
         self._model_out.publish(conversions.model_message(fit.model, stamp, fit))
         message = conversions.error_motions_message(fit, stamp, TABLE_FRAME)
-        message.diagnosed = is_diagnosed
+        message.diagnosed, message.readings_hash = is_diagnosed, self._runs.readings_hash(fit.run.run_id)
         self._motions_out.publish(message)
         return message
 

@@ -6,12 +6,14 @@ import re
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.action import ActionServer
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.qos import qos_profile_services_default
 from rclpy.serialization import deserialize_message
 from rclpy.service import Service
 from rclpy.service_introspection import ServiceIntrospectionState
+from rosette_msgs.action import Calibrate
 
 from rosette_ros.core.errors import InvalidConfig, InvalidData
 
@@ -58,3 +60,16 @@ def introspected_service(node: Node, service_type: type, name: str, callback: Ca
     service = node.create_service(service_type, name, callback)
     service.configure_introspection(node.get_clock(), qos_profile_services_default, ServiceIntrospectionState.CONTENTS)
     return service
+
+
+class CalibrateServer(ActionServer):
+    """An action server whose goals end by `send_result` and not by the return of a callback.
+
+    A coroutine that waits for hours would be run by the executor in every step."""
+
+    def notify_execute(self, goal_handle: Any, execute_callback: Callable[..., Any] | None) -> None:
+        """Start nothing: the state machine carries the goal on."""
+
+    def send_result(self, goal_handle: Any, result: Calibrate.Result) -> None:
+        """Send the result of a goal whose final state is set."""
+        super().notify_execute(goal_handle, lambda _: result)

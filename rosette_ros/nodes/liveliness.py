@@ -5,10 +5,13 @@ Each node publishes rosette_msgs/Heartbeat on `<node>/alive`. The middleware rep
 (liveliness) or is late (deadline); the name of the process tells a restarted node from the one before. A CMM that
 publishes no heartbeat is judged by its publishers and subscriptions alone."""
 
+import time
 import uuid
-from typing import TYPE_CHECKING, Any
+from collections.abc import Collection
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
 from rosette_msgs.msg import Heartbeat
 from std_msgs.msg import Header
 
@@ -18,6 +21,7 @@ if TYPE_CHECKING:
     from rosette_ros.nodes.base_node import CellNode
     from rosette_ros.nodes.recorder_client import RecorderLink
 
+_NODE_WORDS = {names.CMM: 'CMM', names.RECORDER: 'recorder'}
 SETTLING = 1.0  # how long all nodes have to be present before a run: discovery takes its time in each of them, s
 
 
@@ -51,25 +55,34 @@ class NodeMonitor:
     process: that of the last heartbeat, '' before the first; problem, hears: as in Heartbeat.msg; is_disconnected:
     whether one was present and neither it nor a successor is; is_late: whether its heartbeat is overdue."""
 
-    def __init__(self, node: 'CellNode', peer: str) -> None:
-        self._node = node
+    def __init__(self, node: Node, peer: str) -> None:
+        self._node, self.peer = node, peer
+        self._topic = node.resolve_topic_name(f'{peer}/{names.ALIVE}')
         self._received: dict[str, float] = {}
         self.process, self.problem, self.hears = '', '', tuple[str, ...]()
         self._publishers, self.is_disconnected, self.is_late = 0, False, False
         node.create_subscription(
-            Heartbeat, f'{peer}/{names.ALIVE}', self._on_heartbeat, qos.ALIVE,
+            Heartbeat, self._topic, self._on_heartbeat, qos.ALIVE,
             event_callbacks=SubscriptionEventCallbacks(liveliness=self._on_liveliness, deadline=self._on_deadline))
 
     def count(self) -> int:
         """Return how many processes publish heartbeats under this name now."""
-        now = self._node.seconds()
+        now = time.monotonic()
         self._received = {process: at for process, at in self._received.items() if now - at < qos.HEARTBEAT_LOST}
-        return len(self._received)
+        return min(len(self._received), self._publishers)
+
+    def running(self) -> int:
+        """Return how many processes run, those counted that have published no heartbeat yet."""
+        return max(self.count(), 0 if self.is_disconnected else 1)
+
+    def publishers(self) -> list[Any]:
+        """Return the publishers of the heartbeat on the graph, also those of processes that were killed just now."""
+        return self._node.get_publishers_info_by_topic(self._topic)
 
     def _on_heartbeat(self, message: Heartbeat) -> None:
         self.process, self.problem, self.hears = message.process, message.problem, tuple(message.hears)
         self.is_late = False
-        self._received[self.process] = self._node.seconds()
+        self._received[self.process] = time.monotonic()
         if self._publishers:  # else it is the last heartbeat of a process that has ended
             self.is_disconnected = False
 
@@ -82,6 +95,27 @@ class NodeMonitor:
         self.is_late = True
 
 
+class Trouble(NamedTuple):
+    """What keeps a run from going on: nodes that are disconnected or restarted, several publishers of one topic, in
+    words, and whether answers were not used because of them."""
+
+    gone: list[str]
+    restarted: list[str]
+    rivals: str
+    is_refused: bool
+
+    @property
+    def nodes(self) -> list[str]:
+        """The nodes that are disconnected or restarted."""
+        return list(dict.fromkeys(self.gone + self.restarted))
+
+    def __str__(self) -> str:
+        """Return it in words, '' where there is none."""
+        if self.nodes:
+            return f'{" and ".join(f"the {_NODE_WORDS[name]}" for name in self.nodes)} is disconnected'
+        return self.rivals or f'another node has published {names.BALL_CENTRE}' * self.is_refused
+
+
 class CellMonitor:
     """The nodes that a calibration needs, as the graph and their heartbeats describe them.
 
@@ -89,7 +123,8 @@ class CellMonitor:
 
     def __init__(self, node: 'CellNode', recorder: 'RecorderLink') -> None:
         self._node, self._recorder = node, recorder
-        self._monitors = {name: NodeMonitor(node, name) for name in names.NODES}
+        self._monitors = {name: node.monitor(name) for name in names.NODES}
+        self._senders = {topic: node.sender(topic) for topic in names.PUBLISHERS}
         self._complete_since: float | None = None
         self._endpoints: frozenset[bytes] = frozenset()
         self.status = ''
@@ -97,15 +132,14 @@ class CellMonitor:
     def missing(self, with_recorder: bool) -> list[str]:
         """Return what the cell lacks for a calibration, in words."""
         node = self._node
-        missing = [f'{count} nodes named {name}: wanted one in this domain and namespace; is another cell running? '
-                   'Give each its own (--domain, --namespace)'
-                   for name, monitor in self._monitors.items() if (count := monitor.count()) > 1]
-        if self._is_disconnected(names.CMM) or not (node.count_publishers(names.BALL_CENTRE) and self._obeys_targets()):
+        missing = [f'{words}: wanted one in this domain and namespace; is another cell running? Give each its own '
+                   '(--domain, --namespace)' for words in self.rivals()]
+        if not (self._senders[names.BALL_CENTRE].alive and self._obeys_targets()):
             missing.append(f'no CMM: wanted one that subscribes to {names.PROBE_TARGET} and publishes '
                            f'{names.BALL_CENTRE}, got none; start simulated_cmm or connect a CMM')
         elif not node.has_time():
             missing.append('no time: with use_sim_time the CMM publishes /clock, none was received')
-        if self._is_disconnected(names.EVALUATOR) or not node.count_publishers(names.ERROR_MOTIONS):
+        if not self._senders[names.ERROR_MOTIONS].alive:
             missing.append(f'no evaluator: wanted one that publishes {names.ERROR_MOTIONS}, got none; start it')
         if with_recorder and (self._is_disconnected(names.RECORDER) or not self._recorder.is_there):
             missing.append(f'no recorder: wanted its service {names.START_RECORDING}, got none; '
@@ -141,17 +175,34 @@ class CellMonitor:
         return not recorder.process or recorder.is_disconnected or others <= set(recorder.hears)
 
     def processes(self) -> dict[str, str]:
-        """Return the processes that serve a run now, by node; a node without heartbeat is left out."""
-        present = ((name, self._monitors[name].process) for name in (names.CMM, names.RECORDER))
-        return {name: process for name, process in present if process}
+        """Return what serves a run now, by node: the CMM by its endpoint, a recorder by its process."""
+        recorder = self._monitors[names.RECORDER].process
+        answers = b''.join(self._senders[names.BALL_CENTRE].bound).hex()
+        return {names.CMM: answers, **({names.RECORDER: recorder} if recorder else {})}
 
-    def disconnected(self, processes: dict[str, str]) -> list[str]:
-        """Return the nodes of a run that are disconnected; processes: those with which it began."""
-        return list(filter(self._is_disconnected, processes))
+    def trouble(self, processes: dict[str, str], refused: int) -> 'Trouble':
+        """Return what keeps a run from going on; processes, refused: as it was asked last."""
+        answers, now = self._senders[names.BALL_CENTRE], self.processes()
+        is_gone = {names.CMM: not answers.alive & answers.bound, names.RECORDER: self._is_disconnected(names.RECORDER)}
+        return Trouble([name for name in processes if is_gone[name]],
+                       [name for name, process in processes.items() if now.get(name) != process],
+                       '; '.join(self.rivals()), self.refused != refused)
 
-    def restarted(self, processes: dict[str, str]) -> list[str]:
-        """Return the nodes of a run that are another process than it began with."""
-        return [name for name, process in processes.items() if self._monitors[name].process != process]
+    def has_lost_recorder(self, processes: dict[str, str]) -> bool:
+        """Return whether the recorder of a run is disconnected or another one."""
+        return names.RECORDER in self.trouble(processes, self.refused).nodes
+
+    def rivals(self, nodes: Collection[str] = names.NODES) -> list[str]:
+        """Return which of these nodes there are several of, or of which topic several publishers, in words."""
+        twins = {name: monitor.count() for name, monitor in self._monitors.items() if name in nodes}
+        return [*(f'{count} nodes named {name}' for name, count in twins.items() if count > 1),
+                *(sender.rivals for topic, sender in self._senders.items()
+                  if sender.rivals and twins.get(names.PUBLISHERS[topic], 2) < 2)]
+
+    @property
+    def refused(self) -> int:
+        """Number of answers that were not used because another node published, too."""
+        return self._senders[names.BALL_CENTRE].refused
 
     def problems(self, processes: dict[str, str]) -> str:
         """Return why nodes of a run cannot do their work, in their own words; '' where all can."""

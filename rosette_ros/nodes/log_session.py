@@ -110,6 +110,7 @@ class RunContents:
             if stamp := nanoseconds(wanted.error_motions):
                 missing += ['the table frame'] * bool(answers.lacking(0))
                 wanted_too[ErrorMotions, stamp] = 'the error motions'
+                missing += ['the readings of these error motions'] * (wanted.readings_hash != answers.readings_hash)
             if wanted.model_hash:
                 wanted_too[Model, wanted.model_hash] = 'the model'
             if wanted.diagnosis:

@@ -13,6 +13,10 @@ PROBE_TARGET, BALL_CENTRE = 'probe_target', 'ball_centre'
 ERROR_MOTIONS, MODEL, DIAGNOSIS = 'error_motions', 'model', 'diagnosis'
 RUN_STATE, CALIBRATION_EVENT = 'run_state', 'calibration_event'
 
+PUBLISHERS = {PROBE_TARGET: SEQUENCER, RUN_STATE: SEQUENCER, BALL_CENTRE: CMM, ERROR_MOTIONS: EVALUATOR,
+              MODEL: EVALUATOR, DIAGNOSIS: EVALUATOR}
+"""The one node that publishes each topic of a run; what another one publishes there is not used."""
+
 CALIBRATE, CALIBRATE_FEEDBACK, CALIBRATE_STATUS = 'calibrate', 'calibrate/_action/feedback', 'calibrate/_action/status'
 START_CALIBRATION, CANCEL_CALIBRATION = 'start_calibration', 'cancel_calibration'
 START_RECORDING, STOP_RECORDING = 'recorder/start_recording', 'recorder/stop_recording'

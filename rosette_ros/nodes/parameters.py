@@ -1,15 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node parameters: declared with type, range and meaning, refused in words."""
 
-from collections.abc import Iterable
+import difflib
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
+import yaml
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from rosette_ros.calibration.settings import Value, Wanted, unknown_name
 from rosette_ros.core.errors import InvalidConfig
+from rosette_ros.nodes.names import NODES
 
 _OWN = ('use_sim_time', 'start_type_description_service')  # what every rclpy node declares for itself
 
@@ -51,6 +56,31 @@ class Parameters:
                 except InvalidConfig as error:
                     return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
+
+
+def refuse_unknown_sections(arguments: Sequence[str], node: Node) -> None:
+    """Raise InvalidConfig where a parameter file in the arguments has a section that is none of a node of the cell.
+
+    ROS ignores such a section without a word."""
+    names_here = [f'{node.get_namespace().rstrip("/")}/{name}' for name in (*NODES, node.get_name())]
+    for path in (after for flag, after in pairwise(arguments) if flag == '--params-file'):
+        with open(path, encoding='utf-8') as stream:
+            content = yaml.safe_load(stream)
+        for section in _sections(content if isinstance(content, dict) else {}):
+            pattern = re.escape(section).replace(r'/\*\*', '(/[^/]+)*').replace(r'\*', '[^/]+')
+            if not any(re.fullmatch(pattern, name) for name in names_here):
+                near = difflib.get_close_matches(section.rpartition('/')[2], NODES, 1, 0.3) or NODES
+                raise InvalidConfig(
+                    f'{path}: section {section[1:]!r}: wanted the name of a node in the namespace '
+                    f'{node.get_namespace()}, got one that belongs to none; did you mean /**/{near[0]}?')
+
+
+def _sections(content: Mapping[str, Any], before: str = '') -> Iterator[str]:
+    """Yield the full names of the nodes, with wildcards, in a parameter file."""
+    for key, value in content.items():
+        name = f'{before}/{str(key).strip("/")}'
+        if isinstance(value, dict):
+            yield from [name] if 'ros__parameters' in value else _sections(value, name)
 
 
 def _descriptor(one: Wanted) -> ParameterDescriptor:

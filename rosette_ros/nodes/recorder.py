@@ -103,7 +103,8 @@ class Recorder(CellNode):
                        if (kind := interface_class(topic.type_name)) in RunContents.KINDS}
         self._handlers = self._make_handlers()
         for topic in TOPICS:
-            self._record(self.resolve_topic_name(topic.name), topic.type_name, topic.retention, topic.profile)
+            self._record(topic.name, topic.type_name, topic.retention, topic.profile)
+        self.sender(names.RUN_STATE).on_change = self._on_restart
         self._discover()
         self.every(1.0, self._discover)
         introspected_service(self, StartRecording, names.START_RECORDING, self._on_start)
@@ -120,10 +121,11 @@ class Recorder(CellNode):
         return {self.resolve_topic_name(topic.name): (interface_class(topic.type_name), handlers[topic.name])
                 for topic in TOPICS if topic.name in handlers}
 
-    def _record(self, topic: str, type_name: str, retention: Retention, profile: QoSProfile) -> None:
+    def _record(self, name: str, type_name: str, retention: Retention, profile: QoSProfile) -> None:
+        topic = self.resolve_topic_name(name)
         self._session.add_topic(topic, self._library.definition(type_name), retention)
         self._subscribed[topic] = self.on(
-            topic, interface_class(type_name), partial(self._receive, topic), profile, raw=True)
+            name, interface_class(type_name), partial(self._receive, topic), profile, raw=True, from_one=True)
 
     def _receive(self, topic: str, data: bytes) -> None:
         try:
@@ -143,7 +145,12 @@ class Recorder(CellNode):
             self.get_logger().error(f'{topic}: {error}')
 
     def _on_state(self, message: RunState) -> None:
-        if message.phase == RunState.PHASE_IDLE and self._session.is_open and not self._follow_up.is_open:
+        if message.phase == RunState.PHASE_IDLE:
+            self._on_restart()
+
+    def _on_restart(self) -> None:
+        """Close the log of a run whose sequencer was restarted."""
+        if self._session.is_open and not self._follow_up.is_open:
             self.get_logger().warning(f'the sequencer was restarted; the log of run {self._session.run_id} is closed, '
                                       'the run can be resumed')
             self._close()
@@ -309,7 +316,7 @@ class Recorder(CellNode):
         self._replace_damaged()
         self._session.flush(only_if_due=True)
         self.heartbeat.report(self._session.failure if self._session.is_open else '')
-        self.heartbeat.hears = tuple(self._processes.values()) if self._is_connected() else ()
+        self.heartbeat.hears = tuple(self._processes.values()) if self._is_connected() and self.is_certain else ()
         if self._follow_up.is_over(self.seconds()):
             self._close()
 

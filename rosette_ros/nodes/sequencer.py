@@ -2,11 +2,12 @@
 """The sequencer: runs calibrations, asks the CMM for one ball after the other."""
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import CancelResponse, GoalResponse
 from rclpy.task import Future
 from rosette_msgs.action import Calibrate
 from rosette_msgs.msg import BallCentre, CalibrationEvent, ErrorMotions, ProbeTarget, RunState
@@ -22,7 +23,7 @@ from rosette_ros.core.errors import CellError, RosetteError, plain
 from rosette_ros.io.messages import MACHINE_FRAME, TABLE_FRAME, Phase, answer_of, nanoseconds
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, Health, ManagedNode, run_node
-from rosette_ros.nodes.interfaces import introspected_service
+from rosette_ros.nodes.interfaces import CalibrateServer, introspected_service
 from rosette_ros.nodes.liveliness import SETTLING, CellMonitor
 from rosette_ros.nodes.recorder_client import END_EVENTS, RecorderLink
 
@@ -31,24 +32,10 @@ CELL = (
     Wanted('require_recorder', True, 'whether a run without a log is refused'),
     Wanted('recorder_timeout_s', 10.0, 'wall time for opening, verifying or closing a log, s', 0.1, 1e4),
     Wanted('state_rate_hz', 10.0, 'most states per second of wall time while a phase lasts, Hz', 0.1, 1e4))
-NODE_WORDS = {names.CMM: 'CMM', names.RECORDER: 'recorder'}
 RECALL_TIMEOUT = 60.0  # how long the recorder may read in the log of an earlier part, s
 ANSWERS_TIMEOUT = 2.0  # how long answers may be under way to the log, s; then they are asked again
 TELL = 60.0  # a run logs its progress so often, s
 REMARKS = 5  # so many of the last warnings of a run are in /diagnostics
-
-
-class CalibrateServer(ActionServer):
-    """An action server whose goals end by `send_result` and not by the return of a callback.
-
-    A coroutine that waits for hours would be run by the executor in every step."""
-
-    def notify_execute(self, goal_handle: Any, execute_callback: Callable[..., Any] | None) -> None:
-        """Start nothing: the state machine carries the goal on."""
-
-    def send_result(self, goal_handle: Any, result: Calibrate.Result) -> None:
-        """Send the result of a goal whose final state is set."""
-        super().notify_execute(goal_handle, lambda _: result)
 
 
 class Sequencer(ManagedNode):
@@ -64,8 +51,8 @@ class Sequencer(ManagedNode):
         self._events = self.create_publisher(CalibrationEvent, names.CALIBRATION_EVENT, qos.EVENT)
         self._targets = self.create_publisher(ProbeTarget, names.PROBE_TARGET, qos.TARGET)
         self._frames = self.create_publisher(TFMessage, names.TF_STATIC, qos.RESULT)
-        self.on(names.BALL_CENTRE, BallCentre, self._on_ball_centre, qos.ANSWER)
-        self.on(names.ERROR_MOTIONS, ErrorMotions, self._on_error_motions, qos.RESULT)
+        self.on(names.BALL_CENTRE, BallCentre, self._on_ball_centre, qos.ANSWER, from_one=True)
+        self.on(names.ERROR_MOTIONS, ErrorMotions, self._on_error_motions, qos.RESULT, from_one=True)
         self._recorder = RecorderLink(self)
         self._cell = CellMonitor(self, self._recorder)
         introspected_service(self, Trigger, names.START_CALIBRATION, self._on_start)
@@ -183,7 +170,7 @@ class Sequencer(ManagedNode):
         if job is None:
             return
         job.opening, job.recording, job.log = False, bool(response.log), response.log or job.log
-        job.processes = self._cell.processes()
+        job.processes, job.refused = self._cell.processes(), self._cell.refused
         job.sequence.verifies = job.recording
         if job.is_over:
             self._close(job, end_is_recorded=False)
@@ -207,9 +194,11 @@ class Sequencer(ManagedNode):
     def _on_error_motions(self, message: ErrorMotions) -> None:
         job = self._job
         if job is not None and message.run_id == job.run_id:
-            job.motions = message
-            results = Results(nanoseconds(message.header.stamp), message.model_hash, message.diagnosed)
-            self._do(job, job.sequence.evaluated(results, self.seconds()))
+            results = Results(nanoseconds(message.header.stamp), message.readings_hash, message.model_hash,
+                              message.diagnosed)
+            commands = job.sequence.evaluated(results, self.seconds())
+            job.motions = message if commands else job.motions
+            self._do(job, commands)
 
     @property
     def is_busy(self) -> bool:
@@ -221,8 +210,7 @@ class Sequencer(ManagedNode):
         now = self.seconds()
         self._recorder.tick(now)
         job = self._job
-        if job is not None and job.is_over and names.RECORDER in (
-                self._cell.disconnected(job.processes) + self._cell.restarted(job.processes)):
+        if job is not None and (job.is_over or job.opening) and self._cell.has_lost_recorder(job.processes):
             self._recorder.give_up('the recorder is disconnected, the last answers may not be in the log')
             job = self._job
         if job is None or job.is_waiting or job.sequence.is_held:
@@ -244,21 +232,20 @@ class Sequencer(ManagedNode):
     def _check_nodes(self, job: Job, now: float) -> None:
         """Hold a run while a node that it needs is disconnected; continue when that one is back."""
         sequence, cell = job.sequence, self._cell
-        gone, restarted = cell.disconnected(job.processes), cell.restarted(job.processes)
-        problems = cell.problems(job.processes)
-        if problems and not gone and not restarted:
+        trouble, problems = cell.trouble(job.processes, job.refused), cell.problems(job.processes)
+        if sequence.phase is Phase.EVALUATION:
+            problems = problems or '; '.join(cell.rivals((names.EVALUATOR, names.RECORDER)))
+        if problems and not trouble.nodes:
             self._do(job, sequence.fail(problems))
+        elif str(trouble) and not sequence.is_held:
+            self._do(job, sequence.hold(str(trouble), now, trouble.nodes == [names.CMM], bool(trouble.nodes)))
+        if trouble.gone or trouble.rivals or not sequence.is_held:
             return
-        if (gone or restarted) and not sequence.is_held:
-            who = ' and '.join(f'the {NODE_WORDS[name]}' for name in dict.fromkeys(gone + restarted))
-            self._do(job, sequence.hold(f'{who} is disconnected', now, names.RECORDER not in gone + restarted))
-        if gone or not sequence.is_held:
-            return
-        if not restarted:
+        if not (trouble.restarted or trouble.is_refused):
             self._do(job, sequence.resume_asking(now, restarted=False))
         elif cell.is_settled(now):
-            job.processes = cell.processes()
-            if names.RECORDER in restarted and job.recording:
+            job.processes, job.refused = cell.processes(), cell.refused
+            if names.RECORDER in trouble.restarted and job.recording:
                 self._reopen(job)
             else:
                 self._do(job, sequence.resume_asking(now, restarted=True))
@@ -267,17 +254,31 @@ class Sequencer(ManagedNode):
         """Continue in a new log with what the disconnected recorder had written to the disk."""
         job.opening, job.recording = True, False
 
-        def on_recalled(recalled: Recall.Response) -> None:
-            if not (job.is_over or recalled.success):
-                self._do(job, job.sequence.fail(f'the recorder was restarted: {recalled.message}'))
+        def on_failed(words: str) -> None:
+            job.opening = False
             if job.is_over:
-                job.opening = False
                 self._close(job)
+            elif self._cell.has_lost_recorder(job.processes):  # again
+                job.recording = True
+                self._do(job, job.sequence.hold('the recorder is disconnected', self.seconds()))
+            else:
+                self._do(job, job.sequence.fail(words))
+
+        def on_recalled(recalled: Recall.Response) -> None:
+            if job.is_over or not recalled.success:
+                on_failed(f'the recorder was restarted: {recalled.message}')
                 return
-            job.continue_from(recalled)
-            text = f'run {job.run_id} continues {job.resumes}'
-            self._publish_event(job.request, CalibrationEvent.ACCEPTED, text, job)
-            self._recorder.start(job.run_id, job.resumes, self._recorder_timeout, self._on_opened)
+            job.resumes = recalled.log
+            self._publish_event(job.request, CalibrationEvent.ACCEPTED, f'continues {recalled.log}', job)
+            self._recorder.start(job.run_id, job.resumes, self._recorder_timeout, partial(on_opened, recalled))
+
+        def on_opened(recalled: Recall.Response, response: StartRecording.Response) -> None:
+            if not (response.success or job.is_over):
+                on_failed(f'no log: {response.message}')
+                return
+            if not job.is_over:
+                job.continue_from(recalled)
+            self._on_opened(response)
 
         self._recorder.recall(job.run_id, RECALL_TIMEOUT, on_recalled)
 
@@ -332,6 +333,7 @@ class Sequencer(ManagedNode):
         patience = 0.8 * timeout if results else min(ANSWERS_TIMEOUT, 0.8 * timeout)
         if results:
             request.error_motions = conversions.time_message(results.stamp_ns)
+            request.readings_hash = results.readings_hash
             request.model_hash, request.diagnosis = results.model_hash, results.diagnosed
 
         def on_recorded(response: Recorded.Response) -> None:

@@ -31,7 +31,7 @@ RUN_ID = 'run_a'
 TRUE = Frame(rotation_matrix(np.array([2e-4, -1e-4, 3e-4])), np.array([0.1003, 0.2, -0.0002]))
 TAUGHT = Frame(np.eye(3), np.array([0.1, 0.2, 0.0]))
 LIMITS = Limits(answer_timeout=2.0, attempts=3, skips=0, evaluation_timeout=5.0)
-RESULTS = Results(99, 'hash', True)
+RESULTS = Results(99, 'readings', 'hash', True)
 
 
 def make_sequence(n=3, order='diagonal', limits=LIMITS, repeats=2):

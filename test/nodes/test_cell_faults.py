@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rosette_msgs.msg import BallCentre, ErrorMotions, Heartbeat, ProbeTarget, RunState
@@ -22,7 +23,7 @@ from rosette_ros.cell.supervisor import MODULES, cell_environment
 from rosette_ros.core.errors import CellError
 from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.messages import Phase
-from rosette_ros.nodes import conversions, qos
+from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.recorder import Recorder
 from rosette_ros.simulation import Machine, MachineConfig
 
@@ -293,7 +294,8 @@ def test_a_run_whose_log_lacks_a_result_is_no_success(cell_of, domain_id, make_p
     finally:
         peer.stop()
     assert not outcome.success
-    assert outcome.message == ('the log lacks the model; all ball centres are in it: evaluate it offline')
+    assert outcome.message == ('the log lacks the readings of these error motions, the model; all ball centres are in '
+                               'it: evaluate it offline')
     log = read_log(outcome.log)
     assert log.states[-1].phase == Phase.FAILED
     assert [event.kind for event in log.events] == [1, 2, 7]
@@ -412,3 +414,25 @@ def test_wrong_start_is_one_line_and_exit_code_2(domain_id, module, args, words)
     assert len(own) == 1, done.stderr
     assert words in own[0]
     assert 'Traceback' not in done.stderr
+
+
+@pytest.mark.parametrize(('section', 'words'), [
+    ('sequencer', "section 'sequencer': wanted the name of a node in the namespace /rosette, got one that belongs to "
+                  'none; did you mean /**/sequencer?'),
+    ('/**/sequenser', 'did you mean /**/sequencer?'),
+    ('/cell2/evaluator', 'did you mean /**/evaluator?'),
+    ('/**/simulated_cmm', 'did you mean /**/cmm?'),
+    ('rosette/recorder', None), ('/**/recorder', None), ('/*/recorder', None), ('/**', None),
+])
+def test_a_section_of_a_parameter_file_that_matches_no_node_is_refused(domain_id, tmp_path, section, words):
+    """It was ignored, and 144 balls were measured instead of 36."""
+    path = tmp_path / 'cell.yaml'
+    path.write_text(yaml.safe_dump({section: {'ros__parameters': {'use_sim_time': False}}}))
+    command = [sys.executable, '-m', 'rosette_ros.nodes.recorder', '--ros-args', '-r', '__ns:=/rosette',
+               '--params-file', str(path)]
+    with subprocess.Popen(command, env={**cell_environment(domain_id), names.PARENT_PID: '1'},  # ends at once
+                          cwd=tmp_path, stderr=subprocess.PIPE, text=True) as node:
+        said = node.communicate(timeout=60)[1]
+    assert node.returncode == (2 if words else 0), said
+    assert said.strip().splitlines()[-1].startswith(f'recorder: {path}: section') == bool(words)
+    assert words is None or words in said

@@ -127,6 +127,34 @@ def test_a_node_is_killed_at_any_moment(killable, undisturbed, seed):
         assert np.array_equal(outcome.error_motions.values, undisturbed.error_motions.values)
 
 
+@pytest.mark.parametrize('moment', [names.READY, 'recording run'])
+def test_a_recorder_that_is_killed_again_as_it_comes_back(killable, undisturbed, moment):
+    """While the run waits for it, or has it open the new part: the run waits again, and is completed."""
+    cell, domain, heard = killable
+    kills = []
+
+    def kill():
+        kills.append(time.monotonic())
+        cell.processes['recorder'].popen.send_signal(signal.SIGKILL)
+        cell.processes['recorder'].popen.wait(15)
+        cell.start_node('recorder', wait=False)
+
+    def look(progress=None):
+        if progress is not None and progress.done >= TOTAL // 2 and not kills:
+            kill()
+        elif 0 < len(kills) < 3 and moment in cell.processes['recorder'].text():
+            kill()
+
+    with CellClient(domain) as client:
+        outcome = client.calibrate(on_progress=look, check=look)
+    assert outcome.success, outcome.message
+    assert len(kills) == 3
+    log = read_log(outcome.log)
+    assert log.problems == ()
+    assert answered(heard, outcome.run_id) <= {answer.seq for answer in log.answers} == set(range(1, TOTAL + 1))
+    assert np.array_equal(outcome.error_motions.values, undisturbed.error_motions.values)
+
+
 @pytest.mark.parametrize('damage', [os.unlink, lambda path: os.truncate(path, 0), lambda path: os.truncate(path, 9000)],
                          ids=['deleted', 'emptied', 'cut'])
 def test_a_log_that_goes_in_the_middle_of_a_run_loses_nothing(killable, undisturbed, damage):

@@ -15,6 +15,7 @@ from std_msgs.msg import Header
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_writer import LogWriter
+from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes import recorder as recorder_module
 from rosette_ros.nodes.recorder import Recorder
 
@@ -107,7 +108,8 @@ def test_a_log_that_lacks_its_end_is_closed_after_a_bounded_time(recorder, tmp_p
 def test_what_is_recorded_of_a_result_is_answered(recorder):
     """Error motions by their stamp, the model by its hash, the diagnosis by its run."""
     assert start(recorder, 'run').success
-    request = Recorded.Request(run_id='run', error_motions=STAMP, model_hash='abc', diagnosis=True)
+    request = Recorded.Request(run_id='run', error_motions=STAMP, model_hash='abc', diagnosis=True,
+                               readings_hash=RunAnswers('run').readings_hash)
     missing = recorder._on_recorded(request, Recorded.Response()).missing
     assert missing == ['the table frame', 'the error motions', 'the model', 'the diagnosis']
     receive(recorder, 'error_motions', ErrorMotions(run_id='run', header=Header(stamp=Time(sec=6))))

@@ -3,6 +3,7 @@
 
 import pytest
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point
 from rosette_msgs.msg import BallCentre, CalibrationEvent, Diagnosis, ErrorMotions, Model, ProbeTarget, RunState
 from rosette_msgs.srv import Recorded, StopRecording
 from service_msgs.msg import ServiceEventInfo
@@ -28,8 +29,6 @@ MESSAGES = {
     'the error motions': ErrorMotions(header=stamped(9), run_id='r'),
     'the state done': RunState(run_id='r', phase=RunState.PHASE_DONE),
 }
-WANTED = Recorded.Request(run_id='r', error_motions=Time(sec=9), model_hash='abc', diagnosis=True,
-                          phase=RunState.PHASE_DONE)
 
 
 def holding(messages):
@@ -37,6 +36,11 @@ def holding(messages):
     for message in messages:
         contents.add(message)
     return contents
+
+
+WANTED = Recorded.Request(
+    run_id='r', error_motions=Time(sec=9), model_hash='abc', diagnosis=True, phase=RunState.PHASE_DONE,
+    readings_hash=holding(MESSAGES.values()).answers.readings_hash)
 
 
 @pytest.mark.parametrize('lacking', MESSAGES)
@@ -55,12 +59,22 @@ def test_a_whole_log_lacks_nothing():
     assert holding(()).missing(Recorded.Request(run_id='r')) == []
 
 
+@pytest.mark.parametrize('change', [
+    {'table_angle': 1e-16}, {'header': stamped(7)}, {'centre': Point(x=1e-5)}, {'temperature': 20.0}])
+def test_error_motions_of_other_readings_are_not_those_of_the_log(change):
+    """The smallest difference in one answer; two answers of which the same one counts are no difference."""
+    other = BallCentre(run_id='r', seq=1, table_position=1, ball=1, **{'header': stamped(6), **change})
+    sound = [one for name, one in MESSAGES.items() if name != 'the answer']
+    assert holding([*sound, other]).missing(WANTED) == ['the readings of these error motions']
+    assert holding([*MESSAGES.values(), other]).missing(WANTED) == []
+
+
 def test_messages_of_another_run_do_not_count():
     """Nor a model with another hash, nor earlier error motions."""
     other = [ErrorMotions(header=stamped(9), run_id='s'), ErrorMotions(header=stamped(8), run_id='r'),
              Model(run_id='r', hash='abd'), Diagnosis(run_id='s'), RunState(run_id='s', phase=RunState.PHASE_DONE)]
     assert holding([TARGET, MESSAGES['the table frame'], *other]).missing(WANTED) == [
-        'the error motions', 'the model', 'the diagnosis', 'the state done']
+        'the readings of these error motions', 'the error motions', 'the model', 'the diagnosis', 'the state done']
 
 
 def test_a_log_is_closed_with_the_answers_the_request_the_state_and_the_event_of_the_end():

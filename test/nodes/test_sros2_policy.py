@@ -26,7 +26,7 @@ BY_HAND = (names.START_CALIBRATION, names.CANCEL_CALIBRATION, names.DIAGNOSE, na
 EXTRAS = {
     'operator': {pair for name in BY_HAND for pair in (
         (SAY, f'rq/rosette/{name}Request'), (HEAR, f'rr/rosette/{name}Reply'))},
-    'watcher': {(HEAR, f'rt{name}') for name in ('/rosette/model', '/rosout')},
+    'watcher': {(HEAR, 'rt/rosette/model')},
 }
 """What a person may do with the command line of ROS, which this test does not use."""
 COMMANDS = {'rt/rosette/probe_target': 'sequencer', 'rt/tf_static': 'sequencer', 'rt/rosette/run_state': 'sequencer',

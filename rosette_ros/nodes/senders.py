@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who publishes what a node uses: one process a topic, and never two at once.
+
+rclpy does not say which publisher a message came from. But a publisher is known before its first message is delivered:
+while a topic has two, none of its messages is used, and another publisher than before is used when it has been alone
+for SETTLING s. The publisher of a process that was killed stays on the graph for up to 20 s; heartbeats tell it apart.
+"""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+
+from rosette_ros.nodes.liveliness import SETTLING, NodeMonitor
+
+_UNNAMED = 'one whose name is not known'
+_PARTICIPANT = 12  # bytes of an endpoint's GID that all endpoints of a process have in common
+
+
+class Sender:
+    """The publisher of a topic whose messages are used.
+
+    peer: monitor of the node that it should be. on_change: called when another process has taken its place; on_rivals:
+    called with the words when there are several; alive: the endpoints of processes that run, their GIDs; bound: the one
+    that is used; is_bound: whether there is no other; refused: number of messages that were not used.
+    """
+
+    def __init__(self, node: Node, topic: str, peer: NodeMonitor) -> None:
+        """Start without a publisher."""
+        self._node, self._peer = node, peer
+        self.on_change: Callable[[], object] = lambda: None
+        self.on_rivals: Callable[[str], object] = lambda words: None
+        self.topic = node.resolve_topic_name(topic)
+        self._subscription: Subscription | None = None
+        self.alive: frozenset[bytes] = frozenset()
+        self.bound: frozenset[bytes] = frozenset()
+        self.is_bound, self.refused = True, 0
+        self._names: dict[bytes, str] = {}
+        self._first_seen: dict[bytes, float] = {}
+        self._matched, self._running, self._since = 0, 0, 0.0
+
+    def judge(self, subscription: Subscription) -> None:
+        """Take note of the subscription whose messages `admits` judges."""
+        self._subscription = subscription
+
+    def admits(self) -> bool:
+        """Return whether a message that was delivered just now may be used."""
+        if self._count() != self._matched:
+            self.look()
+        self.refused += not self.is_bound
+        return self.is_bound
+
+    @property
+    def rivals(self) -> str:
+        """That more than one node publishes the topic, in words; '' where it is not so."""
+        if len(self.alive) < 2:
+            return ''
+        who = ' and '.join(sorted(self._names[gid] for gid in self.alive))
+        return f'{len(self.alive)} nodes publish {self.topic} ({who})'
+
+    def watch(self) -> None:
+        """Look where something may have changed without a publisher that comes or goes; call it often."""
+        is_plain = self.is_bound and len(self._names) < 2 and len(self.alive) == len(self._names)
+        if not is_plain or (self._count(), self._peer.running()) != (self._matched, self._running):
+            self.look()
+
+    def look(self) -> None:
+        """Find out which publishers are alive, and whether the one that is used is alone."""
+        now = time.monotonic()
+        self._matched, self._running = self._count(), self._peer.running()
+        alive = self._find_alive(now)
+        if alive != self.alive:
+            self.alive, self._since = alive, now
+            if self.rivals:
+                self.on_rivals(self.rivals)
+        if len(alive) == 1 and not alive <= self.bound and (not self.bound or now - self._since >= SETTLING):
+            before, self.bound = self.bound, alive
+            if before:
+                self.on_change()
+        self.is_bound = alive <= self.bound
+
+    def _count(self) -> int:
+        subscription = self._subscription
+        return self._node.count_publishers(self.topic) if subscription is None else subscription.get_publisher_count()
+
+    def _find_alive(self, now: float) -> frozenset[bytes]:
+        """Return the publishers whose process runs: without heartbeat all, with heartbeat as many as are heard.
+
+        Those that were found last are taken to run: a new one is never mistaken for one that has ended."""
+        infos: list[Any] = self._node.get_publishers_info_by_topic(self.topic)
+        self._names = {bytes(one.endpoint_gid): _UNNAMED if 'UNKNOWN' in one.node_name else
+                       f'{one.node_namespace.rstrip("/")}/{one.node_name}' for one in infos}
+        self._first_seen = {gid: self._first_seen.get(gid, now) for gid in self._names}
+        beating = {bytes(one.endpoint_gid)[:_PARTICIPANT] for one in self._peer.publishers()}
+        found = sorted(self._names, key=lambda gid: self._first_seen[gid])
+        with_heartbeat = [gid for gid in found if gid[:_PARTICIPANT] in beating]
+        ended = with_heartbeat[:max(len(with_heartbeat) - self._running, 0)]
+        return frozenset(self._names) - frozenset(ended)

@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who else publishes in a cell: two at once are refused before a run, held and told during it, and never used."""
+
+import re
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from rich.console import Console
+from rosette_msgs.msg import BallCentre, Diagnosis, ErrorMotions, ProbeTarget, RunState
+from std_msgs.msg import Header
+
+from rosette_ros.cell.client import CellClient
+from rosette_ros.cell.supervisor import Cell
+from rosette_ros.cli.cell import refuse_second_cell
+from rosette_ros.core.errors import CellError
+from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.messages import Phase
+from rosette_ros.nodes import names, qos
+
+N = 4
+TOTAL = 3 + 2 * N + N * N + 1
+TWO = r'2 nodes publish /rosette/ball_centre \(/rosette/cmm and (/rosette/peer|one whose name is not known)\)'
+"""The name of a node is known a little later than what it publishes."""
+WAIT = 'limits.return_timeout_s: 60.0'
+
+
+@pytest.fixture(scope='module')
+def cell(module_domain_id, make_cell, tmp_path_factory):
+    """Yield a cell without noise that answers slowly enough to be disturbed."""
+    with make_cell(module_domain_id, tmp_path_factory.mktemp('senders'), N, silent=True,
+                   groups={'table': {'positioning_urad': 0.0}}, params={'cmm': {'answer_s': 0.15}}) as made:
+        yield made
+
+
+@pytest.fixture
+def client(cell, module_domain_id):
+    """Yield a client of the cell."""
+    with CellClient(module_domain_id) as made:
+        yield made
+
+
+@pytest.fixture(scope='module')
+def undisturbed(cell, module_domain_id):
+    """Return the outcome of a run in which nobody else published."""
+    with CellClient(module_domain_id) as client:
+        outcome = client.calibrate(check=cell.check)
+    assert outcome.success, outcome.message
+    return outcome
+
+
+@pytest.fixture
+def stranger(cell, module_domain_id, make_peer):
+    """Yield a node of another process' kind: a participant of its own, without heartbeat."""
+    made = make_peer(module_domain_id)
+    made.start()
+    yield made
+    made.stop()
+
+
+class Forger:
+    """Answers every target at once, 10 µm beside, and states and results of its own besides."""
+
+    def __init__(self, peer):
+        """Publish nothing yet."""
+        self._node, self._publishers, self._subscription = peer.node, [], None
+        self.answered = 0
+
+    def publish(self, kind, topic, profile, *messages):
+        """Join a topic and publish there."""
+        made = self._node.create_publisher(kind, topic, profile)
+        self._publishers.append(made)
+        for message in messages:
+            made.publish(message)
+        return made
+
+    def answer(self):
+        """Join as a CMM."""
+        publisher = self.publish(BallCentre, names.BALL_CENTRE, qos.ANSWER)
+
+        def on_target(target):
+            self.answered += 1
+            centre = target.centre
+            centre.x += 1e-5
+            publisher.publish(BallCentre(
+                header=Header(stamp=Time(sec=2**31 - 1), frame_id=target.header.frame_id), run_id=target.run_id,
+                seq=target.seq, table_position=target.table_position, ball=target.ball,
+                cmm_position=target.cmm_position, table_angle=target.table_angle, centre=centre))
+
+        self._subscription = self._node.create_subscription(ProbeTarget, names.PROBE_TARGET, on_target, qos.ORDER)
+
+    def leave(self):
+        """Leave all topics."""
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+        for publisher in self._publishers:
+            self._node.destroy_publisher(publisher)
+        self._publishers.clear()
+
+
+def disturbed_run(client, cell, join, leave, is_enough, options=WAIT):
+    """Calibrate; join in the middle, leave once the run is held and told. Returns (Outcome, texts of the states)."""
+    told, joined = [], []
+
+    def look(progress=None):
+        if progress is not None:
+            told.append(progress.text)
+            if progress.done >= 4 and not joined:
+                joined.append(progress.run_id)
+                join(progress.run_id)
+        if joined and leave is not None and is_enough(told):
+            leave()
+
+    outcome = client.calibrate(on_progress=look, check=lambda: (cell.check(), look()), options=options)
+    assert joined
+    return outcome, told
+
+
+def is_held(told):
+    return any('waiting for the end of one' in text for text in told)
+
+
+def test_a_second_cmm_is_refused_before_a_run(cell, client, stranger, wait_until):
+    """In words that name both; when it has gone, the cell calibrates again."""
+    forger = Forger(stranger)
+    forger.answer()
+    wait_until(lambda: 'wanted one in this domain' in cell.processes['sequencer'].text())
+    with pytest.raises(CellError, match=f'calibration refused: {TWO}: wanted one in this domain and namespace; is '
+                                        'another cell running'):
+        client.calibrate()
+    said = len(cell.processes['sequencer'].text())
+    forger.leave()
+    wait_until(lambda: names.COMPLETE in cell.processes['sequencer'].text()[said:])
+    assert client.calibrate(check=cell.check).success
+
+
+def test_forged_answers_during_a_run_are_not_used(cell, client, stranger, undisturbed):
+    """The run is held while there are two, goes on with the CMM alone, and tells it; the curves are the true ones."""
+    forger = Forger(stranger)
+    outcome, told = disturbed_run(
+        client, cell, lambda _: forger.answer(), forger.leave, lambda told: is_held(told) and all(
+            re.search(f'{TWO}: what they publish is not used', cell.processes[name].text()) for name in cell.processes
+            if name != 'cmm'))
+    assert outcome.success, outcome.message
+    assert re.search(f'; {TWO} for a while: what they published then is not used$', outcome.message)
+    assert any('2 nodes publish /rosette/ball_centre' in text for text in told)
+    log = read_log(outcome.log)
+    assert not [answer for answer in log.answers if answer.stamp_ns == (2**31 - 1) * 10**9]
+    assert np.array_equal(outcome.error_motions.values, undisturbed.error_motions.values)
+
+
+def test_a_second_cmm_that_stays_ends_the_run_in_words(cell, client, stranger):
+    """Nothing of it is used; what was measured before is in the log and can be resumed."""
+    forger = Forger(stranger)
+    outcome, _ = disturbed_run(client, cell, lambda _: forger.answer(), None, None, 'limits.return_timeout_s: 2.0')
+    forger.leave()
+    assert not outcome.success
+    assert re.fullmatch(rf'{TWO} for 2 s; end one of them and resume the run', outcome.message)
+    assert read_log(outcome.log).states[-1].phase == Phase.FAILED
+
+
+FORGED = {
+    names.RUN_STATE: (RunState, qos.STATE, lambda run_id: (
+        RunState(phase=RunState.PHASE_IDLE), RunState(run_id=run_id, phase=RunState.PHASE_FAILED))),
+    names.ERROR_MOTIONS: (ErrorMotions, qos.RESULT, lambda run_id: (
+        ErrorMotions(run_id=run_id, balls=N, angle=[0.0] * N, **{c: [0.0] * N for c in ('ctx', 'cty', 'ctz')}),)),
+    names.DIAGNOSIS: (Diagnosis, qos.RESULT, lambda run_id: (Diagnosis(run_id=run_id, verdict='perfect'),)),
+}
+
+
+@pytest.mark.parametrize('topic', FORGED)
+def test_what_another_node_says_does_not_end_or_change_a_run(cell, client, stranger, undisturbed, topic):
+    """An idle state closed the log and lost 122 of 179 balls; forged error motions were the result."""
+    forger, (kind, profile, messages) = Forger(stranger), FORGED[topic]
+    outcome, _ = disturbed_run(
+        client, cell, lambda run_id: forger.publish(kind, topic, profile, *messages(run_id)), forger.leave, is_held)
+    assert outcome.success, outcome.message
+    assert f'2 nodes publish /rosette/{topic}' in outcome.message
+    log = read_log(outcome.log)
+    assert len(log.runs[outcome.run_id].answers) == TOTAL
+    assert log.states[-1].phase == Phase.DONE
+    assert outcome.verdict.sentence == undisturbed.verdict.sentence
+    assert np.array_equal(outcome.error_motions.values, undisturbed.error_motions.values)
+
+
+def test_a_cmm_without_heartbeat_follows_one_with_heartbeat(cell_of, domain_id, make_peer, wait_until):
+    """The simulated CMM has gone, another that publishes no heartbeat answers: it is accepted."""
+    with cell_of(3, simulated_time=False, sequencer={'repeats': 0}) as cell, CellClient(domain_id) as client:
+        cell.processes['cmm'].popen.terminate()
+        wait_until(lambda: 'no CMM' in cell.processes['sequencer'].text())
+        said = len(cell.processes['sequencer'].text())
+        peer = make_peer(domain_id)
+        perfect = Forger(peer)
+        perfect.answer()
+        peer.start()
+        try:
+            wait_until(lambda: names.COMPLETE in cell.processes['sequencer'].text()[said:])
+            outcome = client.calibrate(options='limits.answer_timeout_s: 5.0')
+        finally:
+            peer.stop()
+    assert outcome.success, outcome.message
+    assert perfect.answered >= 16
+
+
+def test_a_second_cell_does_not_start(cell, module_domain_id, tmp_path):
+    """In words, and the first one does not notice."""
+    said = len(cell.processes['sequencer'].text())
+    with pytest.raises(CellError, match=rf'cell: wanted no cell in domain {module_domain_id} and namespace /rosette, '
+                                        'found sequencer, cmm, evaluator, recorder; end that one, or give this one'):
+        refuse_second_cell(Console(), Cell(module_domain_id, log_dir=tmp_path))
+    assert cell.processes['sequencer'].text()[said:] == ''
+    refuse_second_cell(Console(), Cell(module_domain_id, 'another', log_dir=tmp_path))
