@@ -168,6 +168,17 @@ def run_size(run: Run) -> str:
     return f'{run.n} balls on R = {millimetres(run.radius)}, {run.size}{share} ball centres'
 
 
+def plain_name(name: str) -> str:
+    """Return an effect or a base term in words, '' for one that has none; a setting in brackets is left out."""
+    known = MEANINGS.get(name.partition('(')[0])
+    return known.plain if known else ''
+
+
+def words_of(name: str) -> str:
+    """Return an effect in words with its identifier: 'creep of the plate (plate_creep)'."""
+    return f'{plain_name(name)} ({name})' if plain_name(name) else name
+
+
 def pauses(run: Run) -> str:
     """Return the pauses of a run: 'before reading 74 (2 h 10 min)'; '' where there is none."""
     return ', '.join(f'before reading {first + 1} ({duration(run.time[first] - run.time[first - 1])})'

@@ -226,7 +226,7 @@ def candidates(every: Sequence[Candidate], title: str = 'Candidates, most signif
         words('effect', 'effect', [one.effect for one in every]),
         words('claimed', 'identified', ['yes' if one.claimed else 'no' for one in every]),
         column('p', text.P_NOISE, [one.p for one in every], text.p_value),
-        words('size', 'size', [size_words(one) for one in every]),
+        words('size', 'size', [size_words(one.effect, one.parameters, one.setting) for one in every]),
         column('visible_fraction', text.OBSERVABLE, [one.visible_fraction for one in every], text.percent),
         *_with_and_without('before', 'after', every),
         column('delta_bic', 'ΔBIC', [one.delta_bic for one in every], partial(text.fixed, places=0)),
@@ -244,12 +244,11 @@ def _with_and_without(without: str, present: str, rows: Sequence[Candidate | Che
     return columns
 
 
-def size_words(candidate: Candidate) -> str:
-    """Return the parameters of a candidate with expanded uncertainties, and its searched values."""
-    shown = [(one.name, *text.shown_parameter(one)) for one in candidate.parameters]
+def size_words(effect: str, parameters: Sequence[Parameter], setting: Mapping[str, object]) -> str:
+    """Return the parameters of an effect with expanded uncertainties, and its searched values."""
+    shown = [(one.name, *text.shown_parameter(one)) for one in parameters]
     parts = ', '.join(f'{name} {value} {spread} {unit}'.strip() for name, value, spread, unit in shown)
-    setting = text.setting_words(candidate.effect, candidate.setting, [one.name for one in candidate.parameters])
-    return '; '.join(part for part in (parts, setting) if part)
+    return '; '.join(filter(None, (parts, text.setting_words(effect, setting, [one.name for one in parameters]))))
 
 
 def cross_check(check: CrossCheck) -> Table:

@@ -48,13 +48,13 @@ class WorkerFailed(RosetteError):
 class Controller:
     """A Session with its calculations; `changed` is emitted for the views.
 
-    step: the one of analysis.STEPS that is running, '' when none is; error: words of what failed last; check: name of
-    a second run and what it shows of the diagnosis.
+    step: the one of analysis.STEPS that is running, '' when none is; previewing: what a preview is calculated of, ''
+    when none is; error: words of what failed last; check: name of a second run and what it shows of the diagnosis.
     """
 
     def __init__(self) -> None:
         self.session, self.changed = Session(), Event[[]]()
-        self.step = self.error = ''
+        self.step = self.error = self.previewing = ''
         self.check: tuple[str, CrossCheck] | None = None
         self._quick, self._worker, self._reader = ThreadPoolExecutor(1, 'quick'), Worker(), Worker()
         self._refreshed: Ticket | None = None
@@ -91,9 +91,14 @@ class Controller:
         session, ticket, self.error = self.session, self.session.ticket, ''
         if session.current is None:
             return
-        result = await self.do_quick(self._if_current(ticket, change), session.current.run, session.model, make())
-        if session.is_current(ticket):
-            session.set_preview(Preview(name, result))
+        model, self.previewing = make(), name
+        self.changed.emit()
+        try:
+            result = await self.do_quick(self._if_current(ticket, change), session.current.run, session.model, model)
+            if session.is_current(ticket):
+                session.set_preview(Preview(name, result))
+        finally:
+            self.previewing = ''
             self.changed.emit()
 
     async def cross_check(self, place: int) -> None:

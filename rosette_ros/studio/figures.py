@@ -17,15 +17,13 @@ from rosette_ros.analysis import LadderStep
 from rosette_ros.core.diagnosis.comparison import AXES
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import CURVES, ISO_NAMES, ErrorMotions, Floats, Ints
-from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS
-from rosette_ros.presentation.plots.plot_style import COLOURS
+from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, signed
+from rosette_ros.presentation.plots.plot_style import AFTER, COLOURS
 from rosette_ros.presentation.plots.result_plots import MEANING, closed
-from rosette_ros.presentation.tables import nested_names
+from rosette_ros.presentation.tables import nested_names, noise_of
 
 PlotlyFigure = dict[str, Any]
 """Data, layout and config as JSON: their many forms are Plotly's."""
-PRESENT, PREVIEWED = COLOURS[0], COLOURS[1]
-"""Colours of the model as it is, and of the preview."""
 FONT = 'Roboto, system-ui, sans-serif'
 DIVERGING = ((0, '#0072b2'), (0.25, '#7fb8d8'), (0.5, '#f2f2f2'), (0.75, '#eaae7f'), (1, '#d55e00'))
 MOST_CELLS = 64
@@ -34,10 +32,9 @@ MOST_GAPS = 20
 """Cells of a map of at most so many rows have gaps between them."""
 MOST_MARKS = 1500
 """A line of more points shows the lowest and the highest of each section."""
-AXIS = {'zeroline': False, 'fixedrange': True, 'title': {'standoff': 6, 'font': {'size': 12}}}
+AXIS = {'zeroline': False, 'hoverformat': '.3f', 'fixedrange': True, 'title': {'standoff': 6, 'font': {'size': 12}}}
 HOVER = ('table position %{customdata[0]}, ball %{customdata[1]}, CMM position %{customdata[2]}'
-         '<br>x %{customdata[3]:+.3f}, y %{customdata[4]:+.3f}, z %{customdata[5]:+.3f} µm'
-         '<br>size %{customdata[6]:.1f} σ<br>reading %{customdata[7]}, at %{customdata[8]:.1f} min')
+         '<br>%{text} µm<br>rms %{customdata[3]:.1f} × NOISE<br>reading %{customdata[4]}, at %{customdata[5]:.1f} min')
 
 
 class Curves(NamedTuple):
@@ -75,7 +72,7 @@ def _curve(one: Curves, curve: str, unit: str, place: int) -> list[PlotlyFigure]
             'mode': 'lines+markers' if value.size <= 80 else 'lines', 'showlegend': place == 1,
             'marker': {'size': 5, 'symbol': 'circle' if one.dash == 'solid' else 'square'},
             'line': {'color': one.colour, 'width': 2, 'dash': one.dash},
-            'hovertemplate': f'{curve} ({ISO_NAMES[curve]}) %{{y:.3f}} ± %{{customdata:.3f}} {unit}'
+            'hovertemplate': f'{curve} ({ISO_NAMES[curve]}) %{{y}} ± %{{customdata:.3f}} {unit}'
                              f'<br>at %{{x:.2f}}°, U with k = {COVERAGE_FACTOR}<extra>{one.name}</extra>'}
     return [band, line]
 
@@ -83,21 +80,22 @@ def _curve(one: Curves, curve: str, unit: str, place: int) -> list[PlotlyFigure]
 def maps_figure(fit: Fit, scale: Fit | None = None) -> PlotlyFigure:
     """Return three maps of residuals, table position and ball, one per axis; `scale`: its residuals span the colours.
 
-    The size of a reading is the rms over the axes in units of what noise leaves there on average.
+    The size of a reading is the rms over the axes in units of the repeatability, where it is known.
     """
-    run, residual = fit.run, 1e6 * fit.residual
+    run, residual, noise = fit.run, 1e6 * fit.residual, noise_of(fit)[1].partition(';')[0]
     step = -(-run.n // MOST_CELLS)
     count = -(-run.n // step)
     top = 1e6 * float(np.abs((scale or fit).residual).max()) or 1.0
     centre = 1 + step * np.arange(count) + (step - 1) / 2
     gap = 1 if count <= MOST_GAPS else 0
     block = f'<br>the largest of {step} × {step} readings' if step > 1 else ''
+    hover = f'{HOVER.replace("NOISE", noise)}{block}<extra></extra>'
     data, layout = [], _panels(1, 3, gap=(0.18, 0.2), margin={'t': 24, 'r': 64})
     for place, axis in enumerate(AXES, 1):
-        values, readings = _cells(fit, residual, place - 1, step)
+        values, readings, texts = _cells(fit, residual, place - 1, step)
         data.append({
             'type': 'heatmap', 'z': _array(values), 'x': _array(centre), 'y': _array(centre), 'zmin': -top, 'zmax': top,
-            'colorscale': DIVERGING, 'customdata': _array(readings), 'hovertemplate': f'{HOVER}{block}<extra></extra>',
+            'colorscale': DIVERGING, 'customdata': _array(readings), 'text': texts, 'hovertemplate': hover,
             'xgap': gap, 'ygap': gap, 'showscale': place == 3, **_axes(place),
             'colorbar': {'title': {'text': 'µm', 'side': 'top'}, 'thickness': 12, 'len': 1.02, 'x': 1.01}})
         x = {'title': {'text': 'ball'}, 'dtick': _tick(run.n), 'tickangle': 0}
@@ -110,42 +108,47 @@ def _tick(n: int) -> int:
     return next(step for step in (1, 2, 3, 5, 10, 20, 50, 100) if n / step <= 12 or step == 100)
 
 
-def _cells(fit: Fit, residual: Floats, axis: int, step: int) -> tuple[Floats, Floats]:
-    """Return values and what HOVER shows of each cell; a cell is a block of step x step readings."""
+def _cells(fit: Fit, residual: Floats, axis: int, step: int) -> tuple[Floats, Floats, list[list[str]]]:
+    """Return values, and numbers and texts for HOVER, of each cell; a cell is a block of step x step readings."""
     run = fit.run
     count = -(-run.n // step)
     row, column = (run.table_position - 1) // step, (run.ball - 1) // step
     block = row * count + column
     order = np.lexsort((np.abs(residual[:, axis]), block))
     shown = order[np.flatnonzero(np.diff(block[order], append=-1))]  # of each block the largest
-    values, readings = np.full((count, count), np.nan), np.full((count, count, 9), np.nan)
+    values, readings = np.full((count, count), np.nan), np.full((count, count, 6), np.nan)
     values[row[shown], column[shown]] = residual[shown, axis]
-    left = 1e6 * fit.sigma * np.sqrt(fit.dof / residual.size)
+    noise = 1e6 * noise_of(fit)[0]
     readings[row[shown], column[shown]] = np.column_stack([
-        run.table_position[shown], run.ball[shown], run.cmm_position[shown], residual[shown],
-        np.sqrt(np.mean(residual[shown]**2, axis=1)) / left, shown + 1, (run.time[shown] - run.time[0]) / 60])
-    return values, readings
+        run.table_position[shown], run.ball[shown], run.cmm_position[shown],
+        np.sqrt(np.mean(residual[shown]**2, axis=1)) / noise, shown + 1, (run.time[shown] - run.time[0]) / 60])
+    texts = [[''] * count for _ in range(count)]
+    for k in shown:
+        texts[row[k]][column[k]] = ', '.join(f'{name} {signed(size, 3)}'
+                                             for name, size in zip(AXES, residual[k], strict=True))
+    return values, readings, texts
 
 
-def time_figure(fit: Fit) -> PlotlyFigure:
-    """Return residuals of x, y, z against time, with lines at twice sigma."""
-    run, residual = fit.run, 1e6 * fit.residual
-    minutes, sigma = (run.time - run.time[0]) / 60, 2e6 * fit.sigma
-    data, layout = [], _panels(3, 1, gap=(0.0, 0.08), margin={'t': 10})
+def time_figure(fit: Fit, colour: str = AFTER) -> PlotlyFigure:
+    """Return residuals of x, y, z against time, with lines at twice the repeatability, where it is known."""
+    run, residual, (noise, name) = fit.run, 1e6 * fit.residual, noise_of(fit)
+    minutes, limit = (run.time - run.time[0]) / 60, 2e6 * noise
+    data, layout = [], _panels(3, 1, gap=(0.0, 0.08), margin={'t': 24})
     for place, (axis, symbol) in enumerate(zip(AXES, ('circle', 'square', 'diamond'), strict=True), 1):
         shown = _thinned(residual[:, place - 1])
         data.append({
             'type': 'scatter', 'mode': 'markers' if run.size <= MOST_MARKS else 'lines', 'name': axis,
             'x': _array(minutes[shown]), 'y': _array(residual[shown, place - 1]), **_axes(place),
-            'marker': {'size': 4, 'color': PRESENT, 'symbol': symbol}, 'showlegend': False,
-            'line': {'color': PRESENT, 'width': 1},
-            'hovertemplate': f'{axis} %{{y:+.3f}} µm at %{{x:.1f}} min<extra></extra>'})
+            'marker': {'size': 4, 'color': colour, 'symbol': symbol}, 'showlegend': False,
+            'line': {'color': colour, 'width': 1},
+            'hovertemplate': f'{axis} %{{y}} µm at %{{x:.1f}} min<extra></extra>'})
         x = {'title': {'text': 'time / min'}} if place == 3 else {'showticklabels': False, 'matches': 'x3'}
-        _set_panel(layout, place, x, {'title': {'text': f'{axis} / µm'}, 'zeroline': True, 'nticks': 5})
+        heading = f'dotted: ± 2 × {name}' if place == 1 else ''
+        _set_panel(layout, place, x, {'title': {'text': f'{axis} / µm'}, 'zeroline': True, 'nticks': 5}, heading)
         layout['shapes'] += [
             {'type': 'line', 'xref': f'x{_number(place)} domain', 'yref': f'y{_number(place)}', 'x0': 0, 'x1': 1,
-             'y0': level, 'y1': level, 'line': {'color': COLOURS[1], 'width': 1, 'dash': 'dot'}}
-            for level in (-sigma, sigma)]
+             'y0': level, 'y1': level, 'line': {'color': COLOURS[2], 'width': 1.5, 'dash': 'dot'}}
+            for level in (-limit, limit)]
     return _figure(data, layout)
 
 
@@ -160,21 +163,22 @@ def _thinned(values: Floats) -> Ints:
 
 def ladder_figure(ladder: Sequence[LadderStep], present: int, noise: float | None = None) -> PlotlyFigure:
     """Return the error of each model from the base on; so many as `present` are in the model, the others proposed."""
-    labels = [name if len(name) < 16 else name.replace('_', '_<br>', 1) for name in nested_names(ladder)]
+    labels = [name.replace('_', '_<br>').replace('(', '<br>(') for name in nested_names(ladder)]
     labels = [label if k < present else f'<i>{label} ?</i>' for k, label in enumerate(labels)]
     places, ends = list(range(len(ladder))), [-0.35, len(ladder) - 0.65]
-    series = (('fit', [1e6 * step.fit.rms for step in ladder], PRESENT, 'circle'),
-              ('cross-validation', [1e6 * step.cross_validation for step in ladder], PREVIEWED, 'square'))
+    series = (('fit', [1e6 * step.fit.rms for step in ladder], AFTER, 'circle'),
+              ('cross-validation', [1e6 * step.cross_validation for step in ladder], COLOURS[4], 'square'))
     data: list[PlotlyFigure] = [
         {'type': 'scatter', 'mode': 'lines+markers', 'x': places, 'y': _array(values), 'name': name,
          'line': {'color': colour, 'width': 2}, 'marker': {'size': 8, 'symbol': symbol},
-         'hovertemplate': f'%{{y:.3f}} µm<extra>{name}</extra>'} for name, values, colour, symbol in series]
+         'hovertemplate': f'%{{y}} µm<extra>{name}</extra>'} for name, values, colour, symbol in series]
     if noise is not None:
         data.append({'type': 'scatter', 'mode': 'lines', 'x': ends, 'y': [1e6 * noise] * 2,
                      'name': 'repeatability', 'line': {'color': COLOURS[2], 'width': 2, 'dash': 'dash'},
-                     'hovertemplate': 'repeatability %{y:.3f} µm<extra></extra>'})
+                     'hovertemplate': 'repeatability %{y} µm<extra></extra>'})
     layout = _layout(legend=True, margin={'l': 52})
-    layout['xaxis'] = {'tickvals': places, 'ticktext': labels, 'range': ends}
+    layout['xaxis'] = {'tickvals': places, 'ticktext': labels, 'range': ends, 'automargin': True, 'tickangle': 0,
+                       'tickfont': {'size': 11 if len(labels) < 4 else 9}}
     layout['yaxis'] = {'title': {'text': 'rms / µm'}, 'rangemode': 'tozero'}
     return _figure(data, layout)
 

@@ -8,12 +8,14 @@ from functools import partial
 from nicegui import background_tasks, ui
 from nicegui.events import KeyEventArguments, ValueChangeEventArguments
 
+from rosette_ros.analysis import claimed_model
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.errors import RosetteError
+from rosette_ros.core.model.model import Model
 from rosette_ros.io.model_file import format_model
 from rosette_ros.nodes.names import NAMESPACE
 from rosette_ros.studio.controller import Controller, Superseded
-from rosette_ros.studio.panels.diagnosis_panel import CandidatesPanel, CrossCheckPanel, VerdictPanel, apply
+from rosette_ros.studio.panels.diagnosis_panel import CandidatesPanel, CrossCheckPanel, VerdictPanel
 from rosette_ros.studio.panels.figures_panel import FiguresPanel
 from rosette_ros.studio.panels.live_panel import CellWatchers, LivePanel
 from rosette_ros.studio.panels.model_panel import CustomTermPanel, Entry, ModelPanel
@@ -58,8 +60,8 @@ class Page:
                 LivePanel(controller, cells, options.domain, options.namespace, self._open_log)
         self._keys: dict[str, tuple[str, Callable[[], Awaitable[None] | None]]] = {
             'o': ('open a run', self._dialog.show),
-            'p': ('preview the most significant missing effect', lambda: apply(self._preview, self._verdict.first)),
-            'a': ('add the preview, or the most significant missing effect', self._add_best),
+            'p': ('preview all missing effects', self._preview_missing),
+            'a': ('add the preview, or all missing effects', self._add_best),
             'Escape': ('close the preview', self._drop_preview), 'u': ('undo', partial(self._act, self._session.undo)),
             'r': ('redo', partial(self._act, self._session.redo)),
             'v': ('switch between present model and preview', self._figures.switch),
@@ -110,7 +112,8 @@ class Page:
         self._error = ErrorLine('error')
         self._empty = ui.label('No run is open: open a log or a table of ball centres.').classes('soft')
         with ui.element('div').classes('tab') as self._run_sheet:
-            self._verdict = VerdictPanel(controller, self._preview, partial(self.refresh, False))
+            self._verdict = VerdictPanel(controller, self._preview_missing, self._add_best,
+                                         partial(self.refresh, False))
             with ui.element('div').classes('halves'):
                 with ui.element('div').classes('side'):
                     panels = (
@@ -180,6 +183,20 @@ class Page:
     async def _preview_entry(self, entry: Entry) -> None:
         await self._run(self._controller.preview(entry['own'], partial(self._session.model.with_entry, entry)))
 
+    @property
+    def _missing(self) -> str:
+        """The names of all missing effects."""
+        summary = self._session.results.summary
+        return ' and '.join(summary.diagnosis.missing) if summary else ''
+
+    def _with_missing(self) -> Model:
+        summary = self._session.results.summary
+        return claimed_model(summary.diagnosis) if summary else self._session.model
+
+    async def _preview_missing(self) -> None:
+        if self._missing:
+            await self._run(self._controller.preview(self._missing, self._with_missing))
+
     def _add_preview(self) -> None:
         if self._session.preview is not None:
             name, change = self._session.preview
@@ -188,8 +205,8 @@ class Page:
     def _add_best(self) -> None:
         if self._session.preview is not None:
             self._add_preview()
-        else:
-            apply(self._add, self._verdict.first)
+        elif self._missing:
+            self._act(self._session.change_model, self._with_missing(), f'add {self._missing}')
 
     def _select(self, event: ValueChangeEventArguments) -> None:
         if event.value is not None and self._session.runs[event.value] is not self._session.current:

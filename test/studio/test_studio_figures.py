@@ -9,11 +9,12 @@ import pytest
 from rosette_ros.analysis import analyse, ladder
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.scheme import plan
+from rosette_ros.presentation.formatting import signed
+from rosette_ros.presentation.plots.plot_style import AFTER
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.studio.figures import (
     MOST_CELLS,
     MOST_MARKS,
-    PRESENT,
     Curves,
     curves_figure,
     filling_figure,
@@ -45,7 +46,7 @@ def large():
 
 def test_curves_are_the_fit_s(fit):
     """Six panels in µm and µrad, closed to a whole turn, U (k = 2) around them."""
-    figure = curves_figure([Curves('now', fit.error_motions, PRESENT)])
+    figure = curves_figure([Curves('now', fit.error_motions, AFTER)])
     bands, lines = figure['data'][::2], figure['data'][1::2]
     assert len(lines) == 6
     for line, band, curve in zip(lines, bands, ('ctx', 'cty', 'ctz', 'crx', 'cry', 'crz')):
@@ -67,12 +68,25 @@ def test_a_cell_of_the_map_is_its_reading(fit):
         assert numbers(trace['z'])[row, column] == pytest.approx(1e6 * fit.residual[k, axis], rel=1e-6)
         shown = numbers(trace['customdata'])[row, column]
         assert shown[:3].tolist() == [run.table_position[k], run.ball[k], run.cmm_position[k]]
-        assert shown[3:6] == pytest.approx(1e6 * fit.residual[k], rel=1e-6)
-        assert shown[7] == k + 1
-        assert shown[8] == pytest.approx((run.time[k] - run.time[0]) / 60, rel=1e-6)
+        x, y, z = (signed(1e6 * size, 3) for size in fit.residual[k])
+        assert trace['text'][row][column] == f'x {x}, y {y}, z {z}'
+        assert shown[4] == k + 1
+        assert shown[5] == pytest.approx((run.time[k] - run.time[0]) / 60, rel=1e-6)
         assert trace['zmin'] == -trace['zmax']
-    sizes = numbers(figure['data'][0]['customdata'])[..., 6]
-    assert np.sqrt(np.mean(sizes**2)) == pytest.approx(fit.rms / fit.sigma, rel=1e-5)
+    sizes = numbers(figure['data'][0]['customdata'])[..., 3]
+    left = np.sqrt(np.mean(fit.residual**2))
+    assert np.sqrt(np.mean(sizes**2)) == pytest.approx(left / run.repeatability, rel=1e-5)
+    assert '× the repeatability' in figure['data'][0]['hovertemplate']
+
+
+def test_residuals_are_judged_by_the_repeatability(fit):
+    """Also those of a model that fails; where it is not known, by all residuals, and it is said."""
+    run = fit.run
+    for judged, size, words in ((fit, run.repeatability, 'dotted: ± 2 × the repeatability'),
+                                (analyse(run.replace(repeatability=None)), fit.rms, 'the repeatability is not known')):
+        layout = time_figure(judged)['layout']
+        assert [abs(line['y0']) for line in layout['shapes']] == pytest.approx([2e6 * size] * 6)
+        assert words in layout['annotations'][0]['text']
 
 
 def test_missing_readings_are_gaps(fit):
@@ -104,7 +118,7 @@ def test_the_ladder_marks_what_is_only_proposed(fit):
     """Errors of fit and cross-validation of each model, the repeatability; proposals with a question mark."""
     steps = ladder(fit.run, Model().with_effect('frame_drift'))
     figure = ladder_figure(steps, 1, 1e-7)
-    assert figure['layout']['xaxis']['ticktext'] == ['base model', '<i>+ frame_drift ?</i>']
+    assert figure['layout']['xaxis']['ticktext'] == ['base model', '<i>+ frame_<br>drift ?</i>']
     assert numbers(figure['data'][0]['y']) == pytest.approx([1e6 * step.fit.rms for step in steps], rel=1e-6)
     assert numbers(figure['data'][1]['y']) == pytest.approx([1e6 * step.cross_validation for step in steps], rel=1e-6)
     assert figure['data'][2]['y'] == pytest.approx([0.1, 0.1])

@@ -94,14 +94,15 @@ class Factors:
 class Effect:
     """One physical effect; subclasses give `columns` and what they need of the rest.
 
-    name: fixed name in files, messages and on screen; meaning: a plain sentence; look: where to look in the cell;
-    formula: the form added to p; source: where it comes from; depends_on: quantities of a reading it needs; searched:
-    its nonlinear parameters; quantities: its amplitudes, where all settings have the same; carries: what of it a later
-    run of the same cell shares, `all` (settings and amplitudes), `shape` (settings; phases or sizes differ) or
-    `nothing` (an event).
+    name: fixed name in files, messages and on screen; plain: the same in words; meaning: a plain sentence; look: where
+    to look in the cell; formula: the form added to p; source: where it comes from; depends_on: quantities of a reading
+    it needs; searched: its nonlinear parameters; quantities: its amplitudes, where all settings have the same; carries:
+    what of it a later run of the same cell shares, `all` (settings and amplitudes), `shape` (settings; phases or sizes
+    differ) or `nothing` (an event).
     """
 
     name: str = ''
+    plain: str = ''
     meaning: str = ''
     look: str = ''
     formula: str = ''

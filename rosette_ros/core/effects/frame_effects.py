@@ -29,6 +29,7 @@ class FrameEffect(FactoredEffect):
 
 class FrameDrift(FrameEffect):
     name = 'frame_drift'
+    plain = 'drift of the probe against the table'
     meaning = 'The probe drifts steadily relative to the table, in the frame of the machine.'
     look = ('Temperature of the hall and of the quill, time since switching on, draughts; '
             'let the machine soak or measure faster.')
@@ -42,6 +43,7 @@ class FrameDrift(FrameEffect):
 
 class FrameWarmup(FrameEffect):
     name = 'frame_warmup'
+    plain = 'warm-up of the machine'
     meaning = 'The probe moves relative to the table while the machine warms up, and settles.'
     look = 'Drives, spindle and controller since switching on; start after a warm-up cycle.'
     formula = 'd (1 - exp(-t/tau))'
@@ -54,6 +56,7 @@ class FrameWarmup(FrameEffect):
 
 class FrameTemperature(FrameEffect):
     name = 'frame_temperature'
+    plain = 'machine follows the temperature'
     meaning = 'The probe moves relative to the table with the measured temperature.'
     look = 'Air conditioning, sunlight, doors; the scales and the quill expand.'
     formula = 'd (T - T0)'
@@ -66,6 +69,7 @@ class FrameTemperature(FrameEffect):
 
 class FrameCycle(FrameEffect):
     name = 'frame_cycle'
+    plain = 'periodic motion of the machine'
     meaning = 'The probe oscillates relative to the table with a fixed period in time.'
     look = 'Air conditioning that switches, cooling units, hydraulic or compressed air cycles.'
     formula = 'a cos(2 pi t/P) + b sin(2 pi t/P)'
@@ -78,6 +82,7 @@ class FrameCycle(FrameEffect):
 
 class FrameStep(FrameEffect):
     name = 'frame_step'
+    plain = 'sudden shift of the machine'
     meaning = 'At one moment the probe shifted relative to the table, and stayed there.'
     look = 'A collision, an exchanged or requalified probe, an axis that was referenced again.'
     formula = 'd H(t - t0)'

@@ -28,18 +28,23 @@ class BaseEffect(Effect):
 
     carries = 'all'
 
-    def __init__(self, name: str, meaning: str, look: str, formula: str, depends_on: str, source: str) -> None:
-        self.name, self.meaning, self.look, self.formula, self.source = name, meaning, look, formula, source
+    def __init__(self, name: str, plain: str, meaning: str, look: str, formula: str, depends_on: str,
+                 source: str) -> None:
+        self.name, self.plain, self.meaning = name, plain, meaning
+        self.look, self.formula, self.source = look, formula, source
         self.depends_on = (depends_on,)
 
 
 BASE_EFFECTS = (
-    BaseEffect('table_motions', 'The six error motions of the table: the result of a calibration.',
+    BaseEffect('table_motions', 'error motions of the table',
+               'The six error motions of the table: the result of a calibration.',
                'The bearing, the encoder and the correction tables of the rotary table.',
                'T_i + Theta_i x R_z(phi_i) b_j', 'table_position', 'Kniel et al. (2019), equations (1) to (16)'),
-    BaseEffect('plate_deviations', 'The balls are not at their nominal positions; the plate need not be calibrated.',
+    BaseEffect('plate_deviations', 'deviations of the plate',
+               'The balls are not at their nominal positions; the plate need not be calibrated.',
                'No fault: every plate has them, and they turn with it.', 'R_z(phi_i) P_j', 'ball',
                'Kniel et al. (2019), section 2.1'),
-    BaseEffect('cmm_deviations', 'At each of its positions the CMM has a constant measuring error.',
+    BaseEffect('cmm_deviations', 'deviations of the CMM',
+               'At each of its positions the CMM has a constant measuring error.',
                'Correction of the linear axes; squareness and scales of the CMM.', 'M_k', 'cmm_position',
                'Kniel et al. (2019), section 2.1'))

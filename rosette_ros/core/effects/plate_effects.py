@@ -14,6 +14,7 @@ from rosette_ros.core.records import Floats, Run
 
 class PlateCreep(Effect):
     name = 'plate_creep'
+    plain = 'creep of the plate'
     meaning = 'The plate slides slowly on the table.'
     look = 'Clamps, wax or magnets that hold the plate; forces of cables on the plate.'
     formula = 'R_z(phi) d t'
@@ -28,6 +29,7 @@ class PlateCreep(Effect):
 
 class PlateSlip(FactoredEffect):
     name = 'plate_slip'
+    plain = 'slip of the plate'
     meaning = 'At one moment the whole plate slipped on the table.'
     look = 'Clamps; a collision with the plate; acceleration of the table.'
     formula = '(R_z(phi) d + gamma R e_t) H(t - t0)'
@@ -50,6 +52,7 @@ class PlateSlip(FactoredEffect):
 
 class PlateExpansion(Effect):
     name = 'plate_expansion'
+    plain = 'expansion of the plate'
     meaning = 'The plate grows or shrinks.'
     look = 'Temperature of the plate: handling, lamps, soaking time, warm table top.'
     formula = 'epsilon R e_r (t or T - T0)'
@@ -74,6 +77,7 @@ class PlateExpansion(Effect):
 
 class PlateWarp(Effect):
     name = 'plate_warp'
+    plain = 'warping of the plate'
     meaning = 'The plate warps into a saddle with time.'
     look = 'Uneven temperature of the plate, over-tight clamps, stress in the material.'
     formula = '(a cos(m beta) + b sin(m beta)) t along z'
@@ -96,6 +100,7 @@ class PlateWarp(Effect):
 
 class BallSlip(Effect):
     name = 'ball_slip'
+    plain = 'slip of one ball'
     meaning = 'At one moment one ball moved on the plate.'
     look = 'The joint of that ball: glue, thread, magnet; a collision of the stylus.'
     formula = 'R_z(phi) d H(t - t0) for one ball'
@@ -133,6 +138,7 @@ class BallSlip(Effect):
 
 class BallForm(Effect):
     name = 'ball_form'
+    plain = 'form deviation of the balls'
     meaning = 'A ball is not round, so its measured centre moves as the table turns it.'
     look = 'Grade and damage of the ball, dirt on it, number and place of the touches.'
     formula = 'a (cos(m phi + psi), -sin(m phi + psi)) in x, y and c cos(m phi + psi_z) in z'

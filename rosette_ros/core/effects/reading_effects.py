@@ -15,6 +15,7 @@ FIRST_SENSES = {UNKNOWN: (0, 0), '++': (1, 1), '+-': (1, -1), '-+': (-1, 1), '--
 
 class CmmReversal(Effect):
     name = 'cmm_reversal'
+    plain = 'reversal error of the CMM'
     meaning = "The position of the CMM's axes depends on the side from which they approach."
     look = 'Guideways, friction, drives and scales of the CMM; always approach from one side.'
     formula = '1/2 r_x sense_x, 1/2 r_y sense_y'
@@ -47,6 +48,7 @@ class CmmReversal(Effect):
 
 class Outlier(Effect):
     name = 'outlier'
+    plain = 'single wrong reading'
     meaning = 'A single ball centre is wrong.'
     look = 'Dirt on the ball or stylus, a false trigger; measure that ball again.'
     formula = 'd for one reading'

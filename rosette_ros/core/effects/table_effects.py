@@ -12,6 +12,7 @@ from rosette_ros.core.records import Floats, Run
 
 class TableZeroDrift(Effect):
     name = 'table_zero_drift'
+    plain = "drift of the table's angle"
     meaning = "The table's angle drifts steadily relative to its encoder."
     look = 'Encoder mount, coupling between encoder and table, heat of the torque motor.'
     formula = 'omega t R e_t'
@@ -26,6 +27,7 @@ class TableZeroDrift(Effect):
 
 class AxisTiltDrift(Effect):
     name = 'axis_tilt_drift'
+    plain = "drift of the table's tilt"
     meaning = 'The table axis tilts steadily in the machine.'
     look = 'Foundation, levelling feet, one-sided heat on the machine bed.'
     formula = 'R (theta_x sin alpha - theta_y cos alpha) t along z'
@@ -40,6 +42,7 @@ class AxisTiltDrift(Effect):
 
 class TableBacklash(Effect):
     name = 'table_backlash'
+    plain = 'backlash of the table'
     meaning = 'The angle at which the table stops depends on the sense in which it turned.'
     look = 'Worm gear, clamping, friction between drive and encoder.'
     formula = '1/2 b approach R e_t'
@@ -86,6 +89,7 @@ class TableOrder(RunFunction):
 
 class AsynchronousMotion(FactoredEffect):
     name = 'asynchronous_motion'
+    plain = 'asynchronous motion of the axis'
     meaning = 'The axis moves with a period that is no whole fraction of a turn: the motion does not repeat every turn.'
     look = 'Cage and rolling elements of the bearing (about 0.4 per turn), belt or worm drive.'
     formula = '(radial x, y; axial z; tilt) cos(nu Psi), sin(nu Psi)'
@@ -116,6 +120,7 @@ TURNED, UNWRAPPED = 'turned', 'unwrapped'
 
 class TableWarmup(Effect):
     name = 'table_warmup'
+    plain = 'axial growth of the table'
     meaning = 'The table grows along its axis as turning warms the bearing, and settles.'
     look = 'Bearing friction and preload, torque motor; warm the table up by turning it before measuring.'
     formula = 'a (1 - exp(-Psi/Psi0)) along z'

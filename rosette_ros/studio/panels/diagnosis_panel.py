@@ -11,7 +11,8 @@ from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.presentation import tables
-from rosette_ros.presentation.formatting import MEANINGS, duration, micro
+from rosette_ros.presentation.formatting import COVERAGE_FACTOR, MEANINGS, duration, micro, words_of
+from rosette_ros.presentation.report.run_page import findings, spans
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels.widgets import (
     Area,
@@ -21,6 +22,8 @@ from rosette_ros.studio.panels.widgets import (
     folded_card,
     input_field,
     marked,
+    named,
+    plain_table,
     row,
     set_words,
 )
@@ -38,7 +41,7 @@ NEXT_BEST = 5
 """So many candidates that are not claimed are listed."""
 OF_OTHERS = ('p', 'rms_before_um', 'rms_after_um')
 OF_CLAIMED = (*OF_OTHERS, 'held_out_rms_before_um', 'held_out_rms_after_um', 'size', 'look_alikes')
-OF_CHECKED = ('outcome', 'p', 'rms_before_um', 'rms_after_um', 'same_size')
+OF_CHECKED = ('effect', 'outcome', 'p', 'rms_before_um', 'rms_after_um', 'same_size')
 """Columns of the tables that are shown."""
 
 
@@ -56,21 +59,27 @@ def meaning_of(name: str | None) -> str:
 class VerdictPanel:
     """The banner: outcome by icon, words and colour; sentence; action; the calculation that is running."""
 
-    def __init__(self, controller: Controller, on_preview: Action, on_diagnose: Callable[[], None]) -> None:
+    def __init__(self, controller: Controller, on_preview: Callable[[], Awaitable[None]], on_add: Callable[[], None],
+                 on_diagnose: Callable[[], None]) -> None:
+        """Build it; on_preview(), on_add(): take all missing effects together."""
         self._controller = controller
-        self.first: Candidate | None = None
         self._box = marked(ui.element('section').classes('verdict').props('aria-label="Verdict"'), 'verdict')
         with self._box:
             self._icon = ui.icon('hourglass_empty').props('aria-hidden=true')
             with ui.element('div').classes('text').props('role=status aria-live=polite'):
-                self._outcome, self._sentence, self._action, self._meaning = (
-                    marked(ui.label('').classes(name), f'verdict-{name}')
-                    for name in ('outcome', 'sentence', 'action', 'meaning'))
+                self._outcome, self._sentence, self._action = (
+                    marked(ui.label('').classes(name), f'verdict-{name}') for name in ('outcome', 'sentence', 'action'))
+                self._meanings = Area(marked(ui.element('div').classes('meaning'), 'verdict-meaning'))
+                self._spans = Area(marked(ui.element('div').classes('spans').props(
+                    'role=group aria-label="Peak to valley of the largest curve of each kind"'), 'spans'))
                 with ui.element('div').classes('progress small') as self._progress:
                     ui.spinner(size='18px').props('aria-hidden=true')
                     self._step = marked(ui.label(''), 'step')
-            self._preview = button('', lambda: apply(on_preview, self.first), 'visibility', 'verdict-preview', True)
-            self._diagnose = button('Diagnose', on_diagnose, 'search', 'diagnose', strong=True)
+            with ui.element('div').classes('actions'):
+                self._preview = button('Preview', on_preview, 'visibility', 'verdict-preview', True,
+                                       'Show what it changes (p)')
+                self._add = button('Add', on_add, 'add', 'verdict-add', hint='Add to the model (a)')
+                self._diagnose = button('Diagnose', on_diagnose, 'search', 'diagnose', strong=True)
 
     def show(self, opened: OpenedRun) -> None:
         """Show the verdict, or what is known before it."""
@@ -96,12 +105,28 @@ class VerdictPanel:
         if step:
             set_words(self._step, f'step {list(STEPS).index(step) + 1} of {len(STEPS)}: {STEPS[step]} …')
         self._diagnose.set_visibility(waits)
-        candidates = results.summary.diagnosis.candidates if results.summary else ()
-        self.first = next((one for one in candidates if one.claimed), None)
-        name = self.first.effect if self.first else ''
-        self._preview.set_visibility(bool(name) and self._controller.session.preview is None)
-        self._preview.set_text(f'Preview {name}')
-        set_words(self._meaning, f'{name}: {meaning_of(name)}' if name in MEANINGS else '')
+        missing = findings(results.summary) if results.summary else []
+        what = 'it' if len(missing) == 1 else f'all {len(missing)}'
+        for one, verb in ((self._preview, 'Preview'), (self._add, 'Add')):
+            one.set_visibility(bool(missing) and self._controller.session.preview is None)
+            one.set_text(f'{verb} {what}')
+        self._meanings.show(self._show_meanings, missing)
+        self._spans.show(self._show_spans, spans(results.fit.error_motions) if results.fit else [])
+
+    def _show_meanings(self, missing: list[tuple[str, str, str, str]]) -> None:
+        for name, _, meaning, look in missing:
+            with ui.element('p'):
+                named(name)
+                ui.label(f'{meaning} Look at: {look}' if look else meaning)
+
+    def _show_spans(self, every: list[tuple[str, str, str]]) -> None:
+        ui.label('Peak to valley').classes('soft')
+        for kind, size, spread in every:
+            with ui.element('span'):
+                ui.label(f'{kind}: ')
+                ui.label(size).classes('strong')
+                ui.label(f' ({spread})')
+        ui.label(f'(k = {COVERAGE_FACTOR})').classes('soft')
 
 
 class CandidatesPanel:
@@ -114,7 +139,8 @@ class CandidatesPanel:
             self._note = marked(ui.label('').classes('soft small'), 'candidates-note')
             self._list = Area(ui.element('div').classes('list'))
             with ui.expansion('Another effect of the library', value=False).props('dense').classes('small'):
-                self._other = ui.select(sorted(EFFECTS), label='effect', with_input=True, on_change=self._explain)
+                options = {name: words_of(name) for name in EFFECTS}
+                self._other = ui.select(options, label='effect', with_input=True, on_change=self._explain)
                 input_field(self._other, 'other-effect', 'width: 100%')
                 self._meaning = ui.label('').classes('soft small')
                 with row():
@@ -136,7 +162,7 @@ class CandidatesPanel:
             words = '' if diagnosis.missing else 'No effect of the library is missing.'
         set_words(self._note, words)
         for name, one in self._cards.items():
-            is_chosen = session.preview is not None and name == session.preview.name
+            is_chosen = session.preview is not None and name in session.preview.name.split(' and ')
             one.classes(add='chosen' if is_chosen else '', remove='' if is_chosen else 'chosen')
 
     def _fill(self, diagnosis: Diagnosis | None) -> None:
@@ -153,13 +179,14 @@ class CandidatesPanel:
                 for one in others:
                     self._add_card(one, OF_OTHERS)
         if diagnosis.invisible:
-            ui.label(f'Not observable in this order of measurement: {", ".join(diagnosis.invisible)}.').classes('small')
+            hidden = ', '.join(map(words_of, diagnosis.invisible))
+            ui.label(f'Not observable in this order of measurement: {hidden}.').classes('small')
 
     def _add_card(self, one: Candidate, columns: tuple[str, ...]) -> None:
         with marked(ui.element('article').classes('candidate'), f'candidate-{one.effect}') as self._cards[one.effect]:
             self._cards[one.effect].classes('claimed' if one.claimed else '')
             with row():
-                ui.label(one.effect).classes('name')
+                named(one.effect)
                 with ui.element('span').classes('badge' if one.claimed else 'badge soft'):
                     ui.icon('error' if one.claimed else 'radio_button_unchecked').props('aria-hidden=true')
                     ui.label('missing' if one.claimed else 'not significant')
@@ -204,7 +231,7 @@ class CrossCheckPanel:
         if check is not None:
             table = tables.cross_check(check)
             ui.label(f'{name}: {check.text}')
-            for place, one in enumerate(check.effects):
+            plain_table(table.select(*OF_CHECKED), [ICONS[Level(one or Level.GOOD)] for one in table.levels])
+            for one in check.effects:
                 ui.label(f'{one.name}: {one.reason}')
-                fact_list(table.select(*OF_CHECKED), place)
             ui.label(table.note).classes('soft')

@@ -7,12 +7,16 @@ from nicegui import ui
 
 from rosette_ros.analysis import Change
 from rosette_ros.presentation import tables
+from rosette_ros.presentation.formatting import words_of
+from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE
 from rosette_ros.studio import figures
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels.widgets import Area, Figure, button, card, marked, plain_table, row, set_words
 from rosette_ros.studio.studio_session import OpenedRun, Preview
 
 PRESENT, PREVIEWED = 'present model', 'with preview'
+WIDTH = 720
+"""Least width of figures with three panels side by side, px."""
 
 
 class FiguresPanel:
@@ -24,30 +28,37 @@ class FiguresPanel:
         self._run: OpenedRun | None = None
         with card('', 'preview').classes('preview') as self._preview_card:
             with row():
-                self._title = ui.html('', sanitize=True, tag='h2')
+                self._busy = marked(ui.spinner(size='22px').props('aria-label="Calculating"'), 'preview-busy')
+                self._title = marked(ui.label('').props('role=heading aria-level=2').classes('title'), 'preview-title')
                 self._switch = ui.toggle([PRESENT, PREVIEWED], value=PRESENT, on_change=self._draw)
                 marked(self._switch.props('no-caps dense unelevated toggle-color=primary'), 'switch')
-                button('Add', on_add, 'add', 'preview-add', strong=True, hint='Add it to the model (a)')
+                self._add = button('Add', on_add, 'add', 'preview-add', strong=True, hint='Add it to the model (a)')
                 button('Close preview', on_drop, 'close', 'preview-drop', hint='Leave the model as it is (Esc)')
             self._words = marked(ui.label('').props('role=status aria-live=polite'), 'preview-words')
             with ui.expansion('Change of the curves', value=False).props('dense').classes('small'):
                 self._changes = Area(ui.element('div'))
         with card('Six error motions, with U (k = 2)', 'curves') as self._curves_card:
-            self._curves = Figure(430, 'Six error motions against the table angle')
+            self._curves = Figure(430, 'Six error motions against the table angle', least=WIDTH)
         with card('', 'maps') as self._maps_card:
             with row():
                 ui.html('Residuals by table position and ball', sanitize=False, tag='h2')
                 self._whose = marked(ui.label('').classes('soft small'), 'maps-model')
-            self._maps = Figure(300, 'Residual maps, one per axis')
+            self._maps = Figure(300, 'Residual maps, one per axis', 'maps-figure', least=WIDTH)
         with card('Residuals against time', 'times') as self._times_card:
-            self._times = Figure(320, 'Residuals in x, y, z against time')
+            self._times = Figure(340, 'Residuals in x, y, z against time')
 
     def show(self, opened: OpenedRun) -> None:
         """Show the figures."""
         session = self._controller.session
         fit, preview = session.results.fit, session.preview
+        busy = self._controller.previewing
         self._changes.show(self._show_preview, preview)
-        self._preview_card.set_visibility(preview is not None)
+        self._preview_card.set_visibility(bool(preview or busy))
+        self._busy.set_visibility(bool(busy))
+        self._switch.set_enabled(preview is not None)
+        self._add.set_enabled(preview is not None and not busy)
+        name = busy or (preview.name if preview else '')
+        set_words(self._title, f'{"Calculating" if busy else "Preview"}: with {words_of(name)}')
         is_failed = session.results.refusal is not None or bool(session.results.problem)
         if fit is None and opened is self._run and not is_failed:
             return  # the figures stay for the moment that it takes to fit the new model
@@ -63,12 +74,13 @@ class FiguresPanel:
         after = preview.change.after if preview else None
         shown = after if after is not None and self._switch.value == PREVIEWED else fit
         set_words(self._whose, f'{PREVIEWED}: {preview.name}' if preview and shown is after else PRESENT)
-        curves = [figures.Curves(PRESENT, fit.error_motions, figures.PRESENT)]
+        curves = [figures.Curves(PRESENT, fit.error_motions, AFTER if after is None else BEFORE)]
         if after is not None:
-            curves.append(figures.Curves(PREVIEWED, after.error_motions, figures.PREVIEWED, 'dot'))
+            curves.append(figures.Curves(PREVIEWED, after.error_motions, AFTER, 'dot'))
         self._curves.draw((fit, after), figures.curves_figure, curves)
         self._maps.draw((shown, fit), figures.maps_figure, shown, fit)
-        self._times.draw((shown,), figures.time_figure, shown)
+        self._times.draw((shown, after), figures.time_figure, shown,
+                         AFTER if after is None or shown is after else BEFORE)
 
     def switch(self) -> None:
         """Show the maps of the other model, where there is a preview."""
@@ -78,7 +90,6 @@ class FiguresPanel:
     def _show_preview(self, preview: Preview | None) -> None:
         self._switch.set_value(PREVIEWED if preview else PRESENT)
         if preview is not None:
-            self._title.set_content(f'Preview: with {preview.name}')
             set_words(self._words, preview_words(preview.change))
             plain_table(tables.curve_changes(preview.change))
 

@@ -17,9 +17,11 @@ from rosette_ros.core.scheme import ORDERS
 from rosette_ros.io.messages import PHASE_WORDS, CalibrationProgress, phase_name
 from rosette_ros.nodes.names import DOMAINS, NAMESPACE, SEQUENCER
 from rosette_ros.presentation.formatting import duration
+from rosette_ros.presentation.plots.plot_style import AFTER
 from rosette_ros.studio.controller import Controller
-from rosette_ros.studio.figures import PRESENT, Curves, curves_figure, filling_figure
+from rosette_ros.studio.figures import Curves, curves_figure, filling_figure
 from rosette_ros.studio.live_state import Fault, Health, NodeHealth
+from rosette_ros.studio.panels.figures_panel import WIDTH
 from rosette_ros.studio.panels.widgets import Area, ErrorLine, Figure, button, card, input_field, marked, row, set_words
 
 if TYPE_CHECKING:
@@ -90,7 +92,7 @@ class CellPanel:
             with ui.element('div').classes('main'):
                 with card('Six error motions so far, with U (k = 2)', 'live-curves') as self._curves_card:
                     self._curves_words = marked(ui.label('').classes('soft small'), 'live-words')
-                    self._curves = Figure(400, 'Curves so far', 'live-figure')
+                    self._curves = Figure(400, 'Curves so far', 'live-figure', WIDTH)
                 with card('Ball centres so far: distance from the expected place', 'filling') as self._filling_card:
                     self._filling = Figure(320, 'Ball centres so far')
         self._curves_card.set_visibility(False)
@@ -198,7 +200,7 @@ class CellPanel:
     def _show_curves(self, motions: ErrorMotions | None, words: str) -> None:
         """Show curves, or none, with what they are."""
         set_words(self._curves_words, words)
-        self._curves.draw((motions,), curves_figure, [] if motions is None else [Curves('cell', motions, PRESENT)])
+        self._curves.draw((motions,), curves_figure, [] if motions is None else [Curves('cell', motions, AFTER)])
         self._curves_card.set_visibility(True)
 
     def _analyse_part(self) -> Fit:

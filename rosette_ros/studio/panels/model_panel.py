@@ -3,11 +3,13 @@
 
 from collections.abc import Awaitable, Callable, Sequence
 from functools import partial
+from itertools import zip_longest
 
 from nicegui import ui
 
 from rosette_ros.core.effects.custom_term import DIRECTIONS, FUNCTIONS, NAMES, PER
 from rosette_ros.core.errors import InvalidModel, one_line
+from rosette_ros.presentation import tables
 from rosette_ros.presentation.formatting import CROSS_VALIDATION, UNKNOWN, micro
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.figures import ladder_figure
@@ -30,13 +32,13 @@ class ModelPanel:
                 self._fit = self._number('residual', 'rms-fit')
                 self._cross_validation = self._number(CROSS_VALIDATION, 'rms-cross-validation')
                 self._noise = self._number('repeatability', 'rms-noise')
-            self._parts = widgets.Area(row().props('role=list aria-label="Parts of the model"'))
+            self._parts = widgets.Area(ui.element('div').props('role=list aria-label="Parts of the model"'))
             with row():
                 self._undo = button('Undo', lambda: act(self._session.undo), 'undo', 'undo', hint='Undo (u)')
                 self._redo = button('Redo', lambda: act(self._session.redo), 'redo', 'redo', hint='Redo (r)')
                 self._last = ui.label('').classes('soft small')
             with ui.element('div') as self._ladder_box:
-                self._ladder = widgets.Figure(210, 'Error of each model, from the base model on')
+                self._ladder = widgets.Figure(230, 'Error of each model, from the base model on')
 
     def _number(self, words: str, mark: str) -> ui.label:
         with ui.element('div'):
@@ -52,7 +54,10 @@ class ModelPanel:
         set_words(self._fit, micro(results.fit.rms) if results.fit else UNKNOWN)
         set_words(self._cross_validation, micro(results.ladder[-1].cross_validation) if results.ladder else UNKNOWN)
         set_words(self._noise, micro(noise) if noise else 'not known')
-        self._parts.show(self._show_parts, session.model_parts)
+        fitted = results.fit.effects if results.fit else ()
+        sizes = ('',) * len(session.model.base) + tuple(
+            tables.size_words(one.name, one.parameters, one.setting) for one in fitted)
+        self._parts.show(self._show_parts, session.model_parts, sizes)
         self._undo.set_enabled(bool(session.undo_words))
         self._redo.set_enabled(bool(session.redo_words))
         set_words(self._last, f'last: {session.undo_words}' if session.undo_words else '')
@@ -61,10 +66,12 @@ class ModelPanel:
         if ladder:
             self._ladder.draw((ladder, noise), ladder_figure, ladder, len(session.model.terms) + 1, noise)
 
-    def _show_parts(self, names: Sequence[str]) -> None:
-        for place, name in enumerate(names):
+    def _show_parts(self, names: Sequence[str], sizes: Sequence[str]) -> None:
+        for place, (name, size) in enumerate(zip_longest(names, sizes, fillvalue='')):
             with marked(ui.element('div').classes('part').props('role=listitem'), f'part-{name}'):
-                ui.label(name)
+                with ui.element('div').classes('grow'):
+                    widgets.named(name)
+                    marked(ui.label(size).classes('small'), f'size-{name}')
                 button('', partial(self._act, self._session.remove, place), 'close', f'remove-{name}',
                        hint=f'Remove {name} from the model').props('round size=sm')
 

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every panel is made of: buttons, cards and figures, with their names for keyboard and screen reader."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from nicegui import background_tasks, run, ui
 from nicegui.events import ClickEventArguments, Handler
 
+from rosette_ros.presentation.formatting import plain_name
 from rosette_ros.presentation.table_format import Table
 from rosette_ros.studio.figures import PlotlyFigure
 
@@ -85,6 +86,15 @@ class Area:
                 build(*what)
 
 
+def named(name: str) -> None:
+    """Show an effect in words, and its identifier."""
+    plain = plain_name(name)
+    with ui.element('span').classes('name'):
+        ui.label(f'{plain[:1].upper()}{plain[1:]}' or name)
+        if plain:
+            ui.label(name).classes('soft small')
+
+
 def fact_list(table: Table, row: int = 0) -> None:
     """Show one row of a table, each column as a line; empty cells are left out."""
     with ui.element('div').classes('facts'):
@@ -94,11 +104,16 @@ def fact_list(table: Table, row: int = 0) -> None:
                 ui.label(text)
 
 
-def plain_table(table: Table) -> None:
-    """Show a table."""
-    with ui.element('table').classes('plain-table').props(f'aria-label="{table.title}"'):
-        for tag, row in (('th', [column.head for column in table.shown]), *(('td', row) for row in table.rows)):
+def plain_table(table: Table, icons: Sequence[str] = ()) -> None:
+    """Show a table; icons: one in front of each row."""
+    with ui.element('div').classes('scroll'), \
+            ui.element('table').classes('plain-table').props(f'aria-label="{table.title}"'):
+        rows = [('th', [column.head for column in table.shown]), *(('td', row) for row in table.rows)]
+        for place, (tag, row) in enumerate(rows):
             with ui.element('tr'):
+                if icons:
+                    with ui.element(tag):
+                        ui.icon(icons[place - 1] if place else '').props('aria-hidden=true')
                 for column, text in zip(table.shown, row, strict=True):
                     with ui.element(tag).classes('number' if column.number else ''):
                         ui.label(text)
@@ -111,11 +126,16 @@ def set_words(label: ui.label, words: str) -> None:
 
 
 class Figure:
-    """A Plotly figure, drawn in the background and only where it changes; words: for a screen reader."""
+    """A Plotly figure, drawn in the background and only where it changes.
 
-    def __init__(self, height: int, words: str, mark: str = '') -> None:
-        self._plot = marked(ui.plotly({'data': [], 'layout': {}, 'config': {}}), mark)
-        self._plot.style(f'width: 100%; height: {height}px').props(f'role=img aria-label="{words}"')
+    words: for a screen reader; least: width below which it is scrolled, so that its texts do not overlap, px.
+    """
+
+    def __init__(self, height: int, words: str, mark: str = '', least: int = 0) -> None:
+        with ui.element('div').classes('scroll').props('tabindex=0' if least else ''):
+            self._plot = marked(ui.plotly({'data': [], 'layout': {}, 'config': {}}), mark)
+        self._plot.style(f'width: 100%; min-width: {least}px; height: {height}px')
+        self._plot.props(f'role=img aria-label="{words}"')
         self._key: tuple[object, ...] = ()
 
     def draw(self, key: tuple[object, ...], make: Callable[..., PlotlyFigure], *arguments: object) -> None:

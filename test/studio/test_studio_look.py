@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How the page looks: names, digits, focus, sizes of the screen; measured in a real browser."""
+
+import itertools
+import re
+
+import pytest
+from playwright.sync_api import expect
+
+from rosette_ros.core.scheme import plan
+from rosette_ros.io.ball_centre_table import write_csv
+from rosette_ros.presentation.formatting import MEANINGS, words_of
+from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE
+from rosette_ros.simulation import Machine, MachineConfig
+
+TWO = [{'kind': 'frame_drift', 'rate_um_per_h': [3.0, 0.0, 1.5]}, {'kind': 'table_zero_drift', 'rate_urad_per_h': 30.0}]
+BOXES = '''chosen => [...document.querySelectorAll(chosen)]
+    .filter(one => one.checkVisibility() && one.textContent.trim())
+    .map(one => [one.textContent, one.closest('.js-plotly-plot')?.id, one.getBoundingClientRect()])
+    .map(([text, figure, box]) => [text, figure, box.left, box.top, box.right, box.bottom])'''
+
+
+@pytest.fixture(scope='module')
+def twice(tmp_path_factory):
+    """Return the path of a run with two effects that the base model does not know."""
+    path = tmp_path_factory.mktemp('runs') / 'twice.csv'
+    config = MachineConfig().changed(seed=3, plate={'balls': 10}, hidden=TWO)
+    write_csv(Machine(config).run(plan(10, 'random')), path)
+    return path
+
+
+def opened(page, address, path=None, width=1280):
+    """Open the page, and a run, and wait for the verdict."""
+    page.set_viewport_size({'width': width, 'height': 800})
+    page.goto(address)
+    if path is not None:
+        page.get_by_test_id('open').click()
+        page.get_by_test_id('open-path').fill(str(path))
+        page.get_by_test_id('open-go').click()
+        expect(page.get_by_test_id('run')).to_have_value(path.name)
+    expect(page.get_by_test_id('verdict')).to_have_class(re.compile(r'\bbad\b'))
+    expect(page.get_by_test_id('step')).to_be_hidden()
+
+
+def overlapping(boxes):
+    """Return the pairs of texts of one figure that overlap by more than a pixel each way."""
+    return [(a[0], b[0]) for a, b in itertools.combinations(boxes, 2) if a[1] == b[1]
+            and min(a[4], b[4]) - max(a[2], b[2]) > 2 and min(a[5], b[5]) - max(a[3], b[3]) > 3]
+
+
+def test_every_effect_has_words():
+    """Each its own, beside the identifier."""
+    words = [one.plain for one in MEANINGS.values()]
+    assert all(words) and len(set(words)) == len(words)
+    assert words_of('plate_creep') == 'creep of the plate (plate_creep)' and words_of('own') == 'own'
+
+
+def test_all_missing_effects_are_explained_and_added(page, studio, twice):
+    """Each in words with its identifier; one button adds all; their sizes stay in sight, and what to do is said."""
+    opened(page, studio.address, twice)
+    for name in ('frame_drift', 'table_zero_drift'):
+        words = MEANINGS[name].plain
+        expect(page.get_by_test_id('verdict-meaning')).to_contain_text(f'{words[0].upper()}{words[1:]}{name}')
+        expect(page.get_by_test_id('verdict-meaning')).to_contain_text(MEANINGS[name].look)
+    expect(page.get_by_test_id('verdict-add')).to_contain_text('Add all 2')
+    page.get_by_test_id('verdict-add').click()
+    expect(page.get_by_test_id('verdict')).to_have_class(re.compile(r'\bgood\b'))
+    expect(page.get_by_test_id('verdict-action')).to_contain_text('Look in the cell for the cause')
+    expect(page.get_by_test_id('size-frame_drift')).to_contain_text('µm/h')
+    expect(page.get_by_test_id('size-table_zero_drift')).to_contain_text('µrad/h')
+
+
+def test_the_result_is_on_the_first_screen(page, studio):
+    """Peak to valley with U, without scrolling."""
+    opened(page, studio.address)
+    expect(page.get_by_test_id('spans')).to_contain_text(re.compile(
+        r'radial: [\d.]+ µm \(U [\d.]+ µm\).*tilt: [\d.]+ µrad \(U [\d.]+ µrad\).*k = 2', re.DOTALL))
+    box = page.get_by_test_id('spans').bounding_box()
+    assert box['y'] + box['height'] < 800
+
+
+@pytest.mark.parametrize('width', [1280, 390])
+def test_the_answer_of_a_preview_is_in_view(page, studio, width):
+    """Wherever it was asked; with a sign while it is calculated; before and after in the colours of the report."""
+    opened(page, studio.address, width=width)
+    page.get_by_text('Another effect of the library').click()
+    page.get_by_test_id('other-effect').fill('plate_creep')
+    page.get_by_role('option').first.click()
+    page.get_by_test_id('other-preview').scroll_into_view_if_needed()
+    page.evaluate('''() => {
+        const card = document.querySelector('[data-testid=preview-busy]');
+        new MutationObserver(() => { window.busy ||= card.checkVisibility(); })
+            .observe(document.body, {subtree: true, attributes: true, childList: true}); }''')
+    page.get_by_test_id('other-preview').click()
+    expect(page.get_by_test_id('preview-title')).to_have_text('Preview: with creep of the plate (plate_creep)')
+    expect(page.get_by_test_id('preview-words')).to_be_in_viewport(ratio=1)
+    expect(page.get_by_test_id('preview-add')).to_be_in_viewport(ratio=1)
+    expect(page.get_by_test_id('preview-busy')).to_be_hidden()
+    assert page.evaluate('window.busy')
+    lines = page.locator('#curves .scatterlayer .js-line, [data-testid=curves] .scatterlayer .js-line')
+    colours = set(lines.evaluate_all('every => every.map(one => one.style.stroke).filter(one => one)'))
+    assert {f'rgb{tuple(bytes.fromhex(colour[1:]))}' for colour in (BEFORE, AFTER)} <= colours
+
+
+def test_the_page_says_what_it_is(page, studio):
+    """To a screen reader: its language, one main part."""
+    page.goto(studio.address)
+    expect(page.get_by_test_id('run')).to_have_value('drifting.csv')
+    assert page.evaluate('document.documentElement.lang').startswith('en')
+    assert page.locator('main, [role=main]').count() == 1
+
+
+def test_the_focus_is_seen(page, studio):
+    """On everything that the Tab key reaches."""
+    opened(page, studio.address)
+    seen = []
+    for _ in range(25):
+        page.keyboard.press('Tab')
+        seen.append(page.evaluate('''() => {
+            const one = document.activeElement, look = getComputedStyle(one);
+            const around = getComputedStyle(one.closest('.q-field__control') || one);
+            return [one.outerHTML.slice(0, 80), look.outlineStyle, parseFloat(look.outlineWidth) >= 2]; }'''))
+    assert [one for one in seen if one[1:] != ['solid', True] and '<body' not in one[0]] == []
+
+
+@pytest.mark.parametrize('width', [1280, 768, 390])
+def test_nothing_overlaps(page, studio, twice, width):
+    """Neither buttons and headings, nor the texts of a figure; and the page is no wider than the screen."""
+    opened(page, studio.address, twice, width)
+    for figure in ('curves', 'maps', 'times', 'model'):
+        expect(page.locator(f'[data-testid={figure}] .main-svg text').first).to_be_visible()
+    assert page.evaluate('document.documentElement.scrollWidth') <= width
+    for chosen in ('button, .q-tab, h1, h2', '.js-plotly-plot text'):
+        assert overlapping(page.evaluate(BOXES, chosen)) == []
+
+
+def test_labels_of_the_ladder_are_whole(page, studio, twice):
+    """None is cut off by the edge of its figure."""
+    opened(page, studio.address, twice)
+    labels = page.locator('[data-testid=model] .xtick text')
+    expect(labels).to_have_count(3)
+    inside = labels.evaluate_all('''every => every.map(one => {
+        const box = one.getBoundingClientRect(), frame = one.closest('svg').getBoundingClientRect();
+        return box.left >= frame.left && box.right <= frame.right && box.bottom <= frame.bottom; })''')
+    assert inside == [True, True, True]
+
+
+def test_hovering_shows_sensible_digits(page, studio):
+    """The size of a reading is in units of the repeatability, and says so."""
+    opened(page, studio.address)
+    cells = page.locator('[data-testid=maps-figure] .hm image').first
+    cells.scroll_into_view_if_needed()
+    box = cells.bounding_box()
+    page.mouse.move(box['x'] + 10, box['y'] + 10)
+    tip = page.locator('[data-testid=maps-figure] .hoverlayer').first
+    expect(tip).to_contain_text('× the repeatability')
+    assert re.search(r'x [+−]\d\.\d{3}, y [+−]\d\.\d{3}, z [+−]\d\.\d{3} µm', tip.text_content())
