@@ -32,7 +32,7 @@ MOST_GAPS = 20
 """Cells of a map of at most so many rows have gaps between them."""
 MOST_MARKS = 1500
 """A line of more points shows the lowest and the highest of each section."""
-AXIS = {'zeroline': False, 'hoverformat': '.3f', 'fixedrange': True, 'title': {'standoff': 6, 'font': {'size': 12}}}
+AXIS = {'zeroline': False, 'fixedrange': True, 'title': {'standoff': 6, 'font': {'size': 12}}}
 HOVER = ('table position %{customdata[0]}, ball %{customdata[1]}, CMM position %{customdata[2]}'
          '<br>%{text} µm<br>rms %{customdata[3]:.1f} × NOISE<br>reading %{customdata[4]}, at %{customdata[5]:.1f} min')
 
@@ -207,8 +207,9 @@ def _figure(data: list[PlotlyFigure], layout: PlotlyFigure) -> PlotlyFigure:
 
 
 def _layout(legend: bool = False, margin: Mapping[str, int] | None = None) -> PlotlyFigure:
-    return {'template': {'layout': {'xaxis': AXIS, 'yaxis': AXIS}}, 'annotations': [], 'shapes': [],
-            'paper_bgcolor': 'rgba(0,0,0,0)', 'plot_bgcolor': 'rgba(0,0,0,0)', 'font': {'size': 12, 'family': FONT},
+    return {'template': {'layout': {'xaxis': AXIS, 'yaxis': {**AXIS, 'hoverformat': '.3f'}}},
+            'annotations': [], 'shapes': [], 'paper_bgcolor': 'rgba(0,0,0,0)', 'plot_bgcolor': 'rgba(0,0,0,0)',
+            'font': {'size': 12, 'family': FONT},
             'margin': {'l': 48, 'r': 12, 't': 30, 'b': 44, **(margin or {})}, 'showlegend': legend,
             'hovermode': 'closest', 'legend': {'orientation': 'h', 'x': 1, 'xanchor': 'right', 'y': 1.0,
                                                'yref': 'container', 'yanchor': 'top'}}

@@ -3,14 +3,18 @@
 
 import itertools
 import re
+from base64 import b64encode
 
 import pytest
 from playwright.sync_api import expect
 
+from rosette_ros.analysis import summarise
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
+from rosette_ros.io.open_run import open_run
 from rosette_ros.presentation.formatting import MEANINGS, words_of
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE
+from rosette_ros.presentation.report import write_report
 from rosette_ros.simulation import Machine, MachineConfig
 
 TWO = [{'kind': 'frame_drift', 'rate_um_per_h': [3.0, 0.0, 1.5]}, {'kind': 'table_zero_drift', 'rate_urad_per_h': 30.0}]
@@ -33,6 +37,7 @@ def opened(page, address, path=None, width=1280):
     """Open the page, and a run, and wait for the verdict."""
     page.set_viewport_size({'width': width, 'height': 800})
     page.goto(address)
+    expect(page.get_by_test_id('run')).not_to_have_value('')
     if path is not None:
         page.get_by_test_id('open').click()
         page.get_by_test_id('open-path').fill(str(path))
@@ -132,6 +137,15 @@ def test_nothing_overlaps(page, studio, twice, width):
     assert page.evaluate('document.documentElement.scrollWidth') <= width
     for chosen in ('button, .q-tab, h1, h2', '.js-plotly-plot text'):
         assert overlapping(page.evaluate(BOXES, chosen)) == []
+
+
+def test_the_report_is_no_wider_than_the_screen(page, drifting, tmp_path):
+    """Down to a telephone; wide tables scroll by themselves."""
+    write_report(tmp_path / 'report.html', summarise(open_run(drifting)))
+    page.goto(f'data:text/html;base64,{b64encode((tmp_path / "report.html").read_bytes()).decode()}')
+    for width in (1280, 739, 600, 390):
+        page.set_viewport_size({'width': width, 'height': 800})
+        assert page.evaluate('document.documentElement.scrollWidth') <= width
 
 
 def test_labels_of_the_ladder_are_whole(page, studio, twice):
