@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a cell adds to the environment of its processes, and what comes of it."""
 
+import os
 import re
+import socket
+import struct
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -37,7 +40,29 @@ def test_the_profile_offers_the_loopback_address_alone():
     space = {'f': 'http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles'}
     root = ElementTree.parse(PROFILE).getroot()
     assert [one.get('is_default_profile') for one in root.iterfind('.//f:participant', space)] == ['true']
-    assert [one.text for one in root.iterfind('.//f:address', space)] == ['127.0.0.1']
+    assert {one.text for one in root.iterfind('.//f:address', space)} == {'127.0.0.1'}
+
+
+def test_the_nodes_of_a_cell_listen_on_loopback_alone(cell_of, domain_id, monkeypatch):
+    """The kernel's table of sockets: the ports of DDS, by which others are heard, on no address of the network."""
+    first = 7400 + 250 * domain_id
+
+    def addresses(cell):
+        pids = [cell.processes[node].popen.pid for node in MODULES]
+        links = {os.readlink(path) for pid in pids for path in Path(f'/proc/{pid}/fd').iterdir()}
+        found = set()
+        for line in Path('/proc/net/udp').read_text().splitlines()[1:]:
+            fields = line.split()
+            host, port = (int(part, 16) for part in fields[1].split(':'))
+            if f'socket:[{fields[9]}]' in links and first <= port < first + 250:
+                found.add(socket.inet_ntoa(struct.pack('=I', host)))
+        return found
+
+    with cell_of(3) as cell:
+        assert addresses(cell) == {'127.0.0.1'}
+    monkeypatch.setenv(PROFILES, '')
+    with cell_of(3) as cell:
+        assert '0.0.0.0' in addresses(cell), 'else the test does not see what it looks for'
 
 
 def test_the_nodes_of_a_cell_do_not_listen_in_shared_memory(cell_of, monkeypatch):
