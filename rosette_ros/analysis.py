@@ -16,7 +16,7 @@ from rosette_ros.core.diagnosis import comparison as comparison
 from rosette_ros.core.diagnosis import second_run
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
-from rosette_ros.core.diagnosis.diagnosis import Diagnosis, diagnose, judge
+from rosette_ros.core.diagnosis.diagnosis import Diagnosis, diagnose, fitted_with_noise, judge
 from rosette_ros.core.diagnosis.parameter_search import choose_settings
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import Verdict
@@ -35,12 +35,12 @@ MOST_BALLS_ADVISED = 24
 
 
 def analyse(run: Run, model: Model | None = None) -> Fit:
-    """Return the Fit of a run under a model (the base model if none is given).
+    """Return the Fit of a run under a model (the base model if none is given), and the noise that the run has.
 
     Raises NotDeterminable where the run does not determine the model.
     """
     model = model or Model()
-    return fit(run, model, choose_settings(run, model))
+    return fitted_with_noise(run, model, fit(run, model, choose_settings(run, model)), run.n <= MOST_BALLS_JUDGED)
 
 
 def compare(run: Run, model: Model | None = None) -> Comparison:

@@ -15,7 +15,7 @@ from rosette_ros.analysis import Change, LadderStep
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.diagnosis import Candidate, Diagnosis
 from rosette_ros.core.diagnosis.second_run import CheckedEffect, CrossCheck
-from rosette_ros.core.diagnosis.verdict import Verdict
+from rosette_ros.core.diagnosis.verdict import Verdict, noise_words
 from rosette_ros.core.effects.effect import Effect, Quantity
 from rosette_ros.core.model.least_squares import Fit, Parameter
 from rosette_ros.core.model.model import Model
@@ -51,7 +51,17 @@ def fit_json(fit: Fit) -> Json:
         'rms_m': fit.rms, 'sigma_m': fit.sigma, 'sigma_source': fit.sigma_source, 'dof': fit.dof, 'rank': fit.rank,
         'model': fit.model.names, 'model_hash': fit.model.hash, 'repeatability_m': fit.run.repeatability,
         'repeatability_dof': fit.run.repeatability_dof, 'reduced_chi_square': fit.reduced_chi_square,
-        'lack_of_fit_p': fit.lack_of_fit_p}
+        'lack_of_fit_p': fit.lack_of_fit_p, 'noise': noise_json(fit)}
+
+
+def noise_json(fit: Fit) -> Json:
+    """Return what the noise is like; standard deviations and variances in units of sigma_m."""
+    noise = fit.noise
+    return {
+        'is_white': noise.is_white and not noise.resolution, 'axes': noise.axes, 'by': noise.by,
+        'factors': noise.factors, 'tail': noise.tail, 'tail_dof': noise.tail_dof, 'memory': noise.phi,
+        'wander': noise.wander, 'resolution_m': noise.resolution,
+        'words': [words for words, _ in noise_words(noise, fit.sigma, fit.run.size)]}
 
 
 def verdict_json(verdict: Verdict | None) -> Json:
@@ -105,6 +115,7 @@ def comparison_json(comparison: Comparison, verdict: Verdict, steps: Sequence[La
         'worst_readings': [{
             'reading': one.number, 'table_position': one.table_position, 'ball': one.ball,
             'cmm_position': one.cmm_position, 'residual_m': one.residual, 'size_sigma': one.size, 'p': one.p,
+            'weight': one.weight, 'curves_without': None if one.without is None else by_curve(one.without),
         } for one in comparison.worst],
         'harmonics': [{'axis': line.axis, 'table_waves': line.table_waves, 'cmm_waves': line.cmm_waves,
                        'amplitude_m': line.amplitude, 'share': line.share} for line in comparison.harmonics],

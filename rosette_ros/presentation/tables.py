@@ -10,12 +10,13 @@ import numpy as np
 
 from rosette_ros.analysis import Change, LadderStep, Summary
 from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE
-from rosette_ros.core.diagnosis.comparison import AXES, Comparison
+from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.diagnosis import Candidate
 from rosette_ros.core.diagnosis.second_run import CONFIRMED, CheckedEffect, CrossCheck
 from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level
 from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter
 from rosette_ros.core.model.model import BASE_TERMS, Model
+from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.planning.advice import GOOD_SHARE, Advice
 from rosette_ros.core.planning.visibility import Visibility
 from rosette_ros.core.records import CURVES, ISO_NAMES, ErrorMotions, Floats
@@ -155,6 +156,11 @@ def worst_readings(comparison: Comparison) -> Table:
         *(micrometre_column(f'{axis}_um', axis, [one.residual[place] for one in worst], sign=True)
           for place, axis in enumerate(AXES)),
         column('size_sigma', 'in rms', [one.size for one in worst], partial(text.fixed, places=1)),
+        column('weight', 'weight', [one.weight for one in worst], partial(text.fixed, places=2)),
+        *(column(f'without_{key}', name, [
+            np.nan if one.without is None else 1e6 * max(one.without[part]) for one in worst], partial(
+                text.fixed, places=2), unit) for key, name, unit, part in (
+            ('ct_um', 'ct without it', 'µm', slice(0, 3)), ('cr_urad', 'cr without it', 'µrad', slice(3, 6)))),
         column('p', text.P_NOISE, [one.p for one in worst], text.p_value)), levels=_marked(one.p for one in worst))
 
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rosette_ros.analysis import LadderStep
-from rosette_ros.core.diagnosis.comparison import AXES
 from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.records import CURVES, ISO_NAMES, ErrorMotions, Floats, Ints
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, signed
 from rosette_ros.presentation.plots.plot_style import AFTER, COLOURS

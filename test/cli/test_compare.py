@@ -29,7 +29,7 @@ def test_json_has_its_keys(rosette):
     assert set(got['groups']) == {'table position', 'ball', 'CMM position', 'time', 'sequence'}
     assert len(got['groups']['ball']['rms_m']) == 8
     assert {'reading', 'table_position', 'ball', 'cmm_position', 'residual_m', 'size_sigma',
-            'p'} == set(got['worst_readings'][0])
+            'p', 'weight', 'curves_without'} == set(got['worst_readings'][0])
 
 
 def test_a_ball_that_moved_is_found(rosette):

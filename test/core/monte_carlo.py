@@ -62,7 +62,7 @@ def _linear(fitted, draws, rng):
     stated = np.array([p.value for effect in fitted.effects for p in effect.parameters])
     for start in range(0, draws, 200):
         part = slice(start, min(start + 200, draws))
-        noise = fitted.sigma * rng.standard_normal((part.stop - start, run.size, 3))
+        noise = joint.whitening.inverse(fitted.sigma * rng.standard_normal((part.stop - start, run.size, 3)))
         perp = joint.space.residual(noise)
         shift = np.array([joint.amplitudes(row) for row in perp]).reshape(len(noise), joint.q)
         amplitudes[part] = shift + stated
@@ -73,13 +73,13 @@ def _linear(fitted, draws, rng):
 
 def _refit(fitted, rng):
     run = fitted.run
-    noise = fitted.sigma * rng.standard_normal((run.size, 3))
+    noise = fitted.joint.whitening.inverse(fitted.sigma * rng.standard_normal((1, run.size, 3)))[0]
     drawn = run.replace(centre=run.centre - fitted.residual + noise)
-    base = fit(drawn, type(fitted.model)(fitted.model.base))
-    problem = Problem(drawn, base.joint, base.residual, base.dof, (), ())
+    base = fit(drawn, type(fitted.model)(fitted.model.base), noise=fitted.noise)
+    problem = Problem(drawn, base.joint, base.white_residual, base.dof, (), ())
     members = [problem.member(FixedEffect(term.effect, term.fixed), setting, 1.0)
                for term, setting in zip(fitted.model.terms, fitted.settings)]
     for _ in range(2 if len(members) > 1 else 1):
         for place, member in enumerate(members):
             members[place] = problem.refine(member, problem.select(members[:place] + members[place + 1:]))
-    return fit(drawn, fitted.model, tuple(member.setting for member in members))
+    return fit(drawn, fitted.model, tuple(member.setting for member in members), fitted.noise)

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Model against measurement: where the residual is, and by how much of sigma."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from scipy import special
@@ -12,12 +11,11 @@ from rosette_ros.core.diagnosis.candidates import NO_RESIDUAL, Projection, Reals
 from rosette_ros.core.diagnosis.verdict import UNLIKELY
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.base_model import BaseLines
-from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.model.least_squares import Fit, fit
 from rosette_ros.core.model.model import BASE_TERMS
-from rosette_ros.core.records import Floats, Ints, Run
+from rosette_ros.core.model.noise import AXES, places
+from rosette_ros.core.records import Floats, Ints, Run, remove_gauge
 
-AXES = ('x', 'y', 'z')
-SECTIONS = 12
 DRAWS = 400
 
 
@@ -43,7 +41,11 @@ class Grouping:
 
 @dataclass(frozen=True)
 class Reading:
-    """One reading that fits badly: number, indices, residual (3,), m, its size in sigma, and p of as large a one."""
+    """One reading that fits badly: number, indices, residual (3,), m, its size in sigma, and p of as large a one.
+
+    weight: least of its coordinates, over the largest of all; without: (6,) largest change of each curve by leaving it
+    out, m and rad, None where it does not stand out or the others are too few.
+    """
 
     number: int
     table_position: int
@@ -52,6 +54,8 @@ class Reading:
     residual: tuple[float, ...]
     size: float
     p: float
+    weight: float = 1.0
+    without: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,33 +89,21 @@ class Comparison:
     summary: str
 
 
-def compare(fit: Fit, seed: int = 0) -> Comparison:
+def compare(fitted: Fit, seed: int = 0) -> Comparison:
     """Return the Comparison of a fit with its run; seed: of the noise through the same model to compare with."""
-    run, residual = fit.run, fit.residual
-    project = Projection(fit.joint, run.size)
-    noise = project(np.random.default_rng(seed).standard_normal((DRAWS, run.size, 3)))
+    run, residual = fitted.run, fitted.residual
+    project = Projection(fitted.joint, run.size)
+    white, whitening = np.random.default_rng(seed).standard_normal((DRAWS, run.size, 3)), fitted.joint.whitening
+    noise = whitening.inverse(project.free(white))
     expected = np.mean(noise**2, axis=0)
-    groupings = tuple(_grouping(label, index, keys, residual, noise, expected) for label, index, keys in _indices(run))
+    groupings = tuple(_grouping(label, index, keys, residual, noise, expected) for label, index, keys in places(run))
     correlation, neighbour_p = _neighbours(residual, noise)
     axis_rms = np.sqrt(np.sum(residual**2, axis=0) / np.sum(expected, axis=0))
+    if not whitening.is_plain:
+        axis_rms = axis_rms * np.sqrt(np.mean(whitening.inverse(white)**2, axis=(0, 1)))
     sizes = np.sqrt(np.mean(residual**2 / np.maximum(expected, 1e-12), axis=1))
-    return Comparison(fit, axis_rms, sizes, groupings, correlation, neighbour_p, _worst(fit, noise, expected),
-                      _harmonics(fit), _summary(fit, groupings, neighbour_p, axis_rms))
-
-
-def _indices(run: Run) -> Iterator[tuple[str, Ints, list[str]]]:
-    every = [str(k + 1) for k in range(run.n)]
-    yield 'table position', run.table_position - 1, every
-    yield 'ball', run.ball - 1, every
-    yield 'CMM position', run.cmm_position - 1, every
-    sections = min(SECTIONS, run.size // 3)
-    time = run.time - run.time[0]
-    edge = np.linspace(0, time[-1] or 1.0, sections + 1)
-    section = np.clip(np.searchsorted(edge, time, side='right') - 1, 0, sections - 1)
-    yield 'time', section, [f'{a / 60:.0f}-{b / 60:.0f} min' for a, b in pairwise(edge)]
-    order = np.arange(run.size) * sections // run.size
-    yield 'sequence', order, [f'{np.flatnonzero(order == s)[0] + 1}-{np.flatnonzero(order == s)[-1] + 1}'
-                              for s in range(sections)]
+    return Comparison(fitted, axis_rms, sizes, groupings, correlation, neighbour_p, _worst(fitted, noise, expected),
+                      _harmonics(fitted), _summary(fitted, groupings, neighbour_p, axis_rms))
 
 
 def _sums(index: Ints, count: int, values: Reals) -> Floats:
@@ -147,15 +139,31 @@ def _neighbours(residual: Floats, noise: Reals) -> tuple[float, float]:
     return float(value[0] - centre), float(2 * special.ndtr(-abs(z)))
 
 
-def _worst(fit: Fit, noise: Reals, expected: Reals) -> tuple[Reading, ...]:
-    run, scale = fit.run, np.sqrt(np.maximum(expected, 1e-12))
-    size = np.sqrt(np.sum((fit.residual / scale)**2, axis=1)) / max(fit.rms, NO_RESIDUAL)
-    total = np.sqrt(np.sum(noise**2, axis=(1, 2)) / fit.dof)
+def _worst(fitted: Fit, noise: Reals, expected: Reals) -> tuple[Reading, ...]:
+    run, weight = fitted.run, np.ones((fitted.run.size, 3)) if fitted.noise.weight is None else fitted.noise.weight
+    scale = np.sqrt(np.maximum(expected * weight, 1e-12))  # what stands out is shown as large as it is
+    size = np.sqrt(np.sum((fitted.residual / scale)**2, axis=1)) / max(fitted.rms, NO_RESIDUAL)
+    total = np.sqrt(np.sum(noise**2, axis=(1, 2)) / fitted.dof)
     largest = np.sqrt(np.sum((noise / scale)**2, axis=2)).max(axis=1) / total
-    return tuple(Reading(int(k + 1), int(run.table_position[k]), int(run.ball[k]), int(run.cmm_position[k]),
-                         tuple(fit.residual[k].tolist()), float(size[k]),
-                         float((1 + np.count_nonzero(largest >= size[k])) / (largest.size + 1)))
-                 for k in np.argsort(size)[::-1][:10])
+    found = []
+    for k in np.argsort(size)[::-1][:10]:
+        p = float((1 + np.count_nonzero(largest >= size[k])) / (largest.size + 1))
+        found.append(Reading(
+            int(k + 1), int(run.table_position[k]), int(run.ball[k]), int(run.cmm_position[k]),
+            tuple(fitted.residual[k].tolist()), float(size[k]), p, float(weight[k].min() / max(weight.max(), 1e-300)),
+            _change_without(fitted, int(k)) if p < UNLIKELY else None))
+    return tuple(found)
+
+
+def _change_without(fitted: Fit, reading: int) -> tuple[float, ...] | None:
+    """Return the largest change of each curve, (6,), by leaving out a reading; None where the others are too few."""
+    others = np.delete(np.arange(fitted.run.size), reading)
+    try:
+        rest = fit(fitted.run.take(others), fitted.model, fitted.settings)
+    except NotDeterminable:
+        return None
+    change = remove_gauge(rest.error_motions.values) - remove_gauge(fitted.error_motions.values)
+    return tuple(np.abs(change).max(axis=0).tolist())
 
 
 def _on_grid(run: Run, displacement: Floats) -> Floats:

@@ -5,14 +5,15 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy import special
 
 from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, why_not_judged
 from rosette_ros.core.diagnosis.cross_validation import CrossValidation
-from rosette_ros.core.diagnosis.noise_search import NoiseFit, NoiseProblem, estimate, noise_of_rounding
+from rosette_ros.core.diagnosis.noise_choice import noise_problem, under_best_noise
+from rosette_ros.core.diagnosis.noise_search import SEEN, noise_of_rounding
 from rosette_ros.core.diagnosis.parameter_search import choose_settings
 from rosette_ros.core.diagnosis.search import Member, Offer, Problem, Selection, searched_count
 from rosette_ros.core.diagnosis.unnamed_terms import UnnamedTerm
@@ -32,11 +33,6 @@ CLAIM_BASE = 1e-4
 LOOK_ALIKE = 8.0
 """Difference of scores (twice the log Bayes factor) below which two effects cannot be distinguished."""
 DRAWS = 300
-ALONE = 10.0
-"""Score by which effects in white noise must be better than another noise without them; outliers may be as much worse:
-heavy tails are many of them."""
-MOST_NOISES = 3
-"""Searches beside that in white noise."""
 COARSE = 1.5
 """Step of the readings, over the residual, above which their noise is mostly that of rounding."""
 NOISELESS = 1e-10
@@ -231,12 +227,29 @@ class _Search:
             scores = [self.score_beside(selection, place) for place in range(len(selection.members))]
             weakest = int(np.argmin(scores))
             if self.p(scores[weakest]) <= CLAIM:
-                break
+                vain = [place for place in range(len(scores)) if not self._predicts(selection, place)]
+                if not vain:
+                    break
+                weakest = min(vain, key=lambda place: scores[place])
             selection = self.problem.swap(self.problem.select(selection.without(weakest)))
         falls = [self.problem.select(selection.without(place)).rss for place in range(len(selection.members))]
         # unnamed shapes come last: the named effects are judged without them
         order = sorted(range(len(falls)), key=lambda place: (not selection.members[place].named, -falls[place]))
         return self.problem.select(tuple(selection.members[place] for place in order))
+
+    def _predicts(self, selection: Selection, place: int) -> bool:
+        """Return whether a named member lowers the error of the cross-validation beside the others."""
+        member = selection.members[place]
+        if not member.named:
+            return True
+        without = _WithoutBlocks(self.blocks, self.problem, self.problem.select(selection.without(place)))
+        error = without.rms_with(member, (member.name,))
+        return not error > without.rms  # not a number where the others do not determine it
+
+    @cached_property
+    def blocks(self) -> CrossValidation:
+        """Readings to be left out."""
+        return CrossValidation(self.space, self.run.size, self.seed)
 
     def final_fit(self, members: Sequence[Member]) -> Fit:
         """Return the joint fit of the model with members added."""
@@ -270,47 +283,28 @@ class _Search:
         return tuple(name for name in EFFECTS if name not in known and shares.get(name, 0.0) < HIDDEN_SHARE)
 
 
+@lru_cache(maxsize=1)
 def _search(run: Run, model: Model, seed: int) -> _Search:
-    """Return the search under the noise that, with what is found under it, has the best score.
+    """Return the search under the noise of the run."""
+    return under_best_noise(_Search(run, model, seed), lambda noise: _Search(run, model, seed, noise))
 
-    Effects and noise compete: what white noise leaves beside the effects found is tested, and so is what it leaves
-    without them. Where a test fails, the noise is estimated, and the search is made again under it.
+
+def fitted_with_noise(run: Run, model: Model, white: Fit, is_searched: bool) -> Fit:
+    """Return the fit of a model under the noise of a run; white: that under white noise.
+
+    is_searched: whether effects that the model lacks are told from noise by a search, where the noise is not white;
+    else only the axes are looked at. Raises NotDeterminable where the run does not determine the model.
     """
-    white = _Search(run, model, seed)
-    if white.noiseless:
+    if white.rms < NOISELESS:
         return white
-    best, best_score = white, white.chosen.score
-    beside = _noise(white, white.chosen)
-    alone = beside if not white.chosen.members else _noise(white, white.problem.empty)
-    waiting = [(one, names) for one, names in ((beside, white.chosen.names), (alone, ())) if not one.noise.is_white]
-    margin = ALONE
-    if beside.noise.is_white:
-        margin = -ALONE if set(white.chosen.names) == {'outlier'} else ALONE
-        if alone.score < best_score - margin:
-            return white
-    for _ in range(MOST_NOISES):
-        if not waiting:
-            break
-        one, names = waiting.pop(0)
-        search = _Search(run, model, seed, one.noise)
-        again = _noise(white, search.chosen)
-        members = [made for member in search.chosen.members
-                   if (made := white.problem.member(member.effect, member.setting, member.chances))]
-        score = white.problem.select(members).score + again.score
-        if score > best_score - (margin if best is white else 0.0):
-            best, best_score = search, score
-        if not again.noise.is_white and (search.chosen.names, again.noise.kinds) != (names, one.noise.kinds):
-            waiting.insert(0, (again, search.chosen.names))
-    return best
-
-
-def _noise(white: _Search, chosen: Selection) -> NoiseFit:
-    """Return the noise of a run beside a selection; of rounding alone where the readings are coarse."""
-    run, joint = white.run, white.base.joint
-    columns = [np.moveaxis(member.effect.columns(run, member.setting), -1, 0) for member in chosen.members]
-    problem = NoiseProblem(run, joint.space.basis, np.concatenate([joint.every, *columns]), white.base.residual,
-                           white.seed)
-    return problem.start if white.is_coarse else estimate(problem)
+    start = noise_problem(white).start
+    if not is_searched:
+        found = start.better(('axes',)).noise
+        return white if found.is_white else fit(run, model, choose_settings(run, model, found), found)
+    if start.misfits()[0].p >= SEEN and not resolution_of(run.centre) > COARSE * white.rms:
+        return white
+    with _bounded(run):
+        return _search(run, model, 0).start
 
 
 class _Candidates:
@@ -318,7 +312,7 @@ class _Candidates:
 
     def __init__(self, search: _Search) -> None:
         self.search, self.problem = search, search.problem
-        self.blocks = CrossValidation(search.space, search.run.size, search.seed)
+        self.blocks = search.blocks
         self._without_blocks: dict[Selection, _WithoutBlocks] = {}
 
     def all(self) -> tuple[Candidate, ...]:

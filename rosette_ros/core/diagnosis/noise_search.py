@@ -21,6 +21,9 @@ from rosette_ros.core.records import Floats, Run, resolution_of
 
 DRAWS = 200
 CALIBRATED = 20
+FEW = 0.15
+"""Share of parameters in the coordinates below which their freedom to fit tails does not count."""
+PLAIN = 0.25
 SEEN = 2e-3
 """Probability, over all tests, below which the noise is looked at as other than it was taken."""
 KINDS = 6
@@ -50,7 +53,7 @@ class NoiseProblem:
     whatever base model and effects may add to it.
     """
 
-    def __init__(self, run: Run, basis: Basis, columns: Floats, observed: Floats, seed: int) -> None:
+    def __init__(self, run: Run, basis: Basis, columns: Floats, observed: Floats, seed: int = 0) -> None:
         self.run, self._observed = run, observed
         self._designs = []
         for rows, axes in zip((basis.axial, basis.plane.reshape(len(basis.plane), -1)), PARTS):
@@ -165,6 +168,8 @@ class NoiseFit:
         """Return the fit with a kind of noise more where one is seen and pays, else this one."""
         best = self
         seen = [one for one in self.misfits() if one.p < SEEN and one.kind in kinds]
+        # what is less plain by far is a consequence of the plainest
+        seen = [one for one in seen if one.p < max(seen[0].p, 1e-300)**PLAIN]
         for kind, of in dict.fromkeys((one.kind, '' if one.kind == 'wander' else one.of) for one in seen):
             made = {'axes': self._with_axes, 'tail': self._with_tail, 'by': self._with_factors,
                     'wander': self._with_wander}[kind](of)
@@ -215,13 +220,14 @@ class NoiseFit:
             return self
         rows = self.left / np.sqrt(np.sum(self.left**2, axis=(1, 2)) / self.problem.dof)[:, None, None]
         scale = np.sqrt(np.maximum(np.mean(self.whitening.adjoint(rows[1:])**2, axis=0), 1e-12))
-        rows = rows[:1 + CALIBRATED]
+        rows = rows[:1 + CALIBRATED] if self._share < 1 - FEW else rows[:1]
         normal = self._tail_of(rows, scale, per, np.inf)[0]
         found = []
         for dof in TAILS:
             likelihood, weight = self._tail_of(rows, scale, per, dof)
             gains = likelihood - normal
-            found.append((gains[0] - gains[1:].mean() - _divergence(rows[0].size, per, dof) * self._share, dof, weight))
+            freedom = gains[1:].mean() + _divergence(rows[0].size, per, dof) * self._share if len(rows) > 1 else 0.0
+            found.append((gains[0] - freedom, dof, weight))
         gain, dof, weight = max(found, key=lambda one: one[0])
         before = 1.0 if self.noise.weight is None else self.noise.weight
         noise = replace(self.noise, tail=per, tail_dof=dof, weight=before * weight)

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Effects and noise compete: which noise a run has, with what is found under it.
+
+What white noise leaves beside the effects found is tested, and so is what it leaves without them. Where a test fails,
+the noise is estimated, and the search is made again under it; the best of noise and effects together stays.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from rosette_ros.core.diagnosis.noise_search import NoiseFit, NoiseProblem, estimate
+from rosette_ros.core.diagnosis.search import MOST_EFFECTS, Member, Problem, Selection
+from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.model.noise import Noise
+
+ALONE = 10.0
+"""Score by which effects in white noise must be better than another noise without them; outliers may be as much worse:
+heavy tails are many of them."""
+MOST_NOISES = 3
+NO_NAMES: tuple[str, ...] = ()
+"""Searches beside that in white noise."""
+
+
+class Search(Protocol):
+    """A search under one noise: the fit that it begins with, what it chooses, and whether there is nothing to find."""
+
+    base: Fit
+    problem: Problem
+    noiseless: bool
+
+    @property
+    def chosen(self) -> Selection:
+        """What was found."""
+
+
+AnySearch = TypeVar('AnySearch', bound=Search)
+
+
+def under_best_noise(white: AnySearch, again: Callable[[Noise], AnySearch]) -> AnySearch:
+    """Return the search of the best score; white: that under white noise; again: makes one under another noise."""
+    if white.noiseless or white.base.noise.resolution:
+        return white
+    alone = _estimated(white, ())
+    if alone.noise.is_white and not white.chosen.members:
+        return white
+    best: AnySearch | None = None
+    hopes: dict[tuple[str, ...], float] = {}
+    best_score, margin, waiting = -np.inf, 0.0, [(alone, NO_NAMES)]
+    most = MOST_EFFECTS * max(white.problem.offers([white.problem.empty])[0][0].score, 0.0)
+    # white noise cannot win where it would need more effects than are looked for, each as good as the best one
+    is_tried = alone.noise.is_white or alone.score < most + ALONE
+    if is_tried:
+        names, best, best_score, margin = white.chosen.names, white, white.chosen.score, ALONE
+        beside = _estimated(white, white.chosen.members) if names else alone
+        if beside.noise.is_white:
+            margin = -ALONE if set(names) == {'outlier'} else ALONE
+            if alone.score < best_score - margin:
+                return white
+        waiting = [(one, of) for one, of in ((alone, NO_NAMES), (beside, names)) if not one.noise.is_white]
+        waiting = waiting[:1] if beside is alone else waiting
+        hopes[names] = best_score + beside.score
+    for _ in range(MOST_NOISES):
+        # what was found beside a noise already is about as good as a search under it makes it
+        waiting = [(one, of) for one, of in waiting if hopes.get(of, np.inf) > best_score]
+        if not waiting:
+            break
+        one, of = waiting.pop(0)
+        search = again(one.noise)
+        found = _estimated(white, search.chosen.members) if search.chosen.members else alone
+        members = [made for member in search.chosen.members
+                   if (made := white.problem.member(member.effect, member.setting, member.chances))]
+        score = white.problem.select(members).score + found.score
+        if score > best_score - (margin if best is white else 0.0):
+            best, best_score = search, score
+        if not found.noise.is_white and (search.chosen.names, found.noise.kinds) != (of, one.noise.kinds):
+            waiting.insert(0, (found, search.chosen.names))
+    if best is None or (is_tried and best.chosen.names == white.chosen.names and not all(
+            member.named for member in white.chosen.members)):
+        return white
+    return best
+
+
+def noise_problem(white: Fit, members: Sequence[Member] = ()) -> NoiseProblem:
+    """Return the problem of the noise of a fit under white noise, beside the effects of a selection."""
+    columns = [np.moveaxis(member.effect.columns(white.run, member.setting), -1, 0) for member in members]
+    return NoiseProblem(white.run, white.joint.space.basis, np.concatenate([white.joint.every, *columns]),
+                        white.residual)
+
+
+def _estimated(white: Search, members: Sequence[Member]) -> NoiseFit:
+    return estimate(noise_problem(white.base, members))
