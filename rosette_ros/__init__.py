@@ -2,9 +2,23 @@
 """Calibrates rotary tables by the three-rosette method, and finds what a model of the cell leaves out."""
 
 import os
+import shutil
+import sys
+from pathlib import Path
 
 # The matrices are small: more than one thread of the linear algebra library mostly waits for the others, and the last
 # digits of a sum depend on their number. It is read once, when numpy is imported.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 __version__ = '0.1.0'
+
+
+def program() -> str:
+    """Return how `rosette` is called from where the user stands: by its name where that finds it, else by its path."""
+    own, found = Path(sys.prefix) / 'bin' / 'rosette', shutil.which('rosette')
+    if not own.is_file() or (found and Path(found).samefile(own)):
+        return 'rosette'
+    if not own.is_relative_to(Path.cwd()):
+        return str(own)
+    near = str(own.relative_to(Path.cwd()))
+    return near if '/' in near else f'./{near}'

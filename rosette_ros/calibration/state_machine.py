@@ -383,7 +383,8 @@ class Sequence:
         words = f'{target}: asked {times}, last: {words}'
         reason = self._why_not_skipped(target)
         if reason is not None:
-            return self._finish(Phase.FAILED, f'{words}; {reason}what was measured is in the log')
+            return self._finish(Phase.FAILED, f'{words}; {reason}'
+                                f'{"what was measured is in the log" if self.done else "nothing was measured"}')
         self.skipped.append(target)
         self._asked, self._skipped_last = None, True
         return (Remark(f'{words}; left out, {len(self.skipped)} of at most {self.limits.skips}'), *self._next(now))

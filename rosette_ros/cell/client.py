@@ -23,6 +23,7 @@ from rclpy.task import Future
 from rosette_msgs.action import Calibrate
 from rosette_msgs.msg import CalibrationEvent, Diagnosis, RunState
 
+from rosette_ros import program
 from rosette_ros.cell.supervisor import added_environment
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.errors import CellError
@@ -147,7 +148,7 @@ class CellClient:
         Raises CellError where the sequencer is not there, refuses, or is disconnected."""
         self.wait()
         self._rejections.clear()
-        self._run_id, self._is_restarted, self._on_warning = '', False, on_warning
+        self._run_id, self._is_restarted, self._on_warning = '', False, None
 
         def on_feedback(message: Any) -> None:
             if on_progress and message.feedback.state.phase in list(Phase):
@@ -163,6 +164,7 @@ class CellClient:
             self._spin_until(lambda: bool(self._rejections), 2.0)  # the action has no field for the reason
             reason = self._rejections[-1] if self._rejections else 'see the log of the sequencer'
             raise CellError(f'cell {self._where}: calibration refused: {reason}')
+        self._on_warning = on_warning
         result = handle.get_result_async()
         with _Interrupt() as interrupt:
             try:
@@ -199,15 +201,22 @@ class CellClient:
         """Return the command that resumes a run of this cell."""
         domain = '' if self._domain_id is None else f' --domain {self._domain_id}'
         namespace = '' if self._where == f'/{names.NAMESPACE}' else f' --namespace {self._where[1:]}'
-        return f'rosette calibrate --resume {run}{domain}{namespace}'
+        return f'{program()} calibrate --resume {run}{domain}{namespace}'
+
+    @property
+    def measured(self) -> int:
+        """Number of balls that the sequencer has reported last."""
+        return self._progress.done
 
     def _on_diagnosis(self, message: Diagnosis) -> None:
         self._verdicts = {message.run_id: conversions.verdict_record(message)}
 
     def _on_log(self, message: Log) -> None:
-        cell = self._where[1:].replace('/', '.')
-        if self._on_warning and message.level >= LoggingSeverity.WARN and f'{message.name}.'.startswith(f'{cell}.'):
-            self._on_warning(f'{message.name.rpartition(".")[2]}: {message.msg}')
+        cell, _, node = message.name.rpartition('.')
+        is_told = node == names.SEQUENCER and message.level > LoggingSeverity.WARN  # that a run has failed: its result
+        if (self._on_warning and message.level >= LoggingSeverity.WARN and not is_told
+                and f'{cell}.'.startswith(f'{self._where[1:].replace("/", ".")}.')):
+            self._on_warning(f'{node}: {message.msg}')
 
     def _on_state(self, state: RunState) -> None:
         """A sequencer that is idle while a calibration of it is on, is another process."""

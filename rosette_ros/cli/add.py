@@ -17,7 +17,7 @@ from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.records import Run
 from rosette_ros.io.model_file import read_model, write_model
 from rosette_ros.io.open_run import open_run
-from rosette_ros.presentation.formatting import micro
+from rosette_ros.presentation.formatting import micro, model_words
 from rosette_ros.presentation.json_output import change_json
 from rosette_ros.presentation.tables import change_errors, curve_changes, fitted_effects
 
@@ -97,7 +97,7 @@ def change_file(options: argparse.Namespace, action: str, before: Model, after: 
         print_json(change_json(action, name, options.model, (before, after), done, words))
         return
     out = console()
-    out.print(f'{escape(str(options.model))}: {escape(str(after))}', soft_wrap=True)
+    out.print(f'{escape(str(options.model))}: {escape(model_words(after))}', soft_wrap=True)
     if measured is not None:
         out.print(f'\n{head(measured)}')
         out.print(f'[bold]{escape(words)}[/]')

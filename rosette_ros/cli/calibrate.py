@@ -10,6 +10,7 @@ from typing import Any
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 
+from rosette_ros.calibration.settings import OPTIONS
 from rosette_ros.cell.client import CalibrationOutcome, CellClient
 from rosette_ros.cli.arguments import UsageError, add_shared, positive, whole
 from rosette_ros.cli.console import console, print_parts, print_verdict
@@ -17,6 +18,8 @@ from rosette_ros.core.errors import CellError
 from rosette_ros.core.scheme import ORDERS, TURNINGS
 from rosette_ros.io.messages import PHASE_WORDS, CalibrationProgress
 from rosette_ros.presentation.tables import curves
+
+KEPT = 'what was measured is in'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--skips', type=whole(0, 1000),
                         help='how many balls of the run may be left out after that, 0: the run fails')
     parser.add_argument('--options', metavar='YAML', default='',
-                        help='further options of the goal, such as "limits.answer_timeout_s: 30"')
+                        help='further options of the goal, such as "limits.answer_timeout_s: 30"; '
+                             f'known: {", ".join(one.name for one in OPTIONS)}')
     parser.add_argument('--resume', metavar='RUN', help='continue a run that was interrupted: its log, by name or path')
     add_shared(parser, '--namespace', '--domain')
 
@@ -73,12 +77,13 @@ def calibrate(client: CellClient, **goal: Any) -> CalibrationOutcome:
             outcome = client.calibrate(on_progress=display.show, on_warning=display.warn, **goal)
         except TimeoutError as error:
             raise CellError(f'{error}; see the output of the sequencer') from error
-    rest = (f'; what was measured is in {outcome.log}, continue with: {client.resume_command(outcome.log)}'
-            if outcome.log else '')
+    text = outcome.message.removesuffix(f'; {KEPT} the log').removesuffix('; nothing was measured')
+    text += (f'; {KEPT} {outcome.log}, continue with: {client.resume_command(outcome.log)}'
+             if outcome.log and client.measured else '; nothing was measured')
     if outcome.cancelled:
-        raise KeyboardInterrupt(f'{outcome.message}{rest}')
+        raise KeyboardInterrupt(text)
     if not outcome.success:
-        raise CellError(f'calibration failed: {outcome.message}{rest}')
+        raise CellError(f'calibration failed: {text}')
     return outcome
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
+from rosette_ros import program
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import CHECK_PERIOD, MODULES, Cell
 from rosette_ros.cli.arguments import add_shared, made_folder
@@ -52,7 +53,7 @@ def run(options: argparse.Namespace) -> None:
                   soft_wrap=True)
         if options.no_simulation:
             out.print('It waits for a CMM that answers probe_target with ball_centre (docs/real-cmm.md).')
-        out.print(f'In another terminal:\n  rosette calibrate{where}\nCtrl-C ends the cell.', highlight=False)
+        out.print(f'In another terminal:\n  {program()} calibrate{where}\nCtrl-C ends the cell.', highlight=False)
         cell.news()
         try:
             while True:

@@ -11,6 +11,7 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
+from rosette_ros import program
 from rosette_ros.analysis import MOST_BALLS_ADVISED, MOST_BALLS_JUDGED, analyse, judge, summarise
 from rosette_ros.cell.supervisor import Cell
 from rosette_ros.cli import hidden_demo, verification_demo
@@ -41,7 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     drawn = random.SystemRandom().randrange(10**6)
     parser.add_argument('--hidden', metavar='SEED', nargs='?', type=whole(0, 2**31), const=drawn,
                         help='hide physical effects in the machine, drawn from SEED (a new one if none is given), '
-                        'find them, and open the envelope at the end')
+                        'the sealed envelope says which')
+    parser.add_argument('--open', action='store_true', help='with --hidden: tell the whole story and open the envelope '
+                        'at the end (otherwise on a key press, or by rosette envelope RUN)')
     parser.add_argument('--verification', action='store_true', help="measure the paper's four runs under "
                         'different conditions and two more, and report how well they agree')
     parser.add_argument('--seed', type=whole(0, 2**31), default=1,
@@ -69,7 +72,7 @@ def run(options: argparse.Namespace) -> None:
             hidden_demo.seal(out, config, options.hidden, running.machine.parent)
         log_path = running.calibrate(order, options.seed, 'turning: forward')
         if hidden:
-            hidden_demo.show(out, config, options.hidden, log_path, running.seconds)
+            hidden_demo.show(out, config, options.hidden, log_path, running.seconds, options.open)
         else:
             show(out, config, log_path, running.seconds)
         if options.keep:
@@ -104,13 +107,15 @@ def show(out: Console, config: MachineConfig, log_path: Path, seconds: float) ->
     out.print(pairs([(name, escape(shown(path))) for name, path in where.items()]))
     out.print('\nNext:')
     for verb in ('evaluate', 'studio', 'info', 'replay'):
-        out.print(f'  rosette {verb} {shown(log_path)}', soft_wrap=True)
+        out.print(f'  {program()} {verb} {shown(log_path)}', soft_wrap=True)
+    if program() != 'rosette':
+        out.print(f'To type just rosette: {program()} shell')
 
 
 def keep(out: Console, cell: Cell) -> None:
     """Leave the cell running until Ctrl-C; raise CellError where a node fails."""
     out.print(f'\nThe cell is running in domain {cell.domain_id}. In another terminal:\n'
-              f'  rosette calibrate --domain {cell.domain_id}\nCtrl-C ends the cell.', highlight=False)
+              f'  {program()} calibrate --domain {cell.domain_id}\nCtrl-C ends the cell.', highlight=False)
     try:
         while True:
             cell.check()

@@ -4,6 +4,9 @@
 import sys
 from argparse import ArgumentParser, Namespace
 
+from rich.markup import escape
+
+from rosette_ros import program
 from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, judge
 from rosette_ros.cli.arguments import add_formats, add_shared
 from rosette_ros.cli.console import console, fit_rows, head, pairs, print_json, print_parts, print_verdict
@@ -40,6 +43,9 @@ def show(fit: Fit, verdict: Verdict | None) -> None:
     out.print(head(fit.run))
     if verdict:
         print_verdict(out, verdict)
+        if verdict.model_fails:
+            out.print(f'What is missing, and how sure that is:\n  {program()} diagnose {escape(fit.run.source)}',
+                      soft_wrap=True)
     else:
         out.print(f'Plates of more than {MOST_BALLS_JUDGED} balls are judged on request: rosette diagnose RUN')
     print_parts(out, [

@@ -6,6 +6,7 @@ envelope is opened and compared with the diagnosis.
 """
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,12 +15,13 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from rosette_ros.analysis import advise_run, summarise
+from rosette_ros import program
+from rosette_ros.analysis import advise_run, analyse, summarise
 from rosette_ros.cli import compare as compare_verb
 from rosette_ros.cli import diagnose as diagnose_verb
 from rosette_ros.cli.console import head, pairs, rich_table
+from rosette_ros.cli.demo_cell import MACHINE, shown
 from rosette_ros.cli.demo_cell import compare as compare_truth
-from rosette_ros.cli.demo_cell import shown
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.geometry import Frame
@@ -29,13 +31,15 @@ from rosette_ros.core.records import Floats, Run
 from rosette_ros.core.scheme import Scheme
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.model_file import write_model
-from rosette_ros.presentation.formatting import exact, residual_words, sigmas
+from rosette_ros.presentation.formatting import exact, fixed, residual_words, sigmas
 from rosette_ros.presentation.table_format import Table, column, words
 from rosette_ros.presentation.tables import nested_models
-from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.simulation import Machine, MachineConfig, load_machine
 from rosette_ros.simulation.envelope import open_envelope, seal_envelope
 
 ENVELOPE, MODEL = 'envelope.json', 'model.yaml'
+INSTANTS = ('at_h', 'from_h')
+"""Parameters of hidden effects that are times since the machine was switched on."""
 SIZES = {'most': 3, 'smallest_sigma': 2.0}
 """One to three effects of 2 to 30 times the noise: some may still be too small to be named."""
 SURE_SIGMA = 12.0
@@ -49,8 +53,30 @@ def seal(out: Console, config: MachineConfig, seed: int, folder: Path) -> None:
               f'  sha256 {digest}')
 
 
-def show(out: Console, config: MachineConfig, seed: int, log_path: Path, seconds: float) -> None:
-    """Print the analysis, from the log alone until the envelope is opened."""
+def show(out: Console, config: MachineConfig, seed: int, log_path: Path, seconds: float, is_open: bool = False) -> None:
+    """Print how badly the base model fits and how to go on; the envelope stays shut until it is asked for.
+
+    is_open: whether it is asked for already.
+    """
+    run, called = read_log(log_path).to_run(), program()
+    out.print(f'\n{head(run)}\nThe residual of the base model is {residual_words(analyse(run))}\n')
+    out.print(pairs([
+        ('Log', escape(shown(log_path))), ('Took', f'{seconds:.1f} s'),
+        ('Repeat', f'{called} demo --hidden {seed} --seed {config.seed} --balls {config.plate.balls}')]))
+    if not is_open:
+        out.print('\nThe envelope is shut. To find out what is hidden:')
+        for verb in ('compare', 'diagnose', 'envelope'):
+            out.print(f'  {called} {verb} {shown(log_path)}', soft_wrap=True)
+        is_open = sys.stdin.isatty() and out.is_terminal
+        if is_open:
+            out.input('Press Enter to be told now and to open it, or Ctrl-C to leave it shut. ')
+    if is_open:
+        tell(out, log_path)
+
+
+def tell(out: Console, log_path: Path) -> None:
+    """Print the whole story of a run, then open its envelope."""
+    config = load_machine(log_path / MACHINE)
     log = read_log(log_path)
     run = log.to_run()
     summary = summarise(run)
@@ -69,11 +95,7 @@ def show(out: Console, config: MachineConfig, seed: int, log_path: Path, seconds
     out.print((summary.advice or advise_run(run)).text)
     section(out, '6', 'the envelope')
     show_envelope(out, config, log_path, run, summary.diagnosis)
-    out.print()
-    out.print(pairs([
-        ('Log', escape(shown(log_path))), ('Model', escape(shown(log_path / MODEL))),
-        ('Repeat', f'rosette demo --hidden {seed} --seed {config.seed} --balls {config.plate.balls}'),
-        ('Took', f'{seconds:.1f} s')]))
+    out.print(f'\nModel: {escape(shown(log_path / MODEL))}')
 
 
 def section(out: Console, number: str, title: str) -> None:
@@ -97,22 +119,27 @@ def show_truth(out: Console, config: MachineConfig, frame: Frame | None, before:
 def show_envelope(out: Console, config: MachineConfig, log_path: Path, run: Run, diagnosis: Diagnosis) -> None:
     """Open the envelope and print what was hidden beside what was found."""
     envelope = open_envelope(log_path / ENVELOPE)
-    strengths, kinds = visible_strengths(config, run, envelope.hidden), [hidden['kind'] for hidden in envelope.hidden]
+    begin, strengths = visible_strengths(config, run, envelope.hidden)
+    kinds = [hidden['kind'] for hidden in envelope.hidden]
     answers = [answer(kind, strength, diagnosis) for kind, strength in zip(kinds, strengths, strict=True)]
     out.print(f'sha256 {envelope.digest}, as it was sealed\n')
     out.print(rich_table(Table('hidden', 'What was hidden, and what was found', (
-        words('kind', 'hidden', kinds), words('parameters', 'with', map(content, envelope.hidden)),
+        words('kind', 'hidden', kinds),
+        words('parameters', 'with', [content(hidden, begin) for hidden in envelope.hidden]),
         column('strength', 'visible', strengths, sigmas),
         words('answer', 'answer', [text for text, _ in answers])), levels=tuple(level for _, level in answers))))
     if wrong := [name for name in diagnosis.missing if name not in kinds]:
         out.print(f'[yellow]Named but not hidden: {escape(", ".join(wrong))}[/]')
     out.print('visible: norm of the part of the effect in the readings that table, plate and CMM cannot cause, in σ '
-              f'of a coordinate; from {SURE_SIGMA:g} σ a name is expected')
+              f'of a coordinate; from {SURE_SIGMA:g} σ a name is expected\n'
+              'times count from the first reading of the run')
 
 
-def content(hidden: Mapping[str, Any]) -> str:
-    """Return the parameters of a hidden effect as text."""
-    return ', '.join(f'{key} {_value(value)}' for key, value in hidden.items() if key != 'kind')
+def content(hidden: Mapping[str, Any], begin: float) -> str:
+    """Return the parameters of a hidden effect as text; begin: machine time of the first reading of the run, s."""
+    parts = [f'{key.removesuffix("_h")} {fixed(60 * value - begin / 60, 1)} min' if key in INSTANTS else
+             f'{key} {_value(value)}' for key, value in hidden.items() if key != 'kind']
+    return ', '.join(parts)
 
 
 def _value(value: Any) -> str:
@@ -135,10 +162,14 @@ def answer(kind: str, strength: float, diagnosis: Diagnosis) -> tuple[str, Level
     return 'not named' + (', but stated to be left unexplained' if diagnosis.unexplained else ''), Level.BAD
 
 
-def visible_strengths(config: MachineConfig, run: Run, hidden: Sequence[Mapping[str, Any]]) -> Floats:
-    """Return the norm that each effect adds to the residual of the base model, in σ, measured with it and without."""
+def visible_strengths(config: MachineConfig, run: Run, hidden: Sequence[Mapping[str, Any]]) -> tuple[float, Floats]:
+    """Return the machine time of the first reading, s, and the norm that each effect adds to the residual of the base
+    model, in σ, measured with it and without.
+    """
     scheme = Scheme(run.n, 'as measured', 0, run.table_position, run.ball, np.where(run.approach < 0, -1, 1))
-    clean, *moved = (Machine(config.changed(hidden=each, hidden_draw=None)).run(scheme).centre
-                     for each in ([], *([effect] for effect in hidden)))
+    made = [Machine(config.changed(hidden=each, hidden_draw=None)).calibrate(scheme)
+            for each in ([], *([effect] for effect in hidden))]
+    clean, *moved = (one.centre for one, *_ in made)
     left = base_space(run, run.radius).residual(np.array(moved).reshape(len(hidden), run.size, 3) - clean)
-    return np.linalg.norm(left.reshape(len(hidden), -1), axis=1) / (1e-6 * config.probing.repeatability_um)
+    strengths = np.linalg.norm(left.reshape(len(hidden), -1), axis=1) / (1e-6 * config.probing.repeatability_um)
+    return float(made[0][2].time[0]), strengths

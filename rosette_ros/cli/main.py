@@ -26,6 +26,7 @@ SIGNS = {'−': '-', '–': '-', '─': '-', '±': '+-', '→': '->', 'µ': 'u',
 """Signs that are printed, and what a terminal without them shows: a number keeps its sign."""
 VERBS = {
     'demo': ('demo', 'calibrate a simulated rotary table from start to end'),
+    'envelope': ('envelope', 'open the envelope of demo --hidden: what was hidden, what is found'),
     'plan': ('plan', 'the target list of a measuring scheme'),
     'cell': ('cell', 'a whole cell on this computer: starts its nodes, restarts failed nodes'),
     'check-cmm': ('check_cmm', 'try a CMM before a calibration: what its node does wrong'),
@@ -38,11 +39,13 @@ VERBS = {
     'remove': ('remove', 'remove an effect from a model file; with --run, the error before and after'),
     'advise': ('advise', 'what an order of measurement can show, and what to measure next'),
     'report': ('report', 'a run on one page: verdict, curves, residuals, candidates, conditions'),
+    'runs': ('runs', 'the runs in a folder, with their verdicts'),
     'studio': ('studio', 'a page in the browser: verdict, curves, maps, what is missing, a running cell'),
     'info': ('info', 'what is in a run'),
     'import': ('import_csv', 'a ball-centre table (CSV) becomes a log'),
     'export': ('export_csv', 'a run becomes a ball-centre table (CSV)'),
     'replay': ('replay', 'publish the messages of a log again, for an evaluator'),
+    'shell': ('shell', 'a shell that finds rosette and the Python with ROS'),
 }
 """Verb: (module in rosette_ros.cli, what it does). A new verb is a new module and a line here."""
 

@@ -84,7 +84,7 @@ def show(scheme: Scheme, radius_mm: float) -> None:
     print_parts(out, [sequence_map(scheme) if scheme.n <= WIDEST_MAP else None, targets(scheme, radius_mm), pairs([
         ('Table', f'{way.table_turns:.4g} turns in {way.table_moves} moves'),
         ('CMM', f'{way.cmm_way:.4g} m in {way.cmm_moves} moves (straight from ball to ball)'),
-        ('Order', CASES[scheme.order])])])
+        ('Order', CASES[scheme.order]), ('Paper', 'Kniel et al., Measurement 2019')])])
 
 
 def targets(scheme: Scheme, radius_mm: float) -> Table:
@@ -108,9 +108,9 @@ def sequence_map(scheme: Scheme) -> Table:
 
 
 CASES = {
-    'row': 'table outside, CMM and plate inside (case 1): acceptance after VDI/VDE 2617-4',
-    'diagonal': 'CMM outside, table and plate inside (case 2): mean systematic error of the table',
-    'column': 'ball outside, CMM and table inside (case 3): table and CMM alike',
+    'row': 'table outside, CMM and plate inside (case 1 of the paper): acceptance after VDI/VDE 2617-4',
+    'diagonal': 'CMM outside, table and plate inside (case 2 of the paper): mean systematic error of the table',
+    'column': 'ball outside, CMM and table inside (case 3 of the paper): table and CMM alike',
     'random': 'shuffled: drift in time is spread over all positions',
     'sensitive': 'designed: shows every effect of the library with little travel',
 }

@@ -49,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--rate', metavar='X', type=positive('times the recorded rate'),
                         help='times the recorded rate (default: as fast as possible)')
     add_shared(parser, '--domain')
+    add_shared(parser, '--namespace', default=None, help='namespace to publish in (default: that of the log)')
 
 
 def run(options: argparse.Namespace) -> None:
@@ -56,7 +57,7 @@ def run(options: argparse.Namespace) -> None:
     log = read_log(options.log)
     expected = expected_motions(log)
     out = console()
-    with contextlib.closing(LogPlayer(log.topics, options.domain)) as player:
+    with contextlib.closing(LogPlayer(log.topics, options.domain, options.namespace)) as player:
         if player.await_evaluator(SEARCH_TIMEOUT):
             found = replay(player, options, log, expected)
         else:
@@ -145,11 +146,11 @@ def difference(got: ErrorMotions, expected: Expected) -> str:
 class LogPlayer:
     """Publishes logged messages, byte for byte, and collects the error motions received.
 
-    topics: of the log; domain: ROS domain, None for that of the environment. Raises CellError where the log holds no
-    ball centres.
+    topics: of the log; domain: ROS domain, None for that of the environment; namespace: None for that of the log.
+    Raises CellError where the log holds no ball centres.
     """
 
-    def __init__(self, topics: Sequence[TopicSummary], domain: int | None = None) -> None:
+    def __init__(self, topics: Sequence[TopicSummary], domain: int | None = None, namespace: str | None = None) -> None:
         os.environ.update(added_environment(os.environ))
         inputs = {_last(name) for name in INPUTS}
         chosen = {topic.name: topic for topic in topics if _last(topic.name) in inputs}
@@ -157,15 +158,19 @@ class LogPlayer:
         if not answers:
             raise CellError(f'replay: wanted a log with the topic {names.BALL_CENTRE}, got '
                             f'{", ".join(topic.name for topic in topics) or "no topics"}')
-        self.namespace = answers[0].rpartition('/')[0] or '/'
+        self.namespace = answers[0].rpartition('/')[0] or '/' if namespace is None else f'/{namespace}'
+        of_domain = () if namespace is None or names.remappings(self.namespace) else map(_last, names.OF_A_DOMAIN)
+        places = {name: name if namespace is None else _last(name) for name in chosen}
+        places |= {name: f'/{_last(name)}' for last in of_domain for name in chosen if _last(name) == last}
         self._context = Context()
         self._context.init(domain_id=domain)
         self._node = Node(f'player_{os.getpid()}', namespace=self.namespace, context=self._context, enable_rosout=False)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
-        self._publishers = {name: self._node.create_publisher(interface_class(topic.type_name), name,
+        self._publishers = {name: self._node.create_publisher(interface_class(topic.type_name), places[name],
                                                               qos_profile(topic.qos, topic.messages))
                             for name, topic in chosen.items()}
+        self._topics = {publisher.topic_name for publisher in self._publishers.values()}
         self._motions: list[ErrorMotionsMessage] = []
         self._node.create_subscription(ErrorMotionsMessage, names.ERROR_MOTIONS, self._motions.append, 10)
 
@@ -178,13 +183,13 @@ class LogPlayer:
     @property
     def remappings(self) -> tuple[tuple[str, str], ...]:
         """Pairs of names with which an evaluator reads the topics as they were recorded."""
-        return () if names.TF_STATIC in self._publishers else names.remappings(self.namespace)
+        return () if names.TF_STATIC in self._topics else names.remappings(self.namespace)
 
     def refuse_running_cell(self) -> None:
         """Raise CellError where a CMM or a sequencer, searched during LIVE_PATIENCE, is on the graph."""
         topics = [self._node.resolve_topic_name(topic) for topic in (names.BALL_CENTRE, names.PROBE_TARGET)]
         if live := self.spin(LIVE_PATIENCE, lambda: [
-                one for one in topics if self._node.count_publishers(one) > (one in self._publishers)]):
+                one for one in topics if self._node.count_publishers(one) > (one in self._topics)]):
             raise CellError(f'replay: {live[0]} has another publisher: a live cell is on this graph, and '
                             'recorded targets would move its machine. End the cell, or choose another --domain')
 

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rosette_ros.cli.arguments import add_shared, whole
-from rosette_ros.core.errors import InvalidConfig, InvalidData
-from rosette_ros.io.open_run import is_log
+from rosette_ros.core.errors import InvalidConfig
+from rosette_ros.io.open_run import is_log, runs_in
 from rosette_ros.studio.page import StudioOptions
 from rosette_ros.studio.server import is_loopback, serve
 
@@ -53,9 +53,4 @@ def studio_options(options: argparse.Namespace, environment: Mapping[str, str]) 
 
 def suggestions(given: Sequence[str]) -> tuple[str, ...]:
     """Return the paths that the page offers: those given, then what lies in ./rosette-runs, newest first."""
-    try:
-        found = sorted(RUNS.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True) if RUNS.is_dir() else []
-    except OSError as error:
-        raise InvalidData(f'{RUNS}: cannot be read: {error.strerror}') from error
-    near = [str(path) for path in found if path.is_dir() or path.suffix in ('.mcap', '.csv')]
-    return tuple(dict.fromkeys([*map(str, given), *near]))
+    return tuple(dict.fromkeys(map(str, [*given, *(runs_in(RUNS) if RUNS.is_dir() else ())])))

@@ -34,12 +34,25 @@ def is_log(path: str | Path) -> bool:
     return begin.startswith(MAGIC) or path.suffix == '.mcap'
 
 
+def runs_in(folder: str | Path) -> list[Path]:
+    """Return the logs and tables in a folder, newest first; raises InvalidData where it cannot be read."""
+    try:
+        found = sorted(Path(folder).iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
+        return [path for path in found
+                if path.suffix in ('.mcap', '.csv') or (path.is_dir() and next(path.glob('*.mcap'), None))]
+    except OSError as error:
+        raise InvalidData(f'{folder}: wanted a folder of runs, got: {error.strerror}') from error
+
+
 def open_run(path: str | Path, run_id: str | None = None) -> Run:
     """Return the Run of a log directory, an .mcap file or a CSV table, recognised by its content.
 
     run_id chooses where a log holds several runs. Raises InvalidData where it is none of them, or a table holds another
     run than the one asked for."""
     if is_log(path):
+        if Path(path).is_dir() and not next(Path(path).glob('*.mcap'), None) and (inside := runs_in(path)):
+            raise InvalidData(f'{path}: wanted a run, got a folder of {len(inside)}: '
+                              f'{", ".join(one.name for one in inside)}; name one of them (rosette runs lists them)')
         return read_log(path).to_run(run_id)
     run = read_csv(path)
     if run_id not in (None, run.run_id):

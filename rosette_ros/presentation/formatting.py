@@ -12,6 +12,7 @@ from rosette_ros.core.records import CURVES, Run
 
 if TYPE_CHECKING:  # plan and info start without the least squares
     from rosette_ros.core.model.least_squares import Fit, Parameter
+    from rosette_ros.core.model.model import Model
 
 COVERAGE_FACTOR = 2
 """k of expanded uncertainties, about 95 % (GUM 6.2)."""
@@ -147,9 +148,16 @@ def setting_words(effect: str, setting: Mapping[str, object], without: Container
     for name, value in setting.items():
         if name not in without:
             scale = scale_of(units.get(name, ''), name)
-            shown = f'{value * scale.factor:.4g} {scale.unit}'.rstrip() if isinstance(value, float) else value
-            words.append(f'{name} {shown}')
+            if isinstance(value, float) or (isinstance(value, int) and scale.unit):
+                value = f'{value * scale.factor:.4g} {scale.unit}'.rstrip()
+            words.append(_first_senses(str(value)) if name == 'first' else f'{name} {value}')
     return ', '.join(words)
+
+
+def _first_senses(value: str) -> str:
+    """Return in words in which senses the CMM came to its first readings, such as '+-'."""
+    return (f'before they turn back, x moves {value[0]} and y {value[1]}'.replace('-', '−') if len(value) == 2 else
+            'the first senses of x and y are not known')
 
 
 def shown_parameter(parameter: 'Parameter') -> tuple[str, str, str]:
@@ -177,6 +185,13 @@ def plain_name(name: str) -> str:
 def words_of(name: str) -> str:
     """Return an effect in words with its identifier: 'creep of the plate (plate_creep)'."""
     return f'{plain_name(name)} ({name})' if plain_name(name) else name
+
+
+def model_words(model: 'Model') -> str:
+    """Return a model as a sum, fixed settings with their units."""
+    fixed_ones = [setting_words(term.name, term.fixed) for term in model.terms]
+    return ' + '.join([*model.base, *(f'{term.name} ({words})' if words else term.name
+                                      for term, words in zip(model.terms, fixed_ones, strict=True))]) or 'nothing'
 
 
 def pauses(run: Run) -> str:

@@ -128,6 +128,13 @@ def test_replay_gives_the_same_numbers_again(demo, rosette):
     assert 'equal to those in the log, bit for bit' in answer.out
 
 
+def test_replay_publishes_in_another_namespace(demo, rosette):
+    """Also the names that all nodes of a domain share; the numbers are the same."""
+    answer = rosette('replay', demo.log, '--domain', demo.domain, '--namespace', 'cell2')
+    assert (answer.code, answer.err) == (0, '')
+    assert 'equal to those in the log, bit for bit' in answer.out
+
+
 def test_calibrate_cancel_and_refusal(domain_id, make_cell, tmp_path, rosette, refused):
     """A run to its end, a refused goal, a replay that is refused beside a live cell, Ctrl-C."""
     with make_cell(domain_id, tmp_path, balls=BALLS) as cell:

@@ -60,7 +60,7 @@ def test_what_a_person_sees(rosette, tables):
     for words in ('<1e−6', 'µm/h', 'axes xyz', 'U: expanded uncertainty (k = 2)', 'The probe drifts steadily',
                   'Look at:', 'Not identified: the next best', 'table_backlash', 'negligible',
                   'rosette add frame_drift --model FILE', 'measure next in an order that shows',
-                  'Measure next in order sensitive: visible shares'):
+                  'Measure next in order sensitive: observable shares'):
         assert words in flat
     assert ' um' not in out
     assert max(map(len, lines)) <= 100

@@ -32,26 +32,44 @@ def shown(tmp_path_factory, module_domain_id):
                           timeout=TIMEOUT, check=False)
     assert done.returncode == 0, done.stderr
     log, = runs.iterdir()
-    return done.stdout, log
+    told = subprocess.run([*command[:3], 'envelope', log], capture_output=True, text=True, timeout=TIMEOUT, check=False)
+    assert told.returncode == 0, told.stderr
+    return done.stdout, told.stdout, log
+
+
+def test_the_envelope_stays_shut_until_it_is_asked_for(shown):
+    """The demo names nothing that is hidden, only how to find it; a person can solve it."""
+    out, _, log = shown
+    hidden = {one['kind'] for one in open_envelope(log / 'envelope.json').hidden}
+    assert hidden
+    assert not any(kind in out for kind in (*hidden, *diagnose(read_log(log).to_run()).missing))
+    assert 'The envelope is shut. To find out what is hidden:' in out
+    for verb in ('compare', 'diagnose', 'envelope'):
+        assert re.search(rf'^  \S*rosette {verb} {re.escape(str(log))}$', out, re.MULTILINE)
+    assert f'sha256 {open_envelope(log / "envelope.json").digest}' in out
+
+
+def test_a_run_without_an_envelope_is_refused(refused, make_table):
+    """In words."""
+    assert 'wanted the log of `rosette demo --hidden`, got none with envelope.json' in refused('envelope', make_table())
 
 
 def test_sections_in_order(shown):
-    """In order, with the digest before the first one and again at the end; no colour in a pipe."""
-    out, log = shown
+    """In order, the digest again at the end; no colour in a pipe."""
+    demo, out, log = shown
     heads = re.findall(r'^(\d)  (\w+)', out, re.MULTILINE)
     assert heads == [('1', 'evaluate'), ('2', 'compare'), ('3', 'diagnose'), ('4', 'add'),
                      ('5', 'advise'), ('6', 'the')]
     digests = re.findall(r'sha256 ([0-9a-f]{64})', out)
-    assert digests == [open_envelope(log / 'envelope.json').digest] * 2
-    assert out.index(digests[0]) < out.index('1  evaluate')
-    assert f'rosette demo --hidden {SEED}' in out
-    assert f'{BALLS} balls, order sensitive' in out
+    assert digests == [open_envelope(log / 'envelope.json').digest]
+    assert f'rosette demo --hidden {SEED}' in demo
+    assert f'{BALLS} balls, order sensitive' in demo
     assert '\x1b' not in out
 
 
 def test_what_is_shown_is_in_the_files(shown):
     """The envelope holds what the machine file draws; the model is what the log's run lacks."""
-    out, log = shown
+    _, out, log = shown
     written = yaml.safe_load((log / 'machine.yaml').read_text())
     assert written['hidden']['seed'] == SEED
     machine = Machine(load_machine(log / 'machine.yaml'))
@@ -68,7 +86,7 @@ def test_what_is_shown_is_in_the_files(shown):
 
 def test_the_ladder_is_that_of_the_model(shown):
     """Base model first, then what was added."""
-    out, log = shown
+    _, out, log = shown
     ladder = out.split('4  add')[1].split('5  advise')[0]
     added = [line.split()[1] for line in ladder.splitlines() if line.startswith('+ ')]
     assert added == [term.name for term in read_model(log / 'model.yaml').terms]
@@ -87,7 +105,8 @@ def test_visible_strength_is_that_of_the_machine_alone():
     config = MachineConfig().changed(seed=1, plate={'balls': 6})
     run = Machine(config).run(plan(6, 'random', 1))
     drift = {'kind': 'frame_drift', 'rate_um_per_h': [0.0, 0.0, 3.0]}
-    one, two = visible_strengths(config, run, (drift, {**drift, 'rate_um_per_h': [0, 0, 6.0]}))
+    begin, (one, two) = visible_strengths(config, run, (drift, {**drift, 'rate_um_per_h': [0, 0, 6.0]}))
+    assert 600 < begin < 1000  # 22 balls are measured before, some 35 s each
     hours = (run.time - run.time.mean()) / 3600
     assert two == pytest.approx(2 * one, rel=0.02)
     whole = 3.0 / 0.1 * np.linalg.norm(hours)
@@ -109,5 +128,10 @@ def test_answers(kind, strength, words):
 
 def test_content_is_short():
     """Three decimals, vectors in brackets."""
-    assert content({'kind': 'frame_step', 'at_h': 0.82612, 'step_um': (0.5, -0.25, 0.0)}) == (
-        'at_h 0.826, step_um (0.5, −0.25, 0)')
+    assert content({'kind': 'frame_step', 'at_h': 0.82612, 'step_um': (0.5, -0.25, 0.0)}, 0.0) == (
+        'at 49.6 min, step_um (0.5, −0.25, 0)')
+
+
+def test_times_count_from_the_first_reading():
+    """A step 49.6 min after the machine was switched on is 34.6 min after a run that began 15 min after that."""
+    assert content({'kind': 'frame_step', 'at_h': 0.82612}, 900.0) == 'at 34.6 min'

@@ -6,10 +6,11 @@ import math
 import pytest
 
 from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.scheme import plan
 from rosette_ros.presentation import formatting as text
-from rosette_ros.presentation.formatting import SCALES, scale_of
+from rosette_ros.presentation.formatting import SCALES, model_words, scale_of, setting_words
 
 
 @pytest.mark.parametrize(('value', 'unit', 'name', 'shown', 'in_unit'), [
@@ -53,3 +54,12 @@ def test_probabilities(p, shown):
 def test_numbers_have_minus_signs_and_units(shown, wanted):
     """Never −0; files keep the hyphen."""
     assert shown == wanted
+
+
+def test_settings_have_units_and_words():
+    """Seconds as minutes, whole numbers too; what cmm_reversal searches is said in words."""
+    assert setting_words('frame_warmup', {'tau': 600, 'axes': 'xyz'}) == 'tau 10 min, axes xyz'
+    assert setting_words('outlier', {'reading': 12345}) == 'reading 12345'
+    assert setting_words('cmm_reversal', {'first': '+-'}) == 'before they turn back, x moves + and y −'
+    assert setting_words('cmm_reversal', {'first': 'unknown'}) == 'the first senses of x and y are not known'
+    assert model_words(Model().with_effect('frame_warmup', {'tau': 600.0})).endswith(' + frame_warmup (tau 10 min)')

@@ -341,7 +341,8 @@ def _split(columns: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
 def _too_few(run: Run, rank: str, missing: str = '') -> NotDeterminable:
     return NotDeterminable(
         f'{run.source}: too few ball centres: {run.size} of {run.n**2} {rank} (at least {5 * run.n - 6} well spread '
-        f'ball centres){missing}. Measure the missing balls: rosette calibrate --resume RUN')
+        f'ball centres){missing}. Measure the missing balls; where RUN is a log: rosette calibrate '
+        '--resume RUN')
 
 
 BaseSpace = CompleteSpace | DenseSpace

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Folders of runs, and commands that work as they are printed."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from simulated import simulated_table
+
+from rosette_ros import program
+from rosette_ros.analysis import judge
+from rosette_ros.io.open_run import open_run
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Return a folder with two tables, the second newer, and a file that is no run."""
+    for age, (name, source) in enumerate((('clean', simulated_table()), ('drift', simulated_table('drift')))):
+        path = tmp_path / f'{name}.csv'
+        path.write_bytes(source.read_bytes())
+        os.utime(path, (1e9 + age, 1e9 + age))
+    (tmp_path / 'notes.txt').write_text('none')
+    return tmp_path
+
+
+def test_runs_are_listed_with_their_verdicts(rosette, folder):
+    """Newest first, as evaluate judges each."""
+    found = json.loads(rosette('runs', folder, '--json').out)['runs']
+    assert [Path(one['path']).name for one in found] == ['drift.csv', 'clean.csv']
+    for one in found:
+        assert one['verdict'] == judge(open_run(one['path'])).sentence
+        assert (one['n'], one['readings'], one['problem']) == (8, 64, '')
+    out = ' '.join(rosette('runs', folder).out.split())
+    assert '2 runs' in out and 'The model lacks frame_drift' in out
+
+
+def test_a_file_that_is_no_run_is_listed_with_its_problem(rosette, folder):
+    """The others are judged."""
+    (folder / 'broken.csv').write_text('nothing')
+    found = {Path(one['path']).name: one for one in json.loads(rosette('runs', folder, '--json').out)['runs']}
+    assert found['broken.csv']['verdict'] is None and 'broken.csv' in found['broken.csv']['problem']
+    assert found['clean.csv']['verdict']
+
+
+def test_a_folder_of_runs_is_no_run(refused, folder, tmp_path):
+    """They are named."""
+    assert (f'{folder}: wanted a run, got a folder of 2: drift.csv, clean.csv; name one of them (rosette runs lists '
+            'them)') in refused('evaluate', folder)
+    assert 'wanted a folder of runs, got: No such file' in refused('runs', tmp_path / 'none')
+
+
+def test_evaluate_points_to_diagnose_where_the_model_fails(rosette, folder):
+    """And only there."""
+    assert f'{program()} diagnose {folder / "drift.csv"}' in rosette('evaluate', folder / 'drift.csv').out
+    assert 'diagnose' not in rosette('evaluate', folder / 'clean.csv').out
+
+
+def test_the_program_is_called_as_it_is_found(monkeypatch):
+    """By its path where the name does not find it, by its name where it does; what is printed runs."""
+    own = Path(sys.prefix) / 'bin' / 'rosette'
+    monkeypatch.setenv('PATH', '/usr/bin:/bin')
+    assert program() == str(own)
+    monkeypatch.chdir(own.parent)
+    assert program() == './rosette'
+    assert subprocess.run(f'{program()} --version', shell=True, check=False, capture_output=True).returncode == 0
+    monkeypatch.chdir(own.parents[2])
+    assert program() == '.venv/bin/rosette'
+    monkeypatch.setenv('PATH', f'{own.parent}:/usr/bin:/bin')
+    assert program() == 'rosette'
+
+
+def test_the_shell_finds_rosette_and_ros(refused):
+    """One command in it; a command that is not there is refused."""
+    def shell(*words):
+        return subprocess.run([sys.executable, '-m', 'rosette_ros.cli.main', 'shell', *words], check=False, text=True,
+                              capture_output=True, env={**os.environ, 'PATH': '/usr/bin:/bin'}).stdout.strip()
+    assert shell('python', '-c', 'import rclpy, rosette_msgs, sys; print(sys.prefix)') == sys.prefix
+    assert shell('sh', '-c', 'command -v rosette') == str(Path(sys.prefix) / 'bin' / 'rosette')
+    assert "got 'no-such-command', which is not found" in refused('shell', 'no-such-command')
