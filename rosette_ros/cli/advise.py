@@ -8,7 +8,7 @@ from rich.markup import escape
 from rosette_ros import program
 from rosette_ros.analysis import advise, advise_run
 from rosette_ros.cli.arguments import UsageError, add_shared
-from rosette_ros.cli.console import console, print_json, print_parts
+from rosette_ros.cli.console import console, print_json, print_parts, warn
 from rosette_ros.cli.plan import add_plan
 from rosette_ros.core.effects.library import effect
 from rosette_ros.core.planning.advice import Advice
@@ -35,6 +35,7 @@ def run(options: Namespace) -> None:
     planned = (options.balls, options.order)
     if options.run_path is not None and planned == (None, None):
         measured = open_run(options.run_path)
+        warn(measured)
         advice = advise_run(measured, wanted, options.seed)
         n, radius, run_id = measured.n, measured.radius, measured.run_id
     elif options.run_path is None and None not in planned:

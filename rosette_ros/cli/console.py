@@ -77,6 +77,12 @@ def head(run: Run) -> str:
     return f'[bold]{escape(run.run_id or run.source)}[/]: {run_size(run)}'
 
 
+def warn(run: Run) -> None:
+    """Print what is wrong with the readings as a whole, a line each, on stderr: for output without a verdict."""
+    for remark in run.remarks:
+        print(f'rosette: {remark}', file=sys.stderr)
+
+
 def fit_rows(fit: 'Fit') -> list[tuple[str, str]]:
     """Return what was fitted, how well it fits and what is not observable, as rows of `pairs`."""
     return [('Model', f'{escape(" + ".join(fit.model.names) or "nothing")} (rank {fit.rank}, {fit.dof} degrees of '

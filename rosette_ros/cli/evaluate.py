@@ -9,7 +9,7 @@ from rich.markup import escape
 from rosette_ros import program
 from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, judge
 from rosette_ros.cli.arguments import add_formats, add_shared
-from rosette_ros.cli.console import console, fit_rows, head, pairs, print_json, print_parts, print_verdict
+from rosette_ros.cli.console import console, fit_rows, head, pairs, print_json, print_parts, print_verdict, warn
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.io.model_file import read_model
@@ -27,10 +27,12 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> None:
     """Print the evaluation."""
     fit = analyse(open_run(options.run_path, options.run_id), read_model(options.model))
+    verdict = judge(fit.run, fit.model) if fit.run.n <= MOST_BALLS_JUDGED and not options.csv else None
+    if verdict is None:
+        warn(fit.run)
     if options.csv:
         sys.stdout.write(curves(fit.error_motions).csv())
         return
-    verdict = judge(fit.run, fit.model) if fit.run.n <= MOST_BALLS_JUDGED else None
     if options.json:
         print_json(evaluation_json(fit, verdict))
     else:

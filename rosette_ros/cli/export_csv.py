@@ -7,7 +7,7 @@ import sys
 from rich.markup import escape
 
 from rosette_ros.cli.arguments import add_shared
-from rosette_ros.cli.console import console, head
+from rosette_ros.cli.console import console, head, warn
 from rosette_ros.io.ball_centre_table import format_csv, write_csv
 from rosette_ros.io.open_run import open_run
 
@@ -23,6 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Write the table."""
     run = open_run(options.run_path, options.run_id)
+    warn(run)
     if options.output == '-':
         sys.stdout.write(format_csv(run))
         return

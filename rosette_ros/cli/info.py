@@ -94,7 +94,7 @@ def _logged(log: LogRun, run_id: str) -> dict[str, Any]:
         found = log.to_run(run_id)
     except RosetteError as error:
         problem = str(error)
-    remarks = found.remarks if found else remarks_on_answers(answers.counting())
+    remarks = [one for one in found.remarks if one != log.damage] if found else remarks_on_answers(answers.counting())
     return _run_facts(run_id, first.balls, first.radius, phases, found, order=state.order if state else None,
                       unused=unused, remarks=remarks,
                       published_curves=len(published), model=published[-1].model_name if published else None,

@@ -5,6 +5,7 @@ Every key is mandatory for rosbag2. The same mapping, without the top-level key,
 record `rosbag2`. Source: rosbag2_storage (jazzy), metadata_io and yaml.hpp."""
 
 import re
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -22,6 +23,8 @@ FILE_NAME = 'metadata.yaml'
 TOP_KEY = 'rosbag2_bagfile_information'
 METADATA_RECORD, METADATA_KEY = 'rosbag2', 'serialized_metadata'
 """Name and key of the metadata record of an .mcap file that holds the description."""
+CHECKSUM_KEY = 'rosette.checksum'
+"""Entry of custom_data: CRC-32 of the other entries."""
 REPEATED_RECORD = 'rosette.repeated'
 """Metadata record of a further file of a log: topic to the sequence numbers, by spaces, of what it repeats."""
 INFINITE = 9223372036 * 10**9 + 854775807  # duration that rosbag2 writes for "no limit", ns
@@ -123,9 +126,10 @@ def bag_mapping(topics: Iterable[TopicSummary], files: Sequence[FileSummary],
         'compression_format': '', 'compression_mode': '', 'relative_file_paths': [entry.path for entry in files],
         'files': [{
             'path': entry.path, 'starting_time': {'nanoseconds_since_epoch': entry.start_ns},
-            'duration': {'nanoseconds': entry.end_ns - entry.start_ns}, 'message_count': entry.messages}
-            for entry in files],
-        'custom_data': dict(custom_data) if custom_data else None, 'ros_distro': 'jazzy'}
+            'duration': {'nanoseconds': entry.end_ns - entry.start_ns},
+            'message_count': entry.messages} for entry in files],
+        'custom_data': {CHECKSUM_KEY: _checksum(custom_data), **custom_data} if custom_data else None,
+        'ros_distro': 'jazzy'}
 
 
 def bag_text(mapping: Mapping[str, Any]) -> str:
@@ -133,15 +137,31 @@ def bag_text(mapping: Mapping[str, Any]) -> str:
     return str(yaml.dump(mapping, Dumper=_Dumper, sort_keys=False, allow_unicode=True))
 
 
-def custom_data_in(records: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
-    """Return the custom_data in the metadata records of an .mcap file, by name; empty where there is none."""
-    text = records.get(METADATA_RECORD, {}).get(METADATA_KEY, '')
+def _checksum(custom_data: Mapping[str, str]) -> str:
+    return f'{zlib.crc32(repr(sorted(custom_data.items())).encode()):08x}'
+
+
+def _custom_data(bag: Any) -> dict[str, str] | None:
+    """Return the custom_data of a mapping without its checksum, None where that is wrong."""
+    found = {str(key): str(value) for key, value in ((bag or {}).get('custom_data') or {}).items()}
+    stated = found.pop(CHECKSUM_KEY, None)
+    return found if stated in (None, _checksum(found)) else None
+
+
+def custom_data_in(record: Mapping[str, str]) -> dict[str, str]:
+    """Return the custom_data in the metadata record of an .mcap file, empty where there is none.
+
+    Raises ValueError where its checksum is wrong."""
+    text = record.get(METADATA_KEY, '')
     block = re.search(r'^custom_data:.*\n(?:[ \t-].*\n|\n)*', text, re.MULTILINE)  # of 25 kB it is most often one line
     try:
         found = load_plain(block[0] if block else text) if len(text) <= MAX_BYTES else None
-        return {str(key): str(value) for key, value in ((found or {}).get('custom_data') or {}).items()}
+        custom_data = _custom_data(found)
     except (yaml.YAMLError, *BAD_VALUE):
         return {}
+    if custom_data is None:
+        raise ValueError('custom_data with a wrong checksum')
+    return custom_data
 
 
 def write_bag_metadata(directory: Path, mapping: Mapping[str, Any], is_first: bool) -> None:
@@ -151,11 +171,12 @@ def write_bag_metadata(directory: Path, mapping: Mapping[str, Any], is_first: bo
 
 @dataclass(frozen=True)
 class BagListing:
-    """What makes up a log: its .mcap files in order, custom_data of its metadata.yaml, what is wrong, in words."""
+    """The .mcap files of a log in order, and of its metadata.yaml: custom_data, what is wrong, messages by file."""
 
     files: tuple[Path, ...]
     custom_data: dict[str, str] = field(default_factory=dict)
     problems: tuple[str, ...] = ()
+    messages: dict[Path, int] = field(default_factory=dict)
 
 
 def find_files(path: str | Path) -> BagListing:
@@ -192,7 +213,8 @@ def read_bag_metadata(path: Path) -> BagListing:
     try:
         bag = load_plain(data.decode())[TOP_KEY]
         storage, names = bag['storage_identifier'], bag['relative_file_paths']
-        custom_data = {str(key): str(value) for key, value in (bag.get('custom_data') or {}).items()}
+        custom_data = _custom_data(bag)
+        messages = {path.parent / entry['path']: int(entry['message_count']) for entry in bag.get('files') or ()}
     except (yaml.YAMLError, *BAD_VALUE) as error:
         raise InvalidData(
             f'{path}: wanted a rosbag2 description with {TOP_KEY}, storage_identifier and relative_file_paths, got '
@@ -208,7 +230,11 @@ def read_bag_metadata(path: Path) -> BagListing:
         if not (path.parent / name).is_file():
             raise InvalidData(f'{path}: names {name}, which is missing; put the file back, or delete metadata.yaml to '
                               'read the files that are there')
-    others = ', '.join(sorted({one.name for one in path.parent.glob('*.mcap')} - {*names}))
-    problems = (f'{path}: does not name {others}, which was not read; delete metadata.yaml to read all files that are '
-                'there',) if others else ()
-    return BagListing(tuple(path.parent / name for name in names), custom_data, problems)
+    others = sorted({one.name for one in path.parent.glob('*.mcap')} - {*names})
+    problems = []
+    if others:
+        problems.append(f'{path}: does not name {", ".join(others)}, which was not read; delete metadata.yaml to read '
+                        'all files that are there')
+    if custom_data is None:
+        problems.append(f'{path}: custom_data: its checksum is wrong; that in the .mcap files is used')
+    return BagListing(tuple(path.parent / name for name in names), custom_data or {}, tuple(problems), messages)

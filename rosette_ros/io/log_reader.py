@@ -6,17 +6,17 @@ The mcap library parses the records, mcap-ros2-support the messages. Where recor
 their lengths are bounded before memory is asked for: behind a damaged record reading goes on with the next one.
 Source: MCAP specification, version 0."""
 
-import contextlib
+import math
 import os
 import struct
+import time
 import zlib
-from collections import Counter
-from collections.abc import Callable, Iterator
-from functools import lru_cache
-from io import BytesIO, StringIO
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator
+from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
-from typing import IO, Any, NamedTuple
+from typing import IO, NamedTuple
 
 import lz4.frame
 import zstandard
@@ -24,22 +24,26 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Header, Metadata, Schema, Statistics
-from mcap_ros2.decoder import DecoderFactory
 
-from rosette_ros.core.errors import InvalidData, plain
+from rosette_ros.core.errors import InvalidData
 from rosette_ros.io import bag_metadata as bag
 from rosette_ros.io.log_run import NEEDED, RECORDS, TF_MESSAGE, TF_STATIC, LogRun, check_version
+from rosette_ros.io.message_decoder import message_decoder
 from rosette_ros.io.safe_yaml import BAD_VALUE
 from rosette_ros.io.text_file import reading
 
 MAGIC = b'\x89MCAP0\r\n'
 MAX_RECORD = 1 << 28  # larger records and chunks are not read, bytes
-MAX_MESSAGE, MAX_SCHEMA = 1 << 22, 1 << 16
-"""Longer messages and schemas are not decoded, bytes: error motions of 10 000 balls take 1 MB."""
+MAX_SUMMARY = 1 << 26  # a larger summary is not used, bytes; 40 000 chunks need half of it
+MAX_EXPANSION, SPARE = 100, 64 << 20  # a log may expand to so many times its size, and so many bytes more
+MAX_MESSAGES, MAX_PROBLEMS = 10_000_000, 20  # of a log; named of a file
+READ_WITHIN = 60.0  # longest processor time for reading a log as a run, s: 2.5 million messages of a cell
 
 _READ = frozenset((Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA,
                    Opcode.STATISTICS))
 _RECORD_HEAD, _MESSAGE_HEAD = struct.Struct('<BQ'), struct.Struct('<HIqq')
+_FOOTER, _CHUNK_INDEX = struct.Struct('<QQI'), struct.Struct('<16xQQ')
+_KNOWN, _PRIVATE = frozenset(Opcode), 0x80
 _DAMAGED = (EndOfFile, struct.error, ValueError)  # what the parsers of the library raise
 _SEQUENCE = 0xFFFFFFFF
 
@@ -88,17 +92,37 @@ class LoggedMessage(NamedTuple):
         return self.channel.type_name
 
 
+class Allowance:
+    """What is left of what files, read together, may take: expanded bytes, messages, processor time in s."""
+
+    def __init__(self, paths: Iterable[Path], within: float) -> None:
+        self._paths = tuple(paths)
+        sizes = (path.stat().st_size for path in self._paths if path.is_file())
+        self._bytes, self._messages = MAX_EXPANSION * sum(sizes) + SPARE, MAX_MESSAGES
+        self._within, self._until = within, time.thread_time() + within
+
+    def take(self, expanded: int, messages: int) -> None:
+        """Take something of it; raises InvalidData where too little is left."""
+        self._bytes, self._messages = self._bytes - expanded, self._messages - messages
+        over = (f'that expands to at most {MAX_EXPANSION} times its size, got a larger one' if self._bytes < 0 else
+                f'of at most {MAX_MESSAGES} messages, got more' if self._messages < 0 else
+                f'that is read within {self._within:g} s, got a longer one' if time.thread_time() > self._until else '')
+        if over:
+            raise InvalidData(f'{self._paths[0]}: wanted a log {over}; no cell writes such a log')
+
+
 class LogFile:
     """One .mcap file as it is read.
 
-    channels: by number; metadata: of each metadata record by name, the last one wins; counts: messages by channel;
-    chunks: read so far; summary: of its messages; truncated: whether the end is missing; problems: in words;
-    skip_repeated: whether messages that the file repeats of an earlier one are skipped."""
+    channels: by number; custom_data: of the last metadata record that has any; counts: messages by channel; chunks:
+    read so far; summary: of its messages; truncated: whether the end is missing; problems: in words; skip_repeated:
+    whether messages that the file repeats of an earlier one are skipped; stated: its messages, at least, as
+    metadata.yaml says."""
 
-    def __init__(self, path: Path, skip_repeated: bool = False) -> None:
-        self.path, self._skip_repeated = path, skip_repeated
+    def __init__(self, path: Path, allowance: Allowance, skip_repeated: bool = False, stated: int = 0) -> None:
+        self.path, self._allowance, self._skip_repeated, self._least = path, allowance, skip_repeated, stated
         self.channels, self.counts, self.problems = dict[int, LogChannel](), Counter[int](), list[str]()
-        self.metadata: dict[str, dict[str, str]] = {}
+        self.custom_data: dict[str, str] = {}
         self.chunks, self.summary, self.truncated = 0, bag.FileSummary(path.name), False
         self._schemas: dict[int, Schema] = {}
         self._repeated: dict[str, set[int]] = {}
@@ -115,7 +139,7 @@ class LogFile:
     def _read(self, stream: IO[bytes], wanted: Callable[[LogChannel], bool]) -> Iterator[LoggedMessage]:
         size = os.fstat(stream.fileno()).st_size
         self._check_begin(stream, size)
-        for opcode, length in _records(stream, len(MAGIC), size):
+        for opcode, length in self._records(stream, size):
             if opcode == Opcode.FOOTER:
                 stream.seek(length, os.SEEK_CUR)
                 if stream.read(len(MAGIC) + 1) != MAGIC:
@@ -130,15 +154,69 @@ class LogFile:
                     yield from self._in_chunk(data, wanted)
             elif opcode in _READ:
                 yield from self._record(opcode, stream.read(length), wanted)
+            elif opcode not in _KNOWN and opcode < _PRIVATE:
+                self._note(f'a record of unknown kind {opcode:#04x} was skipped; it was damaged')
         else:
             self.truncated = True
         if self._undescribed:
             self._note(f'{self._undescribed} messages of channels that the log does not describe before them')
-        if not self.problems and self._stated not in (None, found := self.summary.messages + self._skipped):
-            self._note(f'wanted {self._stated} messages, as its summary says, got {found}; it was damaged')
+        found, stated = self.summary.messages + self._skipped, self._stated
+        is_short = not self.problems and (stated not in (None, found) or found < self._least)
         if self.truncated:
             self._note(f'ends in the middle: the writer was killed or the file was cut; '
                        f'read {self.summary.messages} messages of {self.chunks} whole chunks')
+        if is_short:
+            self._note(f'wanted {max(stated or 0, self._least)} messages, as its summary or {bag.FILE_NAME} says, got '
+                       f'{found}; it was damaged')
+
+    def _records(self, stream: IO[bytes], size: int) -> Iterator[tuple[int, int]]:
+        """Yield as `_records`; behind damage it goes on with the next chunk that the summary of the file points to."""
+        chunks, end = self._summary(stream, size)
+        places, at, row = [*sorted(chunks), end], len(MAGIC), 0
+        while at + _RECORD_HEAD.size <= size:
+            stream.seek(at)
+            opcode, length = _RECORD_HEAD.unpack(stream.read(_RECORD_HEAD.size))
+            if at in chunks and (opcode, length) != (Opcode.CHUNK, chunks[at]):
+                self._note(f'the head of chunk {self.chunks + 1} is damaged; it was read as the summary says')
+                opcode, length = Opcode.CHUNK, chunks[at]
+            while row < len(places) and places[row] <= at:
+                row += 1
+            following = places[row] if row < len(places) else size
+            at += _RECORD_HEAD.size + length
+            self._allowance.take(0, 0)
+            if opcode and at <= following:
+                yield opcode, length
+            elif following < size:
+                self._note('a damaged part was skipped; reading went on where the summary says')
+                at = following
+            else:
+                return
+
+    def _summary(self, stream: IO[bytes], size: int) -> tuple[dict[int, int], int]:
+        """Take schemas and channels of the summary; return of each chunk in it place and length, and its own place.
+
+        A summary without a right checksum is none: ({}, size)."""
+        foot = _RECORD_HEAD.size + _FOOTER.size
+        stream.seek(max(size - foot - len(MAGIC), 0))
+        data = stream.read()
+        if len(data) < foot + len(MAGIC) or data[foot:] != MAGIC or data[0] != Opcode.FOOTER:
+            return {}, size
+        begin, _, checksum = _FOOTER.unpack_from(data, _RECORD_HEAD.size)
+        long = size - foot - len(MAGIC) - begin
+        if not (len(MAGIC) <= begin and 0 < long <= MAX_SUMMARY):
+            return {}, size
+        stream.seek(begin)
+        content = stream.read(long)
+        if zlib.crc32(data[:foot - 4], zlib.crc32(content)) != checksum:
+            return {}, size
+        chunks, part = dict[int, int](), BytesIO(content)
+        for opcode, length in _records(part, 0, long):
+            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                deque(self._record(opcode, part.read(length), lambda channel: False), 0)
+            elif opcode == Opcode.CHUNK_INDEX and length >= _CHUNK_INDEX.size:
+                place, whole = _CHUNK_INDEX.unpack(part.read(_CHUNK_INDEX.size))
+                chunks[place] = whole - _RECORD_HEAD.size
+        return {place: whole for place, whole in chunks.items() if len(MAGIC) <= place < begin - whole}, begin
 
     def _check_begin(self, stream: IO[bytes], size: int) -> None:
         magic = stream.read(len(MAGIC))
@@ -164,8 +242,9 @@ class LogFile:
                               'the log')
 
     def _note(self, problem: str) -> None:
-        if (words := f'{self.path}: {problem}') not in self.problems:
-            self.problems.append(words)
+        words = f'{self.path}: {problem}'
+        if words not in self.problems and len(self.problems) <= MAX_PROBLEMS:
+            self.problems.append(words if len(self.problems) < MAX_PROBLEMS else f'{self.path}: has more problems')
 
     def _record(self, opcode: int, content: bytes, wanted: Callable[[LogChannel], bool]) -> Iterator[LoggedMessage]:
         """Take a record that is no chunk; a damaged one becomes a problem."""
@@ -180,7 +259,8 @@ class LogFile:
                 self._add_channel(Channel.read(_Content(content)))
             elif opcode == Opcode.METADATA:
                 record = Metadata.read(_Content(content))
-                self.metadata[record.name] = record.metadata
+                if record.name == bag.METADATA_RECORD:
+                    self.custom_data = bag.custom_data_in(record.metadata) or self.custom_data
                 if record.name == bag.REPEATED_RECORD and self._skip_repeated:
                     self._repeated = {topic: {int(number) & _SEQUENCE for number in numbers.split()}
                                       for topic, numbers in record.metadata.items()}
@@ -210,6 +290,8 @@ class LogFile:
             self._skipped += 1
             return
         self.summary.count(log_time)
+        if not self.summary.messages % 1000:
+            self._allowance.take(0, 1000)
         self.counts[number] += 1
         if channel is None:
             self._undescribed += 1
@@ -225,6 +307,7 @@ class LogFile:
                 raise InvalidData(f'{self.path}: {place}: compression: wanted none, lz4 or zstd, got '
                                   f'{chunk.compression!r}; decompress the log with `mcap decompress`')
             wrong = f'its {chunk.compression} data'
+            self._allowance.take(min(chunk.uncompressed_size, MAX_RECORD), 0)
             data = _uncompressed(chunk) if chunk.uncompressed_size <= MAX_RECORD else b''
             wrong = 'its length' if len(data) != chunk.uncompressed_size else 'its checksum'
             if wrong == 'its checksum' and chunk.uncompressed_crc in (0, zlib.crc32(data)):
@@ -279,73 +362,29 @@ def _uncompressed(chunk: Chunk) -> bytes:
     return chunk.data
 
 
-class _Payload(bytes):
-    """Bytes of a message: a slice of them is whole, or raises ValueError; text that is no UTF-8 is replaced."""
+def open_files(listing: bag.BagListing, within: float = math.inf) -> list[LogFile]:
+    """Return a LogFile of each file of a log; what a later one repeats of an earlier one is skipped.
 
-    def __getitem__(self, key: Any) -> Any:
-        found = super().__getitem__(key)
-        if isinstance(key, slice) and len(found) < key.stop - key.start:
-            raise ValueError('ends early')
-        return _Payload(found)
-
-    def decode(self, encoding: str = 'utf-8', errors: str = 'replace') -> str:
-        return super().decode(encoding, 'replace')
-
-
-@lru_cache(maxsize=64)
-def message_decoder(type_name: str, schema_text: str) -> Callable[[bytes], SimpleNamespace]:
-    """Return the function that decodes the CDR bytes of a type by its ros2msg text.
-
-    Raises InvalidData where the text is no definition; so does the function where bytes end early or are no CDR."""
-    if len(schema_text) > MAX_SCHEMA:
-        raise InvalidData(f'schema of {type_name}: wanted at most {MAX_SCHEMA} bytes, got {len(schema_text)}')
-    printed = StringIO()  # the parser of the library prints the line that is wrong
-    try:
-        with contextlib.redirect_stderr(printed):
-            decoder = DecoderFactory().decoder_for('cdr', Schema(1, schema_text.encode(), 'ros2msg', type_name))
-    except Exception as error:  # it has many errors of its own and no base of them
-        raise InvalidData(f'schema of {type_name}: wanted a ros2msg definition, got one that is none: '
-                          f'{plain(printed.getvalue() or str(error), 200)}; the log was written wrongly') from error
-
-    def decode(data: bytes) -> SimpleNamespace:
-        if data[:2] != b'\0\1':
-            got = data[:2].hex(' ') or 'nothing'
-            raise InvalidData(f'{type_name}: wanted little-endian CDR (00 01), got {got}')
-        if len(data) > MAX_MESSAGE:
-            raise InvalidData(f'{type_name}: wanted a message of at most {MAX_MESSAGE} bytes, got {len(data)}')
-        try:
-            decoded: SimpleNamespace = decoder(_Payload(data))
-            return decoded
-        except (struct.error, IndexError) as error:
-            raise InvalidData(f'{type_name}: ends early, after {len(data)} bytes') from error
-        except (RuntimeError, *BAD_VALUE) as error:
-            raise InvalidData(f'{type_name}: cannot be decoded: {plain(str(error), 200)}') from error
-
-    return decode
-
-
-def open_files(paths: tuple[Path, ...]) -> list[LogFile]:
-    """Return a LogFile of each file of a log; what a later one repeats of an earlier one is skipped."""
-    return [LogFile(path, skip_repeated=row > 0) for row, path in enumerate(paths)]
-
-
-def custom_data_of(files: list[LogFile]) -> dict[str, str]:
-    """Return the custom_data in the metadata records of files that were read, of the last one that has any."""
-    return next(filter(None, (bag.custom_data_in(file.metadata) for file in reversed(files))), {})
+    within: processor time that reading may take, s; where it takes more of that, of messages or of memory than a log
+    of a cell, the files raise InvalidData."""
+    allowance = Allowance(listing.files, within)
+    return [LogFile(path, allowance, row > 0, listing.messages.get(path, 0)) for row, path in enumerate(listing.files)]
 
 
 def iter_log(path: str | Path) -> Iterator[LoggedMessage]:
     """Yield every message of a log, in the order of recording."""
-    for file in open_files(bag.find_files(path).files):
+    for file in open_files(bag.find_files(path)):
         yield from file.messages()
 
 
-def read_log(path: str | Path) -> LogRun:
+def read_log(path: str | Path, listing: bag.BagListing | None = None) -> LogRun:
     """Return what a log directory or an .mcap file holds; a log cut short gives what is whole.
 
+    listing: its files, where they are not those that it names.
+
     Raises InvalidData where there is no log, it is empty, of another profile, or its ball centres cannot be decoded."""
-    listing = bag.find_files(path)
-    files, log = open_files(listing.files), LogRun(Path(path), listing.files)
+    listing = listing or bag.find_files(path)
+    files, log = open_files(listing, READ_WITHIN), LogRun(Path(path), listing.files)
     problems, checked = list(listing.problems), set[tuple[str, str]]()
     for file in files:
         for message in file.messages(_is_needed):
@@ -372,7 +411,8 @@ def read_log(path: str | Path) -> LogRun:
     log.start_ns, log.end_ns = bag.span(file.summary for file in files)
     log.truncated = any(file.truncated for file in files)
     log.problems = (*problems, *(problem for file in files for problem in file.problems))
-    log.custom_data = listing.custom_data or custom_data_of(files)
+    found = (listing.custom_data, *(file.custom_data for file in reversed(files)))
+    log.custom_data = next(filter(None, found), {})
     return log
 
 

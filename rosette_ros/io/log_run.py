@@ -136,6 +136,12 @@ class LogRun:
         return [answer for run in self.runs.values() for answer in run.answers]
 
     @property
+    def damage(self) -> str:
+        """What the log lacks, in a line, empty where it is whole."""
+        more = f', and {len(self.problems) - 1} more problems (rosette info)' if len(self.problems) > 1 else ''
+        return f'the log is damaged: {self.problems[0]}{more}' if self.problems else ''
+
+    @property
     def unasked(self) -> tuple[str, ...]:
         """Answers with a run_id that no target has, in words."""
         return tuple(f'{len(run.answers)} answers repeat the run_id {name!r}, which no target has'
@@ -176,8 +182,9 @@ class LogRun:
         if not any(run.answers for run in self.runs.values()):
             topics = ', '.join(topic.name for topic in self.topics) or 'none'
             raise InvalidData(f'{source}: wanted ball centres ({BALL_CENTRE}), got none in {self.messages} messages '
-                              f'(topics: {topics})')
+                              f'(topics: {topics}){f"; {self.damage}" * bool(self.damage)}')
         run = self.run(run_id).to_run(source, self.custom_data.get(REPEATS_KEY) == 'yes')
+        run = run.replace(remarks=(*filter(None, [self.damage]), *run.remarks))
         if run.repeatability is not None or REPEATABILITY_KEY not in self.custom_data:
             return run
         try:

@@ -31,8 +31,8 @@ from rosette_ros.studio.studio_session import OpenedRun, Preview, Session, Ticke
 T = TypeVar('T')
 STEP, VALUE, ERROR = 'step', 'value', 'error'
 """What the process sends."""
-READ_WITHIN, READ_MEMORY = 60.0, 2 << 30
-"""Longest time, s, and most memory, bytes, for reading a run that was uploaded."""
+READ_MEMORY = 2 << 30
+"""Most memory for reading a run that was uploaded, bytes; it takes READ_WITHIN at most."""
 _CONTEXT = multiprocessing.get_context('forkserver')
 _CONTEXT.set_forkserver_preload(['rosette_ros.analysis', 'rosette_ros.presentation.report'])
 

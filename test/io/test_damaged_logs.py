@@ -7,14 +7,27 @@ run is that of the undamaged log, bit for bit. Time and memory are bounded.
 
 import resource
 import time
+from dataclasses import replace
+from pathlib import Path
 
+import lz4.frame
 import numpy as np
 import pytest
+import zstandard
+from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.records import Chunk, Header, Message
+from mcap.stream_reader import StreamReader, breakup_chunk
 
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.io.log_reader import iter_log, read_log
+from rosette_ros.io import log_reader
+from rosette_ros.io.ball_centre_table import read_csv
+from rosette_ros.io.log_reader import MAGIC, iter_log, read_log
+from rosette_ros.io.log_repair import repair_log
+from rosette_ros.io.run_to_log import write_log
 
+TABLE = Path(__file__).parents[1] / 'golden' / 'tables' / 'table_clean_n6_row.csv'
 FLIPS, CUTS = 120, 60
 MOST_SECONDS, MOST_BYTES = 2.0, 70e6
 LENGTHS = (0, 1, 22, 2**28, 2**28 + 1, 2**31, 2**40, 2**63, 2**64 - 1)
@@ -112,3 +125,147 @@ def test_damage_is_reported_or_without_effect(sound, tmp_path, damage):
             assert log.messages == whole
     assert reported
     assert 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory) < MOST_BYTES
+
+
+@pytest.fixture
+def many(make_cell, tmp_path):
+    """Return a log of some 40 chunks, and the places of its chunks by the index of the mcap library."""
+    log = make_cell(10).write(tmp_path / 'log', chunk_size=900)
+    with open(log / 'log_0.mcap', 'rb') as stream:
+        chunks = [(one.chunk_start_offset, one.chunk_length) for one in make_reader(stream).get_summary().chunk_indexes]
+    assert len(chunks) > 30
+    return log, chunks
+
+
+@pytest.mark.parametrize('is_cut', [False, True], ids=['whole', 'killed'])
+def test_a_chunk_whose_kind_is_damaged_is_missed(many, is_cut):
+    """By the summary of the file, and where it was never written by metadata.yaml; a repair knows of it too."""
+    log, chunks = many
+    path, (place, _) = log / 'log_0.mcap', chunks[20]
+    data, whole = path.read_bytes(), read_log(log).messages
+    for kind in (*range(18), 0x26, 0x80, 0x86):
+        changed = bytearray(data if not is_cut else data[:chunks[-1][0] + chunks[-1][1]])
+        changed[place] = kind
+        path.write_bytes(changed)
+        found = read_log(log)
+        assert bool(found.problems) == (is_cut or kind != Opcode.CHUNK)
+        if not is_cut:
+            assert found.messages == whole
+        elif kind not in (0, Opcode.CHUNK):  # 0 ends the file
+            assert not all(': ends in the middle' in problem for problem in found.problems)
+
+
+def test_a_cut_log_whose_chunk_is_hidden_is_not_whole(many, tmp_path):
+    """All that is left looks well: only metadata.yaml counts the messages of the chunk that is skipped."""
+    log, chunks = many
+    path, (place, _) = log / 'log_0.mcap', chunks[20]
+    data = bytearray(path.read_bytes())
+    data[place] = Opcode.MESSAGE_INDEX
+    for kind, at, _ in records(data):
+        if kind == Opcode.STATISTICS:
+            data[at - 1] = 0x80  # a private record; the checksum of the summary is then wrong, too
+    path.write_bytes(data)
+    [problem] = read_log(log).problems
+    assert 'messages, as its summary or metadata.yaml says, got' in problem
+    assert problem in repair_log(log).problems
+
+
+@pytest.mark.parametrize('begin', [0, 3000, 4500, 9000, 12_000, 22_500])
+def test_a_block_of_zeros_costs_only_the_chunks_that_it_touches(many, begin):
+    """The summary points to the others, and has schemas and channels; so a repair keeps them."""
+    log, chunks = many
+    path = log / 'log_0.mcap'
+    with open(path, 'rb') as stream:
+        messages = [sum(isinstance(one, Message) for one in breakup_chunk(record))
+                    for record in StreamReader(stream, emit_chunks=True).records if isinstance(record, Chunk)]
+    data = bytearray(path.read_bytes())
+    begin = 64 + begin
+    kept = [count for count, (place, length) in zip(messages, chunks, strict=True)
+            if begin >= place + length or place >= begin + 4096]
+    assert begin + 4096 < chunks[-1][0]
+    data[begin:begin + 4096] = bytes(4096)
+    path.write_bytes(data)
+    found = read_log(log)
+    assert found.problems
+    assert found.messages == sum(kept)
+    assert repair_log(log).messages == found.messages
+
+
+def test_the_repeatability_of_an_imported_log_has_a_checksum(library, tmp_path):
+    """A flipped bit in what the log says of it is refused or told, or the copy elsewhere is used."""
+    run = read_csv(TABLE).take(slice(12))
+    log, silent = write_log(run, tmp_path / 'log', library), 0
+    for path in (log / 'metadata.yaml', log / 'log_0.mcap'):
+        data = path.read_bytes()
+        begin = data.rindex(b'custom_data')
+        for place in range(begin, data.index(b'ros_distro', begin)):
+            path.write_bytes(replaced(data, place, bytes([data[place] ^ 1 << place % 8])))
+            try:
+                found = read_log(log if path.suffix == '.yaml' else path)
+                got = found.to_run()
+            except InvalidData:
+                continue
+            if not found.problems:
+                silent += 1
+                assert (got.repeatability, got.repeatability_dof) == (run.repeatability, run.repeatability_dof)
+        path.write_bytes(data)
+    assert silent  # a log without a checksum, or the copy beside it
+
+
+def test_a_log_of_which_no_reading_can_be_decoded_leaves_no_repaired_one(make_cell, tmp_path):
+    """Its schema is damaged: told in a line about the old log, and nothing is written."""
+    cell = make_cell()
+    define = cell.define
+    cell.define = lambda name: replace(define(name), text=define(name).text.replace('float64 form_error', 'float99 f'))
+    log = cell.write(tmp_path / 'log')
+    path = log / 'log_0.mcap'
+    path.write_bytes(path.read_bytes()[:-3000])
+    with pytest.raises(InvalidData, match=f'{path}: topic .*BallCentre: wanted a ros2msg definition, got one that is'):
+        repair_log(log)
+    assert not (tmp_path / 'log_repaired').exists()
+
+
+def chunked(data, compression='zstd', size=None):
+    """Return a file that has one chunk of these bytes."""
+    packed = {'zstd': zstandard.compress, 'lz4': lz4.frame.compress, '': bytes}[compression](data)
+    builder = RecordBuilder()
+    Header('ros2', 'x').write(builder)
+    Chunk(compression, packed, 0, 0, 0, len(data) if size is None else size).write(builder)
+    return builder.end()
+
+
+def test_what_expands_beyond_measure_is_refused_in_one_line(tmp_path):
+    """Before memory is asked for: 0.5 MB that are 3.3 GB, 121 kB of messages that take a minute, empty chunks."""
+    path, part = tmp_path / 'bomb.mcap', chunked(bytes(200 << 20))
+    head = len(chunked(b'', '')) - len(chunked(b'', '')[32:])
+    path.write_bytes(MAGIC + part + 16 * part[head:])
+    memory, begin = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
+    with pytest.raises(InvalidData, match=r'bomb.mcap: wanted a log that expands to at most 100 times its size, got'):
+        read_log(path)
+    message = bytes([Opcode.MESSAGE]) + (22).to_bytes(8, 'little') + bytes(22)
+    path.write_bytes(MAGIC + chunked(message * 10_000_000))
+    with pytest.raises(InvalidData, match='expands to at most'):
+        list(iter_log(path))
+    assert time.process_time() - begin < 10 * MOST_SECONDS
+    assert 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory) < 1 << 30
+
+
+def test_messages_time_and_problems_are_bounded(make_cell, tmp_path, monkeypatch):
+    """Each in words that name the log."""
+    log = make_cell().write(tmp_path / 'log', chunk_size=400)
+    path = log / 'log_0.mcap'
+    data = path.read_bytes()
+    bad = bytes([Opcode.CHUNK]) + (20).to_bytes(8, 'little') + bytes(20)
+    path.write_bytes(data[:8 + 9 + 23] + 500 * bad)
+    assert len(read_log(path).problems) == log_reader.MAX_PROBLEMS + 1
+    assert read_log(path).problems[-1].endswith('has more problems')
+    path.write_bytes(data)
+    monkeypatch.setattr(log_reader, 'READ_WITHIN', -1.0)
+    with pytest.raises(InvalidData, match='log_0.mcap: wanted a log that is read within -1 s, got a longer one'):
+        read_log(log)
+    monkeypatch.undo()
+    monkeypatch.setattr(log_reader, 'MAX_MESSAGES', 999)
+    cell = make_cell()
+    cell.sent = cell.sent * 30
+    with pytest.raises(InvalidData, match='wanted a log of at most 999 messages, got more'):
+        read_log(cell.write(tmp_path / 'long'))

@@ -12,10 +12,11 @@ from nicegui.events import UploadEventArguments
 
 from rosette_ros.core.errors import RosetteError, one_line
 from rosette_ros.core.records import Run
+from rosette_ros.io.log_reader import READ_WITHIN
 from rosette_ros.presentation.report import open_source
 from rosette_ros.presentation.report.provenance import Source
 from rosette_ros.studio.access_control import MOST_UPLOAD, TOO_LARGE
-from rosette_ros.studio.controller import READ_MEMORY, READ_WITHIN, Controller, Superseded, WorkerFailed
+from rosette_ros.studio.controller import READ_MEMORY, Controller, Superseded, WorkerFailed
 from rosette_ros.studio.panels.widgets import ErrorLine, button, input_field, marked, row
 
 MOST_NAME = 120
