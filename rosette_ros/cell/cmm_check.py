@@ -157,8 +157,8 @@ class CmmClient(CellClient):
         return (Check('types', not wrong, '; '.join(wrong) or 'ProbeTarget and BallCentre'),
                 Check('quality of service', not held, '; '.join(held) or 'as wanted'),
                 Check('one CMM', len(answers) == len(listeners) == 1,
-                      f'{len(answers)} publishers of {names.BALL_CENTRE}, {len(listeners)} subscribers of '
-                      f'{names.PROBE_TARGET}'),
+                      f'{names.BALL_CENTRE} is published by {len(answers)}, {names.PROBE_TARGET} obeyed by '
+                      f'{len(listeners)}'),
                 Check('heartbeat', True if beats else None, 'found' if beats else
                       'none: that the CMM is disconnected is noticed when an answer is overdue'))
 
