@@ -104,7 +104,8 @@ def claimed_model(diagnosis: Diagnosis) -> Model:
 
 
 def cross_check(run: Run, diagnosis: Diagnosis) -> CrossCheck:
-    """Return the CrossCheck on a run of what a diagnosis of another run claims."""
+    """Return the CrossCheck on a run of what a diagnosis of another run claims; raises InvalidData for the same."""
+    second_run.refuse_same(run, diagnosis.fit.run)
     learnt = diagnosis.final.effects[len(diagnosis.final.effects) - len(diagnosis.terms):]
     model = Model(diagnosis.final.model.base, diagnosis.model.terms)
     return second_run.cross_check(run, model, tuple(zip((term.effect for term in diagnosis.terms), learnt)))

@@ -17,6 +17,7 @@ from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
 from rosette_ros.core.diagnosis.diagnosis import f_test
 from rosette_ros.core.diagnosis.parameter_search import choose_settings
 from rosette_ros.core.effects.effect import Effect, Setting
+from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.planning.visibility import DETECTABLE
@@ -26,6 +27,8 @@ Learnt = tuple[Effect, FittedEffect]
 """An effect and how it was fitted to run A."""
 SURE = 0.01
 """Probability that noise does as well, below which an effect is confirmed, over all that are checked."""
+SAME_READING, SAME_SHARE = 1e-9, 0.9
+"""Readings that differ by less, m, are the same; runs are the same of which so large a share is."""
 CONFIRMED, NOT_SEEN, HIDDEN, TOO_WEAK, EVENT, NOT_JUDGED = (
     'confirmed', 'not seen', 'hidden', 'too weak', 'event', 'not judged')
 
@@ -75,6 +78,16 @@ class CrossCheck:
     effects: tuple[CheckedEffect, ...]
     confirmed: bool | None
     text: str
+
+
+def refuse_same(run: Run, searched: Run) -> None:
+    """Raise InvalidData where a run has the readings of the searched one, under whatever name."""
+    cells, here, there = np.intersect1d(run.cells, searched.cells, return_indices=True)
+    apart = np.abs(run.centre[here] - searched.centre[there]).max(axis=1, initial=0)
+    same = int(np.count_nonzero(apart < SAME_READING))
+    if run.n == searched.n and cells.size and same >= SAME_SHARE * cells.size:
+        raise InvalidData(f'{run.source}: wanted another run as a check, got {same} of {cells.size} readings that are '
+                          f'those of {searched.source}, in which the effects were found; measure again')
 
 
 def cross_check(run: Run, model: Model, learnt: Sequence[Learnt]) -> CrossCheck:
