@@ -149,14 +149,22 @@ def test_the_report_is_no_wider_than_the_screen(page, drifting, tmp_path):
 
 
 def test_labels_of_the_ladder_are_whole(page, studio, twice):
-    """None is cut off by the edge of its figure."""
+    """None is cut off by the edge of its figure, long ones and many neither."""
     opened(page, studio.address, twice)
+    page.get_by_text('Another effect of the library').click()
+    for name in ('asynchronous_motion', 'frame_cycle'):
+        page.get_by_test_id('other-effect').fill(name)
+        page.get_by_role('option').first.click()
+        page.get_by_test_id('other-add').click()
+        expect(page.get_by_test_id(f'part-{name}')).to_be_visible()
+    expect(page.get_by_test_id('verdict')).to_have_class(re.compile(r'\bbad\b'))
     labels = page.locator('[data-testid=model] .xtick text')
-    expect(labels).to_have_count(3)
+    expect(labels).to_have_count(5)
     inside = labels.evaluate_all('''every => every.map(one => {
         const box = one.getBoundingClientRect(), frame = one.closest('svg').getBoundingClientRect();
         return box.left >= frame.left && box.right <= frame.right && box.bottom <= frame.bottom; })''')
-    assert inside == [True, True, True]
+    assert inside == [True] * 5
+    assert overlapping(page.evaluate(BOXES, '[data-testid=model] .js-plotly-plot text')) == []
 
 
 def test_hovering_shows_sensible_digits(page, studio):

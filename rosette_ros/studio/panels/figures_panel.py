@@ -57,8 +57,8 @@ class FiguresPanel:
         self._busy.set_visibility(bool(busy))
         self._switch.set_enabled(preview is not None)
         self._add.set_enabled(preview is not None and not busy)
-        name = busy or (preview.name if preview else '')
-        set_words(self._title, f'{"Calculating" if busy else "Preview"}: with {words_of(name)}')
+        names = (busy or (preview.name if preview else '')).split(' and ')
+        set_words(self._title, f'{"Calculating" if busy else "Preview"}: with {" and ".join(map(words_of, names))}')
         is_failed = session.results.refusal is not None or bool(session.results.problem)
         if fit is None and opened is self._run and not is_failed:
             return  # the figures stay for the moment that it takes to fit the new model

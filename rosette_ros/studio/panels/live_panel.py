@@ -213,7 +213,7 @@ def _whole(words: str, value: int | None, known: range, mark: str) -> ui.number:
     """Return a field for a whole number; what is no such number is refused by `validate`."""
     made = ui.number(words, value=value, validation={
         f'wanted a whole number from 0 to {known[-1]}': lambda given: given is None or given in known})
-    return input_field(made, mark, 'width: 150px')
+    return input_field(made.props('hide-bottom-space'), mark, 'width: 150px')
 
 
 class CellWatchers:
