@@ -26,7 +26,7 @@ from rosette_msgs.msg import CalibrationEvent, Diagnosis, RunState
 from rosette_ros import program
 from rosette_ros.cell.supervisor import added_environment
 from rosette_ros.core.diagnosis.verdict import Verdict
-from rosette_ros.core.errors import CellError
+from rosette_ros.core.errors import CellError, plain
 from rosette_ros.core.records import ErrorMotions
 from rosette_ros.io.messages import CalibrationProgress, Phase, progress_of
 from rosette_ros.nodes import conversions, names, qos
@@ -236,9 +236,9 @@ class CellClient:
 
     def _on_event(self, event: CalibrationEvent) -> None:
         if event.kind == CalibrationEvent.REJECTED and event.origin == names.CALIBRATE:
-            self._rejections.append(event.text)
+            self._rejections.append(plain(event.text, most=2000))
         elif event.kind == CalibrationEvent.ACCEPTED:
-            self._run_id = event.run_id
+            self._run_id = plain(event.run_id)
 
 
 def _count(number: int | None) -> int:

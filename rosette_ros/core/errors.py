@@ -33,7 +33,9 @@ class CellError(RosetteError):
 def plain(text: str, most: int = 500) -> str:
     """Return text of outside origin as one line of at most `most` characters; what is not printable becomes a space."""
     kept = text if len(text) <= most else f'{text[:most]}...'
-    return ' '.join(''.join(letter if letter.isprintable() else ' ' for letter in kept).split())
+    if not kept.isprintable():
+        kept = ''.join(letter if letter.isprintable() else ' ' for letter in kept)
+    return ' '.join(kept.split())
 
 
 def one_line(error: Exception) -> str:

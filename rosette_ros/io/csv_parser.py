@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.core.geometry import Floats, Ints
 
 SCHEMA = 'rosette-ball-centres/1'
@@ -123,7 +123,7 @@ class CsvTable:
         self.radius = heading.positive('radius_mm', 3) or 0.0
         self.repeatability = heading.positive('repeatability_um', 6)
         self.repeatability_dof = heading.positive('repeatability_dof')
-        self.run_id = heading.value('run_id', 'a name', str, '')
+        self.run_id = plain(heading.value('run_id', 'a name', str, ''))
         self.balls = heading.value('balls', 'a whole number', _whole, None)
         self.repeats = heading.value('repeated_balls', 'yes or no', {'yes': True, 'no': False}.__getitem__, False)
         self.session = heading.session(len(rows))

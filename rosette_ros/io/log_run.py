@@ -8,7 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.records import CURVES, ErrorMotions, Run
 from rosette_ros.io.bag_metadata import TopicSummary
@@ -51,7 +51,8 @@ class PublishedMotions(NamedTuple):
         """Return those of an ErrorMotions message."""
         motions = ErrorMotions.from_curves(message.angle, [getattr(message, curve) for curve in CURVES],
                                            [getattr(message, f'u_{curve}') for curve in CURVES])
-        return PublishedMotions(str(message.run_id), motions, str(message.model_name), float(message.completeness))
+        return PublishedMotions(plain(message.run_id), motions, plain(message.model_name, 4000),
+                                float(message.completeness))
 
 
 RECORDS: dict[str, Callable[[Any], Target | Answer | CalibrationProgress]] = {
@@ -110,11 +111,14 @@ class LogRun:
     def add(self, type_name: str, message: SimpleNamespace) -> None:
         """Take a decoded message of one of the types in NEEDED."""
         if type_name == PROBE_TARGET:
-            self._run(message.run_id).add_target(target_of(message))
+            target = target_of(message)
+            self._run(target.run_id).add_target(target)
         elif type_name == BALL_CENTRE:
-            self._run(message.run_id).add_answer(answer_of(message))
+            answer = answer_of(message)
+            self._run(answer.run_id).add_answer(answer)
         elif type_name == RUN_STATE:
-            self.states = [*(one for one in self.states if one.run_id != message.run_id), progress_of(message)]
+            state = progress_of(message)
+            self.states = [*(one for one in self.states if one.run_id != state.run_id), state]
         elif type_name == ERROR_MOTIONS:
             self.error_motions.append(PublishedMotions.of(message))
         elif type_name == CALIBRATION_EVENT:
@@ -144,7 +148,7 @@ class LogRun:
     @property
     def unasked(self) -> tuple[str, ...]:
         """Answers with a run_id that no target has, in words."""
-        return tuple(f'{len(run.answers)} answers repeat the run_id {name!r}, which no target has'
+        return tuple(f'{len(run.answers) + run.dropped} answers repeat the run_id {name!r}, which no target has'
                      for name, run in self.runs.items() if not run.targets)
 
     @property

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.core.geometry import Frame
 
 MACHINE_FRAME = 'machine'
@@ -139,25 +139,27 @@ def nanoseconds(stamp: Any) -> int:
 
 def progress_of(message: Any) -> CalibrationProgress:
     """Return the CalibrationProgress of a RunState."""
-    return CalibrationProgress(message.run_id, message.phase, message.order, message.done, message.total, message.text)
+    return CalibrationProgress(plain(message.run_id), message.phase, plain(message.order), message.done, message.total,
+                               plain(message.text, most=4000))
 
 
 def target_of(message: Any) -> Target:
     """Return the Target of a ProbeTarget, of rclpy or decoded from a log; older ones have no session, taken as 1."""
     header, centre = message.header, message.centre
     return Target(
-        message.run_id, message.seq, message.attempt, max(getattr(message, 'session', 1), 1), message.phase,
+        plain(message.run_id), message.seq, message.attempt, max(getattr(message, 'session', 1), 1), message.phase,
         message.balls, message.radius, message.table_position, message.ball, message.cmm_position, message.table_angle,
-        message.approach, (centre.x, centre.y, centre.z), header.frame_id, nanoseconds(header.stamp))
+        message.approach, (centre.x, centre.y, centre.z), plain(header.frame_id), nanoseconds(header.stamp))
 
 
 def answer_of(message: Any) -> Answer:
     """Return the Answer of a BallCentre, of rclpy or decoded from a log."""
     header, centre = message.header, message.centre
     return Answer(
-        message.run_id, message.seq, message.table_position, message.ball, message.cmm_position, message.status,
-        message.text, message.table_angle, message.table_travel, message.approach, (centre.x, centre.y, centre.z),
-        message.form_error, message.temperature, header.frame_id, nanoseconds(header.stamp))
+        plain(message.run_id), message.seq, message.table_position, message.ball, message.cmm_position, message.status,
+        plain(message.text), message.table_angle, message.table_travel, message.approach,
+        (centre.x, centre.y, centre.z), message.form_error, message.temperature, plain(header.frame_id),
+        nanoseconds(header.stamp))
 
 
 def short_frame(frame_id: str) -> str:

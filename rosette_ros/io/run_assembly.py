@@ -17,6 +17,7 @@ from rosette_ros.core.scheme import nominal_places, unwrap_travel
 from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Answer, Phase, TableFrame, Target
 from rosette_ros.io.reading_checks import remarks_on_answers, remarks_on_radius
 
+MOST_EARLY, MOST_ANSWERS = 10_000, 100  # kept of a run: answers to no target so far, answers to one target
 MAX_BALLS = 10_000  # more balls than this are taken for a mistake
 MIN_REPEATABILITY = 1e-12  # repeated readings that differ by less, m, show rounding and not repeatability
 NO_RUN = 'wanted probe targets of phase RUN, got none; the calibration ended before its run began'
@@ -35,11 +36,13 @@ class RunAnswers:
         self.frames: list[TableFrame] = [] if frames is None else frames
         self.targets, self.answers = list[Target](), list[Answer]()
         self._last, self._by_seq, self._answered = dict[int, Target](), dict[int, list[Answer]](), set[int]()
+        self.dropped = self._early = 0
 
     def add_target(self, target: Target) -> None:
         """Take a target of this run."""
         self.targets.append(target)
         seq, before = target.seq, self._last.get(target.seq)
+        self._early -= 0 if before else len(self._by_seq.get(seq, ()))
         if before is None or target.attempt >= before.attempt:
             self._last[seq] = target
             self._answered.discard(seq)
@@ -48,10 +51,25 @@ class RunAnswers:
     def add_answer(self, answer: Answer) -> None:
         """Take an answer of this run."""
         target = self._last.get(answer.seq)
+        if self._is_too_many(answer, target):
+            self.dropped += 1
+            return
+        self._early += target is None
         self.answers.append(answer)
         self._by_seq.setdefault(answer.seq, []).append(answer)
         if target is not None and answer.is_usable_for(target):
             self._answered.add(answer.seq)
+
+    def _is_too_many(self, answer: Answer, target: Target | None) -> bool:
+        """Return whether so many answers are kept that a further one is only if it may come to count."""
+        if target is None:
+            return self._early >= MOST_EARLY
+        known = self._by_seq.get(answer.seq, ())
+        if len(known) < MOST_ANSWERS:
+            return False
+        counts = self.answer_to(answer.seq)
+        is_counted = counts is not None and counts.stamp_ns >= target.stamp_ns
+        return is_counted or answer.stamp_ns < target.stamp_ns or not answer.is_usable_for(target)
 
     def merged_with(self, recorded: 'RunAnswers') -> 'RunAnswers':
         """Return what a log holds of this run, followed by what was received and is not in the log."""
@@ -138,7 +156,7 @@ class RunAnswers:
             else:
                 counts['repeated' if answer.is_finite else 'without finite numbers'] += 1
         counts['repeated'] -= self.answered
-        return counts
+        return {**counts, **({'too many to be kept': self.dropped} if self.dropped else {})}
 
     def lacking(self, expected: int) -> str:
         """Return what an evaluation with so many answered targets lacks, '' where nothing."""

@@ -23,7 +23,7 @@ from tf2_msgs.msg import TFMessage
 
 from rosette_ros.core import records
 from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.core.geometry import Frame
 from rosette_ros.io.bag_metadata import Qos
 from rosette_ros.io.log_run import PublishedMotions
@@ -149,8 +149,9 @@ def diagnosis_message(run: records.Run, diagnosis: 'core.Diagnosis', stamp: Time
 
 def verdict_record(message: Diagnosis) -> Verdict | None:
     """Return the verdict in a diagnosis; None where its outcome is not one that this version knows."""
-    known = message.outcome in list(Outcome)
-    return Verdict(Outcome(message.outcome), message.verdict, message.action) if known else None
+    if message.outcome not in list(Outcome):
+        return None
+    return Verdict(Outcome(message.outcome), plain(message.verdict, 2000), plain(message.action, 2000))
 
 
 def candidate_message(entry: 'core.Candidate') -> Candidate:

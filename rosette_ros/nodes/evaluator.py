@@ -103,7 +103,7 @@ class Evaluator(CellNode):
                 self.get_logger().error(f'{names.TF_STATIC}: not used: {error}')
 
     def _on_state(self, message: RunState) -> None:
-        run_id, now = message.run_id, self.seconds()
+        run_id, now = plain(message.run_id), self.seconds()
         if message.phase == RunState.PHASE_IDLE:
             self._runs.end_all()
         elif message.phase in (RunState.PHASE_CANCELLED, RunState.PHASE_FAILED):

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A Run into a log and back: `rosette import` and `rosette export`."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -96,3 +98,12 @@ def test_no_log_is_overwritten(library, tmp_path):
     write_log(make_run(), tmp_path / 'log', library)
     with pytest.raises(InvalidData, match='holds a log already'):
         write_log(make_run(), tmp_path / 'log', library)
+
+
+@pytest.mark.parametrize('run_id', ['a\x1b[31mb', 'a\x1b]0;title\x07b', 'a\x9b31mb\u202e'])
+def test_control_characters_of_a_run_id_reach_no_screen(library, tmp_path, run_id):
+    """Of a log and of a table; what a terminal would obey becomes spaces."""
+    run = replace(make_run(), run_id=run_id)
+    log = read_log(write_log(run, tmp_path / 'log', library, 'log'))
+    ids = [*log.runs, log.to_run().run_id, parse_csv(format_csv(run).encode()).run_id]
+    assert all(one.isprintable() and one.startswith('a ') for one in ids), ids

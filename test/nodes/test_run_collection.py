@@ -8,12 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from ideal_cell import ideal_cell
+from rosette_msgs.msg import BallCentre
+from std_msgs.msg import Header
 
 from rosette_ros.calibration.calibration_plan import plan_calibration
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Frame, rotation_matrix
 from rosette_ros.core.scheme import plan
-from rosette_ros.io.messages import Answer, Phase, TableFrame, Target
+from rosette_ros.io.messages import Answer, Phase, TableFrame, Target, answer_of
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes.evaluation import RunCollection
 from rosette_ros.simulation import Machine
@@ -249,3 +251,41 @@ def test_only_the_last_runs_are_kept():
         feed(runs, 'target', messages(run_id=name)['target'][0])
     with pytest.raises(KeyError):
         runs.to_run('a')
+
+
+@pytest.mark.parametrize('texts', [1, 1_000_000])
+def test_foreign_answers_take_bounded_memory_and_change_nothing(texts):
+    """Answers to no target, to one target again and again, with long texts; the run is evaluated as without them."""
+    runs, text = RunCollection(), '\x1b[31m' * texts
+    foreign = BallCentre(run_id='a', status=BallCentre.STATUS_FAILED, text=text, header=Header(frame_id=text))
+    for topic in ('target', 'frame'):
+        for message in messages()[topic]:
+            feed(runs, topic, message)
+    for number in range(30_000 if texts == 1 else 200):
+        foreign.seq = number if number % 2 else 1
+        feed(runs, 'answer', answer_of(foreign))
+    for message in messages()['answer']:
+        feed(runs, 'answer', message)
+    kept = runs._runs['a'].answers.answers
+    assert len(kept) < 11_000
+    assert max(len(answer.text) + len(answer.frame_id) for answer in kept) < 1100
+    assert not any('\x1b' in answer.text + answer.frame_id for answer in kept)
+    runs.expect('a', N * N, 0.0)
+    assert runs.ready(0.0, 1.0) == ['a']
+    assert runs.to_run('a').size == N * N
+
+
+def test_an_answer_after_so_many_still_counts():
+    """Of too many to one target the one that counts is kept, also when it is asked again."""
+    answers = RunAnswers('a')
+    target, answer = messages()['target'][0], messages()['answer'][0]
+    for attempt in (1, 2):
+        asked = target._replace(attempt=attempt, stamp_ns=attempt * 10**12)
+        answers.add_target(asked)
+        for number in range(300):
+            answers.add_answer(answer._replace(stamp_ns=number))
+        measured = answer._replace(stamp_ns=asked.stamp_ns + 1)
+        answers.add_answer(measured)
+        assert answers.answer_to(target.seq) == measured
+    assert len(answers.answers) < 110
+    assert answers.unused()['too many to be kept'] > 480
