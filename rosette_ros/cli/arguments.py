@@ -78,8 +78,9 @@ def add_shared(parser: argparse.ArgumentParser, *names: str, **changed: Any) -> 
         parser.add_argument(*(['-o'] if name == '--output' else []), name, **(SHARED[name] | changed))
 
 
-def add_formats(parser: argparse.ArgumentParser, csv: str) -> None:
-    """Add --json and, with words for it, --csv; one excludes the other."""
+def add_formats(parser: argparse.ArgumentParser, csv: str) -> argparse._MutuallyExclusiveGroup:
+    """Add --json and, with words for it, --csv; return their group, of which one excludes the others."""
     group = parser.add_mutually_exclusive_group()
     group.add_argument('--json', **SHARED['--json'])
     group.add_argument('--csv', action='store_true', help=csv)
+    return group

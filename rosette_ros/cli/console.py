@@ -13,7 +13,7 @@ from rich.console import Console, Group
 from rich.markup import escape
 
 from rosette_ros.core.records import Run
-from rosette_ros.presentation.formatting import residual_words, run_size, uncertainty_words
+from rosette_ros.presentation.formatting import missing_words, residual_words, run_size, uncertainty_words
 from rosette_ros.presentation.table_format import Column, Table
 
 if TYPE_CHECKING:  # plan and info start without the least squares
@@ -73,8 +73,9 @@ def pairs(rows: Iterable[tuple[str, str]]) -> rich.table.Table:
 
 
 def head(run: Run) -> str:
-    """Return one line that says what was measured."""
-    return f'[bold]{escape(run.run_id or run.source)}[/]: {run_size(run)}'
+    """Return what was measured in a line, and in further ones what is missing and how a table was read."""
+    lines = (f'[bold]{escape(run.run_id or run.source)}[/]: {run_size(run)}', missing_words(run), *run.notes)
+    return '\n'.join(filter(None, lines))
 
 
 def warn(run: Run) -> None:

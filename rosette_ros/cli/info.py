@@ -19,7 +19,15 @@ from rosette_ros.io.log_run import RESUMES_KEY, LogRun
 from rosette_ros.io.messages import Phase, phase_name
 from rosette_ros.io.open_run import is_log, open_run
 from rosette_ros.io.reading_checks import remarks_on_answers
-from rosette_ros.presentation.formatting import duration, fixed, instant, millimetres, pauses, repeatability_words
+from rosette_ros.presentation.formatting import (
+    duration,
+    fixed,
+    instant,
+    millimetres,
+    missing_words,
+    pauses,
+    repeatability_words,
+)
 from rosette_ros.presentation.table_format import Table, column, words
 
 
@@ -110,6 +118,7 @@ def _run_facts(run_id: str, n: int, radius: float, phases: dict[str, dict[str, i
             'temperature_range_C': [float(known.min()), float(known.max())] if known.size else None,
             'repeatability_m': found.repeatability if found else None,
             'repeatability_dof': found.repeatability_dof if found else None,
+            'notes': found.notes if found else (), 'missing': missing_words(found) if found else '',
             'remarks': found.remarks if found else (), 'unused': {}, 'published_curves': 0, 'model': None,
             'ended': None, 'problem': None, **of_log}
 
@@ -146,6 +155,7 @@ def run_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
             ('Plate', f'{facts["n"]} balls on R = {millimetres(facts["radius_m"])}'),
             ('Measured', ', '.join(f'{name.replace("_", " ")} {phase["answered"]} of {phase["asked"]}'
                                    for name, phase in facts['phases'].items())),
+            *(('Note', escape(note)) for note in (facts['missing'], *facts['notes'])),
             ('Order', escape(facts['order'] or '')),
             ('Duration', f'{duration(facts["duration_s"])} from the first ball of the run to the last'
              if facts['duration_s'] else ''),

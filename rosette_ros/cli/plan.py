@@ -12,6 +12,7 @@ from rich.markup import escape
 from rosette_ros.cli.arguments import add_formats, positive, whole
 from rosette_ros.cli.console import console, pairs, print_json, print_parts
 from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, plan
+from rosette_ros.io.csv_parser import COLUMNS, SCHEMA
 from rosette_ros.presentation.formatting import exact, plain, signs
 from rosette_ros.presentation.table_format import Table, column
 
@@ -26,7 +27,9 @@ WIDEST_MAP = 20
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_plan(parser, MOST_BALLS)
-    add_formats(parser, csv='print the list as a table, coordinates with two decimals')
+    group = add_formats(parser, csv='print the list as a table, coordinates with two decimals')
+    group.add_argument('--csv-template', action='store_true', help='print an empty ball-centre table, to be filled in; '
+                       'rows that stay without coordinates are missing balls')
 
 
 def add_plan(parser: argparse.ArgumentParser, most_balls: int, radius_mm: float | None = None) -> None:
@@ -45,7 +48,9 @@ def add_plan(parser: argparse.ArgumentParser, most_balls: int, radius_mm: float 
 def run(options: argparse.Namespace) -> None:
     """Print the plan."""
     scheme = plan(options.balls, options.order, options.seed, options.turning)
-    if options.csv:
+    if options.csv_template:
+        sys.stdout.write(template(scheme, options.radius_mm))
+    elif options.csv:
         lines = (','.join(row) for row in rows(scheme, options.radius_mm))
         sys.stdout.write('\n'.join([HEADER, *lines]) + '\n')
     elif options.json:
@@ -61,6 +66,16 @@ def rows(scheme: Scheme, radius_mm: float) -> Iterator[tuple[str, ...]]:
             scheme.cmm_position, scheme.table_position, scheme.ball, centres, strict=True), 1):
         yield (str(seq), str(k), str(i), str(j), *(plain(float(value), 2) for value in centre),
                exact(360 * (int(i) - 1) / scheme.n, ANGLE_PLACES))
+
+
+def template(scheme: Scheme, radius_mm: float) -> str:
+    """Return a ball-centre table whose coordinates, times and temperatures are to be filled in."""
+    lines = [f'# schema: {SCHEMA}', f'# radius_mm: {radius_mm!r}', f'# balls: {scheme.n}', ','.join(COLUMNS)]
+    for (seq, k, i, j, *_, angle), approach in zip(rows(scheme, radius_mm), scheme.approach.tolist(), strict=True):
+        given = {'seq': seq, 'table_position': i, 'ball': j, 'cmm_position': k, 'table_angle_deg': angle,
+                 'approach': str(approach)}
+        lines.append(','.join(given.get(name, '') for name in COLUMNS))
+    return '\n'.join([*lines, ''])
 
 
 def plan_json(scheme: Scheme, radius: float) -> dict[str, Any]:

@@ -126,6 +126,15 @@ def table_frame(axis_points: ArrayLike, plane_points: ArrayLike) -> Frame:
     return Frame(np.stack([x, np.cross(z, x), z], axis=-1), origin)
 
 
+def fitted_frame(points: ArrayLike, places: ArrayLike) -> Frame:
+    """Return the frame in which points (N, 3) are nearest to places (N, 3), by least squares: Kabsch (1976)."""
+    points, places = np.asarray(points, dtype=float), np.asarray(places, dtype=float)
+    mean, centre = points.mean(axis=0), places.mean(axis=0)
+    left, _, right = np.linalg.svd((points - mean).T @ (places - centre))
+    rotation = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    return Frame(rotation, mean - rotation @ centre)
+
+
 def _normal(points: Floats, what: str) -> Floats:
     if points.ndim != 2 or points.shape[1:] != (3,) or len(points) < 3:
         raise NotDeterminable(f'{what}: wanted at least 3 points, got shape {points.shape}')

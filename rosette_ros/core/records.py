@@ -50,7 +50,7 @@ class Run:
     repeated measurements, m, or None; repeatability_dof: its degrees of freedom, None if it is taken as exactly known;
     repeats: whether a (table_position, ball) may stand more than once; session: (N,) 1 and one more after every pause
     (a run that was resumed, a CMM that was started again); source: its name in error messages; remarks: what is wrong
-    with the readings as a whole, in words.
+    with the readings as a whole, notes: how they were read, in words.
 
     What was not recorded is derived: angles are nominal, times count readings, temperatures are NaN, approach is 0,
     the travel is unwrapped from angles and approach, and the session is 1.
@@ -75,6 +75,7 @@ class Run:
     session: Ints = _DERIVED
     source: str = 'run'
     remarks: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         _freeze(self, _INTEGERS[:2], np.int64)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import TWO_PI, Bools, Floats, nominal_angles
+from rosette_ros.core.geometry import TWO_PI, Bools, Floats, fitted_frame, nominal_angles
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import cmm_position, nominal_places, unwrap_travel
 from rosette_ros.io.csv_parser import COLUMNS, SCHEMA, TRAVEL_COLUMN, CsvTable
@@ -36,7 +36,14 @@ def parse_csv(data: bytes, source: str = 'table') -> Run:
     table = CsvTable(data, source)
     n = _find_balls(table)
     _check_rows(table, n)
-    angle = _angles(table, n)
+    angle, notes = _angles(table, n), list(filter(None, [table.notes]))
+    if table.in_machine:
+        places = nominal_places(n, 1e3 * table.radius, table.table_position, table.ball)
+        frame = fitted_frame(table.centre, places)
+        table.centre = frame.to_inner(table.centre)
+        axis = ', '.join(f'{value:.3f}' for value in frame.rotation[:, 2])
+        notes.append(f'the table frame was fitted to all readings; its axis, about which positions and balls are '
+                     f'counted counter-clockwise, is ({axis}) in the machine frame')
     _check_places(table, n)
     columns = table.columns
     recorded: dict[str, Any] = {'temperature': columns.get('temperature_C'), 'approach': columns.get('approach')}
@@ -46,7 +53,7 @@ def parse_csv(data: bytes, source: str = 'table') -> Run:
         n, table.radius, table.table_position, table.ball, table.centre / 1e3, table_angle=angle,
         time=columns['time_s'].astype(float, copy=False), repeatability=table.repeatability,
         repeatability_dof=table.repeatability_dof, run_id=table.run_id, repeats=table.repeats, session=table.session,
-        source=source, **recorded)
+        source=source, notes=tuple(notes), **recorded)
     return run.replace(remarks=remarks_on_table(run))
 
 

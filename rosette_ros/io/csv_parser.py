@@ -12,6 +12,7 @@ import numpy as np
 
 from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.core.geometry import Floats, Ints
+from rosette_ros.io.spreadsheet import plain_lines
 
 SCHEMA = 'rosette-ball-centres/1'
 COLUMNS = ('seq', 'table_position', 'ball', 'cmm_position', 'table_angle_deg', 'x_mm', 'y_mm', 'z_mm', 'time_s',
@@ -23,7 +24,7 @@ _OPTIONAL = frozenset(('cmm_position', 'temperature_C', 'approach', TRAVEL_COLUM
 _INTEGERS = frozenset(('seq', 'table_position', 'ball', 'cmm_position', 'approach'))
 _EMPTY = {'temperature_C': 'nan', 'approach': '0'}  # what an empty cell means
 _KEYS = ('schema', 'radius_mm', 'repeatability_um', 'repeatability_dof', 'run_id', 'balls', 'repeated_balls',
-         'pauses_before', 'note')
+         'pauses_before', 'frame', 'note')
 _Value = TypeVar('_Value')
 
 
@@ -103,10 +104,11 @@ class CsvTable:
 
     columns: array (N,) by column name, units as in the name; centre: (N, 3), mm; angle_cells: the texts of
     table_angle_deg; lines: line of each row; radius, repeatability: m; balls: as the heading says, or None; session:
-    (N,) 1 and one more from each row of `pauses_before` on."""
+    (N,) 1 and one more from each row of `pauses_before` on; in_machine: whether the coordinates are in the machine
+    frame; notes: how the table was read, in words."""
 
     def __init__(self, data: bytes, source: str) -> None:
-        lines = _lines(data, source)
+        lines, self.notes = plain_lines(_lines(data, source), (*COLUMNS, TRAVEL_COLUMN), source)
         at = next((at for at, line in enumerate(lines) if line.strip() and not line.startswith('#')), len(lines))
         heading = _Heading(lines[:at], source)
         if at == len(lines):
@@ -126,6 +128,8 @@ class CsvTable:
         self.run_id = plain(heading.value('run_id', 'a name', str, ''))
         self.balls = heading.value('balls', 'a whole number', _whole, None)
         self.repeats = heading.value('repeated_balls', 'yes or no', {'yes': True, 'no': False}.__getitem__, False)
+        self.in_machine = heading.value(
+            'frame', 'table or machine', {'table': False, 'machine': True}.__getitem__, False)
         self.session = heading.session(len(rows))
 
     def wrong(self, row: int | np.integer, column: str, wanted: str, got: object, advice: str = '') -> InvalidData:
@@ -148,9 +152,7 @@ def _whole(text: str) -> int | None:
 
 def _check_names(names: list[str], source: str, line: int) -> None:
     for missing in (name for name in COLUMNS if name not in names and name not in _OPTIONAL):
-        is_other = len(names) == 1 and (';' in names[0] or '\t' in names[0])
-        raise _wrong(source, line, missing, 'this column', ','.join(names)[:200],
-                     'separate cells by commas, and write decimals with a point' if is_other else '')
+        raise _wrong(source, line, missing, 'this column', ','.join(names)[:200])
     for name in names:
         near = difflib.get_close_matches(name, COLUMNS, 1, 0.75)
         if near and name not in (*COLUMNS, TRAVEL_COLUMN):  # it would be ignored

@@ -5,6 +5,7 @@ import math
 import re
 from collections.abc import Container, Iterable, Mapping
 from datetime import UTC, datetime
+from itertools import islice
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosette_ros.core.effects.library import BASE_EFFECTS, EFFECTS
@@ -24,7 +25,7 @@ P_NOISE, CROSS_VALIDATION, OBSERVABLE, LIMIT = (
 """Terms that every interface uses in the same words."""
 DATED = 10**17
 """Earlier times, ns since the epoch (March 1973), are no dates: those of an imported table count from its start."""
-MICRO_DECIMALS = 3
+MICRO_DECIMALS, MOST_MISSING = 3, 5
 SMALLEST_P = 1e-6
 UNKNOWN = '–'
 
@@ -174,6 +175,15 @@ def run_size(run: Run) -> str:
     """Return what was measured: '12 balls on R = 182.5 mm, 144 ball centres'."""
     share = '' if run.is_complete else f' of {run.n**2}'
     return f'{run.n} balls on R = {millimetres(run.radius)}, {run.size}{share} ball centres'
+
+
+def missing_words(run: Run) -> str:
+    """Return which balls were not measured, at most MOST_MISSING of them, '' where none is missing."""
+    present = {*run.cells.tolist()}
+    count = run.n**2 - len(present)
+    cells = islice((cell for cell in range(run.n**2) if cell not in present), MOST_MISSING)
+    names = ', '.join(f'ball {cell % run.n + 1} at table position {cell // run.n + 1}' for cell in cells)
+    return f'{count} missing: {names}{" ..." if count > MOST_MISSING else ""}' if count else ''
 
 
 def plain_name(name: str) -> str:

@@ -85,3 +85,22 @@ def test_a_missing_option_is_named(refused):
     """A missing option is named."""
     assert 'the following arguments are required: --order' in refused(
         'plan', '--balls', 6, '--radius-mm', 182.5)
+
+
+def test_the_template_is_a_table_to_be_filled(rosette, refused, tmp_path):
+    """Filled in it is a run; rows that stay empty are missing balls, which are named; empty it is none."""
+    path = tmp_path / 'mine.csv'
+    path.write_text(rosette('plan', '--balls', 4, '--order', 'diagonal', '--radius-mm', 182.5, '--csv-template').out)
+    assert 'wanted rows of ball centres, got none' in refused('evaluate', path)
+    targets = rosette('plan', '--balls', 4, '--order', 'diagonal', '--radius-mm', 182.5, '--csv').out.splitlines()[1:]
+    lines = path.read_text().splitlines()
+    names = lines[3].split(',')
+    for row, target in enumerate(targets):
+        cells = dict(zip(names, lines[4 + row].split(','), strict=True))
+        cells |= dict(zip(('x_mm', 'y_mm', 'z_mm'), target.split(',')[4:7], strict=True), time_s=str(40 * row))
+        if row not in (2, 9):
+            lines[4 + row] = ','.join(cells.values())
+    path.write_text('\n'.join(lines))
+    out = ' '.join(rosette('info', path).out.split())
+    assert '2 missing: ball' in out
+    assert 'run 14 of 16' in out

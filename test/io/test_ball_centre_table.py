@@ -8,7 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rosette_ros.analysis import analyse
 from rosette_ros.core.errors import InvalidData, RosetteError
+from rosette_ros.core.geometry import Frame, rotation_matrix
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import ORDERS, plan
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv, read_csv, write_csv
@@ -187,7 +189,13 @@ def test_planned_repeats_are_allowed_by_the_heading():
 
 WRONG = {
     'missing column': (changed(3, 'y_mm,', ''), 'line 3: column y_mm: wanted this column, got seq,'),
-    'semicolons': (TABLE.replace(',', ';'), 'separate cells by commas, and write decimals with a'),
+    'both decimal signs': (changed(5, '86.6', '86,6').replace(',', ';').replace('86;6', '86,6'), 'line 5: wanted one '
+                           "decimal sign in the table, got '86,6', and '20.1' in line 4; save it with a point or a"),
+    'comma for decimals or thousands': (
+        TABLE.replace('.1,', ',').replace('86.6', '87').replace('0.1', '0').replace('.2,', ',').replace('.3,', ',')
+        .replace(',', ';').replace('240;', '1,240;').replace('210;', '1,210;'),
+        "wanted numbers with a decimal point, got '1,2[14]0', and no coordinate that shows whether the comma"),
+    'machine frame misspelt': ('# frame: maschine\n' + TABLE, "line 1: wanted frame: table or machine, got 'maschine'"),
     'unknown column': (changed(3, 'temperature_C', 'temperature_c'),
                        "line 3: wanted the column temperature_C, got 'temperature_c'; rename it"),
     'column twice': (changed(3, 'y_mm', 'x_mm').replace('z_mm', 'z_mm,y_mm'),
@@ -347,3 +355,60 @@ def test_pauses_that_are_no_rows_are_refused(cell):
     text = TABLE.replace('\nseq,', f'\n# pauses_before: {cell}\nseq,')
     with pytest.raises(InvalidData, match=r'pauses_before: numbers of rows in 2\.\.9, separated by commas'):
         parse_csv(text.encode())
+
+
+def same(run, other):
+    """Return whether all numbers of two runs are the same."""
+    return all(np.array_equal(getattr(run, name), getattr(other, name), equal_nan=True) for name in (
+        'table_position', 'ball', 'centre', 'table_angle', 'time', 'temperature', 'approach', 'radius'))
+
+
+PADDED = '\n'.join([*(line + ',' * (13 - line.count(',')) for line in TABLE.splitlines()), *3 * [13 * ',']])
+GERMAN = TABLE.replace(',', ';').replace('.', ',').replace('radius_mm: 100', 'radius_mm: 100,0')
+SHEETS = {
+    'padded by Excel': (PADDED, ()),
+    'quoted heading': (TABLE.replace('# radius_mm: 100', '"# radius_mm: 100",,'), ()),
+    'semicolons': (TABLE.replace(',', ';'), ('the table was read with semicolons between cells',)),
+    'tabs': (TABLE.replace(',', '\t'), ('the table was read with tabs between cells',)),
+    'decimal commas': (GERMAN + 3 * (10 * ';' + '\n'), (
+        'the table was read with semicolons between cells and decimal commas',)),
+}
+
+
+@pytest.mark.parametrize('text, notes', SHEETS.values(), ids=SHEETS)
+def test_what_spreadsheets_save_is_read_and_said(text, notes):
+    """The same numbers as of the plain table."""
+    run = parse(text)
+    assert same(run, parse(TABLE))
+    assert run.notes == notes
+
+
+def test_a_row_without_coordinates_is_a_ball_that_was_not_measured():
+    """In any separator; a row with only some of them is a mistake."""
+    text = changed(8, ',-50,-86.6,0,120,', ',,,,,')
+    assert text.count('\n') == TABLE.rstrip().count('\n')
+    for one in (text, text.replace(',', ';')):
+        assert parse(one).size == 8
+    with pytest.raises(InvalidData, match="line 8: column y_mm: wanted a number, got ''"):
+        parse(changed(8, ',-50,-86.6,0,120,', ',-50,,,120,'))
+
+
+def test_coordinates_in_the_machine_frame_are_aligned():
+    """The frame is fitted to the readings: the same curves; where the counting is mirrored, the axis points down."""
+    rng = np.random.default_rng(3)
+    scheme = plan(6, 'diagonal')
+    centre = scheme.centres(0.1825) + rng.normal(0, 1e-6, (36, 3))
+    run = Run(6, 0.1825, scheme.table_position, scheme.ball, centre, repeatability=1e-6)
+    frame = Frame(rotation_matrix([0.3, -0.2, 2.0]), np.array([0.4, 0.1, -0.3]))
+    moved = format_csv(run.replace(centre=frame.to_outer(centre))).replace('schema', 'frame: machine\n# schema', 1)
+    found = parse(moved)
+    words = ('the table frame was fitted to all readings; its axis, about which positions and balls are counted '
+             'counter-clockwise, is ({}) in the machine frame')
+    assert found.notes == (words.format(', '.join(f'{value:.3f}' for value in frame.rotation[:, 2])),)
+    one, other = (analyse(run).error_motions for run in (run, found))
+    np.testing.assert_allclose(other.values[:, :3], one.values[:, :3], rtol=0, atol=1e-10)
+    np.testing.assert_allclose(other.values[:, 3:], one.values[:, 3:], rtol=0, atol=1e-9)
+    mirrored = format_csv(run.replace(centre=centre * [1, -1, 1])).replace('schema', 'frame: machine\n# schema', 1)
+    assert '-1.000) in the machine frame' in parse(mirrored).notes[0]
+    with pytest.raises(InvalidData, match='wanted a place near'):
+        parse(mirrored.replace('frame: machine', 'frame: table'))
