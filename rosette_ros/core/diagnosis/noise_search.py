@@ -13,6 +13,7 @@ import scipy.linalg
 from scipy import special
 from scipy.signal import lfilter
 
+from rosette_ros.core.diagnosis.candidates import NO_RESIDUAL
 from rosette_ros.core.diagnosis.search import cost
 from rosette_ros.core.model.base_model import Basis
 from rosette_ros.core.model.least_squares import Fit
@@ -26,6 +27,8 @@ FEW = 0.15
 PLAIN = 0.25
 SEEN = 2e-3
 """Probability, over all tests, below which the noise is looked at as other than it was taken."""
+NO_AXIS = 1e-12
+"""An axis whose square sum is such a share of another's has no residual: its noise cannot be estimated."""
 KINDS = 6
 """Kinds of noise that are looked for; each has to pay for the choice."""
 TAILS = (2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0)
@@ -148,7 +151,7 @@ class NoiseFit:
     def _tests(self) -> Iterator[Misfit]:
         run, every = self.problem.run, self.studentised()
         square = every**2
-        by_axis = np.log(np.mean(square, axis=1))
+        by_axis = np.log(np.maximum(np.mean(square, axis=1), 1e-12))  # an axis may have no residual at all
         yield Misfit('axes', 'z', _two_sided(by_axis[:, 2] - np.log(np.mean(np.exp(by_axis[:, :2]), axis=1))))
         yield Misfit('axes', 'xyz', _two_sided(by_axis[:, 0] - by_axis[:, 1]))
         yield Misfit('tail', 'coordinate', _one_sided(np.sum(square**2, axis=(1, 2))))
@@ -161,7 +164,7 @@ class NoiseFit:
         for phi in (0.4, 0.9, 1.0):
             for axes in PARTS:
                 kept = lfilter([1.0], [1.0, -phi], self.left[:, ::-1, axes], axis=1)
-                size = np.sum(self.left[..., axes]**2, axis=(1, 2))
+                size = np.maximum(np.sum(self.left[..., axes]**2, axis=(1, 2)), NO_RESIDUAL)
                 yield Misfit('wander', 'z' if axes == (2,) else 'xy', _one_sided(np.sum(kept**2, axis=(1, 2)) / size))
 
     def better(self, kinds: Sequence[str] = ('axes', 'tail', 'by', 'wander')) -> 'NoiseFit':
@@ -332,6 +335,9 @@ def _two_sided(values: Floats) -> float:
 def estimate(problem: NoiseProblem) -> NoiseFit:
     """Return the noise of a problem: kinds are taken on one by one as long as tests see them and they pay."""
     found = problem.start
+    by_axis = np.sum(found.left[0]**2, axis=0)
+    if by_axis.min() <= NO_AXIS * by_axis.max():
+        return found
     for _ in range(MOST_KINDS):
         better = found.better()
         if better is found:
