@@ -155,7 +155,9 @@ def test_a_second_cmm_that_stays_ends_the_run_in_words(cell, client, stranger):
     outcome, _ = disturbed_run(client, cell, lambda _: forger.answer(), None, None, 'limits.return_timeout_s: 2.0')
     forger.leave()
     assert not outcome.success
-    assert re.fullmatch(rf'{TWO} for 2 s; end one of them and resume the run', outcome.message)
+    # The recorder may have found the second one first: then it lacks what the CMM answered meanwhile, and says so.
+    assert re.fullmatch(rf'{TWO} for 2 s; end one of them and resume the run'
+                        r'(; closing the log: it lacks \d+ answers)?', outcome.message)
     assert read_log(outcome.log).states[-1].phase == Phase.FAILED
 
 
