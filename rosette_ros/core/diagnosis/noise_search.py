@@ -59,7 +59,7 @@ class NoiseProblem:
     def __init__(self, run: Run, basis: Basis, columns: Floats, observed: Floats, seed: int = 0) -> None:
         self.run, self._observed = run, observed
         self._designs = []
-        for rows, axes in zip((basis.axial, basis.plane.reshape(len(basis.plane), -1)), PARTS):
+        for rows, axes in zip((basis.axial, basis.plane.reshape(len(basis.plane), 2 * run.size)), PARTS):
             extra = columns[..., axes].reshape(len(columns), len(axes) * run.size)
             extra = extra - (extra @ rows.T) @ rows
             value, vector = np.linalg.eigh(extra @ extra.T)
