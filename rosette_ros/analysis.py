@@ -7,7 +7,7 @@ another run confirms it (`cross_check`), the next measurement (`advise`, `advise
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -90,7 +90,7 @@ def ladder(run: Run, model: Model) -> tuple[LadderStep, ...]:
     """Return the LadderSteps from the base terms of a model to the whole of it, effect after effect."""
     steps = []
     for count in range(len(model.terms) + 1):
-        found = analyse(run, Model(model.base, model.terms[:count], model.repeated))
+        found = analyse(run, replace(model, terms=model.terms[:count]))
         added = str(model.terms[count - 1]) if count else ''
         steps.append(LadderStep(added, found, cross_validation_rms(run, found)))
     return tuple(steps)
@@ -100,14 +100,14 @@ def claimed_model(diagnosis: Diagnosis) -> Model:
     """Return the Model with all that a diagnosis claims; the settings of an effect that stands twice are fixed."""
     names = [term.name for term in (*diagnosis.model.terms, *diagnosis.terms)]
     claimed = tuple(term if names.count(term.name) > 1 else Term(term.effect) for term in diagnosis.terms)
-    return Model(diagnosis.final.model.base, (*diagnosis.model.terms, *claimed))
+    return replace(diagnosis.final.model, terms=(*diagnosis.model.terms, *claimed), repeated=False)
 
 
 def cross_check(run: Run, diagnosis: Diagnosis) -> CrossCheck:
     """Return the CrossCheck on a run of what a diagnosis of another run claims; raises InvalidData for the same."""
     second_run.refuse_same(run, diagnosis.fit.run)
     learnt = diagnosis.final.effects[len(diagnosis.final.effects) - len(diagnosis.terms):]
-    model = Model(diagnosis.final.model.base, diagnosis.model.terms)
+    model = replace(diagnosis.final.model, terms=diagnosis.model.terms, repeated=False)
     return second_run.cross_check(run, model, tuple(zip((term.effect for term in diagnosis.terms), learnt)))
 
 

@@ -13,7 +13,7 @@ from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, head, print_json, print_parts
 from rosette_ros.core.effects.custom_term import DIRECTIONS, FUNCTIONS, NAMES, PER
 from rosette_ros.core.errors import InvalidModel, NotDeterminable
-from rosette_ros.core.model.model import BASE_TERMS, Model
+from rosette_ros.core.model.model import BASE_TERMS, NOISE_TERMS, Model
 from rosette_ros.core.records import Run
 from rosette_ros.io.model_file import read_model, write_model
 from rosette_ros.io.open_run import open_run
@@ -32,7 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '  rosette add wave --model m.yaml --direction z --expression "t*cos(3*alpha)"\n'
         f'Expressions know {", ".join(NAMES)}\nand the functions {", ".join(FUNCTIONS)}.')
     parser.add_argument('effect', metavar='EFFECT', help='name of an effect (rosette effects), of a '
-                        'part of the base model, or, with --expression, of a user-defined term')
+                        f'part of the base model or of the noise ({", ".join(NOISE_TERMS)}), or, with --expression, '
+                        'of a user-defined term')
     add_file(parser)
     parser.add_argument('--set', metavar='NAME=VALUE', dest='settings', action='append',
                         type=assignment, default=[], help='fix a searched parameter of the effect, '
@@ -69,7 +70,7 @@ def extended(model: Model, options: argparse.Namespace) -> Model:
                            '--direction and --expression for a user-defined term, got both')
     if own:
         return model.with_entry({'own': name, **own})
-    if name in BASE_TERMS and settings:
+    if name in (*BASE_TERMS, *NOISE_TERMS) and settings:
         raise InvalidModel(f'{name}: wanted no --set, it has no settings, got {", ".join(settings)}')
     return model.with_effect(name, settings)
 

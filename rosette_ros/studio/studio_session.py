@@ -110,8 +110,8 @@ class Session:
     def remove(self, place: int) -> None:
         """Remove the term at a place of model_parts."""
         model, first = self.model, place - len(self.model.base)
-        smaller = Model(tuple(one for k, one in enumerate(model.base) if k != place),
-                        tuple(one for k, one in enumerate(model.terms) if k != first), model.repeated)
+        smaller = replace(model, base=tuple(one for k, one in enumerate(model.base) if k != place),
+                          terms=tuple(one for k, one in enumerate(model.terms) if k != first))
         self.change_model(smaller, f'remove {self.model_parts[place]}')
 
     def model_with(self, name: str, setting: Setting | None = None) -> Model:

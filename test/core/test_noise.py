@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 from synthetic import synthetic_run
 
+from rosette_ros.analysis import analyse
 from rosette_ros.core.diagnosis.diagnosis import judge
 from rosette_ros.core.diagnosis.noise_search import NoiseProblem, estimate
 from rosette_ros.core.diagnosis.verdict import Outcome
+from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.model.least_squares import fit, observed
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.model.noise import Noise, Whitening
@@ -172,3 +174,28 @@ def test_a_complete_run_of_unequal_axes_needs_no_dense_solution():
     axes = np.array([0.5, 0.5, 2.0])
     equal, other = fit(run).joint.curve_cofactor(), fit(run, noise=Noise(axes=axes)).joint.curve_cofactor()
     assert other / equal == pytest.approx(np.tile([0.25, 0.25, 4, 4, 4, 0.25], (6, 1)), rel=1e-12)
+
+
+def test_what_the_noise_may_be_is_part_of_the_model():
+    """It is left out, put back and written like an effect, and what is left out is not estimated."""
+    whole = Model()
+    less = whole.without_effect('noise.axes')
+    assert 'noise' not in whole.to_mapping() and less.to_mapping()['noise'] == list(less.noise)
+    assert Model.from_mapping(less.to_mapping()) == less and less.with_effect('noise.axes') == whole
+    assert less.hash != whole.hash and str(less).endswith(' + noise.tail + noise.groups + noise.wander')
+    run = noisy(white(3)[0] * (1, 1, 3), 3)
+    assert analyse(run, Model(noise=())).noise.is_white
+    assert analyse(run).noise.kinds == ('axes',)
+    with pytest.raises(InvalidModel, match=r"noise: wanted some of noise.axes, .*, got 'noise.magic'"):
+        Model(noise=('noise.magic',))
+    with pytest.raises(InvalidModel, match='noise.axes is in the model already'):
+        whole.with_effect('noise.axes')
+
+
+def test_what_is_left_is_tested():
+    """Where the model allows no other noise than white, what is left is said to be none."""
+    run = noisy(white(3)[0] * (1, 1, 1.6), 3)
+    verdict = judge(run, Model(noise=()))
+    assert verdict.outcome in (Outcome.NOISE, Outcome.SCATTERS)
+    assert 'the axes repeat unequally' in verdict.sentence.partition('What is left is no noise of that kind: ')[2]
+    assert 'no noise of that kind' not in judge(run).sentence

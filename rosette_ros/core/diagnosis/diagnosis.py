@@ -35,6 +35,8 @@ LOOK_ALIKE = 8.0
 DRAWS = 300
 COARSE = 1.5
 """Step of the readings, over the residual, above which their noise is mostly that of rounding."""
+LEFT = 1e-3
+"""Probability, over all tests, below which the rest is not noise of the run's kind."""
 NOISELESS = 1e-10
 """Residual rms, m, below which nothing is searched: a tenth of a nanometre concerns nobody."""
 
@@ -67,7 +69,8 @@ class Finding:
 
     model, fit: as given; final: the fit with all that is claimed; missing: names claimed, strongest first, and terms,
     the effects of them; shapes: what the unnamed terms depend on that were found beside them; look_alikes: effects that
-    would look like a claimed one; invisible: effects that this order of measurement hides.
+    would look like a claimed one; invisible: effects that this order of measurement hides; misfits: in what the rest is
+    not noise of the kind that the run has.
     """
 
     model: Model
@@ -78,11 +81,13 @@ class Finding:
     shapes: str
     look_alikes: tuple[str, ...]
     invisible: tuple[str, ...]
+    misfits: tuple[str, ...]
 
     @property
     def verdict(self) -> Verdict:
         """The one decision."""
-        return decide(self.fit, self.final, self.missing, self.shapes, self.look_alikes, self.invisible)
+        return decide(self.fit, self.final, self.missing, self.shapes, self.look_alikes, self.invisible,
+                      self.misfits)
 
     @property
     def unexplained_text(self) -> str:
@@ -152,7 +157,7 @@ def missing_base(run: Run, start: Fit) -> tuple[str, ...]:
     best: tuple[str, ...] = ()
     best_score, rss = 0.0, start.rms**2 * start.dof
     for chosen in sets:
-        tried = fit(run, Model((*model.base, *chosen), model.terms), start.settings, start.noise)
+        tried = fit(run, replace(model, base=(*model.base, *chosen)), start.settings, start.noise)
         score = start.dof * np.log(rss / max(tried.rms**2 * tried.dof, 1e-300)) - 2 * (tried.rank - start.rank)
         if f_test(start, tried) * len(sets) < CLAIM_BASE and score > best_score:
             best, best_score = chosen, score
@@ -168,7 +173,7 @@ class _Search:
         self.start = base = fit(run, model, choose_settings(run, model, noise), noise)
         self.absent = missing_base(run, self.start)
         if self.absent:
-            base = fit(run, Model((*model.base, *self.absent), model.terms), self.start.settings, noise)
+            base = fit(run, replace(model, base=(*model.base, *self.absent)), self.start.settings, noise)
         if noise is None and (step := resolution_of(run.centre)) > COARSE * base.rms:
             self.start, base = (replace(one, noise=Noise(resolution=step)) for one in (self.start, base))
         self.base, joint = base, base.joint
@@ -188,7 +193,7 @@ class _Search:
             tuple(Term(member.effect, member.setting) for member in named),
             '; '.join(member.effect.describe(member.setting) for member in members
                       if isinstance(member.effect, UnnamedTerm)),
-            tuple(sorted(set(itertools.chain(*self.look_alikes.values())))), self._invisible(missing))
+            tuple(sorted(set(itertools.chain(*self.look_alikes.values())))), self._invisible(missing), self._misfits())
 
     @cached_property
     def null(self) -> Floats:
@@ -254,7 +259,7 @@ class _Search:
     def final_fit(self, members: Sequence[Member]) -> Fit:
         """Return the joint fit of the model with members added."""
         terms = tuple(Term(member.effect) for member in members)
-        model = Model(self.base.model.base, (*self.base.model.terms, *terms), repeated=True)
+        model = replace(self.base.model, terms=(*self.base.model.terms, *terms), repeated=True)
         return fit(self.run, model, (*self.base.settings, *(member.setting for member in members)), self.base.noise,
                    self.base.joint.space)
 
@@ -274,6 +279,12 @@ class _Search:
     def unavailable(self) -> tuple[tuple[str, str], ...]:
         """Effects that the run's records cannot judge, with the reason."""
         return tuple((name, reason) for name, effect in EFFECTS.items() if (reason := why_not_judged(effect, self.run)))
+
+    def _misfits(self) -> tuple[str, ...]:
+        if self.noiseless or self.base.noise.resolution:
+            return ()
+        problem = noise_problem(self.base, self.chosen.members)
+        return tuple(one.words for one in problem.at(self.base.noise).misfits() if one.p < LEFT)
 
     def _invisible(self, missing: Sequence[str]) -> tuple[str, ...]:
         shares: dict[str, float] = {}
@@ -299,7 +310,7 @@ def fitted_with_noise(run: Run, model: Model, white: Fit, is_searched: bool) -> 
         return white
     start = noise_problem(white).start
     if not is_searched:
-        found = start.better(('axes',)).noise
+        found = (start.better(('axes',)) if 'noise.axes' in model.noise else start).noise
         return white if found.is_white else fit(run, model, choose_settings(run, model, found), found)
     if start.misfits()[0].p >= SEEN and not resolution_of(run.centre) > COARSE * white.rms:
         return white

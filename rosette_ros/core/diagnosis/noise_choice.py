@@ -12,6 +12,7 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.noise_search import NoiseFit, NoiseProblem, estimate
 from rosette_ros.core.diagnosis.search import MOST_EFFECTS, Member, Problem, Selection
+from rosette_ros.core.model.base_model import base_space
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import Noise
 
@@ -82,12 +83,14 @@ def under_best_noise(white: AnySearch, again: Callable[[Noise], AnySearch]) -> A
     return best
 
 
-def noise_problem(white: Fit, members: Sequence[Member] = ()) -> NoiseProblem:
-    """Return the problem of the noise of a fit under white noise, beside the effects of a selection."""
-    columns = [np.moveaxis(member.effect.columns(white.run, member.setting), -1, 0) for member in members]
-    return NoiseProblem(white.run, white.joint.space.basis, np.concatenate([white.joint.every, *columns]),
-                        white.residual)
+def noise_problem(fitted: Fit, members: Sequence[Member] = ()) -> NoiseProblem:
+    """Return the problem of the noise of the run of a fit, beside the effects of a selection."""
+    run, joint = fitted.run, fitted.joint
+    columns = [np.moveaxis(member.effect.columns(run, member.setting), -1, 0) for member in members]
+    space = joint.space if joint.whitening.is_plain else base_space(run, fitted.mean_radius, fitted.model.base)
+    return NoiseProblem(run, space.basis, np.concatenate([joint.every, *columns]), fitted.residual)
 
 
 def _estimated(white: Search, members: Sequence[Member]) -> NoiseFit:
-    return estimate(noise_problem(white.base, members))
+    kinds = [name.removeprefix('noise.') for name in white.base.model.noise]
+    return estimate(noise_problem(white.base, members), kinds)

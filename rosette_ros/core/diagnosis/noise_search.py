@@ -29,6 +29,7 @@ SEEN = 2e-3
 """Probability, over all tests, below which the noise is looked at as other than it was taken."""
 NO_AXIS = 1e-12
 """An axis whose square sum is such a share of another's has no residual: its noise cannot be estimated."""
+KINDS_OF_NOISE = ('axes', 'tail', 'groups', 'wander')
 KINDS = 6
 """Kinds of noise that are looked for; each has to pay for the choice."""
 TAILS = (2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0)
@@ -47,6 +48,13 @@ class Misfit:
     kind: str
     of: str
     p: float
+
+    @property
+    def words(self) -> str:
+        """What the test has found."""
+        of = self.of
+        return {'axes': 'the axes repeat unequally', 'tail': f'single {of}s stand out',
+                'groups': f'it scatters unequally by {of}', 'wander': f'neighbours are alike in {of}'}[self.kind]
 
 
 class NoiseProblem:
@@ -160,21 +168,21 @@ class NoiseFit:
             index = place_of(run, by)
             hot = (index == np.arange(index.max() + 1)[:, None]).astype(float)
             sums, number = np.sum(square, axis=2) @ hot.T, np.maximum(hot.sum(axis=1), 1)
-            yield Misfit('by', by, _one_sided(np.sum((sums - sums[1:].mean(axis=0))**2 / number, axis=1)))
+            yield Misfit('groups', by, _one_sided(np.sum((sums - sums[1:].mean(axis=0))**2 / number, axis=1)))
         for phi in (0.4, 0.9, 1.0):
             for axes in PARTS:
                 kept = lfilter([1.0], [1.0, -phi], self.left[:, ::-1, axes], axis=1)
                 size = np.maximum(np.sum(self.left[..., axes]**2, axis=(1, 2)), NO_RESIDUAL)
                 yield Misfit('wander', 'z' if axes == (2,) else 'xy', _one_sided(np.sum(kept**2, axis=(1, 2)) / size))
 
-    def better(self, kinds: Sequence[str] = ('axes', 'tail', 'by', 'wander')) -> 'NoiseFit':
+    def better(self, kinds: Sequence[str] = KINDS_OF_NOISE) -> 'NoiseFit':
         """Return the fit with a kind of noise more where one is seen and pays, else this one."""
         best = self
         seen = [one for one in self.misfits() if one.p < SEEN and one.kind in kinds]
         # what is less plain by far is a consequence of the plainest
         seen = [one for one in seen if one.p < max(seen[0].p, 1e-300)**PLAIN]
         for kind, of in dict.fromkeys((one.kind, '' if one.kind == 'wander' else one.of) for one in seen):
-            made = {'axes': self._with_axes, 'tail': self._with_tail, 'by': self._with_factors,
+            made = {'axes': self._with_axes, 'tail': self._with_tail, 'groups': self._with_factors,
                     'wander': self._with_wander}[kind](of)
             best = max(best, made, key=lambda one: one.score)
         return best
@@ -332,14 +340,14 @@ def _two_sided(values: Floats) -> float:
     return float(2 * special.ndtr(-abs(values[0] - values[1:].mean()) / values[1:].std()))
 
 
-def estimate(problem: NoiseProblem) -> NoiseFit:
-    """Return the noise of a problem: kinds are taken on one by one as long as tests see them and they pay."""
+def estimate(problem: NoiseProblem, kinds: Sequence[str] = KINDS_OF_NOISE) -> NoiseFit:
+    """Return the noise of a problem: some kinds are taken on one by one as long as tests see them and they pay."""
     found = problem.start
     by_axis = np.sum(found.left[0]**2, axis=0)
     if by_axis.min() <= NO_AXIS * by_axis.max():
         return found
     for _ in range(MOST_KINDS):
-        better = found.better()
+        better = found.better(kinds)
         if better is found:
             break
         found = better

@@ -130,7 +130,7 @@ def _visible_share(effect: Effect, setting: Setting, before: Fit) -> float:
 def _with(before: Fit, pairs: Sequence[Learnt]) -> Fit:
     """Return the fit with the effects of some pairs more, at the settings of A."""
     terms = [Term(effect, fitted.setting) for effect, fitted in pairs]
-    model = Model(before.model.base, (*before.model.terms, *terms), repeated=True)
+    model = replace(before.model, terms=(*before.model.terms, *terms), repeated=True)
     return fit(before.run, model, (*before.settings, *(term.fixed for term in terms)))
 
 

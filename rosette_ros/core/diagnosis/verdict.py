@@ -81,12 +81,12 @@ def left_over(final: 'Fit', shapes: str = '') -> str:
 
 
 def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = '', look_alikes: Sequence[str] = (),
-           hidden: Sequence[str] = ()) -> Verdict:
+           hidden: Sequence[str] = (), misfits: Sequence[str] = ()) -> Verdict:
     """Return the Verdict on a model.
 
     fit: of the model as given; final: with all named effects that the search claims, `missing`; shapes: as of
     `left_over`; look_alikes: effects that would look like a claimed one; hidden: effects that the order of measurement
-    cannot show.
+    cannot show; misfits: in what the rest is not noise as it was estimated, in words.
     """
     left, rms = left_over(final, shapes), _um(fit.rms)
     basis = ('' if fit.run.repeatability is not None else
@@ -133,6 +133,10 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = 
         outcome = Outcome.NOISE if outcome == Outcome.FITS else outcome
         sentence += f' The noise is not white and equal: {"; ".join(words for words, _ in noise)}.'
         action += [advice for _, advice in noise]
+    if misfits and not missing and not shapes:
+        outcome = Outcome.NOISE if outcome == Outcome.FITS else outcome
+        sentence += f' What is left is no noise of that kind: {"; ".join(misfits)}.'
+        action.append('look at the residual maps (rosette report)')
     if hidden:
         action.append(f'measure next in an order that shows {", ".join(hidden)} (rosette advise)')
     text = '; '.join(action) or 'nothing needs to be done'

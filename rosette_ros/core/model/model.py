@@ -4,7 +4,7 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from rosette_ros.core.effects.custom_term import CustomTerm
 from rosette_ros.core.effects.effect import Effect, Setting
@@ -13,6 +13,8 @@ from rosette_ros.core.errors import InvalidModel
 
 SCHEMA = 'rosette-model/1'
 BASE_TERMS = ('table_motions', 'plate_deviations', 'cmm_deviations')
+NOISE_TERMS = ('noise.axes', 'noise.tail', 'noise.groups', 'noise.wander')
+"""In what the noise may be other than white and equal; what of it a run has is estimated."""
 Entry = str | dict[str, float | str]
 """A term as it stands in a model file: the name of an effect, or a mapping."""
 
@@ -58,17 +60,23 @@ class Term:
 
 @dataclass(frozen=True)
 class Model:
-    """Base terms (some of BASE_TERMS) and effects; prints itself as a sum.
+    """Base terms (some of BASE_TERMS), effects and what the noise may be; prints itself as a sum.
 
-    repeated allows an effect to stand more than once with the same fixed parameters. Raises InvalidModel where it does
+    noise: some of NOISE_TERMS, none for white noise; repeated allows an effect to stand more than once with the same
+    fixed parameters. Raises InvalidModel where it does
     without, and for an unknown base term or setting.
     """
 
     base: tuple[str, ...] = BASE_TERMS
     terms: tuple[Term, ...] = ()
     repeated: bool = False
+    noise: tuple[str, ...] = NOISE_TERMS
 
     def __post_init__(self) -> None:
+        for name in self.noise:
+            if name not in NOISE_TERMS:
+                raise InvalidModel(f'model: noise: wanted some of {", ".join(NOISE_TERMS)}, got {name!r}')
+        object.__setattr__(self, 'noise', tuple(name for name in NOISE_TERMS if name in self.noise))
         for name in self.base:
             if name not in BASE_TERMS:
                 raise InvalidModel(f'model: base: wanted some of {", ".join(BASE_TERMS)}, got {name!r}')
@@ -86,7 +94,8 @@ class Model:
         return self.base + tuple(term.name for term in self.terms)
 
     def __str__(self) -> str:
-        return ' + '.join([*self.base, *map(str, self.terms)]) or 'nothing'
+        noise = [] if self.noise == NOISE_TERMS else list(self.noise) or ['noise.white']
+        return ' + '.join([*self.base, *map(str, self.terms), *noise]) or 'nothing'
 
     @property
     def hash(self) -> str:
@@ -95,45 +104,53 @@ class Model:
 
     def with_effect(self, name: str, fixed: Mapping[str, float | str] | None = None) -> 'Model':
         """Return the model with an effect (or base term) more."""
+        if name in (*self.base, *self.noise):
+            raise InvalidModel(f'model: {name} is in the model already')
         if name in BASE_TERMS:
-            if name in self.base:
-                raise InvalidModel(f'model: {name} is in the model already')
-            return Model((*self.base, name), self.terms)
-        return Model(self.base, (*self.terms, Term(effect(name), Setting(fixed or {}))))
+            return replace(self, base=(*self.base, name))
+        if name in NOISE_TERMS:
+            return replace(self, noise=(*self.noise, name))
+        return replace(self, terms=(*self.terms, Term(effect(name), Setting(fixed or {}))))
 
     def with_entry(self, entry: object) -> 'Model':
         """Return the model with an entry of a model file more: name, mapping or custom term."""
-        return Model(self.base, (*self.terms, Term.from_entry(entry)))
+        return replace(self, terms=(*self.terms, Term.from_entry(entry)))
 
     def without_effect(self, name: str) -> 'Model':
         """Return the model without an effect (the last of that name) or base term."""
         if name in self.base:
-            return Model(tuple(term for term in self.base if term != name), self.terms)
+            return replace(self, base=tuple(term for term in self.base if term != name))
+        if name in self.noise:
+            return replace(self, noise=tuple(one for one in self.noise if one != name))
         places = [k for k, term in enumerate(self.terms) if name in (term.name, str(term))]
         if not places:
             raise InvalidModel(f'model: wanted one of {", ".join(self.names)} to remove, got {name!r}')
-        return Model(self.base, self.terms[:places[-1]] + self.terms[places[-1] + 1:])
+        return replace(self, terms=self.terms[:places[-1]] + self.terms[places[-1] + 1:])
 
     def to_mapping(self) -> dict[str, str | list[str] | list[Entry]]:
         """Return the model as plain lists and dicts, schema rosette-model/1."""
-        return {'schema': SCHEMA, 'base': list(self.base), 'effects': [term.to_entry() for term in self.terms]}
+        noise = {} if self.noise == NOISE_TERMS else {'noise': list(self.noise)}
+        effects = [term.to_entry() for term in self.terms]
+        return {'schema': SCHEMA, 'base': list(self.base), 'effects': effects, **noise}
 
     @staticmethod
     def from_mapping(mapping: object, source: str = 'model') -> 'Model':
         """Return the Model of plain lists and dicts; raise InvalidModel, naming `source`."""
         if not isinstance(mapping, dict):
             raise InvalidModel(f'{source}: wanted a mapping with base and effects, got {type(mapping).__name__}')
-        unknown = set(mapping) - {'schema', 'base', 'effects'}
+        unknown = set(mapping) - {'schema', 'base', 'effects', 'noise'}
         if unknown:
-            raise InvalidModel(f'{source}: wanted the keys schema, base, effects, got {sorted(map(str, unknown))[0]!r}')
+            first = min(map(str, unknown))
+            raise InvalidModel(f'{source}: wanted the keys schema, base, effects, noise, got {first!r}')
         if mapping.get('schema', SCHEMA) != SCHEMA:
             raise InvalidModel(f'{source}: schema: wanted {SCHEMA}, got {mapping["schema"]!r}')
         base = mapping.get('base', list(BASE_TERMS))
         effects = mapping.get('effects') or []
-        for key, value in (('base', base), ('effects', effects)):
+        noise = mapping.get('noise', list(NOISE_TERMS))
+        for key, value in (('base', base), ('effects', effects), ('noise', noise)):
             if not isinstance(value, list):
                 raise InvalidModel(f'{source}: {key}: wanted a list, got {value!r}')
         try:
-            return Model(tuple(base), tuple(map(Term.from_entry, effects)))
+            return Model(tuple(base), tuple(map(Term.from_entry, effects)), noise=tuple(noise))
         except InvalidModel as error:
             raise InvalidModel(f'{source}: {error}') from error
