@@ -7,7 +7,7 @@ from rich.markup import escape
 
 from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, pairs, print_json, print_parts, rich_table
-from rosette_ros.core.effects.effect import Effect, Quantity
+from rosette_ros.core.effects.effect import Effect, Quantity, Setting
 from rosette_ros.core.effects.library import EFFECTS, effect
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.scheme import plan
@@ -19,7 +19,7 @@ CARRIES = {'all': 'settings and sizes hold for the next run of the same cell',
            'shape': 'the settings hold for the next run, phases and sizes do not', 'nothing': 'an event of one run'}
 """What of an effect a later run shares."""
 KINDS = {'scale': 'searched and refined', 'phase': 'searched and refined',
-         'instant': 'searched: a moment between two readings', 'choice': 'one of a few, all are tried'}
+         'instant': 'searched: all that a run can tell apart', 'choice': 'one of a few, all are tried'}
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -49,7 +49,7 @@ def amplitudes(one: Effect) -> tuple[Quantity, ...]:
     if one.name not in EFFECTS:
         return ()
     example = planned_run(plan(12, 'random', turning='alternate'), 0.1825)
-    return tuple(one.amplitudes(example, one.settings(example)[0]))
+    return tuple(one.amplitudes(example, (*one.settings(example), Setting())[0]))
 
 
 def facts(one: Effect) -> list[tuple[str, str]]:

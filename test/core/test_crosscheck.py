@@ -113,9 +113,10 @@ def test_every_effect_says_what_it_shares_with_the_next_run():
     """Rates and constants all, cycles and warm-ups their shape, events nothing."""
     carries = {name: effect.carries for name, effect in EFFECTS.items()}
     assert {name for name, word in carries.items() if word == 'nothing'} == {
-        'frame_step', 'plate_slip', 'ball_slip', 'outlier'}
+        'frame_step', 'frame_pulse', 'frame_drift_onset', 'plate_slip', 'ball_slip', 'ball_creep',
+        'ball_rattle', 'outlier'}
     assert {name for name, word in carries.items() if word == 'shape'} == {
-        'frame_warmup', 'frame_cycle', 'asynchronous_motion', 'table_warmup'}
+        'frame_drift_curved', 'frame_warmup', 'frame_cycle', 'asynchronous_motion', 'table_warmup'}
     assert set(carries.values()) == {'all', 'shape', 'nothing'}
 
 

@@ -7,25 +7,31 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import RADIUS, synthetic_run
 
-from rosette_ros.core.diagnosis.unnamed_terms import UNNAMED_TERMS
 from rosette_ros.core.effects.effect import FixedEffect, Setting
+from rosette_ros.core.effects.free_forms import FREE_FORMS
 from rosette_ros.core.effects.library import EFFECTS, effect
 from rosette_ros.core.errors import InvalidModel
+from rosette_ros.core.geometry import rotate_z
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import Model
 
-EVERY = [*EFFECTS.values(), *UNNAMED_TERMS]
+EVERY = [*EFFECTS.values(), *FREE_FORMS.values()]
 FIXED_NAMES = {
-    'frame_drift', 'frame_warmup', 'frame_temperature', 'frame_cycle', 'frame_step',
-    'table_zero_drift', 'axis_tilt_drift', 'table_backlash', 'asynchronous_motion', 'table_warmup',
-    'plate_creep', 'plate_slip', 'plate_expansion', 'plate_warp', 'ball_slip', 'ball_form',
-    'cmm_reversal', 'outlier'}
+    'frame_drift', 'frame_drift_onset', 'frame_drift_curved', 'frame_warmup', 'frame_temperature',
+    'frame_temperature_lag', 'frame_cycle', 'frame_step', 'frame_pulse',
+    'table_zero_drift', 'axis_tilt_drift', 'table_backlash', 'table_backlash_angle', 'encoder_interpolation',
+    'asynchronous_motion', 'table_warmup', 'plate_creep', 'plate_slip', 'plate_expansion', 'plate_warp',
+    'plate_support', 'ball_slip', 'ball_creep', 'ball_rattle', 'ball_machine_offset', 'ball_form',
+    'cmm_scale_drift', 'cmm_squareness_drift', 'cmm_reversal', 'cmm_reversal_position', 'probe_approach', 'outlier'}
 
 
 def warm_run(n=6, order='random', turning='alternate', **rest):
     """Return a run with everything recorded: senses, travel, a temperature that is no line in time."""
-    run, *_ = synthetic_run(n, order, 3, turning=turning, **rest)
-    return run.replace(temperature=20 + 0.1 * np.sin(run.time / 700.0))
+    run, _, plate, _ = synthetic_run(n, order, 3, turning=turning, **rest)
+    beside = 1e-4 * np.sin(run.time)  # the table stops a little beside the nominal angles
+    ball = rotate_z(run.phi, rotate_z(run.beta, [RADIUS, 0, 0]) + plate[run.ball - 1])
+    return run.replace(temperature=20 + 0.1 * np.sin(run.time / 700.0), table_angle=run.phi + beside,
+                       centre=run.centre + rotate_z(beside, ball) - ball)
 
 
 def few_settings(subject, run):

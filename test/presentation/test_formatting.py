@@ -5,6 +5,7 @@ import math
 
 import pytest
 
+from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.advice import planned_run
@@ -31,7 +32,7 @@ def test_every_unit_of_the_library_is_known():
     """An effect with a new unit has to say how it is shown."""
     run = planned_run(plan(6, 'random', turning='alternate'), 0.1825)
     units = {quantity.unit for effect in EFFECTS.values()
-             for quantity in (*effect.amplitudes(run, effect.settings(run)[0]),
+             for quantity in (*effect.amplitudes(run, (*effect.settings(run), Setting())[0]),
                               *effect.searched)}
     assert units - {''} <= set(SCALES)
 

@@ -268,14 +268,16 @@ def families(run: Run, effects: Sequence[Effect], project: Projection, keep_hidd
     return tuple(family for family in out if keep_hidden or family.ranks.any())
 
 
-def _by_width(widths: Sequence[int]) -> list[tuple[int, list[int]]]:
-    return [(width, [place for place, other in enumerate(widths) if other == width]) for width in sorted(set(widths))]
+def _alike(run: Run, effect: Effect, settings: Sequence[Setting],
+           widths: Sequence[int]) -> list[tuple[int, float, list[int]]]:
+    """Return number of columns, chances and places of the settings that share both."""
+    kinds = [(width, effect.chances(run, setting)) for width, setting in zip(widths, settings)]
+    return [(*kind, [place for place, other in enumerate(kinds) if other == kind]) for kind in sorted(set(kinds))]
 
 
 def _families(run: Run, effect: Effect, settings: Sequence[Setting], project: Projection) -> list[Family]:
     out = []
-    chances = effect.independent_settings(run)
-    for q, places in _by_width([effect.width(run, setting) for setting in settings]):
+    for q, chances, places in _alike(run, effect, settings, [effect.width(run, setting) for setting in settings]):
         some = tuple(settings[place] for place in places)
         step = max(1, CHUNK // q)
         blocks = (effect.blocks(run, some[start:start + step]) for start in range(0, len(some), step))
@@ -338,9 +340,9 @@ def _wave_families(run: Run, effect: Effect, settings: Sequence[Setting], factor
         waves = waves - waves.mean(axis=2, keepdims=True)  # a constant is the model's: no lost digits
     bank = Waves(waves.astype(np.float32), factors.directions.astype(np.float32))
     gram = _wave_gram(bank, project) / (scale[:, :, None] * scale[:, None])
-    chances, d = effect.independent_settings(run), len(factors.directions)
+    d = len(factors.directions)
     out = []
-    for q, places in _by_width([m * len(which) for _, which in factors.of_setting]):
+    for q, chances, places in _alike(run, effect, settings, [m * len(which) for _, which in factors.of_setting]):
         wave = np.array([factors.of_setting[place][0] for place in places])
         which = np.array([factors.of_setting[place][1] for place in places])
         column = (np.arange(m)[None, :, None] * d + which[:, None]).reshape(len(places), q)

@@ -2,7 +2,7 @@
 """Which physical effect is missing: claimed only with a probability that counts the whole search."""
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -15,10 +15,11 @@ from rosette_ros.core.diagnosis.cross_validation import CrossValidation
 from rosette_ros.core.diagnosis.noise_choice import noise_problem, under_best_noise
 from rosette_ros.core.diagnosis.noise_search import SEEN, noise_of_rounding
 from rosette_ros.core.diagnosis.parameter_search import choose_settings
+from rosette_ros.core.diagnosis.right_shape import free_instead, right_shapes
 from rosette_ros.core.diagnosis.search import Member, Offer, Problem, Selection, searched_count
-from rosette_ros.core.diagnosis.unnamed_terms import UnnamedTerm
 from rosette_ros.core.diagnosis.verdict import Verdict, decide, left_over
 from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.effects.free_forms import FreeForm
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.least_squares import Fit, JointSpace, Parameter, fit
@@ -32,6 +33,8 @@ CLAIM_BASE = 1e-4
 """The same for a term of the base model."""
 LOOK_ALIKE = 8.0
 """Difference of scores (twice the log Bayes factor) below which two effects cannot be distinguished."""
+NEAR = 30.0
+"""The same before all that is searched is found again beside the rival."""
 DRAWS = 300
 COARSE = 1.5
 """Step of the readings, over the residual, above which their noise is mostly that of rounding."""
@@ -170,6 +173,7 @@ class _Search:
     def __init__(self, run: Run, model: Model, seed: int, noise: Noise | None = None) -> None:
         """Free the readings of the model, to whose fit, `start`, the `absent` base terms are added in `base`."""
         self.run, self.seed = run, seed
+        self._without: dict[tuple[Member, ...], _WithoutBlocks] = {}
         self.start = base = fit(run, model, choose_settings(run, model, noise), noise)
         self.absent = missing_base(run, self.start)
         if self.absent:
@@ -191,8 +195,9 @@ class _Search:
         return Finding(
             self.start.model, self.start, self.final_fit(named), missing,
             tuple(Term(member.effect, member.setting) for member in named),
-            '; '.join(member.effect.describe(member.setting) for member in members
-                      if isinstance(member.effect, UnnamedTerm)),
+            '; '.join(member.effect.describe(member.setting) + (f', not as {member.instead}' if member.instead else '')
+                      for member in members
+                      if isinstance(member.effect, FreeForm)),
             tuple(sorted(set(itertools.chain(*self.look_alikes.values())))), self._invisible(missing), self._misfits())
 
     @cached_property
@@ -227,27 +232,41 @@ class _Search:
         """The Selection that the search ends with: each member holds beside the others."""
         if self.noiseless:
             return self.problem.empty
-        selection = self.problem.grow()
-        while selection.members:
-            scores = [self.score_beside(selection, place) for place in range(len(selection.members))]
-            weakest = int(np.argmin(scores))
-            if self.p(scores[weakest]) <= CLAIM:
-                vain = [place for place in range(len(scores)) if not self._predicts(selection, place)]
-                if not vain:
-                    break
-                weakest = min(vain, key=lambda place: scores[place])
-            selection = self.problem.swap(self.problem.select(selection.without(weakest)))
+        selection = self._held(self.problem.grow(), self.problem.swap)
+        selection = right_shapes(self.problem, self.problem.polish(selection), self._held)
+        while vain := [place for place in range(len(selection.members)) if not self._predicts(selection, place)]:
+            instead = free_instead(self.problem, selection, vain[:1]) or self.problem.select(selection.without(vain[0]))
+            selection = self.problem.polish(self._held(instead))
+        return self._ordered(selection)
+
+    def _ordered(self, selection: Selection) -> Selection:
         falls = [self.problem.select(selection.without(place)).rss for place in range(len(selection.members))]
         # unnamed shapes come last: the named effects are judged without them
         order = sorted(range(len(falls)), key=lambda place: (not selection.members[place].named, -falls[place]))
         return self.problem.select(tuple(selection.members[place] for place in order))
+
+    def _held(self, selection: Selection, settle: Callable[[Selection], Selection] = lambda same: same) -> Selection:
+        """Return the selection without the members that do not hold beside the others, settled after each."""
+        while selection.members:
+            scores = [self.score_beside(selection, place) for place in range(len(selection.members))]
+            weakest = int(np.argmin(scores))
+            if self.p(scores[weakest]) <= CLAIM:
+                break
+            selection = settle(self.problem.select(selection.without(weakest)))
+        return selection
+
+    def without(self, before: Selection) -> '_WithoutBlocks':
+        """Return a selection fitted without each block; those that were asked for are kept."""
+        if before.members not in self._without:
+            self._without[before.members] = _WithoutBlocks(self.blocks, self.problem, before)
+        return self._without[before.members]
 
     def _predicts(self, selection: Selection, place: int) -> bool:
         """Return whether a named member lowers the error of the cross-validation beside the others."""
         member = selection.members[place]
         if not member.named:
             return True
-        without = _WithoutBlocks(self.blocks, self.problem, self.problem.select(selection.without(place)))
+        without = self.without(self.problem.select(selection.without(place)))
         error = without.rms_with(member, (member.name,))
         return not error > without.rms  # not a number where the others do not determine it
 
@@ -270,9 +289,11 @@ class _Search:
         for place, member in enumerate(self.chosen.members):
             if member.named:
                 rest = self.problem.select(self.chosen.without(place))
-                least = max(self.chosen.score - rest.score - LOOK_ALIKE, 0)
-                out[place] = tuple(rival.name for rival, score, _ in self.problem.rivals(rest)
-                                   if rival.named and rival.name != member.name and score > least)
+                least = self.chosen.score - LOOK_ALIKE
+                near = [rival for rival, score, _ in self.problem.rivals(rest)
+                        if rival.named and rival.name != member.name and rest.score + score > least - NEAR]
+                out[place] = tuple(rival.name for rival in near if max(
+                    rest.score, least) < self.problem.polish(self.problem.select((*rest.members, rival))).score)
         return out
 
     @cached_property
@@ -323,8 +344,6 @@ class _Candidates:
 
     def __init__(self, search: _Search) -> None:
         self.search, self.problem = search, search.problem
-        self.blocks = search.blocks
-        self._without_blocks: dict[Selection, _WithoutBlocks] = {}
 
     def all(self) -> tuple[Candidate, ...]:
         """Return all candidates: claimed ones, each beside those before it, then the others beside all claimed."""
@@ -357,14 +376,9 @@ class _Candidates:
         parameters = self.search.final_fit([each for each in after.members if each.named]).effects[-1].parameters
         return Candidate(
             member.name, dict(member.setting), p, member.share, rms_before, rms_after,
-            scale * self._without(before).rms, scale * self._without(before).rms_with(member, among),
+            scale * self.search.without(before).rms, scale * self.search.without(before).rms_with(member, among),
             float(size * np.log(before.rss / after.rss) - (more - used) * np.log(size)), parameters,
             look_alikes, claimed)
-
-    def _without(self, before: Selection) -> '_WithoutBlocks':
-        if before not in self._without_blocks:
-            self._without_blocks[before] = _WithoutBlocks(self.blocks, self.problem, before)
-        return self._without_blocks[before]
 
     def _base_term(self, term: str) -> Candidate:
         run, after = self.search.run, self.search.base

@@ -14,7 +14,7 @@ much. The score is free of a stated sigma: a wrong repeatability cannot make a c
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -32,15 +32,17 @@ from rosette_ros.core.diagnosis.candidates import (
     products_of,
     whiten,
 )
-from rosette_ros.core.diagnosis.unnamed_terms import UNNAMED_TERMS, UnnamedTerm
 from rosette_ros.core.effects.effect import Bracket, Effect, Setting
+from rosette_ros.core.effects.free_forms import FREE_FORMS, FreeForm
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.least_squares import JointSpace
 from rosette_ros.core.records import Floats, Ints, Run
 
 UNNAMED_PRIOR = 10.0
 """An unnamed term must beat named effects by this score."""
-REPEATABLE = ('outlier', 'ball_slip', 'ball_form', 'frame_cycle', 'asynchronous_motion')
+REPEATABLE = (
+    'outlier', 'ball_slip', 'ball_form', 'ball_machine_offset', 'frame_cycle', 'frame_step', 'frame_pulse',
+    'plate_slip', 'asynchronous_motion', 'plate_support', 'table_backlash_angle')
 """Effects that can be present more than once."""
 MOST_EFFECTS = 5
 BEAM = 4
@@ -53,13 +55,17 @@ HOPELESS = -5.0
 
 @dataclass(frozen=True, eq=False)
 class Member:
-    """One effect at one setting: its rows freed of the model, (k, 3 N), orthonormal."""
+    """One effect at one setting: its rows freed of the model, (k, 3 N), orthonormal.
+
+    instead: names of effects that it replaces as they have the wrong shape.
+    """
 
     effect: Effect
     setting: Setting
     rows: Floats
     chances: float
     share: float
+    instead: str = ''
 
     @property
     def name(self) -> str:
@@ -69,7 +75,7 @@ class Member:
     @property
     def named(self) -> bool:
         """Whether it is a physical effect of the library."""
-        return not isinstance(self.effect, UnnamedTerm)
+        return not isinstance(self.effect, FreeForm)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +116,7 @@ class Problem:
 
     def __init__(self, run: Run, space: JointSpace, residual: Floats, dof: int,
                  effects: Sequence[Effect] = tuple(EFFECTS.values()),
-                 unnamed: Sequence[UnnamedTerm] = UNNAMED_TERMS) -> None:
+                 unnamed: Sequence[FreeForm] = tuple(FREE_FORMS.values())) -> None:
         """Build the families once; space, residual (N, 3), m, and its degrees of freedom: of the model."""
         self.run, self.dof = run, dof
         self.project = Projection(space, run.size)
@@ -244,7 +250,7 @@ class Problem:
             for selection, offers in zip(beam, self.offers(beam)):
                 if without:
                     offers = [offer for offer in offers if offer.family.name != without
-                              and not isinstance(offer.family.effect, UnnamedTerm)]
+                              and not isinstance(offer.family.effect, FreeForm)]
                 for offer in offers[:BRANCHES]:
                     if offer.score < HOPELESS:
                         break
@@ -294,6 +300,28 @@ class Problem:
             selection = best
         return selection
 
+    def polish(self, selection: Selection) -> Selection:
+        """Return the selection with all that is searched found again beside the rest, until nothing moves.
+
+        Each is searched on the whole grid and then refined, so that a moment may be any between two readings.
+        """
+        for _ in range(4):
+            before = selection
+            for place, member in enumerate(selection.members):
+                if not member.effect.searched:
+                    continue
+                rest = self.select(selection.without(place))
+                offers = self.offers([rest], (member.name,), allow_repeats=True)[0]
+                tried = [self.child(rest, offer) for offer in offers[:2]]
+                tried.append(self.select((*rest.members, self.refine(member, rest))))
+                best = max((one for one in tried if one is not None), key=lambda one: one.score)
+                if best.score > selection.score + 1e-6:
+                    moved = replace(best.members[-1], instead=member.instead)
+                    selection = self.select((*rest.members[:place], moved, *rest.members[place:]))
+            if selection is before:
+                break
+        return selection
+
     def rivals(self, rest: Selection) -> list[tuple[Member, float, float]]:
         """Return the best Member of each effect beside `rest`, its score gain, and that before refining, best first."""
         best: dict[str, Offer] = {}
@@ -315,7 +343,7 @@ class Problem:
         left = self.project.free(noise).reshape(len(noise), -1)
         rss = np.sum(left**2, axis=1)
         best = np.full(len(left), -np.inf)
-        named = [family for family in self.families if not isinstance(family.effect, UnnamedTerm)]
+        named = [family for family in self.families if not isinstance(family.effect, FreeForm)]
         for family, products in products_of(named, left, self.project):
             best = np.maximum(best, _best_scores(family, rss, gains(products), self.dof)[0])
         return best
@@ -351,18 +379,22 @@ def cost(energy: float | Floats, k: int) -> Floats:
 
 def search_cost(effect: Effect, chances: float) -> float:
     """Return what the search of an effect with so many separate chances costs."""
-    extra = UNNAMED_PRIOR if isinstance(effect, UnnamedTerm) else 0.0
+    extra = UNNAMED_PRIOR if isinstance(effect, FreeForm) else 0.0
     return float(2 * np.log(chances * len(EFFECTS))) + extra
 
 
 def _gain(member: Member, others: Selection) -> float:
-    """Return the fall of the square sum when a member joins a selection."""
+    return gain_and_rank(member, others)[0]
+
+
+def gain_and_rank(member: Member, others: Selection) -> tuple[float, int]:
+    """Return the fall of the square sum when a member joins a selection, and how many directions it adds."""
     x = member.rows @ others.rows.T
     y = member.rows @ others.residual
     gram = np.eye(len(y)) * (1 + 1e-9) - x @ x.T
     value, vector = np.linalg.eigh(gram)
     keep = value > 1e-3
-    return float(np.sum((vector[:, keep].T @ y)**2 / value[keep]))
+    return float(np.sum((vector[:, keep].T @ y)**2 / value[keep])), int(keep.sum())
 
 
 def _key(selection: Selection) -> frozenset[object]:

@@ -11,7 +11,7 @@ from itertools import product
 
 import numpy as np
 
-from rosette_ros.core.effects.run_functions import between_readings
+from rosette_ros.core.effects.run_functions import beside, between_readings
 from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.records import Floats, Run
 
@@ -157,6 +157,10 @@ class Effect:
         """Return how many settings count as separate chances in the search, at least 1."""
         return max(1, len(self.settings(run)))
 
+    def chances(self, run: Run, setting: Setting) -> float:
+        """Return the number of separate chances against which a setting has to stand, those of all as a rule."""
+        return self.independent_settings(run)
+
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         """Return where to refine each continuous parameter of a setting found on the grid.
 
@@ -168,17 +172,13 @@ class Effect:
                 value = setting.number(parameter.name)
                 out[parameter.name] = (value / 1.6, value * 1.6)
             elif parameter.kind == 'instant':
-                out[parameter.name] = self.instants(run, setting)
+                out[parameter.name] = self.instants(run, setting, parameter.name)
         return out
 
-    def instants(self, run: Run, setting: Setting) -> Floats:
-        """Return the instants between readings that the grid has left out beside a setting."""
+    def instants(self, run: Run, setting: Setting, name: str = 't0') -> Floats:
+        """Return the instants between readings beside that of a setting, as far as the next ones of the grid."""
         every = between_readings(run, most=run.size)
-        tried = between_readings(run)
-        if every.size == tried.size:
-            return np.zeros(0)
-        near = np.argsort(np.abs(tried - setting.number('t0')))[:3]
-        return np.asarray(every[(every >= tried[near].min()) & (every <= tried[near].max())])
+        return beside(every, setting.number(name), 1.5 * every.size / between_readings(run).size)
 
     def check_setting(self, setting: Setting) -> None:
         """Raise InvalidModel unless the setting gives searched parameters values that can be."""
@@ -209,6 +209,9 @@ class FixedEffect(Effect):
     def independent_settings(self, run: Run) -> int:
         """Return the effect's number, at most as many as there are settings left."""
         return max(1, min(self.effect.independent_settings(run), len(self.settings(run))))
+
+    def chances(self, run: Run, setting: Setting) -> float:
+        return min(self.effect.chances(run, setting), self.independent_settings(run))
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
         return self.effect.amplitudes(run, setting)

@@ -6,16 +6,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from rosette_ros.core.effects.effect import Bracket, Effect, Factors, Setting, grid
-from rosette_ros.core.effects.run_functions import between_readings, duration, seconds, temperature_change
+from rosette_ros.core.effects.run_functions import between_readings, duration, lagged, seconds, temperature_change
 from rosette_ros.core.records import Floats, Run
 
 
 class RunFunction:
-    """How an effect develops in a run: m functions of the reading, with at most one searched parameter.
+    """How an effect develops in a run: m functions of the reading, with `parameters` searched ones.
 
-    A subclass gives `at` and, where there is a parameter, the settings to try of it, how many of them count as separate
-    chances, and where to refine it if not as Effect.brackets does.
+    A subclass gives `at` and, where there are parameters, the settings to try of them, how many of these count as
+    separate chances, and where to refine if not as Effect.brackets does.
     """
+
+    parameters = 1
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return (Setting(),)
@@ -27,7 +29,7 @@ class RunFunction:
         return {}
 
     def at(self, run: Run, values: Floats) -> Floats:
-        """Return the functions at each reading, (v, m, N), for values (v, 1) of the parameter, zero without one."""
+        """Return the functions at each reading, (v, m, N), for values (v, parameters), zero where there are none."""
         raise NotImplementedError
 
 
@@ -95,10 +97,72 @@ class Step(RunFunction):
         return (seconds(run) > values).astype(float)[:, None]
 
 
+class Pulse(RunFunction):
+    """H(t - t0) - H(t - t1); moments between readings, lengths in steps of a third, of which neighbours look alike."""
+
+    parameters = 2
+
+    def settings(self, run: Run) -> tuple[Setting, ...]:
+        instants = between_readings(run)
+        lengths = np.unique(np.geomspace(1, max(instants.size - 1, 1), 14).astype(int))
+        return tuple(Setting(t0=float(instants[start]), t1=float(instants[start + length])) for length in lengths
+                     for start in range(0, instants.size - length, max(1, length // 4)))
+
+    def chances(self, run: Run) -> float:
+        return max(1, min(run.size, 200))
+
+    def at(self, run: Run, values: Floats) -> Floats:
+        since = seconds(run) > values[..., None]
+        return np.asarray(since[:, :1] * 1.0 - since[:, 1:])
+
+
+class Onset(RunFunction):
+    """max(0, t - t0); sixteen moments; a steady drift is the simpler story, so that each has to stand against more."""
+
+    def settings(self, run: Run) -> tuple[Setting, ...]:
+        return grid(t0=np.linspace(0, duration(run), 18)[1:-1].tolist())
+
+    def chances(self, run: Run) -> float:
+        return 32
+
+    def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
+        t0, beside = setting.number('t0'), duration(run) / 17
+        return {'t0': (max(t0 - beside, 0.0), t0 + beside)}
+
+    def at(self, run: Run, values: Floats) -> Floats:
+        return np.maximum(seconds(run) - values, 0)[:, None]
+
+
+class Curve(RunFunction):
+    """t and t^2."""
+
+    def chances(self, run: Run) -> float:
+        return 4
+
+    def at(self, run: Run, values: Floats) -> Floats:
+        return np.tile(seconds(run) ** np.array([[1], [2]]), (len(values), 1, 1))
+
+
+class LaggedTemperature(RunFunction):
+    """T as a part of the machine with a time constant follows it; from a fiftieth of the run to the whole of it.
+
+    To follow at once is the simpler story.
+    """
+
+    def settings(self, run: Run) -> tuple[Setting, ...]:
+        return grid(tau=np.geomspace(duration(run) / 50, duration(run), 10).tolist()) if np.ptp(run.temperature) else ()
+
+    def chances(self, run: Run) -> float:
+        return 20
+
+    def at(self, run: Run, values: Floats) -> Floats:
+        return np.stack([lagged(seconds(run), temperature_change(run), float(tau)) for tau in values[:, 0]])[:, None]
+
+
 class FactoredEffect(Effect):
     """An effect whose columns are f(reading; value) e(reading): the search is quick.
 
-    function: f, its parameter is the last searched one; choices: settings of what else is searched, by which `which`
+    function: f, its parameters are the last searched ones; choices: settings of what else is searched, by which `which`
     chooses among `directions`.
     """
 
@@ -125,11 +189,10 @@ class FactoredEffect(Effect):
 
     def factors(self, run: Run, settings: Sequence[Setting]) -> Factors:
         """Return the Factors of many settings; each value is worked out once."""
-        name = self.searched[-1].name if self.searched else ''
-        found = [setting.get(name, 0.0) for setting in settings]
-        every = [0.0 if isinstance(value, str) else value for value in found]
+        names = [one.name for one in self.searched[-self.function.parameters:] if one.kind != 'choice'] or ['']
+        every = [tuple(float(setting.get(name, 0.0)) for name in names) for setting in settings]
         values = {value: place for place, value in enumerate(dict.fromkeys(every))}
-        waves = self.function.at(run, np.array(list(values), dtype=float)[:, None])
+        waves = self.function.at(run, np.array(list(values)))
         return Factors(waves, self.directions(run), tuple(
             (values[value], self.which(setting)) for value, setting in zip(every, settings)))
 

@@ -3,9 +3,20 @@
 
 import numpy as np
 
-from rosette_ros.core.effects.effect import Quantity, Searched, Setting, grid, per_axis
-from rosette_ros.core.effects.factored_effect import Cycle, Drift, FactoredEffect, Step, Temperature, WarmUp
-from rosette_ros.core.effects.run_functions import unit
+from rosette_ros.core.effects.effect import Effect, Quantity, Searched, Setting, grid, per_axis
+from rosette_ros.core.effects.factored_effect import (
+    Curve,
+    Cycle,
+    Drift,
+    FactoredEffect,
+    LaggedTemperature,
+    Onset,
+    Pulse,
+    Step,
+    Temperature,
+    WarmUp,
+)
+from rosette_ros.core.effects.run_functions import radial, seconds, unit
 from rosette_ros.core.records import Floats, Run
 
 _AXES = Searched('axes', '', 'which axes move: all three together or one alone')
@@ -41,6 +52,33 @@ class FrameDrift(FrameEffect):
     function = Drift()
 
 
+class FrameDriftOnset(FrameEffect):
+    name = 'frame_drift_onset'
+    plain = 'drift of the probe from a moment'
+    meaning = 'At one moment the probe begins to drift steadily relative to the table.'
+    look = 'What was switched on, opened or loaded at that moment: a lamp, a door, a cooling unit, a workpiece.'
+    formula = 'd max(0, t - t0)'
+    source = 'ISO 230-3 (drift over a stated period)'
+    depends_on = ('time',)
+    carries = 'nothing'
+    quantities = (Quantity('d', 'm/s', 'drift rate along'),)
+    searched = (_AXES, Searched('t0', 's', 'moment at which it begins, since the first reading', 'phase'))
+    function = Onset()
+
+
+class FrameDriftCurved(FrameEffect):
+    name = 'frame_drift_curved'
+    plain = 'drift of the probe along a curve'
+    meaning = 'The probe drifts relative to the table, and its rate changes steadily.'
+    look = 'Temperature of the hall and of the quill; let the machine soak or measure faster.'
+    formula = 'd t + c t^2'
+    source = 'ISO 230-3 (drift over a stated period)'
+    depends_on = ('time',)
+    quantities = (Quantity('d', 'm/s', 'rate at the first reading along'),
+                  Quantity('c', 'm/s^2', 'half the change of the rate along'))
+    function = Curve()
+
+
 class FrameWarmup(FrameEffect):
     name = 'frame_warmup'
     plain = 'warm-up of the machine'
@@ -65,6 +103,20 @@ class FrameTemperature(FrameEffect):
     carries = 'all'
     quantities = (Quantity('d', 'm/K', 'displacement per kelvin along'),)
     function = Temperature()
+
+
+class FrameTemperatureLag(FrameEffect):
+    name = 'frame_temperature_lag'
+    plain = 'drift of the probe behind the temperature'
+    meaning = 'The probe moves relative to the table with the measured temperature, but later.'
+    look = 'Parts with a large heat capacity: bed, columns, table; where the sensor of the temperature is.'
+    formula = "d T', where tau dT'/dt = T - T0 - T'"
+    source = 'ISO 230-3 (environmental temperature variation error)'
+    depends_on = ('temperature',)
+    quantities = (Quantity('d', 'm/K', 'displacement per kelvin along'),)
+    carries = 'all'
+    searched = (_AXES, Searched('tau', 's', 'time constant', 'scale'))
+    function = LaggedTemperature()
 
 
 class FrameCycle(FrameEffect):
@@ -92,3 +144,48 @@ class FrameStep(FrameEffect):
     quantities = (Quantity('d', 'm', 'step along'),)
     searched = (_AXES, Searched('t0', 's', 'moment of the step, since the first reading', 'instant'))
     function = Step()
+
+
+class FramePulse(FrameEffect):
+    name = 'frame_pulse'
+    plain = 'shift of the probe for some time'
+    meaning = 'For some time the probe was shifted relative to the table, and came back.'
+    look = 'A door, a load on the table, a person or vehicle near the machine, a magnet or valve that was on.'
+    formula = 'd (H(t - t0) - H(t - t1))'
+    source = 'physics of loads'
+    depends_on = ('time',)
+    carries = 'nothing'
+    quantities = (Quantity('d', 'm', 'shift along'),)
+    searched = (_AXES, Searched('t0', 's', 'moment of the shift, since the first reading', 'instant'),
+                Searched('t1', 's', 'moment of the return, since the first reading', 'instant'))
+    function = Pulse()
+
+
+class CmmScaleDrift(Effect):
+    name = 'cmm_scale_drift'
+    plain = 'growth of the scales of the CMM'
+    meaning = "The scales of the CMM's x and y grow or shrink steadily."
+    look = 'Temperature of the scales; heat from drives beside one axis.'
+    formula = 'e_x x t along x, e_y y t along y'
+    source = 'ISO 230-3; ISO 10360-2 (thermal expansion of the scales)'
+    depends_on = ('time',)
+    quantities = per_axis('xy', Quantity('e', '1/s', 'rate of the scale of'))
+    carries = 'all'
+
+    def columns(self, run: Run, setting: Setting) -> Floats:
+        return seconds(run)[:, None, None] * np.eye(3)[:, :2] * (run.radius * radial(run.alpha)[:, :2])[:, None]
+
+
+class CmmSquarenessDrift(Effect):
+    name = 'cmm_squareness_drift'
+    plain = 'drift of the squareness of the CMM'
+    meaning = "The angle between the CMM's x and y changes steadily."
+    look = 'Uneven temperature of the bed or of the portal; a guideway that settles.'
+    formula = 's y t along x'
+    source = 'ISO 230-1 (squareness error); ISO 230-3'
+    depends_on = ('time',)
+    quantities = (Quantity('s', 'rad/s', 'rate of the squareness error of y to x'),)
+    carries = 'all'
+
+    def columns(self, run: Run, setting: Setting) -> Floats:
+        return (run.radius * np.sin(run.alpha) * seconds(run))[:, None, None] * np.eye(3)[:, :1]

@@ -1,26 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
 """The table of names: every effect that files, messages and the screen may name."""
 
+from rosette_ros.core.effects import ball_effects as ball
 from rosette_ros.core.effects import frame_effects as frame
 from rosette_ros.core.effects import plate_effects as plate
 from rosette_ros.core.effects import reading_effects as reading
 from rosette_ros.core.effects import table_effects as table
 from rosette_ros.core.effects.effect import Effect
+from rosette_ros.core.effects.free_forms import FREE_FORMS
 from rosette_ros.core.errors import InvalidModel
 
 EFFECTS: dict[str, Effect] = {one.name: one for one in (
-    frame.FrameDrift(), frame.FrameWarmup(), frame.FrameTemperature(), frame.FrameCycle(), frame.FrameStep(),
-    table.TableZeroDrift(), table.AxisTiltDrift(), table.TableBacklash(), table.AsynchronousMotion(),
-    table.TableWarmup(), plate.PlateCreep(), plate.PlateSlip(), plate.PlateExpansion(), plate.PlateWarp(),
-    plate.BallSlip(), plate.BallForm(), reading.CmmReversal(), reading.Outlier())}
+    frame.FrameDrift(), frame.FrameDriftOnset(), frame.FrameDriftCurved(), frame.FrameWarmup(),
+    frame.FrameTemperature(), frame.FrameTemperatureLag(), frame.FrameCycle(), frame.FrameStep(), frame.FramePulse(),
+    table.TableZeroDrift(), table.AxisTiltDrift(), table.TableBacklash(), table.TableBacklashAngle(),
+    table.EncoderInterpolation(), table.AsynchronousMotion(), table.TableWarmup(),
+    plate.PlateCreep(), plate.PlateSlip(), plate.PlateExpansion(), plate.PlateWarp(), plate.PlateSupport(),
+    ball.BallSlip(), ball.BallCreep(), ball.BallRattle(), ball.BallMachineOffset(), ball.BallForm(),
+    frame.CmmScaleDrift(), frame.CmmSquarenessDrift(), reading.CmmReversal(), reading.CmmReversalPosition(),
+    reading.ProbeApproach(), reading.Outlier())}
 """By name; their order is that of every table and page."""
 
 
 def effect(name: str) -> Effect:
-    """Return the effect of a name; raise InvalidModel, listing the known ones, if there is none."""
-    if name not in EFFECTS:
-        raise InvalidModel(f'effect: wanted one of {", ".join(EFFECTS)}, got {name!r}')
-    return EFFECTS[name]
+    """Return the effect or free form of a name; raise InvalidModel, listing the known ones, if there is none."""
+    if name not in EFFECTS and name not in FREE_FORMS:
+        raise InvalidModel(f'effect: wanted one of {", ".join((*EFFECTS, *FREE_FORMS))}, got {name!r}')
+    return EFFECTS.get(name) or FREE_FORMS[name]
 
 
 class BaseEffect(Effect):

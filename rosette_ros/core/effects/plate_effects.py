@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects of the ball plate: it creeps, slips, grows, warps; its balls move or are not round."""
 
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -98,95 +97,30 @@ class PlateWarp(Effect):
         return out
 
 
-class BallSlip(Effect):
-    name = 'ball_slip'
-    plain = 'slip of one ball'
-    meaning = 'At one moment one ball moved on the plate.'
-    look = 'The joint of that ball: glue, thread, magnet; a collision of the stylus.'
-    formula = 'R_z(phi) d H(t - t0) for one ball'
-    source = 'physics of the artefact'
-    depends_on = ('time',)
-    quantities = per_axis('xyz', Quantity('d', 'm', "shift along the plate's"))
-    carries = 'nothing'
-    searched = (Searched('ball', '1', 'number of the ball'),
-                Searched('t0', 's', 'moment of the slip, since the first reading', 'instant'))
-
-    def settings(self, run: Run) -> tuple[Setting, ...]:
-        """Try every ball, at moments between its own readings."""
-        time = seconds(run)
-        return tuple(Setting(ball=ball, t0=float(t0)) for ball in range(1, run.n + 1)
-                     for t0 in on.thinned(on.midway(time[run.ball == ball]), 40))
-
-    def instants(self, run: Run, setting: Setting) -> Floats:
-        """Return the instants between that ball's readings around a setting."""
-        middle = on.midway(seconds(run)[run.ball == setting.whole('ball')])
-        near = np.argsort(np.abs(middle - setting.number('t0')))[:5]
-        beside: Floats = middle[near]
-        return beside if middle.size > 40 else np.zeros(0)
-
-    def independent_settings(self, run: Run) -> int:
-        """Neighbouring moments of one ball look alike."""
-        return max(1, run.n * min(run.n, 40) // 2)
-
-    def blocks(self, run: Run, settings: Sequence[Setting]) -> Floats:
-        """Return the shifts of many balls and moments, (b, 3, N, 3)."""
-        ball = np.array([setting.whole('ball') for setting in settings])[:, None]
-        t0 = np.array([setting.number('t0') for setting in settings])[:, None]
-        moved = (run.ball == ball) & (seconds(run) > t0)
-        return np.asarray(moved[:, None, :, None] * np.moveaxis(plate_axes(run), -1, 0))
-
-
-class BallForm(Effect):
-    name = 'ball_form'
-    plain = 'form deviation of the balls'
-    meaning = 'A ball is not round, so its measured centre moves as the table turns it.'
-    look = 'Grade and damage of the ball, dirt on it, number and place of the touches.'
-    formula = 'a (cos(m phi + psi), -sin(m phi + psi)) in x, y and c cos(m phi + psi_z) in z'
-    source = 'Kniel et al. (2019), section 2.1: the form must be as accurate as possible'
+class PlateSupport(Effect):
+    name = 'plate_support'
+    plain = 'bending of the plate on its supports'
+    meaning = 'The plate bends on its supports as it turns: in waves of the table angle times waves of the ball.'
+    look = 'Feet and clamps of the plate, flatness of the table top, an axis that is not vertical.'
+    formula = '(cos, sin)(p phi) (cos, sin)(m beta) along z, radially or tangentially'
+    source = 'physics of plates on supports'
+    searched = (Searched('part', '', 'along z, radial or tangential'),
+                Searched('p', '1', 'waves per turn of the table'), Searched('m', '1', 'waves around the plate'))
     carries = 'all'
-    searched = (Searched('ball', '1', 'number of the ball, 0 for all balls'),
-                Searched('harmonic', '1', 'm, waves per turn, 0 for m = 2 to 5 together'),
-                Searched('part', '', 'which part: in the plane (xy), along z, or both'))
-    quantities: tuple[Quantity, ...] = (
-        Quantity('a', 'm', 'cosine in the plane'), Quantity('b', 'm', 'sine in the plane'),
-        Quantity('az', 'm', 'cosine along z'), Quantity('bz', 'm', 'sine along z'))
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
-        """Try each ball with each harmonic and with all, then all balls with each harmonic."""
-        harmonics = self._harmonics(run)
-        return (*grid(ball=range(1, run.n + 1), harmonic=[*harmonics, 0], part=('both',)),
-                *grid(ball=(0,), harmonic=harmonics, part=('both', 'xy', 'z')))
-
-    def independent_settings(self, run: Run) -> int:
-        """Each ball is a chance for each harmonic."""
-        return 5 * run.n
-
-    def _harmonics(self, run: Run) -> list[int]:
-        return [m for m in (2, 3, 4, 5) if m < run.n]
-
-    def _kept(self, setting: Setting) -> 'slice[int, int, None]':
-        return {'both': slice(0, 4), 'xy': slice(0, 2), 'z': slice(2, 4)}[setting.word('part', 'both')]
-
-    def _pairs(self, run: Run, setting: Setting) -> list[tuple[int, int]]:
-        ball, harmonic = setting.whole('ball'), setting.whole('harmonic')
-        balls, orders = [ball] if ball else range(1, run.n + 1), [harmonic] if harmonic else self._harmonics(run)
-        return [(one, m) for one in balls for m in orders]
+        """Try up to three waves per turn of the table with up to six around the plate."""
+        top = (run.n - 1) // 2
+        p, m = range(1, min(3, top) + 1), range(min(6, top) + 1)
+        return (*grid(part=('z',), p=p, m=m[2:]), *grid(part=('radial', 'tangential'), p=p, m=m))
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
-        """Return cosine and sine amplitudes, in the plane and along z, for each ball and m."""
-        return tuple(Quantity(f'{part.name}_{ball}_{m}', 'm', f'{part.meaning} of ball {ball}, m = {m}')
-                     for ball, m in self._pairs(run, setting) for part in self.quantities[self._kept(setting)])
-
-    def width(self, run: Run, setting: Setting) -> int:
-        return len(self._pairs(run, setting)) * len(range(4)[self._kept(setting)])
+        names = ('cc', 'sc', 'cs', 'ss') if setting.whole('m') else ('c', 's')
+        return tuple(Quantity(name, 'm', 'amplitude, c cosine and s sine, of the table angle first') for name in names)
 
     def columns(self, run: Run, setting: Setting) -> Floats:
-        pairs = self._pairs(run, setting)
-        out = np.zeros((run.size, 3, len(pairs), 4))
-        for place, (ball, m) in enumerate(pairs):
-            own = run.ball == ball
-            c, s = np.cos(m * run.phi[own]), np.sin(m * run.phi[own])
-            out[own, 0, place, 0], out[own, 1, place, 0] = c, -s
-            out[own, 0, place, 1], out[own, 1, place, 1] = -s, -c
-            out[own, 2, place, 2], out[own, 2, place, 3] = c, s
-        return out[..., self._kept(setting)].reshape(run.size, 3, -1)
+        along = {'z': on.unit(2, run.size), 'radial': on.radial(run.alpha), 'tangential': on.tangential(run.alpha)}
+        turns, around = setting.number('p') * run.phi, setting.number('m') * run.beta
+        waves = np.stack([wave * other for other in (np.cos(around), np.sin(around))
+                          for wave in (np.cos(turns), np.sin(turns))], axis=-1)
+        return np.asarray(along[setting.word('part')][:, :, None] * waves[:, None, :self.width(run, setting)])

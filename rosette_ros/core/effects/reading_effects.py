@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rosette_ros.core.effects.effect import Effect, Quantity, Searched, Setting, grid, per_axis
+from rosette_ros.core.effects.run_functions import radial, tangential
 from rosette_ros.core.records import Floats, Run
 
 UNKNOWN = 'unknown'
@@ -44,6 +45,53 @@ class CmmReversal(Effect):
             sense = run.cmm_sense[:, axis]
             out[:, axis, axis] = 0.5 * np.where(sense == 0, first, sense)
         return out
+
+
+class CmmReversalPosition(CmmReversal):
+    name = 'cmm_reversal_position'
+    plain = 'reversal of the CMM that grows along the axis'
+    meaning = "The reversal value of the CMM's axes grows along the axis."
+    look = 'Screws, belts and friction of the drives: lost motion that differs along the travel.'
+    formula = '1/2 r_x sense_x x/R, 1/2 r_y sense_y y/R'
+    source = 'ISO 230-2 (reversal value B at each position)'
+    quantities = per_axis('xy', Quantity('r', 'm', 'reversal value at R less that in the middle of'))
+
+    def columns(self, run: Run, setting: Setting) -> Floats:
+        return super().columns(run, setting) * radial(run.alpha)[:, :, None]
+
+
+class ProbeApproach(Effect):
+    name = 'probe_approach'
+    plain = 'probing error by direction of approach'
+    meaning = 'The ball centre depends on the direction from which the probe came.'
+    look = 'Lobing and hysteresis of the probe head, bent or loose stylus, clearance moves; come from one direction.'
+    formula = 'c u, or (a cos(m theta) + b sin(m theta)) u, u = (cos theta, sin theta) the direction of the last move'
+    source = 'ISO 10360-5 (probing error by direction)'
+    carries = 'all'
+    searched = (Searched('lobes', '1', 'm, lobes of the probe around its axis'),
+                Searched('part', '', 'along the move or across it'))
+
+    def unavailable(self, run: Run) -> str:
+        """Where readings are missing, moves between them are not those that the CMM made."""
+        return '' if run.is_complete else 'where readings are missing the last move of the CMM is not known'
+
+    def settings(self, run: Run) -> tuple[Setting, ...]:
+        return grid(lobes=(0, 2, 3, 4), part=('along', 'across'))
+
+    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
+        return tuple(Quantity(name, 'm', 'deviation') for name in (('a', 'b') if setting.whole('lobes') else ('c',)))
+
+    def columns(self, run: Run, setting: Setting) -> Floats:
+        move = np.diff(radial(run.alpha), axis=0, prepend=radial(run.alpha)[:1])
+        moved = np.linalg.norm(move, axis=1) > 1e-9
+        # a ball at the same place is reached by the move before
+        last = np.maximum.accumulate(np.where(moved, np.arange(run.size), 0))
+        theta = np.arctan2(move[last, 1], move[last, 0])
+        known = np.logical_or.accumulate(moved)[:, None]
+        along = known * (radial(theta) if setting.word('part') == 'along' else tangential(theta))
+        angle = setting.number('lobes') * theta
+        waves = [np.cos(angle), np.sin(angle)][:self.width(run, setting)]
+        return np.stack([wave[:, None] * along for wave in waves], axis=-1)
 
 
 class Outlier(Effect):

@@ -5,6 +5,9 @@ import numpy as np
 
 from rosette_ros.core.records import Floats, Run
 
+COARSE = 4
+"""Readings of one temperature in a row, on average, above which it is taken as rounded."""
+
 
 def seconds(run: Run) -> Floats:
     """Return the time of each reading since the first, (N,), s."""
@@ -22,8 +25,31 @@ def duration(run: Run) -> float:
 
 
 def temperature_change(run: Run) -> Floats:
-    """Return the temperature of each reading minus that of the first, (N,), K."""
-    return np.asarray(run.temperature - run.temperature[0])
+    """Return the temperature of each reading minus that of the first, (N,), K.
+
+    A record of few values, each held for several readings, is taken as rounded: it passes halfway between two values
+    where one follows the other, and is straight in between.
+    """
+    change = np.asarray(run.temperature - run.temperature[0])
+    turns = np.flatnonzero(np.diff(change)) + 1
+    if not 0 < turns.size < run.size / COARSE:
+        return change
+    time = seconds(run)
+    at = 0.5 * (time[turns] + time[turns - 1])
+    middle = 0.5 * (change[turns] + change[turns - 1])
+    smooth = np.interp(time, [time[0], *at, time[-1]], [change[0], *middle, change[-1]])
+    return np.asarray(smooth - smooth[0])
+
+
+def lagged(time: Floats, driver: Floats, tau: float) -> Floats:
+    """Return what follows a driver (N,), straight between readings, with the time constant tau: tau y' = x - y."""
+    out = np.zeros_like(driver)
+    for k, step in enumerate(np.diff(time)):
+        share = step / tau
+        left = np.exp(-share)
+        mean = -np.expm1(-share) / share if share else 1.0
+        out[k + 1] = left * out[k] + (mean - left) * driver[k] + (1 - mean) * driver[k + 1]
+    return out
 
 
 def unit(axis: int, size: int) -> Floats:
@@ -69,6 +95,12 @@ def midway(time: Floats) -> Floats:
     """Return the instants midway between different times, in rising order, s."""
     time = np.unique(time)
     return 0.5 * (time[1:] + time[:-1])
+
+
+def beside(values: Floats, value: float, reach: float) -> Floats:
+    """Return those of rising values that are at most `reach` places from one of them, and at least two to each side."""
+    place, far = int(np.searchsorted(values, value)), max(2, int(np.ceil(reach)))
+    return values[max(place - far, 0):place + far + 1]
 
 
 def between_readings(run: Run, most: int = 120) -> Floats:

@@ -55,6 +55,78 @@ class TableBacklash(Effect):
         return (0.5 * run.radius * run.approach[:, None] * tangential(run.alpha))[..., None]
 
 
+class TableBacklashAngle(Effect):
+    name = 'table_backlash_angle'
+    plain = 'backlash that depends on the table angle'
+    meaning = 'The backlash of the table differs from angle to angle.'
+    look = 'Worm gear: wear, eccentricity and mesh; unequal friction or load around the table.'
+    formula = '1/2 approach R e_t (b_c cos(m phi) + b_s sin(m phi))'
+    source = 'ISO 230-2 (reversal value B at each position)'
+    depends_on = ('approach',)
+    quantities = (Quantity('bc', 'rad', 'cosine of the reversal value'), Quantity('bs', 'rad', 'sine'))
+    carries = 'all'
+    searched = (Searched('order', '1', 'm, waves per turn of the table'),)
+
+    def settings(self, run: Run) -> tuple[Setting, ...]:
+        """Try up to four waves."""
+        return grid(order=range(1, min(4, (run.n - 1) // 2) + 1))
+
+    def columns(self, run: Run, setting: Setting) -> Floats:
+        angle = setting.number('order') * run.phi
+        half = 0.5 * run.radius * run.approach[:, None] * tangential(run.alpha)
+        return np.stack([np.cos(angle)[:, None] * half, np.sin(angle)[:, None] * half], axis=-1)
+
+
+class EncoderLines(RunFunction):
+    """cos and sin of L theta at the actual angle theta, for whole numbers L of periods per turn.
+
+    The actual angles at one table position must differ by some spread: L shows by the periods within it, in steps of
+    0.4, and by its remainder in a division by n. Each setting is a chance.
+    """
+
+    def _step(self, run: Run) -> float:
+        """Return the step of L in whole multiples of n."""
+        return max(np.round(0.4 * TWO_PI / np.ptp(run.angle_deviation) / run.n), 1.0) * run.n
+
+    def settings(self, run: Run) -> tuple[Setting, ...]:
+        if np.ptp(run.angle_deviation) < 1e-6:
+            return ()
+        step = self._step(run)
+        coarse = np.arange(step, min(2e5, run.size * step / 2, 2000 / run.n * step), step)
+        return grid(lines=(coarse[:, None] + np.arange(run.n)).reshape(-1).tolist())
+
+    def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
+        step, lines = self._step(run), setting.number('lines')
+        beside = lines + np.unique(np.round(np.linspace(-0.5, 0.5, 15) * step / run.n)) * run.n
+        return {'lines': beside[beside > 0]}
+
+    def chances(self, run: Run) -> float:
+        return max(1, len(self.settings(run)))
+
+    def at(self, run: Run, values: Floats) -> Floats:
+        angle = values * (run.phi + run.angle_deviation)
+        return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+class EncoderInterpolation(FactoredEffect):
+    name = 'encoder_interpolation'
+    plain = 'interpolation error of the encoder'
+    meaning = "The table's angle has an error that repeats with every period of its encoder."
+    look = 'Amplitudes, offsets and phase of the encoder signals; dirt on the graduation; interpolation electronics.'
+    formula = 'R e_t (a cos(L theta) + b sin(L theta)), theta the actual angle of the table'
+    source = 'ISO 230-2 (positioning); interpolation error of incremental encoders'
+    quantities = (Quantity('a', 'rad', 'cosine amplitude'), Quantity('b', 'rad', 'sine amplitude'))
+    carries = 'all'
+    searched = (Searched('lines', '1', 'L, periods of the encoder per turn of the table', 'instant'),)
+    function = EncoderLines()
+
+    def directions(self, run: Run) -> Floats:
+        return run.radius * tangential(run.alpha)[None]
+
+    def which(self, setting: Setting) -> tuple[int, ...]:
+        return (0,)
+
+
 _MOTIONS = {'radial': (0, 1), 'axial': (2,), 'tilt': (3, 4), 'all': (0, 1, 2, 3, 4)}
 _MOTION_NAMES = ('x', 'y', 'z', 'rx', 'ry')
 

@@ -289,7 +289,7 @@ def _tangents(run: Run, parts: Sequence[_Part], amplitude: Floats) -> Floats:
     for part in parts:
         for parameter in part.adjusted(*REFINED):
             value = part.setting.number(parameter.name)
-            step = 1e-4 * value
+            step = 1e-4 * (abs(value) or 1.0)
             above, below = (np.moveaxis(part.term.effect.columns(
                 run, Setting({**part.setting, parameter.name: value + sign * step})), -1, 0) for sign in (1, -1))
             tangents.append(np.tensordot(amplitude[part.place], above - below, axes=1)[None] / (2 * step))

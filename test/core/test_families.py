@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Families of causes from truths written out here: named, told by a free form where no family has the shape."""
+
+import numpy as np
+import pytest
+from synthetic import RADIUS, synthetic_run
+
+from rosette_ros.core.diagnosis.diagnosis import diagnose
+from rosette_ros.core.diagnosis.verdict import Outcome
+from rosette_ros.core.effects.free_forms import FREE_FORMS
+from rosette_ros.core.effects.run_functions import COARSE, lagged, temperature_change
+from rosette_ros.core.geometry import rotate_z
+from rosette_ros.core.model.base_model import base_space
+from rosette_ros.core.model.least_squares import fit
+from rosette_ros.core.model.model import Model
+
+SIGMA = 1e-7
+
+
+def measured(displacement, order='random', strength=20.0, seed=3, n=12):
+    """Return a run that is displaced by a function of it, (N, 3), of a visible norm of `strength` sigma."""
+    run, *_ = synthetic_run(n, order, seed, turning='alternate')
+    run = run.replace(temperature=20 + 0.1 * np.sin(run.time / 900), repeatability=SIGMA)
+    moved = np.asarray(displacement(run), dtype=float)
+    visible = np.linalg.norm(base_space(run, RADIUS).residual(moved[None]))
+    noise = SIGMA * np.random.default_rng(seed).standard_normal(moved.shape)
+    return run.replace(centre=run.centre + strength * SIGMA / visible * moved + noise)
+
+
+def share(run):
+    """Return the time from 0 to 1."""
+    return run.time / run.time[-1]
+
+
+def of_ball(run, ball, course, direction):
+    """Return a move of one ball in the frame of the plate."""
+    return rotate_z(run.phi, (course * (run.ball == ball))[:, None] * np.array(direction))
+
+
+Z, X = np.array([0, 0, 1.0]), np.array([1.0, 0, 0])
+TRUTHS = {
+    'frame_drift_onset': lambda run: np.maximum(share(run) - 0.6, 0)[:, None] * X,
+    'frame_drift_curved': lambda run: (share(run) - share(run)**2)[:, None] * Z,
+    'frame_temperature_lag': lambda run: lagged(run.time, run.temperature - 20, 1500.0)[:, None] * Z,
+    'frame_pulse': lambda run: ((share(run) > 0.4) & (share(run) < 0.5))[:, None] * X,
+    'table_backlash_angle': lambda run: (run.approach * np.cos(run.phi - 1))[:, None] * np.stack(
+        [-np.sin(run.alpha), np.cos(run.alpha), 0 * run.alpha], axis=1),
+    'plate_support': lambda run: (np.cos(run.phi - 0.3) * np.cos(3 * run.beta + 1))[:, None] * Z,
+    'ball_creep': lambda run: of_ball(run, 5, -np.expm1(-share(run) / 0.25), [1, 0.5, -0.7]),
+    'ball_rattle': lambda run: of_ball(run, 7, (share(run) > 0.3) & (share(run) < 0.7), [1, -1, 0.5]),
+    'ball_machine_offset': lambda run: (run.ball == 4)[:, None] * np.array([1, -0.4, 0]),
+    'cmm_scale_drift': lambda run: (share(run) * np.cos(run.alpha))[:, None] * X,
+    'cmm_squareness_drift': lambda run: (share(run) * np.sin(run.alpha))[:, None] * X,
+}
+
+
+@pytest.mark.parametrize('name', TRUTHS)
+def test_a_family_is_named(name):
+    """A cause of 20 sigma is named alone; what looks the same in this order may be said beside it."""
+    found = diagnose(measured(TRUTHS[name]))
+    assert found.missing == (name,)
+    assert not found.unexplained
+
+
+FOREIGN = {
+    'growing ever faster': (lambda run: np.exp(5 * share(run))[:, None] * X, 'time', 'in x'),
+    'a plate that grows by spurts': (lambda run: (share(run) + 0.3 * np.sin(12 * share(run)))[:, None] * np.stack(
+        [np.cos(run.alpha), np.sin(run.alpha), 0 * run.alpha], axis=1), 'time and CMM position', 'in x and y'),
+    'a ball that wanders': (lambda run: of_ball(run, 6, np.sin(17 * share(run)**2), [0, 0, 1]), 'ball 6', 'in z'),
+}
+
+
+@pytest.mark.parametrize('kind', FOREIGN)
+def test_a_foreign_shape_has_no_name(kind):
+    """No effect is claimed; the free form tells the variable and the axis, and takes away what was found."""
+    displacement, variable, axis = FOREIGN[kind]
+    found = diagnose(measured(displacement, strength=40.0))
+    assert found.missing == ()
+    assert found.verdict.outcome == Outcome.UNNAMED
+    assert variable in found.unexplained_text and axis in found.unexplained_text
+
+
+def test_a_step_is_found_at_its_moment():
+    """At 40 sigma a step after reading 50 is found between readings 50 and 51, and nothing beside it."""
+    found = diagnose(measured(lambda run: (np.arange(run.size) >= 50)[:, None] * Z, strength=40.0))
+    assert found.missing == ('frame_step',)
+    assert 49 * 40 < found.terms[0].fixed['t0'] < 50 * 40
+
+
+@pytest.mark.parametrize('place', [0, -1])
+def test_a_ball_that_is_off_at_its_first_or_last_reading_is_an_outlier(place):
+    """The simpler story is told first, the other one as what would look the same."""
+    run, *_ = synthetic_run(12, 'random', 3, turning='alternate')
+    reading = np.flatnonzero(run.ball == 8)[place]
+    found = diagnose(measured(lambda run: (np.arange(run.size) == reading)[:, None] * np.array([1, 1, -1])))
+    assert found.missing == ('outlier',)
+    assert 'ball_slip' in found.look_alikes
+    assert found.terms[0].fixed['reading'] == reading + 1
+
+
+def test_a_coarse_temperature_is_taken_as_smooth():
+    """A ramp that is recorded in steps of 0.1 K is a ramp again; a record of different values stays as it is."""
+    run, *_ = synthetic_run(8)
+    ramp = 20 + 0.5 * share(run)
+    coarse = run.replace(temperature=np.round(ramp, 1))
+    assert np.ptp(np.diff(temperature_change(coarse))[COARSE:-COARSE]) < 0.1 * 0.1
+    fine = run.replace(temperature=ramp)
+    assert np.array_equal(temperature_change(fine), fine.temperature - fine.temperature[0])
+
+
+def test_what_lags_follows_a_step_exponentially():
+    """tau y' = x - y: after a ramp of one reading, y goes to the driver as exp(-t/tau)."""
+    time = np.linspace(0, 10, 101)
+    y = lagged(time, (time > 0.05).astype(float), 2.0)
+    assert np.allclose(y[1:], 1 - (1 - y[1]) * np.exp(-(time[1:] - time[1]) / 2), atol=1e-12)
+    assert 0 < y[1] < 0.05
+
+
+def test_a_free_form_can_stay_as_a_term():
+    """What has no name is kept in a model: the residual is noise again."""
+    run = measured(FOREIGN['a ball that wanders'][0], strength=40.0)
+    model = Model().with_effect('free_ball', {'ball': 6, 'of': 'time', 'count': 8, 'axes': 'z'})
+    assert fit(run).rms > 1.5 * SIGMA
+    assert fit(run, model, (model.terms[0].fixed,)).rms < 1.1 * SIGMA
+    assert Model.from_mapping(model.to_mapping()) == model
+
+
+@pytest.mark.parametrize('name', FREE_FORMS)
+def test_free_forms_tell_what_they_are_of(name):
+    """Words without blanks left in them, and a course over some readings."""
+    run = measured(TRUTHS['ball_creep'])
+    setting = FREE_FORMS[name].settings(run)[-1]
+    words = FREE_FORMS[name].describe(setting)
+    assert words.startswith('it ') and '{' not in words and words.endswith(('x and y', 'z', 'x, y and z'))
+    course = FREE_FORMS[name].course(run, setting)
+    assert course.where.any() and course.values.shape == course.where.shape == (run.size,)
