@@ -26,6 +26,8 @@ FEWEST = 30
 EXCEPTIONS = {
     'log_backlash_n7_random_alternate': 'an order is advised only where it is better: here from 0.325 to 0.343',
     'table_clean_n12_diagonal_1um': 'rounding to 1 µm is told as that, no longer as the form of the balls',
+    'table_acceleration_n8_random': 'the library has got a name for it: frame_drift_curved',
+    'table_asynchronous_n12_diagonal_missing': 'the order is refined once more: it moves in its fifth digit',
     'table_outlier_n6_sensitive_norep': 'compare fails where the search names an effect, as diagnose does',
     'table_temperature_n7_random_norep': 'compare fails where the search names an effect, as diagnose does'}
 """Input (as its test is called): why it is decided otherwise now, in one line. DECIDED is not compared then."""
@@ -46,6 +48,12 @@ FIRM = {
     'advise': ('schema', 'run_id', 'n', 'radius_m')}
 """What is compared then, None: all. The rest names one of several that are equal by symmetry (the ball that an order
 shows worst), so that the last bit decides."""
+
+OF_THE_LIBRARY = ('diagnose', 'advise')
+"""What counts all effects of the library, which were KNOWN then and are more now: only FIRM is compared."""
+KNOWN = ('frame_drift', 'frame_warmup', 'frame_temperature', 'frame_cycle', 'frame_step', 'table_zero_drift',
+         'axis_tilt_drift', 'table_backlash', 'asynchronous_motion', 'table_warmup', 'plate_creep', 'plate_slip',
+         'plate_expansion', 'plate_warp', 'ball_slip', 'ball_form', 'cmm_reversal', 'outlier')
 
 WORDS = ('verdict', 'unexplained_text', 'summary', 'text')
 """Keys of sentences: that there are some is all that counts."""
@@ -173,9 +181,13 @@ def test_the_numbers_are_those_of_before(capsys, path, is_same_arithmetic):
         tolerance = TOLERANCE
         if not is_same_arithmetic:
             tolerance = OTHER_ARITHMETIC
-            if FIRM[command] is not None and isinstance(expected, dict):
-                expected = {key: expected[key] for key in FIRM[command]}
-        found += differences(expected, answer_of(capsys, command, entry), tolerance, (command,), skip)
+        firm = FIRM[command] if not is_same_arithmetic or command in OF_THE_LIBRARY else None
+        got = answer_of(capsys, command, entry)
+        if isinstance(expected, dict):
+            expected = {key: expected[key] for key in firm or expected}
+            if 'invisible' in expected:
+                got['invisible'] = [name for name in got['invisible'] if name in KNOWN]
+        found += differences(expected, got, tolerance, (command,), skip)
     assert not found, '\n'.join([f'{len(found)} differ:', *found[:20]])
 
 
