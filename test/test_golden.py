@@ -26,14 +26,18 @@ FEWEST = 30
 EXCEPTIONS = {
     'log_backlash_n7_random_alternate': 'an order is advised only where it is better: here from 0.325 to 0.343',
     'table_clean_n12_diagonal_1um': 'rounding to 1 µm is told as that, no longer as the form of the balls',
+    'table_acceleration_n8_random_model_own': 'a drift along a curve is named and the frame wanders: weighted',
     'table_acceleration_n8_random': 'the library has got a name for it: frame_drift_curved',
     'table_asynchronous_n12_diagonal_missing': 'the order is refined once more: it moves in its fifth digit',
     'table_outlier_n6_sensitive_norep': 'compare fails where the search names an effect, as diagnose does',
     'table_temperature_n7_random_norep': 'compare fails where the search names an effect, as diagnose does'}
 """Input (as its test is called): why it is decided otherwise now, in one line. DECIDED is not compared then."""
 DECIDED = ('missing', 'unexplained', 'claimed', 'failing', 'final', 'invisible_bias')
-WEIGHTED = {'log_backlash_n7_random_alternate': ('recommended',)}
-"""Input: what else is not compared: an order no better than the present one was advised."""
+WEIGHTED = {
+    'log_backlash_n7_random_alternate': ('recommended',), 'table_acceleration_n8_random_model_own': (
+        'fit', 'u', 'effects', 'plate_m', 'cmm_m', 'ctx_m', 'cty_m', 'ctz_m', 'crx_rad', 'cry_rad', 'crz_rad', 'groups',
+        'axis_rms_m')}
+"""Input: what else is not compared: an order no better than the present one was advised; the fit has weights."""
 
 TOLERANCE = 1e-12
 """Relative. The same operations in the same order agree to the last bit; this leaves room for another way to the last
