@@ -81,7 +81,7 @@ MODELS = {
     'base: [table_motions\n': 'wanted YAML, got text that is none: line 2, column 1: ',
     '- frame_drift': 'wanted a mapping with base and effects, got list',
     'schema: rosette-model/2': "schema: wanted rosette-model/1, got 'rosette-model/2'",
-    'bases: []': "wanted the keys schema, base, effects, got 'bases'",
+    'bases: []': "wanted the keys schema, base, effects, noise, got 'bases'",
     'effects: [{name: frame_warmup, time: 3}]': "effect frame_warmup: wanted settings among ",
 }
 
