@@ -64,7 +64,8 @@ PLACE = frozenset(('angle', 'ball', 'position'))
 
 
 def told_variables(text: str) -> set[str]:
-    """Return the variables that a text tells."""
+    """Return the variables that a text tells; names of effects that it refuses are not among them."""
+    text = re.sub(r', not as .*?(;|$)', r'\1', text)
     told = {name for name, words in VARIABLES.items() if re.search(words, text, re.IGNORECASE)}
     return told | PLACE if len(told & PLACE) > 1 else told
 

@@ -18,6 +18,10 @@ from rosette_ros.simulation.hidden.hidden_effect import Draw
 Vector = tuple[float, float, float]
 Names = tuple[str, ...]
 
+DRIFTS: Names = ('frame_drift', 'frame_drift_onset', 'frame_drift_curved', 'frame_warmup', 'frame_temperature',
+                 'frame_temperature_lag')
+"""Shapes of a drift of the frame."""
+
 
 @dataclass(frozen=True)
 class Cause:

@@ -14,6 +14,7 @@ from benchmarks.blind.cause import Cause
 from benchmarks.blind.foreign_causes import BEYOND, CAUSES, EVERY
 from benchmarks.blind.library_effects import remaining, scaled, situation, visible_part
 from benchmarks.blind.noise_kinds import AXES, chosen
+from benchmarks.blind.noise_table import NOT_WHITE
 from benchmarks.blind.proportion import share
 from benchmarks.blind.runs import SIGMA, Plan, machine_config, measure, noisy
 from rosette_ros.core.geometry import rotate_z
@@ -22,9 +23,9 @@ from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.simulation.hidden import Draw, acting
 
 NAME = 'causes'
-CLASSES = ('named', 'group', 'free form', 'unexplained', 'nothing', 'wrong')
+CLASSES = ('named', 'group', 'free form', 'unexplained', 'as noise', 'nothing', 'wrong')
 HEADING = (f'| cause | σ | runs | {" | ".join(CLASSES)} (95 %) | alike in this run | wrong names |\n'
-           '|---|---|---|---|---|---|---|---|---|---|---|')
+           '|---|---|---|---|---|---|---|---|---|---|---|---|')
 ALIKE = 4.0
 """A shape of which less than this norm is left of the cause, in σ, describes it: noise does not show the difference."""
 AXIS_SEEN = 2.0
@@ -94,7 +95,7 @@ def judged(cause: Cause, answer: Answer, left: float, axes: Axes) -> str:
     """
     if not answer.claims:
         if not answer.unexplained:
-            return 'nothing'
+            return 'as noise' if NOT_WHITE in answer.sentence else 'nothing'
         return 'free form' if is_told(cause, answer.text, axes) else 'unexplained'
     allowed = {*cause.right, *cause.part, *(cause.family if left < ALIKE else ())}
     if all(claim.effect in allowed for claim in answer.claims):
@@ -130,7 +131,7 @@ def row(group: str, records: list[Record]) -> str:
     kind, strength = group.split(', ')
     seen = [record for record in records if record['judged'] != 'not observable']
     if not seen:
-        return f'| {kind} | {strength} | not observable |' + ' |' * 8
+        return f'| {kind} | {strength} | not observable |' + ' |' * 9
     count = Counter(record['judged'] for record in seen)
     wrong = [record for record in seen if not is_good(record)]
     names = Counter(' + '.join(sorted({claim['effect'] for claim in record.get('claims', ())})) for record in wrong)

@@ -6,22 +6,19 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from benchmarks.blind.cause import Cause, Names, Vector, lagged, said
+from benchmarks.blind.cause import DRIFTS, Cause, Vector, lagged, said
 from rosette_ros.core.records import Floats, Run
 from rosette_ros.simulation.hidden.hidden_effect import Draw, along
 from rosette_ros.simulation.motion import Moment
-
-DRIFTS: Names = ('frame_drift', 'frame_warmup', 'frame_temperature')
-"""Single shapes of a drift of the frame."""
 
 
 @dataclass(frozen=True)
 class TemperatureLagged(Cause):
     """The frame follows the temperature with a time constant: τ y' + y = T."""
 
-    right = ('frame_temperature_lagged', 'frame_temperature_lag', 'frame_lagged_temperature')
+    right = ('frame_temperature_lag',)
     part = ('frame_temperature',)
-    family = ('frame_drift', 'frame_warmup', 'frame_cycle')
+    family = DRIFTS
     variables = said('temperature', 'time')
     groups: ClassVar[dict[str, Any]] = {'climate': {'cycle_K': 0.1, 'cycle_min': 70.0}}
     lag: ClassVar[tuple[float, float]] = (0.1, 0.4)
@@ -51,8 +48,9 @@ class TemperatureCoarse(TemperatureLagged):
 
 @dataclass(frozen=True)
 class TemperatureMissing(TemperatureLagged):
-    """There is no record of the temperature that the frame follows."""
+    """There is no record of the temperature that the frame follows: what it does in time is all that is to be seen."""
 
+    family = (*DRIFTS, 'frame_cycle')
     lag = (0.02, 0.1)
 
     def recorded(self, run: Run) -> Run:
@@ -74,7 +72,7 @@ class TemperatureGap(TemperatureLagged):
 class DriftFrom(Cause):
     """A drift of the frame that begins at a moment: somebody opened a door."""
 
-    right = ('frame_drift_from', 'frame_drift_onset', 'frame_ramp')
+    right = ('frame_drift_onset',)
     family = DRIFTS
     variables = said('time')
     end_um: Vector
@@ -93,7 +91,7 @@ class DriftFrom(Cause):
 class DriftQuadratic(Cause):
     """A drift of the frame that grows faster and faster."""
 
-    right = ('frame_acceleration', 'frame_drift_quadratic', 'frame_quadratic')
+    right = ('frame_drift_curved',)
     family = DRIFTS
     variables = said('time')
     end_um: Vector

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from benchmarks.blind.cause import Cause, said
+from benchmarks.blind.cause import DRIFTS, Cause, said
 from rosette_ros.core.geometry import TWO_PI
 from rosette_ros.core.records import Floats
 from rosette_ros.simulation.hidden.hidden_effect import UM, Draw, along
@@ -17,7 +17,7 @@ from rosette_ros.simulation.motion import Moment
 class BacklashByAngle(Cause):
     """The backlash of the table is larger on one side of its worm wheel: ½ b (1 + share cos(φ − φ0)) by sense."""
 
-    right = ('table_backlash_angle', 'table_backlash_by_angle', 'table_reversal')
+    right = ('table_backlash_angle',)
     part = ('table_backlash',)
     variables = said('table_sense', 'table_sense angle')
     turning = 'alternate'
@@ -48,8 +48,9 @@ def move_direction(moment: Moment) -> Floats:
 class ProbeDirection(Cause):
     """The head comes to rest behind its last move: the centre is shifted along the direction of approach."""
 
-    right = ('probe_approach', 'probe_direction', 'cmm_approach')
+    right = ('probe_approach',)
     part = ('cmm_reversal',)
+    family = ('cmm_reversal_position',)
     variables = said('cmm_sense', 'direction')
     lag_um: float
 
@@ -65,8 +66,8 @@ class ProbeDirection(Cause):
 class ProbeLobes(Cause):
     """The rest position of the head has three lobes by the direction of approach: it shifts the centre in z."""
 
-    right = ('probe_approach', 'probe_direction', 'cmm_approach')
-    family = ('cmm_reversal',)
+    right = ('probe_approach',)
+    family = ('cmm_reversal', 'cmm_reversal_position')
     variables = said('cmm_sense', 'direction')
     lobe_um: float
     phase: float
@@ -91,9 +92,9 @@ def radius_vector(moment: Moment, radius: float) -> Floats:
 class ScaleDrift(Cause):
     """The scale of one horizontal axis of the CMM grows steadily, from a fixed point near the table."""
 
-    right = ('cmm_scale_drift', 'cmm_scale', 'scale_drift')
+    right = ('cmm_scale_drift',)
     part = ('frame_drift',)
-    family = ('plate_expansion',)
+    family = ('plate_expansion', *DRIFTS)
     variables = said('time position', 'time position machine')
     axis: int
     rate_ppm_per_h: float
@@ -114,9 +115,9 @@ class ScaleDrift(Cause):
 class SquarenessDrift(Cause):
     """The y axis of the CMM leans over towards x, steadily: x grows with t · y."""
 
-    right = ('cmm_squareness_drift', 'cmm_squareness', 'squareness_drift')
+    right = ('cmm_squareness_drift',)
     part = ('frame_drift',)
-    family = ('table_zero_drift',)
+    family = ('table_zero_drift', *DRIFTS)
     variables = said('time position', 'time position machine')
     rate_urad_per_h: float
     fixed_m: float
@@ -135,7 +136,7 @@ class SquarenessDrift(Cause):
 class EncoderInterpolation(Cause):
     """The encoder interpolates its lines unevenly: a short-period error where the table stops, which is not nominal."""
 
-    right = ('encoder_interpolation', 'table_encoder', 'table_interpolation')
+    right = ('encoder_interpolation',)
     variables = said('line', 'angle line')
     groups: ClassVar[dict[str, Any]] = {'table': {'positioning_urad': 60.0}}
     lines: ClassVar[int] = 36000

@@ -195,8 +195,6 @@ BEYOND: dict[str, Kind] = {
 """Further kinds, for what no noise model was written for."""
 
 EVERY = {**KINDS, **BEYOND}
-WANDERING = ('flicker', 'walk')
-"""How the names of those kinds begin in which the frame wanders."""
 
 
 def chosen(asked: Sequence[str] | None, usual: Iterable[str], beyond: Iterable[str]) -> list[str]:

@@ -8,15 +8,13 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
-from benchmarks.blind.answers import Answer, Claim, ask
-from benchmarks.blind.noise_kinds import BEYOND, EVERY, KINDS, WANDERING, chosen
+from benchmarks.blind.answers import Answer, ask
+from benchmarks.blind.noise_kinds import BEYOND, EVERY, KINDS, chosen
 from benchmarks.blind.proportion import percent, share
 from benchmarks.blind.runs import Plan, machine_config, measure, noisy
 from rosette_ros.simulation import Machine
 
 NAME = 'noise'
-WANDER_NAMES = ('frame_random_walk', 'frame_walk', 'frame_wander')
-"""Names that say that the frame wanders: right where it does."""
 HEADING = ('| noise | σ | runs | false names | 95 % | besides outlier alone | right names | unexplained | noise told | '
            'named |\n|---|---|---|---|---|---|---|---|---|---|')
 TOLD = {
@@ -47,22 +45,18 @@ def trial(kind: str, stated: bool, order: str, seed: int, n: int) -> Record:
     clean = measure(Machine(machine_config(seed, n)), made)[0]
     run, noise = noisy(clean, made, kind, stated)
     answer = ask(run)[0]
-    verdict, wrong = judged(kind, answer, noise.outliers)
+    verdict, wrong = judged(answer, noise.outliers)
     return {'noise': kind, 'stated': stated, 'order': order, 'seed': seed, 'n': n, 'judged': verdict, 'wrong': wrong,
             'told': is_told(kind, answer.sentence), **asdict(answer)}
 
 
-def judged(kind: str, answer: Answer, outliers: tuple[int, ...]) -> tuple[str, list[str]]:
+def judged(answer: Answer, outliers: tuple[int, ...]) -> tuple[str, list[str]]:
     """Return the class of an answer and the false names in it.
 
     The class: 'false', 'false outlier' (no other false name), 'right', 'unexplained' or 'nothing'.
     """
-    def is_right(claim: Claim) -> bool:
-        if claim.effect == 'outlier':
-            return claim.setting.get('reading') in outliers
-        return kind.startswith(WANDERING) and claim.effect in WANDER_NAMES
-
-    wrong = sorted({claim.effect for claim in answer.claims if not is_right(claim)})
+    wrong = sorted({claim.effect for claim in answer.claims
+                    if claim.effect != 'outlier' or claim.setting.get('reading') not in outliers})
     if wrong:
         return 'false outlier' if wrong == ['outlier'] else 'false', wrong
     return 'right' if answer.claims else 'unexplained' if answer.unexplained else 'nothing', wrong

@@ -22,21 +22,18 @@ def answer(*claims, unexplained=False):
     return Answer(tuple(made), unexplained, '', '', '', 0.0, 0.0)
 
 
-@pytest.mark.parametrize(('kind', 'given', 'outliers', 'wanted'), [
-    ('white', answer(), (), 'nothing'),
-    ('white', answer(unexplained=True), (), 'unexplained'),
-    ('white', answer('frame_drift'), (), 'false'),
-    ('t3_reading', answer(('outlier', 5.0)), (), 'false outlier'),
-    ('outliers_2', answer(('outlier', 5.0), ('outlier', 9.0)), (5, 9), 'right'),
-    ('outliers_2', answer(('outlier', 5.0), ('outlier', 8.0)), (5, 9), 'false outlier'),
-    ('outliers_2', answer(('outlier', 5.0), 'ball_slip'), (5, 9), 'false'),
-    ('walk_10', answer('frame_cycle'), (), 'false'),
-    ('walk_10', answer('frame_random_walk'), (), 'right'),
-    ('ar_0.6', answer('frame_random_walk'), (), 'false'),
+@pytest.mark.parametrize(('given', 'outliers', 'wanted'), [
+    (answer(), (), 'nothing'),
+    (answer(unexplained=True), (), 'unexplained'),
+    (answer('frame_drift'), (), 'false'),
+    (answer(('outlier', 5.0)), (), 'false outlier'),
+    (answer(('outlier', 5.0), ('outlier', 9.0)), (5, 9), 'right'),
+    (answer(('outlier', 5.0), ('outlier', 8.0)), (5, 9), 'false outlier'),
+    (answer(('outlier', 5.0), 'ball_slip'), (5, 9), 'false'),
 ])
-def test_names_on_noise_are_judged(kind, given, outliers, wanted):
-    """Any name is false, but an outlier that is one, and a frame that wanders where it does."""
-    assert judged(kind, given, outliers)[0] == wanted
+def test_names_on_noise_are_judged(given, outliers, wanted):
+    """Any name is false, but an outlier that is one."""
+    assert judged(given, outliers)[0] == wanted
 
 
 @pytest.mark.parametrize(('kind', 'sentence', 'wanted'), [
