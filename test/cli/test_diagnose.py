@@ -33,7 +33,7 @@ def test_json_is_that_of_the_contract(rosette, tables):
     assert got['model'] == ['table_motions', 'plate_deviations', 'cmm_deviations']
     assert set(got['missing']) == {'frame_drift', 'plate_warp'}
     assert got['unexplained'] is False
-    assert got['invisible'] == ['table_backlash']
+    assert got['invisible'] == ['table_backlash', 'table_backlash_angle']
     assert set(got['invisible_bias']['table_backlash']) == {
         'ctx_m', 'cty_m', 'ctz_m', 'crx_rad', 'cry_rad', 'crz_rad'}
     top = next(entry for entry in got['candidates'] if entry['effect'] == 'frame_drift')
@@ -101,8 +101,10 @@ def test_without_temperatures_their_effects_are_not_judged(rosette):
     run = simulated_table(temperature=(float('nan'),) * 64, approach=(0,) * 64)
     got = diagnosed(rosette, run)
     assert got['unavailable'] == {
-        'frame_temperature': 'the run has no temperatures',
-        'table_backlash': 'the run does not say in which sense the table moved'}
+        'frame_temperature': 'the run has no temperatures', 'frame_temperature_lag': 'the run has no temperatures',
+        'table_backlash': 'the run does not say in which sense the table moved',
+        'table_backlash_angle': 'the run does not say in which sense the table moved',
+        'encoder_interpolation': 'what it depends on does not change in this run'}
     assert 'Not judged' in rosette('diagnose', run).out
 
 
