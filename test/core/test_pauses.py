@@ -65,4 +65,4 @@ def test_numbers_that_no_calculation_ends_with_are_refused_in_words(paused, monk
 
     monkeypatch.setattr('rosette_ros.core.diagnosis.diagnosis.choose_settings', diverge)
     with pytest.raises(InvalidData, match='cannot be diagnosed .Eigenvalues did not converge.; check its times'):
-        diagnose(paused)
+        diagnose(paused.replace(run_id='another'))

@@ -101,7 +101,8 @@ def check_metadata(data, folder):
     assert [one.name for one in log.files] == bag['relative_file_paths']
     assert len(log.files) == 2 or log.problems
     if bag.get('custom_data'):
-        assert log.custom_data == {str(key): str(value) for key, value in bag['custom_data'].items()}
+        named = {str(key): str(value) for key, value in bag['custom_data'].items() if key != 'rosette.checksum'}
+        assert log.custom_data == named or any('its checksum is wrong' in one for one in log.problems)
     assert log.messages > 0
     try:
         assert np.isfinite(log.to_run().centre).all()

@@ -98,13 +98,16 @@ class Step(RunFunction):
 
 
 class Pulse(RunFunction):
-    """H(t - t0) - H(t - t1); moments between readings, lengths in steps of a third, of which neighbours look alike."""
+    """H(t - t0) - H(t - t1); moments between readings, lengths in steps of a third, of which neighbours look alike.
+
+    A pulse has at least `shortest` readings: fewer are wrong readings."""
 
     parameters = 2
+    shortest = 3
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         instants = between_readings(run)
-        lengths = np.unique(np.geomspace(1, max(instants.size - 1, 1), 14).astype(int))
+        lengths = np.unique(np.geomspace(self.shortest, max(instants.size - 1, self.shortest), 12).astype(int))
         return tuple(Setting(t0=float(instants[start]), t1=float(instants[start + length])) for length in lengths
                      for start in range(0, instants.size - length, max(1, length // 4)))
 

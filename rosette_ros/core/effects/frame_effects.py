@@ -160,6 +160,13 @@ class FramePulse(FrameEffect):
                 Searched('t1', 's', 'moment of the return, since the first reading', 'instant'))
     function = Pulse()
 
+    def instants(self, run: Run, setting: Setting, name: str = 't0') -> Floats:
+        """Return the instants beside that of a setting that leave the pulse at least `Pulse.shortest` readings."""
+        other, time = setting.number('t1' if name == 't0' else 't0'), seconds(run)
+        found = super().instants(run, setting, name)
+        inside = [np.count_nonzero((time > min(one, other)) & (time < max(one, other))) for one in found]
+        return found[np.array(inside, dtype=int) >= Pulse.shortest]
+
 
 class CmmScaleDrift(Effect):
     name = 'cmm_scale_drift'
