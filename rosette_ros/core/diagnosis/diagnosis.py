@@ -262,9 +262,11 @@ class _Search:
         return self._without[before.members]
 
     def _predicts(self, selection: Selection, place: int) -> bool:
-        """Return whether a named member lowers the error of the cross-validation beside the others."""
+        """Return whether a named member lowers the error of the cross-validation beside the others.
+
+        A wrong reading says nothing of the others: it need not."""
         member = selection.members[place]
-        if not member.named:
+        if not member.named or member.name == 'outlier':
             return True
         without = self.without(self.problem.select(selection.without(place)))
         error = without.rms_with(member, (member.name,))

@@ -19,7 +19,9 @@ from rosette_ros.core.records import Run
 WRONG_SHAPE = 0.002
 """Probability, over all free forms beside a claim, below which its shape is wrong."""
 MERGE = 25.0
-"""By how much the score of two claims on one variable must exceed that of one free form; three times that for three."""
+"""By how much the score of two claims on one variable must exceed that of one free form; three times that for three.
+
+A single claim that is better by as much as this keeps its name, whatever a free form has more."""
 IN_TIME = {
     'table_zero_drift': ('CMM position', 1, 'xy'), 'plate_expansion': ('CMM position', 1, 'xy'),
     'cmm_scale_drift': ('CMM position', 1, 'xy'), 'cmm_squareness_drift': ('CMM position', 1, 'xy'),
@@ -108,6 +110,8 @@ def right_shapes(problem: Problem, selection: Selection,
         better = None
         if worst[0] * len(wrong) < WRONG_SHAPE:
             better = free_instead(problem, selection, worst[1])
+            if better is not None and better.score < selection.score - MERGE:
+                better = None  # far worse than the claim: what the free form has more is chance
         for group in _groups(problem.run, selection) if better is None else ():
             merged = free_instead(problem, selection, group)
             if merged is not None and merged.score > selection.score - MERGE * len(group) * (len(group) - 1) / 2:
