@@ -262,7 +262,14 @@ class RunAnswers:
             temperature=np.where(np.isfinite(temperature), temperature, np.nan), approach=approach,
             table_travel=_joined_travel(travel, angle, approach, session, n), repeatability=sigma,
             repeatability_dof=dof, run_id=self.run_id, repeats=repeats, session=session, source=source)
-        return run.replace(remarks=remarks_on_answers(counting) + remarks_on_radius(run))
+        return run.replace(remarks=self._rivals() + remarks_on_answers(counting) + remarks_on_radius(run))
+
+    def _rivals(self) -> tuple[str, ...]:
+        """Return in words that targets which were asked once have answers that differ; nothing where none has."""
+        asked = Counter(target.seq for target in self.targets)
+        twice = sum(asked[seq] == 1 and len({one.centre for one in self._usable(seq)}) > 1 for seq in self._last)
+        return (f'{twice} targets have two answers that differ, of which the first counts; did a second node answer? '
+                'Measure again with one CMM',) if twice else ()
 
     def _plate(self, source: str) -> tuple[int, float]:
         """Return (n, radius) on which all targets of phase RUN agree."""

@@ -95,6 +95,18 @@ def test_of_two_good_answers_the_first_after_the_last_asking_counts():
     assert known.last_target(2).attempt == 2
 
 
+def test_two_answers_that_differ_are_told():
+    """A second node answered, 10 µm higher; the same answer again, or one to a target asked twice, is none."""
+    x, y, _ = nominal(*CELLS[3])
+    other = answer(4, centre=(x, y, 1e-5), stamp_ns=4 * S + S // 3)
+    [told] = [one for one in collected(answers=[*ANSWERS, other]).to_run().remarks if 'second node' in one]
+    assert told == ('1 targets have two answers that differ, of which the first counts; did a second node answer? '
+                    'Measure again with one CMM')
+    for run in (collected(answers=[*ANSWERS, ANSWERS[3]]),
+                collected([*TARGETS, target(4, attempt=2, stamp_ns=20 * S)], [*ANSWERS, other])):
+        assert not any('second node' in one for one in run.to_run().remarks)
+
+
 def test_without_an_answer_after_the_last_asking_the_first_counts():
     """A late answer is better than none; nothing is asked of a clock that lags."""
     known = collected([*TARGETS, target(2, attempt=2, stamp_ns=99 * S)])
