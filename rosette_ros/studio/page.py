@@ -82,7 +82,7 @@ class Page:
     async def _open_all(self) -> None:
         with self._client:
             for path in reversed(self._options.runs):
-                await self._dialog.open(path)
+                await self._dialog.open(path, asked=False)
 
     # Building
 

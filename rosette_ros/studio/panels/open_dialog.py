@@ -61,9 +61,9 @@ class OpenDialog:
         if self._path.value.strip():
             await self.open(self._path.value.strip())
 
-    async def open(self, path: str) -> None:
-        """Open a path, or show what is wrong with it."""
-        await self._open(open_source, Path(path), self._run_id.value.strip() or None)
+    async def open(self, path: str, asked: bool = True) -> None:
+        """Open a path, or show what is wrong with it; asked: in the dialog, which else stays as a person has it."""
+        await self._open(open_source, Path(path), self._run_id.value.strip() or None, asked=asked)
 
     async def _take(self, event: UploadEventArguments) -> None:
         """Take an uploaded file: it is read as a run, and as nothing else."""
@@ -73,9 +73,10 @@ class OpenDialog:
             await self._open(read_upload, path, within=READ_WITHIN, memory=READ_MEMORY)
         self._upload.reset()
 
-    async def _open(self, read: Callable[..., tuple[Run, Source]], path: Path, *arguments: object,
+    async def _open(self, read: Callable[..., tuple[Run, Source]], path: Path, *arguments: object, asked: bool = True,
                     **limits: Any) -> None:
-        self._error.set('')
+        if asked:
+            self._error.set('')
         self._busy.set_visibility(True)
         try:
             await self._controller.open(read, path, *arguments, **limits)
@@ -85,7 +86,8 @@ class OpenDialog:
             self._error.set((f'{path.name}: ' if isinstance(error, WorkerFailed) else '') + one_line(error))
             self.dialog.open()
         else:
-            self.dialog.close()
+            if asked:
+                self.dialog.close()
             self._on_opened()
         finally:
             self._busy.set_visibility(False)
