@@ -62,7 +62,8 @@ def test_the_program_is_called_as_it_is_found(monkeypatch):
     """By its path where the name does not find it, by its name where it does; what is printed runs."""
     own = Path(sys.prefix) / 'bin' / 'rosette'
     monkeypatch.setenv('PATH', '/usr/bin:/bin')
-    assert program() == str(own)
+    monkeypatch.chdir('/')
+    assert program() in (str(own), str(own).removeprefix('/'))
     monkeypatch.chdir(own.parent)
     assert program() == './rosette'
     assert subprocess.run(f'{program()} --version', shell=True, check=False, capture_output=True).returncode == 0
