@@ -11,7 +11,7 @@ from benchmarks.blind.runs import SIGMA, Plan, machine_config, measure
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.geometry import Frame
-from rosette_ros.core.model.base_model import base_space
+from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import mean_radius
 from rosette_ros.core.records import Floats, Run
 from rosette_ros.simulation import Machine

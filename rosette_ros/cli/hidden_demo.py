@@ -25,7 +25,7 @@ from rosette_ros.cli.demo_cell import compare as compare_truth
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.geometry import Frame
-from rosette_ros.core.model.base_model import base_space
+from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import Floats, Run
 from rosette_ros.core.scheme import Scheme

@@ -5,6 +5,7 @@ Indices are one-based as on the shop floor. Table position i, ball j and CMM pos
 k = (i + j - 2) mod n + 1. Source: Kniel et al. (2019), section 2.2 and Table 1.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from rosette_ros.core.errors import InvalidPlan
 from rosette_ros.core.geometry import TWO_PI, Floats, Ints, nominal_angles, wrap
+from rosette_ros.core.reduced_sets import best_members, fewest_members
 from rosette_ros.core.sensitive_order import sensitive
 
 TURNINGS = ('forward', 'alternate')
@@ -51,6 +53,11 @@ class Scheme:
     def cmm_position(self) -> Ints:
         """(N,) one-based CMM position k."""
         return cmm_position(self.n, self.table_position, self.ball)
+
+    @property
+    def repeats(self) -> bool:
+        """Whether a ball is measured more than once at a table position."""
+        return np.unique((self.table_position - 1) * self.n + self.ball).size < self.table_position.size
 
     @property
     def table_angle(self) -> Floats:
@@ -111,7 +118,9 @@ def travel_sense(coordinate: Floats, tolerance: float) -> Floats:
     return np.where(last >= 0, np.sign(step[np.maximum(last, 0)]), 0.0)
 
 
-ORDERS = ('row', 'diagonal', 'column', 'random', 'sensitive')
+COMPLETE_ORDERS = ('row', 'diagonal', 'column', 'random', 'sensitive')
+"""Orders in which every ball is measured once at every table position."""
+ORDERS = (*COMPLETE_ORDERS, 'there_and_back')
 
 
 def _pairs(n: int, order: str, turning: str, seed: int) -> tuple[Ints, Ints]:
@@ -128,16 +137,19 @@ def _pairs(n: int, order: str, turning: str, seed: int) -> tuple[Ints, Ints]:
     return (inner, outer) if order == 'column' else ((outer + inner) % n, -inner % n)
 
 
-def plan(n: int, order: str = 'diagonal', seed: int = 0, turning: str = 'forward') -> Scheme:
-    """Return the Scheme of one complete run.
+def plan(n: int, order: str = 'diagonal', seed: int = 0, turning: str = 'forward',
+         cmm_positions: Sequence[int] = (), balls: Sequence[int] = ()) -> Scheme:
+    """Return the Scheme of one run.
 
     order: one of ORDERS. `row`: table outer, CMM and plate inner (the paper's case 1); `diagonal`: CMM outer (case 2,
     Table 1); `column`: ball outer (case 3); `random`: a shuffle drawn from `seed`; `sensitive`: small steps of the
-    table in which every effect of the library shows (docs/orders.md). turning: `forward` turns the table
-    counter-clockwise always; `alternate` turns it backwards in every second inner loop (every second move in `random`),
-    so that backlash shows; `sensitive` has senses of its own whatever it says.
+    table in which every effect of the library shows (docs/orders.md); `there_and_back`: `diagonal` at half the CMM
+    positions, then the same backwards. turning: `forward` turns the table counter-clockwise always; `alternate` turns
+    it backwards in every second inner loop (every second move in `random`), so that backlash shows; `sensitive` and
+    `there_and_back` have senses of their own whatever it says. cmm_positions, balls: those in use, from 1, one of the
+    two; all if none (half of the CMM positions in `there_and_back`).
 
-    Raises InvalidPlan for fewer than three balls, an unknown order or an unknown turning.
+    Raises InvalidPlan for fewer than three balls, an unknown order or turning, or places that do not exist.
     """
     if isinstance(n, bool) or int(n) != n or n < 3:
         raise InvalidPlan(f'number of balls: wanted a whole number of at least 3, got {n}; '
@@ -147,8 +159,25 @@ def plan(n: int, order: str = 'diagonal', seed: int = 0, turning: str = 'forward
         raise InvalidPlan(f'order: wanted one of {", ".join(ORDERS)}, got {order!r}')
     if turning not in TURNINGS:
         raise InvalidPlan(f'turning: wanted one of {", ".join(TURNINGS)}, got {turning!r}')
-    i, j = _pairs(n, order, turning, seed)
-    return Scheme(n, order, int(seed), i + 1, j + 1, _approach(n, order, turning, i))
+    for name, places in (('CMM positions', cmm_positions), ('balls', balls)):
+        if any(place not in range(1, n + 1) for place in places) or len({*places}) < len(places):
+            raise InvalidPlan(f'{name} in use: wanted different ones of 1..{n}, got {", ".join(map(str, places))}')
+    if cmm_positions and balls:
+        raise InvalidPlan('wanted CMM positions or balls in use, got both; leave out one')
+    back = order == 'there_and_back'
+    if back and not cmm_positions and not balls:
+        cmm_positions = tuple(k + 1 for k in best_members(n, max((n + 1) // 2, fewest_members(n))))
+    if back:
+        turning = 'forward'
+    i, j = _pairs(n, 'diagonal' if back else order, turning, seed)
+    approach = _approach(n, order, turning, i)
+    if cmm_positions or balls:
+        used = np.isin((i + j) % n + 1, cmm_positions) if cmm_positions else np.isin(j + 1, balls)
+        i, j, approach = i[used], j[used], approach[used]
+    if back:
+        i, j = (np.concatenate([one, one[::-1]]) for one in (i, j))
+        approach = np.where(np.arange(i.size) <= i.size // 2, 1, -1)
+    return Scheme(n, order, int(seed), i + 1, j + 1, approach)
 
 
 def _approach(n: int, order: str, turning: str, i: Ints) -> Ints:

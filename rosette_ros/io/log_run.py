@@ -35,7 +35,6 @@ TF_MESSAGE, TF_STATIC = 'tf2_msgs/msg/TFMessage', 'tf_static'
 REPEATABILITY_KEY, DOF_KEY = 'rosette.repeatability_m', 'rosette.repeatability_dof'
 """Entries of custom_data where the repeatability is known but was not measured in the log."""
 RESUMES_KEY = 'rosette.resumes'  # entry of custom_data, name of the log that a run goes on from
-REPEATS_KEY = 'rosette.repeated_balls'  # entry of custom_data, `yes` where balls were planned more than once
 
 
 class PublishedMotions(NamedTuple):
@@ -187,7 +186,7 @@ class LogRun:
             topics = ', '.join(topic.name for topic in self.topics) or 'none'
             raise InvalidData(f'{source}: wanted ball centres ({BALL_CENTRE}), got none in {self.messages} messages '
                               f'(topics: {topics}){f"; {self.damage}" * bool(self.damage)}')
-        run = self.run(run_id).to_run(source, self.custom_data.get(REPEATS_KEY) == 'yes')
+        run = self.run(run_id).to_run(source)
         run = run.replace(remarks=(*filter(None, [self.damage]), *run.remarks))
         if run.repeatability is not None or REPEATABILITY_KEY not in self.custom_data:
             return run

@@ -224,13 +224,12 @@ class RunAnswers:
             return None, None
         return float(np.sqrt(squares / dof)), float(dof)
 
-    def to_run(self, source: str = 'run', repeats: bool = False) -> Run:
+    def to_run(self, source: str = 'run') -> Run:
         """Return the Run of the readings of phase RUN, in the order in which they were measured.
 
-        source: named in errors; repeats: whether a ball was planned more than once at a table position. Balls without
-        a good answer are missing from the Run. Time counts from the first reading; time and travel are as recorded,
-        and go on where a clock was set back, or a table counted from 0 again, over a pause: the pause is then as long
-        as readings usually are apart.
+        source: named in errors. Balls without a good answer are missing from the Run. Time counts from the first
+        reading; time and travel are as recorded, and go on where a clock was set back, or a table counted from 0
+        again, over a pause: the pause is then as long as readings usually are apart.
 
         Raises InvalidData where no ball centre is left, targets contradict each other, a frame is unknown, or a ball
         centre is nearer to another ball's place than to its own."""
@@ -261,7 +260,8 @@ class RunAnswers:
             time=_joined_time((stamp - stamp[0]) * 1e-9, session),
             temperature=np.where(np.isfinite(temperature), temperature, np.nan), approach=approach,
             table_travel=_joined_travel(travel, angle, approach, session, n), repeatability=sigma,
-            repeatability_dof=dof, run_id=self.run_id, repeats=repeats, session=session, source=source)
+            repeatability_dof=dof, run_id=self.run_id, session=session, source=source,
+            repeats=np.unique((table_position - 1) * n + ball).size < ball.size)
         return run.replace(remarks=self._rivals() + remarks_on_answers(counting) + remarks_on_radius(run))
 
     def _rivals(self) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ def synthetic_run(n, order='diagonal', seed=0, noise=0.0, curves=None, turning='
     scheme = plan(n, order, seed, turning)
     curves = 1e-6 * rng.standard_normal((n, 6)) if curves is None else curves
     plate, cmm = 1e-5 * rng.standard_normal((n, 3)), 1e-6 * rng.standard_normal((n, 3))
-    centre = np.empty((n * n, 3))
+    centre = np.empty((scheme.ball.size, 3))
     for row, (i, j, k) in enumerate(zip(scheme.table_position, scheme.ball, scheme.cmm_position)):
         phi, beta = 2 * np.pi * (i - 1) / n, 2 * np.pi * (j - 1) / n
         ball = RADIUS * np.array([np.cos(beta), np.sin(beta), 0.0])
@@ -25,6 +25,6 @@ def synthetic_run(n, order='diagonal', seed=0, noise=0.0, curves=None, turning='
         centre[row] = (turned + rotate_z(phi, plate[j - 1]) + curves[i - 1, :3]
                        + np.cross(curves[i - 1, 3:], turned) + cmm[k - 1])
     centre += noise * rng.standard_normal(centre.shape)
-    run = Run(n, RADIUS, scheme.table_position, scheme.ball, centre, time=40.0 * np.arange(n * n),
-              approach=scheme.approach, **rest)
+    run = Run(n, RADIUS, scheme.table_position, scheme.ball, centre, time=40.0 * np.arange(scheme.ball.size),
+              approach=scheme.approach, repeats=scheme.repeats, **rest)
     return run, curves, plate, cmm

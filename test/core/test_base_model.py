@@ -11,18 +11,19 @@ from hypothesis import strategies as st
 from synthetic import MICROMETRE, synthetic_run
 
 from rosette_ros.core.errors import InvalidModel, NotDeterminable
-from rosette_ros.core.model.base_model import CompleteSpace, DenseSpace, base_space
+from rosette_ros.core.model.base_model import CompleteSpace, DenseSpace
+from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import fit, mean_radius, observed
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.records import Run, remove_gauge
-from rosette_ros.core.scheme import ORDERS
+from rosette_ros.core.scheme import COMPLETE_ORDERS
 
 ROUNDING = 1e-15  # m and rad: 1 fm, far below any ball centre
 SUBSETS = [subset for size in (1, 2, 3) for subset in itertools.combinations(BASE_TERMS, size)]
 
 
-@pytest.mark.parametrize('order', sorted(ORDERS))
+@pytest.mark.parametrize('order', sorted(COMPLETE_ORDERS))
 @pytest.mark.parametrize('n', [3, 4, 6, 7, 12, 24])
 def test_least_squares_is_the_closed_form(n, order):
     """On complete runs the fit and equations (1)-(16) agree to rounding."""
@@ -49,7 +50,7 @@ def test_rank_is_12n_minus_13(n):
 
 
 @given(n=st.integers(3, 9), seed=st.integers(0, 99), terms=st.sampled_from(SUBSETS),
-       order=st.sampled_from(sorted(ORDERS)))
+       order=st.sampled_from(sorted(COMPLETE_ORDERS)))
 @settings(max_examples=40)
 def test_spectrum_equals_normal_equations(n, seed, terms, order):
     """Residuals, parameters, rank and cofactors agree between FFT and dense solution."""
@@ -198,8 +199,7 @@ def test_actual_angles_are_used():
     (lambda run: run.table_position != 3,
      r'132 of 144 give rank \d+ where 131 is needed .* cannot determine ctx at table position 3, '
      'cty at table position 3, ctz at table position 3'),
-    (lambda run: run.ball != 5, 'cannot determine .*the deviation of ball 5'),
-    (lambda run: np.arange(run.size) < 50, r'50 of 144 .*at least 54 well spread'),
+    (lambda run: np.arange(run.size) < 40, r'40 of 144 .*at least 46 well spread'),
 ])
 def test_too_little_data_names_what_is_lost(drop, words):
     """Too few readings are an error that names what cannot be determined."""

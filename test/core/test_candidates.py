@@ -8,7 +8,7 @@ from rosette_ros.core.diagnosis.candidates import FEW, RIDGE, Projection, famili
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free_forms import FREE_FORMS
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.model.base_model import base_space
+from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import JointSpace
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.records import Run

@@ -10,7 +10,7 @@ from rosette_ros.core.diagnosis.verdict import Outcome
 from rosette_ros.core.effects.free_forms import FREE_FORMS
 from rosette_ros.core.effects.run_functions import COARSE, lagged, temperature_change
 from rosette_ros.core.geometry import rotate_z
-from rosette_ros.core.model.base_model import base_space
+from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import Model
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rosette_ros.core.errors import InvalidPlan
-from rosette_ros.core.scheme import ORDERS, TURNINGS, plan, travel_sense, unwrap_travel
+from rosette_ros.core.scheme import COMPLETE_ORDERS, TURNINGS, plan, travel_sense, unwrap_travel
 
 # Rows 1-12 of Table 1, Kniel et al. (2019): CMM position, table position, ball.
 TABLE_1 = [(1, 1, 1), (1, 2, 6), (1, 3, 5), (1, 4, 4), (1, 5, 3), (1, 6, 2),
@@ -21,7 +21,7 @@ def test_diagonal_is_table_1():
     assert rows[:12] == TABLE_1
 
 
-@given(n=st.integers(3, 25), order=st.sampled_from(sorted(ORDERS)), seed=st.integers(0, 99),
+@given(n=st.integers(3, 25), order=st.sampled_from(sorted(COMPLETE_ORDERS)), seed=st.integers(0, 99),
        turning=st.sampled_from(TURNINGS))
 def test_every_pair_once(n, order, seed, turning):
     """Every ball is measured once in every table position; k follows from i and j."""
@@ -39,7 +39,7 @@ def test_outer_loop(order, outer):
     assert np.array_equal(values, np.repeat(np.arange(1, 8), 7).reshape(7, 7))
 
 
-@given(n=st.integers(3, 15), order=st.sampled_from(sorted(ORDERS)),
+@given(n=st.integers(3, 15), order=st.sampled_from(sorted(COMPLETE_ORDERS)),
        turning=st.sampled_from(TURNINGS))
 def test_travel_follows_angles_and_approach(n, order, turning):
     """The unwrapped travel shows the same angles, and each move has the sense of the approach."""
@@ -67,10 +67,41 @@ def test_sense_waits_for_the_first_move():
 @pytest.mark.parametrize('arguments, words', [
     ((2, 'row'), 'number of balls: wanted a whole number of at least 3, got 2'),
     ((4.5, 'row'), 'number of balls: wanted a whole number of at least 3, got 4.5'),
-    ((6, 'spiral'), "order: wanted one of row, diagonal, column, random, sensitive, got 'spiral'"),
+    ((6, 'spiral'), "order: wanted one of row, diagonal, column, random, sensitive, there_and_back, got 'spiral'"),
     ((6, 'row', 0, 'both'), "turning: wanted one of forward, alternate, got 'both'"),
 ])
 def test_bad_plans_are_refused(arguments, words):
     """A plan that cannot be measured is refused with what was wanted and what came."""
     with pytest.raises(InvalidPlan, match=words):
         plan(*arguments)
+
+
+@pytest.mark.parametrize('n', range(3, 14))
+def test_there_and_back_is_its_own_mirror(n):
+    """The second half measures the same balls in the opposite sequence, with the table turned the other way."""
+    scheme = plan(n, 'there_and_back')
+    half = scheme.ball.size // 2
+    assert np.array_equal(scheme.table_position, scheme.table_position[::-1])
+    assert np.array_equal(scheme.ball, scheme.ball[::-1])
+    assert np.all(scheme.approach[:half] == 1) and np.all(scheme.approach[half + 1:] == -1)
+    assert scheme.repeats and np.unique(scheme.cmm_position).size == half // n
+
+
+@pytest.mark.parametrize('order', COMPLETE_ORDERS)
+def test_places_that_are_left_out_are_not_measured(order):
+    """A reduced scheme is the complete one without the pairs that are left out."""
+    complete, reduced = plan(12, order), plan(12, order, cmm_positions=(1, 5, 7, 10))
+    kept = np.isin(complete.cmm_position, (1, 5, 7, 10))
+    for name in ('table_position', 'ball', 'approach'):
+        assert np.array_equal(getattr(reduced, name), getattr(complete, name)[kept])
+    assert set(plan(12, order, balls=(2, 3, 5, 8)).ball) == {2, 3, 5, 8}
+
+
+@pytest.mark.parametrize('arguments, words', [
+    ({'cmm_positions': (1, 13)}, r'CMM positions in use: wanted different ones of 1..12, got 1, 13'),
+    ({'balls': (2, 2, 5)}, r'balls in use: wanted different ones of 1..12, got 2, 2, 5'),
+    ({'balls': (1, 2, 4, 5), 'cmm_positions': (1, 2, 4, 5)}, 'wanted CMM positions or balls in use, got both')])
+def test_places_that_do_not_exist_are_refused(arguments, words):
+    """Places in use are different ones that exist, and of one kind."""
+    with pytest.raises(InvalidPlan, match=words):
+        plan(12, **arguments)

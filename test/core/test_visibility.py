@@ -7,7 +7,7 @@ from synthetic import synthetic_run
 
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.model.base_model import base_space
+from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.planning.advice import advise, planned_run
 from rosette_ros.core.planning.visibility import visibility

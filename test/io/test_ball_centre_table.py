@@ -60,7 +60,7 @@ def runs(draw):
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     scheme = plan(n, draw(st.sampled_from(sorted(ORDERS))), seed=1,
                   turning=draw(st.sampled_from(['forward', 'alternate'])))
-    size = n * n
+    size = scheme.ball.size
     angle = scheme.table_angle
     if draw(st.booleans()):
         angle = angle + 1e-5 * rng.standard_normal(size)
@@ -72,7 +72,7 @@ def runs(draw):
         n, radius, scheme.table_position, scheme.ball,
         scheme.centres(radius) + 1e-4 * radius * rng.standard_normal((size, 3)),
         table_angle=angle, time=time, temperature=temperature, approach=scheme.approach,
-        repeatability=draw(st.none() | st.floats(1e-9, 1e-5)), repeatability_dof=6.0,
+        repeats=scheme.repeats, repeatability=draw(st.none() | st.floats(1e-9, 1e-5)), repeatability_dof=6.0,
         run_id=draw(st.sampled_from(['', 'rosette_20250101_diagonal', 'Prüfung 3: µm'])))
     keep = np.sort(rng.permutation(size)[:draw(st.integers(3, size))])
     return run if draw(st.booleans()) else run.take(keep)

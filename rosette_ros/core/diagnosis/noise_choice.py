@@ -12,7 +12,7 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.noise_search import NoiseFit, NoiseProblem, estimate
 from rosette_ros.core.diagnosis.search import MOST_EFFECTS, Member, Problem, Selection
-from rosette_ros.core.model.base_model import base_space
+from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import Noise
 

@@ -19,7 +19,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from rosette_ros.core.errors import InvalidModel, NotDeterminable
+from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Real, Whitening
 from rosette_ros.core.model.normal_equations import Part, base_parts
@@ -48,23 +48,6 @@ class BaseParameters:
     curves: Floats
     plate: Floats
     cmm: Floats
-
-
-def base_space(run: Run, lever: float, terms: tuple[str, ...] = BASE_TERMS,
-               whitening: Whitening | None = None) -> 'BaseSpace':
-    """Return the space of the base model on a run: CompleteSpace where it can be, else DenseSpace.
-
-    lever: radius at which rotations act, m; terms: subset of BASE_TERMS; whitening: of the noise, None where it is
-    white and equal; what a space makes of columns stands in white coordinates. Raises NotDeterminable, with what cannot
-    be determined, for too little data.
-    """
-    unknown = [term for term in terms if term not in BASE_TERMS]
-    if unknown:
-        raise InvalidModel(f'base: wanted some of {", ".join(BASE_TERMS)}, got {unknown[0]!r}')
-    whitening = whitening or Whitening(run.size, np.ones(3))
-    if run.is_complete and whitening.by_axis and whitening.sd[0] == whitening.sd[1]:
-        return CompleteSpace(run, lever, terms, whitening)
-    return DenseSpace(run, lever, terms, whitening)
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,7 +265,9 @@ class DenseSpace:
         self._refuse_far_too_few(run)
         self._parts = base_parts(run, self.terms, self.whitening)
         self.rank = sum(part.rank for part in self._parts)
-        wanted = BaseLines.of(run.n, self.terms).rank
+        self._left_out = [np.setdiff1d(np.arange(1, run.n + 1), used) - 1 for used in (run.ball, run.cmm_position)]
+        wanted = BaseLines.of(run.n, self.terms).rank - 3 * sum(
+            unused.size for term, unused in zip(BASE_TERMS[1:], self._left_out) if term in self.terms)
         if self.rank < wanted:
             missing = self._undetermined() or 'the separation of table, plate and CMM'
             raise _too_few(run, f'give rank {self.rank} where {wanted} is needed', f'; cannot determine {missing}')
@@ -301,6 +286,8 @@ class DenseSpace:
     def _undetermined(self) -> str:
         z, w = (part.undetermined().reshape(-1, self.n) for part in self._parts)
         rows = [(f'{curve} at table position', row) for curve, row in zip(CURVES, (w[0], w[1], z[0], z[1], z[2], w[2]))]
+        for row, unused in zip(z[3:], self._left_out):
+            row[unused] = False
         rows += [('the deviation of ball', z[3]), ('the deviation of the CMM at position', z[4])]
         names = [f'{what} {k + 1}' for what, row in rows for k in np.flatnonzero(row)]
         return ', '.join(names[:6]) + (f' and {len(names) - 6} more' if len(names) > 6 else '')
@@ -315,14 +302,16 @@ class DenseSpace:
         return np.concatenate([w.reshape(len(columns), z.shape[1], 2), z[..., None]], axis=-1)
 
     def parameters(self, columns: Floats) -> BaseParameters:
-        """Return the BaseParameters that describe columns (m, N, 3) best, in the gauge."""
+        """Return the BaseParameters that describe columns (m, N, 3) best, in the gauge; of what was not touched NaN."""
         z, w = (part.solve(rows).reshape(len(columns), -1, self.n)
                 for part, rows in zip(self._parts, _split(self.whitening.apply(columns))))
         lever = self.lever
         curves = np.stack([w[:, 0], w[:, 1], z[:, 0], z[:, 1] / lever, z[:, 2] / lever, w[:, 2] / lever], axis=-1)
         plate = np.stack([w[:, 3], w[:, 4], z[:, 3]], axis=-1)
         cmm = np.stack([w[:, 5], w[:, 6], z[:, 4]], axis=-1)
-        return BaseParameters(*(part * (term in self.terms) for term, part in zip(BASE_TERMS, (curves, plate, cmm))))
+        curves, plate, cmm = (part * (term in self.terms) for term, part in zip(BASE_TERMS, (curves, plate, cmm)))
+        plate[:, self._left_out[0]] = cmm[:, self._left_out[1]] = np.nan
+        return BaseParameters(curves, plate, cmm)
 
     def curve_cofactor(self) -> Floats:
         """Return the variances of the curves for unit variance of a coordinate, (n, 6)."""
@@ -339,10 +328,9 @@ def _split(columns: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
 
 
 def _too_few(run: Run, rank: str, missing: str = '') -> NotDeterminable:
+    touched = np.unique(run.ball).size + np.unique(run.cmm_position).size
     return NotDeterminable(
-        f'{run.source}: too few ball centres: {run.size} of {run.n**2} {rank} (at least {5 * run.n - 6} well spread '
-        f'ball centres){missing}. Measure the missing balls; where RUN is a log: rosette calibrate '
+        f'{run.source}: too few ball centres: {run.size} of {run.n**2} {rank} (at least {3 * run.n + touched - 6} well '
+        f'spread ball centres){missing}. Measure the missing balls; where RUN is a log: rosette calibrate '
         '--resume RUN')
 
-
-BaseSpace = CompleteSpace | DenseSpace

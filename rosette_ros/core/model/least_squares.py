@@ -18,7 +18,8 @@ from scipy import special
 from rosette_ros.core.effects.effect import Searched, Setting
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.geometry import TWO_PI, rotate_z
-from rosette_ros.core.model.base_model import GAUGE, BaseSpace, Basis, base_space
+from rosette_ros.core.model.base_model import GAUGE, Basis
+from rosette_ros.core.model.base_space import BaseSpace, base_space
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise, Real, Whitening
 from rosette_ros.core.records import ErrorMotions, Floats, Ints, Run

@@ -20,16 +20,19 @@ def base_parts(run: Run, terms: tuple[str, ...], whitening: Whitening | None = N
         z = whitening.along(2, z.T).T
         for axis in (0, 1):
             w[axis::2] = whitening.along(axis, w[axis::2].T).T
-    return Part(z, _z_gauge(run.n)), Part(w, _w_gauge(run.n))
+    touched = [np.isin(np.arange(1, run.n + 1), used) for used in (run.ball, run.cmm_position)]
+    in_plane = np.repeat(touched, 2, axis=0).ravel()
+    return Part(z, _z_gauge(run.n), np.concatenate(touched)), Part(w, _w_gauge(run.n), in_plane)
 
 
 class Part:
     """Least squares of one independent part of the base model (z, or x and y together).
 
-    rank; basis: (rows, rank) orthonormal columns that span the design.
+    rank; basis: (rows, rank) orthonormal columns that span the design; touched: (k,) which of the last unknowns (of
+    balls and CMM positions) readings have.
     """
 
-    def __init__(self, design: Floats, gauge: Gauge) -> None:
+    def __init__(self, design: Floats, gauge: Gauge, touched: Bools) -> None:
         value, vector = np.linalg.eigh(design.T @ design)
         keep = value > 1e-9 * max(value[-1], 1.0)
         self.rank = int(keep.sum())
@@ -40,7 +43,9 @@ class Part:
         root_factor = np.linalg.cholesky(basis.T @ basis)
         self.basis: Floats = scipy.linalg.solve_triangular(root_factor, basis.T, lower=True).T
         # x -> x - G (C G)^-1 C x brings any solution into the gauge C x = 0.
-        self._gauge_vectors, constraints = gauge
+        used = np.ones(design.shape[1])
+        used[-touched.size:] = touched
+        self._gauge_vectors, constraints = gauge[0] * used[:, None], gauge[1] * used
         shift = np.eye(design.shape[1]) - self._gauge_vectors @ np.linalg.solve(
             constraints @ self._gauge_vectors, constraints)
         self._mix: Floats = shift @ (scaled @ np.linalg.inv(root_factor).T)

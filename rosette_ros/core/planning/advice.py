@@ -15,8 +15,8 @@ SECONDS_PER_BALL = 30.0   # s, 20 touches and the move down and up
 TABLE_SPEED = 0.1         # rad/s
 CMM_SPEED = 0.05          # m/s
 VARIANTS = tuple((order, turning) for order in ORDERS for turning in TURNINGS
-                 if turning == 'forward' or order not in ('row', 'sensitive'))
-"""Orders and turnings that differ: a row never turns back, `sensitive` has senses of its own."""
+                 if turning == 'forward' or order in ('diagonal', 'column', 'random'))
+"""Orders and turnings that differ: a row never turns back, others have senses of their own."""
 AS_MEASURED = 'as measured'
 """Name of an order that is none of the known ones."""
 BETTER = 0.02
@@ -82,7 +82,7 @@ def planned_run(scheme: Scheme, radius: float, seconds_per_ball: float = SECONDS
     time = time - time[0]
     temperature = 20 + 0.1 * np.sin(0.5 * np.pi * time / time[-1])
     return Run(scheme.n, radius, scheme.table_position, scheme.ball, centres, time=time, temperature=temperature,
-               approach=scheme.approach, source=f'planned run, order {scheme.order}')
+               approach=scheme.approach, repeats=scheme.repeats, source=f'planned run, order {scheme.order}')
 
 
 def advise_order(scheme: Scheme, radius: float, sigma: float, wanted: Sequence[str] = (), names: Sequence[str] = (),
@@ -122,9 +122,8 @@ def scheme_of(run: Run) -> Scheme:
     """Return the Scheme in which a run was measured; its order is named where it is known."""
     cell = (run.table_position, run.ball)
     order = AS_MEASURED
-    if run.is_complete:
-        known = ((name, plan(run.n, name, 0, turning)) for name in ORDERS for turning in TURNINGS)
-        order = next((name for name, one in known if np.array_equal(cell, (one.table_position, one.ball))), order)
+    known = ((name, plan(run.n, name, 0, turning)) for name in ORDERS for turning in TURNINGS)
+    order = next((name for name, one in known if np.array_equal(cell, (one.table_position, one.ball))), order)
     return Scheme(run.n, order, 0, *cell, run.approach)
 
 
