@@ -52,9 +52,8 @@ def draw_hidden(order: HiddenDraw, situation: Situation) -> tuple[HiddenEffect, 
     most = min(order.most, len(classes))
     count = int(rng.integers(min(order.fewest, most), most + 1))
     chosen = rng.permutation(len(classes))[:count]
-    sigma_um = situation.sigma_um if situation.sigma_um > 0 else 0.1
     low, high = np.log(order.smallest_sigma), np.log(order.largest_sigma)
-    return tuple(classes[place].draw(Draw(rng, sigma_um * float(np.exp(rng.uniform(low, high))), situation))
+    return tuple(classes[place].draw(Draw(rng, situation.scale_um * float(np.exp(rng.uniform(low, high))), situation))
                  for place in chosen)
 
 

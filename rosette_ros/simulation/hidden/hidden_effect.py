@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The contract of a hidden effect: what it moves, turns or deforms, at each touch.
 
-An effect writes only its own physics: parameters with units, the hooks it needs, and `draw`. The machine calls every
-hook of every effect and composes the rigid bodies exactly.
+An effect writes only its own physics: parameters with units, each with what draws it (Drawn), and the hooks it needs.
+The machine calls every hook of every effect and composes the rigid bodies exactly.
 """
 
 from collections.abc import Callable, Sequence
@@ -48,6 +48,11 @@ class Situation:
     duration_h: float
     sigma_um: float
 
+    @property
+    def scale_um(self) -> float:
+        """What sizes are drawn in units of: the repeatability, 0.1 µm where that is zero."""
+        return self.sigma_um if self.sigma_um > 0 else 0.1
+
 
 @dataclass(frozen=True)
 class Draw:
@@ -86,6 +91,13 @@ class Draw:
         return x, y, z
 
 
+@dataclass(frozen=True)
+class Drawn:
+    """What draws a parameter of an effect; stands in the annotation of its field. Fields are drawn in their order."""
+
+    value: Callable[[Draw], object]
+
+
 class HiddenEffect(Settings):
     """One physical effect that the machine does not publish; its methods are named in HOOKS.
 
@@ -98,7 +110,8 @@ class HiddenEffect(Settings):
     @classmethod
     def draw(cls, by: Draw) -> Self:
         """Draw one that moves the balls by about `by.size_um` during the run; more where few readings see it."""
-        raise NotImplementedError
+        return cls.model_validate({name: one.value(by) for name, field in cls.model_fields.items()
+                                   for one in field.metadata if isinstance(one, Drawn)})
 
 
 def acting(effects: Sequence[HiddenEffect]) -> dict[str, tuple[Callable[..., Floats], ...]]:

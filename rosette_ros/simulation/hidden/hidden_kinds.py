@@ -8,134 +8,103 @@ from pydantic import Field
 
 from rosette_ros.core.geometry import TWO_PI
 from rosette_ros.core.records import Floats
-from rosette_ros.simulation.hidden.hidden_effect import UM, Draw, HiddenEffect, along
+from rosette_ros.simulation.hidden.hidden_effect import UM, Draw, Drawn, HiddenEffect, along
 from rosette_ros.simulation.motion import Moment
 from rosette_ros.simulation.probing import TouchPattern
 from rosette_ros.simulation.setting_types import NotNegative, Number, Pair, Positive, Vector
 
 BallNumber = Annotated[int, Field(ge=1)]
 Undulations = Annotated[int, Field(ge=2, le=12)]
+SizeVector = Annotated[Vector, Drawn(lambda by: by.vector(by.size_um))]
+PlaneVector = Annotated[Vector, Drawn(lambda by: by.vector(by.size_um, axes=2))]
+TimeInRun = Annotated[NotNegative, Drawn(Draw.time)]
 
 
 class HiddenFrameDrift(HiddenEffect):
     """The table drifts steadily relative to the probe: rate * t."""
 
     kind: Literal['frame_drift'] = 'frame_drift'
-    rate_um_per_h: Vector
+    rate_um_per_h: Annotated[Vector, Drawn(lambda by: by.vector(by.size_um / by.run.duration_h))]
 
     def frame_shift(self, moment: Moment) -> Floats:
         return along(self.rate_um_per_h, moment.hours)
-
-    @classmethod
-    def draw(cls, by: Draw) -> Self:
-        return cls(rate_um_per_h=by.vector(by.size_um / by.run.duration_h))
 
 
 class HiddenFrameWarmup(HiddenEffect):
     """Something was switched on too late: amplitude * (1 - exp(-(t - from) / tau)), nothing before."""
 
     kind: Literal['frame_warmup'] = 'frame_warmup'
-    amplitude_um: Vector
-    time_constant_h: Positive
-    from_h: NotNegative = 0.0
+    amplitude_um: SizeVector
+    time_constant_h: Annotated[Positive, Drawn(lambda by: by.run.duration_h * by.between(0.1, 0.5))]
+    from_h: Annotated[NotNegative, Drawn(lambda by: 0.95 * by.run.start_h)] = 0.0
 
     def frame_shift(self, moment: Moment) -> Floats:
         since = np.maximum(moment.hours - self.from_h, 0.0)
         return along(self.amplitude_um, -np.expm1(-since / self.time_constant_h))
-
-    @classmethod
-    def draw(cls, by: Draw) -> Self:
-        return cls(amplitude_um=by.vector(by.size_um), from_h=0.95 * by.run.start_h,
-                   time_constant_h=by.run.duration_h * by.between(0.1, 0.5))
 
 
 class HiddenFrameTemperature(HiddenEffect):
     """The machine's frame follows the ambient temperature: coefficient * (T - T at power-on)."""
 
     kind: Literal['frame_temperature'] = 'frame_temperature'
-    coefficient_um_per_K: Vector
+    coefficient_um_per_K: Annotated[Vector, Drawn(lambda by: by.vector(by.size_um / 0.1))]
 
     def frame_shift(self, moment: Moment) -> Floats:
         return along(self.coefficient_um_per_K, moment.warming)
-
-    @classmethod
-    def draw(cls, by: Draw) -> Self:
-        return cls(coefficient_um_per_K=by.vector(by.size_um / 0.1))
 
 
 class HiddenFrameCycle(HiddenEffect):
     """Air conditioning or coolant: cosine * cos(2 pi t / P) + sine * sin(2 pi t / P)."""
 
     kind: Literal['frame_cycle'] = 'frame_cycle'
-    cosine_um: Vector
-    sine_um: Vector = (0.0, 0.0, 0.0)
-    period_min: Positive
+    cosine_um: SizeVector
+    sine_um: SizeVector = (0.0, 0.0, 0.0)
+    period_min: Annotated[Positive, Drawn(lambda by: 60 * by.run.duration_h / by.between(3, 12))]
 
     def frame_shift(self, moment: Moment) -> Floats:
         phase = TWO_PI * moment.time / (60.0 * self.period_min)
         return along(self.cosine_um, np.cos(phase)) + along(self.sine_um, np.sin(phase))
-
-    @classmethod
-    def draw(cls, by: Draw) -> Self:
-        return cls(cosine_um=by.vector(by.size_um), sine_um=by.vector(by.size_um),
-                   period_min=60 * by.run.duration_h / by.between(3, 12))
 
 
 class HiddenFrameStep(HiddenEffect):
     """Somebody bumped into the table, or the probe was requalified: a step at one time."""
 
     kind: Literal['frame_step'] = 'frame_step'
-    step_um: Vector
-    at_h: NotNegative
+    step_um: SizeVector
+    at_h: TimeInRun
 
     def frame_shift(self, moment: Moment) -> Floats:
         return along(self.step_um, moment.hours >= self.at_h)
-
-    @classmethod
-    def draw(cls, by: Draw) -> Self:
-        return cls(step_um=by.vector(by.size_um), at_h=by.time())
 
 
 class HiddenTableZeroDrift(HiddenEffect):
     """The zero of the angle encoder drifts: rate * t."""
 
     kind: Literal['table_zero_drift'] = 'table_zero_drift'
-    rate_urad_per_h: Number
+    rate_urad_per_h: Annotated[Number, Drawn(lambda by: by.sign() * (by.angle_urad / by.run.duration_h))]
 
     def table_turn(self, moment: Moment) -> Floats:
         return self.rate_urad_per_h * UM * moment.hours
-
-    @classmethod
-    def draw(cls, by: Draw) -> Self:
-        return cls(rate_urad_per_h=by.sign() * (by.angle_urad / by.run.duration_h))
 
 
 class HiddenAxisTiltDrift(HiddenEffect):
     """The bed bends: the table's axis tilts steadily about x and y, rate * t."""
 
     kind: Literal['axis_tilt_drift'] = 'axis_tilt_drift'
-    rate_urad_per_h: Pair
+    rate_urad_per_h: Annotated[Pair, Drawn(lambda by: by.vector(by.angle_urad / by.run.duration_h, axes=2)[:2])]
 
     def axis_tilt(self, moment: Moment) -> Floats:
         return along((*self.rate_urad_per_h, 0.0), moment.hours)
-
-    @classmethod
-    def draw(cls, by: Draw) -> Self:
-        return cls(rate_urad_per_h=by.vector(by.angle_urad / by.run.duration_h, axes=2)[:2])
 
 
 class HiddenTableBacklash(HiddenEffect):
     """The table stops elsewhere when it comes from the other side: half the width in the sense of the last move."""
 
     kind: Literal['table_backlash'] = 'table_backlash'
-    width_urad: Number
+    width_urad: Annotated[Number, Drawn(lambda by: by.sign() * by.angle_urad)]
 
     def table_turn(self, moment: Moment) -> Floats:
         return np.multiply(0.5 * self.width_urad * UM, moment.approach)
-
-    @classmethod
-    def draw(cls, by: Draw) -> Self:
-        return cls(width_urad=by.sign() * by.angle_urad)
 
 
 class HiddenAsynchronousMotion(HiddenEffect):
@@ -171,50 +140,37 @@ class HiddenTableWarmup(HiddenEffect):
     """The bearing warms as it turns, in either sense, and lifts: growth * (1 - exp(-turned / scale))."""
 
     kind: Literal['table_warmup'] = 'table_warmup'
-    growth_um: Number
-    scale_turns: Positive
+    growth_um: Annotated[Number, Drawn(lambda by: by.sign() * by.size_um)]
+    scale_turns: Annotated[Positive, Drawn(lambda by: by.run.balls * by.between(0.1, 0.5))]
 
     def table_shift(self, moment: Moment) -> Floats:
         turns = moment.turned / TWO_PI
         return along((0.0, 0.0, self.growth_um), -np.expm1(-turns / self.scale_turns))
-
-    @classmethod
-    def draw(cls, by: Draw) -> Self:
-        """Draw one that settles within a tenth to half of a diagonal run."""
-        return cls(growth_um=by.sign() * by.size_um, scale_turns=by.run.balls * by.between(0.1, 0.5))
 
 
 class HiddenPlateCreep(HiddenEffect):
     """The clamping lets the plate slide steadily: rate * t."""
 
     kind: Literal['plate_creep'] = 'plate_creep'
-    rate_um_per_h: Vector
+    rate_um_per_h: Annotated[Vector, Drawn(lambda by: by.vector(by.size_um / by.run.duration_h, axes=2))]
 
     def plate_shift(self, moment: Moment) -> Floats:
         return along(self.rate_um_per_h, moment.hours)
-
-    @classmethod
-    def draw(cls, by: Draw) -> Self:
-        return cls(rate_um_per_h=by.vector(by.size_um / by.run.duration_h, axes=2))
 
 
 class HiddenPlateSlip(HiddenEffect):
     """The plate slips once: a shift, and a turn about the axis, from one time on."""
 
     kind: Literal['plate_slip'] = 'plate_slip'
-    shift_um: Vector
-    turn_urad: Number = 0.0
-    at_h: NotNegative
+    shift_um: PlaneVector
+    turn_urad: Annotated[Number, Drawn(lambda by: by.sign() * 0.5 * by.angle_urad)] = 0.0
+    at_h: TimeInRun
 
     def plate_shift(self, moment: Moment) -> Floats:
         return along(self.shift_um, moment.hours >= self.at_h)
 
     def plate_turn(self, moment: Moment) -> Floats:
         return np.multiply(self.turn_urad * UM, moment.hours >= self.at_h)
-
-    @classmethod
-    def draw(cls, by: Draw) -> Self:
-        return cls(shift_um=by.vector(by.size_um, axes=2), turn_urad=by.sign() * 0.5 * by.angle_urad, at_h=by.time())
 
 
 class HiddenPlateExpansion(HiddenEffect):
@@ -239,33 +195,25 @@ class HiddenPlateWarp(HiddenEffect):
     """The plate warps like a saddle: z grows with cos(order * (beta - phase)) * t."""
 
     kind: Literal['plate_warp'] = 'plate_warp'
-    rate_um_per_h: Number
+    rate_um_per_h: Annotated[Number, Drawn(lambda by: by.size_um / by.run.duration_h)]
     order: Undulations = 2
-    phase_deg: Number = 0.0
+    phase_deg: Annotated[Number, Drawn(lambda by: by.between(0, 180))] = 0.0
 
     def ball_shift(self, moment: Moment) -> Floats:
         shape = np.cos(self.order * (moment.azimuth - np.deg2rad(self.phase_deg)))
         return along((0.0, 0.0, self.rate_um_per_h), shape * moment.hours)
-
-    @classmethod
-    def draw(cls, by: Draw) -> Self:
-        return cls(rate_um_per_h=by.size_um / by.run.duration_h, phase_deg=by.between(0, 180))
 
 
 class HiddenBallSlip(HiddenEffect):
     """One ball comes loose and moves on the plate, from one time on; axes of the turning frame."""
 
     kind: Literal['ball_slip'] = 'ball_slip'
-    ball: BallNumber
-    shift_um: Vector
-    at_h: NotNegative
+    ball: Annotated[BallNumber, Drawn(Draw.ball)]
+    shift_um: Annotated[Vector, Drawn(lambda by: by.vector(by.size_um * np.sqrt(by.run.balls)))]
+    at_h: TimeInRun
 
     def ball_shift(self, moment: Moment) -> Floats:
         return along(self.shift_um, (moment.hours >= self.at_h) & (moment.ball == self.ball))
-
-    @classmethod
-    def draw(cls, by: Draw) -> Self:
-        return cls(ball=by.ball(), shift_um=by.vector(by.size_um * np.sqrt(by.run.balls)), at_h=by.time())
 
 
 class HiddenBallForm(HiddenEffect):
@@ -313,29 +261,21 @@ class HiddenCmmReversal(HiddenEffect):
     """An axis leans to the side it came from: half the value before, half after, in the sense of its last move."""
 
     kind: Literal['cmm_reversal'] = 'cmm_reversal'
-    value_um: Vector
+    value_um: PlaneVector
 
     def probe_shift(self, moment: Moment) -> Floats:
         return 0.5 * UM * np.asarray(self.value_um) * moment.cmm_sense
-
-    @classmethod
-    def draw(cls, by: Draw) -> Self:
-        return cls(value_um=by.vector(by.size_um, axes=2))
 
 
 class HiddenOutlier(HiddenEffect):
     """The reading that is being made at one time is off: something shook."""
 
     kind: Literal['outlier'] = 'outlier'
-    shift_um: Vector
-    at_h: NotNegative
+    shift_um: Annotated[Vector, Drawn(lambda by: by.vector(by.size_um * by.run.balls))]
+    at_h: TimeInRun
 
     def probe_shift(self, moment: Moment) -> Floats:
         return along(self.shift_um, moment.is_made_at(self.at_h))
-
-    @classmethod
-    def draw(cls, by: Draw) -> Self:
-        return cls(shift_um=by.vector(by.size_um * by.run.balls), at_h=by.time())
 
 
 class HiddenTouchDust(HiddenEffect):
@@ -343,18 +283,14 @@ class HiddenTouchDust(HiddenEffect):
 
     is_named: ClassVar[bool] = False
     kind: Literal['touch_dust'] = 'touch_dust'
-    thickness_um: Number
-    touch: Annotated[int, Field(ge=1, description='number of the touch')]
-    at_h: NotNegative
+    # a twentieth of it reaches the centre of a single reading
+    thickness_um: Annotated[Number, Drawn(lambda by: 5 * by.size_um * by.run.balls)]
+    touch: Annotated[int, Field(ge=1, description='number of the touch'), Drawn(lambda by: int(by.rng.integers(1, 21)))]
+    at_h: TimeInRun
 
     def surface(self, moment: Moment, direction: Floats, touches: TouchPattern) -> Floats:
         number = np.arange(1, touches.size + 1)
         return UM * self.thickness_um * (moment.is_made_at(self.at_h) & (number == self.touch))
-
-    @classmethod
-    def draw(cls, by: Draw) -> Self:
-        """Draw one; a twentieth of it reaches the centre of a single reading."""
-        return cls(thickness_um=5 * by.size_um * by.run.balls, touch=int(by.rng.integers(1, 21)), at_h=by.time())
 
 
 class HiddenBedRipple(HiddenEffect):
@@ -362,16 +298,12 @@ class HiddenBedRipple(HiddenEffect):
 
     is_named: ClassVar[bool] = False
     kind: Literal['bed_ripple'] = 'bed_ripple'
-    rate_um_per_h: Number
+    rate_um_per_h: Annotated[Number, Drawn(lambda by: by.size_um / by.run.duration_h)]
     order: Undulations = 3
 
     def frame_shift(self, moment: Moment) -> Floats:
         shape = np.cos(self.order * (moment.angle + moment.azimuth))
         return along((0.0, 0.0, self.rate_um_per_h), shape * moment.hours)
-
-    @classmethod
-    def draw(cls, by: Draw) -> Self:
-        return cls(rate_um_per_h=by.size_um / by.run.duration_h)
 
 
 class HiddenFrameAcceleration(HiddenEffect):
@@ -379,14 +311,10 @@ class HiddenFrameAcceleration(HiddenEffect):
 
     is_named: ClassVar[bool] = False
     kind: Literal['frame_acceleration'] = 'frame_acceleration'
-    acceleration_um_per_h2: Vector
+    acceleration_um_per_h2: Annotated[Vector, Drawn(lambda by: by.vector(by.size_um / by.run.duration_h**2))]
 
     def frame_shift(self, moment: Moment) -> Floats:
         return along(self.acceleration_um_per_h2, moment.hours**2)
-
-    @classmethod
-    def draw(cls, by: Draw) -> Self:
-        return cls(acceleration_um_per_h2=by.vector(by.size_um / by.run.duration_h**2))
 
 
 class HiddenUnevenNoise(HiddenEffect):
@@ -394,18 +322,12 @@ class HiddenUnevenNoise(HiddenEffect):
 
     is_named: ClassVar[bool] = False
     kind: Literal['uneven_noise'] = 'uneven_noise'
-    excess: NotNegative
-    at_deg: Number = 0.0
+    excess: Annotated[NotNegative, Drawn(lambda by: min(by.size_um / by.run.scale_um, 3.0))]
+    at_deg: Annotated[Number, Drawn(lambda by: by.between(0, 360))] = 0.0
 
     def noise_factor(self, moment: Moment) -> Floats:
         alpha = (moment.angle + moment.azimuth) % TWO_PI
         return 1.0 + 0.5 * self.excess * (1.0 + np.cos(alpha - np.deg2rad(self.at_deg)))
-
-    @classmethod
-    def draw(cls, by: Draw) -> Self:
-        """Draw one whose excess is the size in units of the repeatability, at most threefold."""
-        sigma = by.run.sigma_um if by.run.sigma_um > 0 else 0.1
-        return cls(excess=min(by.size_um / sigma, 3.0), at_deg=by.between(0, 360))
 
 
 KINDS = {effect.model_fields['kind'].default: effect for effect in HiddenEffect.__subclasses__()}
