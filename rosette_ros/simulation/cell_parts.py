@@ -13,8 +13,9 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from rosette_ros.core.geometry import TWO_PI, Frame, nominal_angles, rotate_z, rotation_matrix
-from rosette_ros.core.records import Bools, Floats, Ints
+from rosette_ros.core.geometry import TWO_PI, Frame, rotate_z, rotation_matrix
+from rosette_ros.core.records import Floats, Ints
+from rosette_ros.core.scheme import nominal_places
 from rosette_ros.simulation.random_streams import part_generator
 from rosette_ros.simulation.setting_types import NotNegative, Number, Positive, Settings, Share
 
@@ -42,17 +43,27 @@ class ClampingSettings(Settings):
         0.0, description='whole ball pitches: the plate was put on turned, the ball next to +x is counted as ball 1')
 
 
-@dataclass(frozen=True, eq=False)
 class BallPlate:
-    """A rigid plate on the table.
+    """A rigid plate as it was clamped on the table.
 
     balls: (n, 3) ball centres in the plate's own frame, in the order in which the operator counts them, m; attitude:
     (3, 3) as it was clamped; shift: (3,) of the plate's centre on the table, m.
     """
 
-    balls: Floats
-    attitude: Floats
-    shift: Floats
+    def __init__(self, settings: PlateSettings, clamping: ClampingSettings, seed: int) -> None:
+        n = settings.balls
+        own = 1e-6 * settings.deviation_um * part_generator(seed, 'plate').standard_normal((n, 3))
+        # The plate was put on turned by whole pitches: its ball m is now counted as ball m + pitches.
+        pitches = round(clamping.plate_turn_deg * n / 360)
+        deviation = rotate_z(TWO_PI * pitches / n, np.roll(own, pitches, axis=0))
+        # Clamped again, it lies elsewhere by the same amounts.
+        rng = part_generator(seed, f'clamping {pitches % n}')
+        aside, tilted = rng.uniform(0, TWO_PI, 2)
+        tilt = 1e-3 * clamping.tilt_mrad * np.array([np.cos(tilted), np.sin(tilted), 0.0])
+        off = clamping.eccentricity_mm
+        self.balls = nominal_places(n, settings.circle_radius_mm * 1e-3, 1, np.arange(1, n + 1)) + deviation
+        self.attitude = rotation_matrix(tilt) @ rotation_matrix([0.0, 0.0, 1e-3 * clamping.turn_mrad])
+        self.shift = 1e-3 * np.array([off * np.cos(aside), off * np.sin(aside), clamping.height_mm])
 
     def on_table(self, ball: Ints, growth: Floats | float = 0.0) -> Floats:
         """Return the centres of balls (N, 1), one-based, in the table's turning frame, (N, 1 or Q, 3), m.
@@ -63,29 +74,6 @@ class BallPlate:
         if isinstance(growth, np.ndarray):
             centre = centre + growth[..., None] * (centre * np.array([1.0, 1.0, 0.0]))
         return centre @ self.attitude.T + self.shift
-
-
-def nominal_balls(n: int, radius: float) -> Floats:
-    """Return the nominal ball centres b_j at table angle 0, (n, 3), m."""
-    beta = nominal_angles(n)
-    return radius * np.stack([np.cos(beta), np.sin(beta), np.zeros(n)], axis=-1)
-
-
-def build_plate(settings: PlateSettings, clamping: ClampingSettings, seed: int) -> BallPlate:
-    """Return the plate as it was clamped on the table."""
-    n = settings.balls
-    own = 1e-6 * settings.deviation_um * part_generator(seed, 'plate').standard_normal((n, 3))
-    # The plate was put on turned by whole pitches: its ball m is now counted as ball m + pitches.
-    pitches = round(clamping.plate_turn_deg * n / 360)
-    deviation = rotate_z(TWO_PI * pitches / n, np.roll(own, pitches, axis=0))
-    # Clamped again, it lies elsewhere by the same amounts.
-    rng = part_generator(seed, f'clamping {pitches % n}')
-    aside, tilted = rng.uniform(0, TWO_PI, 2)
-    tilt = 1e-3 * clamping.tilt_mrad * np.array([np.cos(tilted), np.sin(tilted), 0.0])
-    attitude = rotation_matrix(tilt) @ rotation_matrix([0.0, 0.0, 1e-3 * clamping.turn_mrad])
-    off = clamping.eccentricity_mm
-    shift = 1e-3 * np.array([off * np.cos(aside), off * np.sin(aside), clamping.height_mm])
-    return BallPlate(nominal_balls(n, settings.circle_radius_mm * 1e-3) + deviation, attitude, shift)
 
 
 class TableSettings(Settings):
@@ -118,13 +106,25 @@ class PeriodicCurves:
         return np.cos(phase) @ self.cosine + np.sin(phase) @ self.sine
 
 
-@dataclass(frozen=True, eq=False)
 class RotaryTable:
     """A table with what its corrections leave (`residual`) and what they take out (`maker`)."""
 
-    residual: PeriodicCurves
-    maker: PeriodicCurves
-    switched_off: Bools
+    def __init__(self, settings: TableSettings, seed: int) -> None:
+        rng = part_generator(seed, 'table')
+        smooth = np.arange(1, settings.harmonics + 1)
+        peaks = 1e-6 * np.array([settings.translation_um] * 3 + [settings.rotation_urad] * 3)
+        maker_peaks = 1e-6 * np.array([0, 0, settings.axial_raw_um, 0, 0, settings.angular_raw_urad])
+        residual, self.maker = _drawn_curves(rng, smooth, peaks), _drawn_curves(rng, smooth, maker_peaks)
+        if settings.fine_orders:
+            orders = np.array(settings.fine_orders)
+            phase = part_generator(seed, 'fine').uniform(0, TWO_PI, (orders.size, 6))
+            size = settings.fine_share * peaks
+            residual = PeriodicCurves(np.concatenate([residual.orders, orders]),
+                                      np.concatenate([residual.cosine, size * np.cos(phase)]),
+                                      np.concatenate([residual.sine, size * np.sin(phase)]))
+        self.residual = residual
+        off = [False, False, not settings.axial_correction, False, False, not settings.angular_correction]
+        self.switched_off = np.array(off)
 
     def error(self, angle: Floats) -> Floats:
         """Return (ctx, cty, ctz, crx, cry, crz) of the table as it is set, (..., 6)."""
@@ -143,24 +143,6 @@ class RotaryTable:
         shift = error[:, :3] @ between.rotation.T + between.origin - body @ between.origin
         tilt = _rotation_vector(body @ np.swapaxes(nominal, 1, 2))
         return np.concatenate([shift, tilt], axis=1)
-
-
-def build_table(settings: TableSettings, seed: int) -> RotaryTable:
-    """Return a table with six smooth curves of the peaks configured."""
-    rng = part_generator(seed, 'table')
-    smooth = np.arange(1, settings.harmonics + 1)
-    peaks = 1e-6 * np.array([settings.translation_um] * 3 + [settings.rotation_urad] * 3)
-    maker_peaks = 1e-6 * np.array([0, 0, settings.axial_raw_um, 0, 0, settings.angular_raw_urad])
-    residual, maker = _drawn_curves(rng, smooth, peaks), _drawn_curves(rng, smooth, maker_peaks)
-    if settings.fine_orders:
-        orders = np.array(settings.fine_orders)
-        phase = part_generator(seed, 'fine').uniform(0, TWO_PI, (orders.size, 6))
-        size = settings.fine_share * peaks
-        residual = PeriodicCurves(np.concatenate([residual.orders, orders]),
-                                  np.concatenate([residual.cosine, size * np.cos(phase)]),
-                                  np.concatenate([residual.sine, size * np.sin(phase)]))
-    off = [False, False, not settings.axial_correction, False, False, not settings.angular_correction]
-    return RotaryTable(residual, maker, np.array(off))
 
 
 def _drawn_curves(rng: np.random.Generator, orders: Ints, peaks: Floats) -> PeriodicCurves:
@@ -183,9 +165,8 @@ class CmmSettings(Settings):
     reversal_deadband_mm: Positive = Field(1.0, description='a shorter move of an axis does not change its side')
 
 
-@dataclass(frozen=True, eq=False)
 class VolumetricErrors:
-    """What the CMM shows beside the true coordinates.
+    """What a CMM of three linear axes shows beside the true coordinates, around the table's origin (3,), m.
 
         e(p) = linear d + bow q(u) + wave sin(pi u + phase),  d = p - centre,  u = d / half
 
@@ -194,12 +175,16 @@ class VolumetricErrors:
     axis) and uneven scales on them.
     """
 
-    centre: Floats
-    half: float
-    linear: Floats
-    bow: Floats
-    wave: Floats
-    phase: Floats
+    def __init__(self, settings: CmmSettings, origin: Floats, seed: int) -> None:
+        rng = part_generator(seed, 'cmm')
+        share = settings.residual_share if settings.correction else 1.0
+        drawn = rng.uniform(0.5, 1.0, (3, 3, 3)) * rng.choice([-1.0, 1.0], (3, 3, 3))
+        scale = np.diag(settings.scale_ppm * np.diag(drawn[0]))
+        straight = 1e-6 * settings.straightness_um * drawn[1:]
+        self.centre, self.half = origin, 0.5e-3 * settings.volume_mm
+        self.linear = share * (1e-6 * (scale + np.triu(settings.squareness_urad * drawn[0], 1)))
+        self.bow, self.wave = share * straight[0], share * 0.5 * straight[1]
+        self.phase = rng.uniform(0, TWO_PI, 3)
 
     def error(self, point: Floats) -> Floats:
         """Return the error at true points (..., 3) in the machine frame, (..., 3), m."""
@@ -207,17 +192,6 @@ class VolumetricErrors:
         unit = off / self.half
         return (off @ self.linear.T + (unit * unit - 1 / 3) @ self.bow.T
                 + np.sin(np.pi * unit + self.phase) @ self.wave.T)
-
-
-def build_cmm(settings: CmmSettings, origin: Floats, seed: int) -> VolumetricErrors:
-    """Return the errors of three linear axes around the table's origin (3,), m."""
-    rng = part_generator(seed, 'cmm')
-    share = settings.residual_share if settings.correction else 1.0
-    drawn = rng.uniform(0.5, 1.0, (3, 3, 3)) * rng.choice([-1.0, 1.0], (3, 3, 3))
-    linear = 1e-6 * (np.diag(settings.scale_ppm * np.diag(drawn[0])) + np.triu(settings.squareness_urad * drawn[0], 1))
-    straight = 1e-6 * settings.straightness_um * drawn[1:]
-    return VolumetricErrors(origin, 0.5e-3 * settings.volume_mm, share * linear, share * straight[0],
-                            share * 0.5 * straight[1], rng.uniform(0, TWO_PI, 3))
 
 
 class ClimateSettings(Settings):
@@ -231,15 +205,14 @@ class ClimateSettings(Settings):
     sensor_K: NotNegative = Field(0.002, description='sd of the thermometer')
 
 
-@dataclass(frozen=True, eq=False)
 class Climate:
     """Temperature at the plate: start, °C; rate, K/s; amplitude [K], pace [rad/s], phase [rad] of day and cooling."""
 
-    start: float
-    rate: float
-    amplitude: Floats
-    pace: Floats
-    phase: Floats
+    def __init__(self, settings: ClimateSettings, seed: int) -> None:
+        self.start, self.rate = settings.start_degC, settings.drift_K_per_h / 3600.0
+        self.amplitude = np.array([settings.daily_K, settings.cycle_K])
+        self.pace = TWO_PI / np.array([86400.0, 60.0 * settings.cycle_min])
+        self.phase = part_generator(seed, 'climate').uniform(0, TWO_PI, 2)
 
     def warming(self, time: Floats) -> Floats:
         """Return the temperature relative to power-on at times (...) [s], same shape, K."""
@@ -247,13 +220,6 @@ class Climate:
         for amplitude, pace, phase in zip(self.amplitude, self.pace, self.phase, strict=True):
             warming = warming + amplitude * (np.sin(pace * time + phase) - np.sin(phase))
         return warming
-
-
-def build_climate(settings: ClimateSettings, seed: int) -> Climate:
-    """Return the temperature at the plate: slow drift, the day, the air conditioning."""
-    return Climate(settings.start_degC, settings.drift_K_per_h / 3600.0, np.array([settings.daily_K, settings.cycle_K]),
-                   TWO_PI / np.array([86400.0, 60.0 * settings.cycle_min]),
-                   part_generator(seed, 'climate').uniform(0, TWO_PI, 2))
 
 
 def frame_between(true: Frame, frame: Frame) -> Frame:

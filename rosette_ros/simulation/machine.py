@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from rosette_ros.core.errors import InvalidPlan
 from rosette_ros.core.geometry import TWO_PI, Frame, nominal_angles, rotate_z, rotation_matrix, table_frame
 from rosette_ros.core.records import Floats, Ints, Run
-from rosette_ros.core.scheme import Scheme
+from rosette_ros.core.scheme import Scheme, nominal_places
 from rosette_ros.simulation import cell_parts, probing
 from rosette_ros.simulation.hidden import Situation, acting, draw_hidden
 from rosette_ros.simulation.machine_config import MachineConfig
@@ -39,18 +39,17 @@ class Machine:
         rough = 1e-3 * np.array(config.placement.origin_mm)
         self.rough_frame = Frame(np.eye(3), rough)
         self.true_frame = _true_frame(config, rough)
-        self.table = cell_parts.build_table(config.table, config.seed)
-        self.plate = cell_parts.build_plate(config.plate, config.clamping, config.seed)
-        self.cmm = cell_parts.build_cmm(config.cmm, rough, config.seed)
-        self.climate = cell_parts.build_climate(config.climate, config.seed)
-        self.pattern = probing.build_pattern(config.probing, 1e-3 * config.plate.ball_radius_mm)
-        self.touch_noise, self.position_noise = probing.noise_sizes(config.probing, self.pattern)
+        self.table = cell_parts.RotaryTable(config.table, config.seed)
+        self.plate = cell_parts.BallPlate(config.plate, config.clamping, config.seed)
+        self.cmm = cell_parts.VolumetricErrors(config.cmm, rough, config.seed)
+        self.climate = cell_parts.Climate(config.climate, config.seed)
+        self.pattern = probing.TouchPattern(config.probing, 1e-3 * config.plate.ball_radius_mm)
         self.hidden = config.hidden
         if config.hidden_draw is not None:
             self.hidden += draw_hidden(config.hidden_draw, _expected_situation(config, self.pattern.size))
         self._acting = acting(self.hidden)
         self._angles = nominal_angles(self.n)
-        self._nominal = cell_parts.nominal_balls(self.n, self.radius)
+        self._nominal = nominal_places(self.n, self.radius, 1, np.arange(1, self.n + 1))
         self.state = state or MachineState(0.0, 0, 0, 0, 0.0, self.rough_frame.to_outer(self._nominal[0]),
                                          np.zeros(3), 0)
 
@@ -215,11 +214,11 @@ class Machine:
         factor = np.ones((1, 1))
         for act in self._acting['noise_factor']:
             factor = factor * act(moment)
-        touch = way + factor * (self.touch_noise * draws[:, :pattern.size])
+        touch = way + factor * (pattern.touch_noise * draws[:, :pattern.size])
         point = aim + touch[..., None] * direction
         point = point + self.cmm.error(point) + self._sum('probe_shift', moment)
         found, form = probing.fit_spheres(point)
-        return found + factor * (self.position_noise * draws[:, -3:]), form
+        return found + factor * (pattern.position_noise * draws[:, -3:]), form
 
 
 def _refuse_far(moment: Moment, off: Floats, reach: float) -> None:

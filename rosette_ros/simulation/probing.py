@@ -79,18 +79,29 @@ class ProbingSettings(Settings):
     tip_radius_mm: Positive = 2.5
 
 
-@dataclass(frozen=True, eq=False)
 class TouchPattern:
-    """Where a ball is touched.
+    """Where a ball is touched, and how well.
 
     direction: (Q, 3) unit vectors from its centre, in the order of touching, top circle first; points_per_circle:
-    evenly spaced from +x; radius: of the ball, tip: of the probe's tip, m.
+    evenly spaced from +x; radius: of the ball, tip: of the probe's tip, m; touch_noise: sd of a touch along its normal,
+    position_noise: (3,) sd of the CMM per axis and ball, m.
+
+    They make every coordinate of a ball centre repeat alike: repeatability^2 = (factor_axis * touch)^2 +
+    position_axis^2. The touches take `touch_share` of the worst coordinate, the positioning of the CMM the rest.
     """
 
-    direction: Floats
-    points_per_circle: int
-    radius: float
-    tip: float
+    def __init__(self, settings: ProbingSettings, ball_radius: float) -> None:
+        heights = np.linspace(1 - 1e-3 * settings.below_pole_mm / ball_radius,
+                              -1e-3 * settings.below_equator_mm / ball_radius, settings.circles)
+        azimuth = TWO_PI * np.arange(settings.points_per_circle) / settings.points_per_circle
+        height, azimuth = (grid.ravel() for grid in np.meshgrid(heights, azimuth, indexing='ij'))
+        around = np.sqrt(1 - height**2)
+        self.direction: Floats = np.stack([around * np.cos(azimuth), around * np.sin(azimuth), height], axis=-1)
+        self.points_per_circle, self.radius = settings.points_per_circle, ball_radius
+        self.tip, total = 1e-3 * settings.tip_radius_mm, 1e-6 * settings.repeatability_um
+        self.touch_noise = settings.touch_share * total / self.centre_factors.max()
+        left = total**2 - (self.centre_factors * self.touch_noise)**2
+        self.position_noise = np.sqrt(np.maximum(left, 0.0))
 
     @property
     def size(self) -> int:
@@ -105,29 +116,6 @@ class TouchPattern:
         """
         rows = np.column_stack([self.direction, np.ones(self.size)])
         return np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))[:3]
-
-
-def build_pattern(settings: ProbingSettings, ball_radius: float) -> TouchPattern:
-    """Return the touches on a ball of that radius [m]."""
-    heights = np.linspace(1 - 1e-3 * settings.below_pole_mm / ball_radius,
-                          -1e-3 * settings.below_equator_mm / ball_radius, settings.circles)
-    azimuth = TWO_PI * np.arange(settings.points_per_circle) / settings.points_per_circle
-    height, azimuth = (grid.ravel() for grid in np.meshgrid(heights, azimuth, indexing='ij'))
-    around = np.sqrt(1 - height**2)
-    direction = np.stack([around * np.cos(azimuth), around * np.sin(azimuth), height], axis=-1)
-    return TouchPattern(direction, settings.points_per_circle, ball_radius, 1e-3 * settings.tip_radius_mm)
-
-
-def noise_sizes(settings: ProbingSettings, pattern: TouchPattern) -> tuple[float, Floats]:
-    """Return the sd of a touch along its normal, and of the CMM per axis and ball, (3,), m.
-
-    They make every coordinate of a ball centre repeat alike: repeatability^2 = (factor_axis * touch)^2 +
-    position_axis^2. The touches take `touch_share` of the worst coordinate, the positioning of the CMM the rest.
-    """
-    total = 1e-6 * settings.repeatability_um
-    touch = settings.touch_share * total / pattern.centre_factors.max()
-    left = total**2 - (pattern.centre_factors * touch)**2
-    return touch, np.sqrt(np.maximum(left, 0.0))
 
 
 def contact(aim: Floats, direction: Floats, centre: Floats, reach: Floats | float) -> Floats:

@@ -17,7 +17,7 @@ from rosette_ros.core.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.simulation.hidden import KINDS, NAMED, Draw, HiddenEffect, Situation
 from rosette_ros.simulation.hidden.hidden_kinds import HiddenBallForm
-from rosette_ros.simulation.probing import ProbingSettings, build_pattern
+from rosette_ros.simulation.probing import ProbingSettings, TouchPattern
 
 R = 0.1825
 SECOND_ORDER = 2e-11
@@ -215,7 +215,7 @@ def test_lobes_are_a_surface_that_turns_with_the_ball(order, turn, azimuth, heig
     """What touches can see of lobes is a function of the place on the ball alone."""
     direction, lobes = order
     effect = HiddenBallForm(ball=1, order=lobes, centre_um=1.0, direction=direction, phase_deg=33)
-    touches = build_pattern(ProbingSettings(), 7.5e-3)
+    touches = TouchPattern(ProbingSettings(), 7.5e-3)
 
     class Turned:
         ball = np.array([[1]])

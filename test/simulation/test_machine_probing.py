@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from rosette_ros.core.geometry import rotate_z
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.simulation.machine import rotated
-from rosette_ros.simulation.probing import ProbingSettings, build_pattern, contact, fit_spheres
+from rosette_ros.simulation.probing import ProbingSettings, TouchPattern, contact, fit_spheres
 from rosette_ros.simulation.random_streams import standard_normal
 
 small = st.floats(-3, 3)
@@ -21,7 +21,7 @@ vectors = st.tuples(small, small, small).map(np.array)
 
 def test_touches_are_those_of_the_paper():
     """20 touches, 5 circles of 4; top 1 mm below the pole, lowest 1 mm below the equator."""
-    direction = build_pattern(ProbingSettings(), 7.5e-3).direction
+    direction = TouchPattern(ProbingSettings(), 7.5e-3).direction
     height = 7.5 * direction[:, 2].reshape(5, 4)
     assert direction.shape == (20, 3)
     assert np.abs(np.linalg.norm(direction, axis=1) - 1).max() < 1e-15
@@ -33,7 +33,7 @@ def test_touches_are_those_of_the_paper():
 @given(centre=vectors, radius=st.floats(0.5, 50), off=vectors)
 def test_sphere_fit_finds_any_sphere(centre, radius, off):
     """Touches on a sphere give its centre back, wherever the aim was."""
-    direction = build_pattern(ProbingSettings(), 7.5e-3).direction
+    direction = TouchPattern(ProbingSettings(), 7.5e-3).direction
     aim = (centre + 0.05 * radius * off / 3)[None, None]
     way = contact(aim, direction, centre[None, None], radius)
     found, form = fit_spheres(aim + way[..., None] * direction)
@@ -45,7 +45,7 @@ def test_sphere_fit_finds_any_sphere(centre, radius, off):
 def test_sphere_fit_is_the_geometric_least_squares(noise):
     """Centre and form error agree with scipy's minimiser, for 0.1 and for 10 um of form."""
     rng = np.random.default_rng(4)
-    direction = build_pattern(ProbingSettings(), 7.5e-3).direction
+    direction = TouchPattern(ProbingSettings(), 7.5e-3).direction
     points = (1e-2 + noise * rng.standard_normal((30, 20, 1))) * direction
     found, form = fit_spheres(points)
     for k in range(30):
@@ -66,7 +66,7 @@ def test_sphere_fit_is_the_geometric_least_squares(noise):
 def test_sphere_fit_has_converged():
     """At the centre found the gradient of the sum of squares is zero to rounding."""
     rng = np.random.default_rng(5)
-    direction = build_pattern(ProbingSettings(), 7.5e-3).direction
+    direction = TouchPattern(ProbingSettings(), 7.5e-3).direction
     points = (1e-2 + 2e-6 * rng.standard_normal((200, 20, 1))) * direction
     off = points - fit_spheres(points)[0][:, None]
     distance = np.linalg.norm(off, axis=-1, keepdims=True)
@@ -112,7 +112,7 @@ def test_shares_of_touches_and_positioning(share):
 def test_centre_factors_of_touches_alone():
     """Touches alone scatter the centre by the linear problem: z worse than x and y."""
     rng = np.random.default_rng(6)
-    pattern = build_pattern(ProbingSettings(), 7.5e-3)
+    pattern = TouchPattern(ProbingSettings(), 7.5e-3)
     points = (1e-2 + 1e-8 * rng.standard_normal((20000, 20, 1))) * pattern.direction
     factors = fit_spheres(points)[0].std(axis=0) / 1e-8
     assert factors == pytest.approx(pattern.centre_factors, rel=0.025)
