@@ -104,7 +104,7 @@ FIELDS = {'order': 'order', 'balls': 'plate.balls', 'radius': 'plate.radius_m', 
           'repeats': 'repeats', 'drift_check': 'drift_check', 'attempts': 'limits.attempts', 'skips': 'limits.skips',
           'resume': 'resume'}
 """Fields of a goal by the setting that each changes."""
-_NONE: dict[str, dict[int, Value]] = {'repeats': {-1: 0}, 'skips': {-1: 0}, 'drift_check': {-1: False, 1: True}}
+NONE: dict[str, dict[int, Value]] = {'repeats': {-1: 0}, 'skips': {-1: 0}, 'drift_check': {-1: False, 1: True}}
 """What the constants of Calibrate.action stand for."""
 
 
@@ -115,7 +115,7 @@ def goal_changes(goal: Any) -> dict[str, Value]:
     for field, name in FIELDS.items():
         value = getattr(goal, field)
         if value:
-            changes[name] = known[name].check(_NONE.get(field, {}).get(value, value), 'goal')
+            changes[name] = known[name].check(NONE.get(field, {}).get(value, value), 'goal')
     if goal.order or goal.seed:
         changes['seed'] = known['seed'].check(goal.seed, 'goal')
     options = parse_options(goal.options)

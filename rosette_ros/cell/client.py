@@ -24,6 +24,7 @@ from rosette_msgs.action import Calibrate
 from rosette_msgs.msg import CalibrationEvent, Diagnosis, RunState
 
 from rosette_ros import program
+from rosette_ros.calibration.settings import NONE
 from rosette_ros.cell.supervisor import added_environment
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.errors import CellError, plain
@@ -135,15 +136,13 @@ class CellClient:
             self, order: str = '', seed: int = 0, options: str = '',
             on_progress: Callable[[CalibrationProgress], object] | None = None,
             check: Callable[[], object] | None = None, timeout: float | None = None, resume: str = '', *,
-            balls: int = 0, radius: float = 0.0, turning: str = '', repeats: int | None = None,
-            drift_check: bool | None = None, attempts: int = 0, skips: int | None = None,
-            on_warning: Callable[[str], object] | None = None) -> CalibrationOutcome:
+            on_warning: Callable[[str], object] | None = None, **fields: Any) -> CalibrationOutcome:
         """Run a calibration to its end and return its CalibrationOutcome.
 
-        The fields of the goal are those of Calibrate.action; '', 0 or None: as configured, and a new run where `resume`
-        is empty; radius: m. check: called now and then, may raise (a cell's own check); timeout: s, after which the
-        calibration is cancelled. KeyboardInterrupt cancels it and waits for its clean end. on_warning:
-        gets what the nodes of the cell warn of.
+        order, seed, options, resume: of the goal, as configured where empty; fields: its others, as in
+        Calibrate.action; None: as configured, 0 or False: none at all. check: called now and then, may raise (a cell's
+        own check); timeout: s, after which the calibration is cancelled. KeyboardInterrupt cancels it and waits for its
+        clean end. on_warning: gets what the nodes of the cell warn of.
 
         Raises CellError where the sequencer is not there, refuses, or is disconnected."""
         self.wait()
@@ -154,10 +153,9 @@ class CellClient:
             if on_progress and message.feedback.state.phase in list(Phase):
                 on_progress(progress_of(message.feedback.state))
 
-        goal = Calibrate.Goal(
-            order=order, seed=seed, options=options, balls=balls, radius=float(radius), turning=turning,
-            attempts=attempts, resume=resume, repeats=_count(repeats), skips=_count(skips),
-            drift_check=_count(drift_check))
+        given = {name: Calibrate.Goal.NONE if name in NONE and not value else value for name, value in fields.items()
+                 if value is not None}  # Goal.NONE and Goal.NO are the same number
+        goal = Calibrate.Goal(order=order, seed=seed, options=options, resume=resume, **given)
         handle = self._await(self._action.send_goal_async(goal, feedback_callback=on_feedback),
                              RESUME_TIMEOUT if resume else 10.0, check)
         if not handle.accepted:
@@ -239,11 +237,6 @@ class CellClient:
             self._rejections.append(plain(event.text, most=2000))
         elif event.kind == CalibrationEvent.ACCEPTED:
             self._run_id = plain(event.run_id)
-
-
-def _count(number: int | None) -> int:
-    """Return the field of a goal for a number that may be 0 or a choice: NONE and NO are the same number."""
-    return 0 if number is None else int(number) or Calibrate.Goal.NONE
 
 
 def outcome_of(response: Any) -> CalibrationOutcome:

@@ -10,16 +10,18 @@ from typing import Any
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 
-from rosette_ros.calibration.settings import OPTIONS
+from rosette_ros.calibration.settings import FIELDS, LIMITS, OPTIONS, PLATE, RUN
 from rosette_ros.cell.client import CalibrationOutcome, CellClient
 from rosette_ros.cli.arguments import UsageError, add_shared, positive, whole
 from rosette_ros.cli.console import console, print_parts, print_verdict
 from rosette_ros.core.errors import CellError
-from rosette_ros.core.scheme import ORDERS, TURNINGS
+from rosette_ros.core.scheme import ORDERS
 from rosette_ros.io.messages import PHASE_WORDS, CalibrationProgress
 from rosette_ros.presentation.tables import curves
 
 KEPT = 'what was measured is in'
+AS_CONFIGURED = ('balls', 'turning', 'repeats', 'drift_check', 'attempts', 'skips')
+"""Fields of the goal that are options of the same name: type, range and meaning are those of the setting."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,16 +29,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--order', default='',
                         help=f'one of {", ".join(ORDERS)} (default: as the sequencer is configured)')
     parser.add_argument('--seed', type=whole(0, 2**53), default=0, help='draws the order random')
-    parser.add_argument('--balls', type=whole(3, 1000), default=0, help='number of balls and of table positions')
-    parser.add_argument('--radius-mm', type=positive('mm'), default=0.0, help='nominal radius of the circle of centres')
-    parser.add_argument('--turning', choices=TURNINGS, default='', help='sense in which the table turns')
-    parser.add_argument('--repeats', type=whole(0, 10_000), help='readings of the repeatability check, 0: none')
-    parser.add_argument('--drift-check', action=argparse.BooleanOptionalAction,
-                        help='whether the first ball is measured again after the run')
-    parser.add_argument('--attempts', type=whole(1, 1000), default=0,
-                        help='how often one target is asked before it is given up')
-    parser.add_argument('--skips', type=whole(0, 1000),
-                        help='how many balls of the run may be left out after that, 0: the run fails')
+    parser.add_argument('--radius-mm', type=positive('mm'), help='nominal radius of the circle of ball centres')
+    known = {wanted.name: wanted for wanted in (*PLATE, *RUN, *LIMITS)}
+    for field in AS_CONFIGURED:
+        wanted = known[FIELDS[field]]
+        kind: dict[str, Any] = ({'choices': wanted.choices} if wanted.choices else
+                                {'action': argparse.BooleanOptionalAction} if isinstance(wanted.default, bool) else
+                                {'type': whole(int(wanted.low), int(wanted.high))})
+        parser.add_argument(f'--{field.replace("_", "-")}', help=wanted.text, **kind)
     parser.add_argument('--options', metavar='YAML', default='',
                         help='further options of the goal, such as "limits.answer_timeout_s: 30"; '
                              f'known: {", ".join(one.name for one in OPTIONS)}')
@@ -54,9 +54,9 @@ def run(options: argparse.Namespace) -> None:
         resume = str(Path(resume).resolve())
     with CellClient(options.domain, options.namespace) as client:
         outcome = calibrate(
-            client, order=options.order, seed=options.seed, balls=options.balls, radius=1e-3 * options.radius_mm,
-            turning=options.turning, repeats=options.repeats, drift_check=options.drift_check,
-            attempts=options.attempts, skips=options.skips, options=options.options, resume=resume)
+            client, order=options.order, seed=options.seed, options=options.options, resume=resume,
+            radius=options.radius_mm and 1e-3 * options.radius_mm,
+            **{field: getattr(options, field) for field in AS_CONFIGURED})
     out = console()
     out.print(f'[bold]{escape(outcome.run_id)}[/]')
     print_parts(out, [curves(outcome.error_motions) if outcome.error_motions else None])
