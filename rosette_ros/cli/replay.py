@@ -13,7 +13,6 @@ import numpy as np
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
@@ -25,11 +24,11 @@ from rosette_ros.cli.arguments import add_shared, positive
 from rosette_ros.cli.console import console, rich_table
 from rosette_ros.core.errors import CellError, InvalidData
 from rosette_ros.core.records import ErrorMotions
-from rosette_ros.io.bag_metadata import Qos, TopicSummary
+from rosette_ros.io.bag_metadata import TopicSummary
 from rosette_ros.io.log_reader import LoggedMessage, iter_log, read_log
 from rosette_ros.io.log_run import LogRun
 from rosette_ros.nodes import names
-from rosette_ros.nodes.conversions import error_motions_record
+from rosette_ros.nodes.conversions import error_motions_record, qos_profile
 from rosette_ros.nodes.interfaces import interface_class
 from rosette_ros.presentation.tables import curves
 
@@ -226,20 +225,3 @@ class LogPlayer:
 
 def _last(topic: str) -> str:
     return topic.rpartition('/')[2]
-
-
-def qos_profile(recorded: Sequence[Qos], messages: int) -> QoSProfile:
-    """Return the QoS profile to publish with: the first recorded one, defaults where there is none.
-
-    The queue is as long as there are messages, so that none is dropped before a subscriber has it. Limits in time
-    (deadline, lifespan, lease) are left out: they were promises of a live cell.
-    """
-    qos = recorded[0] if recorded else Qos()
-    return QoSProfile(
-        depth=max(qos.depth, messages, 1),
-        history=HistoryPolicy.KEEP_ALL if qos.history == 'keep_all' else HistoryPolicy.KEEP_LAST,
-        reliability=ReliabilityPolicy.BEST_EFFORT if qos.reliability == 'best_effort' else ReliabilityPolicy.RELIABLE,
-        durability=(DurabilityPolicy.TRANSIENT_LOCAL if qos.durability == 'transient_local' else
-                    DurabilityPolicy.VOLATILE),
-        liveliness=(LivelinessPolicy.MANUAL_BY_TOPIC if qos.liveliness == 'manual_by_topic' else
-                    LivelinessPolicy.AUTOMATIC))

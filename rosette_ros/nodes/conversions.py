@@ -36,6 +36,10 @@ if TYPE_CHECKING:  # what fits models imports scipy, which takes a second
     from rosette_ros.core.model.least_squares import Fit, Parameter
     from rosette_ros.simulation.probing import BallReading
 
+POLICIES = {'history': HistoryPolicy.KEEP_ALL, 'reliability': ReliabilityPolicy.BEST_EFFORT,
+            'durability': DurabilityPolicy.TRANSIENT_LOCAL, 'liveliness': LivelinessPolicy.MANUAL_BY_TOPIC}
+"""Of each policy the value that is not the default of Qos."""
+
 
 def time_message(stamp_ns: int) -> Time:
     """Return a Time message of ns since the epoch, the nearest that there is."""
@@ -92,13 +96,20 @@ def qos_record(profile: QoSProfile) -> Qos:
     """Return the Qos of a publisher's QoSProfile as found on the graph.
 
     History and depth do not travel in discovery: what is unknown becomes "keep last 10"."""
-    return Qos(
-        history='keep_all' if profile.history is HistoryPolicy.KEEP_ALL else 'keep_last', depth=profile.depth or 10,
-        reliability='best_effort' if profile.reliability is ReliabilityPolicy.BEST_EFFORT else 'reliable',
-        durability='transient_local' if profile.durability is DurabilityPolicy.TRANSIENT_LOCAL else 'volatile',
-        deadline=profile.deadline.nanoseconds, lifespan=profile.lifespan.nanoseconds,
-        liveliness='manual_by_topic' if profile.liveliness is LivelinessPolicy.MANUAL_BY_TOPIC else 'automatic',
-        liveliness_lease_duration=profile.liveliness_lease_duration.nanoseconds)
+    words = {name: policy.short_key for name, policy in POLICIES.items() if getattr(profile, name) is policy}
+    return Qos(depth=profile.depth or 10, deadline=profile.deadline.nanoseconds, lifespan=profile.lifespan.nanoseconds,
+               liveliness_lease_duration=profile.liveliness_lease_duration.nanoseconds, **words)
+
+
+def qos_profile(recorded: Sequence[Qos], messages: int) -> QoSProfile:
+    """Return the QoS profile with which a log is published: the first recorded one, defaults where there is none.
+
+    The queue is as long as there are messages, so that none is dropped before a subscriber has it. Limits in time
+    (deadline, lifespan, lease) are left out: they were promises of a live cell."""
+    qos = recorded[0] if recorded else Qos()
+    return QoSProfile(depth=max(qos.depth, messages, 1), **{
+        name: policy if getattr(qos, name) == policy.short_key else type(policy)[getattr(Qos, name).upper()]
+        for name, policy in POLICIES.items()})
 
 
 def fill_answer(message: BallCentre, reading: 'BallReading', stamp: Time, frame_id: str) -> None:

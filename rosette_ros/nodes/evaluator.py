@@ -3,6 +3,7 @@
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import TransformStamped
@@ -248,10 +249,8 @@ def _setting(parameter: Parameter) -> float | str:
     return getattr(value, fields[value.type])
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the evaluator; returns the exit code."""
-    return run_node(names.EVALUATOR, Evaluator, args)
-
+main = partial(run_node, names.EVALUATOR, Evaluator)
+"""Run the node; returns the exit code."""
 
 if __name__ == '__main__':
     sys.exit(main())

@@ -6,7 +6,7 @@ import re
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -75,6 +75,8 @@ TOPICS = (
         (names.CANCEL_CALIBRATION, 'std_srvs/srv/Trigger_Event'),
         (names.START_RECORDING, 'rosette_msgs/srv/StartRecording_Event'))))
 """What a cell publishes; other topics in its namespace are found on the graph."""
+HANDLED = (RunState, Heartbeat, *(interface_class(type_name) for _, type_name in REQUESTS))
+"""What means something for the recorder itself."""
 
 _RUN_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]{0,127}')
 
@@ -99,9 +101,7 @@ class Recorder(CellNode):
         self._processes: dict[str, str] = {}
         self._subscribed: dict[str, Subscription] = {}
         self._clock_topic, self._rosout_topic = map(self.resolve_topic_name, (names.CLOCK, names.ROSOUT))
-        self._kinds = {self.resolve_topic_name(topic.name): kind for topic in TOPICS
-                       if (kind := interface_class(topic.type_name)) in RunContents.KINDS}
-        self._handlers = self._make_handlers()
+        self._kinds = {self.resolve_topic_name(topic.name): interface_class(topic.type_name) for topic in TOPICS}
         for topic in TOPICS:
             self._record(topic.name, topic.type_name, topic.retention, topic.profile)
         self.sender(names.RUN_STATE).on_change = self._on_restart
@@ -111,15 +111,6 @@ class Recorder(CellNode):
         introspected_service(self, StopRecording, names.STOP_RECORDING, self._on_stop)
         self.create_service(Recall, names.RECALL, self._on_recall)
         self.create_service(Recorded, names.RECORDED, self._on_recorded)
-
-    def _make_handlers(self) -> dict[str, tuple[type, Callable[[Any], None]]]:
-        """Return class and handler of the messages that mean something for the recorder itself, by topic."""
-        handlers: dict[str, Callable[[Any], None]] = {
-            names.RUN_STATE: self._on_state,
-            **{request + names.SERVICE_EVENT: self._on_request for request, _ in REQUESTS},
-            **{f'{node}/{names.ALIVE}': partial(self._on_heartbeat, node) for node in names.NODES}}
-        return {self.resolve_topic_name(topic.name): (interface_class(topic.type_name), handlers[topic.name])
-                for topic in TOPICS if topic.name in handlers}
 
     def _record(self, name: str, type_name: str, retention: Retention, profile: QoSProfile) -> None:
         topic = self.resolve_topic_name(name)
@@ -136,16 +127,20 @@ class Recorder(CellNode):
             log_time = self._simulated_now if self._is_simulated and self._simulated_now else time.time_ns()
             message = Message(topic, data, log_time, log_time, self.seconds())
             is_in_log = self._session.take(message) or (self._replace_damaged() and self._session.take(message))
-            if is_in_log and topic in self._kinds:
-                self._contents.receive(self._kinds[topic], message)
-            if topic in self._handlers:
-                kind, handler = self._handlers[topic]
-                handler(decoded(data, kind))
+            kind = self._kinds.get(topic)
+            if is_in_log and kind in RunContents.KINDS:
+                self._contents.receive(kind, message)
+            if kind in HANDLED:
+                self._handle(topic, decoded(data, kind))
         except InvalidData as error:
             self.get_logger().error(f'{topic}: {error}')
 
-    def _on_state(self, message: RunState) -> None:
-        if message.phase == RunState.PHASE_IDLE:
+    def _handle(self, topic: str, message: Any) -> None:
+        if isinstance(message, Heartbeat):
+            self._processes[topic] = message.process
+        elif not isinstance(message, RunState):
+            self._on_request(message)
+        elif message.phase == RunState.PHASE_IDLE:
             self._on_restart()
 
     def _on_restart(self) -> None:
@@ -154,9 +149,6 @@ class Recorder(CellNode):
             self.get_logger().warning(f'the sequencer was restarted; the log of run {self._session.run_id} is closed, '
                                       'the run can be resumed')
             self._close()
-
-    def _on_heartbeat(self, node: str, message: Heartbeat) -> None:
-        self._processes[node] = message.process
 
     def _on_request(self, message: Any) -> None:
         """Open a log for a request to the evaluator where none is open; take note of answers."""
@@ -363,10 +355,8 @@ class Recorder(CellNode):
         return OK, f'recording run {session.run_id}: {session.messages} messages', values
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the recorder; returns the exit code."""
-    return run_node(names.RECORDER, Recorder, args)
-
+main = partial(run_node, names.RECORDER, Recorder)
+"""Run the node; returns the exit code."""
 
 if __name__ == '__main__':
     sys.exit(main())

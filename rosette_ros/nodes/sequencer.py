@@ -424,10 +424,8 @@ class Sequencer(ManagedNode):
         return float(self.parameters['recorder_timeout_s'])
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the sequencer; returns the exit code."""
-    return run_node(names.SEQUENCER, Sequencer, args)
-
+main = partial(run_node, names.SEQUENCER, Sequencer)
+"""Run the node; returns the exit code."""
 
 if __name__ == '__main__':
     sys.exit(main())

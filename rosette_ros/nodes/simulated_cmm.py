@@ -155,10 +155,8 @@ def default_machine() -> Path:
     raise InvalidConfig(f'machine: wanted {" or ".join(map(str, paths))}, found none; set the parameter "machine"')
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the simulated CMM; returns the exit code."""
-    return run_node(names.CMM, SimulatedCmm, args)
-
+main = partial(run_node, names.CMM, SimulatedCmm)
+"""Run the node; returns the exit code."""
 
 if __name__ == '__main__':
     sys.exit(main())

@@ -53,7 +53,7 @@ class MuteRecorder(Mute, Recorder):
             _in_cell='rosette',
             _clock_topic='/clock',
             _rosout_topic='/rosout',
-            _kinds=KINDS,
+            _kinds=KINDS | {topic: interface_class(type_name) for topic, type_name in OTHERS.items()},
             _processes={},
             _is_simulated=True,
             _simulated_now=0,
@@ -61,7 +61,6 @@ class MuteRecorder(Mute, Recorder):
             _last_run='',
             _follow_up=FollowUp(10.0),
         )
-        self._handlers = self._make_handlers()
 
 
 OTHERS = {
