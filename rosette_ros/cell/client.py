@@ -1,22 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A client of a running cell: asks for a calibration, shows progress, cancels on Ctrl-C."""
+"""Clients of a running cell: one that joins its graph; one that asks for a calibration, and cancels on Ctrl-C."""
 
 import os
 import signal
-import threading
 import time
 import uuid
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import FrameType
 from typing import Any, Self
 
 from action_msgs.msg import GoalStatus
 from rcl_interfaces.msg import Log
 from rclpy.action import ActionClient
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.exceptions import NameValidationException
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from rclpy.task import Future
@@ -31,6 +30,7 @@ from rosette_ros.core.errors import CellError, plain
 from rosette_ros.core.records import ErrorMotions
 from rosette_ros.io.messages import CalibrationProgress, Phase, progress_of
 from rosette_ros.nodes import conversions, names, qos
+from rosette_ros.nodes.base_node import TakenSignals
 from rosette_ros.nodes.liveliness import NodeMonitor
 from rosette_ros.nodes.senders import Sender
 
@@ -55,44 +55,53 @@ class CalibrationOutcome:
     verdict: Verdict | None = None
 
 
-class _Interrupt:
-    """Takes SIGINT while a calibration is on: an exception in the middle of rclpy would break it.
+class GraphClient:
+    """A node beside those of the cell, with a context and an executor of its own; a context manager.
 
-    A second one acts as usual. Outside the main thread nothing is taken."""
+    domain_id: ROS domain, None for that of the environment; namespace: of the cell; settings: of the Node. Only cells
+    on this computer are seen unless the environment says so. Raises CellError where the graph cannot be joined."""
 
-    def __init__(self) -> None:
-        self.received = False
-        self._before: Any = None
+    def __init__(self, name: str, domain_id: int | None, namespace: str,
+                 make_executor: Callable[..., Executor] = SingleThreadedExecutor, **settings: Any) -> None:
+        os.environ.update(added_environment(os.environ))
+        self._where, self._domain_id, self._context = f'/{namespace.strip("/")}', domain_id, Context()
+        try:
+            self._context.init(domain_id=domain_id)
+            unique = f'{name}_{uuid.uuid4().hex[:8]}'
+            self._node = Node(unique, namespace=self._where, context=self._context, **settings)
+        except (NameValidationException, RuntimeError, ValueError) as error:
+            self._context.try_shutdown()
+            where = f'domain {domain_id}, namespace {namespace!r}'
+            raise CellError(f'{name}: {where}: cannot be joined: {error}') from error
+        self._executor = make_executor(context=self._context)
+        self._executor.add_node(self._node)
 
-    def __enter__(self) -> '_Interrupt':
-        if threading.current_thread() is threading.main_thread():
-            self._before = signal.signal(signal.SIGINT, self._take)
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._before is not None:
-            signal.signal(signal.SIGINT, self._before)
+        self.close()
 
-    def _take(self, number: int, frame: FrameType | None) -> None:
-        self.received = True
-        signal.signal(signal.SIGINT, self._before)
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def _spin_until(self, condition: Callable[[], Any], timeout: float) -> Any:
+        """Run callbacks until the condition holds, at most for `timeout` s; return what it returned last."""
+        deadline = time.monotonic() + timeout
+        while not (found := condition()) and (left := deadline - time.monotonic()) > 0:
+            self._executor.spin_once(timeout_sec=min(_STEP, left))
+        return found
 
 
-class CellClient:
-    """Talks to the sequencer of a cell; a context manager. After a restart of the sequencer, make a new one: until DDS
-    drops what was killed, requests of the old one may go there.
-
-    domain_id: ROS domain, None for that of the environment; namespace: of the cell."""
+class CellClient(GraphClient):
+    """Talks to the sequencer of a cell. After a restart of the sequencer, make a new one: until DDS drops what was
+    killed, requests of the old one may go there."""
 
     def __init__(self, domain_id: int | None = None, namespace: str = names.NAMESPACE) -> None:
-        """Join the graph; only cells on this computer are seen unless the environment says so."""
-        os.environ.update(added_environment(os.environ))
-        self._where, self._domain_id = f'/{namespace.strip("/")}', domain_id
-        self._context = Context()
-        self._context.init(domain_id=domain_id)
-        self._node = Node(f'client_{uuid.uuid4().hex[:8]}', namespace=self._where, context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
+        super().__init__('client', domain_id, namespace)
         self._rejections: list[str] = []
         self._node.create_subscription(CalibrationEvent, names.CALIBRATION_EVENT, self._on_event, qos.EVENT)
         self._run_id, self._is_restarted, self._has_state = '', False, False
@@ -107,15 +116,12 @@ class CellClient:
         self._sequencer = Sender(self._node, names.RUN_STATE, NodeMonitor(self._node, names.SEQUENCER))
         self._sequencer.on_change = self._on_restart
         self._sequencer.judge(self._node.create_subscription(RunState, names.RUN_STATE, self._on_state, qos.STATE))
+        self._node.create_timer(_STEP, self._sequencer.watch)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._executor.shutdown()
+    def close(self) -> None:
+        """Leave the graph."""
         self._action.destroy()
-        self._node.destroy_node()
-        self._context.try_shutdown()
+        super().close()
 
     def wait(self, timeout: float = 10.0) -> None:
         """Wait for a sequencer; raises CellError where none answers in time."""
@@ -164,7 +170,8 @@ class CellClient:
             raise CellError(f'cell {self._where}: calibration refused: {reason}')
         self._on_warning = on_warning
         result = handle.get_result_async()
-        with _Interrupt() as interrupt:
+        # An exception in the middle of rclpy would break it.
+        with TakenSignals(signal.SIGINT, once=True) as interrupt:
             try:
                 response = self._await(result, timeout, check, interrupt)
             except (KeyboardInterrupt, TimeoutError):
@@ -176,16 +183,15 @@ class CellClient:
         return replace(outcome, verdict=self._verdicts.get(outcome.run_id))
 
     def _await(self, future: Future, timeout: float | None, check: Callable[[], object] | None,
-               interrupt: _Interrupt | None = None) -> Any:
+               interrupt: TakenSignals | None = None) -> Any:
         began = seen = time.monotonic()
         while not future.done():
             self._executor.spin_once(timeout_sec=_STEP)
             if check:
                 check()
-            if interrupt and interrupt.received:
+            if interrupt and interrupt.is_received:
                 raise KeyboardInterrupt
             now = time.monotonic()
-            self._sequencer.watch()
             seen = now if self._action.server_is_ready() else seen
             if now - seen > _DISCONNECTED or (interrupt and self._is_restarted):
                 event = 'was restarted' if self._is_restarted else 'is disconnected'
@@ -224,13 +230,6 @@ class CellClient:
 
     def _on_restart(self) -> None:
         self._is_restarted = True
-
-    def _spin_until(self, condition: Callable[[], bool], timeout: float) -> bool:
-        deadline = time.monotonic() + timeout
-        while not condition() and time.monotonic() < deadline:
-            self._executor.spin_once(timeout_sec=_STEP)
-            self._sequencer.watch()
-        return condition()
 
     def _on_event(self, event: CalibrationEvent) -> None:
         if event.kind == CalibrationEvent.REJECTED and event.origin == names.CALIBRATE:

@@ -63,7 +63,6 @@ class CmmClient(CellClient):
     """Asks a CMM for balls in place of a sequencer; a context manager; arguments as of CellClient."""
 
     def __init__(self, domain_id: int | None = None, namespace: str = names.NAMESPACE) -> None:
-        """Join the graph."""
         super().__init__(domain_id, namespace)
         self._received: list[tuple[float, int, Answer]] = []
         self._targets = self._node.create_publisher(ProbeTarget, names.PROBE_TARGET, qos.TARGET)

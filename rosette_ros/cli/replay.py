@@ -2,24 +2,20 @@
 """rosette replay: publishes what an evaluator reads from a log, and compares the error motions that it publishes."""
 
 import argparse
-import contextlib
-import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
 from rosette_msgs.msg import ErrorMotions as ErrorMotionsMessage
 
 from rosette_ros.analysis import analyse
-from rosette_ros.cell.supervisor import Cell, added_environment
+from rosette_ros.cell.client import GraphClient
+from rosette_ros.cell.supervisor import Cell
 from rosette_ros.cli.arguments import add_shared, positive
 from rosette_ros.cli.console import console, rich_table
 from rosette_ros.core.errors import CellError, InvalidData
@@ -39,7 +35,7 @@ FASTEST = 4000
 LIVE_PATIENCE = 3.5
 """How long a running cell is searched for before anything is published, s; participants announce themselves every 3."""
 SEARCH_TIMEOUT, START_TIMEOUT, RESULT_TIMEOUT = 5.0, 20.0, 60.0
-_BATCH, _STEP = 100, 0.05
+_BATCH = 100
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,7 +52,7 @@ def run(options: argparse.Namespace) -> None:
     log = read_log(options.log)
     expected = expected_motions(log)
     out = console()
-    with contextlib.closing(LogPlayer(log.topics, options.domain, options.namespace)) as player:
+    with LogPlayer(log.topics, options.domain, options.namespace) as player:
         if player.await_evaluator(SEARCH_TIMEOUT):
             found = replay(player, options, log, expected)
         else:
@@ -142,7 +138,7 @@ def difference(got: ErrorMotions, expected: Expected) -> str:
     return ''
 
 
-class LogPlayer:
+class LogPlayer(GraphClient):
     """Publishes logged messages, byte for byte, and collects the error motions received.
 
     topics: of the log; domain: ROS domain, None for that of the environment; namespace: None for that of the log.
@@ -150,7 +146,6 @@ class LogPlayer:
     """
 
     def __init__(self, topics: Sequence[TopicSummary], domain: int | None = None, namespace: str | None = None) -> None:
-        os.environ.update(added_environment(os.environ))
         inputs = {_last(name) for name in INPUTS}
         chosen = {topic.name: topic for topic in topics if _last(topic.name) in inputs}
         answers = [name for name in chosen if _last(name) == names.BALL_CENTRE]
@@ -161,23 +156,13 @@ class LogPlayer:
         of_domain = () if namespace is None or names.remappings(self.namespace) else map(_last, names.OF_A_DOMAIN)
         places = {name: name if namespace is None else _last(name) for name in chosen}
         places |= {name: f'/{_last(name)}' for last in of_domain for name in chosen if _last(name) == last}
-        self._context = Context()
-        self._context.init(domain_id=domain)
-        self._node = Node(f'player_{os.getpid()}', namespace=self.namespace, context=self._context, enable_rosout=False)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
+        super().__init__('player', domain, self.namespace, enable_rosout=False)
         self._publishers = {name: self._node.create_publisher(interface_class(topic.type_name), places[name],
                                                               qos_profile(topic.qos, topic.messages))
                             for name, topic in chosen.items()}
         self._topics = {publisher.topic_name for publisher in self._publishers.values()}
         self._motions: list[ErrorMotionsMessage] = []
         self._node.create_subscription(ErrorMotionsMessage, names.ERROR_MOTIONS, self._motions.append, 10)
-
-    def close(self) -> None:
-        """Leave the graph."""
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self._context.try_shutdown()
 
     @property
     def remappings(self) -> tuple[tuple[str, str], ...]:
@@ -187,16 +172,16 @@ class LogPlayer:
     def refuse_running_cell(self) -> None:
         """Raise CellError where a CMM or a sequencer, searched during LIVE_PATIENCE, is on the graph."""
         topics = [self._node.resolve_topic_name(topic) for topic in (names.BALL_CENTRE, names.PROBE_TARGET)]
-        if live := self.spin(LIVE_PATIENCE, lambda: [
-                one for one in topics if self._node.count_publishers(one) > (one in self._topics)]):
+        if live := self._spin_until(lambda: [
+                one for one in topics if self._node.count_publishers(one) > (one in self._topics)], LIVE_PATIENCE):
             raise CellError(f'replay: {live[0]} has another publisher: a live cell is on this graph, and '
                             'recorded targets would move its machine. End the cell, or choose another --domain')
 
     def await_evaluator(self, timeout: float) -> bool:
         """Return whether an evaluator receives all topics within `timeout`, s."""
         wanted = [publisher for name, publisher in self._publishers.items() if _last(name) != _last(names.CLOCK)]
-        return bool(self.spin(timeout, lambda: all(publisher.get_subscription_count() for publisher in wanted)
-                              and self._node.count_publishers(names.ERROR_MOTIONS) > 0))
+        return bool(self._spin_until(lambda: all(publisher.get_subscription_count() for publisher in wanted)
+                                     and self._node.count_publishers(names.ERROR_MOTIONS) > 0, timeout))
 
     def play(self, messages: Iterable[LoggedMessage], rate: float | None = None) -> None:
         """Publish those logged messages whose topics are announced; rate: None as fast as FASTEST allows."""
@@ -205,22 +190,16 @@ class LogPlayer:
         for count, message in enumerate(chosen):
             start = message.log_time if start is None else start
             if rate:
-                self.spin(began + 1e-9 * (message.log_time - start) / rate - time.monotonic())
+                due = began + 1e-9 * (message.log_time - start) / rate
+                self._spin_until(lambda: False, due - time.monotonic())
             elif count % _BATCH == 0:
-                self.spin(began + count / FASTEST - time.monotonic())
+                self._spin_until(lambda: False, began + count / FASTEST - time.monotonic())
             self._publishers[message.topic].publish(message.data)
 
     def await_motions(self, run_ids: Iterable[str], timeout: float) -> dict[str, ErrorMotionsMessage]:
         """Return the error motions received by run_id, once those of all the runs are there or `timeout` is over."""
-        self.spin(timeout, lambda: {one.run_id for one in self._motions} >= set(run_ids))
+        self._spin_until(lambda: {one.run_id for one in self._motions} >= set(run_ids), timeout)
         return {one.run_id: one for one in self._motions}
-
-    def spin(self, timeout: float, is_done: Callable[[], Any] = lambda: False) -> Any:
-        """Let callbacks run until `is_done`, or for `timeout`, s; return what it returned last."""
-        deadline = time.monotonic() + timeout
-        while not (done := is_done()) and (left := deadline - time.monotonic()) > 0:
-            self._executor.spin_once(timeout_sec=min(_STEP, left))
-        return done
 
 
 def _last(topic: str) -> str:

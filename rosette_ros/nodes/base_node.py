@@ -4,8 +4,10 @@
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from types import FrameType
 from typing import Any
 
@@ -203,36 +205,40 @@ class ManagedNode(LifecycleNodeMixin, CellNode):
         return not self.is_busy
 
 
-class _StopSignal:
-    """Remembers that SIGINT or SIGTERM was received; further ones change nothing, since the end is bounded in time."""
+class TakenSignals(AbstractContextManager['TakenSignals']):
+    """Remembers that a signal was received, in place of what it does otherwise; outside the main thread takes none.
 
-    def __init__(self) -> None:
-        self.is_received = False
-        self._before = {number: signal.signal(number, self._take) for number in (signal.SIGINT, signal.SIGTERM)}
+    once: whether a second one acts as usual."""
+
+    def __init__(self, *numbers: signal.Signals, once: bool = False) -> None:
+        self.is_received, self._once, self._before = False, once, dict[int, Any]()
+        if threading.current_thread() is threading.main_thread():
+            self._before = {number: signal.signal(number, self._take) for number in numbers}
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
 
     def _take(self, number: int, frame: FrameType | None) -> None:
         self.is_received = True
-
-    def restore(self) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
+        if self._once:
+            signal.signal(number, self._before[number])
 
 
 def run_node(name: str, make_node: Callable[[], CellNode], args: list[str] | None = None) -> int:
     """Run one node until SIGINT or SIGTERM and return the exit code.
 
     0 after a clean end, 2 where the node cannot run as configured: one line on stderr gives the reason."""
-    stop = _StopSignal()
-    try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        _spin(make_node, stop, sys.argv if args is None else args)
-    except (RosetteError, NameValidationException, ParameterException,
-            rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError) as error:
-        print(f'{name}: {" ".join(str(error).split())}', file=sys.stderr)
-        return 2
-    finally:
-        rclpy.try_shutdown()
-        stop.restore()
+    with TakenSignals(signal.SIGINT, signal.SIGTERM) as stop:  # further ones change nothing: the end is bounded in time
+        try:
+            rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+            _spin(make_node, stop, sys.argv if args is None else args)
+        except (RosetteError, NameValidationException, ParameterException,
+                rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError) as error:
+            print(f'{name}: {" ".join(str(error).split())}', file=sys.stderr)
+            return 2
+        finally:
+            rclpy.try_shutdown()
     return 0
 
 
@@ -244,7 +250,7 @@ def make_executor(context: Context | None = None) -> Executor:
     return EventsExecutor(context=context)
 
 
-def _spin(make_node: Callable[[], CellNode], stop: _StopSignal, arguments: Sequence[str]) -> None:
+def _spin(make_node: Callable[[], CellNode], stop: TakenSignals, arguments: Sequence[str]) -> None:
     parent = os.environ.get(names.PARENT_PID, '')
 
     def is_orphaned() -> bool:

@@ -127,7 +127,7 @@ class Recorder(CellNode):
             log_time = self._simulated_now if self._is_simulated and self._simulated_now else time.time_ns()
             message = Message(topic, data, log_time, log_time, self.seconds())
             is_in_log = self._session.take(message) or (self._replace_damaged() and self._session.take(message))
-            kind = self._kinds.get(topic)
+            kind = self._kinds.get(topic, object)
             if is_in_log and kind in RunContents.KINDS:
                 self._contents.receive(kind, message)
             if kind in HANDLED:

@@ -4,23 +4,18 @@
 import os
 import threading
 import time
-import uuid
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
-from rclpy.context import Context
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.exceptions import NameValidationException
 from rclpy.logging import LoggingSeverity
-from rclpy.node import Node
 from rosette_msgs.msg import BallCentre, Diagnosis, ErrorMotions, ProbeTarget, RunState
 from tf2_msgs.msg import TFMessage
 
-from rosette_ros.cell.client import CalibrationOutcome, CellClient
-from rosette_ros.cell.supervisor import added_environment
+from rosette_ros.cell.client import CalibrationOutcome, CellClient, GraphClient
 from rosette_ros.core.errors import CellError, RosetteError, one_line, plain
 from rosette_ros.io.messages import answer_of, progress_of, table_frame_of, target_of
 from rosette_ros.nodes import conversions, names, qos
@@ -34,7 +29,7 @@ TOPICS = (
     (names.ROSOUT, Log, qos.COLLECT_LATCHED), (names.DIAGNOSTICS, DiagnosticArray, qos.COLLECT))
 
 
-class CellWatcher:
+class CellWatcher(GraphClient):
     """Subscribes to the topics of a cell and can calibrate it; `lock` guards `state`.
 
     outcome, problem: of the last calibration requested here, None and '' before. Raises CellError where the domain
@@ -42,30 +37,19 @@ class CellWatcher:
     """
 
     def __init__(self, domain_id: int | None = None, namespace: str = names.NAMESPACE) -> None:
-        os.environ.update(added_environment(os.environ))
         domain = os.environ.get('ROS_DOMAIN_ID') or 0 if domain_id is None else domain_id
         if str(domain) not in map(str, names.DOMAINS):
             raise CellError(f'studio: ROS domain: wanted a whole number from 0 to {names.DOMAINS[-1]}, got {domain}')
         self.lock, self.state = threading.Lock(), CellState()
         self.outcome: CalibrationOutcome | None = None
         self.problem = ''
-        self._where, self._requests = (domain_id, namespace), ThreadPoolExecutor(1, 'calibrate')
+        self._cell, self._requests = (domain_id, namespace), ThreadPoolExecutor(1, 'calibrate')
         self._is_closed, self._cancel = threading.Event(), threading.Event()
         self._job: Future[None] | None = None
-        self._context = Context()
-        try:
-            self._context.init(domain_id=domain_id)
-            self._node = Node(
-                f'studio_{uuid.uuid4().hex[:8]}', namespace=f'/{namespace.strip("/")}', context=self._context,
-                cli_args=['--ros-args', *names.remap_arguments(names.remappings(namespace))])
-        except (NameValidationException, RuntimeError, ValueError) as error:
-            self._context.try_shutdown()
-            raise CellError(f'studio: domain {domain_id}, namespace {namespace!r}: cannot be joined: {error}') \
-                from error
+        super().__init__('studio', domain_id, namespace, make_executor,
+                         cli_args=['--ros-args', *names.remap_arguments(names.remappings(namespace))])
         for topic, kind, profile in TOPICS:
             self._subscribe(topic, kind, profile)
-        self._executor = make_executor(self._context)
-        self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._spin, name='cell watcher', daemon=True)
         self._thread.start()
 
@@ -75,9 +59,7 @@ class CellWatcher:
         self._requests.shutdown(wait=True)
         self._is_closed.set()
         self._thread.join()
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self._context.try_shutdown()
+        super().close()
 
     # Calibrations
 
@@ -111,7 +93,7 @@ class CellWatcher:
                 raise KeyboardInterrupt  # the client cancels and waits for the clean end
 
         try:
-            with CellClient(*self._where) as client:
+            with CellClient(*self._cell) as client:
                 self.outcome = client.calibrate(order=order, seed=seed, on_progress=on_progress, check=check)
         except (RosetteError, TimeoutError) as error:
             self.problem = one_line(error)
