@@ -19,15 +19,7 @@ from rosette_ros.io.log_run import RESUMES_KEY, LogRun
 from rosette_ros.io.messages import Phase, phase_name
 from rosette_ros.io.open_run import is_log, open_run
 from rosette_ros.io.reading_checks import remarks_on_answers
-from rosette_ros.presentation.formatting import (
-    duration,
-    fixed,
-    instant,
-    millimetres,
-    missing_words,
-    pauses,
-    repeatability_words,
-)
+from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.table_format import Table, column, words
 
 
@@ -114,11 +106,11 @@ def _run_facts(run_id: str, n: int, radius: float, phases: dict[str, dict[str, i
     known = found.temperature[np.isfinite(found.temperature)] if found else np.array([])
     return {'run_id': run_id, 'n': n, 'radius_m': radius, 'phases': phases, 'order': None,
             'completeness': found.completeness if found else 0.0,
-            'duration_s': float(np.ptp(found.time)) if found else None, 'pauses': pauses(found) if found else '',
+            'duration_s': float(np.ptp(found.time)) if found else None, 'pauses': text.pauses(found) if found else '',
             'temperature_range_C': [float(known.min()), float(known.max())] if known.size else None,
             'repeatability_m': found.repeatability if found else None,
             'repeatability_dof': found.repeatability_dof if found else None,
-            'notes': found.notes if found else (), 'missing': missing_words(found) if found else '',
+            'notes': found.notes if found else (), 'missing': text.missing_words(found) if found else '',
             'remarks': found.remarks if found else (), 'unused': {}, 'published_curves': 0, 'model': None,
             'ended': None, 'problem': None, **of_log}
 
@@ -131,8 +123,8 @@ def show(facts: dict[str, Any]) -> None:
     if facts['messages'] is not None:
         rows.append(('Files', escape(', '.join(Path(file).name for file in facts['files']))))
         start, end = facts['start_ns'], facts['end_ns']
-        long = f', {duration(1e-9 * (end - start))}, no date' if facts['messages'] else ''
-        times = f', {instant(start)} to {instant(end)}' if instant(start) else long
+        long = f', {text.duration(1e-9 * (end - start))}, no date' if facts['messages'] else ''
+        times = f', {text.instant(start)} to {text.instant(end)}' if text.instant(start) else long
         rows.append(('Messages', f'{facts["messages"]} in {len(topics)} topics{times}'))
     if facts['resumes']:
         rows.append(('Continues', f'{escape(facts["resumes"])}, whose ball centres are in this log too'))
@@ -150,22 +142,22 @@ def show(facts: dict[str, Any]) -> None:
 
 def run_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
     """Return what is known of one run as (name, text) rows."""
-    low, high = facts['temperature_range_C'] or (0.0, 0.0)
+    degrees = facts['temperature_range_C']
     rows = [('Run', escape(facts['run_id'] or 'without a name')),
-            ('Plate', f'{facts["n"]} balls on R = {millimetres(facts["radius_m"])}'),
+            ('Plate', f'{facts["n"]} balls on R = {text.millimetres(facts["radius_m"])}'),
             ('Measured', ', '.join(f'{name.replace("_", " ")} {phase["answered"]} of {phase["asked"]}'
                                    for name, phase in facts['phases'].items())),
             *(('Note', escape(note)) for note in (facts['missing'], *facts['notes'])),
             ('Order', escape(facts['order'] or '')),
-            ('Duration', f'{duration(facts["duration_s"])} from the first ball of the run to the last'
+            ('Duration', f'{text.duration(facts["duration_s"])} from the first ball of the run to the last'
              if facts['duration_s'] else ''),
             ('Pauses', facts['pauses']),
             ('Not used', ', '.join(f'{count} answers {reason}' for reason, count in facts['unused'].items())),
-            ('Temperature', f'{fixed(low, 3)} to {fixed(high, 3)} °C' if facts['temperature_range_C'] else ''),
-            ('Repeatability', repeatability_words(facts['repeatability_m'], facts['repeatability_dof'])),
+            ('Temperature', f'{" to ".join(text.fixed(one, 3) for one in degrees)} °C' if degrees else ''),
+            ('Repeatability', text.repeatability_words(facts['repeatability_m'], facts['repeatability_dof'])),
             ('Published', f'error motions, {facts["published_curves"]}×, model {escape(facts["model"] or "")}'
              if facts['published_curves'] else ''),
             ('Ended', escape(facts['ended'] or '')),
             *(('Doubtful', f'[yellow]{escape(remark)}[/]') for remark in facts['remarks']),
             ('Problem', f'[red]{escape(facts["problem"])}[/]' if facts['problem'] else '')]
-    return [(name, text) for name, text in rows if text]
+    return [row for row in rows if row[1]]

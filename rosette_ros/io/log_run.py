@@ -11,18 +11,8 @@ from typing import Any, NamedTuple
 from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.records import CURVES, ErrorMotions, Run
+from rosette_ros.io import messages as msg
 from rosette_ros.io.bag_metadata import TopicSummary
-from rosette_ros.io.messages import (
-    Answer,
-    CalibrationProgress,
-    Phase,
-    TableFrame,
-    Target,
-    answer_of,
-    progress_of,
-    table_frame_of,
-    target_of,
-)
 from rosette_ros.io.run_assembly import NO_RUN, RunAnswers
 
 BALL_CENTRE = 'rosette_msgs/msg/BallCentre'
@@ -54,8 +44,8 @@ class PublishedMotions(NamedTuple):
                                 float(message.completeness))
 
 
-RECORDS: dict[str, Callable[[Any], Target | Answer | CalibrationProgress]] = {
-    PROBE_TARGET: target_of, BALL_CENTRE: answer_of, RUN_STATE: progress_of}
+RECORDS: dict[str, Callable[[Any], msg.Target | msg.Answer | msg.CalibrationProgress]] = {
+    PROBE_TARGET: msg.target_of, BALL_CENTRE: msg.answer_of, RUN_STATE: msg.progress_of}
 """By type of a message that has to be readable, the function that makes the record of it."""
 NEEDED = frozenset((*RECORDS, ERROR_MOTIONS, CALIBRATION_EVENT, TF_MESSAGE))
 """Types of the messages that a LogRun takes."""
@@ -95,9 +85,9 @@ class LogRun:
     path: Path
     files: tuple[Path, ...]
     runs: dict[str, RunAnswers] = field(default_factory=dict)
-    frames: list[TableFrame] = field(default_factory=list)
+    frames: list[msg.TableFrame] = field(default_factory=list)
     error_motions: list[PublishedMotions] = field(default_factory=list)
-    states: list[CalibrationProgress] = field(default_factory=list)
+    states: list[msg.CalibrationProgress] = field(default_factory=list)
     events: list[SimpleNamespace] = field(default_factory=list)
     topics: tuple[TopicSummary, ...] = ()
     messages: int = 0
@@ -110,31 +100,31 @@ class LogRun:
     def add(self, type_name: str, message: SimpleNamespace) -> None:
         """Take a decoded message of one of the types in NEEDED."""
         if type_name == PROBE_TARGET:
-            target = target_of(message)
+            target = msg.target_of(message)
             self._run(target.run_id).add_target(target)
         elif type_name == BALL_CENTRE:
-            answer = answer_of(message)
+            answer = msg.answer_of(message)
             self._run(answer.run_id).add_answer(answer)
         elif type_name == RUN_STATE:
-            state = progress_of(message)
+            state = msg.progress_of(message)
             self.states = [*(one for one in self.states if one.run_id != state.run_id), state]
         elif type_name == ERROR_MOTIONS:
             self.error_motions.append(PublishedMotions.of(message))
         elif type_name == CALIBRATION_EVENT:
             self.events.append(message)
         else:
-            self.frames += [frame for one in message.transforms if (frame := table_frame_of(one))]
+            self.frames += [frame for one in message.transforms if (frame := msg.table_frame_of(one))]
 
     def _run(self, run_id: str) -> RunAnswers:
         return self.runs.setdefault(run_id, RunAnswers(run_id, self.frames))
 
     @property
-    def targets(self) -> list[Target]:
+    def targets(self) -> list[msg.Target]:
         """All targets, run by run, in order of receipt."""
         return [target for run in self.runs.values() for target in run.targets]
 
     @property
-    def answers(self) -> list[Answer]:
+    def answers(self) -> list[msg.Answer]:
         """All answers, run by run, in order of receipt."""
         return [answer for run in self.runs.values() for answer in run.answers]
 
@@ -153,7 +143,7 @@ class LogRun:
     @property
     def run_ids(self) -> tuple[str, ...]:
         """The runs with targets of phase RUN, in order of appearance."""
-        return tuple(name for name, run in self.runs.items() if any(one.phase == Phase.RUN for one in run.targets))
+        return tuple(name for name, run in self.runs.items() if any(one.phase == msg.Phase.RUN for one in run.targets))
 
     def run(self, run_id: str | None = None) -> RunAnswers:
         """Return the run to take among those that have begun: `run_id`, or the only one there is.

@@ -9,15 +9,7 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Quaternion, Transform, TransformStamped, Vector3
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
-from rosette_msgs.msg import (
-    BallCentre,
-    Candidate,
-    Diagnosis,
-    Effect,
-    ErrorMotions,
-    Model,
-    ProbeTarget,
-)
+from rosette_msgs import msg
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
@@ -57,10 +49,10 @@ def point_array(message: Point) -> records.Floats:
     return np.array([message.x, message.y, message.z])
 
 
-def target_message(target: Target, stamp: Time) -> ProbeTarget:
+def target_message(target: Target, stamp: Time) -> msg.ProbeTarget:
     """Return the ProbeTarget of a target."""
     fields = {name: value for name, value in target._asdict().items() if name not in ('frame_id', 'stamp_ns')}
-    return ProbeTarget(**{**fields, 'phase': int(target.phase), 'centre': point(target.centre)},
+    return msg.ProbeTarget(**{**fields, 'phase': int(target.phase), 'centre': point(target.centre)},
                        header=Header(stamp=stamp, frame_id=target.frame_id))
 
 
@@ -73,19 +65,19 @@ def frame_message(frame: Frame, parent: str, child: str, stamp: Time) -> TFMessa
                                                   transform=transform)])
 
 
-def error_motions_record(message: ErrorMotions) -> records.ErrorMotions:
+def error_motions_record(message: msg.ErrorMotions) -> records.ErrorMotions:
     """Return the core record of an ErrorMotions message; raises InvalidData where its curves are no curves."""
     if not len(message.angle):
         raise InvalidData(f'error motions of run {message.run_id!r}: wanted curves, got none')
     return PublishedMotions.of(message).motions
 
 
-def error_motions_message(fit: 'Fit', stamp: Time, frame_id: str) -> ErrorMotions:
+def error_motions_message(fit: 'Fit', stamp: Time, frame_id: str) -> msg.ErrorMotions:
     """Return the ErrorMotions message of a fit; float64 on both sides, so it is exact."""
     run, motions = fit.run, fit.error_motions
     curves = {curve: motions[curve] for curve in records.CURVES}
     uncertainties = {f'u_{curve}': motions.uncertainty(curve) for curve in records.CURVES}
-    return ErrorMotions(
+    return msg.ErrorMotions(
         header=Header(stamp=stamp, frame_id=frame_id), run_id=run.run_id, balls=run.n, radius=float(run.radius),
         angle=motions.angle, model_name=str(fit.model), model_hash=fit.model.hash, residual_rms=float(fit.rms),
         sigma=float(fit.sigma), degrees_of_freedom=int(fit.dof), rank=int(fit.rank),
@@ -112,17 +104,17 @@ def qos_profile(recorded: Sequence[Qos], messages: int) -> QoSProfile:
         for name, policy in POLICIES.items()})
 
 
-def fill_answer(message: BallCentre, reading: 'BallReading', stamp: Time, frame_id: str) -> None:
+def fill_answer(message: msg.BallCentre, reading: 'BallReading', stamp: Time, frame_id: str) -> None:
     """Write a machine's Reading into the answer to a target."""
-    message.header, message.status = Header(stamp=stamp, frame_id=frame_id), BallCentre.STATUS_OK
+    message.header, message.status = Header(stamp=stamp, frame_id=frame_id), msg.BallCentre.STATUS_OK
     message.table_angle, message.table_travel = reading.table_angle, reading.table_travel
     message.approach, message.centre = int(reading.approach), point(reading.centre)
     message.form_error, message.temperature = reading.form_error, reading.temperature
 
 
-def model_message(model: 'core_model.Model', stamp: Time, fit: 'Fit | None' = None) -> Model:
+def model_message(model: 'core_model.Model', stamp: Time, fit: 'Fit | None' = None) -> msg.Model:
     """Return the Model message of a model; fit: of the model to a run, or None before one."""
-    message = Model(header=Header(stamp=stamp), name=str(model), hash=model.hash, base=list(model.base),
+    message = msg.Model(header=Header(stamp=stamp), name=str(model), hash=model.hash, base=list(model.base),
                     residual_rms=math.nan, reduced_chi_square=math.nan)
     parameters = [effect.parameters for effect in fit.effects] if fit else [()] * len(model.terms)
     message.effects = [effect_message(term.name, fitted, _definition(term))
@@ -134,9 +126,9 @@ def model_message(model: 'core_model.Model', stamp: Time, fit: 'Fit | None' = No
     return message
 
 
-def effect_message(name: str, parameters: 'Sequence[Parameter]', definition: str = '') -> Effect:
+def effect_message(name: str, parameters: 'Sequence[Parameter]', definition: str = '') -> msg.Effect:
     """Return the Effect message of an effect's name, fitted Parameters and definition in YAML."""
-    return Effect(name=name, definition=definition, parameter=[one.name for one in parameters],
+    return msg.Effect(name=name, definition=definition, parameter=[one.name for one in parameters],
                   value=[float(one.value) for one in parameters], u=[float(one.u) for one in parameters],
                   unit=[one.unit for one in parameters])
 
@@ -147,10 +139,10 @@ def _definition(term: 'core_model.Term') -> str:
     return '' if isinstance(entry, str) else format_entry(entry)
 
 
-def diagnosis_message(run: records.Run, diagnosis: 'core.Diagnosis', stamp: Time) -> Diagnosis:
+def diagnosis_message(run: records.Run, diagnosis: 'core.Diagnosis', stamp: Time) -> msg.Diagnosis:
     """Return the Diagnosis message of a core Diagnosis of a run."""
     model, verdict = diagnosis.model, diagnosis.verdict
-    return Diagnosis(
+    return msg.Diagnosis(
         header=Header(stamp=stamp), run_id=run.run_id, model_name=str(model), model_hash=model.hash,
         verdict=verdict.sentence, outcome=str(verdict.outcome), level=str(verdict.level), action=verdict.action,
         missing=list(diagnosis.missing), unexplained=bool(diagnosis.unexplained),
@@ -158,18 +150,18 @@ def diagnosis_message(run: records.Run, diagnosis: 'core.Diagnosis', stamp: Time
         invisible=list(diagnosis.invisible))
 
 
-def verdict_record(message: Diagnosis) -> Verdict | None:
+def verdict_record(message: msg.Diagnosis) -> Verdict | None:
     """Return the verdict in a diagnosis; None where its outcome is not one that this version knows."""
     if message.outcome not in list(Outcome):
         return None
     return Verdict(Outcome(message.outcome), plain(message.verdict, 2000), plain(message.action, 2000))
 
 
-def candidate_message(entry: 'core.Candidate') -> Candidate:
+def candidate_message(entry: 'core.Candidate') -> msg.Candidate:
     """Return the Candidate message of a core Candidate; what was searched is its definition."""
     setting = format_entry(dict(entry.setting)) if entry.setting else ''
     same = ('p', 'visible_fraction', 'rms_before', 'rms_after', 'delta_bic')
-    return Candidate(
+    return msg.Candidate(
         effect=entry.effect, held_out_rms_before=float(entry.cross_validation_before),
         held_out_rms_after=float(entry.cross_validation_after), look_alikes=list(entry.look_alikes),
         parameters=effect_message(entry.effect, entry.parameters, setting),

@@ -14,19 +14,8 @@ from rosette_ros.presentation import tables
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR, MEANINGS, duration, micro, words_of
 from rosette_ros.presentation.report.run_page import findings, spans
 from rosette_ros.studio.controller import Controller
-from rosette_ros.studio.panels.widgets import (
-    Area,
-    button,
-    card,
-    fact_list,
-    folded_card,
-    input_field,
-    marked,
-    named,
-    plain_table,
-    row,
-    set_words,
-)
+from rosette_ros.studio.panels import widgets
+from rosette_ros.studio.panels.widgets import button, card, marked, row, set_words
 from rosette_ros.studio.studio_session import OpenedRun
 
 Action = Callable[[str, Setting | None], Awaitable[None] | None]
@@ -69,8 +58,8 @@ class VerdictPanel:
             with ui.element('div').classes('text').props('role=status aria-live=polite'):
                 self._outcome, self._sentence, self._action = (
                     marked(ui.label('').classes(name), f'verdict-{name}') for name in ('outcome', 'sentence', 'action'))
-                self._meanings = Area(marked(ui.element('div').classes('meaning'), 'verdict-meaning'))
-                self._spans = Area(marked(ui.element('div').classes('spans').props(
+                self._meanings = widgets.Area(marked(ui.element('div').classes('meaning'), 'verdict-meaning'))
+                self._spans = widgets.Area(marked(ui.element('div').classes('spans').props(
                     'role=group aria-label="Peak to valley of the largest curve of each kind"'), 'spans'))
                 with ui.element('div').classes('progress small') as self._progress:
                     ui.spinner(size='18px').props('aria-hidden=true')
@@ -116,7 +105,7 @@ class VerdictPanel:
     def _show_meanings(self, missing: list[tuple[str, str, str, str]]) -> None:
         for name, _, meaning, look in missing:
             with ui.element('p'):
-                named(name)
+                widgets.named(name)
                 ui.label(f'{meaning} Look at: {look}' if look else meaning)
 
     def _show_spans(self, every: list[tuple[str, str, str]]) -> None:
@@ -137,11 +126,11 @@ class CandidatesPanel:
         self._cards: dict[str, ui.element] = {}
         with card('Effects that may be missing', 'candidates'):
             self._note = marked(ui.label('').classes('soft small'), 'candidates-note')
-            self._list = Area(ui.element('div').classes('list'))
+            self._list = widgets.Area(ui.element('div').classes('list'))
             with ui.expansion('Another effect of the library', value=False).props('dense').classes('small'):
                 options = {name: words_of(name) for name in EFFECTS}
                 self._other = ui.select(options, label='effect', with_input=True, on_change=self._explain)
-                input_field(self._other, 'other-effect', 'width: 100%')
+                widgets.input_field(self._other, 'other-effect', 'width: 100%')
                 self._meaning = ui.label('').classes('soft small')
                 with row():
                     for words, icon, action in (('Preview', 'visibility', on_preview), ('Add', 'add', on_add)):
@@ -186,13 +175,13 @@ class CandidatesPanel:
         with marked(ui.element('article').classes('candidate'), f'candidate-{one.effect}') as self._cards[one.effect]:
             self._cards[one.effect].classes('claimed' if one.claimed else '')
             with row():
-                named(one.effect)
+                widgets.named(one.effect)
                 with ui.element('span').classes('badge' if one.claimed else 'badge soft'):
                     ui.icon('error' if one.claimed else 'radio_button_unchecked').props('aria-hidden=true')
                     ui.label('missing' if one.claimed else 'not significant')
             if one.effect in MEANINGS:
                 ui.label(MEANINGS[one.effect].meaning).classes('small')
-            fact_list(tables.candidates([one]).select(*columns))
+            widgets.fact_list(tables.candidates([one]).select(*columns))
             with row():
                 button('Preview', lambda: apply(self._on_preview, one), 'visibility', f'preview-{one.effect}',
                        hint=f'Show what adding {one.effect} would change')
@@ -205,13 +194,13 @@ class CrossCheckPanel:
 
     def __init__(self, controller: Controller, on_check: Callable[[int], Awaitable[None]]) -> None:
         self._controller = controller
-        with folded_card('Check on a second run', 'check'):
+        with widgets.folded_card('Check on a second run', 'check'):
             self._note = ui.label('').classes('soft small')
             with row():
-                self._other = input_field(ui.select({}, label='second run'), 'check-run', 'min-width: 190px')
+                self._other = widgets.input_field(ui.select({}, label='second run'), 'check-run', 'min-width: 190px')
                 self._start = button('Check', lambda: on_check(self._other.value), 'fact_check', 'check-go')
             result = ui.element('div').classes('list small').props('role=status aria-live=polite')
-            self._result = Area(marked(result, 'check-result'))
+            self._result = widgets.Area(marked(result, 'check-result'))
 
     def show(self, opened: OpenedRun) -> None:
         """Show the runs that can be chosen, and the result."""
@@ -231,7 +220,7 @@ class CrossCheckPanel:
         if check is not None:
             table = tables.cross_check(check)
             ui.label(f'{name}: {check.text}')
-            plain_table(table.select(*OF_CHECKED), [ICONS[Level(one or Level.GOOD)] for one in table.levels])
+            widgets.plain_table(table.select(*OF_CHECKED), [ICONS[Level(one or Level.GOOD)] for one in table.levels])
             for one in check.effects:
                 ui.label(f'{one.name}: {one.reason}')
             ui.label(table.note).classes('soft')
