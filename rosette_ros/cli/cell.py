@@ -45,25 +45,29 @@ def run(options: argparse.Namespace) -> None:
                 log_dir=made_folder(options.output), simulated_time=not options.no_simulation)
     refuse_second_cell(out, cell)
     with started(out, cell):
-        domain = int(os.environ.get('ROS_DOMAIN_ID') or 0) if options.domain is None else options.domain
-        where = f' --domain {domain}' if domain else ''
-        where += f' --namespace {options.namespace}' if options.namespace != names.NAMESPACE else ''
-        out.print(f'[bold]The cell is running[/]: {", ".join(nodes)} in domain {domain}, namespace '
-                  f'/{escape(options.namespace.strip("/"))}; logs are written to {escape(str(cell.log_dir))}',
-                  soft_wrap=True)
-        if options.no_simulation:
-            out.print('It waits for a CMM that answers probe_target with ball_centre (docs/real-cmm.md).')
-        out.print(f'In another terminal:\n  {program()} calibrate{where}\nCtrl-C ends the cell.', highlight=False)
-        cell.news()
-        try:
-            while True:
-                for words in cell.restart_failed().values():
-                    print(f'{datetime.now():%H:%M:%S} {words}; restarted', file=sys.stderr, flush=True)
-                for words in cell.news():
-                    out.print(f'{datetime.now():%H:%M:%S} {escape(words)}', soft_wrap=True)
-                time.sleep(CHECK_PERIOD)
-        except KeyboardInterrupt:
-            print('Ending the cell.', file=sys.stderr)
+        keep_running(out, cell)
+
+
+def keep_running(out: Console, cell: Cell) -> None:
+    """Say how a cell is used; restart failed nodes and show what is new until Ctrl-C."""
+    domain = int(os.environ.get('ROS_DOMAIN_ID') or 0) if cell.domain_id is None else cell.domain_id
+    where = f' --domain {domain}' if domain else ''
+    where += f' --namespace {cell.namespace}' if cell.namespace != names.NAMESPACE else ''
+    out.print(f'\n[bold]The cell is running[/]: {", ".join(cell.processes)} in domain {domain}, namespace '
+              f'/{escape(cell.namespace)}; logs are written to {escape(str(cell.log_dir))}', soft_wrap=True)
+    if names.CMM not in cell.processes:
+        out.print('It waits for a CMM that answers probe_target with ball_centre (docs/real-cmm.md).')
+    out.print(f'In another terminal:\n  {program()} calibrate{where}\nCtrl-C ends the cell.', highlight=False)
+    cell.news()
+    try:
+        while True:
+            for words in cell.restart_failed().values():
+                print(f'{datetime.now():%H:%M:%S} {words}; restarted', file=sys.stderr, flush=True)
+            for words in cell.news():
+                out.print(f'{datetime.now():%H:%M:%S} {escape(words)}', soft_wrap=True)
+            time.sleep(CHECK_PERIOD)
+    except KeyboardInterrupt:
+        print('Ending the cell.', file=sys.stderr)
 
 
 def refuse_second_cell(out: Console, cell: Cell) -> None:

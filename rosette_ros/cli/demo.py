@@ -3,7 +3,6 @@
 
 import argparse
 import random
-import time
 from functools import partial
 from pathlib import Path
 
@@ -13,9 +12,9 @@ from rich.markup import escape
 
 from rosette_ros import program
 from rosette_ros.analysis import MOST_BALLS_ADVISED, MOST_BALLS_JUDGED, analyse, judge, summarise
-from rosette_ros.cell.supervisor import Cell
 from rosette_ros.cli import hidden_demo, verification_demo
 from rosette_ros.cli.arguments import add_shared, whole
+from rosette_ros.cli.cell import keep_running
 from rosette_ros.cli.console import console, fit_rows, head, pairs, print_parts, print_verdict
 from rosette_ros.cli.demo_cell import MACHINE, compare, demo_cell, shown
 from rosette_ros.core.errors import InvalidConfig
@@ -76,7 +75,7 @@ def run(options: argparse.Namespace) -> None:
         else:
             show(out, config, log_path, running.seconds)
         if options.keep:
-            keep(out, running.cell)
+            keep_running(out, running.cell)
 
 
 def show(out: Console, config: MachineConfig, log_path: Path, seconds: float) -> None:
@@ -110,15 +109,3 @@ def show(out: Console, config: MachineConfig, log_path: Path, seconds: float) ->
         out.print(f'  {program()} {verb} {shown(log_path)}', soft_wrap=True)
     if program() != 'rosette':
         out.print(f'To type just rosette: {program()} shell')
-
-
-def keep(out: Console, cell: Cell) -> None:
-    """Leave the cell running until Ctrl-C; raise CellError where a node fails."""
-    out.print(f'\nThe cell is running in domain {cell.domain_id}. In another terminal:\n'
-              f'  {program()} calibrate --domain {cell.domain_id}\nCtrl-C ends the cell.', highlight=False)
-    try:
-        while True:
-            cell.check()
-            time.sleep(0.2)
-    except KeyboardInterrupt:
-        out.print('\nEnding the cell.')
