@@ -216,10 +216,10 @@ class CellClient(GraphClient):
         self._verdicts = {message.run_id: conversions.verdict_record(message)}
 
     def _on_log(self, message: Log) -> None:
-        cell, _, node = message.name.rpartition('.')
+        node = message.name.rpartition('.')[2]
         is_told = node == names.SEQUENCER and message.level > LoggingSeverity.WARN  # that a run has failed: its result
         if (self._on_warning and message.level >= LoggingSeverity.WARN and not is_told
-                and f'{cell}.'.startswith(f'{self._where[1:].replace("/", ".")}.')):
+                and names.is_of_cell(message.name, self._where)):
             self._on_warning(f'{node}: {message.msg}')
 
     def _on_state(self, state: RunState) -> None:

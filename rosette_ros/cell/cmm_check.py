@@ -23,6 +23,7 @@ from rosette_ros.io.messages import MACHINE_FRAME, Answer, Phase, Target, answer
 from rosette_ros.io.reading_checks import check_answers
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes import conversions, names, qos
+from rosette_ros.nodes.liveliness import obeying
 
 SEARCH, SETTLING, ECHOES = 5.0, 1.0, 0.5  # for the CMM; for all to discover each other; for a second answer, s
 CLOCK_OFF = 2.0  # a stamp so long before its target or after its answer is of another clock, s
@@ -130,19 +131,12 @@ class CmmClient(CellClient):
             raise CellError(f'cell {self._where}: run {self._progress.run_id} is on; wait for its end or cancel it')
 
     def _is_there(self) -> bool:
-        return bool(self._node.count_publishers(names.BALL_CENTRE) and self._listeners())
-
-    def _listeners(self) -> list[Any]:
-        """Return the endpoints that obey targets."""
-        return [info for info in self._node.get_subscriptions_info_by_topic(self._topic(names.PROBE_TARGET))
-                if info.node_name not in (names.RECORDER, names.EVALUATOR)]
-
-    def _topic(self, name: str) -> str:
-        return self._node.resolve_topic_name(name)
+        return bool(self._node.count_publishers(names.BALL_CENTRE) and obeying(self._node))
 
     def _graph_checks(self) -> tuple[Check, ...]:
         """Return what the graph alone shows: types, quality of service, how many there are."""
-        answers, listeners = self._node.get_publishers_info_by_topic(self._topic(names.BALL_CENTRE)), self._listeners()
+        topic, listeners = self._node.resolve_topic_name(names.BALL_CENTRE), obeying(self._node)
+        answers = self._node.get_publishers_info_by_topic(topic)
         wrong = [f'{info.topic_type} on {name}, wanted {wanted}' for name, wanted, infos in (
             (names.BALL_CENTRE, 'rosette_msgs/msg/BallCentre', answers),
             (names.PROBE_TARGET, 'rosette_msgs/msg/ProbeTarget', listeners)) for info in infos

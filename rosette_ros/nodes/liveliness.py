@@ -95,6 +95,12 @@ class NodeMonitor:
         self.is_late = True
 
 
+def obeying(node: Node) -> list[Any]:
+    """Return the endpoints, besides those of recorder and evaluator, that subscribe to the targets."""
+    infos = node.get_subscriptions_info_by_topic(node.resolve_topic_name(names.PROBE_TARGET))
+    return [info for info in infos if info.node_name not in (names.RECORDER, names.EVALUATOR)]
+
+
 class Trouble(NamedTuple):
     """What keeps a run from going on: nodes that are disconnected or restarted, several publishers of one topic, in
     words, and whether answers were not used because of them."""
@@ -134,7 +140,7 @@ class CellMonitor:
         node = self._node
         missing = [f'{words}: wanted one in this domain and namespace; is another cell running? Give each its own '
                    '(--domain, --namespace)' for words in self.rivals()]
-        if not (self._senders[names.BALL_CENTRE].alive and self._obeys_targets()):
+        if not (self._senders[names.BALL_CENTRE].alive and obeying(self._node)):
             missing.append(f'no CMM: wanted one that subscribes to {names.PROBE_TARGET} and publishes '
                            f'{names.BALL_CENTRE}, got none; start simulated_cmm or connect a CMM')
         elif not node.has_time():
@@ -214,12 +220,6 @@ class CellMonitor:
 
     def _is_disconnected(self, name: str) -> bool:
         return self._monitors[name].is_disconnected
-
-    def _obeys_targets(self) -> bool:
-        """Return whether a node besides recorder and evaluator subscribes to the targets."""
-        topic = self._node.resolve_topic_name(names.PROBE_TARGET)
-        return any(info.node_name not in (names.RECORDER, names.EVALUATOR)
-                   for info in self._node.get_subscriptions_info_by_topic(topic))
 
     def _find_endpoints(self) -> frozenset[bytes]:
         """Return the endpoints of the cell's main topics: those of a restarted node are others."""

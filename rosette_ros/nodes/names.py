@@ -45,6 +45,11 @@ def remappings(namespace: str) -> tuple[tuple[str, str], ...]:
     return () if namespace.strip('/') == NAMESPACE else tuple((name, name.lstrip('/')) for name in OF_A_DOMAIN)
 
 
+def is_of_cell(logger: str, namespace: str) -> bool:
+    """Return whether a logger, by the name in rcl_interfaces/Log, is that of a node in a namespace."""
+    return f'{logger}.'.startswith(f'{namespace.strip("/").replace("/", ".")}.') or not namespace.strip('/')
+
+
 def remap_arguments(pairs: Iterable[tuple[str, str]]) -> list[str]:
     """Return the arguments of a node for pairs (name, name instead); they come behind --ros-args."""
     return [part for old, new in pairs for part in ('-r', f'{old}:={new}')]

@@ -94,7 +94,6 @@ class Recorder(CellNode):
         self._contents, self._stop_asked = RunContents('', self.get_logger().error), 0.0
         self._follow_up = FollowUp(self.parameters['follow_up_s'])
         self._not_recorded: set[str] = set()
-        self._in_cell = self.get_namespace().strip('/').replace('/', '.')
         self._is_simulated = self.get_parameter('use_sim_time').value
         self._simulated_now = 0
         self._last, self._last_run = 'no log yet', ''
@@ -122,7 +121,7 @@ class Recorder(CellNode):
         try:
             if topic == self._clock_topic:
                 self._simulated_now = nanoseconds(decoded(data, Clock).clock)
-            elif topic == self._rosout_topic and not self._is_ours(decoded(data, Log)):
+            elif topic == self._rosout_topic and not names.is_of_cell(decoded(data, Log).name, self.get_namespace()):
                 return
             log_time = self._simulated_now if self._is_simulated and self._simulated_now else time.time_ns()
             message = Message(topic, data, log_time, log_time, self.seconds())
@@ -171,9 +170,6 @@ class Recorder(CellNode):
     def lost(self, topic: str, count: int) -> None:
         """Count what was lost in transport."""
         self._session.lose(count)
-
-    def _is_ours(self, message: Log) -> bool:
-        return f'{message.name}.'.startswith(f'{self._in_cell}.') or not self._in_cell
 
     def _discover(self) -> None:
         home = self.get_namespace().rstrip('/') + '/'

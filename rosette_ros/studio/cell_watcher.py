@@ -120,10 +120,6 @@ class CellWatcher(GraphClient):
         with self.lock:
             self.state.add_fault(_clock(), f'{count} messages on {topic} were lost')
 
-    def _is_warning(self, message: Log) -> bool:
-        cell = self._node.get_namespace().strip('/').replace('/', '.')
-        return message.level >= LoggingSeverity.WARN and f'{message.name}.'.startswith(f'{cell}.')
-
     def _take(self, message: Any) -> None:
         """Put what a message states into `state`; Any: messages of rclpy have no types."""
         state = self.state
@@ -141,7 +137,7 @@ class CellWatcher(GraphClient):
                 state.set_motions(message.run_id, conversions.error_motions_record(message))
             case Diagnosis():
                 state.set_verdict(message.run_id, conversions.verdict_record(message))
-            case Log() if self._is_warning(message):
+            case Log() if message.level >= LoggingSeverity.WARN and names.is_of_cell(message.name, self._where):
                 kind = Health.FAULT if message.level >= LoggingSeverity.ERROR else Health.WARNING
                 state.add_fault(_clock(), f'{message.name.rsplit(".", 1)[-1]}: {plain(message.msg)}', kind)
             case DiagnosticArray():

@@ -87,7 +87,7 @@ class MuteWatcher(Mute, CellWatcher):
     def __init__(self):
         """Have received nothing."""
         node = SimpleNamespace(get_namespace=lambda: '/rosette')
-        Mute.__init__(self, state=CellState(), lock=threading.Lock(), _node=node)
+        Mute.__init__(self, state=CellState(), lock=threading.Lock(), _node=node, _where='/rosette')
 
 
 @tried(0.12)

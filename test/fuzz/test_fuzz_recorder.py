@@ -50,7 +50,7 @@ class MuteRecorder(Mute, Recorder):
             _session=session,
             _contents=RunContents('', list),
             _stop_asked=0.0,
-            _in_cell='rosette',
+            get_namespace=lambda: '/rosette',
             _clock_topic='/clock',
             _rosout_topic='/rosout',
             _kinds=KINDS | {topic: interface_class(type_name) for topic, type_name in OTHERS.items()},
