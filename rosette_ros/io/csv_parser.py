@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """From the bytes of a ball-centre table to columns of numbers; errors name line and column."""
 
-import csv
 import difflib
 import re
 from collections.abc import Callable, Sequence
@@ -12,7 +11,7 @@ import numpy as np
 
 from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.core.geometry import Floats, Ints
-from rosette_ros.io.spreadsheet import plain_lines
+from rosette_ros.io.spreadsheet import Row, read_sheet
 
 SCHEMA = 'rosette-ball-centres/1'
 COLUMNS = ('seq', 'table_position', 'ball', 'cmm_position', 'table_angle_deg', 'x_mm', 'y_mm', 'z_mm', 'time_s',
@@ -108,15 +107,15 @@ class CsvTable:
     frame; notes: how the table was read, in words."""
 
     def __init__(self, data: bytes, source: str) -> None:
-        lines, self.notes = plain_lines(_lines(data, source), (*COLUMNS, TRAVEL_COLUMN), source)
-        at = next((at for at, line in enumerate(lines) if line.strip() and not line.startswith('#')), len(lines))
-        heading = _Heading(lines[:at], source)
-        if at == len(lines):
+        above, sheet, self.notes = read_sheet(_lines(data, source), (*COLUMNS, TRAVEL_COLUMN), source)
+        heading = _Heading(above, source)
+        if not sheet:
             raise InvalidData(f'{source}: wanted a line with the names of the columns ({",".join(COLUMNS)}), got none')
-        names = [name.strip() for name in lines[at].replace('"', '').split(',')]
-        _check_names(names, source, at + 1)
-        self.lines, rows = _rows(lines, at + 1, len(names), source)
-        cells = dict(zip(names, zip(*rows, strict=True), strict=True))
+        (line, names), *rows = sheet
+        _check_names(names, source, line)
+        _check_rows(rows, len(names), source)
+        self.lines = [line for line, _ in rows]
+        cells = dict(zip(names, zip(*(row for _, row in rows), strict=True), strict=True))
         self.source, self.angle_cells = source, cells['table_angle_deg']
         self.columns = {name: _numbers(cells[name], name, self.lines, source)
                         for name in names if name in (*COLUMNS, TRAVEL_COLUMN)}
@@ -161,25 +160,16 @@ def _check_names(names: list[str], source: str, line: int) -> None:
             raise _wrong(source, line, name, 'it once', f'{names.count(name)} of them')
 
 
-def _rows(lines: list[str], at: int, width: int, source: str) -> tuple[list[int], list[list[str]]]:
-    """Return (line of each row, cells of each row)."""
-    numbered = [(number, text) for number, text in enumerate(lines[at:], at + 1) if text.strip()]
-    if not numbered:
+def _check_rows(rows: Sequence[Row], width: int, source: str) -> None:
+    if not rows:
         raise InvalidData(f'{source}: wanted rows of ball centres, got none')
-    rows = []
-    for number, text in numbered:
-        try:
-            row = next(csv.reader([text], strict=True)) if '"' in text else text.split(',')
-        except csv.Error as error:
-            raise _wrong(source, number, '', 'cells with closed quotes', str(error)) from error
+    for line, row in rows:
         if len(row) != width:
             if row[0].startswith('#'):
-                raise _wrong(source, number, '', 'a reading', repr(text[:80]),
+                raise _wrong(source, line, '', 'a reading', repr(','.join(row)[:80]),
                              'lines with # stand above the names of the columns')
             advice = 'write decimals with a point, not a comma' if len(row) > width else 'is the row cut off?'
-            raise _wrong(source, number, '', f'{width} cells', len(row), advice)
-        rows.append(row)
-    return [number for number, _ in numbered], rows
+            raise _wrong(source, line, '', f'{width} cells', len(row), advice)
 
 
 def _numbers(cells: Sequence[str], name: str, lines: list[int], source: str) -> Floats | Ints:
