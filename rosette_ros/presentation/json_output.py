@@ -61,7 +61,7 @@ def noise_json(fit: Fit) -> Json:
         'is_white': noise.is_white and not noise.resolution, 'axes': noise.axes, 'by': noise.by,
         'factors': noise.factors, 'tail': noise.tail, 'tail_dof': noise.tail_dof, 'memory': noise.phi,
         'wander': noise.wander, 'resolution_m': noise.resolution,
-        'words': [words for words, _ in noise_words(noise, fit.sigma, fit.run.size)]}
+        'words': [words for words, _ in noise_words(noise, fit.sigma, fit.run)]}
 
 
 def verdict_json(verdict: Verdict | None) -> Json:

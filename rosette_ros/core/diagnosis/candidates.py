@@ -271,7 +271,7 @@ def families(run: Run, effects: Sequence[Effect], project: Projection, keep_hidd
 def _alike(run: Run, effect: Effect, settings: Sequence[Setting],
            widths: Sequence[int]) -> list[tuple[int, float, list[int]]]:
     """Return number of columns, chances and places of the settings that share both."""
-    kinds = [(width, effect.chances(run, setting)) for width, setting in zip(widths, settings)]
+    kinds = list(zip(widths, effect.chances(run, settings)))
     return [(*kind, [place for place, other in enumerate(kinds) if other == kind]) for kind in sorted(set(kinds))]
 
 

@@ -172,7 +172,7 @@ class _Search:
 
     def __init__(self, run: Run, model: Model, seed: int, noise: Noise | None = None) -> None:
         """Free the readings of the model, to whose fit, `start`, the `absent` base terms are added in `base`."""
-        self.run, self.seed = run, seed
+        self.run, self.seed, self.needed = run, seed, -np.inf
         self._without: dict[tuple[Member, ...], _WithoutBlocks] = {}
         self.start = base = fit(run, model, choose_settings(run, model, noise), noise)
         self.absent = missing_base(run, self.start)
@@ -232,12 +232,23 @@ class _Search:
         """The Selection that the search ends with: each member holds beside the others."""
         if self.noiseless:
             return self.problem.empty
-        selection = self._held(self.problem.grow(), self.problem.swap)
+        selection = self._held(self.problem.grow(self.needed), self.problem.swap)
         selection = right_shapes(self.problem, self.problem.polish(selection), self._held)
         while vain := [place for place in range(len(selection.members)) if not self._predicts(selection, place)]:
             instead = free_instead(self.problem, selection, vain[:1]) or self.problem.select(selection.without(vain[0]))
             selection = self.problem.polish(self._held(instead))
-        return self._ordered(selection)
+        return self._ordered(self._simplest(selection))
+
+    def _simplest(self, selection: Selection) -> Selection:
+        """Return the selection with a wrong reading in place of an event that cannot be distinguished from it."""
+        for place, member in enumerate(selection.members):
+            if member.name != 'outlier' and any(one.kind == 'instant' for one in member.effect.searched):
+                rest = self.problem.select(selection.without(place))
+                for offer in self.problem.offers([rest], ('outlier',), allow_repeats=True)[0][:1]:
+                    child = self.problem.child(rest, offer)
+                    if child and child.score > selection.score - LOOK_ALIKE:
+                        return self._simplest(child)
+        return selection
 
     def _ordered(self, selection: Selection) -> Selection:
         falls = [self.problem.select(selection.without(place)).rss for place in range(len(selection.members))]

@@ -19,17 +19,22 @@ from rosette_ros.core.model.noise import Noise
 ALONE = 10.0
 """Score by which effects in white noise must be better than another noise without them; outliers may be as much worse:
 heavy tails are many of them."""
+TAILED = 0.01
+"""Probability of normal noise below which what outliers leave has the tails that their run has without them."""
 MOST_NOISES = 3
 NO_NAMES: tuple[str, ...] = ()
 """Searches beside that in white noise."""
 
 
 class Search(Protocol):
-    """A search under one noise: the fit that it begins with, what it chooses, and whether there is nothing to find."""
+    """A search under one noise: the fit that it begins with, what it chooses, and whether there is nothing to find.
+
+    needed: score below which nothing that it finds is of use."""
 
     base: Fit
     problem: Problem
     noiseless: bool
+    needed: float
 
     @property
     def chosen(self) -> Selection:
@@ -44,8 +49,11 @@ def under_best_noise(white: AnySearch, again: Callable[[Noise], AnySearch]) -> A
     if white.noiseless or white.base.noise.resolution:
         return white
     alone = _estimated(white, ())
-    if alone.noise.is_white and not white.chosen.members:
-        return white
+    if alone.noise.is_white:
+        if not white.chosen.members:
+            return white
+    else:
+        white.needed = alone.score - ALONE
     best: AnySearch | None = None
     hopes: dict[tuple[str, ...], float] = {}
     best_score, margin, waiting = -np.inf, 0.0, [(alone, NO_NAMES)]
@@ -56,7 +64,7 @@ def under_best_noise(white: AnySearch, again: Callable[[Noise], AnySearch]) -> A
         names, best, best_score, margin = white.chosen.names, white, white.chosen.score, ALONE
         beside = _estimated(white, white.chosen.members) if names else alone
         if beside.noise.is_white:
-            margin = -ALONE if set(names) == {'outlier'} else ALONE
+            margin = -ALONE if set(names) == {'outlier'} and _is_normal_beside(white, alone.noise) else ALONE
             if alone.score < best_score - margin:
                 return white
         waiting = [(one, of) for one, of in ((alone, NO_NAMES), (beside, names)) if not one.noise.is_white]
@@ -81,6 +89,11 @@ def under_best_noise(white: AnySearch, again: Callable[[Noise], AnySearch]) -> A
             member.named for member in white.chosen.members)):
         return white
     return best
+
+
+def _is_normal_beside(white: Search, noise: Noise) -> bool:
+    """Return whether what is left beside effects in white noise has no heavy tails like those of a noise."""
+    return not noise.tail or noise_problem(white.base, white.chosen.members).start.p_of_tail(noise) > TAILED
 
 
 def noise_problem(fitted: Fit, members: Sequence[Member] = ()) -> NoiseProblem:

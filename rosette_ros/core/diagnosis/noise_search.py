@@ -22,6 +22,7 @@ from rosette_ros.core.records import Floats, Run, resolution_of
 
 DRAWS = 200
 CALIBRATED = 20
+TAILS_DRAWN = 60
 FEW = 0.15
 """Share of parameters in the coordinates below which their freedom to fit tails does not count."""
 PLAIN = 0.25
@@ -35,7 +36,7 @@ KINDS = 6
 TAILS = (2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0)
 MEMORIES = (0.3, 0.6, 0.8, 0.9, 0.97, 1.0)
 """phi of the wander that are tried."""
-GROUPS = ('ball', 'CMM position', 'table position', 'time')
+GROUPS = ('time', 'ball', 'CMM position', 'table position')
 MOST_KINDS = 3
 PARTS = ((2,), (0, 1))
 """Axes that are independent of each other in the model."""
@@ -229,8 +230,7 @@ class NoiseFit:
         """
         if self.noise.tail:
             return self
-        rows = self.left / np.sqrt(np.sum(self.left**2, axis=(1, 2)) / self.problem.dof)[:, None, None]
-        scale = np.sqrt(np.maximum(np.mean(self.whitening.adjoint(rows[1:])**2, axis=0), 1e-12))
+        rows, scale = self._scaled()
         rows = rows[:1 + CALIBRATED] if self._share < 1 - FEW else rows[:1]
         normal = self._tail_of(rows, scale, per, np.inf)[0]
         found = []
@@ -244,6 +244,18 @@ class NoiseFit:
         noise = replace(self.noise, tail=per, tail_dof=dof, weight=before * weight)
         return replace(self.problem.at(noise.scaled()),
                        score=self.score + gain - float(cost(max(gain, 0.0), 2)) - 2 * np.log(KINDS))
+
+    def p_of_tail(self, noise: Noise) -> float:
+        """Return the probability that normal noise is as much like the Student's distribution of a noise."""
+        rows, scale = self._scaled()
+        gains = np.subtract(*(self._tail_of(rows[:1 + TAILS_DRAWN], scale, noise.tail, dof)[0]
+                              for dof in (noise.tail_dof, np.inf)))
+        return _one_sided(gains)
+
+    def _scaled(self) -> tuple[Floats, Floats]:
+        """Return what is left in units of its size, and the scatter (N, 3) of each coordinate in these."""
+        rows = self.left / np.sqrt(np.sum(self.left**2, axis=(1, 2)) / self.problem.dof)[:, None, None]
+        return rows, np.sqrt(np.maximum(np.mean(self.whitening.adjoint(rows[1:])**2, axis=0), 1e-12))
 
     @property
     def _share(self) -> float:

@@ -49,6 +49,10 @@ BEAM = 4
 BRANCHES = 7
 MANY_ROWS = 4
 """An effect of so many amplitudes is compared with several simpler ones in its place."""
+TOGETHER = 2.0
+"""So many times as much as the best effect alone may each of several more, at most, raise the score together."""
+SWAPPED = 30.0
+"""What exchanging effects adds to a score at most."""
 HOPELESS = -5.0
 """Score gain on the grid below which no refinement of continuous parameters can make it pay."""
 
@@ -223,13 +227,18 @@ class Problem:
             best = min(bracket, key=loss, default=best)
         return Setting({**member.setting, name: float(best)})
 
-    def grow(self) -> Selection:
+    def grow(self, needed: float = -np.inf) -> Selection:
         """Return the best Selection that the beam search finds; empty where nothing pays.
+
+        needed: score below which none is of use: the search ends where it cannot be reached.
 
         An unnamed term, or an effect of many amplitudes, may stand for several simpler effects that no exchange of one
         for one can find: each such member is compared with a search of its own that does without it.
         """
-        best = self.swap(self._beam(self.empty))
+        best = self._beam(self.empty, needed=needed)
+        if best.score < needed - SWAPPED:
+            return best
+        best = self.swap(best)
         for _ in range(2):
             better = best
             for place, member in enumerate(best.members):
@@ -242,12 +251,16 @@ class Problem:
             best = self.swap(better)
         return best
 
-    def _beam(self, start: Selection, without: str = '') -> Selection:
+    def _beam(self, start: Selection, without: str = '', needed: float = -np.inf) -> Selection:
         """Return the best Selection from `start` on; without: an effect to be left out, and all unnamed terms."""
         beam, best = [start], start
-        for _ in range(MOST_EFFECTS - len(start.members)):
+        for left in range(MOST_EFFECTS - len(start.members), 0, -1):
             children: dict[frozenset[object], Selection] = {}
-            for selection, offers in zip(beam, self.offers(beam)):
+            every = self.offers(beam)
+            most = max((offers[0].score for offers in every if offers), default=0.0)
+            if best.score and best.score + TOGETHER * left * most < needed:
+                break
+            for selection, offers in zip(beam, every):
                 if without:
                     offers = [offer for offer in offers if offer.family.name != without
                               and not isinstance(offer.family.effect, FreeForm)]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from rosette_ros.core.records import ROUNDED
+from rosette_ros.core.records import ROUNDED, Run
 
 if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit
     from rosette_ros.core.model.least_squares import Fit
@@ -129,7 +129,7 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = 
     if present:
         action.append(f'look in the cell for the cause of what the model only describes, {" and ".join(present)}, or '
                       'keep it in the model')
-    if noise := noise_words(final.noise, final.sigma, final.run.size):
+    if noise := noise_words(final.noise, final.sigma, final.run):
         outcome = Outcome.NOISE if outcome == Outcome.FITS else outcome
         sentence += f' The noise is not white and equal: {"; ".join(words for words, _ in noise)}.'
         action += [advice for _, advice in noise]
@@ -165,8 +165,8 @@ def not_determinable(reason: str, added: Sequence[str] = ()) -> Verdict:
     return Verdict(Outcome.NOT_DETERMINABLE, reason, f'Measure the missing balls{remove}.')
 
 
-def noise_words(noise: 'Noise', sigma: float, readings: int) -> list[tuple[str, str]]:
-    """Return in what a noise is other than white and equal, each with what to do; sigma: its size, m."""
+def noise_words(noise: 'Noise', sigma: float, run: Run) -> list[tuple[str, str]]:
+    """Return in what the noise of a run is other than white and equal, each with what to do; sigma: its size, m."""
     out = []
     if noise.resolution:
         out.append((f'the readings are rounded to {_um(noise.resolution)}', 'export the coordinates with more digits'))
@@ -183,15 +183,15 @@ def noise_words(noise: 'Noise', sigma: float, readings: int) -> list[tuple[str, 
         out.append((f'single {noise.tail}s stand out more than normal noise allows (Student, {noise.tail_dof:g} '
                     'degrees of freedom)', 'clean balls and stylus; the readings that stand out count less'))
     if noise.by:
-        worst, typical = int(noise.factors.argmax()) + 1, sorted(noise.factors)[noise.factors.size // 2]
-        where = f'part {worst} of {noise.factors.size} of the run' if noise.by == 'time' else f'{noise.by} {worst}'
-        out.append((f'{where} scatters {noise.factors.max() / typical:.1f} times as much as the others',
+        typical, (where, *alike) = sorted(noise.factors)[noise.factors.size // 2], noise.noisiest(run)
+        same = f' (in this order that may as well be {" or ".join(alike)})' if alike else ''
+        out.append((f'{where} scatters {noise.factors.max() / typical:.1f} times as much as the others{same}',
                     f'look at {where}'))
     if noise.wander.any():
         axis = int(noise.wander.argmax())
         step, white = noise.wander[axis], noise.axes[axis]**2
         if noise.phi == 1:
-            words = f'the frame wanders: random walk of {_um(sigma * (step * readings)**0.5)} over the run'
+            words = f'the frame wanders: random walk of {_um(sigma * (step * run.size)**0.5)} over the run'
         elif noise.phi > WANDERING:
             words = f'the frame wanders by {_um(sigma * step**0.5)} within about {1 / (1 - noise.phi):.0f} readings'
         else:

@@ -30,11 +30,13 @@ class BallSlip(Effect):
         return tuple(Setting(ball=ball, t0=float(t0)) for ball in range(1, run.n + 1)
                      for t0 in on.thinned(on.midway(time[run.ball == ball]), 40))
 
-    def chances(self, run: Run, setting: Setting) -> float:
+    def chances(self, run: Run, settings: Sequence[Setting]) -> list[float]:
         """A move before the last reading of a ball or after its first one is told apart from an outlier by nothing."""
-        time = seconds(run)[run.ball == setting.whole('ball')]
-        after = np.count_nonzero(time > setting.number('t0'))
-        return self.independent_settings(run) if 1 < after < time.size - 1 else 6 * run.size
+        time = {ball: seconds(run)[run.ball == ball] for ball in range(1, run.n + 1)}
+        own = [time[setting.whole('ball')] for setting in settings]
+        after = [np.count_nonzero(one > setting.number('t0')) for one, setting in zip(own, settings)]
+        usual = self.independent_settings(run)
+        return [usual if 1 < number < one.size - 1 else 6 * run.size for number, one in zip(after, own)]
 
     def instants(self, run: Run, setting: Setting, name: str = 't0') -> Floats:
         """Return the instants between that ball's readings around a setting."""
@@ -117,8 +119,9 @@ class BallRattle(Effect):
     def independent_settings(self, run: Run) -> int:
         return run.n * min(run.n, 14)**2 // 4
 
-    def chances(self, run: Run, setting: Setting) -> float:
-        return run.n if setting.word('motion') == 'sense' else self.independent_settings(run)
+    def chances(self, run: Run, settings: Sequence[Setting]) -> list[float]:
+        usual = self.independent_settings(run)
+        return [run.n if setting.word('motion') == 'sense' else usual for setting in settings]
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         if setting.word('motion') == 'sense':

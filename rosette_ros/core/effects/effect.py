@@ -157,9 +157,9 @@ class Effect:
         """Return how many settings count as separate chances in the search, at least 1."""
         return max(1, len(self.settings(run)))
 
-    def chances(self, run: Run, setting: Setting) -> float:
-        """Return the number of separate chances against which a setting has to stand, those of all as a rule."""
-        return self.independent_settings(run)
+    def chances(self, run: Run, settings: Sequence[Setting]) -> list[float]:
+        """Return the numbers of separate chances against which settings have to stand, those of all as a rule."""
+        return [self.independent_settings(run)] * len(settings)
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         """Return where to refine each continuous parameter of a setting found on the grid.
@@ -210,8 +210,9 @@ class FixedEffect(Effect):
         """Return the effect's number, at most as many as there are settings left."""
         return max(1, min(self.effect.independent_settings(run), len(self.settings(run))))
 
-    def chances(self, run: Run, setting: Setting) -> float:
-        return min(self.effect.chances(run, setting), self.independent_settings(run))
+    def chances(self, run: Run, settings: Sequence[Setting]) -> list[float]:
+        most = self.independent_settings(run)
+        return [min(one, most) for one in self.effect.chances(run, settings)]
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
         return self.effect.amplitudes(run, setting)

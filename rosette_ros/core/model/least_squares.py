@@ -30,6 +30,8 @@ REFINED = ('scale', 'phase')
 """Kinds of searched parameters that have an uncertainty."""
 UNLIKELY = 1e-3
 """Chance of as much lack of fit below which the residuals, not the repeatability, state the uncertainties."""
+FEWEST = 0.1
+"""Share of its degrees of freedom that a repeatability keeps, at least, under heavy tails: (dof - 4) / (dof - 1)."""
 
 
 @dataclass(frozen=True)
@@ -262,7 +264,7 @@ def fit(run: Run, model: Model | None = None, settings: Sequence[Mapping[str, fl
     if dof <= 0:
         raise NotDeterminable(f'{run.source}: {3 * run.size} coordinates leave {dof} degrees of freedom for {model}; '
                               'measure more balls or remove an effect')
-    sigma, source, chi, p = _noise(run, rss, dof)
+    sigma, source, chi, p = _noise(run, rss, dof, noise)
     u = sigma * np.sqrt(joint.curve_cofactor())
     return Fit(run, model, ErrorMotions(_mean_angles(run), base.curves[0], u), base.plate[0], base.cmm[0],
                space.whitening.inverse(weighted[None])[0], _fitted(run, parts, amplitude, joint, sigma),
@@ -297,15 +299,20 @@ def _tangents(run: Run, parts: Sequence[_Part], amplitude: Floats) -> Floats:
     return np.concatenate(tangents)
 
 
-def _noise(run: Run, rss: float, dof: int) -> tuple[float, str, float | None, float | None]:
+def _noise(run: Run, rss: float, dof: int, noise: Noise) -> tuple[float, str, float | None, float | None]:
     rms = float(np.sqrt(rss / dof))
     known, known_dof = run.repeatability, run.repeatability_dof
     if known is None:
         return rms, 'residuals', None, None
     chi = (rms / known)**2
-    p = float(special.chdtrc(dof, chi * dof) if known_dof is None else special.fdtrc(dof, known_dof, chi))
+    # the check was made at one place, which may be the quietest one; heavy tails make its variance uncertain
+    least, of_tail = chi * float(noise.factors.min())**2, max(1 - 3 / max(noise.tail_dof - 1, 1.0), FEWEST)
+    p = float(special.chdtrc(dof, least * dof) if known_dof is None
+              else special.fdtrc(dof, known_dof * of_tail, least))
     if p < UNLIKELY:
         return rms, 'residuals (larger than the repeatability)', chi, p
+    if noise.by or noise.tail:
+        return rms, 'residuals (the noise is not equal)', chi, p
     if known_dof is None:
         return known, 'repeatability', chi, p
     pooled = np.sqrt((rss + known_dof * known**2) / (dof + known_dof))

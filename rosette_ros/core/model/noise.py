@@ -26,6 +26,8 @@ from rosette_ros.core.records import Floats, Ints, Run
 AXES = ('x', 'y', 'z')
 CHECK = 10
 SECTIONS = 12
+SAME = 0.99
+"""Share of readings in which two places agree that cannot be distinguished."""
 Real = TypeVar('Real', bound=np.floating[Any])
 """Single or double precision; what is made of columns keeps that of them."""
 
@@ -72,6 +74,17 @@ class Noise:
         if self.weight is not None:
             sd = sd / np.sqrt(self.weight)
         return Whitening(run.size, sd, self.phi, self.wander)
+
+    def noisiest(self, run: Run) -> list[str]:
+        """Return the group whose factor is the largest, in words, and what else its readings share in this order."""
+        members = place_of(run, self.by) == self.factors.argmax()
+        out: list[str] = []
+        for label, index, names in places(run):
+            group = int(np.bincount(index[members]).argmax())
+            if label != 'sequence' and np.mean((index == group) == members) > SAME:
+                where = f'part {group + 1} of {len(names)} of the run' if label == 'time' else f'{label} {group + 1}'
+                out.insert(0 if label == self.by else len(out), where)
+        return out
 
     def scaled(self) -> 'Noise':
         """Return the same noise with a variance of 1 within CHECK readings in a row."""
