@@ -32,6 +32,8 @@ class Request:
     balls: int = 0
     radius: float = 0.0
     turning: str = ''
+    cmm_positions: str = ''
+    balls_in_use: str = ''
     repeats: int = 0
     drift_check: int = 0
     attempts: int = 0

@@ -16,7 +16,7 @@ from rosette_ros.calibration.calibration_plan import CalibrationPlan, plan_calib
 from rosette_ros.calibration.state_machine import Limits
 from rosette_ros.core.errors import InvalidConfig
 from rosette_ros.core.geometry import Frame, rotation_matrix
-from rosette_ros.core.scheme import ORDERS, TURNINGS, plan
+from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, places_in_use, plan
 from rosette_ros.io.safe_yaml import parse_mapping
 
 MAX_OPTIONS = 10_000  # longest YAML text taken from a goal, characters
@@ -82,6 +82,9 @@ RUN = (
     Wanted('order', 'diagonal', 'order of measurement', choices=ORDERS),
     Wanted('seed', 0, 'draws the order "random"', 0, 2**53),
     Wanted('turning', 'forward', 'sense in which the table turns', choices=TURNINGS),
+    Wanted('cmm_positions', '', 'CMM positions in use: how many ("6", the best ones), a share ("50 %") or which '
+           '("1, 4, 6, 9"); "": all, half of them in order there_and_back'),
+    Wanted('balls_in_use', '', 'balls in use, likewise; not together with cmm_positions'),
     Wanted('repeats', 10, 'readings of the repeatability check, 0: none', 0, 10_000),
     Wanted('drift_check', True, 'whether the first ball is measured again after the run'))
 LIMITS = (
@@ -101,7 +104,8 @@ RESUME = Wanted('resume', '', 'the log to continue: the name of its folder, or i
 OPTIONS = RUN[2:] + LIMITS[:5] + (RESUME,)  # what the options of a goal may change for one calibration
 PLANNED = PLATE + TABLE + RUN  # what decides which targets a calibration has
 FIELDS = {'order': 'order', 'balls': 'plate.balls', 'radius': 'plate.radius_m', 'turning': 'turning',
-          'repeats': 'repeats', 'drift_check': 'drift_check', 'attempts': 'limits.attempts', 'skips': 'limits.skips',
+          'cmm_positions': 'cmm_positions', 'balls_in_use': 'balls_in_use', 'repeats': 'repeats',
+          'drift_check': 'drift_check', 'attempts': 'limits.attempts', 'skips': 'limits.skips',
           'resume': 'resume'}
 """Fields of a goal by the setting that each changes."""
 NONE: dict[str, dict[int, Value]] = {'repeats': {-1: 0}, 'skips': {-1: 0}, 'drift_check': {-1: False, 1: True}}
@@ -137,10 +141,17 @@ def parse_options(text: str) -> dict[str, Value]:
 
 def plan_of(values: Mapping[str, Any]) -> CalibrationPlan:
     """Return the CalibrationPlan for settings (name to value, all of PLANNED)."""
-    scheme = plan(values['plate.balls'], values['order'], values['seed'], values['turning'])
+    scheme = scheme_of_settings(values)
     azimuth = np.deg2rad(values['table.azimuth_deg'])
     taught = Frame(rotation_matrix(np.array([0.0, 0.0, azimuth])), np.array(values['table.origin_m']))
     return plan_calibration(scheme, values['plate.radius_m'], taught, values['repeats'], values['drift_check'])
+
+
+def scheme_of_settings(values: Mapping[str, Any]) -> Scheme:
+    """Return the Scheme for settings (name to value, all of PLATE and RUN)."""
+    balls = values['plate.balls']
+    return plan(balls, values['order'], values['seed'], values['turning'],
+                places_in_use(values['cmm_positions'], balls), places_in_use(values['balls_in_use'], balls))
 
 
 def limits_of(values: Mapping[str, Any]) -> Limits:
@@ -149,8 +160,15 @@ def limits_of(values: Mapping[str, Any]) -> Limits:
 
 
 def format_settings(values: Mapping[str, Value]) -> str:
-    """Return the settings that decide the targets of a calibration as YAML; values: name to value."""
+    """Return the settings that decide the targets of a calibration as YAML; values: name to value.
+
+    The CMM positions and balls in use stand as numbers, so that no later choice of the best ones changes the plan.
+    """
     plain = {one.name: values[one.name] for one in PLANNED}
+    scheme = scheme_of_settings(values)
+    for name, used in (('cmm_positions', scheme.cmm_position), ('balls_in_use', scheme.ball)):
+        places = np.unique(used).tolist()
+        plain[name] = ', '.join(map(str, places)) if len(places) < scheme.n else ''
     lists = {name: list(value) for name, value in plain.items() if isinstance(value, tuple)}
     return yaml.safe_dump({**plain, **lists}, sort_keys=False)
 
@@ -158,7 +176,8 @@ def format_settings(values: Mapping[str, Value]) -> str:
 def parse_settings(text: str, where: str) -> dict[str, Value]:
     """Return the settings that format_settings wrote, name to value; raises InvalidConfig in words."""
     given = parse_mapping(text, where, MAX_OPTIONS, 'order: row', InvalidConfig)
-    return {wanted.name: wanted.check(given.get(wanted.name), where) for wanted in PLANNED}
+    later = {'cmm_positions': '', 'balls_in_use': ''}  # than the first logs
+    return {wanted.name: wanted.check({**later, **given}.get(wanted.name), where) for wanted in PLANNED}
 
 
 def run_name(when: datetime, order: str, taken: Collection[str]) -> str:

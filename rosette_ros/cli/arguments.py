@@ -78,6 +78,17 @@ def add_shared(parser: argparse.ArgumentParser, *names: str, **changed: Any) -> 
         parser.add_argument(*(['-o'] if name == '--output' else []), name, **(SHARED[name] | changed))
 
 
+def add_places(parser: argparse.ArgumentParser) -> None:
+    """Add --cmm-positions, --balls-of and --share, of which one excludes the others."""
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument('--cmm-positions', metavar='K', default='', help='measure at the K CMM positions that determine '
+                       'the curves best, or at those of a list such as 1,4,6,9 (default: all)')
+    group.add_argument('--balls-of', metavar='K', default='', dest='balls_in_use',
+                       help='measure the K balls that determine the curves best, or those of a list')
+    group.add_argument('--share', dest='cmm_positions', metavar='PART', help='measure at this part of the CMM '
+                       'positions, such as 0.5', type=lambda text: f'{100 * positive("part")(text):g} %')
+
+
 def add_formats(parser: argparse.ArgumentParser, csv: str) -> argparse._MutuallyExclusiveGroup:
     """Add --json and, with words for it, --csv; return their group, of which one excludes the others."""
     group = parser.add_mutually_exclusive_group()

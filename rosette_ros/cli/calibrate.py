@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn
 
 from rosette_ros.calibration.settings import FIELDS, LIMITS, OPTIONS, PLATE, RUN
 from rosette_ros.cell.client import CalibrationOutcome, CellClient
-from rosette_ros.cli.arguments import UsageError, add_shared, positive, whole
+from rosette_ros.cli.arguments import UsageError, add_places, add_shared, positive, whole
 from rosette_ros.cli.console import console, print_parts, print_verdict
 from rosette_ros.core.errors import CellError
 from rosette_ros.core.scheme import ORDERS
@@ -37,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                                 {'action': argparse.BooleanOptionalAction} if isinstance(wanted.default, bool) else
                                 {'type': whole(int(wanted.low), int(wanted.high))})
         parser.add_argument(f'--{field.replace("_", "-")}', help=wanted.text, **kind)
+    add_places(parser)
     parser.add_argument('--options', metavar='YAML', default='',
                         help='further options of the goal, such as "limits.answer_timeout_s: 30"; '
                              f'known: {", ".join(one.name for one in OPTIONS)}')
@@ -56,7 +57,7 @@ def run(options: argparse.Namespace) -> None:
         outcome = calibrate(
             client, order=options.order, seed=options.seed, options=options.options, resume=resume,
             radius=options.radius_mm and 1e-3 * options.radius_mm,
-            **{field: getattr(options, field) for field in AS_CONFIGURED})
+            **{field: getattr(options, field) for field in (*AS_CONFIGURED, 'cmm_positions', 'balls_in_use')})
     out = console()
     out.print(f'[bold]{escape(outcome.run_id)}[/]')
     print_parts(out, [curves(outcome.error_motions) if outcome.error_motions else None])

@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 from rich.markup import escape
 
-from rosette_ros.cli.arguments import add_formats, positive, whole
+from rosette_ros.cli.arguments import add_formats, add_places, positive, whole
 from rosette_ros.cli.console import console, pairs, print_json, print_parts
-from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, plan
+from rosette_ros.core.planning.advice import SECONDS_PER_BALL
+from rosette_ros.core.planning.expectation import Expectation, expect
+from rosette_ros.core.records import CURVES
+from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, places_in_use, plan
 from rosette_ros.io.csv_parser import COLUMNS, SCHEMA
 from rosette_ros.presentation.formatting import exact, plain, signs
 from rosette_ros.presentation.table_format import Table, column
@@ -27,6 +30,9 @@ WIDEST_MAP = 20
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_plan(parser, MOST_BALLS)
+    add_places(parser)
+    parser.add_argument('--sigma-um', metavar='S', type=positive('µm'), default=0.1,
+                        help='standard deviation of a coordinate, for the expected uncertainties (default 0.1)')
     group = add_formats(parser, csv='print the list as a table, coordinates with two decimals')
     group.add_argument('--csv-template', action='store_true', help='print an empty ball-centre table, to be filled in; '
                        'rows that stay without coordinates are missing balls')
@@ -47,16 +53,17 @@ def add_plan(parser: argparse.ArgumentParser, most_balls: int, radius_mm: float 
 
 def run(options: argparse.Namespace) -> None:
     """Print the plan."""
-    scheme = plan(options.balls, options.order, options.seed, options.turning)
+    scheme = plan(options.balls, options.order, options.seed, options.turning,
+                  *(places_in_use(text, options.balls) for text in (options.cmm_positions, options.balls_in_use)))
     if options.csv_template:
         sys.stdout.write(template(scheme, options.radius_mm))
     elif options.csv:
         lines = (','.join(row) for row in rows(scheme, options.radius_mm))
         sys.stdout.write('\n'.join([HEADER, *lines]) + '\n')
     elif options.json:
-        print_json(plan_json(scheme, 1e-3 * options.radius_mm))
+        print_json(plan_json(scheme, 1e-3 * options.radius_mm, 1e-6 * options.sigma_um))
     else:
-        show(scheme, options.radius_mm)
+        show(scheme, options.radius_mm, options.sigma_um)
 
 
 def rows(scheme: Scheme, radius_mm: float) -> Iterator[tuple[str, ...]]:
@@ -78,27 +85,38 @@ def template(scheme: Scheme, radius_mm: float) -> str:
     return '\n'.join([*lines, ''])
 
 
-def plan_json(scheme: Scheme, radius: float) -> dict[str, Any]:
-    """Return the plan as plain lists and dicts, SI, schema rosette-plan/1."""
-    way = scheme.travel(radius)
+def plan_json(scheme: Scheme, radius: float, sigma: float) -> dict[str, Any]:
+    """Return the plan as plain lists and dicts, SI, schema rosette-plan/1; sigma: of a coordinate, m."""
+    way, expected = scheme.travel(radius), expect(scheme, radius)
     return {
         'schema': 'rosette-plan/1', 'n': scheme.n, 'radius_m': radius, 'order': scheme.order, 'seed': scheme.seed,
         'cmm_position': scheme.cmm_position.tolist(), 'table_position': scheme.table_position.tolist(),
         'ball': scheme.ball.tolist(), 'table_angle_rad': scheme.table_angle.tolist(),
         'approach': scheme.approach.tolist(), 'centre_m': scheme.centres(radius).tolist(),
         'travel': {'table_rad': way.table_angle, 'table_moves': way.table_moves,
-                   'cmm_m': way.cmm_way, 'cmm_moves': way.cmm_moves}}
+                   'cmm_m': way.cmm_way, 'cmm_moves': way.cmm_moves},
+        'expected': {'sigma_m': sigma, 'rank': expected.rank, 'rank_of_a_complete_run': expected.full_rank,
+                     'u': dict(zip(CURVES, (sigma * expected.u).T.tolist())), 'relative_uncertainty': expected.penalty,
+                     'ideal_relative_uncertainty': expected.ideal, 'duration_s': expected.duration}}
 
 
-def show(scheme: Scheme, radius_mm: float) -> None:
-    """Print the plan for a person: the map, the list, the motion that it takes."""
-    out = console()
-    out.print(f'[bold]{scheme.n**2} targets[/]: {scheme.n} balls on a circle of R = {exact(radius_mm, 6)} mm, '
+def show(scheme: Scheme, radius_mm: float, sigma_um: float) -> None:
+    """Print the plan for a person: the map, the list, the motion that it takes, what it determines."""
+    out, way, expected = console(), scheme.travel(1e-3 * radius_mm), expect(scheme, 1e-3 * radius_mm)
+    out.print(f'[bold]{scheme.ball.size} targets[/]: {scheme.n} balls on a circle of R = {exact(radius_mm, 6)} mm, '
               f'{scheme.n} table positions, order {escape(scheme.order)}')
-    way = scheme.travel(1e-3 * radius_mm)
-    print_parts(out, [sequence_map(scheme) if scheme.n <= WIDEST_MAP else None, targets(scheme, radius_mm), pairs([
+    in_use = [(name, places) for name, places in (('CMM positions', np.unique(scheme.cmm_position)),
+                                                  ('Balls', np.unique(scheme.ball))) if places.size < scheme.n]
+    print_parts(out, [sequence_map(scheme) if scheme.n <= WIDEST_MAP else None, targets(scheme, radius_mm),
+                      uncertainties(expected, sigma_um), pairs([
+        *((name, f'{", ".join(map(str, places))} of {scheme.n} in use; deviations of the others are not measured')
+          for name, places in in_use),
         ('Table', f'{way.table_turns:.4g} turns in {way.table_moves} moves'),
         ('CMM', f'{way.cmm_way:.4g} m in {way.cmm_moves} moves (straight from ball to ball)'),
+        ('Determines', f'rank {expected.rank} of {expected.full_rank} of a complete run; curves with '
+                       f'{expected.penalty:.2f} times the uncertainty of one (at best {expected.ideal:.2f} for so many '
+                       'readings)'),
+        ('Time', f'{expected.duration / 3600:.1f} h at {SECONDS_PER_BALL:g} s a ball and usual speeds'),
         ('Order', CASES[scheme.order]), ('Paper', 'Kniel et al., Measurement 2019')])])
 
 
@@ -112,14 +130,24 @@ def targets(scheme: Scheme, radius_mm: float) -> Table:
         column('approach', 'turn', scheme.approach, lambda sense: '+' if sense > 0 else '−')))
 
 
+def uncertainties(expected: Expectation, sigma_um: float) -> Table:
+    """Return the table of the uncertainties that a plan is expected to give the curves."""
+    u = 2 * sigma_um * np.sqrt(np.mean(expected.u**2, axis=0))
+    return Table('expected', f'Expected expanded uncertainty (k = 2) where σ is {sigma_um:g} µm', (
+        column('curve', 'curve', CURVES, str), column('U', 'U', u, lambda value: f'{value:.3g}'),
+        column('unit', '', ['µm'] * 3 + ['µrad'] * 3, str)))
+
+
 def sequence_map(scheme: Scheme) -> Table:
     """Return the map of the scheme: which measurement is made where (Figure 3 of the paper)."""
     grid = np.zeros((scheme.n, scheme.n), dtype=int)
-    grid[scheme.table_position - 1, scheme.ball - 1] = np.arange(1, scheme.n**2 + 1)
+    first = slice(None, None, -1)  # of several measurements the first is shown
+    grid[scheme.table_position[first] - 1, scheme.ball[first] - 1] = np.arange(scheme.ball.size, 0, -1)
     every = range(1, scheme.n + 1)
     return Table('sequence', 'When each ball is measured', (
         column('table_position', 'table \\ ball', every, str),
-        *(column(f'ball_{ball}', str(ball), grid[:, ball - 1], str) for ball in every)))
+        *(column(f'ball_{ball}', str(ball), grid[:, ball - 1], lambda seq: str(seq) if seq else '−')
+          for ball in every)))
 
 
 CASES = {
@@ -128,4 +156,5 @@ CASES = {
     'column': 'ball outside, CMM and table inside (case 3 of the paper): table and CMM alike',
     'random': 'shuffled: drift in time is spread over all positions',
     'sensitive': 'designed: shows every effect of the library with little travel',
+    'there_and_back': 'diagonal at half the CMM positions, then the same backwards: shows every effect of the library',
 }

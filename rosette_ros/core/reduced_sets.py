@@ -146,8 +146,8 @@ def best_members(n: int, size: int) -> tuple[int, ...]:
     else:
         best = _exchanged(n, size)
     if not math.isfinite(best[0]):
-        raise InvalidPlan(f'{size} of {n} CMM positions or balls do not determine the curves; wanted more, so that '
-                          f'({size} - 1) ({n} - 1) is at least 3 x {n} - 5, in places that are not equally spaced')
+        raise InvalidPlan(f'{size} of {n} CMM positions or balls do not determine the curves; wanted at least '
+                          f'{fewest_members(n)} that are not equally spaced')
     return best[1]
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from rosette_ros.core.errors import InvalidPlan
 from rosette_ros.core.geometry import TWO_PI, Floats, Ints, nominal_angles, wrap
-from rosette_ros.core.reduced_sets import best_members, fewest_members
+from rosette_ros.core.reduced_sets import best_members, fewest_members, penalty
 from rosette_ros.core.sensitive_order import sensitive
 
 TURNINGS = ('forward', 'alternate')
@@ -149,7 +149,8 @@ def plan(n: int, order: str = 'diagonal', seed: int = 0, turning: str = 'forward
     `there_and_back` have senses of their own whatever it says. cmm_positions, balls: those in use, from 1, one of the
     two; all if none (half of the CMM positions in `there_and_back`).
 
-    Raises InvalidPlan for fewer than three balls, an unknown order or turning, or places that do not exist.
+    Raises InvalidPlan for fewer than three balls, an unknown order or turning, places that do not exist or do not
+    determine the curves.
     """
     if isinstance(n, bool) or int(n) != n or n < 3:
         raise InvalidPlan(f'number of balls: wanted a whole number of at least 3, got {n}; '
@@ -162,6 +163,9 @@ def plan(n: int, order: str = 'diagonal', seed: int = 0, turning: str = 'forward
     for name, places in (('CMM positions', cmm_positions), ('balls', balls)):
         if any(place not in range(1, n + 1) for place in places) or len({*places}) < len(places):
             raise InvalidPlan(f'{name} in use: wanted different ones of 1..{n}, got {", ".join(map(str, places))}')
+        if places and not np.isfinite(penalty(n, tuple(place - 1 for place in places))):
+            raise InvalidPlan(f'{name} in use: {", ".join(map(str, places))} of {n} do not determine the curves; '
+                              f'wanted at least {fewest_members(n)} that are not equally spaced')
     if cmm_positions and balls:
         raise InvalidPlan('wanted CMM positions or balls in use, got both; leave out one')
     back = order == 'there_and_back'
@@ -178,6 +182,26 @@ def plan(n: int, order: str = 'diagonal', seed: int = 0, turning: str = 'forward
         i, j = (np.concatenate([one, one[::-1]]) for one in (i, j))
         approach = np.where(np.arange(i.size) <= i.size // 2, 1, -1)
     return Scheme(n, order, int(seed), i + 1, j + 1, approach)
+
+
+def places_in_use(text: str, n: int) -> tuple[int, ...]:
+    """Return the CMM positions or balls, from 1, that a text names.
+
+    '' all, () ; '6' the six that determine the curves best; '50 %' the best half; '1, 4, 6, 9' these.
+
+    Raises InvalidPlan for another text.
+    """
+    parts = text.split(',')
+    try:
+        if len(parts) > 1:
+            return tuple(map(int, parts))
+        if not text.strip():
+            return ()
+        count = round(float(text.strip(' %')) * n / 100) if '%' in text else int(text)
+    except (ValueError, OverflowError):
+        raise InvalidPlan('CMM positions or balls in use: wanted how many (6), a share (50 %) or which (1, 4, 6, 9), '
+                          f'got {text!r:.80}') from None
+    return tuple(k + 1 for k in best_members(n, count)) if count != n else ()
 
 
 def _approach(n: int, order: str, turning: str, i: Ints) -> Ints:

@@ -67,7 +67,8 @@ def test_seed_draws_the_random_order(rosette):
 @pytest.mark.parametrize(('words', 'message'), [
     (('--balls', 2), 'number of balls: wanted a whole number of at least 3, got 2; with fewer '
                      'the table, plate and CMM cannot be separated'),
-    (('--order', 'zigzag'), "order: wanted one of row, diagonal, column, random, sensitive, got 'zigzag'"),
+    (('--order', 'zigzag'), "order: wanted one of row, diagonal, column, random, sensitive, there_and_back, "
+                             "got 'zigzag'"),
     (('--turning', 'left'), "turning: wanted one of forward, alternate, got 'left'"),
     (('--balls', '6.5'), "--balls: wanted a whole number of at most 1000, got '6.5'"),
     (('--balls', '100000'), "--balls: wanted a whole number of at most 1000, got '100000'"),

@@ -73,7 +73,7 @@ def test_arcs_are_bad_and_equal_steps_are_not_determined():
 def test_searched_sets_determine_the_curves(n):
     """The fewest members that can determine the curves do, and one less is refused."""
     assert penalty(n, best_members(n, fewest_members(n))) < 3
-    with pytest.raises(InvalidPlan, match='do not determine the curves; wanted more'):
+    with pytest.raises(InvalidPlan, match='do not determine the curves; wanted at least'):
         best_members(n, fewest_members(n) - 1)
 
 
