@@ -64,7 +64,7 @@ def under_best_noise(white: AnySearch, again: Callable[[Noise], AnySearch]) -> A
         names, best, best_score, margin = white.chosen.names, white, white.chosen.score, ALONE
         beside = _estimated(white, white.chosen.members) if names else alone
         if beside.noise.is_white:
-            margin = -ALONE if set(names) == {'outlier'} and _is_normal_beside(white, alone.noise) else ALONE
+            margin = -ALONE if set(names) == {'outlier'} and not _is_tailed(beside, alone.noise) else ALONE
             if alone.score < best_score - margin:
                 return white
         waiting = [(one, of) for one, of in ((alone, NO_NAMES), (beside, names)) if not one.noise.is_white]
@@ -81,6 +81,8 @@ def under_best_noise(white: AnySearch, again: Callable[[Noise], AnySearch]) -> A
         members = [made for member in search.chosen.members
                    if (made := white.problem.member(member.effect, member.setting, member.chances))]
         score = white.problem.select(members).score + found.score
+        if 'outlier' in search.chosen.names and _is_tailed(found, alone.noise):
+            score -= ALONE
         if score > best_score - (margin if best is white else 0.0):
             best, best_score = search, score
         if not found.noise.is_white and (search.chosen.names, found.noise.kinds) != (of, one.noise.kinds):
@@ -91,17 +93,17 @@ def under_best_noise(white: AnySearch, again: Callable[[Noise], AnySearch]) -> A
     return best
 
 
-def _is_normal_beside(white: Search, noise: Noise) -> bool:
-    """Return whether what is left beside effects in white noise has no heavy tails like those of a noise."""
-    return not noise.tail or noise_problem(white.base, white.chosen.members).start.p_of_tail(noise) > TAILED
-
-
 def noise_problem(fitted: Fit, members: Sequence[Member] = ()) -> NoiseProblem:
     """Return the problem of the noise of the run of a fit, beside the effects of a selection."""
     run, joint = fitted.run, fitted.joint
     columns = [np.moveaxis(member.effect.columns(run, member.setting), -1, 0) for member in members]
     space = joint.space if joint.whitening.is_plain else base_space(run, fitted.mean_radius, fitted.model.base)
     return NoiseProblem(run, space.basis, np.concatenate([joint.every, *columns]), fitted.residual)
+
+
+def _is_tailed(beside: NoiseFit, noise: Noise) -> bool:
+    """Return whether what is left beside outliers, taken as normal, has heavy tails like those of a noise."""
+    return bool(noise.tail) and not beside.noise.tail and beside.p_of_tail(noise) < TAILED
 
 
 def _estimated(white: Search, members: Sequence[Member]) -> NoiseFit:

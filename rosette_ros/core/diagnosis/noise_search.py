@@ -353,11 +353,21 @@ def _two_sided(values: Floats) -> float:
 
 
 def estimate(problem: NoiseProblem, kinds: Sequence[str] = KINDS_OF_NOISE) -> NoiseFit:
-    """Return the noise of a problem: some kinds are taken on one by one as long as tests see them and they pay."""
+    """Return the noise of a problem: some kinds are taken on one by one as long as tests see them and they pay.
+
+    Heavy tails can stand for what differs by axis or place: they are tried beside the best of the others too."""
     found = problem.start
     by_axis = np.sum(found.left[0]**2, axis=0)
     if by_axis.min() <= NO_AXIS * by_axis.max():
         return found
+    found = _grown(found, kinds)
+    if found.noise.tail and (others := [kind for kind in kinds if kind != 'tail']):
+        beside = problem.start.better(others).better(['tail'])
+        found = max(found, _grown(beside, kinds), key=lambda one: one.score)
+    return found
+
+
+def _grown(found: NoiseFit, kinds: Sequence[str]) -> NoiseFit:
     for _ in range(MOST_KINDS):
         better = found.better(kinds)
         if better is found:
