@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From the bytes of a ball-centre table to columns of numbers; errors name line and column."""
+"""From the bytes of a ball-centre table, also as a spreadsheet saves it, to columns of numbers."""
 
+import csv
 import difflib
 import re
 from collections.abc import Callable, Sequence
@@ -11,7 +12,6 @@ import numpy as np
 
 from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.core.geometry import Floats, Ints
-from rosette_ros.io.spreadsheet import Row, read_sheet
 
 SCHEMA = 'rosette-ball-centres/1'
 COLUMNS = ('seq', 'table_position', 'ball', 'cmm_position', 'table_angle_deg', 'x_mm', 'y_mm', 'z_mm', 'time_s',
@@ -24,6 +24,10 @@ _INTEGERS = frozenset(('seq', 'table_position', 'ball', 'cmm_position', 'approac
 _EMPTY = {'temperature_C': 'nan', 'approach': '0'}  # what an empty cell means
 _KEYS = ('schema', 'radius_mm', 'repeatability_um', 'repeatability_dof', 'run_id', 'balls', 'repeated_balls',
          'pauses_before', 'frame', 'note')
+SEPARATORS = {',': 'commas', ';': 'semicolons', '\t': 'tabs'}
+_PLACE = ('x_mm', 'y_mm', 'z_mm')
+Row = tuple[int, list[str]]
+"""Line and cells of a row."""
 _Value = TypeVar('_Value')
 
 
@@ -43,6 +47,64 @@ def _lines(data: bytes, source: str) -> list[str]:
         line = data[:error.start].count(b'\n') + 1
         raise InvalidData(f'{source}: line {line}: wanted text in UTF-8, got the byte 0x{data[error.start]:02x}; save '
                           'the table as UTF-8') from error
+
+
+def _read_sheet(lines: Sequence[str], source: str) -> tuple[list[str], list[Row], str]:
+    """Return the lines above the names of the columns; the names and the rows; in words how they were read.
+
+    Decimal commas become points, rows without coordinates are left out. Raises InvalidData where quotes stay open, or
+    it is not clear which sign is that of decimals."""
+    at = next((at for at, line in enumerate(lines) if line.strip(',;\t ') and not line.startswith(('#', '"#'))), None)
+    if at is None:
+        return list(lines), [], ''
+    separator = next((one for one in SEPARATORS if one in lines[at]), ',')
+    names = [name.strip() for name in _cells(lines[at].rstrip(separator + ' '), separator, at + 1, source)]
+    numbers = [row for row, name in enumerate(names) if name in (*COLUMNS, TRAVEL_COLUMN)]
+    places = [row for row, name in enumerate(names) if name in _PLACE]
+    rows, is_place = [(at + 1, names)], False
+    first = dict[str, tuple[int, str]]()  # decimal sign: line and cell where it stands first
+    for line, text in enumerate(lines[at + 1:], at + 2):
+        cells = _cells(text, separator, line, source)
+        if 2 * separator in text or text.endswith(separator) or len(cells) != len(names):
+            while len(cells) > len(names) and not cells[-1].strip():
+                cells.pop()
+            if not any(map(str.strip, cells)) or (len(cells) == len(names) and places and not any(
+                    cells[row].strip() for row in places)):
+                continue
+        for row in (row for row in numbers if row < len(cells)) if separator != ',' else ():
+            for sign in ',.':
+                if sign in cells[row]:
+                    first.setdefault(sign, (line, cells[row].strip()))
+                    is_place |= sign == ',' and row in places
+            cells[row] = cells[row].replace(',', '.')
+        rows.append((line, cells))
+    if len(first) > 1:
+        (line, cell), (other, point) = first[','], first['.']
+        raise _wrong(source, line, '', 'one decimal sign in the table', f'{cell!r}, and {point!r} in line {other}',
+                     'save it with a point or a comma everywhere, and no sign between thousands')
+    if ',' in first and not is_place:
+        line, cell = first[',']
+        raise _wrong(source, line, '', 'numbers with a decimal point', f'{cell!r}, and no coordinate that shows '
+                     'whether the comma stands for decimals or thousands', 'write it without')
+    words = f'{SEPARATORS[separator]} between cells' * (separator != ',') + ' and decimal commas' * (',' in first)
+    heading = [_heading_line(text, separator, line, source) for line, text in enumerate(lines[:at], 1)]
+    return heading, rows, f'the table was read with {words}' if words else ''
+
+
+def _cells(text: str, separator: str, line: int, source: str) -> list[str]:
+    try:
+        return next(csv.reader([text], delimiter=separator, strict=True), []) if '"' in text else text.split(separator)
+    except csv.Error as error:
+        raise _wrong(source, line, '', 'cells with closed quotes', error) from error
+
+
+def _heading_line(text: str, separator: str, at: int, source: str) -> str:
+    """Return a line above the names without padding, quotes, and the decimal comma of a number."""
+    line = (_cells(text, separator, at, source)[0] if text.startswith('"') else text).rstrip(separator + ' ')
+    key, _, value = line.partition(':')
+    whole, comma, rest = value.strip().partition(',')
+    is_number = separator != ',' and comma and whole.isdigit() and rest.isdigit() and key[-3:] in ('_mm', '_um', 'dof')
+    return f'{key}: {whole}.{rest}' if is_number else line
 
 
 class _Heading:
@@ -107,7 +169,7 @@ class CsvTable:
     frame; notes: how the table was read, in words."""
 
     def __init__(self, data: bytes, source: str) -> None:
-        above, sheet, self.notes = read_sheet(_lines(data, source), (*COLUMNS, TRAVEL_COLUMN), source)
+        above, sheet, self.notes = _read_sheet(_lines(data, source), source)
         heading = _Heading(above, source)
         if not sheet:
             raise InvalidData(f'{source}: wanted a line with the names of the columns ({",".join(COLUMNS)}), got none')
