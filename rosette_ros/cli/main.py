@@ -11,6 +11,7 @@ import difflib
 import importlib
 import io
 import os
+import shlex
 import signal
 import sys
 from collections.abc import Sequence
@@ -114,7 +115,7 @@ def _end(number: int, frame: FrameType | None) -> NoReturn:
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:
-    """Return the options of a command; `run` of them carries it out."""
+    """Return the options of a command; `run` of them carries it out, `command_line` is how it was called."""
     parser = Parser(
         prog='rosette', description='Calibrates rotary tables by the three-rosette method: table, '
         'ball plate and measuring machine are separated, none has to be calibrated before.',
@@ -128,7 +129,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         if verb == asked:
             implementation = _implementation(verb, module)
             implementation.add_arguments(of_verb)
-            of_verb.set_defaults(run=implementation.run)
+            of_verb.set_defaults(run=implementation.run, command_line=shlex.join(['rosette', *argv]))
     if not asked.startswith('-') and asked not in VERBS:
         near = difflib.get_close_matches(asked, VERBS, 1)
         hint = f'; did you mean {near[0]!r}?' if near else ''

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """rosette report: the page of a run, or of several runs that must agree as in the paper."""
 
-import shlex
 from argparse import ArgumentParser, Namespace
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -78,7 +77,7 @@ def report_run(options: Namespace) -> None:
         summary = summarise(measured, model, lambda step: status.update(f'{step} …'))
         status.update('drawing …')
         pictures = pictures_of(summary, overlays)
-        write_text(path, report_html(summary, source, command_of(options), overlays, pictures), options.force)
+        write_text(path, report_html(summary, source, options.command_line, overlays, pictures), options.force)
         write_parts(options, pictures, tables_of(summary))
     out.print(head(measured))
     print_result(out, summary.verdict, path)
@@ -92,7 +91,7 @@ def compare_runs(options: Namespace) -> None:
             raise InvalidData(f'report: {name} does not go with --compare; leave it out')
     verified = verification_of(options.compare, options.maker, read_model(options.model))
     pictures = verification.verification_pictures(verified)
-    page = verification.verification_html(verified, command_of(options), pictures)
+    page = verification.verification_html(verified, options.command_line, pictures)
     write_text(path, page, options.force)
     write_parts(options, pictures, verification.verification_tables(verified))
     print_result(console(), verified.verdict, path)
@@ -113,15 +112,6 @@ def output_of(options: Namespace, name: str) -> Path:
     if not path.parent.is_dir():
         raise InvalidData(f'{path}: wanted a name in a folder that exists, got none; make {path.parent} first')
     return path
-
-
-def command_of(options: Namespace) -> str:
-    """Return the command line that makes the same report again."""
-    words = ['rosette', 'report', *([str(options.run_path)] if options.run_path else [])]
-    for name in ('run_id', 'model', 'output', 'overlay', 'compare', 'maker'):
-        if value := getattr(options, name):
-            words += [f'--{name.replace("_", "-")}', *(value if isinstance(value, list) else [value])]
-    return shlex.join(map(str, words))
 
 
 def write_parts(options: Namespace, pictures: Mapping[str, Figure], tables: Iterable[Table]) -> None:

@@ -30,7 +30,7 @@ def test_page_figures_and_tables_of_a_run(rosette, here):
     page = (here / 'page.html').read_text(encoding='utf-8')
     assert 'The model fits: ' in page
     assert 'Drawn over it: clean_1' in page
-    assert f'rosette report {path} --model {model} --output page.html --overlay' in page
+    assert f'rosette report {path} --model {model} -o page.html --overlay' in page
     figures = sorted(file.name for file in (here / 'figures').iterdir())
     assert 'curves.png' in figures and 'residual_maps.png' in figures
     assert (here / 'figures' / 'curves.png').read_bytes().startswith(b'\x89PNG')
