@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command line: one error door, one file per verb."""
+"""The command line: errors are printed in one place; one file per verb."""

@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--hidden', metavar='SEED', nargs='?', type=whole(0, 2**31), const=drawn,
                         help='hide physical effects in the machine, drawn from SEED (a new one if none is given), '
                         'the sealed envelope says which')
-    parser.add_argument('--open', action='store_true', help='with --hidden: tell the whole story and open the envelope '
+    parser.add_argument('--open', action='store_true', help='with --hidden: show all results and open the envelope '
                         'at the end (otherwise on a key press, or by rosette envelope RUN)')
     parser.add_argument('--verification', action='store_true', help="measure the paper's four runs under "
                         'different conditions and two more, and report how well they agree')

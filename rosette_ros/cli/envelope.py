@@ -16,7 +16,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
-    """Print the whole story and open the envelope; raises InvalidData where the run has none."""
+    """Print all results and open the envelope; raises InvalidData where the run has none."""
     path = Path(options.run_path)
     if not (path / hidden_demo.ENVELOPE).is_file():
         raise InvalidData(f'{path}: wanted the log of `rosette demo --hidden`, got none with {hidden_demo.ENVELOPE}')

@@ -75,7 +75,7 @@ def show(out: Console, config: MachineConfig, seed: int, log_path: Path, seconds
 
 
 def tell(out: Console, log_path: Path) -> None:
-    """Print the whole story of a run, then open its envelope."""
+    """Print all results of a run, then open its envelope."""
     config = load_machine(log_path / MACHINE)
     log = read_log(log_path)
     run = log.to_run()

@@ -169,7 +169,7 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
         return next(filter(None, (one.damage(is_whole) for one in self._written)), '')
 
     def abandon(self) -> None:
-        """End without writing, and vouch for no file any more."""
+        """End without writing; damage of the files is not reported any more."""
         self._written.clear()
         self._stop()
 

@@ -66,7 +66,7 @@ def test_an_order_that_hides_it_cannot_check_it(creeping):
     check = cross_check(machine_run(4, CREEP, order='column'), creeping)
     assert check.confirmed is None
     assert check.effects[0].outcome == 'hidden'
-    assert 'cannot be checked: the order of measurement hides it' in check.text
+    assert 'cannot be checked: it is not observable in this order of measurement' in check.text
     assert check.carried is None
 
 

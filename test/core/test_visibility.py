@@ -91,7 +91,7 @@ def test_advice_recommends_an_order_that_shows_more():
     advice = advise(6, 'diagonal')
     assert 'table_backlash' in advice.weak and 'table_zero_drift' in advice.weak
     assert advice.best.worst > advice.present.worst + 0.1
-    assert 'Order diagonal hides table_zero_drift' in advice.text
+    assert 'Order diagonal does not show table_zero_drift' in advice.text
     assert 'Measure next in order' in advice.text
 
 

@@ -77,7 +77,7 @@ def test_a_domain_without_a_cell(studio, domain_id, page):
     connect(page, studio, domain_id)
     expect(page.get_by_test_id('health-table')).to_contain_text('No node of this cell has reported yet')
     expect(page.get_by_test_id('start')).to_be_disabled()
-    expect(page.get_by_test_id('start-hint')).to_contain_text('The sequencer has not been heard')
+    expect(page.get_by_test_id('start-hint')).to_contain_text('The sequencer has not reported yet')
 
 
 def test_a_domain_that_does_not_exist_is_refused(studio, page):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Model against measurement: where the residual is, and by how much of sigma."""
+"""Model compared with measurement: where the residual is, and by how much of sigma."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -118,7 +118,7 @@ def _refusal(effect: Effect, fitted: FittedEffect, before: Fit) -> tuple[str, st
     if reason:
         return NOT_JUDGED, reason
     if not _visible_share(effect, fitted.setting, before) >= HIDDEN_SHARE:
-        return HIDDEN, 'the order of measurement hides it'
+        return HIDDEN, 'it is not observable in this order of measurement'
     return None
 
 

@@ -40,7 +40,7 @@ class FrameEffect(FactoredEffect):
 
 class FrameDrift(FrameEffect):
     name = 'frame_drift'
-    plain = 'drift of the probe against the table'
+    plain = 'drift of the probe relative to the table'
     meaning = 'The probe drifts steadily relative to the table, in the frame of the machine.'
     look = ('Temperature of the hall and of the quill, time since switching on, draughts; '
             'let the machine soak or measure faster.')

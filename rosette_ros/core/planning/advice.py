@@ -147,7 +147,7 @@ def _text(present: OrderAdvice, best: OrderAdvice, weak: Sequence[str], wanted: 
     seen = [name for name in weak if name not in hidden]
     parts = [] if weak else [f'Order {present.label} shows every effect of the library.']
     if hidden:
-        parts.append(f'Order {present.label} hides {", ".join(hidden)}.')
+        parts.append(f'Order {present.label} does not show {", ".join(hidden)}.')
     if seen:
         parts.append(f'It shows {", ".join(seen)} only weakly.')
     if best is not present:

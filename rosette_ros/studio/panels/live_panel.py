@@ -106,7 +106,7 @@ class CellPanel:
         with row():
             self._start = button('Start', self._calibrate, 'play_arrow', 'start', strong=True)
             self._cancel = button('Cancel', self._watcher.cancel, 'stop', 'cancel')
-        self._hint = ui.label('The sequencer has not been heard: start the cell, check domain and namespace.')
+        self._hint = ui.label('The sequencer has not reported yet: start the cell, check domain and namespace.')
         marked(self._hint.classes('soft small'), 'start-hint')
         self._phase = marked(ui.label('').props('role=status aria-live=polite'), 'phase')
         self._bar = ui.linear_progress(0, show_value=False, size='10px').props('aria-label="Progress"')
