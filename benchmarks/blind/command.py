@@ -19,6 +19,7 @@ from typing import Any
 from benchmarks.blind import causes_table, coverage_table, library_table, noise_table, power_table
 from benchmarks.blind.noise_kinds import EVERY
 from benchmarks.blind.runs import ORDERS
+from rosette_ros.core.scheme import ORDERS as EVERY_ORDER
 from rosette_ros.core.scheme import TURNINGS
 
 TABLES: tuple[ModuleType, ...] = (noise_table, causes_table, library_table, power_table, coverage_table)
@@ -34,7 +35,7 @@ def options(argv: list[str] | None) -> argparse.Namespace:
     for table in TABLES:
         parser.add_argument(f'--{table.NAME}', nargs='*', metavar='KIND',
                             help=f'{table.__doc__.splitlines()[0]} Some kinds, or all'.replace('%', '%%'))
-    parser.add_argument('--orders', nargs='+', choices=ORDERS, default=list(ORDERS))
+    parser.add_argument('--orders', nargs='+', choices=EVERY_ORDER, default=list(ORDERS))
     parser.add_argument('--seeds', type=int, default=20, help='runs of each kind and order')
     parser.add_argument('--first-seed', type=int, default=1)
     parser.add_argument('--strength', type=float, nargs='+', help='norm of what is visible, in σ')

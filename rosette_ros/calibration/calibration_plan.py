@@ -15,7 +15,8 @@ from rosette_ros.io.messages import TABLE_FRAME, Phase, Target
 class CalibrationPlan:
     """All targets of one calibration, N in the order of asking.
 
-    phase, table_position, ball, approach: (N,), approach 0 where the table stays; taught: the table frame in machine
+    phase, table_position, ball, approach: (N,), approach 0 where the table stays; touches: of each ball, 0 as
+    the CMM usually does; taught: the table frame in machine
     coordinates as roughly known before the alignment."""
 
     scheme: Scheme
@@ -25,6 +26,7 @@ class CalibrationPlan:
     table_position: Ints
     ball: Ints
     approach: Ints
+    touches: int = 0
 
     @property
     def total(self) -> int:
@@ -40,7 +42,7 @@ class CalibrationPlan:
             run_id='', seq=index + 1, attempt=0, session=0, phase=Phase(int(self.phase[index])), balls=n,
             radius=self.radius, table_position=position, ball=ball, cmm_position=int(cmm_position(n, position, ball)),
             table_angle=float(nominal_angles(n)[position - 1]), approach=int(self.approach[index]), centre=(x, y, z),
-            frame_id=TABLE_FRAME, stamp_ns=0)
+            frame_id=TABLE_FRAME, stamp_ns=0, touches=self.touches)
 
     def place_in_phase(self, index: int) -> tuple[int, int]:
         """Return (place, size): the place of a target in its phase, one-based, and the size of the phase."""
@@ -49,7 +51,7 @@ class CalibrationPlan:
 
 
 def plan_calibration(scheme: Scheme, radius: float, taught: Frame, repeats: int = 10,
-                     drift_check: bool = True) -> CalibrationPlan:
+                     drift_check: bool = True, touches: int = 0) -> CalibrationPlan:
     """Return the CalibrationPlan of a scheme.
 
     Repeatability check: ball 1 at table position 1, `repeats` times. Alignment: ball 1 at every table position (the
@@ -63,4 +65,4 @@ def plan_calibration(scheme: Scheme, radius: float, taught: Frame, repeats: int 
     phase = np.concatenate([np.full(part[1].size, part[0]) for part in parts])
     position, ball, sense = (np.concatenate([part[column] for part in parts]) for column in (1, 2, 3))
     stays = np.diff(position, prepend=0) == 0
-    return CalibrationPlan(scheme, radius, taught, phase, position, ball, np.where(stays, 0, sense))
+    return CalibrationPlan(scheme, radius, taught, phase, position, ball, np.where(stays, 0, sense), touches)

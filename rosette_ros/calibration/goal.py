@@ -34,6 +34,7 @@ class Request:
     turning: str = ''
     cmm_positions: str = ''
     balls_in_use: str = ''
+    touches: int = 0
     repeats: int = 0
     drift_check: int = 0
     attempts: int = 0

@@ -16,7 +16,7 @@ from rosette_ros.calibration.calibration_plan import CalibrationPlan, plan_calib
 from rosette_ros.calibration.state_machine import Limits
 from rosette_ros.core.errors import InvalidConfig
 from rosette_ros.core.geometry import Frame, rotation_matrix
-from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, places_in_use, plan
+from rosette_ros.core.scheme import BACK, ORDERS, TURNINGS, Scheme, places_in_use, plan
 from rosette_ros.io.safe_yaml import parse_mapping
 
 MAX_OPTIONS = 10_000  # longest YAML text taken from a goal, characters
@@ -85,6 +85,7 @@ RUN = (
     Wanted('cmm_positions', '', 'CMM positions in use: how many ("6", the best ones), a share ("50 %") or which '
            '("1, 4, 6, 9"); "": all, half of them in order there_and_back'),
     Wanted('balls_in_use', '', 'balls in use, likewise; not together with cmm_positions'),
+    Wanted('touches', 0, 'touches of each ball, 0: as the CMM usually does', 0, 1000),
     Wanted('repeats', 10, 'readings of the repeatability check, 0: none', 0, 10_000),
     Wanted('drift_check', True, 'whether the first ball is measured again after the run'))
 LIMITS = (
@@ -104,7 +105,7 @@ RESUME = Wanted('resume', '', 'the log to continue: the name of its folder, or i
 OPTIONS = RUN[2:] + LIMITS[:5] + (RESUME,)  # what the options of a goal may change for one calibration
 PLANNED = PLATE + TABLE + RUN  # what decides which targets a calibration has
 FIELDS = {'order': 'order', 'balls': 'plate.balls', 'radius': 'plate.radius_m', 'turning': 'turning',
-          'cmm_positions': 'cmm_positions', 'balls_in_use': 'balls_in_use', 'repeats': 'repeats',
+          'cmm_positions': 'cmm_positions', 'balls_in_use': 'balls_in_use', 'touches': 'touches', 'repeats': 'repeats',
           'drift_check': 'drift_check', 'attempts': 'limits.attempts', 'skips': 'limits.skips',
           'resume': 'resume'}
 """Fields of a goal by the setting that each changes."""
@@ -144,7 +145,8 @@ def plan_of(values: Mapping[str, Any]) -> CalibrationPlan:
     scheme = scheme_of_settings(values)
     azimuth = np.deg2rad(values['table.azimuth_deg'])
     taught = Frame(rotation_matrix(np.array([0.0, 0.0, azimuth])), np.array(values['table.origin_m']))
-    return plan_calibration(scheme, values['plate.radius_m'], taught, values['repeats'], values['drift_check'])
+    return plan_calibration(scheme, values['plate.radius_m'], taught, values['repeats'], values['drift_check'],
+                            values['touches'])
 
 
 def scheme_of_settings(values: Mapping[str, Any]) -> Scheme:
@@ -168,7 +170,8 @@ def format_settings(values: Mapping[str, Value]) -> str:
     scheme = scheme_of_settings(values)
     for name, used in (('cmm_positions', scheme.cmm_position), ('balls_in_use', scheme.ball)):
         places = np.unique(used).tolist()
-        plain[name] = ', '.join(map(str, places)) if len(places) < scheme.n else ''
+        is_default = len(places) == scheme.n and (name == 'balls_in_use' or scheme.order not in BACK)
+        plain[name] = '' if is_default else ', '.join(map(str, places))
     lists = {name: list(value) for name, value in plain.items() if isinstance(value, tuple)}
     return yaml.safe_dump({**plain, **lists}, sort_keys=False)
 
@@ -176,7 +179,7 @@ def format_settings(values: Mapping[str, Value]) -> str:
 def parse_settings(text: str, where: str) -> dict[str, Value]:
     """Return the settings that format_settings wrote, name to value; raises InvalidConfig in words."""
     given = parse_mapping(text, where, MAX_OPTIONS, 'order: row', InvalidConfig)
-    later = {'cmm_positions': '', 'balls_in_use': ''}  # than the first logs
+    later = {'cmm_positions': '', 'balls_in_use': '', 'touches': 0}  # than the first logs
     return {wanted.name: wanted.check({**later, **given}.get(wanted.name), where) for wanted in PLANNED}
 
 

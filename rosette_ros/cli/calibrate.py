@@ -20,7 +20,7 @@ from rosette_ros.io.messages import PHASE_WORDS, CalibrationProgress
 from rosette_ros.presentation.tables import curves
 
 KEPT = 'what was measured is in'
-AS_CONFIGURED = ('balls', 'turning', 'repeats', 'drift_check', 'attempts', 'skips')
+AS_CONFIGURED = ('balls', 'turning', 'repeats', 'drift_check', 'attempts', 'skips', 'touches')
 """Fields of the goal that are options of the same name: type, range and meaning are those of the setting."""
 
 

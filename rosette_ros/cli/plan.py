@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette plan: the target list of a scheme, Table 1 of Kniel et al. (2019) for any n."""
+"""rosette plan: the target list of a scheme, Table 1 of Kniel et al. (2019) for any n, or plans for a given time."""
 
 import argparse
 import sys
@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 from rich.markup import escape
 
-from rosette_ros.cli.arguments import add_formats, add_places, positive, whole
+from rosette_ros import program
+from rosette_ros.cli.arguments import UsageError, add_formats, add_places, positive, whole
 from rosette_ros.cli.console import console, pairs, print_json, print_parts
 from rosette_ros.core.planning.advice import SECONDS_PER_BALL
+from rosette_ros.core.planning.budget import Pace, propose
 from rosette_ros.core.planning.expectation import Expectation, expect
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, places_in_use, plan
@@ -29,21 +31,29 @@ WIDEST_MAP = 20
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_plan(parser, MOST_BALLS)
+    add_plan(parser, MOST_BALLS, needs_order=False)
     add_places(parser)
     parser.add_argument('--sigma-um', metavar='S', type=positive('µm'), default=0.1,
                         help='standard deviation of a coordinate, for the expected uncertainties (default 0.1)')
+    parser.add_argument('--hours', type=positive('h'), help='propose plans that take no longer, instead of --order')
+    parser.add_argument('--drift-um', metavar='D', type=positive('µm'), default=0.0, help='with --hours: standard '
+                        'deviation of a random walk of the frame after an hour (default: none)')
+    parser.add_argument('--touch-s', metavar='S', type=positive('s'), default=Pace.touch,
+                        help=f'with --hours: time of a touch (default {Pace.touch:g} s)')
+    parser.add_argument('--table-move-s', metavar='S', type=positive('s'), default=Pace.table_move,
+                        help=f'with --hours: time of a move of the table (default {Pace.table_move:g} s)')
     group = add_formats(parser, csv='print the list as a table, coordinates with two decimals')
     group.add_argument('--csv-template', action='store_true', help='print an empty ball-centre table, to be filled in; '
                        'rows that stay without coordinates are missing balls')
 
 
-def add_plan(parser: argparse.ArgumentParser, most_balls: int, radius_mm: float | None = None) -> None:
+def add_plan(parser: argparse.ArgumentParser, most_balls: int, radius_mm: float | None = None,
+             needs_order: bool = True) -> None:
     """Add what plans a run: --balls, --order, --radius-mm, required where it has no default, --turning, --seed."""
     required, default = radius_mm is None, '' if radius_mm is None else f' (default {radius_mm:g})'
     parser.add_argument('--balls', metavar='N', type=whole(None, most_balls), required=required,
                         help='balls on the plate = table positions')
-    parser.add_argument('--order', required=required, help=f'one of {", ".join(ORDERS)}')
+    parser.add_argument('--order', required=required and needs_order, help=f'one of {", ".join(ORDERS)}')
     parser.add_argument('--radius-mm', metavar='R', type=positive('mm'), required=required, default=radius_mm,
                         help=f'radius of the circle of ball centres{default}')
     parser.add_argument('--turning', default='forward',
@@ -53,6 +63,10 @@ def add_plan(parser: argparse.ArgumentParser, most_balls: int, radius_mm: float 
 
 def run(options: argparse.Namespace) -> None:
     """Print the plan."""
+    if (options.hours is None) == (options.order is None):
+        raise UsageError('plan: wanted either --order or --hours')
+    if options.hours is not None:
+        return show_proposals(options)
     scheme = plan(options.balls, options.order, options.seed, options.turning,
                   *(places_in_use(text, options.balls) for text in (options.cmm_positions, options.balls_in_use)))
     if options.csv_template:
@@ -64,6 +78,39 @@ def run(options: argparse.Namespace) -> None:
         print_json(plan_json(scheme, 1e-3 * options.radius_mm, 1e-6 * options.sigma_um))
     else:
         show(scheme, options.radius_mm, options.sigma_um)
+
+
+def show_proposals(options: argparse.Namespace) -> None:
+    """Print the plans that a given time allows, best first."""
+    if options.csv or options.csv_template:
+        raise UsageError('--hours: wanted a list of plans as text or --json; choose one with --order, then --csv')
+    sigma, drift, radius = 1e-6 * options.sigma_um, 1e-6 * options.drift_um, 1e-3 * options.radius_mm
+    found = propose(options.balls, radius, options.hours, sigma, drift, Pace(options.touch_s, options.table_move_s))
+    if options.json:
+        print_json({'schema': 'rosette-proposals/1', 'n': options.balls, 'radius_m': radius,
+                    'hours': options.hours, 'sigma_m': sigma, 'drift_m_per_sqrt_h': drift, 'plans': [
+                        {'order': one.scheme.order, 'touches': one.touches, 'readings': one.scheme.ball.size,
+                         'cmm_positions': np.unique(one.scheme.cmm_position).tolist(), 'duration_s': one.duration,
+                         'relative_error': one.error, 'u': dict(zip(CURVES, one.u.tolist()))} for one in found]})
+        return None
+    out, best = console(), found[0]
+    beside = f' and a frame that wanders by {options.drift_um:g} µm in an hour' if drift else ''
+    out.print(f'{options.balls} balls in {options.hours:g} h, σ = {options.sigma_um:g} µm from 20 touches{beside}')
+    print_parts(out, [Table('proposals', 'Plans that fit, best first', (
+        column('order', 'order', [one.scheme.order for one in found], str),
+        column('positions', 'CMM positions', [np.unique(one.scheme.cmm_position).size for one in found], str),
+        column('readings', 'readings', [one.scheme.ball.size for one in found], str),
+        column('touches', 'touches', [one.touches for one in found], str),
+        column('hours', 'time', [one.duration / 3600 for one in found], lambda hours: f'{hours:.2f}', 'h'),
+        column('error', 'error', [one.error for one in found], lambda error: f'{error:.2f}'),
+        *(column(f'U_{curve}', f'U {curve}', [2e6 * one.u[k] for one in found], lambda value: f'{value:.2g}',
+                 'µm' if k < 3 else 'µrad') for k, curve in enumerate(CURVES))))])
+    places = '' if np.unique(best.scheme.cmm_position).size == options.balls else ' --cmm-positions ' + ','.join(
+        map(str, np.unique(best.scheme.cmm_position)))
+    out.print('\nerror: of the curves, relative to the uncertainty of a complete run of 20 touches without drift; U: '
+              f'expanded, k = 2\nMeasure with: {program()} calibrate --order {best.scheme.order}{places} --touches '
+              f'{best.touches}', soft_wrap=True)
+    return None
 
 
 def rows(scheme: Scheme, radius_mm: float) -> Iterator[tuple[str, ...]]:
@@ -157,4 +204,6 @@ CASES = {
     'random': 'shuffled: drift in time is spread over all positions',
     'sensitive': 'designed: shows every effect of the library with little travel',
     'there_and_back': 'diagonal at half the CMM positions, then the same backwards: shows every effect of the library',
+    'row_there_and_back': 'row at half the CMM positions, then the same backwards: quickest where the table moves '
+                          'slowly',
 }

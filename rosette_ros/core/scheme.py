@@ -120,7 +120,9 @@ def travel_sense(coordinate: Floats, tolerance: float) -> Floats:
 
 COMPLETE_ORDERS = ('row', 'diagonal', 'column', 'random', 'sensitive')
 """Orders in which every ball is measured once at every table position."""
-ORDERS = (*COMPLETE_ORDERS, 'there_and_back')
+BACK = {'there_and_back': 'diagonal', 'row_there_and_back': 'row'}
+"""Orders that measure the places in use in another order and then backwards."""
+ORDERS = (*COMPLETE_ORDERS, *BACK)
 
 
 def _pairs(n: int, order: str, turning: str, seed: int) -> tuple[Ints, Ints]:
@@ -143,11 +145,11 @@ def plan(n: int, order: str = 'diagonal', seed: int = 0, turning: str = 'forward
 
     order: one of ORDERS. `row`: table outer, CMM and plate inner (the paper's case 1); `diagonal`: CMM outer (case 2,
     Table 1); `column`: ball outer (case 3); `random`: a shuffle drawn from `seed`; `sensitive`: small steps of the
-    table in which every effect of the library shows (docs/orders.md); `there_and_back`: `diagonal` at half the CMM
-    positions, then the same backwards. turning: `forward` turns the table counter-clockwise always; `alternate` turns
-    it backwards in every second inner loop (every second move in `random`), so that backlash shows; `sensitive` and
-    `there_and_back` have senses of their own whatever it says. cmm_positions, balls: those in use, from 1, one of the
-    two; all if none (half of the CMM positions in `there_and_back`).
+    table in which every effect of the library shows (docs/orders.md); `there_and_back`, `row_there_and_back`:
+    `diagonal` or `row` at half the CMM positions, then the same backwards. turning: `forward` turns the table
+    counter-clockwise always; `alternate` turns it backwards in every second inner loop (every second move in `random`),
+    so that backlash shows; `sensitive` and those there and back have senses of their own whatever it says.
+    cmm_positions, balls: those in use, from 1, one of the two; all if none (half of the CMM positions there and back).
 
     Raises InvalidPlan for fewer than three balls, an unknown order or turning, places that do not exist or do not
     determine the curves.
@@ -168,12 +170,12 @@ def plan(n: int, order: str = 'diagonal', seed: int = 0, turning: str = 'forward
                               f'wanted at least {fewest_members(n)} that are not equally spaced')
     if cmm_positions and balls:
         raise InvalidPlan('wanted CMM positions or balls in use, got both; leave out one')
-    back = order == 'there_and_back'
+    back = order in BACK
     if back and not cmm_positions and not balls:
         cmm_positions = tuple(k + 1 for k in best_members(n, max((n + 1) // 2, fewest_members(n))))
     if back:
         turning = 'forward'
-    i, j = _pairs(n, 'diagonal' if back else order, turning, seed)
+    i, j = _pairs(n, BACK.get(order, order), turning, seed)
     approach = _approach(n, order, turning, i)
     if cmm_positions or balls:
         used = np.isin((i + j) % n + 1, cmm_positions) if cmm_positions else np.isin(j + 1, balls)
@@ -201,7 +203,7 @@ def places_in_use(text: str, n: int) -> tuple[int, ...]:
     except (ValueError, OverflowError):
         raise InvalidPlan('CMM positions or balls in use: wanted how many (6), a share (50 %) or which (1, 4, 6, 9), '
                           f'got {text!r:.80}') from None
-    return tuple(k + 1 for k in best_members(n, count)) if count != n else ()
+    return tuple(k + 1 for k in best_members(n, count))
 
 
 def _approach(n: int, order: str, turning: str, i: Ints) -> Ints:

@@ -65,7 +65,8 @@ class CalibrationProgress(NamedTuple):
 class Target(NamedTuple):
     """One ball to be probed, as in ProbeTarget.msg.
 
-    table_angle: rad; centre: where the ball is expected, m, in frame_id; stamp_ns: when it was asked, ns."""
+    table_angle: rad; centre: where the ball is expected, m, in frame_id; stamp_ns: when it was asked, ns; touches: how
+    often it is touched, 0 as the CMM usually does."""
 
     run_id: str
     seq: int
@@ -82,6 +83,7 @@ class Target(NamedTuple):
     centre: tuple[float, float, float]
     frame_id: str
     stamp_ns: int
+    touches: int = 0
 
     def __str__(self) -> str:
         return f'target {self.seq} (table position {self.table_position}, ball {self.ball})'
@@ -149,7 +151,8 @@ def target_of(message: Any) -> Target:
     return Target(
         plain(message.run_id), message.seq, message.attempt, max(getattr(message, 'session', 1), 1), message.phase,
         message.balls, message.radius, message.table_position, message.ball, message.cmm_position, message.table_angle,
-        message.approach, (centre.x, centre.y, centre.z), plain(header.frame_id), nanoseconds(header.stamp))
+        message.approach, (centre.x, centre.y, centre.z), plain(header.frame_id), nanoseconds(header.stamp),
+        getattr(message, 'touches', 0))  # the first logs have none
 
 
 def answer_of(message: Any) -> Answer:

@@ -106,8 +106,9 @@ class SimulatedCmm(CellNode):
             raise CellError(f'wanted a target within {FARTHEST:g} m, got the centre {tuple(aim.tolist())}')
         short = sum(1e-6 * strike.fault.short_urad for strike in struck if strike.fault.kind == 'table_short')
         if any(strike.fault.kind == 'neighbour' for strike in struck):
-            return machine.measure(target.table_position, target.ball % machine.n + 1, target.approach, short=short)
-        return machine.measure(target.table_position, target.ball, target.approach, aim, short)
+            return machine.measure(target.table_position, target.ball % machine.n + 1, target.approach, short=short,
+                                   touches=target.touches)
+        return machine.measure(target.table_position, target.ball, target.approach, aim, short, target.touches)
 
     def _answer(self, answer: BallCentre, struck: Sequence[Strike]) -> None:
         now = self.seconds()

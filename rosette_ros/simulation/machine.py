@@ -59,39 +59,42 @@ class Machine:
         return self.state.time
 
     def measure(self, table_position: int, ball: int, approach: int = 1, aim: ArrayLike | None = None,
-                short: float = 0.0) -> BallReading[int, float]:
+                short: float = 0.0, touches: int = 0) -> BallReading[int, float]:
         """Measure one ball now and return its reading; the simulated time advances.
 
         table_position, ball: one-based; approach: sense in which the table turns to get there, +1 or -1, 0 is taken as
         +1; aim: (3,) where the ball is expected, machine frame, m (default: the nominal place by the roughly known
-        origin); short: angle by which the table, if it moves, stops before its place, rad. Raises InvalidPlan for
-        indices out of range and BallNotFound where the aim is off; then the state stays as it was.
+        origin); short: angle by which the table, if it moves, stops before its place, rad; touches: of the ball, one of
+        TOUCHES, 0 as configured. Raises InvalidPlan for indices out of range or other touches, and BallNotFound where
+        the aim is off; then the state stays as it was.
         """
         aims = None if aim is None else np.asarray(aim, dtype=float)[None, :]
-        return self.measure_many([table_position], [ball], [approach], aims, short)[0]
+        return self.measure_many([table_position], [ball], [approach], aims, short, touches)[0]
 
     def measure_many(self, table_position: ArrayLike, ball: ArrayLike, approach: ArrayLike, aim: Floats | None = None,
-                     short: float = 0.0) -> BallReadings:
+                     short: float = 0.0, touches: int = 0) -> BallReadings:
         """Measure N balls in order and return their readings, equal to N calls of `measure` bit by bit.
 
-        table_position, ball, approach: (N,); aim: (N, 3) machine frame, m; short: as `measure`. Raises as `measure`.
+        table_position, ball, approach: (N,); aim: (N, 3) machine frame, m; short, touches: as `measure`. Raises as
+        `measure`.
         """
         table_position, ball = self._checked(table_position, 'table position'), self._checked(ball, 'ball')
         if aim is None:
             aim = self.rough_frame.to_outer(self._nominal[(table_position + ball - 2) % self.n])
-        draws = standard_normal(self.config.seed, self.state.readings + np.arange(ball.size), self.pattern.size + 6)
+        pattern = self.pattern.of(touches)
+        draws = standard_normal(self.config.seed, self.state.readings + np.arange(ball.size), pattern.size + 6)
         timing, approach = self.config.timing, np.asarray(approach)
         made = moves(
             self.state, timing, self.n, table_position, approach, np.asarray(aim),
             wait=timing.jitter_s * np.abs(draws[:, -6]),
             stop=1e-6 * self.config.table.positioning_urad * draws[:, -5] - short * np.where(approach < 0, -1, 1),
-            touches=self.pattern.size, deadband=1e-3 * self.config.cmm.reversal_deadband_mm)
-        moment = self._moment(made, table_position, ball)
-        centre, form = self._probe(moment, made.cmm, draws)
+            touches=pattern.size, deadband=1e-3 * self.config.cmm.reversal_deadband_mm)
+        moment = self._moment(made, table_position, ball, pattern.size)
+        centre, form = self._probe(moment, made.cmm, draws, pattern)
         self.state = made.last_state(self.state)
         sensor = self.config.climate.sensor_K * draws[:, -4]
         return BallReadings(
-            table_position=table_position, ball=ball, time=moment.time.sum(-1) / self.pattern.size,
+            table_position=table_position, ball=ball, time=moment.time.sum(-1) / pattern.size,
             began=made.began, ended=made.ended, table_angle=moment.angle[:, 0] % TWO_PI,
             table_travel=moment.travel[:, 0], approach=made.approach, centre=centre,
             form_error=form, temperature=self.climate.start + moment.warming[:, -1] + sensor)
@@ -168,8 +171,8 @@ class Machine:
             raise InvalidPlan(f'{what}: wanted 1..{self.n}, got {index[bad][0]}')
         return index.astype(np.int64)
 
-    def _moment(self, made: Moves, table_position: Ints, ball: Ints) -> Moment:
-        touch = self.config.timing.touch_s * np.arange(1, self.pattern.size + 1)
+    def _moment(self, made: Moves, table_position: Ints, ball: Ints, touches: int) -> Moment:
+        touch = self.config.timing.touch_s * np.arange(1, touches + 1)
         time = made.arrived[:, None] + touch
         return Moment(
             time=time, began=made.began[:, None], ended=made.ended[:, None], warming=self.climate.warming(time),
@@ -200,10 +203,11 @@ class Machine:
             centre = rotated(tilt, centre)
         return self.true_frame.to_outer(centre) + self._sum('frame_shift', moment)
 
-    def _probe(self, moment: Moment, aim: Floats, draws: Floats) -> tuple[Floats, Floats]:
+    def _probe(self, moment: Moment, aim: Floats, draws: Floats,
+               pattern: probing.TouchPattern) -> tuple[Floats, Floats]:
         """Return the found centres (N, 3) and form errors (N,), m."""
         centre, aim = self.ball_centres(moment), aim[:, None, :]
-        pattern, reach = self.pattern, self.pattern.radius + self.pattern.tip
+        reach = pattern.radius + pattern.tip
         _refuse_far(moment, centre - aim, 0.5 * reach)
         direction = pattern.direction
         way = probing.contact(aim, direction, centre, reach)

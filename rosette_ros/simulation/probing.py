@@ -5,16 +5,16 @@ Source: Kniel et al. (2019), section 2.2: 20 points on 5 horizontal circles of 4
 1 mm below the pole, the lowest 1 mm below the equator, none at the pole.
 """
 
+import copy
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Annotated, Generic, TypeVar
 
 import numpy as np
 from pydantic import Field
 
-from rosette_ros.core.errors import CellError
-from rosette_ros.core.geometry import TWO_PI
+from rosette_ros.core.errors import CellError, InvalidPlan
 from rosette_ros.core.records import Floats, Ints
+from rosette_ros.core.touches import TOUCHES, centre_factors, circles_of, touch_directions
 from rosette_ros.simulation.setting_types import NotNegative, Positive, Settings, Share
 
 _GAUSS_NEWTON_STEPS = 3
@@ -91,31 +91,33 @@ class TouchPattern:
     """
 
     def __init__(self, settings: ProbingSettings, ball_radius: float) -> None:
-        heights = np.linspace(1 - 1e-3 * settings.below_pole_mm / ball_radius,
-                              -1e-3 * settings.below_equator_mm / ball_radius, settings.circles)
-        azimuth = TWO_PI * np.arange(settings.points_per_circle) / settings.points_per_circle
-        height, azimuth = (grid.ravel() for grid in np.meshgrid(heights, azimuth, indexing='ij'))
-        around = np.sqrt(1 - height**2)
-        self.direction: Floats = np.stack([around * np.cos(azimuth), around * np.sin(azimuth), height], axis=-1)
-        self.points_per_circle, self.radius = settings.points_per_circle, ball_radius
-        self.tip, total = 1e-3 * settings.tip_radius_mm, 1e-6 * settings.repeatability_um
-        self.touch_noise = settings.touch_share * total / self.centre_factors.max()
-        left = total**2 - (self.centre_factors * self.touch_noise)**2
-        self.position_noise = np.sqrt(np.maximum(left, 0.0))
+        self.radius, self.tip = ball_radius, 1e-3 * settings.tip_radius_mm
+        self._heights = (1 - 1e-3 * settings.below_pole_mm / ball_radius,
+                         -1e-3 * settings.below_equator_mm / ball_radius)
+        self._touch_on(settings.circles, settings.points_per_circle)
+        total, factors = 1e-6 * settings.repeatability_um, centre_factors(self.direction)
+        self.touch_noise = settings.touch_share * total / factors.max()
+        self.position_noise = np.sqrt(np.maximum(total**2 - (factors * self.touch_noise)**2, 0.0))
+
+    def _touch_on(self, circles: int, points: int) -> None:
+        self.direction = touch_directions(circles, points, *self._heights)
+        self.points_per_circle = points
+
+    def of(self, touches: int) -> 'TouchPattern':
+        """Return the pattern of another number of touches, each as good; raises InvalidPlan for one that is none."""
+        if touches in (0, self.size):
+            return self
+        if touches not in TOUCHES:
+            raise InvalidPlan(f'touches: wanted one of {", ".join(map(str, TOUCHES))}, or 0 for {self.size}, got '
+                              f'{touches}')
+        other = copy.copy(self)
+        other._touch_on(*circles_of(touches))
+        return other
 
     @property
     def size(self) -> int:
         """Q, the number of touches."""
         return len(self.direction)
-
-    @cached_property
-    def centre_factors(self) -> Floats:
-        """(3,) sd of the centre's coordinates per sd of a touch along its normal.
-
-        From the linear problem with rows (u, 1) for centre and radius: z follows the radius and is the worst.
-        """
-        rows = np.column_stack([self.direction, np.ones(self.size)])
-        return np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))[:3]
 
 
 def contact(aim: Floats, direction: Floats, centre: Floats, reach: Floats | float) -> Floats:

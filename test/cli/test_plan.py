@@ -68,7 +68,7 @@ def test_seed_draws_the_random_order(rosette):
     (('--balls', 2), 'number of balls: wanted a whole number of at least 3, got 2; with fewer '
                      'the table, plate and CMM cannot be separated'),
     (('--order', 'zigzag'), "order: wanted one of row, diagonal, column, random, sensitive, there_and_back, "
-                             "got 'zigzag'"),
+                             "row_there_and_back, got 'zigzag'"),
     (('--turning', 'left'), "turning: wanted one of forward, alternate, got 'left'"),
     (('--balls', '6.5'), "--balls: wanted a whole number of at most 1000, got '6.5'"),
     (('--balls', '100000'), "--balls: wanted a whole number of at most 1000, got '100000'"),
@@ -84,8 +84,24 @@ def test_what_cannot_be_planned(refused, words, message):
 
 def test_a_missing_option_is_named(refused):
     """A missing option is named."""
-    assert 'the following arguments are required: --order' in refused(
-        'plan', '--balls', 6, '--radius-mm', 182.5)
+    assert 'plan: wanted either --order or --hours' in refused('plan', '--balls', 6, '--radius-mm', 182.5)
+
+
+def test_plans_for_a_given_time(rosette):
+    """The best comes first, with the command that measures it."""
+    arguments = ('plan', '--balls', 12, '--radius-mm', 182.5, '--hours', 1, '--drift-um', 0.1)
+    out = rosette(*arguments).out
+    assert 'calibrate --order row_there_and_back --cmm-positions 1,2,4,5,7,9,10 --touches 6' in out
+    first = json.loads(rosette(*arguments, '--json').out)['plans'][0]
+    assert first['relative_error'] < 1.41 and first['duration_s'] <= 3600 and first['touches'] == 6
+
+
+def test_what_a_reduced_plan_determines(rosette):
+    """Rank, uncertainty and the places in use are said before anything is measured."""
+    out = rosette('plan', '--balls', 12, '--radius-mm', 182.5, '--order', 'diagonal', '--cmm-positions', 6).out
+    assert '72 targets' in out
+    assert '1, 2, 4, 6, 9, 10 of 12 in use; deviations of the others are not measured' in out
+    assert 'rank 113 of 131 of a complete run; curves with 1.52 times the uncertainty' in ' '.join(out.split())
 
 
 def test_the_template_is_a_table_to_be_filled(rosette, refused, tmp_path):

@@ -67,7 +67,8 @@ def test_sense_waits_for_the_first_move():
 @pytest.mark.parametrize('arguments, words', [
     ((2, 'row'), 'number of balls: wanted a whole number of at least 3, got 2'),
     ((4.5, 'row'), 'number of balls: wanted a whole number of at least 3, got 4.5'),
-    ((6, 'spiral'), "order: wanted one of row, diagonal, column, random, sensitive, there_and_back, got 'spiral'"),
+    ((6, 'spiral'), "order: wanted one of row, diagonal, column, random, sensitive, there_and_back, "
+                     "row_there_and_back, got 'spiral'"),
     ((6, 'row', 0, 'both'), "turning: wanted one of forward, alternate, got 'both'"),
 ])
 def test_bad_plans_are_refused(arguments, words):

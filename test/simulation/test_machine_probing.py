@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from rosette_ros.core.geometry import rotate_z
+from rosette_ros.core.touches import centre_factors
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.simulation.machine import rotated
 from rosette_ros.simulation.probing import ProbingSettings, TouchPattern, contact, fit_spheres
@@ -115,8 +116,8 @@ def test_centre_factors_of_touches_alone():
     pattern = TouchPattern(ProbingSettings(), 7.5e-3)
     points = (1e-2 + 1e-8 * rng.standard_normal((20000, 20, 1))) * pattern.direction
     factors = fit_spheres(points)[0].std(axis=0) / 1e-8
-    assert factors == pytest.approx(pattern.centre_factors, rel=0.025)
-    assert pattern.centre_factors[2] > 1.5 * pattern.centre_factors[0]
+    assert factors == pytest.approx(centre_factors(pattern.direction), rel=0.025)
+    assert factors[2] > 1.5 * factors[0]
 
 
 def test_streams_belong_to_reading_and_seed():

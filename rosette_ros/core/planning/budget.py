@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which plan a given time allows: order, places, touches, by the expected error of the curves."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from rosette_ros.core.errors import InvalidPlan
+from rosette_ros.core.model.base_space import base_space
+from rosette_ros.core.planning.advice import planned_run
+from rosette_ros.core.records import Floats
+from rosette_ros.core.reduced_sets import best_members, fewest_members
+from rosette_ros.core.scheme import Scheme, plan
+from rosette_ros.core.touches import TOUCHES, sigma_of_touches
+
+ORDERS_TRIED = ('row', 'diagonal', 'row_there_and_back', 'there_and_back')
+MOST_BALLS = 36
+"""Of larger plates plans are not compared."""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How long a cell takes: for a touch, and for a move of the table, the CMM's included, s."""
+
+    touch: float = 3.0
+    table_move: float = 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """A plan that fits into the time.
+
+    touches: of each ball; duration: s; error: of the curves relative to the uncertainty of a complete run of 20 touches
+    without drift, rms; u: (6,) expected standard uncertainty of the curves, drift included, rms over the positions, m
+    and rad.
+    """
+
+    scheme: Scheme
+    touches: int
+    duration: float
+    error: float
+    u: Floats
+
+
+def propose(n: int, radius: float, hours: float, sigma: float = 1e-7, drift: float = 0.0,
+            pace: Pace | None = None) -> tuple[Proposal, ...]:
+    """Return the Proposals of n balls that take no longer than `hours`, best first, one of each order.
+
+    sigma: standard deviation of a coordinate from 20 touches, m; drift: standard deviation of a random walk of the
+    frame after an hour, m, which no model describes. Raises InvalidPlan where the time is too short for any plan.
+    """
+    if n > MOST_BALLS:
+        raise InvalidPlan(f'a plan for a given time: wanted at most {MOST_BALLS} balls, got {n}; choose with '
+                          '--cmm-positions')
+    pace, best = pace or Pace(), dict[str, Proposal]()
+    shortest = np.inf
+    for scheme in _schemes(n):
+        moves = np.abs(np.diff(scheme.table_position, prepend=scheme.table_position[:1])) > 0
+        effects: Floats | None = None
+        for touches in TOUCHES:
+            time = np.cumsum(pace.touch * touches + pace.table_move * moves)
+            shortest = min(shortest, float(time[-1]))
+            if time[-1] > 3600 * hours:
+                continue
+            effects = _of_steps(scheme, radius) if effects is None and drift else effects
+            one = _proposal(scheme, radius, touches, time, sigma, drift, effects)
+            if scheme.order not in best or one.error < best[scheme.order].error:
+                best[scheme.order] = one
+    if not best:
+        raise InvalidPlan(f'{hours:g} h are too short for {n} balls: the shortest plan takes {shortest / 3600:.2f} h; '
+                          'wanted more time, fewer balls or quicker touches')
+    return tuple(sorted(best.values(), key=lambda one: one.error))
+
+
+def _schemes(n: int) -> Iterator[Scheme]:
+    for count in range(fewest_members(n), n + 1):
+        for order in ORDERS_TRIED:
+            yield plan(n, order, cmm_positions=[k + 1 for k in best_members(n, count)])
+
+
+def _of_steps(scheme: Scheme, radius: float) -> Floats:
+    """Return what a unit step of the frame before each reading does to the curves, mean square over the positions.
+
+    (3 axes, N readings, 6).
+    """
+    run = planned_run(scheme, radius)
+    space = base_space(run, radius)
+    out = np.empty((3, run.size, 6))
+    for axis in range(3):
+        columns = np.zeros((run.size, run.size, 3))
+        columns[..., axis] = np.tri(run.size).T  # reading r and those after it
+        out[axis] = np.mean(space.parameters(columns).curves**2, axis=1)
+    return out
+
+
+def _proposal(scheme: Scheme, radius: float, touches: int, time: Floats, sigma: float, drift: float,
+              effects: Floats | None) -> Proposal:
+    run = planned_run(scheme, radius)
+    plane, axial = sigma_of_touches(touches, sigma)[[0, 2]]**2
+    variance = base_space(run, radius).curve_cofactor().mean(axis=0) * [plane, plane, axial, axial, axial, plane]
+    if effects is not None:
+        variance = variance + drift**2 / 3600 * np.einsum('arc,r->c', effects[:, 1:], np.diff(time))
+    n = scheme.n
+    radial, turning = (n - 2) / n**2, (n - 1) / n**2
+    complete = sigma**2 * np.array([radial, radial, turning, 2 * radial / radius**2, 2 * radial / radius**2,
+                                    turning / radius**2])
+    return Proposal(scheme, touches, float(time[-1]), float(np.sqrt(np.mean(variance / complete))), np.sqrt(variance))

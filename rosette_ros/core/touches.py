@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where a ball is touched, and how well that determines its centre."""
+
+import numpy as np
+
+from rosette_ros.core.geometry import TWO_PI, Floats
+
+TOUCHES = (6, 8, 9, 12, 16, 20)
+"""Numbers of touches of a ball that a plan may have: circles of three (6, 9) or four."""
+
+
+def touch_directions(circles: int, points: int, top: float, lowest: float) -> Floats:
+    """Return unit vectors from the centre of a ball, (circles * points, 3), top circle first, each from +x.
+
+    top, lowest: heights of the circles over the centre, in radii of the ball. Source: Kniel et al. (2019), section 2.2.
+    """
+    height, azimuth = (grid.ravel() for grid in np.meshgrid(
+        np.linspace(top, lowest, circles), TWO_PI * np.arange(points) / points, indexing='ij'))
+    around = np.sqrt(1 - height**2)
+    return np.stack([around * np.cos(azimuth), around * np.sin(azimuth), height], axis=-1)
+
+
+def circles_of(touches: int) -> tuple[int, int]:
+    """Return (circles, points of each) of a number of touches that is one of TOUCHES."""
+    points = 3 if touches % 4 else 4
+    return touches // points, points
+
+
+def centre_factors(direction: Floats) -> Floats:
+    """Return the standard deviations of the centre's coordinates per one of a touch along its normal, (3,).
+
+    From the linear problem with rows (u, 1) for centre and radius: z follows the radius and is the worst.
+    """
+    rows = np.column_stack([direction, np.ones(len(direction))])
+    return np.asarray(np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))[:3])
+
+
+def sigma_of_touches(touches: int, sigma: float, touch_share: float = 0.8, top: float = 0.867,
+                     lowest: float = -0.133) -> Floats:
+    """Return the standard deviations of a ball centre along x, y, z from `touches`, where 20 give `sigma`, (3,), m.
+
+    The touches take touch_share of the worst coordinate, the positioning of the CMM, which stays, the rest. top,
+    lowest: as above; those of a ball of 15 mm touched 1 mm below pole and equator.
+    """
+    usual = centre_factors(touch_directions(*circles_of(20), top, lowest))
+    touch = touch_share * sigma / usual.max()
+    positioning = sigma**2 - (usual * touch)**2
+    factors = centre_factors(touch_directions(*circles_of(touches), top, lowest))
+    return np.asarray(np.sqrt((factors * touch)**2 + positioning))
