@@ -105,7 +105,7 @@ def cross_validation_rms(run: Run, fitted: Fit, seed: int = 0) -> float:
     """Return the error of the cross-validation of a fit, m."""
     if not fitted.model.terms:
         return CrossValidation(fitted.joint, run.size, seed).rms_of(fitted.white_residual.reshape(-1))
-    base = fit(run, Model(fitted.model.base), noise=fitted.noise)
+    base = fit(run, Model(fitted.model.base), noise=fitted.noise, beyond=fitted.beyond)
     blocks = CrossValidation(base.joint, run.size, seed)
     whole = Problem(run, base.joint, base.white_residual, base.dof, (), ())
     problems = effect_problems(run, fitted.model, base.joint, base.white_residual, base.dof)

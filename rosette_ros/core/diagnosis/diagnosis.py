@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy import special
 
+from rosette_ros.core.diagnosis.base_terms import f_test, missing_base
 from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, why_not_judged
 from rosette_ros.core.diagnosis.cross_validation import CrossValidation
 from rosette_ros.core.diagnosis.noise_choice import noise_problem, under_best_noise
 from rosette_ros.core.diagnosis.noise_search import SEEN, noise_of_rounding
-from rosette_ros.core.diagnosis.parameter_search import choose_settings
+from rosette_ros.core.diagnosis.parameter_search import RELINEARISED, choose_settings
 from rosette_ros.core.diagnosis.right_shape import free_instead, right_shapes
 from rosette_ros.core.diagnosis.search import Member, Offer, Problem, Selection, searched_count
 from rosette_ros.core.diagnosis.verdict import Verdict, decide, left_over
@@ -23,14 +23,13 @@ from rosette_ros.core.effects.free_forms import FreeForm
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.least_squares import Fit, JointSpace, Parameter, fit
-from rosette_ros.core.model.model import BASE_TERMS, Model, Term
+from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise
+from rosette_ros.core.model.second_order import NEGLIGIBLE
 from rosette_ros.core.records import Floats, Run, resolution_of
 
 CLAIM = 0.002
 """Search-wide probability below which a name is claimed; 5 % is what the users were promised."""
-CLAIM_BASE = 1e-4
-"""The same for a term of the base model."""
 LOOK_ALIKE = 8.0
 """Difference of scores (twice the log Bayes factor) below which two effects cannot be distinguished."""
 NEAR = 30.0
@@ -139,34 +138,6 @@ def _bounded(run: Run) -> Iterator[None]:
                           'travels') from error
 
 
-def f_test(before: Fit, after: Fit) -> float:
-    """Return the probability that noise makes the square sum fall as much from one fit to one with more parameters."""
-    extra, left = after.rank - before.rank, max(after.rms**2 * after.dof, 1e-300)
-    if extra <= 0:
-        return 1.0
-    return float(special.fdtrc(extra, after.dof, max(before.rms**2 * before.dof - left, 0.0) / extra
-                               / (left / after.dof)))
-
-
-def missing_base(run: Run, start: Fit) -> tuple[str, ...]:
-    """Return the base terms that a model lacks and the run asks for, in order.
-
-    Every cell has plate and CMM deviations, so an absent term needs less than an effect does: an F-test over all sets
-    of absent terms, and of those that pass the best by Akaike's criterion.
-    """
-    model = start.model
-    absent = [term for term in BASE_TERMS if term not in model.base]
-    sets = [chosen for size in range(1, len(absent) + 1) for chosen in itertools.combinations(absent, size)]
-    best: tuple[str, ...] = ()
-    best_score, rss = 0.0, start.rms**2 * start.dof
-    for chosen in sets:
-        tried = fit(run, replace(model, base=(*model.base, *chosen)), start.settings, start.noise)
-        score = start.dof * np.log(rss / max(tried.rms**2 * tried.dof, 1e-300)) - 2 * (tried.rank - start.rank)
-        if f_test(start, tried) * len(sets) < CLAIM_BASE and score > best_score:
-            best, best_score = chosen, score
-    return best
-
-
 class _Search:
     """The search on one run: what it chooses, its null distribution, and what the verdict rests on."""
 
@@ -192,12 +163,16 @@ class _Search:
         members = self.chosen.members
         named = tuple(member for member in members if member.named)
         missing = tuple(dict.fromkeys([*self.absent, *(member.name for member in named)]))
+        final = self.final_fit(named)
+        shapes = [member.effect.describe(member.setting) + (f', not as {member.instead}' if member.instead else '')
+                  for member in members if isinstance(member.effect, FreeForm)]
+        if beneath := [member.name for member in members if member.beneath]:
+            shapes.append(
+                f'here the linear model ends: what looks like {" and ".join(beneath)} is below '
+                f'{1e6 * final.linear_limit:.2g} µm, the square of the largest displacement over the radius')
         return Finding(
-            self.start.model, self.start, self.final_fit(named), missing,
-            tuple(Term(member.effect, member.setting) for member in named),
-            '; '.join(member.effect.describe(member.setting) + (f', not as {member.instead}' if member.instead else '')
-                      for member in members
-                      if isinstance(member.effect, FreeForm)),
+            self.start.model, self.start, final, missing,
+            tuple(Term(member.effect, member.setting) for member in named), '; '.join(shapes),
             tuple(sorted(set(itertools.chain(*self.look_alikes.values())))), self._invisible(missing), self._misfits())
 
     @cached_property
@@ -232,8 +207,8 @@ class _Search:
         """The Selection that the search ends with: each member holds beside the others."""
         if self.noiseless:
             return self.problem.empty
-        selection = self._held(self.problem.grow(self.needed), self.problem.swap)
-        selection = right_shapes(self.problem, self.problem.polish(selection), self._held)
+        selection = self._relinearised(self._held(self.problem.grow(self.needed), self.problem.swap))
+        selection = right_shapes(self.problem, self._above_limit(self.problem.polish(selection)), self._held)
         while vain := [place for place in range(len(selection.members)) if not self._predicts(selection, place)]:
             instead = free_instead(self.problem, selection, vain[:1]) or self.problem.select(selection.without(vain[0]))
             selection = self.problem.polish(self._held(instead))
@@ -249,6 +224,28 @@ class _Search:
                     if child and child.score > selection.score - LOOK_ALIKE:
                         return self._simplest(child)
         return selection
+
+    def _relinearised(self, selection: Selection) -> Selection:
+        """Return what the search finds once the readings are freed of the second-order terms of what it found."""
+        for _ in range(RELINEARISED):
+            beyond = self.final_fit([member for member in selection.members if member.named]).beyond
+            if np.abs(beyond - self.base.beyond).max() <= NEGLIGIBLE:
+                break
+            base = self.base
+            self.base = fit(self.run, base.model, base.settings, base.noise, base.joint.space, beyond)
+            self.problem = self.problem.on(self.space.free(self.base.white_residual[None])[0])
+            selection = self._held(self.problem.grow(), self.problem.swap)
+        return selection
+
+    def _above_limit(self, selection: Selection) -> Selection:
+        """Return the selection with no name for what is smaller than the linear model can tell beside the others."""
+        if not selection.members:
+            return selection
+        final = self.final_fit(selection.members)
+        limit, found = final.linear_limit, final.effects[-len(selection.members):]
+        return self.problem.select([
+            replace(member, beneath=one.largest < limit and not isinstance(member.effect, FreeForm))
+            for member, one in zip(selection.members, found)])
 
     def _ordered(self, selection: Selection) -> Selection:
         falls = [self.problem.select(selection.without(place)).rss for place in range(len(selection.members))]

@@ -3,14 +3,19 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from rosette_ros.core.diagnosis.search import Member, Problem, Selection
 from rosette_ros.core.effects.effect import FixedEffect, Setting
 from rosette_ros.core.errors import InvalidModel, NotDeterminable
 from rosette_ros.core.model.least_squares import JointSpace, fit, refused_as_hidden
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise
+from rosette_ros.core.model.second_order import NEGLIGIBLE
 from rosette_ros.core.records import Floats, Run
 
+RELINEARISED = 4
+"""How often a search is made again with the second-order terms of what it found."""
 
 def choose_settings(run: Run, model: Model, noise: Noise | None = None) -> tuple[Setting, ...]:
     """Return a Setting for each effect of a model: the best on this run, jointly, within what is fixed.
@@ -26,7 +31,14 @@ def choose_settings(run: Run, model: Model, noise: Noise | None = None) -> tuple
             raise NotDeterminable(f'{run.source}: {term.name} cannot be judged: {reason}')
         _check_choices(run, term)
     start = fit(run, Model(model.base), noise=noise)
-    return search_settings(run, model, effect_problems(run, model, start.joint, start.white_residual, start.dof))
+    for _ in range(RELINEARISED):
+        problems = effect_problems(run, model, start.joint, start.white_residual, start.dof)
+        settings = search_settings(run, model, problems)
+        beyond = fit(run, model, settings, noise, start.joint.space).beyond if problems else start.beyond
+        if np.abs(beyond - start.beyond).max() <= NEGLIGIBLE:
+            break
+        start = fit(run, start.model, noise=noise, space=start.joint.space, beyond=beyond)
+    return settings
 
 
 def effect_problems(run: Run, model: Model, space: JointSpace, residual: Floats, dof: int) -> tuple[Problem, ...]:

@@ -53,6 +53,8 @@ TOGETHER = 2.0
 """So many times as much as the best effect alone may each of several more, at most, raise the score together."""
 SWAPPED = 30.0
 """What exchanging effects adds to a score at most."""
+FINE = 0.3
+"""Share of its bracket, times the square root of the gain, to which a parameter is refined."""
 HOPELESS = -5.0
 """Score gain on the grid below which no refinement of continuous parameters can make it pay."""
 
@@ -61,7 +63,8 @@ HOPELESS = -5.0
 class Member:
     """One effect at one setting: its rows freed of the model, (k, 3 N), orthonormal.
 
-    instead: names of effects that it replaces as they have the wrong shape.
+    instead: names of effects that it replaces as they have the wrong shape; beneath: whether it is smaller than the
+    linear model can tell beside the others, so that it has no name.
     """
 
     effect: Effect
@@ -70,6 +73,7 @@ class Member:
     chances: float
     share: float
     instead: str = ''
+    beneath: bool = False
 
     @property
     def name(self) -> str:
@@ -79,7 +83,7 @@ class Member:
     @property
     def named(self) -> bool:
         """Whether it is a physical effect of the library."""
-        return not isinstance(self.effect, FreeForm)
+        return not isinstance(self.effect, FreeForm) and not self.beneath
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,8 +225,10 @@ class Problem:
 
         best: float | str = member.setting[name]
         if isinstance(bracket, tuple):
-            best = minimize_scalar(loss, bounds=bracket, method='bounded',
-                                   options={'maxiter': 9, 'xatol': 5e-3 * (bracket[1] - bracket[0])}).x
+            # strong effects want it so exact that what is left of them is no structure
+            share = min(5e-3, FINE / max(_gain(member, others), 1.0)**0.5)
+            best = minimize_scalar(loss, bounds=bracket, method='bounded', options={
+                'maxiter': 9 if share == 5e-3 else 40, 'xatol': share * (bracket[1] - bracket[0])}).x
         else:
             best = min(bracket, key=loss, default=best)
         return Setting({**member.setting, name: float(best)})
@@ -329,7 +335,7 @@ class Problem:
                 tried.append(self.select((*rest.members, self.refine(member, rest))))
                 best = max((one for one in tried if one is not None), key=lambda one: one.score)
                 if best.score > selection.score + 1e-6:
-                    moved = replace(best.members[-1], instead=member.instead)
+                    moved = replace(best.members[-1], instead=member.instead, beneath=member.beneath)
                     selection = self.select((*rest.members[:place], moved, *rest.members[place:]))
             if selection is before:
                 break

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
+from rosette_ros.core.diagnosis.base_terms import f_test
 from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, Projection, whiten
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
-from rosette_ros.core.diagnosis.diagnosis import f_test
 from rosette_ros.core.diagnosis.parameter_search import choose_settings
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.errors import InvalidData

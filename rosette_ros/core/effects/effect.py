@@ -6,12 +6,12 @@ then put an instance of it into the table of names in library.py. Nothing else c
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
 
-from rosette_ros.core.effects.run_functions import beside, between_readings
+from rosette_ros.core.effects.run_functions import beside, between_readings, tangential, unit
 from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.records import Floats, Run
 
@@ -91,6 +91,18 @@ class Factors:
     of_setting: tuple[tuple[int, tuple[int, ...]], ...]
 
 
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What effects do to the plate as a body: rotation vector (N, 3), rad, growth (N,), shift on the table (N, 3)."""
+
+    rotation: Floats = field(default_factory=lambda: np.zeros((1, 3)))
+    growth: Floats = field(default_factory=lambda: np.zeros(1))
+    shift: Floats = field(default_factory=lambda: np.zeros((1, 3)))
+
+    def __add__(self, other: 'Motion') -> 'Motion':
+        return Motion(self.rotation + other.rotation, self.growth + other.growth, self.shift + other.shift)
+
+
 class Effect:
     """One physical effect; subclasses give `columns` and what they need of the rest.
 
@@ -149,6 +161,11 @@ class Effect:
         """Return the Factors of settings where columns are such products, else None."""
         return None
 
+    def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion | None:
+        """Return the Motion of amplitudes (q,) whose linear part the columns are; None where it does not
+        move the plate as a body."""
+        return None
+
     def width(self, run: Run, setting: Setting) -> int:
         """Return the number of columns of a setting."""
         return len(self.amplitudes(run, setting))
@@ -189,6 +206,15 @@ class Effect:
                 raise InvalidModel(f'effect {self.name}: wanted settings among {words}, got {name!r}')
             if wanted := known[name].wanted_for(value):
                 raise InvalidModel(f'effect {self.name}: {name}: wanted {wanted}, got {value!r}')
+
+
+class TurningEffect(Effect):
+    """An effect that turns the plate about the table axis and does nothing else."""
+
+    def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion | None:
+        shift = self.columns(run, setting) @ amplitudes
+        turn = np.sum(shift * tangential(run.alpha), axis=1) / run.radius
+        return Motion(turn[:, None] * unit(2, run.size))
 
 
 class FixedEffect(Effect):

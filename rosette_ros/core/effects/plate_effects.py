@@ -5,7 +5,7 @@
 import numpy as np
 
 from rosette_ros.core.effects import run_functions as on
-from rosette_ros.core.effects.effect import Effect, Quantity, Searched, Setting, grid, per_axis
+from rosette_ros.core.effects.effect import Effect, Motion, Quantity, Searched, Setting, grid, per_axis
 from rosette_ros.core.effects.factored_effect import FactoredEffect, Step
 from rosette_ros.core.effects.run_functions import plate_axes, seconds
 from rosette_ros.core.records import Floats, Run
@@ -24,6 +24,9 @@ class PlateCreep(Effect):
 
     def columns(self, run: Run, setting: Setting) -> Floats:
         return seconds(run)[:, None, None] * plate_axes(run)[..., :2]
+
+    def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
+        return Motion(shift=seconds(run)[:, None] * [*amplitudes, 0])
 
 
 class PlateSlip(FactoredEffect):
@@ -48,6 +51,10 @@ class PlateSlip(FactoredEffect):
     def which(self, setting: Setting) -> tuple[int, ...]:
         return 0, 1, 2
 
+    def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
+        since = 1.0 * (seconds(run) > setting.number('t0'))[:, None]
+        return Motion(since * [0, 0, amplitudes[2]], shift=since * [*amplitudes[:2], 0])
+
 
 class PlateExpansion(Effect):
     name = 'plate_expansion'
@@ -69,9 +76,14 @@ class PlateExpansion(Effect):
         unit = {'time': '1/s', 'temperature': '1/K'}[setting.word('driver')]
         return (Quantity('epsilon', unit, 'relative growth'),)
 
+    def _driver(self, run: Run, setting: Setting) -> Floats:
+        return {'time': seconds, 'temperature': on.temperature_change}[setting.word('driver')](run)
+
     def columns(self, run: Run, setting: Setting) -> Floats:
-        driver = {'time': seconds, 'temperature': on.temperature_change}[setting.word('driver')](run)
-        return (run.radius * driver[:, None] * on.radial(run.alpha))[..., None]
+        return (run.radius * self._driver(run, setting)[:, None] * on.radial(run.alpha))[..., None]
+
+    def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
+        return Motion(growth=amplitudes[0] * self._driver(run, setting))
 
 
 class PlateWarp(Effect):

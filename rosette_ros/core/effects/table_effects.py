@@ -3,14 +3,24 @@
 
 import numpy as np
 
-from rosette_ros.core.effects.effect import Bracket, Effect, Quantity, Searched, Setting, grid, per_axis
+from rosette_ros.core.effects.effect import (
+    Bracket,
+    Effect,
+    Motion,
+    Quantity,
+    Searched,
+    Setting,
+    TurningEffect,
+    grid,
+    per_axis,
+)
 from rosette_ros.core.effects.factored_effect import FactoredEffect, RunFunction
 from rosette_ros.core.effects.run_functions import axial_tilts, seconds, tangential, travel, unit
 from rosette_ros.core.geometry import TWO_PI
 from rosette_ros.core.records import Floats, Run
 
 
-class TableZeroDrift(Effect):
+class TableZeroDrift(TurningEffect):
     name = 'table_zero_drift'
     plain = "drift of the table's angle"
     meaning = "The table's angle drifts steadily relative to its encoder."
@@ -39,8 +49,11 @@ class AxisTiltDrift(Effect):
     def columns(self, run: Run, setting: Setting) -> Floats:
         return seconds(run)[:, None, None] * axial_tilts(run)
 
+    def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
+        return Motion(seconds(run)[:, None] * np.append(amplitudes, 0.0))
 
-class TableBacklash(Effect):
+
+class TableBacklash(TurningEffect):
     name = 'table_backlash'
     plain = 'backlash of the table'
     meaning = 'The angle at which the table stops depends on the sense in which it turned.'
@@ -55,7 +68,7 @@ class TableBacklash(Effect):
         return (0.5 * run.radius * run.approach[:, None] * tangential(run.alpha))[..., None]
 
 
-class TableBacklashAngle(Effect):
+class TableBacklashAngle(TurningEffect):
     name = 'table_backlash_angle'
     plain = 'backlash that depends on the table angle'
     meaning = 'The backlash of the table differs from angle to angle.'
@@ -108,7 +121,7 @@ class EncoderLines(RunFunction):
         return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-class EncoderInterpolation(FactoredEffect):
+class EncoderInterpolation(FactoredEffect, TurningEffect):
     name = 'encoder_interpolation'
     plain = 'interpolation error of the encoder'
     meaning = "The table's angle has an error that repeats with every period of its encoder."
@@ -185,6 +198,13 @@ class AsynchronousMotion(FactoredEffect):
 
     def which(self, setting: Setting) -> tuple[int, ...]:
         return _MOTIONS[setting.word('motion')]
+
+    def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion | None:
+        if 3 not in self.which(setting):
+            return None
+        waves = self.function.at(run, np.array([[setting.number('nu')]]))[0]
+        tilt = waves.T @ amplitudes.reshape(2, -1)[:, -2:]
+        return Motion(np.hstack([tilt, np.zeros((run.size, 1))]))
 
 
 TURNED, UNWRAPPED = 'turned', 'unwrapped'

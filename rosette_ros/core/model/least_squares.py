@@ -8,20 +8,28 @@ Nonlinear parameters enter the uncertainties by their tangents d(D a)/d(theta).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from rosette_ros.core.effects.effect import Searched, Setting
+from rosette_ros.core.effects.effect import Motion, Searched, Setting
 from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.geometry import TWO_PI, rotate_z
+from rosette_ros.core.geometry import TWO_PI
 from rosette_ros.core.model.base_model import GAUGE, Basis
 from rosette_ros.core.model.base_space import BaseSpace, base_space
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise, Real, Whitening
+from rosette_ros.core.model.second_order import (
+    CONVERGED,
+    MOST_STEPS,
+    ROUNDING,
+    is_negligible,
+    second_order,
+    turned_plate,
+)
 from rosette_ros.core.records import ErrorMotions, Floats, Ints, Run
 
 HIDDEN = 1e-6
@@ -46,17 +54,26 @@ class Parameter:
 
 @dataclass(frozen=True, eq=False)
 class FittedEffect:
-    """An effect with the setting in use, its parameters and its part of the model, (N, 3), m."""
+    """An effect with the setting in use, its parameters and its part of the model, (N, 3), m.
+
+    is_of_plate: whether it moves the plate as a body.
+    """
 
     name: str
     setting: Setting
     parameters: tuple[Parameter, ...]
     displacement: Floats
+    is_of_plate: bool
 
     @property
     def rms(self) -> float:
         """Root mean square of its part over all coordinates, m."""
         return float(np.sqrt(np.mean(self.displacement**2)))
+
+    @property
+    def largest(self) -> float:
+        """Largest displacement of a ball, m."""
+        return float(np.sqrt(np.sum(self.displacement**2, axis=1).max()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +84,8 @@ class Fit:
     of freedom, m; sigma: standard deviation of a coordinate in use for the uncertainties, m, and sigma_source, where it
     comes from; reduced_chi_square: (rms/repeatability) squared, None where the repeatability is unknown; lack_of_fit_p:
     probability that noise of the known repeatability leaves as much, None likewise; rms, sigma: of the size that noise
-    takes as 1; gauge: what no three-rosette run can know, in words.
+    takes as 1; beyond: (N, 3) or (1, 3), m, second-order terms of which the readings were freed; gauge: what no
+    three-rosette run can know, in words.
     """
 
     run: Run
@@ -87,12 +105,18 @@ class Fit:
     mean_radius: float
     joint: 'JointSpace'
     noise: Noise
+    beyond: Floats
     gauge: ClassVar[tuple[str, ...]] = GAUGE
 
     @cached_property
     def white_residual(self) -> Floats:
         """The residual in white coordinates, (N, 3), m."""
         return np.asarray(self.joint.whitening.apply(self.residual[None])[0])
+
+    @property
+    def linear_limit(self) -> float:
+        """Displacement D^2 / R, m, below which nothing can be told beside effects that move the plate by D."""
+        return sum(one.largest for one in self.effects if one.is_of_plate)**2 / self.run.radius
 
     @cached_property
     def settings(self) -> tuple[Setting, ...]:
@@ -111,19 +135,10 @@ def _by_place(run: Run) -> Ints:
     return np.lexsort((run.ball, run.table_position))
 
 
-def observed(run: Run, plate: Floats | None = None) -> Floats:
-    """Return centres minus nominal centres at the actual table angle, (N, 3), m.
-
-    The base model is linear at nominal angles, so known parts are turned to the actual angle here:
-    p - R_z(phi + delta) b_j - (R_z(phi + delta) - R_z(phi)) P_j. plate: P, (n, 3), m, or None.
-    """
-    delta = run.angle_deviation
-    angle = run.alpha + delta
-    out = run.centre - run.radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(run.size)], axis=-1)
-    if plate is not None and np.any(delta):
-        turned = rotate_z(run.phi, plate[run.ball - 1])
-        out = out - (rotate_z(delta, turned) - turned)
-    return out
+def observed(run: Run) -> Floats:
+    """Return centres minus nominal centres at the actual table angle, (N, 3), m."""
+    angle = run.alpha + run.angle_deviation
+    return run.centre - run.radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(run.size)], axis=-1)
 
 
 class JointSpace:
@@ -229,12 +244,13 @@ def _parts(run: Run, model: Model, settings: Sequence[Mapping[str, float | str]]
 
 
 def fit(run: Run, model: Model | None = None, settings: Sequence[Mapping[str, float | str]] = (),
-        noise: Noise | None = None, space: BaseSpace | None = None) -> Fit:
+        noise: Noise | None = None, space: BaseSpace | None = None, beyond: Floats | None = None) -> Fit:
     """Return the joint least-squares Fit of a model on a run.
 
     settings: a Setting for each effect of the model, in its order; noise: of the readings, None if white; space: of
-    the base terms of the model where it is at hand from another fit of the same run and noise. Raises NotDeterminable
-    where readings are too few or an effect cannot be seen in this order.
+    the base terms of the model where it is at hand from another fit of the same run and noise; beyond: as of Fit, None
+    where it is to be found. Raises NotDeterminable where readings are too few, an effect cannot be seen in this order,
+    or the second-order terms do not converge.
     """
     model = model or Model()
     lever = mean_radius(run)
@@ -243,16 +259,31 @@ def fit(run: Run, model: Model | None = None, settings: Sequence[Mapping[str, fl
     parts = _parts(run, model, settings)
     columns = np.concatenate([np.zeros((0, run.size, 3)), *(part.columns for part in parts)])
     linear = JointSpace(space, columns, np.zeros((0, run.size, 3)))
-    plate = None
-    for _ in range(4):
-        y = observed(run, plate)
+    places = observed(run)
+    offset = np.zeros((1, 3)) if beyond is None else beyond
+    is_linear = False
+    for step in range(MOST_STEPS):
+        y = places - offset
         perp = space.residual(y[None])[0]
         amplitude = linear.amplitudes(perp)
-        rest = y - np.tensordot(amplitude, columns, axes=1)
-        base = space.parameters(rest[None])
-        if not np.any(run.angle_deviation):
+        base = space.parameters((y - np.tensordot(amplitude, columns, axes=1))[None])
+        if beyond is not None:
+            found = offset
+        elif is_linear:
+            found = turned_plate(run, base)
+        else:
+            found, turned = second_order(run, lever, base, _motion(run, parts, amplitude)), turned_plate(run, base)
+            if step == 0 and is_negligible(space, found - turned, float(np.sqrt(np.mean(linear.free(perp[None])**2)))):
+                is_linear, found = True, turned
+        change = float(np.abs(found - offset).max())
+        if change <= ROUNDING:
             break
-        plate = base.plate[0]
+        offset = found
+    if not change <= CONVERGED:
+        raise NotDeterminable(
+            f'{run.source}: the products of rotations and deviations do not converge for {model}: after {MOST_STEPS} '
+            f'steps they still change by {1e6 * change:.3g} µm (wanted at most {1e6 * CONVERGED:g}); check plate, '
+            'table frame and readings')
     tangents = _tangents(run, parts, amplitude)
     joint = JointSpace(space, columns, tangents) if len(tangents) else linear
     for part in parts:
@@ -268,7 +299,15 @@ def fit(run: Run, model: Model | None = None, settings: Sequence[Mapping[str, fl
     u = sigma * np.sqrt(joint.curve_cofactor())
     return Fit(run, model, ErrorMotions(_mean_angles(run), base.curves[0], u), base.plate[0], base.cmm[0],
                space.whitening.inverse(weighted[None])[0], _fitted(run, parts, amplitude, joint, sigma),
-               space.rank + joint.rank, dof, float(np.sqrt(rss / dof)), sigma, source, chi, p, lever, joint, noise)
+               space.rank + joint.rank, dof, float(np.sqrt(rss / dof)), sigma, source, chi, p, lever, joint, noise,
+               offset)
+
+
+def _motion(run: Run, parts: Sequence[_Part], amplitude: Floats) -> Motion | None:
+    """Return what the effects do to the plate as a body, None where none turns, tilts or stretches it."""
+    motions = [motion for part in parts
+               if (motion := part.term.effect.motion(run, part.setting, amplitude[part.place])) is not None]
+    return reduce(Motion.__add__, motions) if motions else None
 
 
 def _mean_angles(run: Run) -> Floats:
@@ -331,5 +370,6 @@ def _fitted(run: Run, parts: Sequence[_Part], amplitude: Floats, joint: JointSpa
         parameters += [Parameter(parameter.name, part.setting.number(parameter.name), float(next(refined)),
                                  parameter.unit) for parameter in part.adjusted(*REFINED)]
         out.append(FittedEffect(part.term.name, part.setting, tuple(parameters),
-                                np.tensordot(amplitude[part.place], part.columns, axes=1)))
+                                np.tensordot(amplitude[part.place], part.columns, axes=1),
+                                part.term.effect.motion(run, part.setting, amplitude[part.place]) is not None))
     return tuple(out)

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rigid bodies turn by rotation matrices: the fit finds what is true beyond the linear equation, or says so."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from rosette_ros.analysis import diagnose, judge
+from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.effects.library import effect
+from rosette_ros.core.errors import NotDeterminable
+from rosette_ros.core.model.least_squares import fit
+from rosette_ros.core.model.model import Model, Term
+from rosette_ros.core.records import Run, remove_gauge
+from rosette_ros.core.scheme import plan
+
+RADIUS = 0.1825
+NANOMETRE = 1e-9
+MILLIMETRE = 1e-3
+HOURS = 3600.0
+
+
+def rigid_run(n=12, seed=0, order='random', turn=0.0, worse=1.0, noise=0.0, motion=None, axis=(0.0, 0.0)):
+    """Return a run of rigid bodies and the true curves, (n, 6), in the gauge.
+
+    turn: of the plate on the table, rad; worse: table in units of 0.3 urad and 0.05 um; motion: (t in h, travel, ball,
+    turned) to the ball's place on the table, (3,), and a rotation vector outside of the table; axis: its tilt, rad.
+    """
+    rng = np.random.default_rng(seed)
+    scheme = plan(n, order, seed, 'alternate')
+    curves = remove_gauge(worse * rng.standard_normal((n, 6)) * np.repeat([5e-8, 3e-7], 3))
+    angle = 2 * np.pi * np.arange(n) / n
+    balls = RADIUS * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    own = 2e-5 * rng.standard_normal((n, 3))
+    balls = balls + own - own.mean(axis=0)
+    balls = Rotation.from_rotvec([0, 0, turn]).apply(balls) + np.array([1e-4, -2e-4, 0])
+    cmm = 1e-6 * np.cos(3 * angle)[:, None] * rng.standard_normal(3)
+    tilted = Rotation.from_rotvec([*axis, 0])
+    time = 30.0 * np.arange(n * n)
+    travel = np.unwrap(scheme.table_angle) - scheme.table_angle[0]
+    centre = np.empty((n * n, 3))
+    for row, (i, j, k) in enumerate(zip(scheme.table_position, scheme.ball, scheme.cmm_position)):
+        ball, outside = balls[j - 1], Rotation.identity()
+        if motion is not None:
+            ball, rotation = motion(time[row] / time[-1], travel[row], ball)
+            outside = Rotation.from_rotvec(rotation)
+        turned = Rotation.from_rotvec([0, 0, scheme.table_angle[row]]).apply(ball)
+        moved = Rotation.from_rotvec(curves[i - 1, 3:]).apply(turned) + curves[i - 1, :3]
+        centre[row] = tilted.apply(outside.apply(moved)) + cmm[k - 1]
+    centre += noise * rng.standard_normal(centre.shape)
+    run = Run(n, RADIUS, scheme.table_position, scheme.ball, centre, time=time, approach=scheme.approach,
+              table_travel=travel, repeatability=noise or None)
+    return run, curves
+
+
+def turning(angle):
+    """Return what turns the plate about the axis by up to an angle."""
+    return lambda t, travel, ball: (Rotation.from_rotvec([0, 0, angle * t]).apply(ball), [0, 0, 0])
+
+
+MOTIONS = {
+    'table_zero_drift': (turning(MILLIMETRE / RADIUS), {}),
+    'axis_tilt_drift': (lambda t, travel, ball: (ball, [3e-3 * t, -4e-3 * t, 0]), {}),
+    'asynchronous_motion': (lambda t, travel, ball: (
+        ball, [5e-3 * np.cos(0.41 * travel), 5e-3 * np.sin(0.41 * travel), 0]), {'motion': 'tilt', 'nu': 0.41}),
+    'plate_expansion': (lambda t, travel, ball: (
+        ball + 5e-3 * t * np.array([1, 1, 0]) * (ball - np.array([1e-4, -2e-4, 0])), [0, 0, 0]), {'driver': 'time'}),
+    'plate_creep': (lambda t, travel, ball: (ball + t * np.array([6e-4, -8e-4, 0]), [0, 0, 0]), {})}
+
+
+PARTS = {'complete': lambda run: np.ones(run.size, dtype=bool),
+         'a tenth missing': lambda run: np.random.default_rng(1).permutation(run.size) > run.size // 10,
+         'six CMM positions': lambda run: np.isin(run.cmm_position, [1, 2, 4, 6, 9, 10]),
+         'six balls': lambda run: np.isin(run.ball, [1, 2, 4, 6, 9, 10])}
+
+
+@pytest.mark.parametrize('part', PARTS)
+@pytest.mark.parametrize(('turn', 'worse', 'axis'), [
+    (np.deg2rad(1), 1, (0, 0)), (np.deg2rad(1), 100, (0, 0)), (0, 1000, (0, 0)), (np.deg2rad(-1), 30, (2e-4, -1e-4))])
+def test_curves_are_true_for_a_turned_plate_a_poor_table_a_tilted_axis(turn, worse, axis, part):
+    """The linear equation alone errs by up to 0.3 um; what is left of the rigid run is below a nanometre."""
+    run, curves = rigid_run(turn=turn, worse=worse, axis=axis)
+    found = fit(run.take(PARTS[part](run)))
+    assert found.rms < NANOMETRE
+    assert np.abs(found.error_motions.values - curves)[:, :3].max() < NANOMETRE
+    assert np.abs(found.error_motions.values - curves)[:, 3:].max() < 2e-4 * worse * 3e-7 + NANOMETRE / RADIUS
+
+
+@pytest.mark.parametrize('name', MOTIONS)
+@pytest.mark.parametrize('turn', [0.0, np.deg2rad(1)])
+def test_effects_of_a_millimetre_are_found_to_the_nanometre(name, turn):
+    """The amplitudes of the rigid motion come out, and nothing of it stays in the residual."""
+    motion, setting = MOTIONS[name]
+    run, curves = rigid_run(turn=turn, motion=motion, worse=10)
+    found = fit(run, Model(terms=(Term(effect(name)),)), [Setting(setting)])
+    assert np.abs(found.beyond).max() > 0.3 * NANOMETRE
+    assert found.rms < 5 * NANOMETRE
+    size = max(abs(part.value) for part in found.effects[0].parameters if part.unit in ('m/s', 'rad/s', '1/s', 'rad'))
+    wanted = {'table_zero_drift': MILLIMETRE / RADIUS, 'axis_tilt_drift': 4e-3, 'asynchronous_motion': 5e-3,
+              'plate_expansion': 5e-3, 'plate_creep': 8e-4}[name]
+    assert size * (1 if name == 'asynchronous_motion' else run.time[-1]) == pytest.approx(wanted, rel=1e-5)
+    assert np.abs(found.error_motions.values - curves)[:, :3].max() < 10 * NANOMETRE
+
+
+def test_below_a_nanometre_the_equation_is_linear():
+    """The clamping and the table of the paper need no second order, and get none."""
+    run, _ = rigid_run()
+    assert not np.any(fit(run).beyond)
+
+
+def test_what_does_not_converge_is_refused():
+    """Balls that stand more than the radius beside their places are no rotary table."""
+    run, _ = rigid_run(6)
+    rng = np.random.default_rng(0)
+    wild = run.replace(centre=run.centre + 0.25 * rng.standard_normal(run.centre.shape))
+    with pytest.raises(NotDeterminable, match=r'do not converge for table_motions.*after 40 steps they still change by '
+                                              r'[\d.e+-]+ µm \(wanted at most 1e-06\); check plate, table frame'):
+        fit(wild)
+
+
+@pytest.mark.parametrize('order', ['random', 'sensitive'])
+def test_a_clean_run_of_a_turned_plate_on_a_poor_table_is_clean(order):
+    """A plate turned by a degree and a table a hundred times worse are no missing effect."""
+    run, _ = rigid_run(8, 3, order, turn=np.deg2rad(1), worse=100, noise=1e-7)
+    assert judge(run).outcome == 'fits'
+
+
+def test_a_millimetre_of_zero_drift_is_named_alone():
+    """Its square, 2.7 um along the radius, is no expansion of the plate."""
+    run, _ = rigid_run(7, 1, motion=turning(MILLIMETRE / RADIUS), noise=1e-7)
+    found = diagnose(run)
+    assert found.missing == ('table_zero_drift',)
+    assert found.final.rms < 1.2e-7
