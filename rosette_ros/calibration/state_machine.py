@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rosette_ros.calibration.calibration_plan import CalibrationPlan
-from rosette_ros.core.errors import RosetteError, plain
+from rosette_ros.core.errors import RosetteError, counted, plain
 from rosette_ros.core.geometry import Frame, table_frame, wrap
 from rosette_ros.core.scheme import nominal_places
 from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Answer, Phase, Target, short_frame
@@ -261,9 +261,9 @@ class Sequence:
             self._rounds = VERIFY_ROUNDS
             return self._next(now)
         if self._rounds >= VERIFY_ROUNDS:
-            return self._finish(Phase.FAILED, f'{len(lost)} answers are not in the log, after asking for them '
-                                f'{self._rounds - 1} times: the recorder does not receive what the CMM publishes; '
-                                'check its network and namespace')
+            return self._finish(Phase.FAILED, f'{counted(len(lost), "reading is", "readings are")} not in the log, '
+                                f'target and answer, after asking again {counted(self._rounds - 1, "time")}: the '
+                                'recorder does not receive all messages; check its network and namespace')
         return (*self._drop(lost), *self._next(now))
 
     def not_verified(self, words: str, now: float) -> Commands:
@@ -335,7 +335,8 @@ class Sequence:
         self._asked_again += lost
         for seq in lost:
             self.answers.drop_answers(seq)
-        return Remark(f'{len(lost)} answers are not in the log; asking for them again'), PublishState()
+        what = counted(len(lost), 'reading is', 'readings are')
+        return Remark(f'{what} not in the log, target and answer; asking again'), PublishState()
 
     def _done(self) -> Commands:
         """Publish the last state; the run ends when that is in the log, too."""

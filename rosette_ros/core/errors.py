@@ -38,6 +38,11 @@ def plain(text: str, most: int = 500) -> str:
     return ' '.join(kept.split())
 
 
+def counted(number: int, one: str, several: str = '') -> str:
+    """Return a number with its noun: '1 answer', '3 answers'; several: the plural where it is not `one` with an s."""
+    return f'{number} {one if number == 1 else several or f"{one}s"}'
+
+
 def one_line(error: Exception) -> str:
     """Return the words of an error as every interface prints them."""
     return ' '.join(str(error).split())

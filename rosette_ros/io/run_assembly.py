@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.errors import InvalidData, counted
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.records import Floats, Ints, Run
 from rosette_ros.core.scheme import nominal_places, unwrap_travel
@@ -266,10 +266,10 @@ class RunAnswers:
 
     def _rivals(self) -> tuple[str, ...]:
         """Return in words that targets which were asked once have answers that differ; nothing where none has."""
-        asked = Counter(target.seq for target in self.targets)
-        twice = sum(asked[seq] == 1 and len({one.centre for one in self._usable(seq)}) > 1 for seq in self._last)
-        return (f'{twice} targets have two answers that differ, of which the first counts; did a second node answer? '
-                'Measure again with one CMM',) if twice else ()
+        twice = sum(target.attempt == 1 and len({one.centre for one in self._usable(seq)}) > 1
+                    for seq, target in self._last.items())
+        return (f'{counted(twice, "target has", "targets have")} two answers that differ, of which the first counts; '
+                'did a second node answer? Measure again with one CMM',) if twice else ()
 
     def _plate(self, source: str) -> tuple[int, float]:
         """Return (n, radius) on which all targets of phase RUN agree."""

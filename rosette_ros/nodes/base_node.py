@@ -29,7 +29,7 @@ from rclpy.time import Time
 from std_msgs.msg import Header
 
 from rosette_ros.calibration.settings import Wanted
-from rosette_ros.core.errors import RosetteError
+from rosette_ros.core.errors import RosetteError, counted
 from rosette_ros.nodes import names, qos
 from rosette_ros.nodes.liveliness import HeartbeatPublisher, NodeMonitor
 from rosette_ros.nodes.parameters import Parameters, refuse_unknown_sections
@@ -76,7 +76,7 @@ class CellNode(Node):
                 handler(message)
 
         events = SubscriptionEventCallbacks(
-            message_lost=lambda event: self.lost(topic, event.total_count_change),
+            message_lost=lambda event: self._on_lost(topic, event.total_count_change),
             matched=None if sender is None else lambda event: sender.look())
         made = self.create_subscription(message_class, topic, admitted, profile, raw=raw, event_callbacks=events)
         if sender is not None:
@@ -128,9 +128,14 @@ class CellNode(Node):
         while not condition() and self.seconds() < deadline:
             self.executor.spin_once(timeout_sec=_SIGNAL_PERIOD)
 
+    def _on_lost(self, topic: str, count: int) -> None:
+        if count > 0:  # Fast DDS also reports that none was lost
+            self.lost(topic, count)
+
     def lost(self, topic: str, count: int) -> None:
         """Take note of messages that were lost in transport."""
-        self.get_logger().error(f'{count} messages on {topic} were lost in transport')
+        self.get_logger().error(f'{counted(count, "message")} on {topic} {"was" if count == 1 else "were"} lost in '
+                                'transport')
 
     def wake(self) -> None:
         """Do what is due by the wall clock; called every WAKE_PERIOD."""

@@ -21,8 +21,26 @@ if TYPE_CHECKING:
     from rosette_ros.nodes.base_node import CellNode
     from rosette_ros.nodes.recorder_client import RecorderLink
 
+_PARTICIPANT = 12  # bytes of a GID that name the participant (DDS-RTPS 2.2, section 8.2.4.1)
 _NODE_WORDS = {names.CMM: 'CMM', names.RECORDER: 'recorder'}
 SETTLING = 1.0  # how long all nodes have to be present before a run: discovery takes its time in each of them, s
+
+
+def obeying(node: Node) -> list[Any]:
+    """Return the subscriptions to targets of CMMs: of the processes that publish ball centres.
+
+    Recorder, evaluator, studio and other observers subscribe too. Where no process does both, all but the cell's own
+    are returned: a CMM may be two processes."""
+    targets, centres = map(node.resolve_topic_name, (names.PROBE_TARGET, names.BALL_CENTRE))
+    answering = {process_of(info.endpoint_gid) for info in node.get_publishers_info_by_topic(centres)}
+    infos = node.get_subscriptions_info_by_topic(targets)
+    return [info for info in infos if process_of(info.endpoint_gid) in answering] or [
+        info for info in infos if info.node_name not in (names.RECORDER, names.EVALUATOR)]
+
+
+def process_of(gid: Any) -> bytes:
+    """Return the part of an endpoint's GID that all endpoints of a process have in common."""
+    return bytes(gid)[:_PARTICIPANT]
 
 
 class HeartbeatPublisher:
@@ -95,12 +113,6 @@ class NodeMonitor:
         self.is_late = True
 
 
-def obeying(node: Node) -> list[Any]:
-    """Return the endpoints, besides those of recorder and evaluator, that subscribe to the targets."""
-    infos = node.get_subscriptions_info_by_topic(node.resolve_topic_name(names.PROBE_TARGET))
-    return [info for info in infos if info.node_name not in (names.RECORDER, names.EVALUATOR)]
-
-
 class Trouble(NamedTuple):
     """What keeps a run from going on: nodes that are disconnected or restarted, several publishers of one topic, in
     words, and whether answers were not used because of them."""
@@ -140,7 +152,7 @@ class CellMonitor:
         node = self._node
         missing = [f'{words}: wanted one in this domain and namespace; is another cell running? Give each its own '
                    '(--domain, --namespace)' for words in self.rivals()]
-        if not (self._senders[names.BALL_CENTRE].alive and obeying(self._node)):
+        if not (self._senders[names.BALL_CENTRE].alive and obeying(node)):
             missing.append(f'no CMM: wanted one that subscribes to {names.PROBE_TARGET} and publishes '
                            f'{names.BALL_CENTRE}, got none; start simulated_cmm or connect a CMM')
         elif not node.has_time():

@@ -13,10 +13,9 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-from rosette_ros.nodes.liveliness import SETTLING, NodeMonitor
+from rosette_ros.nodes.liveliness import SETTLING, NodeMonitor, process_of
 
 _UNNAMED = 'one whose name is not known'
-_PARTICIPANT = 12  # bytes of an endpoint's GID that all endpoints of a process have in common
 
 
 class Sender:
@@ -93,8 +92,8 @@ class Sender:
         self._names = {bytes(one.endpoint_gid): _UNNAMED if 'UNKNOWN' in one.node_name else
                        f'{one.node_namespace.rstrip("/")}/{one.node_name}' for one in infos}
         self._first_seen = {gid: self._first_seen.get(gid, now) for gid in self._names}
-        beating = {bytes(one.endpoint_gid)[:_PARTICIPANT] for one in self._peer.publishers()}
+        beating = {process_of(one.endpoint_gid) for one in self._peer.publishers()}
         found = sorted(self._names, key=lambda gid: self._first_seen[gid])
-        with_heartbeat = [gid for gid in found if gid[:_PARTICIPANT] in beating]
+        with_heartbeat = [gid for gid in found if process_of(gid) in beating]
         ended = with_heartbeat[:max(len(with_heartbeat) - self._running, 0)]
         return frozenset(self._names) - frozenset(ended)

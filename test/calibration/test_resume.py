@@ -150,7 +150,7 @@ def test_an_answer_that_a_dead_cmm_did_not_bring_to_the_log_does_not_count():
     sequence, _ = dead_cmm()
     end = 1.0 + LIMITS.return_timeout
     assert sequence.tick(end) == ()
-    assert sequence.verified({(1, 1)}, (), end)[0] == Remark('1 answers are not in the log; asking for them again')
+    assert sequence.verified({(1, 1)}, (), end)[0] == Remark('1 reading is not in the log, target and answer; asking again')
     assert sequence.done == 1
     assert sequence.tick(end)[-1].text.startswith('the CMM is disconnected and did not come back within 60 s; resume')
 
@@ -196,7 +196,7 @@ def test_a_recorder_that_never_gets_answers_ends_the_run():
     sequence, again = verifying((5,))
     assert len(again) == VERIFY_ROUNDS - 1
     assert sequence.phase is Phase.FAILED
-    assert 'the recorder does not receive what the CMM publishes' in sequence.text
+    assert 'the recorder does not receive all messages' in sequence.text
 
 
 def test_a_whole_log_needs_one_look():
