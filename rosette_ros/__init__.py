@@ -2,6 +2,7 @@
 """Calibrates rotary tables by the three-rosette method, and finds what a model of the cell leaves out."""
 
 import os
+import shlex
 import shutil
 import sys
 from pathlib import Path
@@ -11,6 +12,11 @@ from pathlib import Path
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 __version__ = '0.1.0'
+
+
+def command(*words: object) -> str:
+    """Return a command as it is typed in a shell where the user stands: `rosette` with these words."""
+    return shlex.join([program(), *map(str, words)])
 
 
 def program() -> str:

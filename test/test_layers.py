@@ -80,7 +80,8 @@ def imports(tree):
 def own(names):
     """Return imports of this package as paths inside it: rosette_ros.core.model.least_squares -> core.model...."""
     return sorted(name.partition('.')[2] for name in names
-                  if name.startswith('rosette_ros.') and name not in ('rosette_ros.__version__', 'rosette_ros.program'))
+                  if name.startswith('rosette_ros.')
+                  and name.removeprefix('rosette_ros.') not in ('__version__', 'program', 'command'))
 
 
 def is_module(name):

@@ -17,9 +17,6 @@ from rosette_ros.core.errors import CellError
 from rosette_ros.io.messages import answer_of, target_of
 from rosette_ros.io.run_assembly import RunAnswers
 
-LONG = 90.0
-"""A run that goes on for longer tells how long, s."""
-
 
 @dataclass(frozen=True)
 class Request:
@@ -92,8 +89,7 @@ class Job:
         sequence = self.sequence
         if self.is_over:
             return 'its log is being closed'
-        left = f', about {round(sequence.left / 60)} min left' if sequence.left > LONG else ''
-        return f'{sequence.phase.name.lower().replace("_", " ")}, {sequence.done} of {sequence.plan.total} balls{left}'
+        return f'{sequence.phase.name.lower().replace("_", " ")}, {sequence.done} of {sequence.plan.total} balls'
 
     def continue_from(self, recalled: Any) -> None:
         """Continue from what the recorder has recalled, a Recall.Response, in a new session."""

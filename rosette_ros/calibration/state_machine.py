@@ -3,6 +3,7 @@
 
 Whoever drives it passes the time (steady, s) and carries out the commands that each step returns."""
 
+from collections import deque
 from collections.abc import Collection
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -18,6 +19,8 @@ from rosette_ros.io.reading_checks import remarks_on_answers
 from rosette_ros.io.run_assembly import RunAnswers
 
 VERIFY_REFUSALS = 20  # a recorder that refuses so often to report what is in the log has no log open
+PACE_OF, PACE_FROM, TOLD_FROM = 60, 6, 90.0
+"""The remaining time follows from the pace of so many answers, at least of so many; a shorter one is not told, s."""
 VERIFY_ROUNDS = 3  # so often the answers in the log are verified at the end of a run, and what it lacks is asked again
 
 
@@ -147,13 +150,20 @@ class Sequence:
         self._in_doubt, self._skipped_last = list[tuple[int, int]](), True
         self._deadline: float | None = None
         self._frame, self._frame_id = plan.taught, MACHINE_FRAME
-        self._begun = (0.0, 0)  # when the first target was asked, and what was done then
-        self.left = 0.0  # time until all targets are answered, as the answers so far took it, s
+        self._pace = deque[float](maxlen=PACE_OF)  # when the last answers were taken, since the last pause
 
     @property
     def done(self) -> int:
         """Number of targets with an answer that was taken."""
         return self.answers.answered
+
+    @property
+    def left(self) -> float | None:
+        """Time until all targets are answered at the pace of the last answers, s; None where that is not known."""
+        pace = self._pace
+        if len(pace) < PACE_FROM:
+            return None
+        return (self.plan.total - self.done) * (pace[-1] - pace[0]) / (len(pace) - 1)
 
     @property
     def is_held(self) -> bool:
@@ -169,14 +179,13 @@ class Sequence:
             return self.text
         place, size = self.plan.place_in_phase(target.seq - 1)
         again = '' if target.attempt == 1 else f', attempt {target.attempt}'
+        left = f', about {left / 60:.0f} min left' if (left := self.left or 0) > TOLD_FROM else ''
         return (f'{Phase(target.phase).name.lower().replace("_", " ")} {place} of {size}: table position '
-                f'{target.table_position}, ball {target.ball}{again}')
+                f'{target.table_position}, ball {target.ball}{again}{left}')
 
     def begin(self, now: float) -> Commands:
         """Ask for the first target."""
-        commands = self._next(now)
-        self._begun = now, self.done
-        return commands
+        return self._next(now)
 
     def answer(self, answer: Answer, now: float) -> Commands:
         """Take an answer of the CMM."""
@@ -191,8 +200,7 @@ class Sequence:
             return self._again(words, now)
         self._asked = None
         commands = self._take(target, answer)
-        began, done = self._begun
-        self.left = (now - began) * (self.plan.total - self.done) / max(self.done - done, 1)
+        self._pace.append(now)
         return commands if self.phase.is_end or self._held else (*commands, *self._next(now))
 
     def hold(self, words: str, now: float, verify: bool = False, is_gone: bool = True) -> Commands:
@@ -216,6 +224,7 @@ class Sequence:
         if not self._held or self.phase.is_end:
             return ()
         self._held, self._in_doubt = '', []
+        self._pace.clear()
         self.session += restarted
         remark = Remark('the run continues' + (f' in session {self.session}' if restarted else ''))
         if self._asked is None:

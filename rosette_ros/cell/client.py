@@ -22,13 +22,13 @@ from rclpy.task import Future
 from rosette_msgs.action import Calibrate
 from rosette_msgs.msg import CalibrationEvent, Diagnosis, RunState
 
-from rosette_ros import program
+from rosette_ros import command
 from rosette_ros.calibration.settings import NONE
 from rosette_ros.cell.supervisor import added_environment
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.errors import CellError, plain
 from rosette_ros.core.records import ErrorMotions
-from rosette_ros.io.messages import CalibrationProgress, Phase, progress_of
+from rosette_ros.io.messages import CalibrationProgress, Phase, progress_of, verdict_of
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import TakenSignals
 from rosette_ros.nodes.liveliness import NodeMonitor
@@ -203,9 +203,9 @@ class CellClient(GraphClient):
 
     def resume_command(self, run: str | Path) -> str:
         """Return the command that resumes a run of this cell."""
-        domain = '' if self._domain_id is None else f' --domain {self._domain_id}'
-        namespace = '' if self._where == f'/{names.NAMESPACE}' else f' --namespace {self._where[1:]}'
-        return f'{program()} calibrate --resume {run}{domain}{namespace}'
+        domain = [] if self._domain_id is None else ['--domain', self._domain_id]
+        namespace = [] if self._where == f'/{names.NAMESPACE}' else ['--namespace', self._where[1:]]
+        return command('calibrate', '--resume', run, *domain, *namespace)
 
     @property
     def measured(self) -> int:
@@ -213,7 +213,7 @@ class CellClient(GraphClient):
         return self._progress.done
 
     def _on_diagnosis(self, message: Diagnosis) -> None:
-        self._verdicts = {message.run_id: conversions.verdict_record(message)}
+        self._verdicts = {message.run_id: verdict_of(message)}
 
     def _on_log(self, message: Log) -> None:
         node = message.name.rpartition('.')[2]

@@ -5,7 +5,7 @@ from argparse import ArgumentParser, Namespace
 
 from rich.markup import escape
 
-from rosette_ros import program
+from rosette_ros import command
 from rosette_ros.analysis import advise, advise_run
 from rosette_ros.cli.arguments import UsageError, add_shared
 from rosette_ros.cli.console import console, print_json, print_parts, warn
@@ -60,6 +60,7 @@ def show(advice: Advice, n: int, radius: float) -> None:
             'recommended_order_detectable_rms_um', 'remark'),
         tables.orders(advice).select('order', 'mark', 'worst_effect', 'worst_share', 'travel_time_s', 'duration_s')])
     if best.label != advice.present.label:
-        turning = '' if best.label == best.order else f' --turning {best.turning}'
-        out.print(f'\nIts target list: {program()} plan --balls {n} --radius-mm {exact(1e3 * radius, 6)} '
-                  f'--order {best.order} --seed {best.seed}{turning}', soft_wrap=True)
+        turning = () if best.label == best.order else ('--turning', best.turning)
+        made = command('plan', '--balls', n, '--radius-mm', exact(1e3 * radius, 6), '--order', best.order,
+                       '--seed', best.seed, *turning)
+        out.print(f'\nIts target list: {escape(made)}', soft_wrap=True)

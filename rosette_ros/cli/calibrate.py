@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
 
 from rosette_ros.calibration.settings import FIELDS, LIMITS, OPTIONS, PLATE, RUN
 from rosette_ros.cell.client import CalibrationOutcome, CellClient
@@ -93,8 +93,8 @@ class ProgressDisplay(Progress):
 
     def __init__(self) -> None:
         out = console(sys.stderr)
-        super().__init__(SpinnerColumn(), TextColumn('{task.description:<22}'), BarColumn(bar_width=32),
-                         MofNCompleteColumn(), TextColumn('{task.fields[rate]}'), TimeRemainingColumn(), console=out,
+        super().__init__(SpinnerColumn(), BarColumn(bar_width=16), MofNCompleteColumn(),
+                         TextColumn('{task.fields[rate]}'), TextColumn('{task.description}', markup=False), console=out,
                          transient=True, disable=not out.is_terminal)
         self._bar = self.add_task('waiting for the cell', total=None, rate='')
         self._phase: int | None = None
@@ -114,7 +114,7 @@ class ProgressDisplay(Progress):
             self._phase, self._began, self._from = phase, time.monotonic(), self._done
         balls, spent = self._spent()
         self.update(self._bar, completed=self._done, total=progress.total,
-                    description='' if phase is None else PHASE_WORDS[phase],
+                    description='' if phase is None else progress.text,
                     rate=f'{balls / spent:.0f} balls/s' if balls > 1 and spent > 0.2 else '')
 
     def warn(self, words: str) -> None:

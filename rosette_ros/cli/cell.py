@@ -13,7 +13,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from rosette_ros import program
+from rosette_ros import command
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import CHECK_PERIOD, MODULES, Cell
 from rosette_ros.cli.arguments import add_shared, made_folder
@@ -51,13 +51,13 @@ def run(options: argparse.Namespace) -> None:
 def keep_running(out: Console, cell: Cell) -> None:
     """Say how a cell is used; restart failed nodes and show what is new until Ctrl-C."""
     domain = int(os.environ.get('ROS_DOMAIN_ID') or 0) if cell.domain_id is None else cell.domain_id
-    where = f' --domain {domain}' if domain else ''
-    where += f' --namespace {cell.namespace}' if cell.namespace != names.NAMESPACE else ''
+    where = ['--domain', domain] * bool(domain)
+    where += ['--namespace', cell.namespace] * (cell.namespace != names.NAMESPACE)
     out.print(f'\n[bold]The cell is running[/]: {", ".join(cell.processes)} in domain {domain}, namespace '
               f'/{escape(cell.namespace)}; logs are written to {escape(str(cell.log_dir))}', soft_wrap=True)
     if names.CMM not in cell.processes:
         out.print('It waits for a CMM that answers probe_target with ball_centre (docs/real-cmm.md).')
-    out.print(f'In another terminal:\n  {program()} calibrate{where}\nCtrl-C ends the cell.', highlight=False)
+    out.print(f'In another terminal:\n  {escape(command("calibrate", *where))}\nCtrl-C ends the cell.', soft_wrap=True)
     cell.news()
     try:
         while True:

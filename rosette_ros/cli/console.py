@@ -9,7 +9,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 import rich.table
 from rich import box
-from rich.console import Console, Group
+from rich.console import Console
 from rich.markup import escape
 
 from rosette_ros.core.records import Run
@@ -24,6 +24,8 @@ if TYPE_CHECKING:  # plan and info start without the least squares
 WIDTH = 100
 """Widest output, columns; what is no terminal gets this width."""
 COLOURS = {'good': 'green', 'doubtful': 'yellow', 'bad': 'red', 'strong': 'bold', '': None}
+HEAD = 10
+"""The head of a column is not wrapped narrower than this where the table has room."""
 LONG = 24
 """Texts of more characters are wrapped."""
 
@@ -36,19 +38,45 @@ def console(file: IO[str] | None = None) -> Console:
     return out
 
 
-def rich_table(data: Table) -> Group:
-    """Return a Table for the terminal: its title, rows and note."""
+def print_table(out: Console, data: Table) -> None:
+    """Print a table: its title, rows and note.
+
+    Heads are wrapped narrower where it does not fit otherwise. Numbers and names are never cut: lines go on then."""
+    heads = _heads(data, HEAD)
+    if _least(data, heads) > out.width:
+        heads = _heads(data, 1)
     made = rich.table.Table(box=box.SIMPLE_HEAD, padding=(0, 1), collapse_padding=True, pad_edge=False, show_edge=False)
-    for column in data.shown:
-        made.add_column(_head(column), justify='right' if column.number else 'left', overflow='fold',
-                        no_wrap=column.number or _width(column) <= LONG)
+    for column, head in zip(data.shown, heads):
+        made.add_column(head, justify='right' if column.number else 'left', overflow='fold', no_wrap=_is_whole(column),
+                        min_width=_longest_word(column))
     for place, row in enumerate(data.rows):
         made.add_row(*map(escape, row), style=COLOURS[data.level(place)])
     for place, row in enumerate(data.footer):
         if place == 0:
             made.add_section()
         made.add_row(*map(escape, row), style='bold')
-    return Group(f'[bold]{escape(data.title)}[/]', made, *([escape(data.note)] if data.note else []))
+    out.print(f'[bold]{escape(data.title)}[/]')
+    width = out.width
+    out.width = max(width, _least(data, heads))
+    out.print(made, crop=False)
+    out.width = width
+    if data.note:
+        out.print(escape(data.note))
+
+
+def _longest_word(column: Column) -> int:
+    return max((len(word) for text in (*(column.shown or ()), *column.footer) for word in text.split()), default=0)
+
+
+def _is_whole(column: Column) -> bool:
+    return column.number or _width(column) <= LONG
+
+
+def _least(data: Table, heads: Iterable[str]) -> int:
+    """Return the columns of the screen that a table needs at least."""
+    widths = [max(_width(column) if _is_whole(column) else _longest_word(column), *map(len, head.splitlines()), 0)
+              for column, head in zip(data.shown, heads)]
+    return sum(widths) + 2 * (len(widths) - 1)
 
 
 def _width(column: Column) -> int:
@@ -56,10 +84,10 @@ def _width(column: Column) -> int:
     return max((len(line) for text in texts for line in text.splitlines()), default=0)
 
 
-def _head(column: Column) -> str:
-    """Return the head of a column, wrapped about as narrow as its cells, its unit in a line of its own."""
-    lines = textwrap.wrap(column.name, max(_width(column), 10), break_long_words=False)
-    return '\n'.join([*lines, *([column.unit] if column.unit else [])])
+def _heads(data: Table, least: int) -> list[str]:
+    """Return the heads of the columns, wrapped about as narrow as their cells, each unit in a line of its own."""
+    return ['\n'.join([*textwrap.wrap(column.name, max(_width(column), least), break_long_words=False),
+                       *filter(None, [column.unit])]) for column in data.shown]
 
 
 def pairs(rows: Iterable[tuple[str, str]]) -> rich.table.Table:
@@ -103,7 +131,10 @@ def print_parts(out: Console, parts: Iterable[Any]) -> None:
     for part in parts:
         if part is not None and not (isinstance(part, Table) and not part.rows):
             out.print()
-            out.print(rich_table(part) if isinstance(part, Table) else part)
+            if isinstance(part, Table):
+                print_table(out, part)
+            else:
+                out.print(part)
 
 
 def print_json(mapping: Mapping[str, Any]) -> None:

@@ -3,6 +3,7 @@
 
 import argparse
 import random
+import shlex
 from functools import partial
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from rosette_ros import program
+from rosette_ros import command, program
 from rosette_ros.analysis import MOST_BALLS_ADVISED, MOST_BALLS_JUDGED, analyse, judge, summarise
 from rosette_ros.cli import hidden_demo, verification_demo
 from rosette_ros.cli.arguments import add_shared, whole
@@ -101,11 +102,11 @@ def show(out: Console, config: MachineConfig, log_path: Path, seconds: float) ->
     out.print(f'Took {seconds:.1f} s; a real cell would have measured for {run.time[-1] / 3600:.1f} h\n')
     if summary is not None:
         where['Report'] = log_path / 'report.html'
-        write_report(where['Report'], summary, source, f'rosette report {shown(log_path)}')
+        write_report(where['Report'], summary, source, shlex.join(['rosette', 'report', shown(log_path)]))
     where |= {'Log': log_path, 'Machine': log_path / MACHINE}
     out.print(pairs([(name, escape(shown(path))) for name, path in where.items()]))
     out.print('\nNext:')
     for verb in ('evaluate', 'studio', 'info', 'replay'):
-        out.print(f'  {program()} {verb} {shown(log_path)}', soft_wrap=True)
+        out.print(f'  {escape(command(verb, shown(log_path)))}', soft_wrap=True)
     if program() != 'rosette':
-        out.print(f'To type just rosette: {program()} shell')
+        out.print(f'To type just rosette: {escape(command("shell"))}', soft_wrap=True)

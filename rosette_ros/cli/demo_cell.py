@@ -29,7 +29,7 @@ from rosette_ros.simulation import Machine, MachineConfig
 
 MACHINE = 'machine.yaml'
 DOMAINS = range(1, 60)
-"""Of a demonstration: the ports of domains below 102 lie below those that Linux assigns on its own; tests use 60 to 99."""
+"""Of demonstrations: the ports of domains below 102 lie below those that Linux assigns on its own; tests: 60 to 99."""
 
 
 def free_domain() -> int:

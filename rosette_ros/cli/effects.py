@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from rich.markup import escape
 
 from rosette_ros.cli.arguments import add_shared
-from rosette_ros.cli.console import console, pairs, print_json, print_parts, rich_table
+from rosette_ros.cli.console import console, pairs, print_json, print_parts, print_table
 from rosette_ros.core.effects.effect import Effect, Quantity, Setting
 from rosette_ros.core.effects.library import EFFECTS, effect
 from rosette_ros.core.planning.advice import planned_run
@@ -35,9 +35,9 @@ def run(options: Namespace) -> None:
         print_json(effects_json(chosen, {one.name: amplitudes(one) for one in chosen}))
     elif options.name is None:
         out = console()
-        out.print(rich_table(Table('library', 'Effects that a model may have and a diagnosis may name', (
+        print_table(out, Table('library', 'Effects that a model may have and a diagnosis may name', (
             words('name', 'name', [one.name for one in chosen]),
-            words('meaning', 'meaning', [one.meaning for one in chosen])))))
+            words('meaning', 'meaning', [one.meaning for one in chosen]))))
         out.print('\nThe first three are the base model. [bold]rosette effects NAME[/] explains one; custom terms: '
                   '[bold]rosette add --help[/].')
     else:

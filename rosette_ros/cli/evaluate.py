@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 
 from rich.markup import escape
 
-from rosette_ros import program
+from rosette_ros import command
 from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, judge
 from rosette_ros.cli.arguments import add_formats, add_shared
 from rosette_ros.cli.console import console, fit_rows, head, pairs, print_json, print_parts, print_verdict, warn
@@ -46,7 +46,7 @@ def show(fit: Fit, verdict: Verdict | None) -> None:
     if verdict:
         print_verdict(out, verdict)
         if verdict.model_fails:
-            out.print(f'What is missing, and how sure that is:\n  {program()} diagnose {escape(fit.run.source)}',
+            out.print(f'What is missing, and how sure that is:\n  {escape(command("diagnose", fit.run.source))}',
                       soft_wrap=True)
     else:
         out.print(f'Plates of more than {MOST_BALLS_JUDGED} balls are judged on request: rosette diagnose RUN')

@@ -15,11 +15,11 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from rosette_ros import program
+from rosette_ros import command
 from rosette_ros.analysis import advise_run, analyse, summarise
 from rosette_ros.cli import compare as compare_verb
 from rosette_ros.cli import diagnose as diagnose_verb
-from rosette_ros.cli.console import head, pairs, rich_table
+from rosette_ros.cli.console import head, pairs, print_table
 from rosette_ros.cli.demo_cell import MACHINE, shown
 from rosette_ros.cli.demo_cell import compare as compare_truth
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
@@ -58,15 +58,15 @@ def show(out: Console, config: MachineConfig, seed: int, log_path: Path, seconds
 
     is_open: whether it is asked for already.
     """
-    run, called = read_log(log_path).to_run(), program()
+    run = read_log(log_path).to_run()
     out.print(f'\n{head(run)}\nThe residual of the base model is {residual_words(analyse(run))}\n')
     out.print(pairs([
         ('Log', escape(shown(log_path))), ('Took', f'{seconds:.1f} s'),
-        ('Repeat', f'{called} demo --hidden {seed} --seed {config.seed} --balls {config.plate.balls}')]))
+        ('Repeat', escape(command('demo', '--hidden', seed, '--seed', config.seed, '--balls', config.plate.balls)))]))
     if not is_open:
         out.print('\nThe envelope is shut. To find out what is hidden:')
         for verb in ('compare', 'diagnose', 'envelope'):
-            out.print(f'  {called} {verb} {shown(log_path)}', soft_wrap=True)
+            out.print(f'  {escape(command(verb, shown(log_path)))}', soft_wrap=True)
         is_open = sys.stdin.isatty() and out.is_terminal
         if is_open:
             out.input('Press Enter to be told now and to open it, or Ctrl-C to leave it shut. ')
@@ -88,7 +88,7 @@ def tell(out: Console, log_path: Path) -> None:
     section(out, '3', 'diagnose: what is missing?')
     diagnose_verb.show(out, summary.diagnosis, diagnose_verb.invisible_effects(summary.diagnosis))
     section(out, '4', 'add: does the error fall?')
-    out.print(rich_table(nested_models(summary.ladder)))
+    print_table(out, nested_models(summary.ladder))
     write_model(summary.final.model, log_path / MODEL, force=True)
     show_truth(out, config, log.frame_of(run.run_id), summary.fit, summary.final)
     section(out, '5', 'advise: what to measure next?')
@@ -123,11 +123,11 @@ def show_envelope(out: Console, config: MachineConfig, log_path: Path, run: Run,
     kinds = [hidden['kind'] for hidden in envelope.hidden]
     answers = [answer(kind, strength, diagnosis) for kind, strength in zip(kinds, strengths, strict=True)]
     out.print(f'sha256 {envelope.digest}, as it was sealed\n')
-    out.print(rich_table(Table('hidden', 'What was hidden, and what was found', (
+    print_table(out, Table('hidden', 'What was hidden, and what was found', (
         words('kind', 'hidden', kinds),
         words('parameters', 'with', [content(hidden, begin) for hidden in envelope.hidden]),
         column('strength', 'visible', strengths, sigmas),
-        words('answer', 'answer', [text for text, _ in answers])), levels=tuple(level for _, level in answers))))
+        words('answer', 'answer', [text for text, _ in answers])), levels=tuple(level for _, level in answers)))
     if wrong := [name for name in diagnosis.missing if name not in kinds]:
         out.print(f'[yellow]Named but not hidden: {escape(", ".join(wrong))}[/]')
     out.print('visible: norm of the part of the effect in the readings that table, plate and CMM cannot cause, in σ '

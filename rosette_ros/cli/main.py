@@ -7,7 +7,6 @@ loads neither ROS nor the plotting library.
 
 import argparse
 import codecs
-import difflib
 import importlib
 import io
 import os
@@ -20,7 +19,7 @@ from typing import Any, NoReturn
 
 from rosette_ros import __version__
 from rosette_ros.cli.arguments import UsageError
-from rosette_ros.core.errors import RosetteError
+from rosette_ros.core.errors import RosetteError, unknown
 
 SIGNS = {'−': '-', '–': '-', '─': '-', '±': '+-', '→': '->', 'µ': 'u', '°': 'deg', 'σ': 'sigma', 'Δ': 'd', '·': '.',
          '✓': 'ok', '✗': 'x', **dict(zip('▁▂▃▄▅▆▇█', '12345678', strict=True))}
@@ -131,9 +130,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
             implementation.add_arguments(of_verb)
             of_verb.set_defaults(run=implementation.run, command_line=shlex.join(['rosette', *argv]))
     if not asked.startswith('-') and asked not in VERBS:
-        near = difflib.get_close_matches(asked, VERBS, 1)
-        hint = f'; did you mean {near[0]!r}?' if near else ''
-        raise UsageError(f'verb: wanted one of {", ".join(VERBS)}, got {asked!r}{hint}')
+        raise UsageError(f'verb: {unknown(asked, VERBS)}')
     return parser.parse_args(argv or [asked])
 
 

@@ -17,7 +17,7 @@ from rosette_ros.analysis import analyse
 from rosette_ros.cell.client import GraphClient
 from rosette_ros.cell.supervisor import Cell
 from rosette_ros.cli.arguments import add_shared, positive
-from rosette_ros.cli.console import console, rich_table
+from rosette_ros.cli.console import console, print_table
 from rosette_ros.core.errors import CellError, InvalidData
 from rosette_ros.core.records import ErrorMotions
 from rosette_ros.io.bag_metadata import TopicSummary
@@ -117,7 +117,7 @@ def replay(player: 'LogPlayer', options: argparse.Namespace, log: LogRun,
 def show(out: Console, run_id: str, got: ErrorMotions, expected: Expected) -> bool:
     """Print the curves received; return whether they differ from those expected."""
     out.print(f'[bold]{escape(run_id)}[/]')
-    out.print(rich_table(curves(got)))
+    print_table(out, curves(got))
     what = difference(got, expected)
     parts = 'curves and uncertainties' if expected.with_u else 'curves'
     out.print(f'\n[red]{what} those {expected.source}[/]' if what else

@@ -5,12 +5,14 @@ The machine knows its real errors. What a person would switch in the firmware or
 machine's file between two runs; machine, clock and noise continue.
 """
 
+import shlex
 from argparse import Namespace
 from typing import Any
 
 import numpy as np
 from rich.markup import escape
 
+from rosette_ros import command
 from rosette_ros.cli.console import console
 from rosette_ros.cli.demo_cell import demo_cell, shown, write_machine
 from rosette_ros.cli.report import print_result, verification_of
@@ -42,13 +44,13 @@ def run(options: Namespace) -> None:
     maker, page = running.logs / f'{name}_maker.csv', running.logs / f'{name}.html'
     write_text(maker, maker_table(Machine(config)))
     verification = verification_of(paths, maker)
-    command = ' '.join(['rosette report --compare', *(shown(path) for path in paths), '--maker', shown(maker)])
-    write_text(page, verification_html(verification, command))
+    again = ['report', '--compare', *map(shown, paths), '--maker', shown(maker)]
+    write_text(page, verification_html(verification, shlex.join(['rosette', *again])))
     out.print(f'\nTook {seconds:.1f} s; a real cell would have measured for '
               f'{sum(one.fit.run.time[-1] for one in verification.members) / 3600:.1f} h\n')
     print_result(out, verification.verdict, shown(page))
     out.print('\nAgain from the logs:')
-    out.print(f'  {escape(command)}', soft_wrap=True)
+    out.print(f'  {escape(command(*again))}', soft_wrap=True)
 
 
 def maker_table(machine: Machine) -> str:

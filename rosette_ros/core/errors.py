@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors that a user can mend: each says what was wanted, what came, where, and what to do."""
 
+import difflib
+from collections.abc import Collection
+
 
 class RosetteError(Exception):
     """Base of all errors that are reported to the user in one line."""
@@ -36,6 +39,12 @@ def plain(text: str, most: int = 500) -> str:
     if not kept.isprintable():
         kept = ''.join(letter if letter.isprintable() else ' ' for letter in kept)
     return ' '.join(kept.split())
+
+
+def unknown(name: str, known: Collection[str]) -> str:
+    """Return the words for a name that is none of those known, with the one that is like it."""
+    near = difflib.get_close_matches(name, known, 1)
+    return f'wanted one of {", ".join(known)}, got {name!r}{f"; did you mean {near[0]!r}?" if near else ""}'
 
 
 def counted(number: int, one: str, several: str = '') -> str:

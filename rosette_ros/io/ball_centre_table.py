@@ -41,7 +41,7 @@ def parse_csv(data: bytes, source: str = 'table') -> Run:
         places = nominal_places(n, 1e3 * table.radius, table.table_position, table.ball)
         frame = fitted_frame(table.centre, places)
         table.centre = frame.to_inner(table.centre)
-        axis = ', '.join(f'{value:.3f}' for value in frame.rotation[:, 2])
+        axis = ', '.join(f'{round(value, 3) + 0.0:.3f}' for value in frame.rotation[:, 2])
         notes.append(f'the table frame was fitted to all readings; its axis, about which positions and balls are '
                      f'counted counter-clockwise, is ({axis}) in the machine frame')
     _check_places(table, n)
@@ -214,4 +214,5 @@ def _check_places(table: CsvTable, n: int) -> None:
         raise table.wrong(
             row, 'x_mm, y_mm, z_mm', f'a place near ({x:.3f}, {y:.3f}, 0) for table_position {i[row]}, ball {j[row]}',
             f'({", ".join(f"{value:.3f}" for value in centre[row])})', 'coordinates stand in the table frame: z along '
-            'the axis, ball 1 on +x at table position 1, counted counter-clockwise')
+            'the axis, ball 1 on +x at table position 1, counted counter-clockwise; say so by "# frame: machine" where '
+            'they are those of the machine')

@@ -28,6 +28,7 @@ SEPARATORS = {',': 'commas', ';': 'semicolons', '\t': 'tabs'}
 _PLACE = ('x_mm', 'y_mm', 'z_mm')
 Row = tuple[int, list[str]]
 """Line and cells of a row."""
+_TEMPLATE = '`rosette plan --csv-template` makes an empty table'
 _Value = TypeVar('_Value')
 
 
@@ -40,7 +41,8 @@ def _lines(data: bytes, source: str) -> list[str]:
     if not data.strip():
         raise InvalidData(f'{source}: is empty; wanted a table of ball centres, {SCHEMA}')
     if b'\0' in data:
-        raise InvalidData(f'{source}: is a binary file; wanted a table of ball centres as text, {SCHEMA}')
+        raise InvalidData(f'{source}: is a binary file, or text in UTF-16; wanted a table of ball centres as text, '
+                          f'{SCHEMA}; save the table as CSV, UTF-8')
     try:
         return re.split('\r\n|\r|\n', data.decode('utf-8-sig'))
     except UnicodeDecodeError as error:
@@ -125,7 +127,7 @@ class _Heading:
                 raise _wrong(source, line, '', f'the key {near[0]}', repr(text[:80]), 'correct it')
         wanted = f'"# schema: {SCHEMA}" in the first lines'
         if 'schema' not in self._values:
-            raise InvalidData(f'{source}: wanted {wanted}, got none')
+            raise InvalidData(f'{source}: wanted {wanted}, got none; {_TEMPLATE}')
         if self._values['schema'][0] != SCHEMA:
             raise _wrong(source, self._values['schema'][1], '', wanted, repr(self._values['schema'][0]))
         if 'radius_mm' not in self._values:
@@ -212,8 +214,9 @@ def _whole(text: str) -> int | None:
 
 
 def _check_names(names: list[str], source: str, line: int) -> None:
-    for missing in (name for name in COLUMNS if name not in names and name not in _OPTIONAL):
-        raise _wrong(source, line, missing, 'this column', ','.join(names)[:200])
+    if missing := [name for name in COLUMNS if name not in names and name not in _OPTIONAL]:
+        columns = f'the column{"s" * (len(missing) > 1)} {", ".join(missing)}'
+        raise _wrong(source, line, '', columns, ','.join(names)[:200], _TEMPLATE)
     for name in names:
         near = difflib.get_close_matches(name, COLUMNS, 1, 0.75)
         if near and name not in (*COLUMNS, TRAVEL_COLUMN):  # it would be ignored
@@ -244,7 +247,8 @@ def _numbers(cells: Sequence[str], name: str, lines: list[int], source: str) -> 
         values = np.fromiter(map(float, texts), float, len(texts))
     except ValueError:
         at = next(at for at, cell in enumerate(texts) if not _is_number(cell))
-        raise _wrong(source, lines[at], name, 'a number', repr(cells[at][:80])) from None
+        advice = '' if cells[at].strip() else 'leave out the row of a ball that was not measured'
+        raise _wrong(source, lines[at], name, 'a number', repr(cells[at][:80]), advice) from None
     for row in np.flatnonzero(~np.isfinite(values) & ~empty).tolist():
         raise _wrong(source, lines[row], name, 'a finite number', repr(cells[row][:80]),
                      'leave out the row of a ball that was not measured')

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
+from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.records import CURVES, ErrorMotions, Run
@@ -20,6 +21,7 @@ PROBE_TARGET = 'rosette_msgs/msg/ProbeTarget'
 RUN_STATE = 'rosette_msgs/msg/RunState'
 ERROR_MOTIONS = 'rosette_msgs/msg/ErrorMotions'
 CALIBRATION_EVENT = 'rosette_msgs/msg/CalibrationEvent'
+DIAGNOSIS = 'rosette_msgs/msg/Diagnosis'
 TF_MESSAGE, TF_STATIC = 'tf2_msgs/msg/TFMessage', 'tf_static'
 
 REPEATABILITY_KEY, DOF_KEY = 'rosette.repeatability_m', 'rosette.repeatability_dof'
@@ -47,7 +49,7 @@ class PublishedMotions(NamedTuple):
 RECORDS: dict[str, Callable[[Any], msg.Target | msg.Answer | msg.CalibrationProgress]] = {
     PROBE_TARGET: msg.target_of, BALL_CENTRE: msg.answer_of, RUN_STATE: msg.progress_of}
 """By type of a message that has to be readable, the function that makes the record of it."""
-NEEDED = frozenset((*RECORDS, ERROR_MOTIONS, CALIBRATION_EVENT, TF_MESSAGE))
+NEEDED = frozenset((*RECORDS, ERROR_MOTIONS, DIAGNOSIS, CALIBRATION_EVENT, TF_MESSAGE))
 """Types of the messages that a LogRun takes."""
 
 _KINDS = {str: 'a text', float: 'a number', int: 'a whole number of 32 bits'}
@@ -79,8 +81,9 @@ class LogRun:
     """What a log holds.
 
     runs: what was asked and answered, by run_id, in order of appearance; frames: in order of receipt; states: the last
-    of each run; events: CalibrationEvents, decoded; start_ns, end_ns: first and last log time; truncated:
-    whether the log ends in the middle; problems: what is wrong with it, in words."""
+    of each run; events: CalibrationEvents, decoded; verdicts: the last of the evaluator by run_id and name of the
+    model; start_ns, end_ns: first and last log time; truncated: whether the log ends in the middle; problems: what is
+    wrong with it, in words."""
 
     path: Path
     files: tuple[Path, ...]
@@ -89,6 +92,7 @@ class LogRun:
     error_motions: list[PublishedMotions] = field(default_factory=list)
     states: list[msg.CalibrationProgress] = field(default_factory=list)
     events: list[SimpleNamespace] = field(default_factory=list)
+    verdicts: dict[tuple[str, str], Verdict | None] = field(default_factory=dict)
     topics: tuple[TopicSummary, ...] = ()
     messages: int = 0
     start_ns: int = 0
@@ -112,6 +116,8 @@ class LogRun:
             self.error_motions.append(PublishedMotions.of(message))
         elif type_name == CALIBRATION_EVENT:
             self.events.append(message)
+        elif type_name == DIAGNOSIS:
+            self.verdicts[plain(message.run_id), plain(message.model_name, 4000)] = msg.verdict_of(message)
         else:
             self.frames += [frame for one in message.transforms if (frame := msg.table_frame_of(one))]
 

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
 from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.core.geometry import Frame
 
@@ -143,6 +144,14 @@ def progress_of(message: Any) -> CalibrationProgress:
     """Return the CalibrationProgress of a RunState."""
     return CalibrationProgress(plain(message.run_id), message.phase, plain(message.order), message.done, message.total,
                                plain(message.text, most=4000))
+
+
+def verdict_of(message: Any) -> Verdict | None:
+    """Return the verdict in a Diagnosis; None where its outcome is not one that this version knows."""
+    outcome = getattr(message, 'outcome', '')  # older logs have none
+    if outcome not in list(Outcome):
+        return None
+    return Verdict(Outcome(outcome), plain(message.verdict, 2000), plain(message.action, 2000))
 
 
 def target_of(message: Any) -> Target:

@@ -11,6 +11,7 @@ from rosette_ros.io.text_file import reading
 
 WANTED = 'a log directory, an .mcap file or a CSV table'
 _OTHERS = {b'SQLite format 3\0': 'is an sqlite3 log; wanted MCAP: convert it with `ros2 bag convert`',
+           b'PK\x03\x04': 'is a workbook or an archive; wanted a table: save it as CSV, UTF-8, or unpack it',
            b'\x28\xb5\x2f\xfd': 'is a compressed file; wanted a log: unpack it with `zstd -d`'}
 
 

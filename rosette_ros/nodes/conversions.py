@@ -14,8 +14,7 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from rosette_ros.core import records
-from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
-from rosette_ros.core.errors import InvalidData, plain
+from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Frame
 from rosette_ros.io.bag_metadata import Qos
 from rosette_ros.io.log_run import PublishedMotions
@@ -148,13 +147,6 @@ def diagnosis_message(run: records.Run, diagnosis: 'core.Diagnosis', stamp: Time
         missing=list(diagnosis.missing), unexplained=bool(diagnosis.unexplained),
         unexplained_text=diagnosis.unexplained_text, candidates=list(map(candidate_message, diagnosis.candidates)),
         invisible=list(diagnosis.invisible))
-
-
-def verdict_record(message: msg.Diagnosis) -> Verdict | None:
-    """Return the verdict in a diagnosis; None where its outcome is not one that this version knows."""
-    if message.outcome not in list(Outcome):
-        return None
-    return Verdict(Outcome(message.outcome), plain(message.verdict, 2000), plain(message.action, 2000))
 
 
 def candidate_message(entry: 'core.Candidate') -> msg.Candidate:

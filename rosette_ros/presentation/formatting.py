@@ -8,6 +8,8 @@ from datetime import UTC, datetime
 from itertools import islice
 from typing import TYPE_CHECKING, NamedTuple
 
+from rosette_ros.core.diagnosis.verdict import p_value as p_value
+from rosette_ros.core.diagnosis.verdict import p_words
 from rosette_ros.core.effects.library import BASE_EFFECTS, EFFECTS
 from rosette_ros.core.records import CURVES, Run
 
@@ -26,7 +28,6 @@ P_NOISE, CROSS_VALIDATION, OBSERVABLE, LIMIT = (
 DATED = 10**17
 """Earlier times, ns since the epoch (March 1973), are no dates: those of an imported table count from its start."""
 MICRO_DECIMALS, MOST_MISSING = 3, 5
-SMALLEST_P = 1e-6
 UNKNOWN = '–'
 
 
@@ -103,15 +104,6 @@ def before_after(before: float, after: float) -> str:
 def percent(share: float) -> str:
     """Return a share from 0 to 1 in percent."""
     return f'{fixed(100 * share, 0)} %' if math.isfinite(share) else UNKNOWN
-
-
-def p_value(p: float) -> str:
-    """Return a probability with two significant digits: '<1e−6', '4.2e−5', '0.37', '>0.99'."""
-    if not math.isfinite(p):
-        return UNKNOWN
-    if p < SMALLEST_P or p > 0.995:
-        return '>0.99' if p > 0.995 else '<1e−6'
-    return f'{p:.2g}' if p >= 1e-4 else f'{p:.1e}'.replace('e-0', 'e−')
 
 
 def sigmas(value: float) -> str:
@@ -225,9 +217,8 @@ def residual_words(fit: 'Fit') -> str:
     if known is None or fit.lack_of_fit_p is None:
         return f'{text}; the repeatability is not known'
     dof = '' if fit.run.repeatability_dof is None else f' ({fit.run.repeatability_dof:g} degrees of freedom)'
-    p = f'= {p_value(fit.lack_of_fit_p)}'.replace('= <', '< ').replace('= >', '> ')
     return (f'{text}, {fixed(fit.rms / known, 2)} times the repeatability of {micrometres(known)}{dof}; '
-            f'lack of fit: p {p}')
+            f'lack of fit: {p_words(fit.lack_of_fit_p)}')
 
 
 def uncertainty_words(fit: 'Fit') -> str:

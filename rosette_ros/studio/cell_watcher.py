@@ -17,7 +17,7 @@ from tf2_msgs.msg import TFMessage
 
 from rosette_ros.cell.client import CalibrationOutcome, CellClient, GraphClient
 from rosette_ros.core.errors import CellError, RosetteError, one_line, plain
-from rosette_ros.io.messages import answer_of, progress_of, table_frame_of, target_of
+from rosette_ros.io.messages import answer_of, progress_of, table_frame_of, target_of, verdict_of
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import make_executor
 from rosette_ros.studio.live_state import CellState, Health
@@ -129,14 +129,14 @@ class CellWatcher(GraphClient):
             case BallCentre():
                 state.add_answer(answer_of(message))
             case RunState():
-                state.set_progress(progress_of(message), time.monotonic())
+                state.progress = progress_of(message)
             case TFMessage():
                 for frame in filter(None, map(table_frame_of, message.transforms)):
                     state.add_frame(frame)
             case ErrorMotions():
                 state.set_motions(message.run_id, conversions.error_motions_record(message))
             case Diagnosis():
-                state.set_verdict(message.run_id, conversions.verdict_record(message))
+                state.set_verdict(message.run_id, verdict_of(message))
             case Log() if message.level >= LoggingSeverity.WARN and names.is_of_cell(message.name, self._where):
                 kind = Health.FAULT if message.level >= LoggingSeverity.ERROR else Health.WARNING
                 state.add_fault(_clock(), f'{message.name.rsplit(".", 1)[-1]}: {plain(message.msg)}', kind)

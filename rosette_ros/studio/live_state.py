@@ -18,8 +18,6 @@ MOST_BALLS = 1000
 """A plate of more balls is not drawn."""
 SILENT_AFTER = 4.0
 """A node whose health was not received for so long is shown as silent, s."""
-PACE_OF, PACE_FROM = 60, 6
-"""The remaining time follows from the pace over so many states of the run; fewer answers in them give none."""
 
 
 class Health(StrEnum):
@@ -60,7 +58,6 @@ class CellState:
         self._run = RunAnswers('', self.frames)
         self._runs: dict[str, RunAnswers] = {}
         self._health: dict[str, NodeHealth] = {}
-        self._pace: deque[tuple[float, int]] = deque(maxlen=PACE_OF)
 
     # What is received
 
@@ -79,14 +76,6 @@ class CellState:
         if len(self._runs) > MOST_RUNS:
             del self._runs[next(one for one in self._runs if one not in (run_id, self.run_id))]
         return run
-
-    def set_progress(self, progress: CalibrationProgress, now: float) -> None:
-        """Take the state of the calibration; now: steady time, s."""
-        if progress.run_id != self.progress.run_id or progress.done < self.progress.done:
-            self._pace.clear()
-        if not self._pace or progress.done > self._pace[-1][1]:
-            self._pace.append((now, progress.done))
-        self.progress = progress
 
     def add_fault(self, clock: str, words: str, level: Health = Health.FAULT) -> None:
         """Take something that went wrong, or that a node warns of."""
@@ -137,14 +126,6 @@ class CellState:
         return sorted(one if now - one.received < SILENT_AFTER else one._replace(
             level=Health.SILENT, sentence=f'nothing received for {now - one.received:.0f} s')
             for one in self._health.values())
-
-    @property
-    def remaining(self) -> float | None:
-        """Time that the run still takes at the pace of its last answers, s; None where it is not known."""
-        (begun, first), (last, done) = (self._pace[0], self._pace[-1]) if self._pace else ((0.0, 0), (0.0, 0))
-        if done - first < PACE_FROM or not self.progress.is_running:
-            return None
-        return (self.progress.total - done) * (last - begun) / (done - first)
 
     def part_of_run(self) -> Run:
         """Return the Run of the ball centres so far; raises InvalidData where there are none."""

@@ -150,7 +150,8 @@ def test_an_answer_that_a_dead_cmm_did_not_bring_to_the_log_does_not_count():
     sequence, _ = dead_cmm()
     end = 1.0 + LIMITS.return_timeout
     assert sequence.tick(end) == ()
-    assert sequence.verified({(1, 1)}, (), end)[0] == Remark('1 reading is not in the log, target and answer; asking again')
+    assert sequence.verified({(1, 1)}, (), end)[0] == Remark(
+        '1 reading is not in the log, target and answer; asking again')
     assert sequence.done == 1
     assert sequence.tick(end)[-1].text.startswith('the CMM is disconnected and did not come back within 60 s; resume')
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from rosette_ros.calibration.calibration_plan import plan_calibration
 from rosette_ros.calibration.goal import Job, Request
 from rosette_ros.calibration.state_machine import (
+    PACE_FROM,
     Ask,
     Finish,
     Limits,
@@ -427,14 +428,19 @@ def test_units_that_are_taken_for_others_are_named():
 
 
 def test_a_long_run_tells_how_long_it_goes_on():
-    """A ball takes 30 s: of 51 targets 41 are left after ten of them, for 20.5 min."""
+    """A ball takes 30 s: of 51 targets 41 are left after ten of them, for 20.5 min; a pause is no part of the pace."""
     sequence = make_sequence(6)
     ask = last_ask(sequence.begin(0.0))
     for count in range(1, 11):
+        assert (sequence.left is None) == (count <= PACE_FROM)
         ask = last_ask(sequence.answer(answer_to(ask), 30.0 * count))
     assert sequence.plan.total == 51
     assert sequence.left == 1230.0
-    assert Job(sequence, Request('test'), 'diagonal').progress == 'alignment, 10 of 51 balls, about 20 min left'
+    assert sequence.describe() == 'alignment 9 of 12: table position 1, ball 3, about 20 min left'
+    assert Job(sequence, Request('test'), 'diagonal').progress == 'alignment, 10 of 51 balls'
+    sequence.hold('the CMM is disconnected', 310.0)
+    sequence.resume_asking(4000.0, restarted=True)
+    assert sequence.left is None
 
 
 def test_an_answer_without_run_id_is_told_what_to_repeat():

@@ -30,7 +30,7 @@ def radians(lines):
 
 
 TABLES = {
-    'missing column': (drop_column('y_mm'), ('line 5', 'y_mm', 'wanted this column')),
+    'missing column': (drop_column('y_mm'), ('line 5', 'wanted the column y_mm', 'rosette plan --csv-template')),
     'word': (change(7, 5, 'abc'), ('line 8', 'x_mm', "wanted a number, got 'abc'")),
     'NaN': (change(7, 6, 'nan'), ('line 8', 'y_mm', "wanted a finite number, got 'nan'")),
     'ball out of range': (change(9, 2, '0'), ('line 10', 'ball', 'wanted at least 1, got 0')),

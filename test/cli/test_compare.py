@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 from simulated import DRIFT, simulated_run, simulated_table
 
+from rosette_ros.cli.console import console, print_table
+from rosette_ros.presentation.table_format import Table, column, words
+
 SIGMA = 1e-7
 
 
@@ -121,3 +124,17 @@ def test_a_broken_model_is_named(refused, tmp_path):
     line = refused('compare', simulated_table(), '--model', path)
     assert str(path) in line
     assert "wanted one of frame_drift, frame_drift_onset" in line
+
+
+def test_no_number_is_cut(capsys):
+    """A narrow screen wraps heads, then its lines go beyond it: −1.314 is never shown as −1.3, nor a name broken."""
+    numbers = ['−1.314', '+2.539', '>0.99']
+    data = Table('t', 'T', (words('n', 'name', ['frame_drift_onset'] * 3), *(
+        column(f'c{k}', f'a heading of many words {k}', numbers, str) for k in range(8))))
+    for width in (100, 60, 20):
+        out = console()
+        out.width = width
+        print_table(out, data)
+        lines = capsys.readouterr().out.splitlines()[-3:]
+        assert [line.split() for line in lines] == [['frame_drift_onset', *8 * [number]] for number in numbers]
+        assert out.width == width

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
+from terminal import Terminal
 
 from rosette_ros.analysis import analyse, diagnose
 from rosette_ros.cli.hidden_demo import answer, content, visible_strengths
@@ -47,6 +48,22 @@ def test_the_envelope_stays_shut_until_it_is_asked_for(shown):
     for verb in ('compare', 'diagnose', 'envelope'):
         assert re.search(rf'^  \S*rosette {verb} {re.escape(str(log))}$', out, re.MULTILINE)
     assert f'sha256 {open_envelope(log / "envelope.json").digest}' in out
+
+
+def test_a_key_opens_the_envelope_and_another_leaves_it_shut(tmp_path, module_domain_id):
+    """On a terminal: Enter tells the whole story; Ctrl-C ends with the envelope shut."""
+    demo = [sys.executable, '-m', 'rosette_ros.cli.main', 'demo', '--hidden', SEED, '--balls', BALLS, '-o', tmp_path,
+            '--domain', module_domain_id]
+    with Terminal(*demo) as screen:
+        assert 'What was hidden' not in screen.wait_for('Press Enter to be told now')
+        screen.type('\r')
+        screen.wait_for('What was hidden, and what was found')
+        assert screen.end() == 0
+    with Terminal(*demo) as screen:
+        screen.wait_for('or Ctrl-C to leave it shut')
+        screen.type('\x03')
+        assert screen.end() == 130
+    assert 'What was hidden' not in screen.screen and 'Traceback' not in screen.screen
 
 
 def test_a_run_without_an_envelope_is_refused(refused, make_table):

@@ -3,12 +3,14 @@
 
 import json
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from simulated import simulated_table
+from terminal import Terminal
 
 from rosette_ros import program
 from rosette_ros.analysis import judge
@@ -58,6 +60,13 @@ def test_evaluate_points_to_diagnose_where_the_model_fails(rosette, folder):
     assert 'diagnose' not in rosette('evaluate', folder / 'clean.csv').out
 
 
+def test_a_printed_command_runs_where_a_path_has_spaces(rosette, folder):
+    """A shell takes it as one word."""
+    spaced = (folder / 'drift.csv').rename(folder / "the operator's [run] 1.csv")
+    [printed] = [line.strip() for line in rosette('evaluate', spaced).out.splitlines() if ' diagnose ' in line]
+    assert shlex.split(printed)[1:] == ['diagnose', str(spaced)]
+
+
 def test_the_program_is_called_as_it_is_found(monkeypatch):
     """By its path where the name does not find it, by its name where it does; what is printed runs."""
     own = Path(sys.prefix) / 'bin' / 'rosette'
@@ -73,11 +82,19 @@ def test_the_program_is_called_as_it_is_found(monkeypatch):
     assert program() == 'rosette'
 
 
-def test_the_shell_finds_rosette_and_ros(refused):
+def test_the_shell_finds_rosette_and_ros(refused, tmp_path):
     """One command in it; a command that is not there is refused."""
     def shell(*words):
         return subprocess.run([sys.executable, '-m', 'rosette_ros.cli.main', 'shell', *words], check=False, text=True,
                               capture_output=True, env={**os.environ, 'PATH': '/usr/bin:/bin'}).stdout.strip()
     assert shell('python', '-c', 'import rclpy, rosette_msgs, sys; print(sys.prefix)') == sys.prefix
+    home = tmp_path / 'home'
+    home.mkdir()
+    (home / '.bashrc').write_text('PATH=/usr/bin:/bin\necho greeting\n')  # as pyenv or conda put theirs before ours
+    with Terminal(sys.executable, '-m', 'rosette_ros.cli.main', 'shell', SHELL='/bin/bash', HOME=str(home)) as typed:
+        typed.wait_for('greeting')
+        typed.type('command -v python; exit\r')
+        assert typed.end() == 0
+    assert str(Path(sys.prefix) / 'bin' / 'python') in typed.screen.splitlines()
     assert shell('sh', '-c', 'command -v rosette') == str(Path(sys.prefix) / 'bin' / 'rosette')
     assert "got 'no-such-command', which is not found" in refused('shell', 'no-such-command')

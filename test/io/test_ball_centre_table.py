@@ -188,7 +188,8 @@ def test_planned_repeats_are_allowed_by_the_heading():
 
 
 WRONG = {
-    'missing column': (changed(3, 'y_mm,', ''), 'line 3: column y_mm: wanted this column, got seq,'),
+    'missing column': (changed(3, 'y_mm,', ''), 'line 3: wanted the column y_mm, got seq,'),
+    'missing columns': (changed(3, 'seq,', '').replace('time_s,', ''), 'line 3: wanted the columns seq, time_s, got'),
     'both decimal signs': (changed(5, '86.6', '86,6').replace(',', ';').replace('86;6', '86,6'), 'line 5: wanted one '
                            "decimal sign in the table, got '86,6', and '20.1' in line 4; save it with a point or a"),
     'comma for decimals or thousands': (
@@ -240,7 +241,7 @@ WRONG = {
     'approach': (changed(9, '20.2,1', '20.2,2'),
                  r'line 9: column approach: wanted 1, -1 or 0 \(unknown\), got 2'),
     'no schema': (TABLE.partition('\n')[2], 'wanted "# schema: rosette-ball-centres/1" in the first '
-                  'lines, got none'),
+                  'lines, got none; `rosette plan --csv-template` makes an empty table'),
     'other schema': (changed(1, '/1', '/2'), "line 1: wanted .*, got 'rosette-ball-centres/2'"),
     'no radius': (TABLE.replace('# radius_mm: 100\n', ''), 'wanted "# radius_mm: ...", the nominal'),
     'radius word': (changed(2, '100', 'wide'), "line 2: wanted radius_mm: a positive number, got 'w"),
@@ -282,7 +283,7 @@ def test_wrong_tables_are_refused_with_words(name):
 
 
 @pytest.mark.parametrize(('data', 'words'), [
-    (b'\x89MCAP0\r\n\0\0', 'some.csv: is a binary file; wanted a table of ball centres as text'),
+    (b'\x89MCAP0\r\n\0\0', 'some.csv: is a binary file, or text in UTF-16; wanted a table of ball centres as text'),
     (TABLE.replace('5,2,2,3', '5,2,2,ä').encode('latin-1'),
      r'some.csv: line 8: wanted text in UTF-8, got the byte 0xe4; save the table as UTF-8'),
 ])

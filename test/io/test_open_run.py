@@ -42,7 +42,9 @@ def test_run_is_chosen_by_its_id(make_cell, tmp_path):
     ('some.csv', b'', 'some.csv: is empty; wanted a log directory, an .mcap file or a CSV table'),
     ('some.mcap', b'a,b,c', 'some.mcap: is not an MCAP file'),
     ('some.json', b'{"a": 1}', 'some.json: wanted "# schema: rosette-ball-centres/1"'),
-    ('some.png', b'\x89PNG\r\n\x1a\n\0', 'some.png: is a binary file; wanted a table'),
+    ('some.xlsx', b'PK\x03\x04\0', 'some.xlsx: is a workbook or an archive; wanted a table: save it as CSV, UTF-8'),
+    ('some.csv', 'seq;ball\n1;1\n'.encode('utf-16'), 'some.csv: is a binary file, or text in UTF-16'),
+    ('some.png', b'\x89PNG\r\n\x1a\n\0', 'some.png: is a binary file, or text in UTF-16; wanted a table'),
 ])
 def test_other_files_are_refused_with_words(tmp_path, name, data, words):
     """Each is named for what it is."""

@@ -8,7 +8,7 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.messages import Answer, CalibrationProgress, Phase, Target
 from rosette_ros.simulation import Machine, MachineConfig
-from rosette_ros.studio.live_state import PACE_FROM, CellState, Fault, Health
+from rosette_ros.studio.live_state import CellState, Fault, Health
 
 
 def messages(n=4, run_id='a'):
@@ -85,25 +85,10 @@ def test_warnings_and_faults_are_listed():
     state.add_answer(answers[0]._replace(status=1, text='no contact'))
     state.add_fault('1', 'sequencer: no contact; asking again', Health.WARNING)
     state.add_fault('2', 'recorder: the disk is full')
-    state.set_progress(CalibrationProgress('a', Phase.CANCELLED, 'row', 1, 16, 'by the user'), 3.0)
+    state.progress = CalibrationProgress('a', Phase.CANCELLED, 'row', 1, 16, 'by the user')
     assert list(state.faults) == [Fault('2', 'recorder: the disk is full', Health.FAULT),
                                   Fault('1', 'sequencer: no contact; asking again', Health.WARNING)]
     assert state.cells == {}
-
-
-def test_the_remaining_time_follows_the_pace_of_the_last_answers():
-    """Of 100 targets, one each 2 s; not known at first, after the end, and after a new run has begun."""
-    state, progress = CellState(), CalibrationProgress('a', Phase.RUN, 'row', 0, 100)
-    assert state.remaining is None
-    for k in range(21):
-        state.set_progress(progress._replace(done=k), 10.0 + 2 * k)
-        assert (state.remaining is None) == (k < PACE_FROM)
-    state.set_progress(progress._replace(done=20, text='again'), 60.0)
-    assert state.remaining == pytest.approx(160.0)
-    state.set_progress(progress._replace(done=20, phase=Phase.CANCELLED), 61.0)
-    assert state.remaining is None
-    state.set_progress(progress._replace(run_id='b', done=1), 70.0)
-    assert state.remaining is None
 
 
 @pytest.mark.parametrize(('phase', 'running'), [

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The one decision whether a model fits a run, and the words for it: every interface prints these as they stand."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -20,7 +21,7 @@ stated repeatability leaves as much. At 5 % one sound run of twenty would be ref
 every day; at 1e-6 a repeatability stated a third too small would pass on a plate of 6 balls. At 1 % a run of 12 balls
 (301 degrees of freedom) is refused from 1.10 times the stated repeatability, one of 6 balls (49) from 1.24 times.
 """
-SMALLEST_P = 1e-12
+SMALLEST_P = 1e-6
 CERTAIN = 4
 """An effect in the model is there where a parameter is so many times its standard uncertainty: by chance 6e-5."""
 WANDERING = 0.85
@@ -206,7 +207,21 @@ def _beside_repeatability(fit: 'Fit') -> str:
     if known is None or p is None:
         return ''
     return (f'the residual of {_um(fit.rms)} is {fit.rms / known:.2f} times the stated repeatability of {_um(known)} '
-            f'({f"p = {p:.2g}" if p >= SMALLEST_P else f"p < {SMALLEST_P:g}"}), and no structure is found in it')
+            f'({p_words(p)}), and no structure is found in it')
+
+
+def p_value(p: float) -> str:
+    """Return a probability with two significant digits: '<1e−6', '4.2e−5', '0.37', '>0.99'; '–' where it is none."""
+    if not math.isfinite(p):
+        return '–'
+    if p < SMALLEST_P or p > 0.995:
+        return '>0.99' if p > 0.995 else '<1e−6'
+    return f'{p:.2g}' if p >= 1e-4 else f'{p:.1e}'.replace('e-0', 'e−')
+
+
+def p_words(p: float) -> str:
+    """Return a probability as an equation: 'p = 0.37', 'p < 1e−6'."""
+    return f'p = {p_value(p)}'.replace('= <', '< ').replace('= >', '> ')
 
 
 def _um(metres: float) -> str:

@@ -8,7 +8,7 @@ from rosette_ros.core.effects import reading_effects as reading
 from rosette_ros.core.effects import table_effects as table
 from rosette_ros.core.effects.effect import Effect
 from rosette_ros.core.effects.free_forms import FREE_FORMS
-from rosette_ros.core.errors import InvalidModel
+from rosette_ros.core.errors import InvalidModel, unknown
 
 EFFECTS: dict[str, Effect] = {one.name: one for one in (
     frame.FrameDrift(), frame.FrameDriftOnset(), frame.FrameDriftCurved(), frame.FrameWarmup(),
@@ -25,7 +25,7 @@ EFFECTS: dict[str, Effect] = {one.name: one for one in (
 def effect(name: str) -> Effect:
     """Return the effect or free form of a name; raise InvalidModel, listing the known ones, if there is none."""
     if name not in EFFECTS and name not in FREE_FORMS:
-        raise InvalidModel(f'effect: wanted one of {", ".join((*EFFECTS, *FREE_FORMS))}, got {name!r}')
+        raise InvalidModel(f'effect: {unknown(name, (*EFFECTS, *FREE_FORMS))}')
     return EFFECTS.get(name) or FREE_FORMS[name]
 
 

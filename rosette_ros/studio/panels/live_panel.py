@@ -16,7 +16,6 @@ from rosette_ros.core.records import ErrorMotions
 from rosette_ros.core.scheme import ORDERS
 from rosette_ros.io.messages import PHASE_WORDS, CalibrationProgress, phase_name
 from rosette_ros.nodes.names import DOMAINS, NAMESPACE, SEQUENCER
-from rosette_ros.presentation.formatting import duration
 from rosette_ros.presentation.plots.plot_style import AFTER
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.figures import Curves, curves_figure, filling_figure
@@ -127,8 +126,7 @@ class CellPanel:
             state = self._watcher.state
             progress, verdict, motions, faults = state.progress, state.verdict, state.motions, tuple(state.faults)
             balls, cells, run_id, health = state.balls, state.cells, state.run_id, state.health(time.monotonic())
-            remaining = state.remaining
-        self._show_calibration(progress, verdict, remaining)
+        self._show_calibration(progress, verdict)
         heard = any(one.name == SEQUENCER and one.level != Health.SILENT for one in health)
         self._start.set_enabled(heard and not (self._watcher.is_calibrating or progress.is_running))
         self._hint.set_visibility(not heard)
@@ -145,13 +143,11 @@ class CellPanel:
             await self._show_part(run_id, len(cells))
         self._curves_run = run_id
 
-    def _show_calibration(self, progress: CalibrationProgress, verdict: Verdict | None,
-                          remaining: float | None) -> None:
+    def _show_calibration(self, progress: CalibrationProgress, verdict: Verdict | None) -> None:
         phase = PHASE_WORDS.get(progress.phase) or phase_name(progress.phase)
         set_words(self._phase, f'{phase}, order {progress.order}' if progress.order else phase)
         count = f'{progress.done} of {progress.total} ball centres. ' if progress.total else ''
-        left = '' if remaining is None else f'About {duration(60 * -(-remaining // 60))} left. '
-        set_words(self._text, f'{count}{left}{progress.text}')
+        set_words(self._text, f'{count}{progress.text}')
         self._bar.set_value(progress.done / progress.total if progress.total else 0)
         calibrating = self._watcher.is_calibrating
         outcome, words = None if calibrating else self._watcher.outcome, self._watcher.problem
