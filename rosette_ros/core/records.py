@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Bools, Floats, Ints, nominal_angles, wrap
-from rosette_ros.core.scheme import cmm_position, travel_sense, unwrap_travel
+from rosette_ros.core.scheme import Way, cmm_position, unwrap_travel
 
 CURVES = ('ctx', 'cty', 'ctz', 'crx', 'cry', 'crz')
 """Names of the six error motions after VDI/VDE 2617, in the order of every (n, 6) array."""
@@ -27,7 +27,7 @@ ROUNDED = 'readings are rounded to'
 """How a remark on the resolution begins."""
 
 _INTEGERS = ('table_position', 'ball', 'approach', 'session')
-_REALS = ('centre', 'table_angle', 'time', 'temperature', 'table_travel')
+_REALS = ('centre', 'table_angle', 'time', 'temperature', 'table_travel', 'cmm_sense')
 _DERIVED: Any = None  # in place of what was not recorded; never in a record that exists
 
 
@@ -43,17 +43,20 @@ def _freeze(record: object, names: tuple[str, ...], dtype: DTypeLike) -> None:
 class Run:
     """Ball centres of one measuring run, N readings in measuring order.
 
-    n: number of balls and of table positions; radius: nominal radius of the circle of ball centres, m; table_position,
-    ball: (N,) one-based; centre: (N, 3), m, in the table frame; table_angle: (N,) actual angle, rad; time: (N,) s since
-    any origin; temperature: (N,) °C, NaN where unknown; approach: (N,) sense of the table's last move, +1, -1, 0 if
-    unknown; table_travel: (N,) unwrapped table angle, rad; repeatability: standard deviation of a coordinate from
-    repeated measurements, m, or None; repeatability_dof: its degrees of freedom, None if it is taken as exactly known;
-    repeats: whether a (table_position, ball) may stand more than once; session: (N,) 1 and one more after every pause
-    (a run that was resumed, a CMM that was started again); source: its name in error messages; remarks: what is wrong
-    with the readings as a whole, notes: how they were read, in words.
+    n: number of balls and of table positions; radius: nominal radius of the circle of ball centres, m;
+    table_position, ball: (N,) one-based; centre: (N, 3), m, in the table frame; table_angle: (N,) actual angle, rad;
+    time: (N,) s since any origin; temperature: (N,) °C, NaN where unknown; approach: (N,) sense of the table's last
+    move, +1, -1, 0 if unknown; table_travel: (N,) unwrapped table angle, rad; cmm_sense: (N, 3) sense of the CMM's
+    last move along x, y, z, 0 before the first one, NaN where it is not known; unrecorded: which of these two are
+    not; repeatability: standard deviation of a coordinate from repeated measurements, m, or None; repeatability_dof:
+    its degrees of freedom, None if it is taken as exactly known; repeats: whether a (table_position, ball) may stand
+    more than once; session: (N,) 1 and one more after every pause (a run that was resumed, a CMM that was started
+    again); source: its name in error messages; remarks: what is wrong with the readings as a whole, notes: how they
+    were read, in words.
 
     What was not recorded is derived: angles are nominal, times count readings, temperatures are NaN, approach is 0,
-    the travel is unwrapped from angles and approach, and the session is 1.
+    travel and senses follow from angles, approach and places where it is known where table and CMM went, else the
+    travel is unwrapped as if nothing were missing and the senses are NaN; the session is 1.
 
     Raises InvalidData where shapes, ranges or values are wrong.
     """
@@ -68,6 +71,8 @@ class Run:
     temperature: Floats = _DERIVED
     approach: Ints = _DERIVED
     table_travel: Floats = _DERIVED
+    cmm_sense: Floats = _DERIVED
+    unrecorded: tuple[str, ...] = _DERIVED
     repeatability: float | None = None
     repeatability_dof: float | None = None
     run_id: str = ''
@@ -83,10 +88,13 @@ class Run:
             'session': lambda: np.ones(self.size), 'approach': lambda: np.zeros(self.size),
             'table_angle': lambda: self.phi, 'time': lambda: np.arange(self.size, dtype=float),
             'temperature': lambda: np.full(self.size, np.nan),
-            'table_travel': lambda: unwrap_travel(self.table_angle, self.approach, self.n)}
-        for name, derive in derived.items():
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, derive())
+            'table_travel': self._derived_travel, 'cmm_sense': self._derived_sense}
+        missing = [name for name in derived if getattr(self, name) is None]
+        for name in missing:
+            object.__setattr__(self, name, derived[name]())
+        if self.unrecorded is None:
+            lost = tuple(name for name in ('table_travel', 'cmm_sense') if name in missing and self._way is None)
+            object.__setattr__(self, 'unrecorded', lost)
         _freeze(self, _INTEGERS[2:], np.int64)
         _freeze(self, _REALS, float)
         _check_run(self)
@@ -122,11 +130,20 @@ class Run:
         return wrap(self.table_angle - self.phi)
 
     @cached_property
-    def cmm_sense(self) -> Floats:
-        """(N, 3) sense of the CMM's last move along x, y, z; 0 before the first one."""
-        x, y = np.cos(self.alpha), np.sin(self.alpha)
-        senses = [travel_sense(axis, 1e-6) for axis in (x, y)]
-        return np.stack([*senses, np.zeros(self.size)], axis=-1)
+    def _way(self) -> Way | None:
+        """Where table and CMM went, None where it is not known or the readings make no sense."""
+        places = (self.table_position, self.ball, np.asarray(self.approach))
+        is_sound = self.n >= 3 and {one.shape for one in places} == {(self.size,)} and self.size > 0
+        return Way.of(self.n, *places) if is_sound and min(places[0].min(), places[1].min()) > 0 and max(
+            places[0].max(), places[1].max()) <= self.n else None
+
+    def _derived_travel(self) -> Floats:
+        return (unwrap_travel(self.table_angle, self.approach, self.n) if self._way is None
+                else self._way.travel(self.n, np.asarray(self.table_angle, dtype=float)))
+
+    def _derived_sense(self) -> Floats:
+        senses = np.full((self.size, 2), np.nan) if self._way is None else self._way.cmm_sense(self.n)
+        return np.hstack([senses, np.zeros((self.size, 1))])
 
     @cached_property
     def pauses(self) -> tuple[int, ...]:
@@ -167,7 +184,7 @@ def _check_run(run: Run) -> None:
     if size == 0:
         raise InvalidData(f'{where}: wanted ball centres, got none')
     for name in _INTEGERS + _REALS:
-        shape = (size, 3) if name == 'centre' else (size,)
+        shape = (size, 3) if name in ('centre', 'cmm_sense') else (size,)
         got = getattr(run, name).shape
         if got != shape:
             raise InvalidData(f'{where}: {name}: wanted shape {shape}, got {got}')

@@ -118,6 +118,53 @@ def travel_sense(coordinate: Floats, tolerance: float) -> Floats:
     return np.where(last >= 0, np.sign(step[np.maximum(last, 0)]), 0.0)
 
 
+@dataclass(frozen=True, eq=False)
+class Way:
+    """Where table and CMM went one after the other, one-based, whether a reading is known of it or not.
+
+    table_position, ball, approach: (V,); place: (N,) of the readings in it.
+    """
+
+    table_position: Ints
+    ball: Ints
+    approach: Ints
+    place: Ints
+
+    @staticmethod
+    def of(n: int, table_position: Ints, ball: Ints, approach: Ints) -> 'Way | None':
+        """Return the Way of readings in measuring order, (N,) each, None where it is not known.
+
+        It is known where nothing is missing, or whole balls or CMM positions are, by plan, and where the readings
+        follow an order that is not random, so that what is missing between them is known.
+        """
+        size, position = table_position.size, cmm_position(n, table_position, ball)
+        cells = (table_position - 1) * n + ball - 1
+        used = np.unique(cells).size
+        if used in (n * np.unique(position).size, n * np.unique(ball).size):
+            return Way(table_position, ball, approach, np.arange(size))
+        for order in ('row', 'diagonal', 'column', 'sensitive') if n * n < 8 * size + 1024 else ():
+            for turning in TURNINGS:
+                made = plan(n, order, turning=turning)
+                place = np.argsort((made.table_position - 1) * n + made.ball - 1)[cells]
+                if np.all(np.diff(place) > 0) and not np.any(approach * made.approach[place] < 0):
+                    return Way(made.table_position, made.ball, made.approach, place)
+        return None
+
+    def cmm_sense(self, n: int) -> Floats:
+        """Return the sense of the CMM's last move before each reading along x and y, 0 before the first, (N, 2)."""
+        azimuth = nominal_angles(n)[cmm_position(n, self.table_position, self.ball) - 1]
+        return np.stack([travel_sense(axis, 1e-6)[self.place] for axis in (np.cos(azimuth), np.sin(azimuth))], axis=-1)
+
+    def travel(self, n: int, table_angle: Floats) -> Floats:
+        """Return the unwrapped angles of readings from their angles in any turn, (N,), rad."""
+        if np.ptp(table_angle) > TWO_PI * (1 + 0.5 / n):
+            return table_angle.copy()  # given unwrapped
+        angle = nominal_angles(n)[self.table_position - 1]
+        angle[self.place] = table_angle
+        travel = unwrap_travel(angle, self.approach, n)[self.place]
+        return np.asarray(travel - travel[0] + table_angle[0])
+
+
 COMPLETE_ORDERS = ('row', 'diagonal', 'column', 'random', 'sensitive')
 """Orders in which every ball is measured once at every table position."""
 BACK = {'there_and_back': 'diagonal', 'row_there_and_back': 'row'}

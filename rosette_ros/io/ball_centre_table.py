@@ -15,8 +15,8 @@ import numpy as np
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import TWO_PI, Bools, Floats, fitted_frame, nominal_angles
 from rosette_ros.core.records import Run
-from rosette_ros.core.scheme import cmm_position, nominal_places, unwrap_travel
-from rosette_ros.io.csv_parser import COLUMNS, SCHEMA, TRAVEL_COLUMN, CsvTable
+from rosette_ros.core.scheme import cmm_position, nominal_places
+from rosette_ros.io.csv_parser import COLUMNS, SCHEMA, WAY_COLUMNS, CsvTable
 from rosette_ros.io.reading_checks import remarks_on_table
 from rosette_ros.io.run_assembly import MAX_BALLS, misplaced
 from rosette_ros.io.text_file import read_limited, write_text
@@ -47,8 +47,11 @@ def parse_csv(data: bytes, source: str = 'table') -> Run:
     _check_places(table, n)
     columns = table.columns
     recorded: dict[str, Any] = {'temperature': columns.get('temperature_C'), 'approach': columns.get('approach')}
-    if TRAVEL_COLUMN in columns:
-        recorded['table_travel'] = np.deg2rad(columns[TRAVEL_COLUMN])
+    travel, *senses = WAY_COLUMNS
+    if travel in columns:
+        recorded['table_travel'] = np.deg2rad(columns[travel])
+    if all(name in columns for name in senses):
+        recorded['cmm_sense'] = np.stack([*(columns[name] for name in senses), np.zeros(len(angle))], axis=-1)
     run = Run(
         n, table.radius, table.table_position, table.ball, table.centre / 1e3, table_angle=angle,
         time=columns['time_s'].astype(float, copy=False), repeatability=table.repeatability,
@@ -75,9 +78,15 @@ def format_csv(run: Run) -> str:
         **{f'{axis}_mm': map('{:.12f}'.format, values) for axis, values in zip('xyz', (run.centre.T * 1e3).tolist())},
         'table_angle_deg': _angle_cells(run), 'time_s': map(repr, run.time.tolist()),
         'temperature_C': ['' if value != value else repr(value) for value in run.temperature.tolist()]}
-    if np.ptp(run.table_travel - unwrap_travel(run.table_angle, run.approach, run.n)) >= TRAVEL_TOLERANCE:
-        names.append(TRAVEL_COLUMN)
-        cells[TRAVEL_COLUMN] = map(repr, np.rad2deg(run.table_travel).tolist())
+    bare = run.replace(table_travel=None, cmm_sense=None, unrecorded=None)
+    told = [name for name in ('table_travel', 'cmm_sense') if name not in run.unrecorded]
+    if 'table_travel' in told and ('table_travel' in bare.unrecorded or np.ptp(
+            run.table_travel - bare.table_travel) >= TRAVEL_TOLERANCE):
+        names.append(WAY_COLUMNS[0])
+        cells[WAY_COLUMNS[0]] = map(repr, np.rad2deg(run.table_travel).tolist())
+    if 'cmm_sense' in told and not np.array_equal(run.cmm_sense, bare.cmm_sense):
+        names += WAY_COLUMNS[1:]
+        cells |= {name: map('{:.0f}'.format, run.cmm_sense[:, axis]) for axis, name in enumerate(WAY_COLUMNS[1:])}
     rows = zip(*(cells[name] for name in names), strict=True)
     return '\n'.join([*_heading(run), ','.join(names), *map(','.join, rows), ''])
 

@@ -17,9 +17,9 @@ SCHEMA = 'rosette-ball-centres/1'
 COLUMNS = ('seq', 'table_position', 'ball', 'cmm_position', 'table_angle_deg', 'x_mm', 'y_mm', 'z_mm', 'time_s',
            'temperature_C', 'approach')
 """Columns of the table in the order of writing; any order is read."""
-TRAVEL_COLUMN = 'table_travel_deg'  # written only where angles and approach do not determine how the table travelled
+WAY_COLUMNS = ('table_travel_deg', 'cmm_sense_x', 'cmm_sense_y')  # written only where the rows do not tell
 
-_OPTIONAL = frozenset(('cmm_position', 'temperature_C', 'approach', TRAVEL_COLUMN))
+_OPTIONAL = frozenset(('cmm_position', 'temperature_C', 'approach', *WAY_COLUMNS))
 _INTEGERS = frozenset(('seq', 'table_position', 'ball', 'cmm_position', 'approach'))
 _EMPTY = {'temperature_C': 'nan', 'approach': '0'}  # what an empty cell means
 _KEYS = ('schema', 'radius_mm', 'repeatability_um', 'repeatability_dof', 'run_id', 'balls', 'repeated_balls',
@@ -61,7 +61,7 @@ def _read_sheet(lines: Sequence[str], source: str) -> tuple[list[str], list[Row]
         return list(lines), [], ''
     separator = next((one for one in SEPARATORS if one in lines[at]), ',')
     names = [name.strip() for name in _cells(lines[at].rstrip(separator + ' '), separator, at + 1, source)]
-    numbers = [row for row, name in enumerate(names) if name in (*COLUMNS, TRAVEL_COLUMN)]
+    numbers = [row for row, name in enumerate(names) if name in (*COLUMNS, *WAY_COLUMNS)]
     places = [row for row, name in enumerate(names) if name in _PLACE]
     rows, is_place = [(at + 1, names)], False
     first = dict[str, tuple[int, str]]()  # decimal sign: line and cell where it stands first
@@ -182,7 +182,7 @@ class CsvTable:
         cells = dict(zip(names, zip(*(row for _, row in rows), strict=True), strict=True))
         self.source, self.angle_cells = source, cells['table_angle_deg']
         self.columns = {name: _numbers(cells[name], name, self.lines, source)
-                        for name in names if name in (*COLUMNS, TRAVEL_COLUMN)}
+                        for name in names if name in (*COLUMNS, *WAY_COLUMNS)}
         self.table_position, self.ball = (self.columns[name].astype(np.int64) for name in ('table_position', 'ball'))
         self.centre: Floats = np.stack([self.columns[f'{axis}_mm'] for axis in 'xyz'], axis=-1)
         self.radius = heading.positive('radius_mm', 3) or 0.0
@@ -219,7 +219,7 @@ def _check_names(names: list[str], source: str, line: int) -> None:
         raise _wrong(source, line, '', columns, ','.join(names)[:200], _TEMPLATE)
     for name in names:
         near = difflib.get_close_matches(name, COLUMNS, 1, 0.75)
-        if near and name not in (*COLUMNS, TRAVEL_COLUMN):  # it would be ignored
+        if near and name not in (*COLUMNS, *WAY_COLUMNS):  # it would be ignored
             raise _wrong(source, line, '', f'the column {near[0]}', repr(name), 'rename it')
         if names.count(name) > 1:
             raise _wrong(source, line, name, 'it once', f'{names.count(name)} of them')

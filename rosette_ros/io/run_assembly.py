@@ -7,13 +7,14 @@ so the same messages give the same numbers, bit for bit."""
 import hashlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from rosette_ros.core.errors import InvalidData, counted
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.records import Floats, Ints, Run
-from rosette_ros.core.scheme import nominal_places, unwrap_travel
+from rosette_ros.core.scheme import Way, nominal_places, unwrap_travel
 from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Answer, Phase, TableFrame, Target
 from rosette_ros.io.reading_checks import remarks_on_answers, remarks_on_radius
 
@@ -259,10 +260,29 @@ class RunAnswers:
             n=n, radius=radius, table_position=table_position, ball=ball, centre=centre, table_angle=angle,
             time=_joined_time((stamp - stamp[0]) * 1e-9, session),
             temperature=np.where(np.isfinite(temperature), temperature, np.nan), approach=approach,
-            table_travel=_joined_travel(travel, angle, approach, session, n), repeatability=sigma,
+            table_travel=_joined_travel(travel, angle, approach, session, n), **self._way(targets), repeatability=sigma,
             repeatability_dof=dof, run_id=self.run_id, session=session, source=source,
             repeats=np.unique((table_position - 1) * n + ball).size < ball.size)
         return run.replace(remarks=self._rivals() + remarks_on_answers(counting) + remarks_on_radius(run))
+
+    def _way(self, targets: Sequence[Target]) -> dict[str, Any]:
+        """Return the senses of the CMM at targets from all that it was sent to, answered or not.
+
+        A log of nothing but answered targets was made from a table: it tells no more than that.
+        """
+        n = targets[0].balls
+        if n < 3 or len(targets) >= n**2:
+            return {}
+        if all(one.phase == Phase.RUN and one.seq in self._answered for one in self._last.values()):
+            table_position, ball = np.array([(one.table_position, one.ball) for one in targets]).T
+            centre = np.zeros((len(targets), 3))
+            return {'unrecorded': Run(n, 1.0, table_position, ball, centre, repeats=True).unrecorded}
+        went = sorted(self._last.values(), key=lambda one: (
+            one.session, (self.answer_to(one.seq) or one).stamp_ns, one.seq))
+        place = {one.seq: row for row, one in enumerate(went)}
+        position, ball, approach = np.array([(one.table_position, one.ball, one.approach) for one in went]).T
+        way = Way(position, ball, approach, np.array([place[one.seq] for one in targets]))
+        return {'cmm_sense': np.hstack([way.cmm_sense(n), np.zeros((len(targets), 1))])}
 
     def _rivals(self) -> tuple[str, ...]:
         """Return in words that targets which were asked once have answers that differ; nothing where none has."""

@@ -79,6 +79,26 @@ def test_missing_balls_make_an_incomplete_run():
     assert not run.is_complete
 
 
+def test_the_way_of_the_cmm_is_that_of_all_targets():
+    """A ball that was not found was gone to; of an imported table only what is in it is known."""
+    shuffled = [5, 1, 9, 3, 7, 2, 8, 6, 4]
+    cells = dict(zip(range(1, 10), [CELLS[cell - 1] for cell in shuffled]))
+
+    def placed(one):
+        i, j = cells[one.seq]
+        return one._replace(table_position=i, ball=j, cmm_position=(i + j - 2) % N + 1, centre=nominal(i, j),
+                            table_angle=2 * math.pi * (i - 1) / N)
+
+    targets = [placed(one) for one in TARGETS]
+    whole = collected(targets, [placed(one) for one in ANSWERS])
+    kept = [row for row in range(9) if row not in (2, 6)]
+    lost = collected(targets, [whole.answers[row] for row in kept]).to_run()
+    assert lost.unrecorded == ()
+    assert lost.cmm_sense.tolist() == whole.to_run().cmm_sense[kept].tolist()
+    imported = collected([targets[row] for row in kept], [whole.answers[row] for row in kept]).to_run()
+    assert imported.unrecorded == ('table_travel', 'cmm_sense')
+
+
 def test_answers_are_sorted_by_when_they_were_measured():
     """A ball that was put off stands where it was measured, not where it was asked."""
     run = collected(answers=[answer(seq, stamp_ns=S * (20 if seq == 2 else seq)) for seq in range(1, 10)]).to_run()

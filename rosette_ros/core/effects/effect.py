@@ -15,6 +15,10 @@ from rosette_ros.core.effects.run_functions import beside, between_readings, tan
 from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.records import Floats, Run
 
+UNRECORDED = {
+    'table_travel': 'readings are missing, and the run does not record how far the table turned meanwhile',
+    'cmm_sense': 'readings are missing, and the run does not record from which side the CMM came to the others'}
+"""Why an effect of what a run does not record cannot be judged."""
 LARGEST = float(np.finfo(float).max)
 Bracket = tuple[float, float] | Floats
 """Where to refine a parameter: between two values, or one of an array of values."""
@@ -136,7 +140,7 @@ class Effect:
             return 'the run has no temperatures'
         if 'approach' in self.depends_on and not np.any(run.approach):
             return 'the run does not say in which sense the table moved'
-        return ''
+        return next((UNRECORDED[name] for name in run.unrecorded if name in self.depends_on), '')
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         """Return the settings to try on this run; () means nothing to try."""

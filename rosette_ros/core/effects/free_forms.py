@@ -195,7 +195,8 @@ FREE_FORMS: dict[str, FreeForm] = {one.name: one for one in (
                  getattr(run, ANGLES[setting.word('of')]), setting.whole('order'))], _over_angle, ('approach',)),
     FreeForm('free_sense', 'depends on the sense of the last CMM move and on the CMM position ({order} waves)',
              (_ORDER,),
-             lambda run: grid(axes=('z', 'xy'), order=range(3)) if run.is_complete else (),
+             lambda run: grid(axes=('z', 'xy'), order=range(3)),
              lambda run, setting: [run.cmm_sense[:, axis] * wave for axis in (0, 1)
-                                   for wave in _waves(run.alpha, setting.whole('order'))], _over_angle))}
+                                   for wave in _waves(run.alpha, setting.whole('order'))],
+             _over_angle, ('cmm_sense',)))}
 """By name."""
