@@ -52,7 +52,7 @@ class Run:
     its degrees of freedom, None if it is taken as exactly known; repeats: whether a (table_position, ball) may stand
     more than once; session: (N,) 1 and one more after every pause (a run that was resumed, a CMM that was started
     again); source: its name in error messages; remarks: what is wrong with the readings as a whole, notes: how they
-    were read, in words.
+    were read, in words; simulated: whether no real CMM measured it.
 
     What was not recorded is derived: angles are nominal, times count readings, temperatures are NaN, approach is 0,
     travel and senses follow from angles, approach and places where it is known where table and CMM went, else the
@@ -81,6 +81,7 @@ class Run:
     source: str = 'run'
     remarks: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    simulated: bool = False
 
     def __post_init__(self) -> None:
         _freeze(self, _INTEGERS[:2], np.int64)

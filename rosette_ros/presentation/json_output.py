@@ -98,6 +98,8 @@ def evaluation_json(fit: Fit, verdict: Verdict | None = None) -> Json:
         'u_coverage_factor': STANDARD, 'U': by_curve(COVERAGE_FACTOR * motions.u.T),
         'U_coverage_factor': COVERAGE_FACTOR,
         'coverage_factor': COVERAGE_FACTOR, 'iso_names': ISO_NAMES, 'plate_m': fit.plate, 'cmm_m': fit.cmm,
+        'plate_U_m': COVERAGE_FACTOR * fit.deviation_u[0], 'cmm_U_m': COVERAGE_FACTOR * fit.deviation_u[1],
+        'simulated': run.simulated,
         'fit': fit_json(fit), 'gauge': fit.gauge, **verdict_json(verdict),
         'effects': {key: parameters_json(one.parameters) for key, one in zip(keys, fit.effects, strict=True)}})
 

@@ -71,6 +71,11 @@ class Table:
         found = {column.key: column for column in self.columns}
         return replace(self, columns=tuple(found[key] for key in keys))
 
+    def first(self, count: int) -> 'Table':
+        """Return the table with its first rows."""
+        return replace(self, levels=self.levels[:count], columns=tuple(
+            replace(one, values=one.values[:count], shown=one.shown and one.shown[:count]) for one in self.columns))
+
     def csv(self) -> str:
         """Return the table as CSV text; numbers are exact, what is not finite is left empty."""
         stream = io.StringIO()

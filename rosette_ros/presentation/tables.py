@@ -32,6 +32,8 @@ NEGLIGIBLE = 0.05
 LARGEST_LIMIT = 100.0
 ANGLE_DECIMALS = 9
 """1e-9 degrees are 3 pm at 182.5 mm."""
+ALIKE = 0.05
+"""Relative range of uncertainties that are told once, by the largest."""
 LEAST_NOISE = 1e-15
 """What stands for the noise of readings that have none, m: nothing is divided by zero."""
 BARS, MOST_BARS = '▁▂▃▄▅▆▇█', 40
@@ -40,10 +42,11 @@ BARS, MOST_BARS = '▁▂▃▄▅▆▇█', 40
 def tables_of(summary: Summary) -> tuple[Table, ...]:
     """Return every table of a run, in the order of the report."""
     comparison, diagnosis, best = summary.comparison, summary.diagnosis, summary.advice.best if summary.advice else None
-    return (curves(summary.final.error_motions), deviations(summary.final), axes(comparison), places(comparison),
-            worst_readings(comparison), waves(comparison), residuals(summary.fit, summary.final),
+    final = summary.final
+    return (spans(final.error_motions), curves(final.error_motions), deviations(final), axes(comparison),
+            places(comparison), worst_readings(comparison), waves(comparison), residuals(summary.fit, final),
             groups(comparison), nested_models(summary.ladder), candidates(diagnosis.candidates),
-            fitted_effects(summary.final.effects, 'Effects in the final model'),
+            fitted_effects(final.effects, 'Effects in the final model'),
             visibility(summary.visibilities, best.visibilities if best else ()), bias(summary.visibilities),
             *([orders(summary.advice)] if summary.advice else []))
 
@@ -52,32 +55,61 @@ def curves(motions: ErrorMotions) -> Table:
     """Return the six curves; for people with U, below the curve where it is the same at all angles."""
     values, u = 1e6 * motions.values, 1e6 * motions.u
     expanded = text.COVERAGE_FACTOR * u
-    alike = bool(np.all(np.ptp(expanded, axis=0) <= 0.005 * expanded.max(axis=0)))
+    alike = _alike(u)
     columns = [column('table_position', 'table position', range(1, len(values) + 1), str, footer=('',) * (1 + alike)),
                column('table_angle_deg', 'angle', np.round(np.rad2deg(motions.angle), ANGLE_DECIMALS),
                       partial(text.exact, places=4), '°',
                       footer=('peak to valley', f'U (k={text.COVERAGE_FACTOR})')[:1 + alike])]
     for place, (curve, unit) in enumerate(zip(CURVES, text.CURVE_UNITS, strict=True)):
         digits = text.decimals(float(np.median(expanded[:, place])))
-        shown = [text.signed(value, digits) + ('' if alike else f'\n±{text.fixed(spread, digits)}')
-                 for value, spread in zip(values[:, place], expanded[:, place], strict=True)]
+        shown = _with_u(values[:, place], expanded[:, place], digits, alike)
         span, largest = float(np.ptp(values[:, place])), float(expanded[:, place].max())
         footer = text.fixed(span, digits), f'±{text.fixed(largest, digits)}'
         columns.append(Column(f'{curve}_{FILE_UNITS[place]}', CURVE_NAMES[place], tuple(values[:, place].tolist()),
-                              tuple(shown), unit, footer=footer[:1 + alike]))
+                              shown, unit, footer=footer[:1 + alike]))
     columns += [column(f'u_{curve}_{unit}', '', u[:, place])
                 for place, (curve, unit) in enumerate(zip(CURVES, FILE_UNITS, strict=True))]
     return Table('curves', f'Six error motions of the table; {EXPANDED}', tuple(columns))
 
 
+def _alike(u: Floats) -> bool:
+    """Return whether uncertainties (n, k) are practically the same in each column."""
+    known = u[np.isfinite(u).all(axis=1)]
+    return bool(len(known) and np.all(np.ptp(known, axis=0) <= ALIKE * known.max(axis=0)))
+
+
+def _with_u(values: Floats, expanded: Floats, digits: int, alike: bool) -> tuple[str, ...]:
+    """Return values as texts, each with its expanded uncertainty where these are not alike."""
+    return tuple(text.signed(value, digits) + ('' if alike or np.isnan(value) else f'\n±{text.fixed(spread, digits)}')
+                 for value, spread in zip(values, expanded, strict=True))
+
+
+def spans(motions: ErrorMotions) -> Table:
+    """Return peak to valley of the six curves, and the largest U of a point of each."""
+    columns = [words('quantity', '', ('peak to valley', f'U (k = {text.COVERAGE_FACTOR}) of a point'))]
+    for place, (name, unit) in enumerate(zip(CURVE_NAMES, text.CURVE_UNITS, strict=True)):
+        pair = 1e6 * np.ptp(motions.values[:, place]), 1e6 * text.COVERAGE_FACTOR * motions.u[:, place].max()
+        columns.append(column(f'{CURVES[place]}_{FILE_UNITS[place]}', name, pair,
+                              partial(text.fixed, places=text.decimals(float(pair[1]))), unit))
+    return Table('spans', f'Peak to valley of the six error motions; {EXPANDED}', tuple(columns))
+
+
 def deviations(fit: Fit) -> Table:
-    """Return the deviations of the plate's balls and of the CMM's positions."""
-    digits = text.decimals(1e6 * fit.sigma, 1) + 1
-    return Table('deviations', 'Deviations of the ball plate and of the CMM', (
-        column('number', 'ball or CMM position', range(1, len(fit.plate) + 1), str),
-        *(micrometre_column(f'{key}_{axis}_um', f'{name} {axis}', values[:, place], digits, sign=True)
-          for key, name, values in (('plate', 'plate', fit.plate), ('cmm', 'CMM', fit.cmm))
-          for place, axis in enumerate(AXES))))
+    """Return the deviations of the plate's balls and of the CMM's positions, with U as `curves` has it."""
+    parts = (('plate', 'plate', fit.plate, fit.deviation_u[0]), ('cmm', 'CMM', fit.cmm, fit.deviation_u[1]))
+    alike = _alike(np.hstack([u for *_, u in parts]))
+    columns = [column('number', 'ball or CMM position', range(1, len(fit.plate) + 1), str,
+                      footer=(f'U (k={text.COVERAGE_FACTOR})',) * alike)]
+    for key, name, values, u in parts:
+        for place, axis in enumerate(AXES):
+            expanded = 1e6 * text.COVERAGE_FACTOR * u[:, place]
+            digits = text.decimals(float(np.nanmedian(expanded)))
+            columns.append(Column(f'{key}_{axis}_um', f'{name} {axis}', tuple((1e6 * values[:, place]).tolist()),
+                                  _with_u(1e6 * values[:, place], expanded, digits, alike), 'µm',
+                                  footer=(f'±{text.fixed(float(np.nanmax(expanded)), digits)}',) * alike))
+    columns += [column(f'u_{key}_{axis}_um', '', 1e6 * u[:, place])
+                for key, _, _, u in parts for place, axis in enumerate(AXES)]
+    return Table('deviations', f'Deviations of the ball plate and of the CMM; {EXPANDED}', tuple(columns))
 
 
 def effects(fitted: Iterable[tuple[str, Mapping[str, object], Sequence[Parameter]]], title: str) -> Table:

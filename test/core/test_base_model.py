@@ -10,11 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import MICROMETRE, synthetic_run
 
+from rosette_ros.core.diagnosis.parameter_search import choose_settings
 from rosette_ros.core.errors import InvalidModel, NotDeterminable
 from rosette_ros.core.model.base_model import CompleteSpace, DenseSpace
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import fit, mean_radius, observed
-from rosette_ros.core.model.model import BASE_TERMS
+from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.records import Run, remove_gauge
 from rosette_ros.core.scheme import COMPLETE_ORDERS
@@ -64,7 +65,9 @@ def test_spectrum_equals_normal_equations(n, seed, terms, order):
     for name in ('curves', 'plate', 'cmm'):
         assert np.abs(getattr(one, name) - getattr(other, name)).max() < ROUNDING
     if terms == BASE_TERMS:
-        assert np.allclose(fast.curve_cofactor(), dense.curve_cofactor(), rtol=1e-9)
+        for closed, solved in zip((fast.curve_cofactor(), *fast.deviation_cofactors()),
+                                  (dense.curve_cofactor(), *dense.deviation_cofactors()), strict=True):
+            assert np.allclose(closed, solved, rtol=1e-9)
 
 
 @given(n=st.integers(3, 9), seed=st.integers(0, 99))
@@ -123,6 +126,21 @@ def test_uncertainties_are_those_of_the_page():
     root = np.sqrt(CompleteSpace(run, 0.1825).curve_cofactor()[0])
     assert np.round(root[:3], 3).tolist() == [0.264, 0.264, 0.276]
     assert np.round(root[3:], 2).tolist() == [2.04, 2.04, 1.51]
+
+
+@pytest.mark.parametrize('left_out', [0, 3])
+def test_uncertainties_of_plate_and_cmm_are_those_of_the_readings(left_out):
+    """Each coordinate moved by a small step moves the results: the squares of these moves add up to their variances."""
+    n, step = 5, 1e-9
+    run = synthetic_run(n, 'random', seed=2)[0]
+    run, model = run.take(slice(left_out, run.size)), Model().with_effect('frame_drift')
+    chosen = choose_settings(run, model)
+    base, moved = fit(run, model, chosen), []
+    for move in step * np.eye(3 * run.size).reshape(-1, run.size, 3):
+        other = fit(run.replace(centre=run.centre + move), model, chosen)
+        moved.append(np.concatenate([other.plate - base.plate, other.cmm - base.cmm]))
+    exact = np.sqrt(np.sum(np.square(moved), axis=0)) / step
+    assert np.concatenate(base.deviation_u) / base.sigma == pytest.approx(exact, rel=1e-4)
 
 
 def test_errors_are_covered_by_the_uncertainties():

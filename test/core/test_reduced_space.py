@@ -44,6 +44,9 @@ def test_systems_equal_the_dense_solution(n, by, times, data):
         assert np.array_equal(np.isnan(got), np.isnan(wanted))
         assert np.nanmax(np.abs(got - wanted)) < 1e-11
     assert np.abs(fast.curve_cofactor() / dense.curve_cofactor() - 1).max() < 1e-11
+    for got, wanted in zip(fast.deviation_cofactors(), dense.deviation_cofactors(), strict=True):
+        assert np.array_equal(np.isnan(got), np.isnan(wanted))
+        assert np.nanmax(np.abs(got / wanted - 1)) < 1e-10
 
 
 def test_all_members_are_the_complete_run():

@@ -240,6 +240,12 @@ class CompleteSpace:
         return np.tile([plane * radial, plane * radial, z * axial, 2 * z * radial / r**2, 2 * z * radial / r**2,
                         plane * axial / r**2], (n, 1))
 
+    def deviation_cofactors(self) -> tuple[Floats, Floats]:
+        """Return the variances of plate and CMM for unit variance of a coordinate, (n, 3) each: 1/n, (n - 1)/n^2."""
+        n, each = self.n, self.whitening.sd**2
+        plate, cmm = (term in self.terms for term in BASE_TERMS[1:])
+        return np.tile(plate * each / n, (n, 1)), np.tile(cmm * each * (n - 1) / n**2, (n, 1))
+
 
 def _points(w: Spectra, z: Spectra) -> Floats:
     """Return x, y, z, (m, n, 3), of harmonics (m, n) of x + iy and of z."""
@@ -320,6 +326,14 @@ class DenseSpace:
         z, w = (part.cofactor().reshape(-1, self.n) for part in self._parts)
         r = self.lever
         return np.stack([w[0], w[1], z[0], z[1] / r**2, z[2] / r**2, w[2] / r**2], axis=-1)
+
+    def deviation_cofactors(self) -> tuple[Floats, Floats]:
+        """Return the variances of plate and CMM for unit variance of a coordinate, (n, 3) each; not touched: NaN."""
+        z, w = (part.cofactor().reshape(-1, self.n) for part in self._parts)
+        plate, cmm = ((term in self.terms) * np.stack([*w[3 + 2 * place:5 + 2 * place], z[3 + place]], axis=-1)
+                      for place, term in enumerate(BASE_TERMS[1:]))
+        plate[self._left_out[0]] = cmm[self._left_out[1]] = np.nan
+        return plate, cmm
 
 
 def _split(columns: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:

@@ -119,6 +119,12 @@ class Fit:
         return sum(one.largest for one in self.effects if one.is_of_plate)**2 / self.run.radius
 
     @cached_property
+    def deviation_u(self) -> tuple[Floats, Floats]:
+        """Standard uncertainties of the deviations of plate and CMM, (n, 3) each, m."""
+        plate, cmm = (np.asarray(self.sigma * np.sqrt(one)) for one in self.joint.deviation_cofactors())
+        return plate, cmm
+
+    @cached_property
     def settings(self) -> tuple[Setting, ...]:
         """The settings of the effects, in the order of the model."""
         return tuple(effect.setting for effect in self.effects)
@@ -201,11 +207,18 @@ class JointSpace:
 
     def curve_cofactor(self) -> Floats:
         """Return variances of the curves per unit variance, (n, 6), effects' share included."""
-        cofactor = self.space.curve_cofactor()
-        if len(self.every):
-            bias = self.space.parameters(self.every).curves
-            cofactor = cofactor + np.einsum('anc,ab,bnc->nc', bias, self.cofactor, bias)
-        return cofactor
+        return self._with_effects(self.space.curve_cofactor(), 'curves')
+
+    def deviation_cofactors(self) -> tuple[Floats, Floats]:
+        """Return variances of plate and CMM per unit variance, (n, 3) each, effects' share included."""
+        plate, cmm = self.space.deviation_cofactors()
+        return self._with_effects(plate, 'plate'), self._with_effects(cmm, 'cmm')
+
+    def _with_effects(self, cofactor: Floats, name: str) -> Floats:
+        if not len(self.every):
+            return cofactor
+        bias = getattr(self.space.parameters(self.every), name)
+        return np.asarray(cofactor + np.einsum('anc,ab,bnc->nc', bias, self.cofactor, bias))
 
 
 def _pseudo_inverse(flat: Floats, scale: Floats) -> tuple[Floats, Floats, Floats]:
