@@ -56,7 +56,7 @@ def parse_csv(data: bytes, source: str = 'table') -> Run:
         n, table.radius, table.table_position, table.ball, table.centre / 1e3, table_angle=angle,
         time=columns['time_s'].astype(float, copy=False), repeatability=table.repeatability,
         repeatability_dof=table.repeatability_dof, run_id=table.run_id, repeats=table.repeats, session=table.session,
-        source=source, notes=tuple(notes), **recorded)
+        source=source, notes=tuple(notes), simulated=table.simulated, **recorded)
     return run.replace(remarks=remarks_on_table(run))
 
 
@@ -103,6 +103,8 @@ def _heading(run: Run) -> list[str]:
         heading['pauses_before'] = ', '.join(str(first + 1) for first in run.pauses)
     if run.run_id.split():
         heading['run_id'] = ' '.join(run.run_id.split())  # a line break would end the line
+    if run.simulated:
+        heading['simulated'] = 'yes'
     return [f'# {key}: {value}' for key, value in heading.items()]
 
 

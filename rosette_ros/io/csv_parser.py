@@ -23,7 +23,7 @@ _OPTIONAL = frozenset(('cmm_position', 'temperature_C', 'approach', *WAY_COLUMNS
 _INTEGERS = frozenset(('seq', 'table_position', 'ball', 'cmm_position', 'approach'))
 _EMPTY = {'temperature_C': 'nan', 'approach': '0'}  # what an empty cell means
 _KEYS = ('schema', 'radius_mm', 'repeatability_um', 'repeatability_dof', 'run_id', 'balls', 'repeated_balls',
-         'pauses_before', 'frame', 'note')
+         'pauses_before', 'frame', 'simulated', 'note')
 SEPARATORS = {',': 'commas', ';': 'semicolons', '\t': 'tabs'}
 _PLACE = ('x_mm', 'y_mm', 'z_mm')
 Row = tuple[int, list[str]]
@@ -190,7 +190,8 @@ class CsvTable:
         self.repeatability_dof = heading.positive('repeatability_dof')
         self.run_id = plain(heading.value('run_id', 'a name', str, ''))
         self.balls = heading.value('balls', 'a whole number', _whole, None)
-        self.repeats = heading.value('repeated_balls', 'yes or no', {'yes': True, 'no': False}.__getitem__, False)
+        self.repeats, self.simulated = (heading.value(key, 'yes or no', {'yes': True, 'no': False}.__getitem__, False)
+                                        for key in ('repeated_balls', 'simulated'))
         self.in_machine = heading.value(
             'frame', 'table or machine', {'table': False, 'machine': True}.__getitem__, False)
         self.session = heading.session(len(rows))

@@ -23,10 +23,12 @@ ERROR_MOTIONS = 'rosette_msgs/msg/ErrorMotions'
 CALIBRATION_EVENT = 'rosette_msgs/msg/CalibrationEvent'
 DIAGNOSIS = 'rosette_msgs/msg/Diagnosis'
 TF_MESSAGE, TF_STATIC = 'tf2_msgs/msg/TFMessage', 'tf_static'
+CLOCK = 'rosgraph_msgs/msg/Clock'
 
 REPEATABILITY_KEY, DOF_KEY = 'rosette.repeatability_m', 'rosette.repeatability_dof'
 """Entries of custom_data where the repeatability is known but was not measured in the log."""
 RESUMES_KEY = 'rosette.resumes'  # entry of custom_data, name of the log that a run goes on from
+SIMULATED_KEY = 'rosette.simulated'  # entry of custom_data, `yes` where the imported run was simulated
 
 
 class PublishedMotions(NamedTuple):
@@ -141,6 +143,12 @@ class LogRun:
         return f'the log is damaged: {self.problems[0]}{more}' if self.problems else ''
 
     @property
+    def simulated(self) -> bool:
+        """Whether the cell ran on a simulated clock, as only a simulated CMM publishes, or the log says so itself."""
+        return (self.custom_data.get(SIMULATED_KEY) == 'yes'
+                or any(topic.type_name == CLOCK and topic.messages for topic in self.topics))
+
+    @property
     def unasked(self) -> tuple[str, ...]:
         """Answers with a run_id that no target has, in words."""
         return tuple(f'{len(run.answers) + run.dropped} answers repeat the run_id {name!r}, which no target has'
@@ -183,7 +191,7 @@ class LogRun:
             raise InvalidData(f'{source}: wanted ball centres ({BALL_CENTRE}), got none in {self.messages} messages '
                               f'(topics: {topics}){f"; {self.damage}" * bool(self.damage)}')
         run = self.run(run_id).to_run(source)
-        run = run.replace(remarks=(*filter(None, [self.damage]), *run.remarks))
+        run = run.replace(remarks=(*filter(None, [self.damage]), *run.remarks), simulated=self.simulated)
         if run.repeatability is not None or REPEATABILITY_KEY not in self.custom_data:
             return run
         try:

@@ -12,7 +12,7 @@ from rosette_ros.core.geometry import Ints
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import nominal_places
 from rosette_ros.io.bag_metadata import Qos
-from rosette_ros.io.log_run import BALL_CENTRE, DOF_KEY, PROBE_TARGET, REPEATABILITY_KEY
+from rosette_ros.io.log_run import BALL_CENTRE, DOF_KEY, PROBE_TARGET, REPEATABILITY_KEY, SIMULATED_KEY
 from rosette_ros.io.log_writer import encode_messages, whole_log
 from rosette_ros.io.messages import STATUS_OK, TABLE_FRAME, Phase
 from rosette_ros.io.type_definitions import TypeLibrary
@@ -66,6 +66,8 @@ def _messages(run: Run, run_id: str, stamp: Ints) -> Iterator[tuple[dict[str, An
 
 def _known(run: Run) -> dict[str, str]:
     known = {'rosette.source': str(run.source)}
+    if run.simulated:
+        known[SIMULATED_KEY] = 'yes'
     if run.repeatability is not None:
         known[REPEATABILITY_KEY] = repr(float(run.repeatability))
         if run.repeatability_dof is not None:

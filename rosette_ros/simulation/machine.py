@@ -128,7 +128,7 @@ class Machine:
             centre=alignment.frame.to_inner(readings.centre), table_angle=readings.table_angle,
             time=readings.time - readings.time[0], temperature=readings.temperature, approach=readings.approach,
             table_travel=readings.table_travel, repeatability=alignment.repeatability, repeatability_dof=alignment.dof,
-            run_id=run_id, repeats=scheme.repeats)
+            run_id=run_id, repeats=scheme.repeats, simulated=True)
         return run, alignment, readings
 
     def table_truth(self, angle: ArrayLike | None = None, frame: Frame | None = None) -> Floats:

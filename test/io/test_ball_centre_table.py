@@ -261,6 +261,7 @@ WRONG = {
     'misspelt key': ('# repeatability: 5\n' + TABLE, "line 1: wanted the key repeatability_um, got "
                      "'# repeatability: 5'; correct it"),
     'yes or no': ('# repeated_balls: 1\n' + TABLE, 'wanted repeated_balls: yes or no, got'),
+    'simulated': ('# simulated: 1\n' + TABLE, 'wanted simulated: yes or no, got'),
     'balls not whole': ('# balls: 3.5\n' + TABLE, 'line 1: wanted balls: a whole number, got'),
     'short row': (TABLE.rstrip()[:-8], 'line 12: wanted 11 cells, got 9; is the row cut off'),
     'late remark': (TABLE + '# end\n', "line 13: wanted a reading, got '# end'"),

@@ -220,6 +220,15 @@ def test_other_messages_are_kept_for_information(make_cell, tmp_path):
     assert log.end_ns - log.start_ns == 10**7 * (len(cell.sent) - 1)
 
 
+def test_a_simulated_clock_says_that_a_run_is_simulated(make_cell, tmp_path):
+    """A real CMM publishes no /clock."""
+    cell = make_cell()
+    assert not read_log(cell.write(tmp_path / 'real')).to_run().simulated
+    kind = 'rosgraph_msgs/msg/Clock'
+    cell.sent.append(('/clock', kind, cell.message(kind)))
+    assert read_log(cell.write(tmp_path / 'simulated')).to_run().simulated
+
+
 def test_log_of_another_version_of_the_message_is_read_by_its_own_schema(make_cell, tmp_path):
     """A field more in front of the others moves everything; the log says so itself."""
     cell = make_cell()

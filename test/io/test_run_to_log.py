@@ -85,6 +85,15 @@ def test_planned_repeats_go_along(library, tmp_path):
     assert (back.size, back.repeats) == (17, True)
 
 
+def test_simulated_readings_stay_simulated(library, tmp_path):
+    """In a table and in the log made of it; nothing else says so of a run."""
+    run = parse_csv(format_csv(make_run(simulated=True)).encode())
+    assert run.simulated and '# simulated: yes\n' in format_csv(run)
+    assert read_log(write_log(run, tmp_path / 'log', library)).to_run().simulated
+    assert not parse_csv(format_csv(make_run()).encode()).simulated
+    assert not read_log(write_log(make_run(), tmp_path / 'other', library)).to_run().simulated
+
+
 def test_run_longer_than_stamps_is_refused_with_words(library, tmp_path):
     """Seconds in a stamp end in 2038; nothing is wrapped around in silence."""
     run = make_run()
