@@ -5,6 +5,7 @@ import contextlib
 import functools
 import os
 import random
+import shutil
 import socket
 import time
 from pathlib import Path
@@ -37,6 +38,10 @@ def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: place.get(item.path, len(LONG)))
 
 
+BROWSERS = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable')
+FLAGS = ('--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking',
+         '--disable-component-update', '--disable-sync')
+NO_BROWSER = f'wanted one of {", ".join(BROWSERS)} on PATH (tools/browser.sh installs one), found none'
 _DOMAINS = range(60, 100)
 _LOCK_PORT = 47000
 
@@ -116,3 +121,18 @@ def wait_until():
             time.sleep(0.05)
 
     return wait
+
+
+@pytest.fixture(scope='session')
+def chromium():
+    """Yield a headless browser; without one the tests fail where CI is set, and are skipped elsewhere."""
+    from playwright.sync_api import sync_playwright  # most tests need no browser
+    path = next(filter(None, map(shutil.which, (os.environ.get('ROSETTE_BROWSER', ''), *BROWSERS))), None)
+    if path is None and os.environ.get('CI', '').lower() in ('1', 'true'):
+        pytest.fail(NO_BROWSER)
+    if path is None:
+        pytest.skip(NO_BROWSER)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=FLAGS)
+        yield browser
+        browser.close()

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes the pictures of docs/report.md from simulated runs: python tools/docs_pictures.py
 
-With --browser PATH the first screen of the page, light and dark, is taken by a headless Chromium, too.
+With --browser PATH the first screen of the page, light and dark, and its first two pages on paper are taken by a
+headless Chromium, too.
 """
 
 import argparse
@@ -9,7 +10,9 @@ import tempfile
 from pathlib import Path
 
 import matplotlib as mpl
+from PIL import Image
 from playwright.sync_api import sync_playwright
+from pypdfium2 import PdfDocument
 
 from rosette_ros.analysis import analyse, summarise
 from rosette_ros.core.scheme import plan
@@ -22,13 +25,14 @@ from rosette_ros.simulation import Machine, MachineConfig
 
 IMAGES = Path(__file__).parents[1] / 'docs' / 'images'
 BROWSER = Path('/usr/bin/chromium')
-DPI = 75
+DPI = 110
 HIDDEN = [{'kind': 'frame_drift', 'rate_um_per_h': [0.9, 0.0, 0.5]},
           {'kind': 'ball_slip', 'ball': 4, 'shift_um': [0.9, 0.5, 0.3], 'at_h': 1.1}]
 CMM_OFF = {'cmm': {'correction': False}}
 CONDITIONS = ({}, {'clamping': {'plate_turn_deg': 90.0}}, CMM_OFF, {**CMM_OFF, 'table': {'axial_correction': False}},
               {'table': {'angular_correction': False}}, {})
 SHOWN = ('curves', 'deviations', 'residual_maps', 'residuals_against', 'ladder', 'visibility')
+PAPER = 'report-paper.png'
 SCREENS = {'light': 'report-verdict.png', 'dark': 'report-verdict-dark.png'}
 
 
@@ -62,9 +66,9 @@ def keep(figure, name):
 
 
 def photograph(page, browser):
-    """Take the first screen of a page, light and dark."""
+    """Take the first screen of a page, light and dark, and its first two sheets of paper."""
     if not browser.is_file():
-        print(f'{browser}: no browser there, so {", ".join(SCREENS.values())} stay as they are')
+        print(f'{browser}: no browser there, so {", ".join((*SCREENS.values(), PAPER))} stay as they are')
         return
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=str(browser), args=['--no-sandbox', '--disable-gpu'])
@@ -73,7 +77,13 @@ def photograph(page, browser):
             tab.goto(page.as_uri())
             tab.screenshot(path=IMAGES / name)
             print(f'docs/images/{name}: {(IMAGES / name).stat().st_size / 1e3:.0f} kB')
+        sheets = [sheet.render(scale=1.0).to_pil() for sheet in PdfDocument(tab.pdf(format='A4'))][:2]
         chromium.close()
+    both = Image.new('RGB', (sheets[0].width + sheets[1].width + 12, sheets[0].height), '#888888')
+    both.paste(sheets[0])
+    both.paste(sheets[1], (sheets[0].width + 12, 0))
+    both.save(IMAGES / PAPER, optimize=True)
+    print(f'docs/images/{PAPER}: {(IMAGES / PAPER).stat().st_size / 1e3:.0f} kB')
 
 
 def verification():

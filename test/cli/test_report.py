@@ -82,5 +82,5 @@ def test_runs_beside_one_another(rosette, here):
     page = (here / 'verification.html').read_text(encoding='utf-8')
     assert 'the paper: 0.02 µm and 0.2 µrad' in page
     assert sorted(file.name for file in (here / 'tables').iterdir()) == [
-        'reproducibility.csv', 'runs.csv', 'verification_curves.csv']
+        'reproducibility.csv', 'run_spans.csv', 'runs.csv', 'verification_curves.csv']
     assert (here / 'figures' / 'differences.svg').read_text(encoding='utf-8').startswith('<?xml')

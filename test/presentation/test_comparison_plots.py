@@ -17,7 +17,7 @@ from rosette_ros.presentation.report.page_parts import inline_svgs
 
 def widths(made):
     """Return the lengths of all bars, in order of drawing."""
-    return [bar.get_width() for container in made.axes[0].containers for bar in container]
+    return [bar.get_width() for panel in made.axes for container in panel.containers for bar in container]
 
 
 def test_ladder_shows_fit_and_cross_validation_beside_the_repeatability():
@@ -48,7 +48,7 @@ def test_visibility_names_what_is_hidden_and_what_is_not_judged():
     present, best = ([record(name=name, typical_share=share, reason='no time' if name == 'c' else '')
                       for name, share in zip('abc', shares)] for shares in ([0.8, 0.01, 0.0], [0.9, 0.7, 0.0]))
     made = comparison_plots.visibility(present, best)
-    texts = [text.get_text().strip() for text in made.axes[0].texts]
+    texts = [text.get_text().strip() for panel in made.axes for text in panel.texts]
     assert 'not observable' in texts and 'not judged' in texts
     assert widths(made)[:3] == pytest.approx([0.8, 0.01, 0.0])
 
@@ -67,7 +67,7 @@ def test_differences_are_drawn_in_their_panels():
 
 def test_scales_have_round_numbers_or_the_given_ones():
     """With minus signs; grid and numbers where they are asked for."""
-    made = figure(3, 3)
+    made = figure(3)
     panel = panels(made)[0, 0]
     panel.set(xlim=(0, 1), ylim=(-1, 1))
     scale(panel, {0.5: 'half'}, numbers='y')
@@ -87,7 +87,7 @@ def test_labels_are_no_formulas(text, label):
 def test_a_figure_becomes_part_of_a_page():
     """No head, no namespace; ids of its own; text stays text; the same each time."""
     def make():
-        made = figure(3, 2)
+        made = figure(2)
         panel = panels(made)[0, 0]
         panel.plot([0, 1], [0, 1], marker='o')
         panel.set_title('a title')

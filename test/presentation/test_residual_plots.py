@@ -4,10 +4,12 @@
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection, PathCollection
+from matplotlib.colors import to_rgb
 from matplotlib.quiver import Quiver
 
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import plan
+from rosette_ros.presentation.plots.plot_style import DARK, FAINT, INK
 from rosette_ros.presentation.plots.residual_plots import Residuals, against, histogram, residual_maps, section_means
 from rosette_ros.presentation.plots.result_plots import deviations, scale_arrow
 
@@ -44,14 +46,31 @@ def test_maps_hold_each_reading_in_its_cell(residuals):
 
 
 def test_dashed_lines_join_one_cmm_position(residuals):
-    """k = (i + j - 2) mod n + 1: every cell on such a line has the number that stands at its left end."""
+    """k = (i + j - 2) mod n + 1: every cell on such a line has the number of the table position at its left end."""
     panel = residual_maps([residuals]).axes[0]
     [lines] = [one for one in panel.collections if isinstance(one, LineCollection)]
-    numbers = {int(text.get_position()[1]) for text in panel.texts if text.get_fontsize() == 7.5}
+    numbers = {*map(int, panel.get_yticks())}
     assert numbers == {1, 3, 4, 5}
     for start, end in lines.get_segments():
         assert start.sum() == pytest.approx(end.sum())
         assert (round(start.sum()) - 2) % N + 1 in numbers
+
+
+def test_signs_do_not_need_colour(run):
+    """A bar lies in each negative cell that has a visible colour, white where that is dark, and in no other."""
+    values = np.zeros((run.size, 3))
+    values[:, 0] = 1e-6 * np.random.default_rng(1).uniform(-1, 1, run.size)
+    row = Residuals('', run, values)
+    grid, panel = row.grid()[..., 0], residual_maps([row]).axes[0]
+    limit = np.abs(grid).max()
+    for patch, low, high in zip(panel.patches, (FAINT, DARK), (DARK, 2), strict=True):
+        ends = patch.get_path().vertices.reshape(-1, 2, 2)
+        assert (ends[:, 0, 1] == ends[:, 1, 1]).all()
+        x, y = (ends.mean(axis=1) - 1).round().astype(int).T
+        marked = np.zeros(grid.shape, dtype=bool)
+        marked[y, x] = True
+        np.testing.assert_array_equal(marked, (grid < -low * limit) & (grid >= -high * limit))
+    assert [patch.get_edgecolor()[:3] for patch in panel.patches] == [to_rgb(INK), to_rgb('white')]
 
 
 def test_cells_that_were_not_measured_stay_empty(run):
@@ -114,9 +133,12 @@ def test_arrows_have_the_scale_that_is_written_beside_them():
         ruler = next(one for one in arrows if one.N == 1)
         assert ruler.scale == field.scale
         assert ruler.U[0] == float(words.removesuffix(' µm'))
-        [balls] = [one for one in panel.collections if isinstance(one, PathCollection)]
-        np.testing.assert_allclose(balls.get_array(), 1e6 * values[:, 2])
-        assert balls.get_clim()[0] == -balls.get_clim()[1]
+        up, down = [one for one in panel.collections if isinstance(one, PathCollection)]
+        for balls, chosen in ((up, values[:, 2] >= 0), (down, values[:, 2] < 0)):
+            np.testing.assert_allclose(balls.get_array(), 1e6 * values[chosen, 2])
+            assert balls.get_clim()[0] == -balls.get_clim()[1]
+        tips = [one.get_paths()[0].vertices[:, 1] for one in (up, down)]
+        assert abs(tips[0].max()) > abs(tips[0].mean()) and np.allclose(tips[0].max(), -tips[1].min())
 
 
 @pytest.mark.parametrize(('longest', 'length'), [

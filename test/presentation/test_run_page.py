@@ -17,10 +17,10 @@ from rosette_ros.presentation.plots.result_plots import Series
 from rosette_ros.presentation.report import Source, open_source, report_html, write_report
 from rosette_ros.presentation.report.verification import verification_html, verify
 
-ORDER = ['verdict', 'curves', 'deviations', 'residuals', 'ladder', 'candidates', 'visibility', 'conditions']
+ORDER = ['verdict', 'measured', 'unknown', 'curves', 'values', 'deviations', 'residuals', 'ladder', 'candidates',
+         'visibility', 'conditions']
 FIGURES = ['curves', 'deviations', 'residual_maps', 'residuals_against', 'histogram', 'spectrum', 'ladder',
-           'candidates',
-           'visibility']
+           'candidates', 'visibility']
 
 
 def renamed(summary, run_id):
@@ -84,7 +84,7 @@ def test_both_names_of_each_curve_are_shown(drift_page):
 def test_what_cannot_be_known_is_said(drift_page):
     """All parts of the gauge."""
     for words in summary_of('drift').fit.gauge:
-        assert words in Page(drift_page).texts['curves']
+        assert words in Page(drift_page).texts['unknown']
 
 
 def test_conditions_hold_what_is_needed_to_repeat_the_report(tmp_path):
@@ -93,7 +93,8 @@ def test_conditions_hold_what_is_needed_to_repeat_the_report(tmp_path):
     write_csv(summary_of('drift').run, path)
     _, source = open_source(path)
     page = report_html(summary_of('drift'), source, 'rosette report run.csv')
-    text = Page(page).texts['conditions']
+    texts = Page(page).texts
+    text = texts['measured'] + texts['conditions']
     for words in (hashlib.sha256(path.read_bytes()).hexdigest(), '8 balls on R = 182.5 mm', 'random',
                   'degrees of freedom', '°C at the start', 'off nominal', 'schema: rosette-model/1', '- frame_drift',
                   'rosette report run.csv', 'numpy ', 'scipy ', 'Python ', 'rosette_ros '):
@@ -175,7 +176,7 @@ def test_runs_without_repeatability_temperature_or_complete_grid_are_reported_to
     run = summary_of('clean').run.replace(repeatability=None, repeatability_dof=None,
                                     temperature=[float('nan')] * summary_of('clean').run.size)
     summary = summarise(run.take(slice(0, -3)))
-    text = ' '.join(Page(report_html(summary)).texts['conditions'].split())
+    text = ' '.join(Page(report_html(summary)).texts['measured'].split())
     assert 'Repeatabilitynot known' in text
     assert 'Temperaturenot recorded' in text
     assert '61 of 64 ball centres' in text

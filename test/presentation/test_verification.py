@@ -100,11 +100,12 @@ def test_the_page_states_the_numbers_beside_those_of_the_paper():
     """µm and µrad, how they were worked out, and curves (v) and (vi)."""
     found = verify(pairs(), maker_of(verification_runs()[0][0]))
     read = Page(verification_html(found, 'rosette report --compare a b c d'))
-    assert read.sections == ['verdict', 'curves', 'differences', 'reproducibility', 'runs', 'conditions']
+    assert read.sections == ['verdict', 'runs', 'unknown', 'curves', 'reproducibility', 'differences', 'values',
+                             'conditions']
     verdict = ' '.join(read.texts['verdict'].split())
     assert f'{1e6 * found.overall[0]:.3f} µm and {1e6 * found.overall[1]:.2f} µrad' in verdict
     assert 'the paper: 0.02 µm and 0.2 µrad' in verdict
-    assert 'the standard deviation over the runs that must agree' in read.texts['reproducibility']
+    assert 'the standard deviation over the runs that must agree' in read.texts['differences']
     assert "(v) maker's table" in read.texts['curves']
     assert 'rosette report --compare a b c d' in read.texts['conditions']
 

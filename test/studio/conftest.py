@@ -3,42 +3,23 @@
 
 import contextlib
 import os
-import shutil
 import signal
 import subprocess
 import sys
 from types import SimpleNamespace
 
 import pytest
-from playwright.sync_api import expect, sync_playwright
+from playwright.sync_api import expect
 
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.simulation import Machine, MachineConfig
 
-NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable')
-FLAGS = ('--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking',
-         '--disable-component-update', '--disable-sync')
-MISSING = f'wanted one of {", ".join(NAMES)} on PATH (tools/browser.sh installs one), found none'
 BALLS = 6
 DRIFT = {'kind': 'frame_drift', 'rate_um_per_h': [3.0, 0.0, 1.5]}
 TIMEOUT = 60_000
 """Longest time that the page may take for anything, ms; a busy computer must not fail a test."""
 expect.set_options(timeout=TIMEOUT)
-
-
-@pytest.fixture(scope='session')
-def chromium():
-    """Yield a headless browser; without one the tests fail where CI is set, and are skipped elsewhere."""
-    path = next(filter(None, map(shutil.which, (os.environ.get('ROSETTE_BROWSER', ''), *NAMES))), None)
-    if path is None and os.environ.get('CI', '').lower() in ('1', 'true'):
-        pytest.fail(MISSING)
-    if path is None:
-        pytest.skip(MISSING)
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=FLAGS)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture

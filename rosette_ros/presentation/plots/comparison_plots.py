@@ -6,16 +6,20 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from rosette_ros.analysis import LadderStep
 from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE
 from rosette_ros.core.diagnosis.diagnosis import Candidate
 from rosette_ros.core.planning.visibility import Visibility
+from rosette_ros.core.records import Bools, Floats
 from rosette_ros.presentation.formatting import CROSS_VALIDATION, OBSERVABLE, percent
 from rosette_ros.presentation.plots import plot_style as style
 from rosette_ros.presentation.tables import nested_names
 
 BAR = 0.34
+ROW = 0.165
+"""Height of a row of one line, inch."""
 LONGEST_NAME = 28
 """Characters of a name beside its bar; the rest is cut."""
 
@@ -23,15 +27,15 @@ LONGEST_NAME = 28
 def ladder(steps: Sequence[LadderStep], repeatability: float | None = None, dof: float | None = None) -> Figure:
     """Return a figure: errors of nested models in fit and cross-validation, µm; repeatability: m, its band by dof."""
     rows = np.arange(len(steps))
-    made, panel = _rows(len(steps), 0.62, 1.05)
+    made, panel = _rows(len(steps), 0.45, 0.5)
     fitted = np.array([1e6 * step.fit.rms for step in steps])
     validated = np.array([1e6 * step.cross_validation for step in steps])
-    for sizes, offset, colour, label in ((fitted, -BAR / 2, style.AFTER, 'residual of the fit'),
-                                         (validated, BAR / 2, style.COLOURS[4], CROSS_VALIDATION)):
-        panel.barh(rows + offset, sizes, BAR, color=colour, label=label)
+    for sizes, offset, colour, hatch, label in ((fitted, -BAR / 2, style.AFTER, '', 'residual of the fit'),
+                                                (validated, BAR / 2, style.COLOURS[4], '////', CROSS_VALIDATION)):
+        panel.barh(rows + offset, sizes, BAR, color=colour, label=label, hatch=hatch, edgecolor='white', linewidth=0)
         for row, size in zip(rows, sizes, strict=True):
             panel.annotate(f'{size:.3f}', (size, row + offset), (4, 0), textcoords='offset points', va='center',
-                           fontsize=9, color=style.INK, bbox=style.BEHIND)
+                           fontsize=style.SMALL, color=style.INK, bbox=style.BEHIND)
     known = 1e6 * (repeatability or 0.0)
     if repeatability is not None:
         spread = 2 * known / np.sqrt(2 * dof) if dof else 0.0
@@ -48,14 +52,14 @@ def candidates(every: Sequence[Candidate], noise: float | None = None) -> Figure
     rows = np.arange(len(every))
     before = np.array([1e6 * one.cross_validation_before for one in every])
     after = np.array([1e6 * one.cross_validation_after for one in every])
-    made, panel = _rows(len(every), 0.34, 1.05)
+    made, panel = _rows(len(every), 0.24, 0.5)
     panel.hlines(rows, np.minimum(before, after), np.maximum(before, after), color='#bbbbbb', linewidth=3)
-    panel.plot(before, rows, linestyle='none', marker='o', markersize=7, color=style.BEFORE,
+    panel.plot(before, rows, linestyle='none', marker='o', markersize=6, color=style.BEFORE,
                markerfacecolor='white', markeredgewidth=1.6, label='without it')
     for chosen, marker, label in ((True, 'o', 'with it: identified'), (False, 'd', 'with it: not identified')):
         mask = np.array([one.claimed == chosen for one in every])
         if mask.any():
-            panel.plot(after[mask], rows[mask], linestyle='none', marker=marker, markersize=7,
+            panel.plot(after[mask], rows[mask], linestyle='none', marker=marker, markersize=6,
                        color=style.AFTER if chosen else style.GREY, label=label)
     if noise is not None:
         panel.axvline(1e6 * noise, color=style.INK, linewidth=1.4, linestyle=style.DASHED, label='repeatability')
@@ -66,40 +70,53 @@ def candidates(every: Sequence[Candidate], noise: float | None = None) -> Figure
 def visibility(every: Sequence[Visibility], best: Sequence[Visibility] = (),
                labels: tuple[str, str] = ('this order', 'recommended order')) -> Figure:
     """Return a figure: the typical observable share of every effect in an order, beside the recommended one."""
-    rows = np.arange(len(every))
-    shares = np.array([np.nan if one.reason else one.typical_share for one in every])
-    made, panel = _rows(len(every), 0.27, 0.95)
-    shown = np.nan_to_num(shares)
-    panel.barh(rows, shown, 0.62, color=[style.BEFORE if share < HIDDEN_SHARE else style.AFTER for share in shown])
-    panel.barh([0], [0], color=style.AFTER, label=style.label_of(labels[0]))
-    if (shown < HIDDEN_SHARE).any():
-        panel.barh([0], [0], color=style.BEFORE, label=f'not observable (below {percent(HIDDEN_SHARE)})')
-    for row, share in zip(rows, shares, strict=True):
-        text = ' not judged' if np.isnan(share) else ' not observable' if share < HIDDEN_SHARE else ''
-        panel.text(float(np.nan_to_num(share)), float(row), text, va='center', fontsize=8.5, color=style.BEFORE)
+    rows = -(-len(every) // 2)
+    made = style.figure(ROW * rows + 0.5)
+    made.subplots_adjust(left=0.21, right=0.98, bottom=0.44 / made.get_figheight(), top=1 - 0.06 / made.get_figheight(),
+                         wspace=0.75)
+    recommended = {one.name: one.typical_share for one in best}
+    for panel, part in zip(style.panels(made, 1, 2)[0], (every[:rows], every[rows:]), strict=True):
+        shown = [np.nan if one.reason else one.typical_share for one in part]
+        _bars_of_shares(panel, np.nan_to_num(shown), np.isnan(shown))
+        if best:
+            wanted = [recommended.get(one.name, np.nan) for one in part]
+            panel.plot(wanted, range(len(part)), linestyle='none', marker='D', markersize=4.5, color=style.INK,
+                       markerfacecolor='white', markeredgewidth=1.3)
+        panel.set_xlim(0, 1.02)
+        marks = {share / 100: f'{share} %' for share in range(0, 101, 25)}
+        _name_rows(panel, [one.name for one in part], OBSERVABLE, marks, rows)
+    looks = [(Patch(color=style.AFTER), labels[0]),
+             (Patch(color=style.BEFORE), f'not observable (below {percent(HIDDEN_SHARE)})')]
     if best:
-        shares_of = {one.name: one.typical_share for one in best}
-        recommended = [shares_of.get(one.name, np.nan) for one in every]
-        panel.plot(recommended, rows, linestyle='none', marker='D', markersize=6, color=style.INK,
-                   markerfacecolor='white', markeredgewidth=1.3, label=style.label_of(labels[1]))
-    panel.set_xlim(0, 1.02)
-    marks = {share / 100: f'{share} %' for share in range(0, 101, 20)}
-    _finish(made, panel, [one.name for one in every], OBSERVABLE, marks)
+        looks.append((panel.lines[0], labels[1]))
+    style.legend(made, [look for look, _ in looks], [style.label_of(label) for _, label in looks])
     return made
+
+
+def _bars_of_shares(panel: Axes, shares: Floats, not_judged: Bools) -> None:
+    rows = np.arange(shares.size)
+    panel.barh(rows, shares, 0.62, color=[style.BEFORE if share < HIDDEN_SHARE else style.AFTER for share in shares])
+    for row, share in zip(rows, shares, strict=True):
+        text = ' not judged' if not_judged[row] else ' not observable' if share < HIDDEN_SHARE else ''
+        panel.text(float(share), float(row), text, va='center', fontsize=style.SMALL, color=style.BEFORE)
 
 
 def _rows(count: int, per_row: float, foot: float) -> tuple[Figure, Axes]:
     """Return a figure and its axes; per_row, foot: heights in inches."""
     height = per_row * count + foot
-    made = style.figure(10, height)
-    made.subplots_adjust(left=0.24, right=0.98, bottom=(foot - 0.1) / height, top=1 - 0.1 / height)
+    made = style.figure(height)
+    made.subplots_adjust(left=0.25, right=0.98, bottom=(foot - 0.06) / height, top=1 - 0.06 / height)
     return made, style.panels(made)[0, 0]
 
 
-def _finish(made: Figure, panel: Axes, names: Sequence[str], label: str, marks: style.Marks | None = None) -> None:
+def _finish(made: Figure, panel: Axes, names: Sequence[str], label: str) -> None:
+    _name_rows(panel, names, label, None, len(names))
+    handles, labels = panel.get_legend_handles_labels()
+    style.legend(made, handles, labels)
+
+
+def _name_rows(panel: Axes, names: Sequence[str], label: str, marks: style.Marks | None, rows: int) -> None:
     cut = [f'{name[:LONGEST_NAME - 1]}…' if len(name) > LONGEST_NAME else name for name in names]
-    panel.set_ylim(len(names) - 0.4, -0.6)
+    panel.set_ylim(rows - 0.4, -0.6)
     style.scale(panel, marks, {row: style.label_of(name) for row, name in enumerate(cut)}, 'x', steps=(8, 8))
     panel.set_xlabel(label)
-    handles, labels = panel.get_legend_handles_labels()
-    style.legend(made, handles, labels, len(labels))

@@ -11,8 +11,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Outline
 from matplotlib.ticker import MaxNLocator
 
+from rosette_ros.core.records import Floats
 from rosette_ros.io.text_file import write_bytes
 
 INK, GRID, GREY = '#222222', '#d9d9d9', '#666666'
@@ -24,22 +27,29 @@ MARKERS = ('o', 's', '^', 'D', 'v', 'P')
 DASHED = (0, (4, 2))
 DIVERGING = 'RdBu_r'
 """Colour map of signed values about zero."""
-DPI = 150
+WIDTH = 7.2
+"""Of every figure, inch: that of the text on a page of A4, so that texts are printed in their own size."""
+SMALL, TEXT, HEAD = 8, 8.5, 9.5
+"""Sizes of texts in points; smaller ones are not readable on paper."""
+DPI = 200
 STEPS = 5
-LOOK: dict[Any, Any] = {'svg.fonttype': 'none', 'font.size': 10, 'path.simplify': False}
+LOOK: dict[Any, Any] = {'svg.fonttype': 'none', 'font.size': TEXT, 'path.simplify': False}
 """Text stays text in SVG: it can be searched, copied and read aloud."""
 AXES_LOOK: dict[Any, Any] = {'axes.spines.top': False, 'axes.spines.right': False, 'axes.edgecolor': INK,
-                             'axes.xmargin': 0.02, 'axes.labelcolor': INK}
+                             'axes.xmargin': 0.02, 'axes.labelcolor': INK, 'axes.labelsize': TEXT,
+                             'hatch.linewidth': 0.5}
 Marks = Mapping[float, str] | Mapping[int, str]
 """Places on an axis and their texts."""
+FAINT, DARK = 0.1, 0.6
+"""Shares of the largest value: smaller ones have no visible colour, larger ones a dark one."""
 SHADES = np.linspace(-1, 1, 101)
 BEHIND = {'facecolor': 'white', 'edgecolor': 'none', 'pad': 0.8, 'alpha': 0.85}
 """Background of numbers on lines."""
 
 
-def figure(width: float, height: float) -> Figure:
-    """Return an empty figure of a size in inches, whose axes are placed by hand: that is quicker than a layout."""
-    made = Figure(figsize=(width, height), facecolor='white')
+def figure(height: float) -> Figure:
+    """Return an empty figure of a height in inches, whose axes are placed by hand: that is quicker than a layout."""
+    made = Figure(figsize=(WIDTH, height), facecolor='white')
     FigureCanvasAgg(made)
     return made
 
@@ -58,7 +68,7 @@ def scale(panel: Axes, x: Marks | None = None, y: Marks | None = None, grid: str
             axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
         else:
             axis.set_ticks(list(places), list(places.values()))
-        axis.set_tick_params(length=0, labelsize=9, labelcolor=INK, label1On=name in numbers)
+        axis.set_tick_params(length=0, labelsize=SMALL, labelcolor=INK, label1On=name in numbers)
         panel.set_axisbelow(True)
         if name in grid:
             axis.grid(True, color=GRID, linewidth=0.6)
@@ -71,15 +81,15 @@ def colour_bar(axes: Axes, low: float, high: float, label: str, upright: bool, c
                 origin='lower', interpolation='none')
     if upright:
         scale(axes, {}, None, '', 'y', (0, 9))
-        title(axes, label, loc='center', pad=4, fontsize=9)
+        title(axes, label, loc='center', pad=4, fontsize=SMALL)
     else:
         scale(axes, None, {}, '', 'x')
-        axes.set_xlabel(label, fontsize=9, color=INK)
+        axes.set_xlabel(label, fontsize=SMALL, color=INK)
 
 
 def title(panel: Axes, text: str, **look: Any) -> None:
     """Write a title over axes."""
-    panel.set_title(text, **{'loc': 'left', 'fontsize': 11, 'color': INK, **look})
+    panel.set_title(text, **{'loc': 'left', 'fontsize': HEAD, 'color': INK, **look})
 
 
 def look_of(place: int) -> dict[str, Any]:
@@ -87,9 +97,32 @@ def look_of(place: int) -> dict[str, Any]:
     return {'color': COLOURS[place % len(COLOURS)], 'marker': MARKERS[place % len(MARKERS)]}
 
 
-def legend(made: Figure, handles: Sequence[Any], labels: Sequence[str], columns: int, size: float = 9.5) -> None:
-    """Write a legend below the panels of a figure."""
-    made.legend(handles, labels, loc='lower center', ncols=columns, frameon=False, fontsize=size)
+def legend(made: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
+    """Write a legend below the panels of a figure, which grows by its lines."""
+    columns = max(1, min(len(labels), int(72 * WIDTH / (0.6 * TEXT * max(map(len, labels)) + 36))))
+    lines, height, place = 0.19 * -(-len(labels) // columns), made.get_figheight(), made.subplotpars
+    made.set_figheight(height + lines)
+    bottom, top = ((part * height + lines) / (height + lines) for part in (place.bottom, place.top))
+    made.subplots_adjust(bottom=bottom, top=top)
+    made.legend(handles, labels, loc='lower center', ncols=columns, frameon=False, fontsize=TEXT, borderaxespad=0.1,
+                labelspacing=0.3)
+
+
+def mark_negative(panel: Axes, x: Floats, y: Floats, values: Floats, limit: float, length: float) -> None:
+    """Draw a bar, as a minus sign, at every place with a negative value that its colour shows: it is seen in grey too.
+
+    limit: of the colours; length: of a bar. Bars on dark colours are white."""
+    for low, high, colour in ((FAINT, DARK, INK), (DARK, np.inf, 'white')):
+        chosen = (-values > low * limit) & (-values <= high * limit)
+        ends = np.stack([x[chosen] - length / 2, y[chosen], x[chosen] + length / 2, y[chosen]], axis=1).reshape(-1, 2)
+        panel.add_artist(segments(ends, edgecolor=colour, linewidth=0.9, zorder=5))
+
+
+def segments(ends: Floats, **look: Any) -> PathPatch:
+    """Return lines from the first to the second, the third to the fourth ... of points (2 k, 2), as one path."""
+    path = Outline(ends, np.tile([Outline.MOVETO, Outline.LINETO], len(ends) // 2))
+    path.should_simplify = False
+    return PathPatch(path, fill=False, **look)
 
 
 def label_of(text: str) -> str:

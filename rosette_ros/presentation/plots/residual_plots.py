@@ -12,7 +12,6 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
-from matplotlib.path import Path
 
 from rosette_ros.core.diagnosis.comparison import Spectrum
 from rosette_ros.core.records import Floats, Ints, Run
@@ -21,17 +20,18 @@ from rosette_ros.presentation.plots import plot_style as style
 
 ANGLES = {angle: str(angle) for angle in range(0, 301, 60)}
 AXES = ('x', 'y', 'z')
-LOOKS = ((style.BEFORE, 4.2), (style.AFTER, 3.0))
-"""Colour and size of the dots before and after the identified effects are added."""
+LOOKS = ((style.BEFORE, 3.4, style.DASHED), (style.AFTER, 2.4, '-'))
+"""Colour, size of the dots and line of their mean, before and after the identified effects are added."""
+MAP, ROW, WAVES = 2.0, 2.75, 1.7
+"""Heights in inches: of a residual map, of a row of them, of a map of waves."""
 SECTIONS, LEAST_MEAN = 12, 6
 """Most means of neighbours along a line, and how many readings one is made of at least."""
-MOST_TICKS = 8
 WIDE = 12
 """Histograms end so many sigma from zero; what lies beyond is counted in the last bar."""
 ABSORBED = ListedColormap([(0.93, 0.93, 0.93)])
 MOST_NUMBERS = 7
-SMALL: dict[str, Any] = {'fontsize': 9, 'color': style.INK}
-CENTRED: dict[str, Any] = {'loc': 'center', 'pad': 4, 'fontsize': 10}
+SMALL: dict[str, Any] = {'fontsize': style.SMALL, 'color': style.INK}
+CENTRED: dict[str, Any] = {'loc': 'center', 'pad': 4, 'fontsize': style.TEXT}
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,48 +51,49 @@ class Residuals:
 
 
 def residual_maps(rows: Sequence[Residuals]) -> Figure:
-    """Return n x n maps, µm, a row of x, y, z for each of some residuals; dashed lines join one CMM position."""
+    """Return n x n maps, µm, a row of x, y, z for each of some residuals; dashed lines join one CMM position.
+
+    A bar in a cell is a minus sign."""
     grids = [row.grid() for row in rows]
     limit = max(max(float(np.nanmax(np.abs(grid))) for grid in grids), 1e-9)
-    height = 3.75 * len(rows) + 0.25
-    made = style.figure(10, height)
+    height = ROW * len(rows) + 0.05
+    made = style.figure(height)
     for place, (row, grid) in enumerate(zip(rows, grids, strict=True)):
-        bottom = 1 - (3.75 * place + 0.62 + 2.72) / height
-        _heading(made, 1 - (3.75 * place + 0.1) / height, row.label)
+        bottom = 1 - (ROW * place + 0.4 + MAP) / height
+        _heading(made, 1 - (ROW * place + 0.03) / height, row.label)
         for axis, name in enumerate(AXES):
-            panel = made.add_axes((0.06 + 0.293 * axis, bottom, 0.28, 2.72 / height))
+            panel = made.add_axes((0.065 + 0.29 * axis, bottom, 0.275, MAP / height))
             _map(panel, grid[..., axis], limit, 'x' if axis else 'xy')
             style.title(panel, f'residual in {name}', **CENTRED)
             panel.set_xlabel('ball', **SMALL)
             if axis == 0:
                 panel.set_ylabel('table position', **SMALL)
-                panel.yaxis.labelpad = 20
-    style.colour_bar(made.add_axes((0.974, bottom, 0.012, 1 - 0.62 / height - bottom)), -limit, limit, 'µm', True)
+    axes = made.add_axes((0.98, bottom, 0.012, 1 - 0.4 / height - bottom))
+    style.colour_bar(axes, -limit, limit, 'µm', True)
+    places = np.linspace(-0.95, 0, 20) * limit
+    style.mark_negative(axes, np.full(20, 0.5), places, places, limit, 0.6)
     return made
 
 
 def _heading(made: Figure, top: float, text: str) -> None:
-    made.text(0.005, top, style.label_of(text), fontsize=11, weight='bold', color=style.INK, va='top')
+    made.text(0.005, top, style.label_of(text), fontsize=style.HEAD, weight='bold', color=style.INK, va='top')
 
 
 def _map(panel: Axes, values: Floats, limit: float, numbers: str) -> None:
     n = len(values)
     panel.imshow(values, cmap=style.DIVERGING, vmin=-limit, vmax=limit, aspect='auto', interpolation='none',
                  extent=(0.5, n + 0.5, n + 0.5, 0.5))
-    panel.set_facecolor('#bbbbbb')
-    shown = {number: str(number) for number in range(1, n + 1, -(-n // MOST_TICKS))}
+    panel.patch.set(facecolor='white', edgecolor=style.GREY, hatch='xxxx')  # seen where nothing was measured
     marked = sorted({1 + round(part * n / 4) for part in range(4)})
+    y, x = np.indices(values.shape, dtype=float) + 1
+    style.mark_negative(panel, x.ravel(), y.ravel(), values.ravel(), limit, 0.5)
     ends = [(max(1, total - n), min(n, total - 1), total)
             for number in marked for total in (number + 1, number + 1 + n)]
     lines = [[(total - first + 0.35, first - 0.35), (total - last - 0.35, last + 0.35)]
              for first, last, total in ends if last > first]
     panel.add_collection(LineCollection(lines, colors=style.GREY, linewidths=0.8, linestyles=(0, (3, 3))))
     panel.set(xlim=(0.5, n + 0.5), ylim=(n + 0.5, 0.5))
-    # the number of the CMM position, where its diagonal ends on the left
-    panel.plot([1] * len(marked), marked, linestyle='none', marker='o', markersize=11, color='white',
-               markeredgecolor=style.GREY, markeredgewidth=0.6)
-    for number in marked:
-        panel.text(1, number, f'{number}', fontsize=7.5, ha='center', va='center', color=style.INK)
+    shown = {number: str(number) for number in marked}  # on the left of the diagonal of the CMM position of this number
     style.scale(panel, shown, shown, '', numbers)
 
 
@@ -102,8 +103,8 @@ def against(series: Sequence[Residuals], noise: float | None = None) -> Figure:
     series: one or two of one run, before and after; noise: standard deviation, m; lines are means of neighbours.
     """
     places = _places(series[0].run)
-    made = style.figure(10, 6.6)
-    made.subplots_adjust(left=0.07, right=0.99, bottom=0.125, top=0.98, hspace=0.1, wspace=0.06)
+    made = style.figure(4.4)
+    made.subplots_adjust(left=0.08, right=0.99, bottom=0.1, top=0.98, hspace=0.1, wspace=0.06)
     grid = style.panels(made, 3, len(places))
     limit = 1.08 * max(1e-9, *(float(np.abs(1e6 * one.values).max()) for one in series))
     for axis, name in enumerate(AXES):
@@ -115,7 +116,7 @@ def against(series: Sequence[Residuals], noise: float | None = None) -> Figure:
                 panel.set_xlabel(label)
         grid[axis, 0].set_ylabel(f'{name}, µm')
     handles, labels = grid[0, 0].get_legend_handles_labels()
-    style.legend(made, handles, labels, len(labels))
+    style.legend(made, handles, labels)
     return made
 
 
@@ -141,20 +142,20 @@ def _scatter(panel: Axes, series: Sequence[Residuals], axis: int, values: Floats
     if noise is not None:
         panel.axhspan(-2e6 * noise, 2e6 * noise, color='#999999', alpha=0.18, linewidth=0, label='±2 σ of the noise')
     panel.axhline(0, color=style.INK, linewidth=0.8)
-    for one, (colour, size) in zip(series[-2:], LOOKS[-len(series):], strict=True):
+    for one, (colour, size, line) in zip(series[-2:], LOOKS[-len(series):], strict=True):
         residual = 1e6 * one.values[:, axis]
         panel.add_artist(_dots(values, residual, 5e-4 * reach, colour, size))
         place, mean = section_means(values, residual, sections)
-        panel.plot(place, mean, color=colour, linewidth=1.8, label=f'{style.label_of(one.label)}, and its mean')
+        panel.plot(place, mean, color=colour, linewidth=1.6, linestyle=line,
+                   label=f'{style.label_of(one.label)}, and its mean')
 
 
 def _dots(x: Floats, y: Floats, length: float, colour: str, size: float) -> PathPatch:
     """Return dots as one path with round ends in place of N markers."""
     known = np.isfinite(x)
     ends = np.stack([np.stack([x, y], axis=1)[known], np.stack([x + length, y], axis=1)[known]], axis=1)
-    path = Path(ends.reshape(-1, 2), np.tile([Path.MOVETO, Path.LINETO], len(ends)))
-    path.should_simplify = False
-    return PathPatch(path, fill=False, edgecolor=colour, linewidth=size, alpha=0.5, capstyle='round', snap=False)
+    return style.segments(ends.reshape(-1, 2), edgecolor=colour, linewidth=size, alpha=0.5, capstyle='round',
+                          snap=False)
 
 
 def section_means(values: Floats, residual: Floats, sections: int = SECTIONS) -> tuple[Floats, Floats]:
@@ -171,8 +172,8 @@ def histogram(series: Sequence[Residuals], noise: float | None, dof: Sequence[in
 
     noise: standard deviation of a coordinate, m; dof: of each model; noise appears smaller by sqrt(dof / 3N).
     """
-    made = style.figure(10, 3.3)
-    made.subplots_adjust(left=0.065, right=0.99, bottom=0.15, top=0.98)
+    made = style.figure(2.4)
+    made.subplots_adjust(left=0.075, right=0.99, bottom=0.17, top=0.98)
     panel = style.panels(made)[0, 0]
     flat = [1e6 * one.values.ravel() for one in series]
     spread = 1e6 * noise if noise is not None else max(float(np.std(flat[-1])), 1e-9)
@@ -180,20 +181,20 @@ def histogram(series: Sequence[Residuals], noise: float | None, dof: Sequence[in
     width = max(spread / 3, reach / 60)
     count = int(np.ceil(reach / width - 0.5))
     edges = width * (np.arange(-count, count + 2) - 0.5)
-    for one, values, (colour, _) in zip(series, flat, LOOKS[-len(series):], strict=True):
+    for one, values, (colour, _, line) in zip(series, flat, LOOKS[-len(series):], strict=True):
         counts = np.histogram(np.clip(values, edges[0], edges[-1]), edges)[0]
         panel.stairs(counts, edges, color=colour, fill=True, alpha=0.25)
-        panel.stairs(counts, edges, color=colour, linewidth=1.6, label=style.label_of(one.label))
+        panel.stairs(counts, edges, color=colour, linewidth=1.4, linestyle=line, label=style.label_of(one.label))
     if noise is not None:
         size = flat[-1].size
         shown = spread * np.sqrt(dof[-1] / size)
         where = np.linspace(edges[0], edges[-1], 241)
         density = np.exp(-0.5 * (where / shown)**2) / (shown * np.sqrt(2 * np.pi))
-        panel.plot(where, size * width * density, color=style.INK, linewidth=1.8, linestyle=style.DASHED,
+        panel.plot(where, size * width * density, color=style.INK, linewidth=1.4, linestyle=':',
                    label=f'noise alone, σ = {fixed(spread, 3)} µm')
     panel.set(xlim=(edges[0], edges[-1]), xlabel='residual of a coordinate in µm', ylabel='coordinates')
     style.scale(panel, grid='y', steps=(8, 4))
-    panel.legend(frameon=False, fontsize=10, loc='upper right')
+    panel.legend(frameon=False, fontsize=style.TEXT, loc='upper right')
     return made
 
 
@@ -208,28 +209,27 @@ class SpectrumRow:
 
 def spectrum_maps(rows: Sequence[SpectrumRow], noise: float | None = None) -> Figure:
     """Return maps (z; x and y) of spectra, µm; grey: absorbed by the base model; noise: sigma of a coordinate, m."""
-    height = 3.3 * len(rows) + 0.35
-    made = style.figure(10, height)
+    height = 2.5 * len(rows) + 0.2
+    made = style.figure(height)
     limit = 1e6 * max(max(row.spectrum.left.max() for row in rows), 1e-15)
     for place, row in enumerate(rows):
         found = row.spectrum
-        _heading(made, 1 - (3.3 * place + 0.1) / height, row.label if row.residual else
+        _heading(made, 1 - (2.5 * place + 0.03) / height, row.label if row.residual else
                  f'{row.label}  ({percent(found.seen)} off the lines of the base model)')
-        bottom = 1 - (3.3 * place + 2.85) / height
+        bottom = 1 - (2.5 * place + 0.4 + WAVES) / height
         for side, (name, size, base) in enumerate((('z', found.axial, found.axial_base),
                                                    ('x and y', found.plane, found.plane_base))):
-            panel = made.add_axes((0.075 + 0.405 * side, bottom, 0.36, 2.2 / height))
+            panel = made.add_axes((0.08 + 0.415 * side, bottom, 0.375, WAVES / height))
             _spectrum_map(panel, found.waves, 1e6 * size, base, limit, row.residual)
             style.title(panel, f'waves of the {"residual" if row.residual else "effect"} in {name}', **CENTRED)
             panel.set_xlabel('waves per turn of CMM positions', **SMALL)
             if side == 0:
                 panel.set_ylabel('waves per turn of the table', **SMALL)
-        style.colour_bar(made.add_axes((0.89, bottom, 0.014, 2.2 / height)), 0, limit, 'µm', True, 'cividis')
+        style.colour_bar(made.add_axes((0.915, bottom, 0.014, WAVES / height)), 0, limit, 'µm', True, 'cividis')
     if noise is not None:
         n = len(rows[0].spectrum.waves)
         made.text(0.995, 0.004, f'noise alone: about {1e6 * noise / n:.2g} µm in z, {1e6 * noise * np.sqrt(2) / n:.2g} '
-                  'µm in x and y; grey: absorbed by the base model', fontsize=9, color=style.GREY, ha='right',
-                  va='bottom')
+                  'µm in x and y; hatched: absorbed by the base model', ha='right', va='bottom', **SMALL)
     return made
 
 
@@ -241,5 +241,8 @@ def _spectrum_map(panel: Axes, waves: Ints, size: Floats, base: Floats, limit: f
                  extent=edge, aspect='auto', interpolation='none')
     panel.imshow(np.ma.masked_where(~whole, base), cmap=ABSORBED, origin='lower', extent=edge, aspect='auto',
                  interpolation='none', alpha=1.0 if hide else 0.55)
+    y, x = (waves[index] for index in np.nonzero(whole))
+    ends = np.stack([x - 0.5, y - 0.5, x + 0.5, y + 0.5], axis=1)
+    panel.add_artist(style.segments(ends.reshape(-1, 2), edgecolor=style.GREY, linewidth=0.6))
     texts = {int(one): fixed(float(one), 0) for one in waves[waves % max(1, len(waves) // MOST_NUMBERS) == 0]}
     style.scale(panel, texts, texts, grid='')

@@ -19,11 +19,10 @@ MEANING = {'ctx': 'radial in x', 'cty': 'radial in y', 'ctz': 'axial', 'crx': 't
            'cry': 'tilt about y', 'crz': 'angular positioning'}
 LAYOUT = ('ctx', 'crx', 'cty', 'cry', 'ctz', 'crz')
 """Translations on the left, rotations on the right."""
-INCH = {'width': 10.0, 'panels': 7.4, 'title': 0.4, 'legend': 0.27, 'foot': 0.58, 'head': 0.32}
+INCH = {'panels': 4.5, 'title': 0.3, 'foot': 0.42, 'head': 0.25}
 TRUE_LOOK: dict[str, Any] = {
     'color': style.INK, 'linewidth': 1.3, 'linestyle': style.DASHED, 'marker': 'x', 'markersize': 5, 'zorder': 5}
 EXTRA_LOOKS: tuple[dict[str, str], ...] = ({}, {'color': '#7f4a88', 'marker': '+'})
-MOST_COLUMNS = 3
 LONGEST = 0.33
 """Length of the longest arrow in radii of the circle of balls."""
 MOST_NUMBERS = 24
@@ -55,24 +54,25 @@ def six_curves(series: Sequence[Series], heading: str = '', truth: Floats | None
     """
     labels = [style.label_of(one.label) for one in series] + ['truth of the simulated machine'] * (truth is not None)
     banded = any(one.banded for one in series)
-    columns = min(len(labels) + banded, MOST_COLUMNS)
-    made, grid = _empty_panels(heading, -(-(len(labels) + banded) // columns))
+    made, grid = _empty_panels(heading)
+    known: dict[str, Any] = {}
     for panel, curve in zip(grid, LAYOUT, strict=True):
         lines = [_draw(panel, one, curve, place) for place, one in enumerate(series)]
         if truth is not None:
             lines += panel.plot(*closed(series[0].motions.angle, truth[:, CURVES.index(curve)]), **TRUE_LOOK)
-        _draw_extras(panel, series[0].motions.angle, [one for one in extras if one.curve == curve])
-    bands = panel.collections[:1] if banded else []
-    style.legend(made, [*lines, *bands], [*labels, *(f'bands: U (k = {COVERAGE_FACTOR})' for _ in bands)], columns, 10)
+        known |= _draw_extras(panel, series[0].motions.angle, [one for one in extras if one.curve == curve])
+    if banded:
+        known[f'bands: U (k = {COVERAGE_FACTOR})'] = panel.collections[0]
+    style.legend(made, [*lines, *known.values()], [*labels, *known])
     return made
 
 
-def _empty_panels(heading: str, legend_rows: int) -> tuple[Figure, Any]:
-    foot = INCH['foot'] + INCH['legend'] * legend_rows
+def _empty_panels(heading: str = '') -> tuple[Figure, Any]:
     top = INCH['head'] + (INCH['title'] if heading else 0)
-    height = INCH['panels'] + foot + top
-    made = style.figure(INCH['width'], height)
-    made.subplots_adjust(left=0.07, right=0.99, bottom=foot / height, top=1 - top / height, hspace=0.24, wspace=0.18)
+    height = INCH['panels'] + INCH['foot'] + top
+    made = style.figure(height)
+    made.subplots_adjust(left=0.075, right=0.99, bottom=INCH['foot'] / height, top=1 - top / height, hspace=0.26,
+                         wspace=0.17)
     grid = style.panels(made, 3, 2)
     for panel, curve in zip(grid.flat, LAYOUT, strict=True):
         panel.axhline(0, color=style.INK, linewidth=0.8)
@@ -83,8 +83,8 @@ def _empty_panels(heading: str, legend_rows: int) -> tuple[Figure, Any]:
     for panel in grid[-1]:
         panel.set_xlabel('table angle in degrees')
     if heading:
-        made.suptitle(style.label_of(heading), fontsize=12, color=style.INK, x=0.01, ha='left', y=1 - 0.1 / height,
-                      va='top')
+        made.suptitle(style.label_of(heading), fontsize=style.HEAD, color=style.INK, x=0.01, ha='left', va='top',
+                      y=1 - 0.1 / height)
     return made, grid.ravel()
 
 
@@ -94,15 +94,12 @@ def _draw(panel: Axes, one: Series, curve: str, place: int) -> Any:
     if one.banded:
         spread = COVERAGE_FACTOR * closed(one.motions.angle, one.motions.uncertainty(curve))[1]
         panel.fill_between(angle, value - spread, value + spread, color=look['color'], alpha=0.2, linewidth=0)
-    return panel.plot(angle, value, linewidth=1.6, markersize=4.5, zorder=4 - 0.1 * place, **look)[0]
+    return panel.plot(angle, value, linewidth=1.3, markersize=3.5, zorder=4 - 0.1 * place, **look)[0]
 
 
-def _draw_extras(panel: Axes, angle: Floats, extras: Sequence[Extra]) -> None:
-    lines = [panel.plot(*closed(angle, one.value), **{**TRUE_LOOK, **look})[0]
-             for one, look in zip(extras, EXTRA_LOOKS, strict=False)]
-    if lines:
-        panel.legend(lines, [style.label_of(one.label) for one in extras], fontsize=8, loc='best', framealpha=0.85,
-                     edgecolor=style.GREY)
+def _draw_extras(panel: Axes, angle: Floats, extras: Sequence[Extra]) -> dict[str, Any]:
+    return {style.label_of(one.label): panel.plot(*closed(angle, one.value), **{**TRUE_LOOK, **look})[0]
+            for one, look in zip(extras, EXTRA_LOOKS, strict=False)}
 
 
 def closed(angle: Floats, value: Floats) -> tuple[Floats, Floats]:
@@ -118,32 +115,31 @@ def differences(labels: Sequence[str], angle: Floats, values: Floats, spread: Fl
     angle: (n,) rad; values: (m, n, 6), m and rad, NaN where a run is left out; spread: (6,) standard deviation that
     noise explains, a band of two; reference: (6,), dashed.
     """
-    columns = min(len(labels), MOST_COLUMNS)
-    made, grid = _empty_panels('', -(-len(labels) // columns))
+    made, grid = _empty_panels()
     for panel, curve in zip(grid, LAYOUT, strict=True):
         which = CURVES.index(curve)
         panel.axhspan(-2e6 * spread[which], 2e6 * spread[which], color='#999999', alpha=0.18, linewidth=0)
         if reference is not None:
             for size in (-1e6 * reference[which], 1e6 * reference[which]):
                 panel.axhline(size, color='#444444', linewidth=1, linestyle=style.DASHED)
-        lines = [panel.plot(*closed(angle, one[:, which]), linewidth=1.4, markersize=4, **style.look_of(place))[0]
+        lines = [panel.plot(*closed(angle, one[:, which]), linewidth=1.2, markersize=3.2, **style.look_of(place))[0]
                  for place, one in enumerate(values)]
-    style.legend(made, lines, [style.label_of(label) for label in labels], columns, 10)
+    style.legend(made, lines, [style.label_of(label) for label in labels])
     return made
 
 
 def deviations(plate: Floats, cmm: Floats, radius: float) -> Figure:
     """Return a figure of the deviations of plate and CMM, (n, 3), m, each at a scale of its own."""
-    made = style.figure(10, 5.3)
+    made = style.figure(3.95)
     parts = (('Ball plate: deviation of each ball from its nominal place', 'ball', plate),
              ('CMM: deviation of each position', 'position', cmm))
     for place, (heading, what, values) in enumerate(parts):
         panel = made.add_axes((0.01 + 0.5 * place, 0.13, 0.46, 0.78))
-        limit = max(1e6 * float(np.abs(values[:, 2]).max()), 1e-9)
+        limit = max(1e6 * float(np.nanmax(np.abs(values[:, 2]))), 1e-9)
         _panel(panel, 1e6 * values, 1e3 * radius, limit)
-        style.title(panel, heading, fontsize=10.5)
-        style.colour_bar(made.add_axes((0.1 + 0.5 * place, 0.095, 0.28, 0.025)), -limit, limit, f'z of each {what}, µm',
-                   False)
+        style.title(panel, heading, fontsize=style.TEXT)
+        style.colour_bar(made.add_axes((0.1 + 0.5 * place, 0.095, 0.28, 0.025)), -limit, limit,
+                         f'z of each {what}, µm (▲ positive, ▼ negative)', False)
     return made
 
 
@@ -161,22 +157,24 @@ def _panel(panel: Axes, values: Floats, radius: float, limit: float) -> None:
     n = len(values)
     beta, turn = nominal_angles(n), np.linspace(0, 2 * np.pi, 181)
     x, y = radius * np.cos(beta), radius * np.sin(beta)
-    longest = float(np.hypot(values[:, 0], values[:, 1]).max())
+    longest = float(np.nanmax(np.hypot(values[:, 0], values[:, 1])))
     per_um = LONGEST * radius / longest if longest > 0 else 1.0
     panel.plot(radius * np.cos(turn), radius * np.sin(turn), color=style.GRID, linewidth=1)
     panel.plot([-0.04 * radius, 0.04 * radius, np.nan, 0, 0], [0, 0, np.nan, -0.04 * radius, 0.04 * radius],
                color=style.GREY, linewidth=0.8)
-    panel.scatter(x, y, c=values[:, 2], cmap=style.DIVERGING, vmin=-limit, vmax=limit, s=70,
-                  edgecolors=style.INK, linewidths=0.6, zorder=3)
+    for marker, chosen in (('^', values[:, 2] >= 0), ('v', values[:, 2] < 0)):  # the sign is seen in grey, too
+        panel.scatter(x[chosen], y[chosen], c=values[chosen, 2], cmap=style.DIVERGING, vmin=-limit, vmax=limit, s=70,
+                      marker=marker, edgecolors=style.INK, linewidths=0.6, zorder=3)
     arrows: dict[str, Any] = {
         'angles': 'xy', 'scale_units': 'xy', 'scale': 1 / per_um, 'color': style.INK, 'width': 0.0055, 'zorder': 4}
-    panel.quiver(x, y, values[:, 0], values[:, 1], **arrows)
+    known = np.isfinite(values[:, 2])
+    panel.quiver(x[known], y[known], values[known, 0], values[known, 1], **arrows)
     for number in range(0, n, -(-n // MOST_NUMBERS)):
-        panel.text(0.8 * x[number], 0.8 * y[number], str(number + 1), ha='center', va='center', fontsize=9,
+        panel.text(0.8 * x[number], 0.8 * y[number], str(number + 1), ha='center', va='center', fontsize=style.SMALL,
                    color=style.GREY, zorder=2)
     length = scale_arrow(longest)
     panel.quiver([-0.5 * length * per_um], [-1.46 * radius], [length], [0], **arrows)
-    panel.text(0, -1.41 * radius, f'{length:g} µm', ha='center', va='bottom', fontsize=10, color=style.INK)
+    panel.text(0, -1.41 * radius, f'{length:g} µm', ha='center', va='bottom', fontsize=style.SMALL, color=style.INK)
     _axes_cross(panel, radius)
     panel.set(xlim=(-1.5 * radius, 1.5 * radius), ylim=(-1.53 * radius, 1.4 * radius), aspect='equal')
     panel.axis('off')
@@ -186,5 +184,5 @@ def _axes_cross(panel: Axes, radius: float) -> None:
     x, y, length = -1.4 * radius, -1.4 * radius, 0.28 * radius
     panel.quiver([x, x], [y, y], [length, 0], [0, length], angles='xy', scale_units='xy', scale=1, color=style.GREY,
                  width=0.004)
-    panel.text(x + 1.15 * length, y, 'x', ha='left', va='center', fontsize=9, color=style.GREY)
-    panel.text(x, y + 1.15 * length, 'y', ha='center', va='bottom', fontsize=9, color=style.GREY)
+    panel.text(x + 1.15 * length, y, 'x', ha='left', va='center', fontsize=style.SMALL, color=style.GREY)
+    panel.text(x, y + 1.15 * length, 'y', ha='center', va='bottom', fontsize=style.SMALL, color=style.GREY)

@@ -19,9 +19,15 @@ from rosette_ros.presentation.plots.residual_plots import Residuals, SpectrumRow
 from rosette_ros.presentation.plots.result_plots import Series, deviations, six_curves
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
 from rosette_ros.presentation.report.provenance import Source, order_of, software
+from rosette_ros.presentation.table_format import Table
 from rosette_ros.presentation.tables import base_name, tables_of
 
-MOST_CANDIDATES, MOST_SPECTRA = 8, 3
+MOST_CANDIDATES, MOST_SPECTRA, MOST_SHARES = 8, 3, 5
+COLUMNS = {'candidates': ('effect', 'claimed', 'p', 'size', 'visible_fraction', 'held_out_rms_after_um', 'look_alikes'),
+           'visibility': ('effect', 'typical_visible_fraction', 'visible_fraction', 'detectable_rms_um',
+                          'recommended_order_visible_fraction', 'recommended_order_detectable_rms_um', 'remark')}
+"""Columns on the page of tables that are wider than paper; the others are in the files of `--tables`."""
+SIMULATED = 'a simulated CMM: no real table was measured'
 KINDS = {'radial': (0, 2, 'µm'), 'axial': (2, 3, 'µm'), 'tilt': (3, 5, 'µrad'), 'angular positioning': (5, 6, 'µrad')}
 """Columns of the six curves by kind of motion."""
 
@@ -30,13 +36,16 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
                 pictures: Mapping[str, Figure] | None = None) -> str:
     """Return the report of a Summary as one HTML text; pictures: of `pictures_of`, where they are drawn already."""
     pictures = pictures or pictures_of(summary, overlays)
+    run, final = summary.run, summary.final
     return PAGES.get_template('report.html.j2').render(
-        summary=summary, source=source, command=command, sizes=bars(summary), spans=spans(summary.final.error_motions),
+        summary=summary, source=source, command=command, sizes=bars(summary), spans=spans(final.error_motions),
         findings=findings(summary), p_noise=text.P_NOISE, pictures=inline_svgs(pictures), k=text.COVERAGE_FACTOR,
-        changed=len(fits_of(summary)) > 1, cross_validation=text.CROSS_VALIDATION,
-        order_shares=[f'visible_fraction_{name}' for name in summary.advice.wanted] if summary.advice else [],
-        tables={table.name: table for table in tables_of(summary)}, conditions=conditions(summary, source),
-        model=format_model(summary.final.model), software=software(), overlays=overlays)
+        changed=len(fits_of(summary)) > 1, cross_validation=text.CROSS_VALIDATION, tables=shown_tables(summary),
+        measured=conditions(summary, source), unknown=unknowns(summary), labels=[
+            model_label(summary, fit) for fit in fits_of(summary)], judged=text.model_words(summary.model),
+        running=f'{run.run_id or run.source}{" (simulated)" * run.simulated}', model=format_model(final.model),
+        numbers={name: place for place, name in enumerate(pictures, 1)}, software=software(), overlays=overlays,
+        others=[one.effect for one in summary.diagnosis.candidates[MOST_CANDIDATES:]])
 
 
 def write_report(path: Path | str, summary: Summary, source: Source | None = None, command: str = '',
@@ -62,6 +71,37 @@ def pictures_of(summary: Summary, overlays: Sequence[Series] = ()) -> dict[str, 
         'ladder': comparison_plots.ladder(summary.ladder, run.repeatability, run.repeatability_dof),
         **({'candidates': comparison_plots.candidates(found, run.repeatability)} if found else {}),
         'visibility': _visibility(summary)}
+
+
+def shown_tables(summary: Summary) -> dict[str, Table]:
+    """Return every table by name as it stands on the page: no wider than paper."""
+    tables = {table.name: table for table in tables_of(summary)}
+    for name, keys in COLUMNS.items():
+        tables[name] = tables[name].select(*keys)
+    tables['candidates'] = tables['candidates'].first(MOST_CANDIDATES)
+    if summary.advice:
+        shares = [f'visible_fraction_{name}' for name in summary.advice.wanted[:MOST_SHARES]]
+        tables['orders'] = tables['orders'].select(
+            'order', 'mark', 'duration_s', 'worst_effect', 'worst_share', *shares)
+    return tables
+
+
+def unknowns(summary: Summary) -> list[str]:
+    """Return what the results of a run do not tell, in sentences."""
+    run, every = summary.run, summary.visibilities
+    missing = text.missing_words(run)
+    hidden = [one.name for one in every if not one.reason and one.hidden]
+    reasons = [f'{one.name} ({one.reason})' for one in every if one.reason]
+    gauge = f'No three-rosette run can know, and the curves are free of: {"; ".join(summary.fit.gauge)}.'
+    return list(filter(None, (
+        gauge, f'Not observable in this order of measurement: {text.names(hidden)}.' if hidden else '',
+        f'Not judged: {"; ".join(reasons)}.' if reasons else '',
+        f'Not measured: {missing.replace(" ...", " and more")}.' if missing else '',
+        'The repeatability is not known: lack of fit cannot be judged.' if run.repeatability is None else '',
+        'The temperature was not recorded.' if not np.isfinite(run.temperature).any() else '', *(
+            f'{remark[0].upper()}{remark[1:]}.' for remark in (*run.remarks, *run.notes)),
+        'U contains the scatter of the readings and the uncertainty of the effects in the model; it does not contain '
+        'effects that are not in the model: what they would add is in Annex F.')))
 
 
 def model_label(summary: Summary, fit: Fit) -> str:
@@ -129,7 +169,9 @@ def findings(summary: Summary) -> list[tuple[str, str, str, str]]:
 def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str, str]]:
     """Return what was measured, when and how, as (name, text) rows."""
     run, fit = summary.run, summary.final
-    rows = [('Run', run.run_id or run.source), ('Readings', text.run_size(run)),
+    rows = [('Run', run.run_id or run.source),
+            ('Measured by', SIMULATED if run.simulated else 'a CMM; nothing in the data says that it is simulated'),
+            ('Readings', text.run_size(run)),
             ('Mean radius', f'{text.fixed(1e3 * fit.mean_radius, 6)} mm found, {text.millimetres(run.radius)} nominal'),
             ('Order', order_of(run, source)),
             ('Start of the log', source.begun if source and source.begun else 'not recorded'),
@@ -137,8 +179,10 @@ def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str
             ('Temperature', _temperature(run)),
             ('Repeatability', text.repeatability_words(run.repeatability, run.repeatability_dof)),
             ('Table angles', f'at most {1e6 * np.abs(run.angle_deviation).max():.3g} µrad off nominal'),
-            ('Uncertainties', text.uncertainty_words(fit)), ('Model as given', str(summary.model)),
-            ('Final model', str(summary.final.model))]
+            ('Uncertainties', text.uncertainty_words(fit)), ('Model judged', text.model_words(summary.model)),
+            ('Model of the results', text.model_words(fit.model)),
+            *(('Data', f'{file.path}, SHA-256 {file.sha256}') for file in (source.files if source else ())),
+            ('Software', ', '.join(f'{name} {version}' for name, version in software()[:2]))]
     return [row for row in rows if row[1]]
 
 

@@ -21,7 +21,16 @@ from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import CURVES, Floats, Ints
-from rosette_ros.presentation.formatting import CURVE_UNITS, P_NOISE, fixed, micro, millimetres, p_value, signed
+from rosette_ros.presentation.formatting import (
+    CURVE_UNITS,
+    P_NOISE,
+    fixed,
+    micro,
+    millimetres,
+    model_words,
+    p_value,
+    signed,
+)
 from rosette_ros.presentation.plots.result_plots import Extra, Series, differences, six_curves
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
 from rosette_ros.presentation.report.provenance import Source, software
@@ -225,13 +234,17 @@ def verification_html(verification: Verification, command: str = '',
                       pictures: Mapping[str, Figure] | None = None) -> str:
     """Return the report of a Verification as one HTML text; pictures: where they are drawn already."""
     pictures = pictures or verification_pictures(verification)
-    files = {(file.path, file.sha256): file for one in verification.members for file in one.source.files}
+    members = verification.members
+    files = {(file.path, file.sha256): file for one in members for file in one.source.files}
+    simulated = [one.label for one in members if one.fit.run.simulated]
     return PAGES.get_template('verification.html.j2').render(
         verification=verification, sizes=_bars(verification), files=tuple(files.values()), command=command,
         pictures=inline_svgs(pictures), tables={table.name: table for table in verification_tables(verification)},
         p=f'{P_NOISE} of the differences: {p_value(verification.p)}', maker=maker_rows(verification),
         counts=dict(zip(CURVES, verification.counts.tolist(), strict=True)),
-        software=software())
+        numbers={name: place for place, name in enumerate(pictures, 1)}, software=software(),
+        simulated=simulated if len(simulated) < len(members) else ['all runs'], model=model_words(members[0].fit.model),
+        running=f'Verification, {len(members)} runs, the first {_name(members[0])}{" (simulated)" * bool(simulated)}')
 
 
 def verification_pictures(verification: Verification) -> dict[str, Figure]:
@@ -246,8 +259,8 @@ def verification_pictures(verification: Verification) -> dict[str, Figure]:
 def _extras(verification: Verification) -> list[Extra]:
     """Return the maker's tables and the remainder beyond them: curves (v) and (vi) of the paper."""
     out = []
-    for curve, names in (('ctz', ("maker's table", "axial correction off minus maker's table")),
-                         ('crz', ("(v) maker's table", '(vi) angular correction off minus (v)'))):
+    names = "(v) maker's table", "(vi) correction off minus maker's table"
+    for curve in ('ctz', 'crz'):
         left = verification.remainder(curve)
         if left is not None and verification.maker is not None:
             values = verification.maker.at(curve, verification.angle), left
@@ -294,12 +307,14 @@ def verification_tables(verification: Verification) -> tuple[Table, ...]:
     members, fits = verification.members, [one.fit for one in verification.members]
     conditions = Table('runs', 'The runs and their conditions', (
         words('run', 'run', [one.label for one in members]),
-        words('run_id', 'name', [one.fit.run.run_id or one.source.path for one in members]),
+        words('run_id', 'name', map(_name, members)),
         micrometre_column('residual_rms_um', 'residual', [one.rms for one in fits]),
         micrometre_column('cmm_rms_um', 'CMM deviations, rms', [_rms(one.cmm) for one in fits]),
-        micrometre_column('plate_rms_um', 'plate deviations, rms', [_rms(one.plate) for one in fits], 1),
-        *(column(f'span_{curve}_{key}', f'{curve} peak to valley',
-                 [1e6 * float(np.ptp(one.error_motions[curve])) for one in fits], partial(fixed, places=digits), unit)
+        micrometre_column('plate_rms_um', 'plate deviations, rms', [_rms(one.plate) for one in fits], 1)))
+    spans = Table('run_spans', 'Peak to valley of the curves of each run', (
+        words('run', 'run', [one.label for one in members]),
+        *(column(f'span_{curve}_{key}', curve, [1e6 * float(np.ptp(one.error_motions[curve])) for one in fits],
+                 partial(fixed, places=digits), unit)
           for curve, key, unit, digits in zip(CURVES, FILE_UNITS, CURVE_UNITS, DIGITS, strict=True))))
     columns = [column('table_angle_deg', 'angle', np.rad2deg(verification.angle), partial(fixed, places=1), '°')]
     for place, one in enumerate(members, 1):
@@ -307,7 +322,11 @@ def verification_tables(verification: Verification) -> tuple[Table, ...]:
                            partial(signed, places=digits) if place == 1 else None, unit)
                     for curve, key, unit, digits in zip(CURVES, FILE_UNITS, CURVE_UNITS, DIGITS, strict=True)]
     curves = Table('verification_curves', f'The curves of run {members[0].label}', tuple(columns))
-    return reproducibility, conditions, curves
+    return reproducibility, conditions, spans, curves
+
+
+def _name(member: VerificationRun) -> str:
+    return member.fit.run.run_id or member.source.path
 
 
 def _rms(values: Floats) -> float:

@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The reports on paper: printed by a real browser, the PDF measured."""
+
+import ctypes
+import functools
+import re
+from base64 import b64encode
+from collections import Counter
+from typing import NamedTuple
+
+import numpy as np
+import pypdfium2
+import pytest
+from pypdfium2 import raw
+from summaries import summary_of, verification_runs
+
+from rosette_ros.analysis import summarise
+from rosette_ros.presentation.formatting import MEANINGS
+from rosette_ros.presentation.report import Source, report_html
+from rosette_ros.presentation.report.provenance import FileDigest
+from rosette_ros.presentation.report.verification import verification_html, verify
+
+PAPER = {'A4': (595.3, 841.9), 'Letter': (612.0, 792.0)}
+"""Width and height in points."""
+SIDE, BODY, SMALLEST = 13 / 25.4 * 72, 9.0, 8.0
+"""Margin at the side, size of running text and of the smallest text, points, as the style sheet has them."""
+ROUNDING = 0.05
+NAME = 'Prüfung "7" \\ </style><b>&_'
+KINDS = ('drift', 'wrong', 'verification')
+
+
+class Sheet(NamedTuple):
+    """A printed page: its texts in and above the foot, sizes of letters, their left, bottom, right and top, points."""
+
+    size: tuple[float, float]
+    foot: str
+    text: str
+    sizes: Counter
+    boxes: np.ndarray
+
+
+@functools.cache
+def html_of(kind):
+    """Return the report of a run that drifts, of one with gaps and wrong readings, or of a verification."""
+    if kind == 'verification':
+        return verification_html(verify([(fit, source) for _, _, fit, source in verification_runs()]))
+    if kind == 'drift':
+        path = f'/a/path/{"of_a_long_name" * 12}.csv'
+        source = Source(path, (FileDigest(path, 12, 'ab' * 32),))
+        return report_html(summary_of('drift'), source, f'rosette report {path}')
+    run = summary_of('clean').run
+    centre = run.centre.copy()
+    centre[[9, 30]] += [[4e-6, 2e-6, 0], [0, -3e-6, -5e-6]]
+    return report_html(summarise(run.replace(
+        centre=centre, run_id=NAME, simulated=False, remarks=('the log is damaged',)).take(slice(0, -3))))
+
+
+@pytest.fixture(scope='module')
+def tab(chromium):
+    """Yield a tab of the browser."""
+    tab = chromium.new_page()
+    yield tab
+    tab.close()
+
+
+@pytest.fixture(scope='module', params=KINDS)
+def opened(request, tab):
+    """Open a report in the browser; the kind, the tab."""
+    tab.goto(f'data:text/html;base64,{b64encode(html_of(request.param).encode()).decode()}')
+    return request.param, tab
+
+
+@pytest.fixture(scope='module', params=PAPER)
+def printed(request, opened):
+    """Print a report: kind, paper, Sheets."""
+    kind, tab = opened
+    document = pypdfium2.PdfDocument(tab.pdf(format=request.param, print_background=True))
+    return kind, request.param, [sheet_of(page) for page in document]
+
+
+def sheet_of(page):
+    """Measure a page."""
+    texts, sizes, boxes = page.get_textpage(), Counter(), []
+    for place in range(texts.count_chars()):
+        letter = chr(raw.FPDFText_GetUnicode(texts, place))
+        if raw.FPDFText_IsGenerated(texts, place) or letter.isspace():
+            continue
+        matrix = raw.FS_MATRIX()
+        raw.FPDFText_GetMatrix(texts, place, ctypes.byref(matrix))
+        sizes[round(raw.FPDFText_GetFontSize(texts, place) * np.hypot(matrix.b, matrix.d), 2)] += 1
+        boxes.append(texts.get_charbox(place))
+    width, height = page.get_size()
+    foot = texts.get_text_bounded(0, 0, width, 17 / 25.4 * 72)
+    return Sheet((width, height), foot, ' '.join(texts.get_text_bounded().split()), sizes, np.array(boxes))
+
+
+def test_paper_is_as_chosen_and_nothing_is_scaled(printed):
+    """The sheet has the size that the reader chose; running text has the size that the style sheet gives it."""
+    _, paper, sheets = printed
+    for sheet in sheets:
+        assert sheet.size == pytest.approx(PAPER[paper], abs=1.5)
+    assert sum(sheet.sizes[BODY] for sheet in sheets) > 500
+
+
+def test_everything_can_be_read(printed):
+    """No letter is smaller than 8 pt, those in figures neither; none is beyond the margin."""
+    _, _, sheets = printed
+    for sheet in sheets:
+        assert min(sheet.sizes) >= SMALLEST - ROUNDING
+        left, bottom, right, top = sheet.boxes.T
+        assert left.min() >= SIDE - 1 and right.max() <= sheet.size[0] - SIDE + 1
+        assert bottom.min() > 12 and top.max() < sheet.size[1] - 12
+
+
+def test_every_page_says_what_it_belongs_to(printed):
+    """Run, page and number of pages; that the run is simulated."""
+    kind, _, sheets = printed
+    name = {'drift': 'drift_8 (simulated)', 'wrong': NAME,
+            'verification': 'Verification, 6 runs, the first run 1 (simulated)'}[kind]
+    for number, sheet in enumerate(sheets, 1):
+        assert name in sheet.foot
+        assert f'page {number} of {len(sheets)}' in sheet.foot
+
+
+def test_the_first_two_pages_stand_alone(printed):
+    """What was measured and how, the verdict and the model that it judges, the curves with U, what is not known."""
+    kind, _, sheets = printed
+    text = f'{sheets[0].text} {sheets[1].text}'
+    wanted = ['Verdict:', 'What to do:', 'Three-rosette method', 'VDI/VDE 2617', 'What is not known',
+              'table_motions + plate_deviations + cmm_deviations', 'once-per-turn part of (ctx, cty)', 'Figure 1.',
+              *(f'{curve} (' for curve in ('ctx', 'cty', 'ctz', 'crx', 'cry', 'crz'))]
+    simulated = 'no real table was measured'
+    if kind != 'verification':
+        wanted += ['Judged is the base model', 'peak to valley', 'U (k = 2) of a point', 'Repeatability', 'Temperature',
+                   'Uncertainties', 'Start of the log', 'Order', 'Software rosette_ros', 'bands: U (k = 2)']
+    wanted += {'verification': [simulated, 'Reproducibility'],
+               'drift': [simulated, MEANINGS['frame_drift'].look, 'are of the model with frame_drift'],
+               'wrong': ['Not measured: 3 missing', 'nothing in the data says that it is simulated',
+                         'The log is damaged.', 'outlier']}[kind]
+    squeezed = re.sub(r'\s', '', text).lower()
+    assert [one for one in wanted if re.sub(r'\s', '', one).lower() not in squeezed] == []
+    assert (simulated in text) == (kind != 'wrong')
+    assert re.search(r'Annex( A)?:', sheets[2].text) and not re.search(r'Annex( [A-G])?:', text)
+
+
+def test_figures_are_numbered_in_order(printed):
+    """1, 2, 3 ..., each with a caption; the text refers to figures that exist."""
+    text = ' '.join(sheet.text for sheet in printed[2])
+    captions = [int(number) for number in re.findall(r'Figure (\d+)\. [A-Z]', text)]
+    assert captions == list(range(1, len(captions) + 1)) and len(captions) >= 2
+    assert {int(number) for number in re.findall(r'Figure (\d+)(?!\.| of the paper)', text)} <= {*captions}
+    tables = [int(number) for number in re.findall(r'Table (\d+)\. [A-Z]', text)]
+    assert tables == list(range(1, len(tables) + 1)) and len(tables) >= 3
+
+
+def test_no_page_is_half_empty(printed):
+    """But the last ones of the front and of the annex."""
+    _, _, sheets = printed
+    for number, sheet in enumerate(sheets[:-1], 1):
+        lowest = min(bottom for _, bottom, _, _ in sheet.boxes if bottom > 60)
+        assert number == 2 or lowest < 0.5 * sheet.size[1], number
+
+
+@pytest.mark.parametrize('width', [390, 739])
+def test_on_a_small_screen_wide_tables_scroll_by_themselves(opened, width):
+    """The page is no wider than the screen."""
+    _, tab = opened
+    tab.set_viewport_size({'width': width, 'height': 800})
+    assert tab.evaluate('document.documentElement.scrollWidth') <= width
