@@ -76,7 +76,9 @@ class CmmClient(CellClient):
         service = self._node.create_client(GetParameters, f'{names.SEQUENCER}/get_parameters')
         if self._spin_until(service.service_is_ready, SETTLING):
             response = self._await(service.call_async(GetParameters.Request(names=list(values))), SEARCH, None)
-            found = map(parameter_value_to_python, response.values)
+            found = [*map(parameter_value_to_python, response.values)]
+            if len(found) < len(values):
+                raise CellError(f'cell {self._where}: the sequencer is of another version; restart the cell')
             values |= {name: value for name, value in zip(values, found, strict=True) if value is not None}
         return values | {wanted.name: wanted.check(given[wanted.name], 'check-cmm') for wanted in every
                          if given.get(wanted.name) is not None}

@@ -21,7 +21,7 @@ ISO_NAMES = {'ctx': 'EXC', 'cty': 'EYC', 'ctz': 'EZC', 'crx': 'EAC', 'cry': 'EBC
 
 STEPS = tuple(digit * 10.0**power for power in range(-4, -10, -1) for digit in (10, 5, 2))
 """Steps to which coordinates may be rounded, m: 1 mm, 0.5 mm, 0.2 mm ... 0.2 nm."""
-FEWEST_DIGITS = 12
+FEWEST_DIGITS = 6
 """So many coordinates that are whole numbers of steps are no chance."""
 ROUNDED = 'readings are rounded to'
 """How a remark on the resolution begins."""

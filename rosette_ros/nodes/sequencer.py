@@ -227,8 +227,9 @@ class Sequencer(ManagedNode):
             if not (job.opening or job.is_over):
                 self._check_nodes(job, now)
             self._do(job, job.sequence.tick(now))
-            words = f'run {job.run_id}: {job.progress}: {job.sequence.describe()}'
-            self.get_logger().info(words, throttle_duration_sec=TELL, skip_first=True)
+            if job.sequence.left is not None:
+                words = f'run {job.run_id}: {job.progress}: {job.sequence.describe()}'
+                self.get_logger().info(words, throttle_duration_sec=TELL, skip_first=True)
 
     def _check_nodes(self, job: Job, now: float) -> None:
         """Hold a run while a node that it needs is disconnected; continue when that one is back."""

@@ -132,6 +132,9 @@ def test_a_sound_cmm_passes_every_check(check):
         centre__z=lambda answer, _: 1e3 * answer.centre.z)),
     ('answers', "wanted frame_id 'machine' or 'table', got 'base_link'", changed(
         header__frame_id=lambda *_: 'base_link')),
+    ('resolution', 'readings are rounded to 10 µm; give every digit that the CMM has', changed(
+        centre__x=lambda answer, _: round(answer.centre.x, 6), centre__y=lambda answer, _: round(answer.centre.y, 6),
+        centre__z=lambda answer, _: round(answer.centre.z, 6))),
     ('form error', '100 to 100 µm', changed(form_error=lambda *_: 1e-4)),
     ('temperature', '293.15 to 293.15', changed(temperature=lambda *_: 293.15)),
 ])

@@ -315,7 +315,7 @@ class _Search:
         if self.noiseless or self.base.noise.resolution:
             return ()
         problem = noise_problem(self.base, self.chosen.members)
-        return tuple(one.words for one in problem.at(self.base.noise).misfits() if one.p < LEFT)
+        return tuple(dict.fromkeys(one.words for one in problem.at(self.base.noise).misfits() if one.p < LEFT))
 
     def _invisible(self, missing: Sequence[str]) -> tuple[str, ...]:
         shares: dict[str, float] = {}

@@ -147,7 +147,7 @@ class CellPanel:
         phase = PHASE_WORDS.get(progress.phase) or phase_name(progress.phase)
         set_words(self._phase, f'{phase}, order {progress.order}' if progress.order else phase)
         count = f'{progress.done} of {progress.total} ball centres. ' if progress.total else ''
-        set_words(self._text, f'{count}{progress.text}')
+        set_words(self._text, f'{count}{progress.text[:1].upper()}{progress.text[1:]}')
         self._bar.set_value(progress.done / progress.total if progress.total else 0)
         calibrating = self._watcher.is_calibrating
         outcome, words = None if calibrating else self._watcher.outcome, self._watcher.problem
