@@ -4,6 +4,7 @@
 A run and a model give a fit (`analyse`), the one verdict (`judge`), the place where the model fails (`compare`), the
 effect that is missing (`diagnose`), what changes when an effect is added or removed (`change`, `ladder`), whether
 another run confirms it (`cross_check`), the next measurement (`advise`, `advise_run`), and all of it (`summarise`).
+Several runs give one evaluation (`evaluate_jointly`).
 """
 
 from collections.abc import Callable
@@ -20,6 +21,7 @@ from rosette_ros.core.diagnosis.diagnosis import Diagnosis, diagnose, fitted_wit
 from rosette_ros.core.diagnosis.parameter_search import choose_settings
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import Verdict
+from rosette_ros.core.joint.joint_evaluation import evaluate_jointly
 from rosette_ros.core.model.least_squares import Fit, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.planning.advice import Advice, advise, advise_run
@@ -176,5 +178,5 @@ def summarise(run: Run, model: Model | None = None, on_step: Callable[[str], obj
 
 __all__ = [
     'MOST_BALLS_ADVISED', 'MOST_BALLS_JUDGED', 'STEPS', 'Change', 'LadderStep', 'Summary', 'Verdict', 'advise',
-    'advise_run', 'analyse', 'change', 'claimed_model', 'compare', 'cross_check', 'diagnose', 'judge', 'ladder',
-    'summarise']
+    'advise_run', 'analyse', 'change', 'claimed_model', 'compare', 'cross_check', 'diagnose', 'evaluate_jointly',
+    'judge', 'ladder', 'summarise']

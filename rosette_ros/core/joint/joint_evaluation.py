@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Several runs evaluated as one: what they share, whether the data allow it, curves with uncertainties."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+from rosette_ros.core.errors import NotDeterminable
+from rosette_ros.core.geometry import Floats, Frame
+from rosette_ros.core.joint.joint_model import JointModel, JointSolution, TableSet
+from rosette_ros.core.joint.knowledge import Knowledge, knowledge, pairs_of_senses
+from rosette_ros.core.joint.readings import Readings
+from rosette_ros.core.joint.sharing import Sharing, apart
+from rosette_ros.core.model.least_squares import UNLIKELY
+from rosette_ros.core.records import ErrorMotions
+
+EXACT = 1e9
+NO_NOISE = 1e-12
+"""Scatter of a coordinate that rounding makes, m: less of it decides nothing."""
+NEAR, NEARLY_ALONG = 1e-3, 5e-3
+"""Table frames that differ by less, m and rad, are two findings of one."""
+SAME_PLATE = 0.5
+"""Distances of balls differ by less than this share of what the best other turn leaves, where a turn is found."""
+
+
+@dataclass(frozen=True)
+class SharingTest:
+    """Whether the data allow that something is shared: F of the readings with and without it.
+
+    item: of Sharing.items, or 'sense': that both senses of turning have the same curves; dof: of the difference; p:
+    chance of as large an F where it holds, None where the data cannot tell; is_used: whether it is in the model.
+    """
+
+    item: str
+    f: float
+    dof: int
+    p: float | None
+    is_used: bool
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether the data contradict it."""
+        return self.p is not None and self.p < UNLIKELY
+
+
+@dataclass(frozen=True, eq=False)
+class Reversal:
+    """Curves clockwise less counter-clockwise of one table: motions; mean, u_mean: (6,) over the angles, m and rad.
+
+    is_known: (6,) whether the readings determine the mean; p: chance that noise alone makes so large a reversal.
+    """
+
+    table: str
+    motions: ErrorMotions
+    mean: Floats
+    u_mean: Floats
+    is_known: tuple[bool, ...]
+    p: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class JointResult:
+    """Several runs as one.
+
+    declared: items of the Sharing that a person declared; tests: of what is shared, and of what the data took out of
+    the rest; sigma: standard deviation of a coordinate in use, m; rms: root of the residuals' square sum per degree of
+    freedom, m; lack_of_fit_p: chance that noise of the known repeatability leaves as much, or None.
+    """
+
+    solution: JointSolution
+    declared: frozenset[str]
+    tests: tuple[SharingTest, ...]
+    sigma: float
+    sigma_source: str
+    lack_of_fit_p: float | None
+    notes: tuple[str, ...]
+
+    @property
+    def sharing(self) -> Sharing:
+        """What is shared."""
+        return self.solution.model.sharing
+
+    @property
+    def rms(self) -> float:
+        """Root of the residuals' square sum per degree of freedom, m."""
+        return float(np.sqrt(self.solution.rss / self.solution.dof))
+
+    @cached_property
+    def knowledge(self) -> Knowledge:
+        """What is determined, and what is not, in words."""
+        return knowledge(self.solution)
+
+    @cached_property
+    def curves(self) -> tuple[tuple[TableSet, ErrorMotions], ...]:
+        """The six curves of each set of table motions."""
+        return tuple((one, self._motions(one.angle, *self._of(one))) for one in self.solution.model.sets)
+
+    @cached_property
+    def reversals(self) -> tuple[Reversal, ...]:
+        """Of each table that was measured in both senses at the same angles."""
+        out = []
+        p = next((test.p for test in self.tests if test.item == 'sense'), None)
+        for forwards, back in pairs_of_senses(self.solution):
+            (a, mix_a), (b, mix_b) = self._of(forwards), self._of(back)
+            hidden = (self.solution.hidden[back.place] - self.solution.hidden[forwards.place]).reshape(len(a), 6, -1)
+            known = np.abs(hidden.mean(axis=0)).max(axis=1, initial=0) < 1e-6
+            mix = mix_b - mix_a
+            mean = self._motions(np.zeros(1), (b - a).mean(axis=0)[None], mix.mean(axis=0)[None])
+            out.append(Reversal(forwards.name, self._motions(forwards.angle, b - a, mix), mean.values[0], mean.u[0],
+                                tuple(known.tolist()), p))
+        return tuple(out)
+
+    @property
+    def deviations(self) -> dict[str, Floats]:
+        """Deviations of the plates' balls and of the CMM's positions, m, (., 3), by 'plate' and 'cmm'."""
+        return {name: self.solution.unknowns[self.solution.model.groups[name]].reshape(-1, 3)
+                for name in ('plate', 'cmm')}
+
+    def _of(self, one: TableSet) -> tuple[Floats, Floats]:
+        mix = self.solution.mix[one.place]
+        return self.solution.unknowns[one.place].reshape(-1, 6), mix.reshape(one.angle.size, 6, -1)
+
+    def _motions(self, angle: Floats, values: Floats, mix: Floats) -> ErrorMotions:
+        scale = np.array([1, 1, 1, *[1 / self.solution.model.lever] * 3])
+        return ErrorMotions(angle, values * scale, self.sigma * np.linalg.norm(mix, axis=-1) * scale)
+
+
+def evaluate_jointly(runs: Sequence[Readings], declared: Mapping[str, Any] | None = None) -> JointResult:
+    """Return the JointResult of runs; declared: fields of Sharing by name, the others are what the runs say.
+
+    What nobody declared and the data contradict (p below 0.1 %) is not used; a declaration is, and its test says so.
+    Raises NotDeterminable where the runs have nothing in common or too few readings, InvalidData where the declaration
+    does not fit them.
+    """
+    declared = dict(declared or {})
+    runs, wanted, notes = default_sharing(runs, declared)
+    solution = JointSolution(JointModel(runs, wanted))
+    if solution.dof <= 0:
+        raise NotDeterminable(f'{solution.model.size} ball centres leave {solution.dof} degrees of freedom; measure '
+                              'more balls or share more')
+    dropped = list[SharingTest]()
+    while True:
+        tests = [_tested(solution, item) for item in _items(solution)]
+        untrue = [test for test in tests if test.is_contradicted and _FIELDS.get(test.item, test.item) not in declared]
+        if not untrue:
+            break
+        worst = max(untrue, key=lambda test: test.f)
+        dropped.append(replace(worst, is_used=False))
+        solution = JointSolution(JointModel(runs, solution.model.sharing.without(worst.item)))
+    if solution.model.sharing.by_sense:
+        tests.append(_sense(solution))
+    said = frozenset(item for item in wanted.items if _FIELDS.get(item, item) in declared)
+    return JointResult(solution, said, (*tests, *dropped), *_sigma(solution), tuple(notes))
+
+
+_FIELDS = {'calibrated plate': 'trusts_plates', 'calibrated CMM': 'cmm_is_calibrated'}
+"""Fields of Sharing that are not called as their items."""
+
+
+def default_sharing(runs: Sequence[Readings], declared: Mapping[str, Any]) -> tuple[list[Readings], Sharing, list[str]]:
+    """Return the runs, in one frame where theirs are known, what they share as far as they say, and remarks on it.
+
+    declared: fields of Sharing that are given. Plates of the same nominal places are one; how much it was turned shows
+    in its deviations; not turned, it was not clamped anew. Both senses of turning have curves of their own. Frames are
+    shared where logs give them.
+    """
+    runs, notes, count = list(runs), list[str](), len(runs)
+    base = runs[0].frame
+    one_frame = count == 1 or bool(base and all(_are_near(base, run.frame) for run in runs))
+    if base and one_frame:
+        runs = [run.seen_from(base) for run in runs]
+    plates = [next(other for other in range(count) if runs[other].plate.is_like(run.plate)) for run in runs]
+    turns = declared.get('turn') or _turns_of(runs, plates, notes)
+    clockwise = np.concatenate([run.backwards for run in runs])
+    sharing = replace(
+        Sharing.of(count, plate=tuple(str(first + 1) for first in plates), turn=turns,
+                   clamping=tuple(f'{turn:.6f}' for turn in turns), frame=('1',) * count if one_frame else apart(count),
+                   by_sense=bool(clockwise.any() and not clockwise.all())), **declared)
+    if count > 1 and sharing.frame == apart(count):
+        notes.append('each run has determined its table frame anew, so what differs by a displacement or a turn of the '
+                     'frame is not compared')
+    if sharing.by_sense and 'by_sense' not in declared:
+        hidden = [JointSolution(JointModel(runs, replace(sharing, by_sense=by_sense))).hidden_in_curves
+                  for by_sense in (False, True)]
+        if hidden[1] > hidden[0] + 6 * (count - 1):
+            sharing = replace(sharing, by_sense=False)
+            notes.append('too little was measured clockwise, or counter-clockwise, for curves of both senses')
+    return runs, sharing, notes
+
+
+def _turns_of(runs: Sequence[Readings], plates: Sequence[int], notes: list[str]) -> tuple[float, ...]:
+    turns = []
+    for run, first in zip(runs, plates):
+        turns.append(0.0 if runs[first] is run else found_turn(runs[first], run))
+        if turns[-1]:
+            notes.append(f'{run.name}: the deviations of the balls show that the plate was turned by '
+                         f'{np.rad2deg(turns[-1]):.6g}° against {runs[first].name}')
+    return tuple(turns)
+
+
+def found_turn(first: Readings, other: Readings) -> float:
+    """Return by how much a regular plate was turned between two runs, rad, from its deviations; 0 where none shows.
+
+    Distances between balls do not depend on where the plate lies; the turn is that which leaves least of them.
+    """
+    if not first.plate.is_regular:
+        return 0.0
+    n = first.plate.balls
+    one, two = (_distances(run) for run in (first, other))
+    left = [np.nanstd(two - np.roll(one, (pitches, pitches), (0, 1))) for pitches in range(n)]
+    best = int(np.argmin(left))
+    is_clear = left[best] < SAME_PLATE * float(np.median(left))
+    return 2 * np.pi * best / n if is_clear else 0.0
+
+
+def _distances(run: Readings) -> Floats:
+    """Return the distances between the balls of a run (n, n) as it alone determines them, m; not measured: NaN."""
+    solution = JointSolution(JointModel([run], Sharing.of(1)))
+    centres = np.full((run.plate.balls, 3), np.nan)
+    balls = np.unique(run.ball) - 1
+    centres[balls] = run.plate.centres[balls] + solution.unknowns[solution.model.groups['plate']].reshape(-1, 3)
+    return np.asarray(np.linalg.norm(centres[:, None] - centres, axis=-1))
+
+
+def _are_near(one: Frame, other: Frame | None) -> bool:
+    return bool(other and np.abs(one.origin - other.origin).max() < NEAR
+                and np.abs(one.rotation - other.rotation).max() < NEARLY_ALONG)
+
+
+def _items(solution: JointSolution) -> list[str]:
+    model = solution.model
+    calibrated = any(run.plate.is_calibrated for run in model.runs)
+    return [item for item in model.sharing.items if item != 'calibrated plate' or calibrated]
+
+
+def _tested(solution: JointSolution, item: str) -> SharingTest:
+    runs, sharing = solution.model.runs, solution.model.sharing.without(item)
+    try:
+        free = JointSolution(JointModel(runs, sharing))
+    except NotDeterminable:  # it is all that the runs have in common
+        return SharingTest(item, 0.0, 0, None, True)
+    return _f_test(item, solution, free)
+
+
+def _sense(solution: JointSolution) -> SharingTest:
+    together = JointSolution(JointModel(solution.model.runs, solution.model.sharing.without('sense')))
+    return replace(_f_test('sense', together, solution), is_used=False)
+
+
+def _f_test(item: str, shared: JointSolution, free: JointSolution) -> SharingTest:
+    dof = free.rank - shared.rank
+    if dof <= 0 or free.dof <= 0:
+        return SharingTest(item, 0.0, 0, None, True)
+    left = max(free.rss / free.dof, NO_NOISE**2)
+    f = max(shared.rss - free.rss, 0.0) / dof / left
+    return SharingTest(item, f, dof, float(special.fdtrc(dof, free.dof, f)), True)
+
+
+def _sigma(solution: JointSolution) -> tuple[float, str, float | None]:
+    """Return the standard deviation of a coordinate, where it comes from, and p of lack of fit."""
+    rms = float(np.sqrt(solution.rss / solution.dof))
+    # a repeatability without degrees of freedom is known exactly: as if it had very many
+    known = [(run.repeatability, run.repeatability_dof or EXACT) for run in solution.model.runs if run.repeatability]
+    if not known:
+        return rms, 'residuals', None
+    dof = sum(count for _, count in known)
+    sd = float(np.sqrt(sum(count * value**2 for value, count in known) / dof))
+    p = float(special.fdtrc(solution.dof, dof, (rms / sd)**2))
+    if p < UNLIKELY:
+        return rms, 'residuals (larger than the repeatability)', p
+    pooled = float(np.sqrt((solution.rss + dof * sd**2) / (solution.dof + dof)))
+    return pooled, 'repeatability' if dof >= EXACT else 'residuals and repeatability', p

@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One least squares for several runs: which unknowns they have, how these are seen, what stays hidden.
+
+    p = F_r [ R_z(phi) C_c (b_j + P_j) + T(phi) + Theta(phi) x R_z(phi) b_j + M(alpha) ]
+
+with C the placement of the plate on the table (reference: the first clamping of a plate) and F the machine frame of a
+run (reference: the first), rotations exact, the rest linear as in core/model/base_model.py. Gauss-Newton with the
+sparse columns at the nominal places; the directions that no reading sees are fixed by the least curves, then the least
+frames, placements and CMM deviations: the gauge of one run, continued to all.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse
+
+from rosette_ros.core.errors import InvalidData, NotDeterminable
+from rosette_ros.core.geometry import TWO_PI, Floats, Ints, rotate_z, rotation_matrix
+from rosette_ros.core.joint.readings import Readings
+from rosette_ros.core.joint.sharing import SEATS, Sharing
+
+SAME_PLACE = 1e-4
+"""Nominal places of the CMM that are nearer to each other are one, m."""
+SAME_ANGLE = 1e-6
+"""Nominal table angles that are nearer to each other are one, rad."""
+ZERO = 1e-9
+"""Eigenvalues of the normal equations below this share of the largest are 0."""
+HIDDEN_PART = 1e-5
+"""Part of a hidden direction, as a share of it, that counts."""
+MOST_UNKNOWNS = 6000
+MOST_STEPS, SMALLEST_STEP = 8, 1e-13
+
+
+@dataclass(frozen=True)
+class TableSet:
+    """Table motions that are one curve: the name of the table, its sense of turning, 0 for any, and its angles (m,)."""
+
+    name: str
+    sense: int
+    angle: Floats
+    place: slice
+
+
+class JointModel:
+    """The unknowns of several runs: their places among all, and what of them is free.
+
+    runs; sharing; phi: (N,) nominal table angles, rad; base: (N, 3) nominal ball centres on the table, m; sets: the
+    TableSets; lever: m, by which rotations are multiplied among the unknowns; free: (q,) which are unknown at all; of
+    all q unknowns, `groups` has the slices of curves, plate, cmm, placement and frame.
+
+    Raises NotDeterminable where the runs have nothing in common or there are too many unknowns.
+    """
+
+    def __init__(self, runs: Sequence[Readings], sharing: Sharing) -> None:
+        if len(runs) != sharing.runs:
+            raise InvalidData(f'sharing: wanted names for {len(runs)} runs, got {sharing.runs}')
+        self.runs, self.sharing = tuple(runs), sharing
+        sizes = [run.size for run in runs]
+        self.run: Ints = np.repeat(np.arange(len(runs)), sizes)
+        self.phi: Floats = np.concatenate([run.angle[run.table_position - 1] for run in runs])
+        turned = [run.turned(turn) for run, turn in zip(runs, sharing.turn, strict=True)]
+        self.turn: Floats = np.repeat(sharing.turn, sizes)
+        self.base: Floats = np.concatenate([base for _, base in turned])
+        self.centre: Floats = np.concatenate([run.centre for run in runs])
+        self.deviation: Floats = np.concatenate([run.angle_deviation for run in runs])
+        self.lever = float(np.mean(np.hypot(self.base[:, 0], self.base[:, 1])))
+        sense = np.where(np.concatenate([run.backwards for run in runs]), -1, 1) * sharing.by_sense
+        table, plate, cmm, frame = (_numbers(getattr(sharing, part))[self.run] for part in
+                                    ('table', 'plate', 'cmm', 'frame'))
+        clamping = _numbers([f'{a}/{b}' for a, b in zip(sharing.plate, sharing.clamping)])[self.run]
+        at = rotate_z(self.phi, self.base)
+        azimuth, way = _in_turn(np.arctan2(at[:, 1], at[:, 0]), SAME_PLACE / self.lever), np.hypot(at[:, 0], at[:, 1])
+        places = (_clusters(azimuth, SAME_PLACE / self.lever), _clusters(way, SAME_PLACE),
+                  _clusters(at[:, 2], SAME_PLACE))
+        tables, self.table = _labels(table, -sense, _clusters(_in_turn(self.phi, SAME_ANGLE), SAME_ANGLE))
+        balls, self.ball = _labels(plate, np.concatenate([ball for ball, _ in turned]))
+        cmms, self.cmm = _labels(cmm, *places)
+        self.cmm_azimuth = _first(azimuth, self.cmm, len(cmms))
+        self.ball_azimuth = _first(np.arctan2(self.base[:, 1], self.base[:, 0]) - self.turn, self.ball, len(balls))
+        self.placement, self.frame = clamping, frame
+        counts = 6 * len(tables), 3 * len(balls), 3 * len(cmms), 6 * (1 + clamping.max()), 6 * (1 + frame.max())
+        ends = np.cumsum(counts).tolist()
+        self.groups = {name: slice(end - count, end) for name, end, count in
+                       zip(('curves', 'plate', 'cmm', 'placement', 'frame'), ends, counts, strict=True)}
+        angle = _first(_in_turn(self.phi, SAME_ANGLE), self.table, len(tables))
+        self.sets = tuple(_sets(tables, angle, sharing))
+        self.free = np.ones(ends[-1], dtype=bool)
+        self._fix(balls)
+        if self.unknowns > MOST_UNKNOWNS:
+            raise NotDeterminable(f'wanted at most {MOST_UNKNOWNS} unknowns in all runs together, got {self.unknowns}; '
+                                  'evaluate fewer runs or positions')
+        self._refuse_strangers()
+
+    def _fix(self, balls: Ints) -> None:
+        """Mark what is known or is a reference as not free."""
+        sharing = self.sharing
+        calibrated = [run.plate.is_calibrated and sharing.trusts_plates for run in self.runs]
+        known = np.isin(balls[:, 0], _numbers(sharing.plate)[calibrated])
+        self.free[self.groups['plate']] = np.repeat(~known, 3)
+        self.free[self.groups['cmm']] = not sharing.cmm_is_calibrated
+        placement, frame = (self.free[self.groups[name]].reshape(-1, 6) for name in ('placement', 'frame'))
+        placement[:], met = SEATS[sharing.seat], set[str]()
+        for run, name in enumerate(sharing.plate):
+            if name not in met:  # the first clamping is the reference, unless the plate is known in its own axes
+                placement[self.placement[self.run == run][0]] = calibrated[run]
+            met.add(name)
+        frame[0] = False
+
+    @property
+    def unknowns(self) -> int:
+        """How many unknowns there are."""
+        return int(self.free.sum())
+
+    @property
+    def size(self) -> int:
+        """N, readings of all runs."""
+        return self.phi.size
+
+    def _refuse_strangers(self) -> None:
+        """Refuse runs that have no table angle, ball or CMM position in common."""
+        group = np.arange(len(self.runs))
+        cmm = np.zeros_like(self.cmm) if self.sharing.cmm_is_calibrated else self.cmm
+        for label in (self.table, self.ball, cmm):
+            pairs = np.unique(np.stack([label, self.run]), axis=1)
+            for one, other in np.stack([pairs[1, :-1], pairs[1, 1:]], axis=1)[np.diff(pairs[0]) == 0]:
+                group[group == group[other]] = group[one]
+        if len({*group.tolist()}) > 1:
+            first, other = self.runs[0], self.runs[int(np.flatnonzero(group != group[0])[0])]
+            raise NotDeterminable(
+                f'{other.name} has no table angle, ball or CMM position in common with {first.name} '
+                f'({_places(other)}; {_places(first)}), so there is nothing that they share; missing: a table angle '
+                'of the same table, the same plate, or the same CMM positions')
+
+    @cached_property
+    def design(self) -> Any:
+        """The columns of all unknowns at the nominal places, sparse (3 N, q)."""
+        one = np.broadcast_to(np.eye(3), (self.size, 3, 3))
+        turn = _turns(self.phi)
+        blocks = [(one, 6 * self.table), (_tilts(rotate_z(self.phi, self.base)) / self.lever, 6 * self.table + 3),
+                  (_turns(self.phi + self.turn), self.groups['plate'].start + 3 * self.ball),
+                  (one, self.groups['cmm'].start + 3 * self.cmm),
+                  (turn, self.groups['placement'].start + 6 * self.placement),
+                  (turn @ _tilts(self.base) / self.lever, self.groups['placement'].start + 6 * self.placement + 3),
+                  (one, self.groups['frame'].start + 6 * self.frame),
+                  (_tilts(rotate_z(self.phi, self.base)) / self.lever, self.groups['frame'].start + 6 * self.frame + 3)]
+        values = np.stack([block for block, _ in blocks])
+        columns = np.stack([first for _, first in blocks])[:, :, None, None] + np.arange(3)[None, None, None]
+        rows = 3 * np.arange(self.size)[None, :, None, None] + np.arange(3)[None, None, :, None]
+        rows, columns = np.broadcast_arrays(rows, columns)
+        return scipy.sparse.csr_array((values.ravel(), (rows.ravel(), columns.ravel())),
+                                      shape=(3 * self.size, self.free.size))
+
+    def predicted(self, unknowns: Floats) -> Floats:
+        """Return the ball centres (N, 3) that unknowns (q,) predict, rotations exact, m."""
+        curves, plate, cmm, placement, frame = (
+            unknowns[place].reshape(-1, 3 if name in ('plate', 'cmm') else 6) for name, place in self.groups.items())
+        at = self.base + rotate_z(self.turn, plate[self.ball])
+        at = _moved(at, placement[self.placement], self.lever)
+        motion = curves[self.table]
+        at = rotate_z(self.phi + self.deviation, at)
+        at = at + motion[:, :3] + np.cross(motion[:, 3:] / self.lever, at) + cmm[self.cmm]
+        return _moved(at, frame[self.frame], self.lever)
+
+
+class JointSolution:
+    """The least squares of a JointModel: unknowns (q,), residual (N, 3), rss, rank; hidden: (q, h) directions.
+
+    mix: (q, rank), such that mix mix' is the cofactor matrix of the unknowns; hidden_in_curves: how many of the hidden
+    directions change curves.
+    """
+
+    def __init__(self, model: JointModel) -> None:
+        self.model = model
+        design = model.design[:, model.free]
+        value, vector = scipy.linalg.eigh((design.T @ design).toarray())
+        keep = value > ZERO * value[-1]
+        self.rank = int(keep.sum())
+        self.hidden: Floats = np.zeros((model.free.size, int((~keep).sum())))
+        self.hidden[model.free] = vector[:, ~keep]
+        mix = np.zeros((model.free.size, self.rank))
+        mix[model.free] = vector[:, keep] / np.sqrt(value[keep])
+        self._fixes = list(_gauge(model, self.hidden))
+        self.hidden_in_curves = self._fixes[0][1]
+        self.mix = self._in_gauge(mix)
+        self._normal = mix, design.T
+        self.unknowns = self.solved(model.centre)
+        self.residual: Floats = model.centre - model.predicted(self.unknowns)
+        self.rss = float(np.sum(self.residual**2))
+
+    def solved(self, centre: Floats) -> Floats:
+        """Return the unknowns (q,) of other ball centres (N, 3) of the same readings."""
+        (mix, transposed), model = self._normal, self.model
+        unknowns = np.zeros(model.free.size)
+        for _ in range(MOST_STEPS):
+            step = transposed @ (centre - model.predicted(unknowns)).ravel()
+            step = self._in_gauge(unknowns + mix @ (mix[model.free].T @ step)) - unknowns
+            unknowns = unknowns + step
+            if np.abs(step).max(initial=0) < SMALLEST_STEP:
+                break
+        return unknowns
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom of the residual."""
+        return 3 * self.model.size - self.rank
+
+    def _in_gauge(self, values: Floats) -> Floats:
+        """Return unknowns, (q,) or (q, k), brought into the gauge."""
+        for place, _, move, measure in self._fixes:
+            values = values - move @ (measure @ values[place])
+        return values
+
+
+def _gauge(model: JointModel, hidden: Floats) -> Any:
+    """Yield place, rank, move (q, k) and measure (k, g) of each group of unknowns that is made least in turn."""
+    for place in (model.groups[name] for name in ('curves', 'frame', 'placement', 'cmm', 'plate')):
+        left, size, right = np.linalg.svd(hidden[place], full_matrices=True)
+        count = int(np.sum(size > HIDDEN_PART))
+        yield place, count, hidden @ (right[:count].T / size[:count]), left[:, :count].T
+        hidden = hidden @ right[count:].T
+
+
+def _numbers(names: Sequence[str]) -> Ints:
+    """Return the number of each name, from 0 in the order of appearance."""
+    known = {name: number for number, name in enumerate(dict.fromkeys(names))}
+    return np.array([known[name] for name in names])
+
+
+def _in_turn(angle: Floats, tolerance: float) -> Floats:
+    """Return angles in one turn; what is nearly a whole turn is 0."""
+    return np.asarray(np.maximum((angle + tolerance) % TWO_PI - tolerance, 0.0))
+
+
+def _clusters(values: Floats, tolerance: float) -> Ints:
+    """Return the number of the cluster of each value, in rising order; values within a tolerance are one."""
+    order = np.argsort(values, kind='stable')
+    number = np.zeros(values.size, dtype=np.int64)
+    number[order] = np.concatenate([[0], np.cumsum(np.diff(values[order]) > tolerance)])
+    return number
+
+
+def _labels(*parts: Ints) -> tuple[Ints, Ints]:
+    """Return the different rows of parts (k, p), and which of them each reading has, (N,)."""
+    rows, which = np.unique(np.stack(parts, axis=1), axis=0, return_inverse=True)
+    return rows, which.ravel()
+
+
+def _first(values: Floats, label: Ints, count: int) -> Floats:
+    """Return the value of the first reading of each label, (count,)."""
+    out = np.empty(count)
+    out[label[::-1]] = values[::-1]
+    return out
+
+
+def _sets(tables: Ints, angle: Floats, sharing: Sharing) -> Any:
+    names = list(dict.fromkeys(sharing.table))
+    keys = np.unique(tables[:, :2], axis=0)
+    for table, against in keys.tolist():
+        inside = np.flatnonzero((tables[:, 0] == table) & (tables[:, 1] == against))
+        yield TableSet(names[table], -against, angle[inside], slice(6 * inside[0], 6 * (inside[-1] + 1)))
+
+
+def _turns(angle: Floats) -> Floats:
+    """Return the rotation matrices about z (N, 3, 3)."""
+    return np.asarray(np.stack([rotate_z(angle, axis) for axis in np.eye(3)], axis=-1))
+
+
+def _tilts(place: Floats) -> Floats:
+    """Return the matrices (N, 3, 3) of the displacement of places (N, 3), m, by a small rotation, m per rad."""
+    x, y, z = place.T
+    zero = np.zeros_like(x)
+    return np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=-1).reshape(-1, 3, 3)
+
+
+def _moved(points: Floats, motion: Floats, lever: float) -> Floats:
+    """Return points (N, 3) displaced by motions (N, 6): translation, m, and lever times rotation vector."""
+    return np.asarray((rotation_matrix(motion[:, 3:] / lever) @ points[..., None])[..., 0] + motion[:, :3])
+
+
+def _places(run: Readings) -> str:
+    used = np.unique(run.table_position)
+    angles = ', '.join(f'{angle:.4g}' for angle in np.rad2deg(run.angle[used[:3] - 1]))
+    return f'{used.size} table angles {angles} ... deg and {run.plate.balls} balls'

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a joint evaluation determines, and what it does not, in words."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from rosette_ros.core.geometry import Floats
+from rosette_ros.core.joint.joint_model import JointSolution, TableSet
+
+SEEN = 1e-6
+"""Part of a hidden direction below which a quantity is not touched by it."""
+ECCENTRICITY, TILT = 'once-per-turn part of (ctx, cty): eccentricity', 'once-per-turn part of (crx, cry): tilt'
+SCALE, HEIGHT = 'radial scale of plate and CMM', 'height and turn about z between plate and CMM'
+_PARTS = (('mean of ctx and cty', 'radial', 0), ('mean of ctz', 'axial', 0), ('mean of crx and cry', 'tilt', 0),
+          ('mean of crz', 'angular', 0), (ECCENTRICITY, 'radial', 1), (TILT, 'tilt', 1))
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """In words: known, beyond what one run of a regular plate knows; hidden, what stays unknown."""
+
+    known: tuple[str, ...]
+    hidden: tuple[str, ...]
+
+
+def knowledge(solution: JointSolution) -> Knowledge:
+    """Return what a solution determines; harmonics are those of the table error at the angles of a set."""
+    known, hidden = list[str](), list[str]()
+    sets, balls = solution.model.sets, max(run.plate.balls for run in solution.model.runs)
+    found = [_of_curves(solution.hidden[one.place], one.angle) for one in sets]
+    are_alike = all(one == found[0] for one in found)
+    for one, (parts, waves) in zip(sets, found):
+        prefix = '' if are_alike else f'{set_words(one)}: '
+        hidden += [prefix + name for name in parts]
+        known += [prefix + name for name, *_ in _PARTS if name not in parts]
+        hidden += [f'{prefix}harmonics {_numbers(waves)}'] if waves else []
+        half = one.angle.size // 2
+        if one.angle.size > balls and waves != list(range(2, half + 1)):
+            except_words = f' except {_numbers(waves)}' if waves else ''
+            known.append(f'{prefix}harmonics up to {half}{except_words}, at {one.angle.size} table angles')
+    for forwards, back in pairs_of_senses(solution):
+        parts, waves = _of_curves(solution.hidden[back.place] - solution.hidden[forwards.place], forwards.angle)
+        known += ['the reversal of all six curves' + ('' if parts or waves else ', with its means')]
+        hidden += [f'reversal: {name}' for name in parts]
+        hidden += [f'reversal: harmonics {_numbers(waves)}'] if waves else []
+    common = [name for name in (SCALE, HEIGHT) if _is_hidden(solution, name)]
+    known += [name for name in (SCALE, HEIGHT) if name not in common]
+    return Knowledge(tuple(_once(known)), tuple(_once([*hidden, *common])))
+
+
+def set_words(one: TableSet) -> str:
+    """Return what the curves of a set are called beside others."""
+    sense = {1: 'counter-clockwise', -1: 'clockwise', 0: ''}[one.sense]
+    return ' '.join(filter(None, ['table' if one.name == '1' else f'table {one.name}', sense]))
+
+
+def pairs_of_senses(solution: JointSolution) -> list[tuple[TableSet, TableSet]]:
+    """Return the sets of both senses of the same table at the same angles, counter-clockwise first."""
+    sets = solution.model.sets
+    return [(one, other) for one in sets for other in sets
+            if (one.name, one.sense, other.sense) == (other.name, 1, -1) and one.angle.size == other.angle.size
+            and np.allclose(one.angle, other.angle, atol=1e-6)]
+
+
+def _of_curves(hidden: Floats, angle: Floats) -> tuple[list[str], list[int]]:
+    """Return names of _PARTS and other harmonics that hidden directions (6 m, h) of curves change."""
+    size = angle.size
+    orders = np.arange(-((size - 1) // 2), size // 2 + 1)
+    to_harmonics = np.linalg.inv(np.exp(1j * angle[:, None] * orders))
+    x, y, z, rx, ry, rz = hidden.reshape(size, 6, -1).swapaxes(0, 1)
+    found = {}
+    for name, values in (('radial', x + 1j * y), ('axial', z), ('tilt', rx + 1j * ry), ('angular', rz)):
+        touched = np.abs(to_harmonics @ values).max(axis=1, initial=0) > SEEN
+        found[name] = {*orders[touched].tolist()}
+    parts = [name for name, kind, order in _PARTS if order in found[kind]]
+    usual = {'radial': {0, 1}, 'axial': {0}, 'tilt': {0, 1}, 'angular': {0}}
+    return parts, sorted({abs(order) for kind, orders_found in found.items() for order in orders_found - usual[kind]})
+
+
+def _is_hidden(solution: JointSolution, name: str) -> bool:
+    """Return whether a common size or place of CMM deviations, or of plate deviations where those are known, is."""
+    model = solution.model
+    for group, azimuth in (('cmm', model.cmm_azimuth), ('plate', model.ball_azimuth)):
+        place = model.groups[group]
+        if model.free[place].all():
+            c, s, zero, one = np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth), np.ones_like(azimuth)
+            columns = np.stack([[one, zero, zero], [zero, one, zero], [zero, zero, one], [zero, zero, s],
+                                [zero, zero, -c], [-s, c, zero], [c, s, zero]]).transpose(2, 1, 0).reshape(-1, 7)
+            touched = np.abs(np.linalg.pinv(columns) @ solution.hidden[place]).max(axis=1, initial=0) > SEEN
+            return bool(touched[6] if name == SCALE else touched[2] or touched[5])
+    return False
+
+
+def _numbers(waves: Iterable[int]) -> str:
+    """Return rising numbers as text, such as 2, 5 to 8."""
+    spans = list[list[int]]()
+    for wave in waves:
+        if spans and wave == spans[-1][1] + 1:
+            spans[-1][1] = wave
+        else:
+            spans.append([wave, wave])
+    return ', '.join(str(low) if low == high else f'{low} to {high}' for low, high in spans)
+
+
+def _once(words: Iterable[str]) -> Iterable[str]:
+    return dict.fromkeys(words)

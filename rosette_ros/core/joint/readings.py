@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ball centres of one run of any plate at any table angles, as a joint evaluation takes them."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.geometry import Bools, Floats, Frame, Ints, nominal_angles
+from rosette_ros.core.records import Run
+
+
+@dataclass(frozen=True, eq=False)
+class Plate:
+    """Nominal ball centres of a plate in its own axes.
+
+    azimuth, radius, height: (b,) rad, m, m; is_calibrated: whether they are known so well that only the placement of
+    the plate is to be found; is_regular: equal pitch, balls counted from the one next to +x, however it was put on.
+    """
+
+    azimuth: Floats
+    radius: Floats
+    height: Floats
+    is_calibrated: bool = False
+    is_regular: bool = False
+    source: str = ''
+
+    @staticmethod
+    def regular(n: int, radius: float) -> 'Plate':
+        """Return the plate of n balls of equal pitch on a circle of a radius, m."""
+        return Plate(nominal_angles(n), np.full(n, radius), np.zeros(n), is_regular=True)
+
+    @property
+    def balls(self) -> int:
+        """Number of balls."""
+        return self.azimuth.size
+
+    @cached_property
+    def centres(self) -> Floats:
+        """(b, 3) nominal centres, m."""
+        return np.stack([self.radius * np.cos(self.azimuth), self.radius * np.sin(self.azimuth), self.height], axis=-1)
+
+    def is_like(self, other: 'Plate') -> bool:
+        """Return whether the nominal centres of both agree within 0.1 mm."""
+        return self.balls == other.balls and bool(np.abs(self.centres - other.centres).max() < 1e-4)
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """N ball centres of one run.
+
+    plate; angle: (m,) nominal table angle of each table position, rad; table_position, ball: (N,) one-based; centre:
+    (N, 3) in the table frame, m; angle_deviation: (N,) actual minus nominal table angle, rad; approach: (N,) as of Run;
+    repeatability, repeatability_dof: as of Run; frame: the table frame in the machine frame where it is known.
+
+    Raises InvalidData where an index does not exist.
+    """
+
+    plate: Plate
+    angle: Floats
+    table_position: Ints
+    ball: Ints
+    centre: Floats
+    angle_deviation: Floats
+    approach: Ints
+    repeatability: float | None = None
+    repeatability_dof: float | None = None
+    frame: Frame | None = None
+    run_id: str = ''
+    source: str = 'run'
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name, most in (('table_position', self.angle.size), ('ball', self.plate.balls)):
+            bad = np.flatnonzero((getattr(self, name) < 1) | (getattr(self, name) > most))
+            if bad.size:
+                raise InvalidData(f'{self.source}: reading {bad[0] + 1}: {name}: wanted 1..{most}, got '
+                                  f'{getattr(self, name)[bad[0]]}')
+
+    @staticmethod
+    def of(run: Run, frame: Frame | None = None) -> 'Readings':
+        """Return the readings of a Run; frame: its table frame in the machine frame where that is known."""
+        return Readings(Plate.regular(run.n, run.radius), nominal_angles(run.n), run.table_position, run.ball,
+                        run.centre, run.angle_deviation, run.approach, run.repeatability, run.repeatability_dof, frame,
+                        run.run_id, run.source, (*run.notes, *run.remarks))
+
+    @property
+    def size(self) -> int:
+        """N, the number of readings."""
+        return self.ball.size
+
+    @property
+    def name(self) -> str:
+        """What it is called in words."""
+        return self.run_id or self.source
+
+    @property
+    def backwards(self) -> Bools:
+        """(N,) whether the table came clockwise; what is unknown is taken as counter-clockwise."""
+        return self.approach < 0
+
+    def turned(self, turn: float) -> tuple[Ints, Floats]:
+        """Return which balls of the plate, from 0, (N,), and their nominal centres (N, 3) with the plate turned, m.
+
+        turn: rad; that of a regular plate is whole pitches, as its ball next to +x is counted as ball 1. Raises
+        InvalidData for another one.
+        """
+        plate, ball = self.plate, self.ball - 1
+        if not plate.is_regular:
+            azimuth = plate.azimuth + turn
+            at = np.stack([plate.radius * np.cos(azimuth), plate.radius * np.sin(azimuth), plate.height], axis=-1)
+            return ball, at[ball]
+        pitches = turn * plate.balls / (2 * np.pi)
+        if abs(pitches - round(pitches)) > 1e-6:
+            raise InvalidData(f'{self.source}: plate turned by {np.rad2deg(turn):.6g} deg: wanted whole pitches of '
+                              f'{360 / plate.balls:.6g} deg, as ball 1 is the one next to +x; describe the plate by a '
+                              'plate file for other angles')
+        return (ball - round(pitches)) % plate.balls, plate.centres[ball]
+
+    def seen_from(self, frame: Frame) -> 'Readings':
+        """Return the readings in another table frame, given, as their own one, in the machine frame."""
+        if self.frame is None:
+            raise InvalidData(f'{self.source}: wanted its table frame, got none')
+        return replace(self, centre=frame.to_inner(self.frame.to_outer(self.centre)), frame=frame)

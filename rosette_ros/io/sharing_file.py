@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What several runs share, declared in YAML, schema rosette-sharing/1."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.joint.sharing import PARTS, SEATS, apart
+from rosette_ros.io.safe_yaml import read_yaml
+
+SCHEMA = 'rosette-sharing/1'
+MOST_BYTES = 65536
+_KEYS = ('schema', *PARTS, 'seat', 'by_sense', 'plate_turned_deg')
+
+
+def read_sharing(path: str | Path | None, runs: int) -> dict[str, Any]:
+    """Return the fields of Sharing that a file declares for so many runs, {} without a file; raises InvalidData."""
+    if path is None:
+        return {}
+    values = read_yaml(path, 'a sharing file', MOST_BYTES, InvalidData)
+    if not isinstance(values, dict) or values.get('schema') != SCHEMA:
+        raise InvalidData(f'{path}: wanted a mapping with "schema: {SCHEMA}", got {values!r:.80}')
+    declared: dict[str, Any] = {}
+    for key, value in values.items():
+        if key not in _KEYS:
+            raise InvalidData(f'{path}: {key!r:.40}: wanted one of {", ".join(_KEYS)}')
+        if key == 'cmm' and value == 'calibrated':
+            declared['cmm_is_calibrated'] = True
+        elif key in PARTS:
+            declared[key] = _names(value, runs, f'{path}: {key}')
+        elif key == 'seat':
+            if value not in SEATS:
+                raise InvalidData(f'{path}: seat: wanted one of {", ".join(SEATS)}, got {value!r:.80}')
+            declared[key] = value
+        elif key == 'by_sense':
+            if not isinstance(value, bool):
+                raise InvalidData(f'{path}: by_sense: wanted true or false, got {value!r:.80}')
+            declared[key] = value
+        elif key == 'plate_turned_deg':
+            declared['turn'] = tuple(np.deg2rad(_angles(value, runs, f'{path}: {key}')).tolist())
+    return declared
+
+
+def _names(value: object, runs: int, where: str) -> tuple[str, ...]:
+    if value in ('shared', 'separate'):
+        return ('1',) * runs if value == 'shared' else apart(runs)
+    if isinstance(value, list) and len(value) == runs and all(type(one) in (str, int) for one in value):
+        return tuple(map(str, value))
+    raise InvalidData(f'{where}: wanted shared, separate, or a name for each of {runs} runs such as '
+                      f'[{", ".join(apart(runs))}], got {value!r:.80}')
+
+
+def _angles(value: object, runs: int, where: str) -> list[float]:
+    if isinstance(value, list) and len(value) == runs and all(
+            type(one) in (int, float) and math.isfinite(one) for one in value):
+        return value
+    raise InvalidData(f'{where}: wanted an angle in degrees for each of {runs} runs, the first 0, got {value!r:.80}')

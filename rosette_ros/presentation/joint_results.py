@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Several runs as one, for people and programs: tables, words, JSON."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from rosette_ros.core.joint.joint_evaluation import JointResult, Reversal, SharingTest
+from rosette_ros.core.joint.knowledge import set_words
+from rosette_ros.core.joint.readings import Readings
+from rosette_ros.core.joint.sharing import PARTS
+from rosette_ros.core.records import CURVES, ErrorMotions
+from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.json_output import STANDARD, Json, by_curve, plain
+from rosette_ros.presentation.table_format import Table, column, words
+from rosette_ros.presentation.tables import EXPANDED, curves
+
+JOINT = 'rosette-joint-evaluation/1'
+ITEMS = {'table': 'table motions', 'plate': 'plate deviations', 'clamping': 'placement of the plate',
+         'cmm': 'CMM deviations at the same positions', 'frame': 'machine frame',
+         'seat': 'what the seat reproduces', 'calibrated plate': 'the calibration of the plate',
+         'calibrated CMM': 'the calibration of the CMM', 'sense': 'curves of both senses of turning'}
+
+
+def test_result(test: SharingTest, result: JointResult) -> str:
+    """Return what a test of the sharing says."""
+    if test.item == 'sense':
+        return 'they differ' if test.is_contradicted else 'no difference shows'
+    if test.p is None:
+        return 'used; these readings cannot test it'
+    if not test.is_contradicted:
+        return 'used; the readings agree with it'
+    if test.is_used:
+        return 'used as declared, but the readings CONTRADICT it: results are wrong; declare it separate'
+    return 'NOT used: the readings contradict it'
+
+
+def sharing_table(result: JointResult) -> Table:
+    """Return what is shared, and whether the data allow it."""
+    tests = result.tests
+    return Table('sharing', 'What the runs share', (
+        words('shared', 'the same', [ITEMS[test.item] for test in tests]),
+        words('declared', 'from', ['declared' if test.item in result.declared else 'the runs' for test in tests]),
+        column('f', 'F', [test.f for test in tests], lambda value: text.fixed(value, 2)),
+        column('dof', 'degrees of freedom', [test.dof for test in tests], str),
+        column('p', text.P_NOISE, [np.nan if test.p is None else test.p for test in tests], text.p_value),
+        words('result', 'result', [test_result(test, result) for test in tests])),
+        levels=tuple('bad' if test.is_contradicted and test.item != 'sense' else '' for test in tests))
+
+
+def joint_curves(result: JointResult) -> list[Table]:
+    """Return the six curves of each table and sense, and the reversal between senses."""
+    shown = [_titled(motions, 'Six error motions of the ' + set_words(one), set_words(one))
+             for one, motions in result.curves]
+    for one in result.reversals:
+        shown.append(replace(_titled(one.motions, 'Reversal: clockwise less counter-clockwise', 'reversal'),
+                             note=_mean_words(one)))
+    return shown
+
+
+def joint_csv(result: JointResult) -> str:
+    """Return all curves as one CSV table, its first column naming the curve's table and sense."""
+    parts = joint_curves(result)
+    names = words('curves', '', [part.name for part in parts for _ in part.columns[0].values])
+    joined = (replace(one, values=tuple(value for part in parts for value in part.columns[place].values))
+              for place, one in enumerate(parts[0].columns))
+    return replace(parts[0], columns=(names, *joined)).csv()
+
+
+def _titled(motions: ErrorMotions, title: str, name: str) -> Table:
+    return replace(curves(motions), name=name, title=f'{title}; {EXPANDED}')
+
+
+def _mean_words(one: Reversal) -> str:
+    means = []
+    for curve, unit, mean, u, known in zip(CURVES, text.CURVE_UNITS, one.mean, one.u_mean, one.is_known, strict=True):
+        spread = 1e6 * text.COVERAGE_FACTOR * float(u)
+        places = text.decimals(spread)
+        means.append(f'{curve} {text.signed(1e6 * float(mean), places)} ± {text.fixed(spread, places)} {unit}'
+                     if known else f'{curve} not known')
+    p = '' if one.p is None else f'; that noise alone makes such a reversal: p = {text.p_value(one.p)}'
+    return f'Means: {", ".join(means)}{p}'.replace('= <', '< ').replace('= >', '> ')
+
+
+def joint_rows(result: JointResult) -> list[tuple[str, str]]:
+    """Return what was fitted, how well it fits, what became known and what did not, as (name, text)."""
+    solution, lack = result.solution, result.lack_of_fit_p
+    known = result.knowledge.known or ('nothing; the runs test what they share',)
+    fit = '' if lack is None else f'; lack of fit: p = {text.p_value(lack)}'.replace('= <', '< ').replace('= >', '> ')
+    return [('Model', f'{solution.model.unknowns} unknowns, rank {solution.rank}, {solution.dof} degrees of freedom; '
+                      f'{solution.hidden.shape[1]} combinations are hidden, {solution.hidden_in_curves} of them in the '
+                      'curves, and removed from them'),
+            ('Residual', f'{text.micrometres(result.rms)} rms per coordinate{fit}'),
+            ('Uncertainty', f'from {text.micrometres(result.sigma)} per coordinate of a ball centre, estimated from '
+                            f'{result.sigma_source}'),
+            ('Known', f'beyond what one run knows: {"; ".join(known)}'),
+            ('Not known', '; '.join(result.knowledge.hidden) or 'nothing')]
+
+
+def joint_head(run: Readings) -> str:
+    """Return what was measured in a run."""
+    used = np.unique(run.table_position).size
+    return f'{run.name}: {run.plate.balls} balls, {used} table positions, {run.size} ball centres'
+
+
+def joint_json(result: JointResult) -> Json:
+    """Return the results, schema rosette-joint-evaluation/1; u holds standard uncertainties, SI units."""
+    solution, sharing = result.solution, result.sharing
+    model = solution.model
+    return plain({
+        'schema': JOINT,
+        'runs': [{'run_id': run.run_id, 'source': run.source, 'readings': run.size, 'balls': run.plate.balls,
+                  'table_positions': np.unique(run.table_position).size, 'plate_turned_rad': turn,
+                  'shares': {part: getattr(sharing, part)[place] for part in PARTS}}
+                 for place, (run, turn) in enumerate(zip(model.runs, sharing.turn, strict=True))],
+        'seat': sharing.seat, 'by_sense': sharing.by_sense, 'cmm_is_calibrated': sharing.cmm_is_calibrated,
+        'tests': [{'item': test.item, 'declared': test.item in result.declared, 'f': test.f, 'dof': test.dof,
+                   'p': test.p, 'used': test.is_used, 'contradicted': test.is_contradicted,
+                   'text': test_result(test, result)} for test in result.tests],
+        'unknowns': model.unknowns, 'rank': solution.rank, 'hidden': solution.hidden.shape[1],
+        'hidden_in_curves': solution.hidden_in_curves, 'known': result.knowledge.known,
+        'not_known': result.knowledge.hidden,
+        'curves': [{'table': one.name, 'sense': one.sense, **_motions_json(motions)} for one, motions in result.curves],
+        'reversal': [{'table': one.table, **_motions_json(one.motions), 'p': one.p,
+                      'mean': by_curve(np.where(one.is_known, one.mean, np.nan)),
+                      'u_mean': by_curve(np.where(one.is_known, one.u_mean, np.nan))} for one in result.reversals],
+        'u_coverage_factor': STANDARD, 'U_coverage_factor': text.COVERAGE_FACTOR,
+        'plate_m': result.deviations['plate'], 'cmm_m': result.deviations['cmm'],
+        'cmm_azimuth_rad': model.cmm_azimuth,
+        'fit': {'rms_m': result.rms, 'dof': solution.dof, 'sigma_m': result.sigma, 'sigma_source': result.sigma_source,
+                'lack_of_fit_p': result.lack_of_fit_p}, 'notes': result.notes})
+
+
+def _motions_json(motions: ErrorMotions) -> Json:
+    return {'angle_rad': motions.angle, **by_curve(motions.values.T), 'u': by_curve(motions.u.T),
+            'U': by_curve(text.COVERAGE_FACTOR * motions.u.T)}

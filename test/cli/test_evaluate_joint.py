@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosette evaluate --joint: several runs as one, declared or as they say."""
+
+import csv
+import io
+import json
+
+import numpy as np
+import pytest
+from simulated import simulated_run, simulated_table
+
+from rosette_ros.io.ball_centre_table import write_csv
+
+SHARED = 'schema: rosette-sharing/1\n'
+
+
+@pytest.fixture
+def back():
+    """Return the table of a run there and back."""
+    return simulated_table(order='there_and_back', n=12)
+
+
+def test_there_and_back_as_json(rosette, back):
+    """Curves of both senses, the reversal with its means, rank, and what is known."""
+    answer = rosette('evaluate', back, '--joint', '--json')
+    got = json.loads(answer.out, parse_constant=pytest.fail)
+    assert got['schema'] == 'rosette-joint-evaluation/1'
+    assert [got[key] for key in ('unknowns', 'rank', 'hidden', 'hidden_in_curves')] == [198, 185, 13, 10]
+    assert [one['sense'] for one in got['curves']] == [1, -1]
+    assert len(got['curves'][0]['ctx_m']) == 12
+    (reversal,) = got['reversal']
+    assert abs(reversal['mean']['crz_rad']) < 4 * reversal['u_mean']['crz_rad']
+    assert 'the reversal of all six curves, with its means' in got['known']
+    assert [test['item'] for test in got['tests']] == ['sense']
+
+
+def test_there_and_back_in_words(rosette, back):
+    """What became known, what did not, the rank."""
+    out = ' '.join(rosette('evaluate', back, '--joint').out.split())
+    assert 'Reversal: clockwise less counter-clockwise' in out
+    assert '198 unknowns, rank 185' in out
+    assert 'beyond what one run knows: the reversal of all six curves, with its means' in out
+
+
+def test_two_runs_and_a_log(rosette, tmp_path):
+    """A log gives its frame and its sense of turning as the table does; what is shared is told with p."""
+    paths = [simulated_table(), simulated_table(order='diagonal')]
+    got = json.loads(rosette('evaluate', *paths, '--joint', '--json').out)
+    assert [one['shares']['frame'] for one in got['runs']] == ['1', '2']
+    assert {test['item']: test['used'] for test in got['tests']} == dict.fromkeys(
+        ('table', 'plate', 'clamping', 'cmm'), True)
+    assert all(0 < test['p'] <= 1 for test in got['tests'])
+    rosette('import', paths[0], '--output', tmp_path / 'log')
+    assert rosette('evaluate', tmp_path / 'log', paths[1], '--joint').code == 0
+
+
+def test_csv_has_all_curves(rosette, back):
+    """A row for each angle of each curve."""
+    rows = list(csv.DictReader(io.StringIO(rosette('evaluate', back, '--joint', '--csv').out)))
+    assert [row['curves'] for row in rows] == [
+        name for name in ('table counter-clockwise', 'table clockwise', 'reversal') for _ in range(12)]
+    assert float(rows[0]['u_ctx_um']) > 0
+
+
+def test_a_sharing_file_declares(rosette, tmp_path):
+    """Frames that are the same; parts that are not named follow the runs."""
+    share = tmp_path / 'share.yaml'
+    share.write_text(SHARED + 'frame: shared\nplate: [first, second]\nplate_turned_deg: [0, 0]\n')
+    got = json.loads(rosette('evaluate', simulated_table(), simulated_table(order='diagonal'), '--share', share,
+                             '--json').out)
+    assert [one['shares']['plate'] for one in got['runs']] == ['first', 'second']
+    assert [(test['item'], test['declared']) for test in got['tests']] == [
+        ('table', False), ('cmm', False), ('frame', True)]
+
+
+def test_a_wrong_declaration_is_told(rosette, tmp_path):
+    """It is used, in red, and what to do."""
+    moved = tmp_path / 'moved.csv'
+    run = simulated_run()
+    write_csv(run.replace(centre=run.centre + np.outer(run.ball == 3, [0, 0, 2e-6])), moved)
+    share = tmp_path / 'share.yaml'
+    share.write_text(SHARED + 'plate: shared\n')
+    out = ' '.join(rosette('evaluate', simulated_table(), moved, '--share', share).out.split())
+    assert 'CONTRADICT it' in out
+
+
+@pytest.mark.parametrize(('text', 'words'), [
+    ('table: shared\n', 'wanted a mapping with "schema: rosette-sharing/1"'),
+    (SHARED + 'tabel: shared\n', "'tabel': wanted one of schema, table, plate"),
+    (SHARED + 'table: [a]\n', r'table: wanted shared, separate, or a name for each of 2 runs such as [1, 2]'),
+    (SHARED + 'seat: cone\n', "seat: wanted one of free, plane, pilot, both, got 'cone'"),
+    (SHARED + 'by_sense: 1\n', 'by_sense: wanted true or false, got 1'),
+    (SHARED + 'plate_turned_deg: [0, .nan]\n', 'plate_turned_deg: wanted an angle in degrees for each of 2 runs'),
+    (SHARED + 'plate_turned_deg: [0, 10]\n', 'turned by 10 deg: wanted whole pitches of 45 deg')])
+def test_sharing_files_that_mean_nothing_are_refused(refused, tmp_path, text, words):
+    """In one line with the key."""
+    share = tmp_path / 'share.yaml'
+    share.write_text(text)
+    assert words in refused('evaluate', simulated_table(), simulated_table(order='diagonal'), '--share', share)
+
+
+def test_options_that_do_not_go_together_are_refused(refused, back):
+    """Several runs without --joint; a model or a run_id with it."""
+    assert 'wanted one RUN, got 2; --joint evaluates several as one' in refused('evaluate', back, back)
+    assert 'wanted no --model' in refused('evaluate', back, '--joint', '--model', 'model.yaml')
+    assert 'got --run-id' in refused('evaluate', back, back, '--joint', '--run-id', 'x')

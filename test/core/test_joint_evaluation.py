@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What runs of simulated machines share, whether the data allow it, and what became known."""
+
+import functools
+
+import numpy as np
+import pytest
+
+from rosette_ros.core.errors import NotDeterminable
+from rosette_ros.core.joint.joint_evaluation import evaluate_jointly, found_turn
+from rosette_ros.core.joint.readings import Readings
+from rosette_ros.core.records import CURVES, remove_gauge
+from rosette_ros.core.scheme import plan
+from rosette_ros.simulation import Machine, MachineConfig
+
+BACKLASH = {'kind': 'table_backlash', 'width_urad': 2.0}
+
+
+def config(seed=1, n=8, **groups):
+    """Return a small cell."""
+    return MachineConfig().changed(seed=seed, plate={'balls': n}, **groups)
+
+
+@functools.cache
+def measured(seed=1, n=8, order='diagonal', turn=0.0, noise=0, hidden='', sense=1, cmm=''):
+    """Return (machine, readings) of one run; noise: its own draws; sense: in which the table always turns."""
+    groups = {'clamping': {'plate_turn_deg': turn}}
+    if hidden:
+        groups['hidden'] = [BACKLASH]
+    if cmm:
+        groups['cmm'] = {'straightness_um': 5.0}
+    machine = Machine(config(seed, n, **groups))
+    for _ in range(noise):
+        machine.align()
+    scheme = plan(n, order)
+    made, alignment, _ = machine.calibrate(scheme if sense > 0 else backwards(scheme), run_id=f'{order}{noise}')
+    return machine, Readings.of(made, alignment.frame)
+
+
+def backwards(scheme):
+    """Return a scheme in which the table always turns clockwise."""
+    return type(scheme)(scheme.n, scheme.order, 0, scheme.table_position[::-1], scheme.ball[::-1], -scheme.approach)
+
+
+def joint(*runs, **declared):
+    """Return the JointResult of readings."""
+    return evaluate_jointly([run for _, run in runs], declared)
+
+
+def test_a_run_alone_says_what_it_hides():
+    """Thirteen combinations, ten in the curves, and nothing that is known beyond."""
+    result = joint(measured())
+    assert (result.solution.hidden.shape[1], result.solution.hidden_in_curves) == (13, 10)
+    assert (result.tests, result.knowledge.known) == ((), ())
+    assert len(result.knowledge.hidden) == 8
+
+
+def test_there_and_back_gives_six_reversal_curves_with_means():
+    """A backlash of 2 µrad in crz, within its uncertainty, and no other reversal."""
+    result = joint(measured(order='there_and_back', n=12, hidden='backlash'))
+    assert [one.sense for one, _ in result.curves] == [1, -1]
+    assert 'the reversal of all six curves, with its means' in result.knowledge.known
+    (reversal,) = result.reversals
+    assert reversal.p < 1e-6
+    assert all(reversal.is_known)
+    error = (reversal.mean - [0, 0, 0, 0, 0, -2e-6]) / reversal.u_mean
+    assert np.abs(error).max() < 3
+    assert reversal.u_mean[CURVES.index('crz')] < 1e-7
+
+
+def test_two_logs_of_both_senses_share_their_frame_and_give_the_means():
+    """Each has a table frame of its own in the machine frame: readings are compared in the first one."""
+    result = joint(measured(hidden='backlash'), measured(hidden='backlash', sense=-1, noise=1))
+    assert result.sharing.frame == ('1', '1')
+    assert {test.item for test in result.tests} == {'table', 'plate', 'clamping', 'cmm', 'frame', 'sense'}
+    assert not any(test.is_contradicted for test in result.tests if test.item != 'sense')
+    (reversal,) = result.reversals
+    assert reversal.mean[5] == pytest.approx(-2e-6, abs=4 * reversal.u_mean[5])
+
+
+def test_without_the_frames_the_means_of_the_reversal_are_not_known():
+    """Tables in the table frame do not say where it was; a person may declare it."""
+    pair = [run.__class__(**{**vars(run), 'frame': None}) for _, run in (
+        measured(hidden='backlash'), measured(hidden='backlash', sense=-1, noise=1))]
+    result = evaluate_jointly(pair)
+    assert result.sharing.frame == ('1', '2')
+    assert not any(result.reversals[0].is_known)
+    assert 'reversal: mean of crz' in result.knowledge.hidden
+    assert any('determined its table frame anew' in note for note in result.notes)
+    assert all(evaluate_jointly(pair, {'frame': ('1', '1')}).reversals[0].is_known)
+
+
+@pytest.mark.parametrize('turn', [0.0, 90.0, 225.0])
+def test_the_turn_of_a_plate_shows_in_its_deviations(turn):
+    """Whole pitches, from the distances between the balls; another plate shows none."""
+    (_, first), (_, second) = measured(), measured(turn=turn, noise=1)
+    assert np.rad2deg(found_turn(first, second)) == pytest.approx(turn, abs=1e-9)
+    assert found_turn(first, measured(seed=2)[1]) == 0
+
+
+def test_a_turned_plate_is_one_plate():
+    """Its placement is free, its deviations are shared, and the curves agree with the truth."""
+    (machine, first), (_, second) = measured(), measured(turn=90.0, noise=1)
+    result = evaluate_jointly([first, second])
+    assert result.sharing.clamping[0] != result.sharing.clamping[1]
+    assert result.solution.model.unknowns == 12 * 8 + 6
+    assert not any(test.is_contradicted for test in result.tests)
+    assert 'turned by 90° against diagonal0' in result.notes[0]
+    ((_, motions),) = result.curves
+    error = (motions.values - remove_gauge(machine.table_truth(frame=first.frame))) / motions.u
+    assert np.sqrt(np.mean(error**2)) < 1.4
+
+
+@pytest.mark.parametrize(('second', 'item'), [
+    ({'seed': 2}, 'plate'), ({'cmm': 'bent'}, 'cmm'), ({'turn': 360.0}, None)])
+def test_what_the_data_contradict_is_not_shared(second, item):
+    """Another plate or another CMM is found by the test; the same ones are not suspected."""
+    result = joint(measured(), measured(noise=1, **second))
+    contradicted = [test.item for test in result.tests if test.is_contradicted]
+    assert (item in contradicted) if item else contradicted == []
+    assert not any(test.is_used for test in result.tests if test.is_contradicted)
+    assert result.lack_of_fit_p > 1e-3
+
+
+def test_a_declaration_is_used_and_judged():
+    """Two plates that are declared one: it is done, and the test says that it is wrong."""
+    result = joint(measured(), measured(seed=2, noise=1), plate=('1', '1'), clamping=('1', '2'))
+    test = next(test for test in result.tests if test.item == 'plate')
+    assert (test.is_used, test.is_contradicted) == (True, True)
+    assert 'plate' in result.declared
+    assert result.lack_of_fit_p < 1e-6
+
+
+def test_a_seat_that_reproduces_gives_what_turns_once():
+    """The tilt against the face of the seat becomes known, by trust: of its three parts only the height is tested."""
+    result = joint(measured(), measured(turn=90.0, noise=1), seat='plane')
+    assert 'once-per-turn part of (crx, cry): tilt' in result.knowledge.known
+    assert result.solution.hidden_in_curves == 8
+    assert next(test for test in result.tests if test.item == 'seat').dof == 1
+
+
+def test_a_calibrated_cmm_gives_the_scale():
+    """And the machine frame; that the deviations are zero is tested."""
+    result = joint(measured(), cmm_is_calibrated=True)
+    assert {'radial scale of plate and CMM', 'mean of ctx and cty'} <= {*result.knowledge.known}
+    assert [(test.item, test.is_contradicted) for test in result.tests] == [('calibrated CMM', True)]
+
+
+def test_too_few_readings_are_refused():
+    """Nothing would be left to judge them by."""
+    _, run = measured()
+    few = np.arange(run.size) % 5 == 0
+    short = Readings(run.plate, run.angle, *(values[few] for values in (
+        run.table_position, run.ball, run.centre, run.angle_deviation, run.approach)))
+    with pytest.raises(NotDeterminable, match='leave -?[0-9]+ degrees of freedom; measure more balls or share more'):
+        evaluate_jointly([short])
+
+
+@pytest.mark.parametrize('kind', ['turned', 'senses'])
+def test_normalised_errors_of_simulated_runs(kind):
+    """Over 20 machines the errors of the curves are as large as their uncertainties say: 0.8 to 1.2."""
+    errors = []
+    for seed in range(20):
+        second = {'turn': 120.0} if kind == 'turned' else {'sense': -1}
+        (machine, first), (_, other) = measured(seed, 6), measured(seed, 6, noise=1, **second)
+        result = evaluate_jointly([first, other])
+        truth = remove_gauge(machine.table_truth(frame=first.frame))
+        errors += [(motions.values - truth) / motions.u for _, motions in result.curves]
+        errors += [one.motions.values / one.motions.u for one in result.reversals]
+    assert 0.8 < np.sqrt(np.mean(np.square(errors))) < 1.2
