@@ -167,8 +167,9 @@ class Run:
         return (self.table_position - 1) * self.n + self.ball - 1
 
     def replace(self, **changes: Any) -> 'Run':
-        """Return a copy with other values of some fields."""
-        return replace(self, **changes)
+        """Return a copy with other values of some fields; the CMM's senses of other readings are derived anew."""
+        anew = {'cmm_sense': None, 'unrecorded': None} if {'table_position', 'ball'} & changes.keys() else {}
+        return replace(self, **{**anew, **changes})
 
     def take(self, index: Bools | Ints | list[int]) -> 'Run':
         """Return the run with only the readings of a mask or of positions, in the same order."""

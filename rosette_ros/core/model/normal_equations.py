@@ -3,11 +3,12 @@
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse
 
 from rosette_ros.core.geometry import nominal_angles
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Whitening
-from rosette_ros.core.records import Bools, Floats, Run
+from rosette_ros.core.records import Bools, Floats, Ints, Run
 
 Gauge = tuple[Floats, Floats]
 """Vectors (q, k) that no readings see, and the constraints (k, q) that fix them, of q unknowns."""
@@ -15,7 +16,7 @@ Gauge = tuple[Floats, Floats]
 
 def base_parts(run: Run, terms: tuple[str, ...], whitening: Whitening | None = None) -> 'tuple[Part, Part]':
     """Return the least squares of z and of x and y in white coordinates."""
-    z, w = _z_design(run, terms), _w_design(run, terms)
+    z, w = (design.toarray() for design in designs(run, terms))
     if whitening is not None and not whitening.is_plain:
         z = whitening.along(2, z.T).T
         for axis in (0, 1):
@@ -73,31 +74,37 @@ class Part:
         return np.asarray(share > max(0.5 * share.max(initial=0), 1e-6))
 
 
-def _one_hot(run: Run) -> tuple[Floats, Floats, Floats]:
-    """Return which table position, ball and CMM position each reading has, (N, n) each."""
-    at, of, on = ((index[:, None] == np.arange(1, run.n + 1)).astype(float)
-                  for index in (run.table_position, run.ball, run.cmm_position))
-    return at, of, on
+def designs(run: Run, terms: tuple[str, ...] = BASE_TERMS) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]:
+    """Return the sparse designs of z, (N, 5 n): ctz, R crx, R cry, P_z, M_z, and of (x, y), (2 N, 7 n).
 
-
-def _z_design(run: Run, terms: tuple[str, ...]) -> Floats:
-    """Return the design of z, (N, 5 n): ctz, R crx, R cry, P_z, M_z."""
+    The latter has x and y of a reading in turn: ctx, cty, R crz, P_x, P_y, M_x, M_y.
+    """
     table, plate, cmm = (float(term in terms) for term in BASE_TERMS)
-    at, of, on = _one_hot(run)
-    sin, cos = np.sin(run.alpha)[:, None], np.cos(run.alpha)[:, None]
-    return np.hstack([table * at, table * sin * at, -table * cos * at, plate * of, cmm * on])
+    n, one = run.n, np.ones(run.size)
+    at, of, on = run.table_position - 1, run.ball - 1, run.cmm_position - 1
+    sin, cos = np.sin(run.alpha), np.cos(run.alpha)
+    sin_t, cos_t = np.sin(run.phi), np.cos(run.phi)
+    z = [(0, at, table * one), (n, at, table * sin), (2 * n, at, -table * cos), (3 * n, of, plate * one),
+         (4 * n, on, cmm * one)]
+    x = [(0, at, table * one), (2 * n, at, -table * sin), (3 * n, of, plate * cos_t), (4 * n, of, -plate * sin_t),
+         (5 * n, on, cmm * one)]
+    y = [(n, at, table * one), (2 * n, at, table * cos), (3 * n, of, plate * sin_t), (4 * n, of, plate * cos_t),
+         (6 * n, on, cmm * one)]
+    return _sparse(z, 5 * n), _sparse([entry for pair in zip(x, y) for entry in pair], 7 * n, 2)
 
 
-def _w_design(run: Run, terms: tuple[str, ...]) -> Floats:
-    """Return the design of (x, y) interleaved, (2 N, 7 n): ctx, cty, R crz, P_x, P_y, M_x, M_y."""
-    table, plate, cmm = (float(term in terms) for term in BASE_TERMS)
-    at, of, on = _one_hot(run)
-    zero = np.zeros_like(at)
-    sin, cos = np.sin(run.alpha)[:, None], np.cos(run.alpha)[:, None]
-    sin_t, cos_t = np.sin(run.phi)[:, None], np.cos(run.phi)[:, None]
-    x = np.hstack([table * at, zero, -table * sin * at, plate * cos_t * of, -plate * sin_t * of, cmm * on, zero])
-    y = np.hstack([zero, table * at, table * cos * at, plate * sin_t * of, plate * cos_t * of, zero, cmm * on])
-    return np.stack([x, y], axis=1).reshape(2 * run.size, 7 * run.n)
+def _sparse(entries: list[tuple[int, Ints, Floats]], width: int, axes: int = 1) -> scipy.sparse.csr_array:
+    """Return the matrix of columns' entries (first column, column of each reading, value); axes take turns."""
+    size = entries[0][1].size
+    row = np.stack([axes * np.arange(size) + place % axes for place in range(len(entries))], axis=1)
+    column = np.stack([first + index for first, index, _ in entries], axis=1)
+    value = np.stack([values for _, _, values in entries], axis=1)
+    return scipy.sparse.csr_array((value.ravel(), (row.ravel(), column.ravel())), shape=(axes * size, width))
+
+
+def gauges(n: int) -> tuple[Gauge, Gauge]:
+    """Return the Gauge of z and of x and y."""
+    return _z_gauge(n), _w_gauge(n)
 
 
 def _rows(*rows: list[Floats]) -> Floats:

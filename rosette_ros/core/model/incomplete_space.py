@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The base model on a run that lacks single readings: that of the complete run, with the missing cells filled.
+
+With H the projection of the complete run on its model and F the missing cells, what is filled in, x, leaves nothing
+there: S x = -((1 - H) y)_F with S = (1 - H)_FF; then all else is that of the complete run. Few columns are filled by
+conjugate gradients, one FFT pair a step; many by the Cholesky factor of S. The uncertainties come from the normal
+equations of table and plate, the CMM eliminated, and the gauge fixed by its known null vectors.
+"""
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.fft
+import scipy.linalg
+from numpy.typing import NDArray
+
+from rosette_ros.core.geometry import nominal_angles
+from rosette_ros.core.model.base_model import BaseLines, BaseParameters, Basis, CompleteSpace
+from rosette_ros.core.model.model import BASE_TERMS
+from rosette_ros.core.model.noise import Real, Whitening
+from rosette_ros.core.model.normal_equations import base_parts, designs, gauges
+from rosette_ros.core.records import Floats, Run
+
+FEW, MOST = 24, 2000
+"""Columns, and missing cells, above which the factor of S pays, and does not."""
+SINGULAR = 1e-9
+"""Pivot, over the largest, below which the rank may be short."""
+STEPS, ROUNDING = 500, {4: 1e-6, 8: 1e-15}
+"""Most steps of the conjugate gradients, and what they leave at most, by the bytes of a number."""
+
+
+class IncompleteSpace:
+    """The base model on a run without repeats whose noise is white but for z.
+
+    Raises LinAlgError where the readings may not determine all unknowns.
+    """
+
+    def __init__(self, run: Run, lever: float, whitening: Whitening | None = None) -> None:
+        n = run.n
+        self.whitening = whitening or Whitening(run.size, np.ones(3))
+        self.n, self.lever, self.terms, self.rank = n, lever, BASE_TERMS, 12 * n - 13
+        self._run = run
+        position, place = np.divmod(np.arange(n * n), n)
+        self._complete = CompleteSpace(
+            Run(n, run.radius, position + 1, (place - position) % n + 1, np.zeros((n * n, 3))), lever)
+        self._cell = (run.table_position - 1) * n + run.cmm_position - 1
+        self._missing = np.setdiff1d(np.arange(n * n), self._cell)
+        self._variance = _curve_variance(run)
+
+    @cached_property
+    def basis(self) -> Basis:
+        """Orthonormal rows that span the base model."""
+        return Basis.of_parts(base_parts(self._run, self.terms))
+
+    def residual(self, columns: NDArray[Real]) -> NDArray[Real]:
+        """Return what the base model cannot describe of columns (m, N, 3), in white coordinates, same precision."""
+        return self.free(self.whitening.apply(columns))
+
+    def free(self, columns: NDArray[Real]) -> NDArray[Real]:
+        """Return what the base model cannot describe of white columns (m, N, 3), same shape and precision."""
+        if not len(columns):
+            return columns
+        return self._complete.free(self._filled(columns))[:, self._cell]
+
+    def parameters(self, columns: Floats) -> BaseParameters:
+        """Return the BaseParameters that describe columns (m, N, 3) best, in the gauge."""
+        return self._complete.parameters(self._filled(columns))
+
+    def curve_cofactor(self) -> Floats:
+        """Return the variances of the curves for unit variance of a coordinate, (n, 6)."""
+        plane, z = self.whitening.sd[[0, 2]]**2
+        r = self.lever**2
+        return np.asarray(self._variance * np.array([plane, plane, z, z / r, z / r, plane / r]))
+
+    def _filled(self, columns: NDArray[Real]) -> NDArray[Real]:
+        """Return columns (m, N, 3) on the complete grid, (m, n n, 3), with what the model says where none is."""
+        grid = np.zeros((len(columns), self.n**2, 3), dtype=columns.dtype)
+        grid[:, self._cell] = columns
+        wanted = -self._complete.free(grid)[:, self._missing]
+        solve = self._by_factors if len(columns) > FEW and self._missing.size <= MOST else self._by_steps
+        grid[:, self._missing] = solve(wanted)
+        return grid
+
+    def _seen(self, cells: NDArray[Real]) -> NDArray[Real]:
+        """Return S of values (m, F, 3) in the missing cells."""
+        grid = np.zeros((len(cells), self.n**2, 3), dtype=cells.dtype)
+        grid[:, self._missing] = cells
+        return self._complete.free(grid)[:, self._missing]
+
+    def _by_steps(self, wanted: NDArray[Real]) -> NDArray[Real]:
+        found, left = np.zeros_like(wanted), wanted.copy()
+        way, size = left, np.sum(left**2, axis=(1, 2))
+        least = size * ROUNDING[wanted.itemsize]**2
+        for _ in range(STEPS):
+            if np.all(size <= least):
+                break
+            seen = self._seen(way)
+            step = size / np.maximum(np.sum(way * seen, axis=(1, 2)), np.finfo(wanted.dtype).tiny)
+            found += step[:, None, None] * way
+            left -= step[:, None, None] * seen
+            before, size = size, np.sum(left**2, axis=(1, 2))
+            way = left + (size / np.maximum(before, np.finfo(wanted.dtype).tiny))[:, None, None] * way
+        return found
+
+    def _by_factors(self, wanted: NDArray[Real]) -> NDArray[Real]:
+        out = np.empty_like(wanted)
+        z, w = self._single if wanted.itemsize == 4 else self._factors
+        out[..., 2] = scipy.linalg.cho_solve((z, True), wanted[..., 2].T, check_finite=False).T
+        plane = wanted[..., :2].reshape(len(wanted), -1).T
+        out[..., :2] = scipy.linalg.cho_solve((w, True), plane, check_finite=False).T.reshape(*wanted.shape[:2], 2)
+        return out
+
+    @cached_property
+    def _factors(self) -> tuple[Floats, Floats]:
+        """Cholesky factors of S of z, (F, F), and of x and y, (2 F, 2 F).
+
+        H of z and of w = x + iy depends on the differences of table and CMM positions alone, but for crz: e_t e_t'.
+        """
+        n, count = self.n, self._missing.size
+        lines = BaseLines.of(n)
+        i, k = np.divmod(self._missing, n)
+        di, dk = (i[:, None] - i) % n, (k[:, None] - k) % n
+        z = np.eye(count) - scipy.fft.ifft2(lines.z).real[di, dk]
+        kernel = scipy.fft.ifft2(lines.w)[di, dk]
+        angle = nominal_angles(n)[k]
+        tangential = np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
+        turn = scipy.fft.ifft(lines.crz).real[di] / n
+        w = -turn[:, None, :, None] * tangential[:, :, None, None] * tangential
+        w[:, 0, :, 0] -= kernel.real
+        w[:, 1, :, 1] -= kernel.real
+        w[:, 0, :, 1] += kernel.imag
+        w[:, 1, :, 0] -= kernel.imag
+        w = w.reshape(2 * count, 2 * count) + np.eye(2 * count)
+        return np.linalg.cholesky(z), np.linalg.cholesky(w)
+
+    @cached_property
+    def _single(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        z, w = self._factors
+        return z.astype(np.float32), w.astype(np.float32)
+
+
+def _curve_variance(run: Run) -> Floats:
+    """Return the variances of ctx, cty, ctz, R crx, R cry and R crz for unit variance of a coordinate, (n, 6)."""
+    n = run.n
+    (x, y, turn), (z, *tilts) = (
+        _eliminated(design, gauge, last, n) for design, gauge, last in zip(designs(run)[::-1], gauges(n)[::-1], (2, 1)))
+    return np.stack([x, y, z, *tilts, turn], axis=-1)
+
+
+def _eliminated(design: Any, gauge: tuple[Floats, Floats], last: int, n: int) -> Floats:
+    """Return the variances of the first 3 n unknowns of a sparse design in the gauge, (3, n).
+
+    The last `last` n unknowns have a diagonal block and are eliminated.
+    """
+    kept = design.shape[1] - last * n
+    normal = design.T @ design
+    own = normal.diagonal()[kept:]
+    if not own.all():
+        raise np.linalg.LinAlgError('a CMM position without readings')
+    across = normal[:kept, kept:].toarray()
+    null = np.linalg.qr(gauge[0][:kept])[0]
+    schur = normal[:kept, :kept].toarray() - (across / own) @ across.T + n * null @ null.T
+    root = scipy.linalg.cholesky(schur, lower=True, overwrite_a=True, check_finite=False)
+    pivots = np.diag(root)**2
+    if pivots.min() < SINGULAR * pivots.max():
+        raise np.linalg.LinAlgError('the readings leave unknowns open')
+    rows = scipy.linalg.solve_triangular(root, np.eye(kept, 3 * n), lower=True, overwrite_b=True, check_finite=False)
+    fixed = gauge[1][:, :3 * n]
+    fixed = np.linalg.qr(fixed[np.any(fixed, axis=1)].T)[0]
+    rows -= (rows @ fixed) @ fixed.T
+    return np.asarray(np.sum(rows**2, axis=0).reshape(3, n))
