@@ -5,13 +5,15 @@ import math
 import re
 from collections.abc import Container, Iterable, Mapping
 from datetime import UTC, datetime
-from itertools import islice
 from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from rosette_ros.core.diagnosis.verdict import p_value as p_value
 from rosette_ros.core.diagnosis.verdict import p_words
 from rosette_ros.core.effects.library import BASE_EFFECTS, EFFECTS
 from rosette_ros.core.records import CURVES, Run
+from rosette_ros.core.scheme import cmm_position
 
 if TYPE_CHECKING:  # plan and info start without the least squares
     from rosette_ros.core.model.least_squares import Fit, Parameter
@@ -164,19 +166,33 @@ def shown_parameter(parameter: 'Parameter') -> tuple[str, str, str]:
     return signed(scale.factor * parameter.value, places), f'±{fixed(spread, places)}', scale.unit
 
 
+def _unmeasured(run: Run) -> tuple[str, list[int]]:
+    """Return at which places a run was measured, '' at all, and the cells that it lacks there."""
+    words, wanted = [], np.ones((run.n, run.n), dtype=bool)
+    position, ball = np.indices((run.n, run.n)) + 1
+    for what, used, place in (('CMM positions', run.cmm_position, cmm_position(run.n, position, ball)),
+                              ('balls', run.ball, ball)):
+        numbers = np.unique(used)
+        if numbers.size < run.n:
+            words.append(f'only {what} {", ".join(map(str, numbers))} of {run.n} in use, deviations of the others '
+                         'are not measured')
+            wanted &= np.isin(place, numbers)
+    return '; '.join(words), np.setdiff1d(np.flatnonzero(wanted), run.cells).tolist()
+
+
 def run_size(run: Run) -> str:
     """Return what was measured: '12 balls on R = 182.5 mm, 144 ball centres'."""
-    share = '' if run.is_complete else f' of {run.n**2}'
+    lacking = len(_unmeasured(run)[1])
+    share = f' of {run.size + lacking}' if lacking else ''
     return f'{run.n} balls on R = {millimetres(run.radius)}, {run.size}{share} ball centres'
 
 
 def missing_words(run: Run) -> str:
-    """Return which balls were not measured, at most MOST_MISSING of them, '' where none is missing."""
-    present = {*run.cells.tolist()}
-    count = run.n**2 - len(present)
-    cells = islice((cell for cell in range(run.n**2) if cell not in present), MOST_MISSING)
-    names = ', '.join(f'ball {cell % run.n + 1} at table position {cell // run.n + 1}' for cell in cells)
-    return f'{count} missing: {names}{" ..." if count > MOST_MISSING else ""}' if count else ''
+    """Return which places and balls were not measured, at most MOST_MISSING balls, '' where nothing is missing."""
+    places, cells = _unmeasured(run)
+    names = ', '.join(f'ball {cell % run.n + 1} at table position {cell // run.n + 1}' for cell in cells[:MOST_MISSING])
+    missing = f'{len(cells)} missing: {names}{" ..." if len(cells) > MOST_MISSING else ""}' if cells else ''
+    return '; '.join(filter(None, (places, missing)))
 
 
 def plain_name(name: str) -> str:

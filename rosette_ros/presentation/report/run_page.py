@@ -96,7 +96,7 @@ def unknowns(summary: Summary) -> list[str]:
     return list(filter(None, (
         gauge, f'Not observable in this order of measurement: {text.names(hidden)}.' if hidden else '',
         f'Not judged: {"; ".join(reasons)}.' if reasons else '',
-        f'Not measured: {missing.replace(" ...", " and more")}.' if missing else '',
+        f'{missing[0].upper()}{missing[1:].replace(" ...", " and more")}.' if missing else '',
         'The repeatability is not known: lack of fit cannot be judged.' if run.repeatability is None else '',
         'The temperature was not recorded.' if not np.isfinite(run.temperature).any() else '', *(
             f'{remark[0].upper()}{remark[1:]}.' for remark in (*run.remarks, *run.notes)),
