@@ -56,7 +56,7 @@ MISTAKES = {
                           'where the table was asked to turn by 1.0472 rad'),
     'no approach': ('approach', {'approach': lambda _, a: 0}, 'approach is always 0 after 42 of 42 moves'),
     'other approach': ('approach', {'approach': lambda _, a: 1}, 'approach is not the asked sense after'),
-    'rounded': ('resolution', {'centre': rounded(1e-6)}, 'readings are rounded to 1 µm; give every digit that the CMM has'),
+    'rounded': ('resolution', {'centre': rounded(1e-6)}, 'readings are rounded to 1 µm; give every digit'),
     'echo': ('places', {'centre': lambda target, _: target.centre},
              '59 of 59 answers are exactly the place where the ball was expected'),
 }
