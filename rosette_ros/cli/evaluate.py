@@ -13,7 +13,7 @@ from rosette_ros.cli.console import console, fit_rows, head, pairs, print_json, 
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.io.model_file import read_model
-from rosette_ros.io.open_readings import open_readings
+from rosette_ros.io.open_readings import has_plate, open_readings
 from rosette_ros.io.open_run import open_run
 from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.presentation.joint_results import (
@@ -41,7 +41,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> None:
     """Print the evaluation."""
-    if options.joint or options.share:
+    if options.joint or options.share or any(map(has_plate, options.run_path)):
         run_jointly(options)
         return
     if len(options.run_path) > 1:

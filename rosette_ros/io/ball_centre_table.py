@@ -34,9 +34,12 @@ def read_csv(path: str | Path) -> Run:
 def parse_csv(data: bytes, source: str = 'table') -> Run:
     """Return the Run of a CSV table given as bytes; `source` is named in errors."""
     table = CsvTable(data, source)
+    if table.plate:
+        raise InvalidData(f'{source}: wanted a plate of equal pitch, got one of its own ("# plate: {table.plate}"); '
+                          'rosette evaluate takes such tables, other verbs do not')
     n = _find_balls(table)
     _check_rows(table, n)
-    angle, notes = _angles(table, n), list(filter(None, [table.notes]))
+    angle, notes = table_angles(table, n), list(filter(None, [table.notes]))
     if table.in_machine:
         places = nominal_places(n, 1e3 * table.radius, table.table_position, table.ball)
         frame = fitted_frame(table.centre, places)
@@ -145,10 +148,10 @@ def _find_balls(table: CsvTable) -> int:
     return n
 
 
-def _check_rows(table: CsvTable, n: int) -> None:
-    """Refuse unknown approaches, rows out of order, balls that stand twice and CMM positions of other balls."""
+def check_order(table: CsvTable) -> None:
+    """Refuse unknown approaches, rows out of order and balls that stand twice."""
     columns, i, j = table.columns, table.table_position, table.ball
-    approach, wanted = columns.get('approach', np.zeros(0)), cmm_position(n, i, j)
+    approach = columns.get('approach', np.zeros(0))
     for row in np.flatnonzero(np.abs(approach) > 1):
         raise table.wrong(row, 'approach', '1, -1 or 0 (unknown)', approach[row],
                           'it is the sense of the last move of the table, counter-clockwise 1')
@@ -164,13 +167,20 @@ def _check_rows(table: CsvTable, n: int) -> None:
             f'{table.source}: line {table.lines[second]}: wanted each pair of table position and ball once, got '
             f'table_position {i[second]}, ball {j[second]} again (first in line {table.lines[first]}); remove one, or '
             'say "# repeated_balls: yes"')
-    given = columns.get('cmm_position', wanted)
+
+
+def _check_rows(table: CsvTable, n: int) -> None:
+    """Refuse what check_order does, and CMM positions of other balls."""
+    check_order(table)
+    i, j = table.table_position, table.ball
+    wanted = cmm_position(n, i, j)
+    given = table.columns.get('cmm_position', wanted)
     for row in np.flatnonzero(given != wanted):
         raise table.wrong(row, 'cmm_position', f'{wanted[row]} for table_position {i[row]}, ball {j[row]} of {n}: '
                           '(i + j - 2) mod n + 1', given[row], 'if there are more balls, say so by "# balls: ..."')
 
 
-def _angles(table: CsvTable, n: int) -> Floats:
+def table_angles(table: CsvTable, n: int) -> Floats:
     """Return the table angles, nominal where the cell says no more than that, (N,), rad."""
     angle = table.columns['table_angle_deg'].astype(float, copy=False)
     position = table.table_position - 1

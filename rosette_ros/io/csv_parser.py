@@ -23,7 +23,7 @@ _OPTIONAL = frozenset(('cmm_position', 'temperature_C', 'approach', *WAY_COLUMNS
 _INTEGERS = frozenset(('seq', 'table_position', 'ball', 'cmm_position', 'approach'))
 _EMPTY = {'temperature_C': 'nan', 'approach': '0'}  # what an empty cell means
 _KEYS = ('schema', 'radius_mm', 'repeatability_um', 'repeatability_dof', 'run_id', 'balls', 'repeated_balls',
-         'pauses_before', 'frame', 'simulated', 'note')
+         'pauses_before', 'frame', 'simulated', 'note', 'plate', 'table_positions')
 SEPARATORS = {',': 'commas', ';': 'semicolons', '\t': 'tabs'}
 _PLACE = ('x_mm', 'y_mm', 'z_mm')
 Row = tuple[int, list[str]]
@@ -130,7 +130,7 @@ class _Heading:
             raise InvalidData(f'{source}: wanted {wanted}, got none; {_TEMPLATE}')
         if self._values['schema'][0] != SCHEMA:
             raise _wrong(source, self._values['schema'][1], '', wanted, repr(self._values['schema'][0]))
-        if 'radius_mm' not in self._values:
+        if not {'radius_mm', 'plate'} & {*self._values}:
             raise InvalidData(f'{source}: wanted "# radius_mm: ...", the nominal radius of the circle of ball centres, '
                               'in the first lines, got none')
 
@@ -168,7 +168,8 @@ class CsvTable:
     columns: array (N,) by column name, units as in the name; centre: (N, 3), mm; angle_cells: the texts of
     table_angle_deg; lines: line of each row; radius, repeatability: m; balls: as the heading says, or None; session:
     (N,) 1 and one more from each row of `pauses_before` on; in_machine: whether the coordinates are in the machine
-    frame; notes: how the table was read, in words."""
+    frame; plate, positions: the plate file, '' where the pitch is equal, and how many steps a turn of the table has, or
+    None; notes: how the table was read, in words."""
 
     def __init__(self, data: bytes, source: str) -> None:
         above, sheet, self.notes = _read_sheet(_lines(data, source), source)
@@ -195,6 +196,8 @@ class CsvTable:
         self.in_machine = heading.value(
             'frame', 'table or machine', {'table': False, 'machine': True}.__getitem__, False)
         self.session = heading.session(len(rows))
+        self.plate = heading.value('plate', 'a file', str, '')
+        self.positions = heading.value('table_positions', 'a whole number', _whole, None)
 
     def wrong(self, row: int | np.integer, column: str, wanted: str, got: object, advice: str = '') -> InvalidData:
         """Return the InvalidData for one cell."""

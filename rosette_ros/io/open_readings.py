@@ -1,14 +1,80 @@
 # SPDX-License-Identifier: Apache-2.0
-"""RUN as a joint evaluation takes it: with the table frame of a log, and with the plate file of a table."""
+"""RUN as a joint evaluation takes it: with the table frame of a log, or with the plate file of a table."""
 
+import re
 from pathlib import Path
 
-from rosette_ros.core.joint.readings import Readings
+import numpy as np
+
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.geometry import Floats, fitted_frame, nominal_angles, rotate_z, wrap
+from rosette_ros.core.joint.readings import Plate, Readings
+from rosette_ros.io.ball_centre_table import MAX_BYTES, check_order, table_angles
+from rosette_ros.io.csv_parser import CsvTable
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.open_run import is_log, open_run
+from rosette_ros.io.plate_file import read_plate
+from rosette_ros.io.text_file import read_limited
+
+_PLATE_LINE = re.compile(rb'^"?#\s*plate\s*:', re.MULTILINE)
+_HEAD = 1 << 16
+MOST_POSITIONS = 3600
+
+
+def has_plate(path: str | Path) -> bool:
+    """Return whether a path is a ball-centre table with a plate file; raises InvalidData where nothing is there."""
+    if is_log(path):
+        return False
+    with open(path, 'rb') as stream:
+        return bool(_PLATE_LINE.search(stream.read(_HEAD)))
 
 
 def open_readings(path: str | Path, run_id: str | None = None) -> Readings:
-    """Return the Readings of a log directory, an .mcap file or a CSV table; raises InvalidData as open_run."""
+    """Return the Readings of a log directory, an .mcap file or a CSV table, which may have a plate of any pitch.
+
+    Raises InvalidData as open_run, and where plate file and table do not belong together."""
+    if has_plate(path):
+        return _with_plate(Path(path))
     run = open_run(path, run_id)
     return Readings.of(run, read_log(path).frame_of(run.run_id) if is_log(path) else None)
+
+
+def _with_plate(path: Path) -> Readings:
+    table = CsvTable(read_limited(path, 'a table', MAX_BYTES), str(path))
+    if Path(table.plate).name != table.plate:
+        raise InvalidData(f'{path}: plate: wanted the name of a file beside the table, got {table.plate!r:.80}')
+    plate = read_plate(path.parent / table.plate)
+    positions = table.positions
+    if positions is None or not 1 <= positions <= MOST_POSITIONS:
+        raise InvalidData(f'{path}: wanted "# table_positions: ...", how many equal steps a turn of the table has (at '
+                          f'most {MOST_POSITIONS}), got {"none" if positions is None else positions}')
+    if table.balls not in (None, plate.balls):
+        raise InvalidData(f'{path}: balls: wanted {plate.balls}, as the plate file {table.plate} has, got '
+                          f'{table.balls}')
+    for name, index, most in (('table_position', table.table_position, positions), ('ball', table.ball, plate.balls)):
+        for row in np.flatnonzero((index < 1) | (index > most)):
+            raise table.wrong(row, name, f'1..{most}', index[row])
+    check_order(table)
+    angle = table_angles(table, positions)
+    nominal = nominal_angles(positions)[table.table_position - 1]
+    places = 1e3 * rotate_z(nominal, plate.centres[table.ball - 1])
+    notes = [table.notes] if table.notes else []
+    if table.in_machine:
+        table.centre = fitted_frame(table.centre, places).to_inner(table.centre)
+        notes.append('the table frame was fitted to all readings')
+    _check_distance(table, plate, table.centre - places)
+    return Readings(plate, nominal_angles(positions), table.table_position, table.ball, table.centre / 1e3,
+                    wrap(angle - nominal), table.columns.get('approach', np.zeros(table.ball.size)).astype(np.int64),
+                    table.repeatability, table.repeatability_dof, None, table.run_id, str(path), tuple(notes))
+
+
+def _check_distance(table: CsvTable, plate: Plate, off: Floats) -> None:
+    """Refuse ball centres that are further from their places than half of the way to the nearest other ball."""
+    apart = np.linalg.norm(plate.centres[:, None] - plate.centres, axis=-1) + np.diag(np.full(plate.balls, np.inf))
+    most = 500 * apart.min()
+    distance = np.linalg.norm(off, axis=1)
+    for row in np.flatnonzero(distance > most):
+        raise table.wrong(
+            row, 'x_mm, y_mm, z_mm', f'a place within {most:.3f} mm of that which table angle and plate file give',
+            f'one {distance[row]:.3f} mm away', 'the plate file counts azimuths counter-clockwise from x at table '
+            'angle 0, in the frame of the table')

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A plate of any pitch, schema rosette-plate/1: nominal or calibrated ball centres, as YAML or CSV."""
+
+import csv
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.geometry import Floats
+from rosette_ros.core.joint.readings import Plate
+from rosette_ros.io.safe_yaml import parse_yaml
+from rosette_ros.io.text_file import read_limited
+
+SCHEMA = 'rosette-plate/1'
+MOST_BYTES, MOST_BALLS = 1 << 20, 720
+_LISTS = ('azimuth_deg', 'radius_mm', 'height_mm')
+_KEYS = ('schema', 'calibrated', *_LISTS)
+LEAST_BALLS = 3
+LEAST_PITCH = 1e-3
+"""Balls that are nearer to each other, m, are one ball given twice."""
+
+
+def read_plate(path: str | Path) -> Plate:
+    """Return the Plate of a file; raises InvalidData, naming file and key, where it is none."""
+    data = read_limited(path, 'a plate file', MOST_BYTES)
+    values = _from_csv(data, str(path)) if Path(path).suffix.lower() == '.csv' else parse_yaml(
+        data, str(path), InvalidData)
+    if not isinstance(values, dict) or values.get('schema') != SCHEMA:
+        raise InvalidData(f'{path}: wanted a mapping with "schema: {SCHEMA}", got {values!r:.80}')
+    for key in values:
+        if key not in _KEYS:
+            raise InvalidData(f'{path}: {key!r:.40}: wanted one of {", ".join(_KEYS)}')
+    calibrated = values.get('calibrated', False)
+    if not isinstance(calibrated, bool):
+        raise InvalidData(f'{path}: calibrated: wanted true or false, got {calibrated!r:.80}')
+    azimuth = values.get('azimuth_deg')
+    if not isinstance(azimuth, list) or not LEAST_BALLS <= len(azimuth) <= MOST_BALLS:
+        raise InvalidData(f'{path}: azimuth_deg: wanted a list of {LEAST_BALLS} to {MOST_BALLS} angles, one for each '
+                          f'ball, got {azimuth!r:.80}')
+    angle, radius, height = (_numbers(values.get(key, 0.0 if key == 'height_mm' else None), len(azimuth),
+                                      f'{path}: {key}') for key in _LISTS)
+    if radius.min() <= 0:
+        raise InvalidData(f'{path}: radius_mm: wanted positive numbers, got {radius.min():g}')
+    plate = Plate(np.deg2rad(angle), 1e-3 * radius, 1e-3 * height, calibrated, source=str(path))
+    apart = np.linalg.norm(plate.centres[:, None] - plate.centres, axis=-1) + np.diag(np.full(plate.balls, np.inf))
+    one, other = np.unravel_index(np.argmin(apart), apart.shape)
+    if apart[one, other] < LEAST_PITCH:
+        raise InvalidData(f'{path}: wanted each ball at a place of its own, got balls {one + 1} and {other + 1} at one')
+    return plate
+
+
+def _numbers(value: object, count: int, where: str) -> Floats:
+    """Return a number for each ball, from a list or from one number for all."""
+    every = value if isinstance(value, list) else [value] * count
+    if len(every) != count:
+        raise InvalidData(f'{where}: wanted a number, or one for each of {count} balls, got {len(every)}')
+    for number, one in enumerate(every, 1):
+        if type(one) not in (int, float) or not math.isfinite(one):
+            raise InvalidData(f'{where}: ball {number}: wanted a finite number, got {one!r:.40}')
+    return np.array(every, dtype=float)
+
+
+def _from_csv(data: bytes, source: str) -> dict[str, Any]:
+    """Return what the columns azimuth_deg, radius_mm and height_mm of a table hold, as the YAML form has it."""
+    try:
+        lines = data.decode('utf-8-sig').splitlines()
+    except UnicodeDecodeError as error:
+        raise InvalidData(f'{source}: wanted UTF-8 text, got byte {data[error.start]:#04x}') from None
+    values: dict[str, Any] = {}
+    for line in lines:
+        if line.startswith('#'):
+            key, _, text = (part.strip() for part in line[1:].partition(':'))
+            if key in _KEYS:
+                values[key] = {'yes': True, 'no': False}.get(text, text)
+    rows = list(csv.DictReader(line for line in lines if line.strip() and not line.startswith('#')))
+    for number, row in enumerate(rows, 1):
+        if row.get('ball', str(number)).strip() != str(number):
+            raise InvalidData(f'{source}: ball: wanted {number} in row {number}, got {row["ball"]!r:.40}')
+        for name in _LISTS:
+            if name in row:
+                try:
+                    values.setdefault(name, []).append(float(row[name]))
+                except (TypeError, ValueError):
+                    raise InvalidData(f'{source}: {name}: ball {number}: wanted a number, got '
+                                      f'{row[name]!r:.40}') from None
+    return values
