@@ -52,7 +52,7 @@ class Request:
 
 @dataclass(eq=False)
 class Job:
-    """The calibration that is on: its sequence, its goal handle, its log."""
+    """The running calibration: its sequence, its goal handle, its log."""
 
     sequence: Sequence
     request: Request

@@ -223,7 +223,7 @@ class CellClient(GraphClient):
             self._on_warning(f'{node}: {message.msg}')
 
     def _on_state(self, state: RunState) -> None:
-        """A sequencer that is idle while a calibration of it is on, is another process."""
+        """A sequencer that is idle while a calibration of it is running, is another process."""
         if self._sequencer.admits():
             self._has_state, self._progress = True, progress_of(state)
             self._is_restarted = self._is_restarted or state.phase == Phase.IDLE

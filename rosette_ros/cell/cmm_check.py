@@ -87,7 +87,7 @@ class CmmClient(CellClient):
               on_progress: Callable[[str], object] | None = None) -> CmmReport:
         """Ask for one ball several times, at some table positions forward and backwards, and for another ball.
 
-        values: as of `settings`. Raises CellError where there is no CMM, or a calibration is on."""
+        values: as of `settings`. Raises CellError where there is no CMM, or a calibration is running."""
         self._await_cmm()
         plan, limits = plan_of(values), limits_of(values)
         graph = self._graph_checks()
@@ -130,7 +130,8 @@ class CmmClient(CellClient):
                             'and ROS_DOMAIN_ID')
         self._spin_until(lambda: False, SETTLING)
         if self._progress.is_running:
-            raise CellError(f'cell {self._where}: run {self._progress.run_id} is on; wait for its end or cancel it')
+            raise CellError(f'cell {self._where}: run {self._progress.run_id} is running; wait for its end or cancel '
+                            'it')
 
     def _is_there(self) -> bool:
         return bool(self._node.count_publishers(names.BALL_CENTRE) and obeying(self._node))

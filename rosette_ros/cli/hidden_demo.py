@@ -69,7 +69,7 @@ def show(out: Console, config: MachineConfig, seed: int, log_path: Path, seconds
             out.print(f'  {escape(command(verb, shown(log_path)))}', soft_wrap=True)
         is_open = sys.stdin.isatty() and out.is_terminal
         if is_open:
-            out.input('Press Enter to be told now and to open it, or Ctrl-C to leave it shut. ')
+            out.input('Press Enter to see the results now and open it, or Ctrl-C to leave it shut. ')
     if is_open:
         tell(out, log_path)
 
@@ -159,7 +159,7 @@ def answer(kind: str, strength: float, diagnosis: Diagnosis) -> tuple[str, Level
         return 'not observable in this order, as stated', Level.DOUBTFUL
     if strength < SURE_SIGMA:
         return 'too small to be named', Level.DOUBTFUL
-    return 'not named' + (', but stated to be left unexplained' if diagnosis.unexplained else ''), Level.BAD
+    return 'not named' + (', but something is stated to be unexplained' if diagnosis.unexplained else ''), Level.BAD
 
 
 def visible_strengths(config: MachineConfig, run: Run, hidden: Sequence[Mapping[str, Any]]) -> tuple[float, Floats]:

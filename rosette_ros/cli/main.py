@@ -42,8 +42,8 @@ VERBS = {
     'runs': ('runs', 'the runs in a folder, with their verdicts'),
     'studio': ('studio', 'a page in the browser: verdict, curves, maps, what is missing, a running cell'),
     'info': ('info', 'what is in a run'),
-    'import': ('import_csv', 'a ball-centre table (CSV) becomes a log'),
-    'export': ('export_csv', 'a run becomes a ball-centre table (CSV)'),
+    'import': ('import_csv', 'convert a ball-centre table (CSV) to a log'),
+    'export': ('export_csv', 'convert a run to a ball-centre table (CSV)'),
     'replay': ('replay', 'publish the messages of a log again, for an evaluator'),
     'shell': ('shell', 'a shell that finds rosette and the Python with ROS'),
 }

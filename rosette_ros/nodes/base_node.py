@@ -205,8 +205,8 @@ class ManagedNode(LifecycleNodeMixin, CellNode):
 
     def _may(self, what: str) -> bool:
         if self.is_busy:
-            self.get_logger().warning(f'asked to {what}: wanted nothing to be on, got: {self.health()[1]}; cancel it '
-                                      'or wait for its end')
+            self.get_logger().warning(f'asked to {what}: wanted no calibration running, got: {self.health()[1]}; '
+                                      'cancel it or wait for its end')
         return not self.is_busy
 
 

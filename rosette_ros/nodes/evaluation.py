@@ -31,7 +31,7 @@ class _Collected:
     """A run as far as its messages have arrived."""
 
     answers: RunAnswers
-    expected: int | None = None  # answered targets at its end, None while it is on
+    expected: int | None = None  # answered targets at its end, None while it is running
     has_states: bool = False
     is_evaluated: bool = False
     is_over: bool = False
@@ -82,7 +82,7 @@ class RunCollection:
         run.has_states, run.is_over = True, run.is_over or is_over
 
     def end_all(self) -> None:
-        """Take note that nothing is on any more: the sequencer was restarted."""
+        """Take note that nothing is running any more: the sequencer was restarted."""
         for run in self._runs.values():
             run.is_over = True
 

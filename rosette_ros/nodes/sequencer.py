@@ -74,10 +74,10 @@ class Sequencer(ManagedNode):
         return response
 
     def _on_cancel_service(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Cancel the calibration that is on, by whichever interface it was requested."""
+        """Cancel the running calibration, by whichever interface it was requested."""
         job = self._job
         if job is None or job.is_over:
-            return Trigger.Response(message='wanted a run to cancel, got none that is on')
+            return Trigger.Response(message='wanted a run to cancel, got none that is running')
         self._publish_event(job.request, CalibrationEvent.CANCEL_REQUESTED, 'cancel requested', job)
         self._do(job, job.sequence.cancel())
         return Trigger.Response(success=True, message=job.run_id)
@@ -135,7 +135,7 @@ class Sequencer(ManagedNode):
             raise CellError(f'the sequencer is not active: no calibration starts until it is activated (ros2 lifecycle '
                             f'set {self.get_fully_qualified_name()} activate)')
         if self._job is not None:
-            raise CellError(f'run {self._job.run_id} is on ({self._job.progress}); wait for its end or cancel it')
+            raise CellError(f'run {self._job.run_id} is running ({self._job.progress}); wait for its end or cancel it')
         if missing := self._cell.missing(self.parameters['require_recorder']):
             raise CellError('; '.join(missing))
         return make_job(request, self.parameters.values(CALIBRATION), self._taken, recalled)
@@ -202,7 +202,7 @@ class Sequencer(ManagedNode):
 
     @property
     def is_busy(self) -> bool:
-        """Whether a calibration is on."""
+        """Whether a calibration is running."""
         return self._job is not None
 
     def wake(self) -> None:

@@ -131,7 +131,7 @@ class Controller:
         except RosetteError as error:
             session.keep(ticket, problem=one_line(error))
         except Exception as error:
-            session.keep(ticket, problem=f'a mistake of the program, told on the console: {one_line(error)}')
+            session.keep(ticket, problem=f'a program error, reported on the console: {one_line(error)}')
             self._begin(ticket, '')
             raise
         self._begin(ticket, '')
@@ -220,7 +220,7 @@ class Worker:
         except TimeoutError:
             if self._process is process:
                 self.stop()
-            raise WorkerFailed(f'wanted to be done within {within:g} s, was not') from None
+            raise WorkerFailed(f'wanted a result within {within:g} s, got none') from None
         if self._process is process:
             self._process = None
         if kind == ERROR:
@@ -255,4 +255,4 @@ def _work(sender: Connection, function: Callable[..., object], arguments: tuple[
     except RosetteError as error:
         sender.send((ERROR, error))
     except MemoryError:
-        sender.send((ERROR, WorkerFailed(f'wanted to need at most {(memory or 0) >> 20} MB of memory, needed more')))
+        sender.send((ERROR, WorkerFailed(f'wanted at most {(memory or 0) >> 20} MB of memory, got more')))

@@ -131,7 +131,7 @@ class Page:
                 for key, (words, _) in self._keys.items():
                     ui.label('Esc' if key == 'Escape' else key).classes('key')
                     ui.label(words)
-            ui.label('Tab and Enter reach everything else.').classes('soft small')
+            ui.label('All other controls: Tab and Enter.').classes('soft small')
             button('Close', self._help.close, 'close', 'help-close')
 
     # Showing

@@ -199,7 +199,7 @@ def test_the_verb_prints_ticks_and_json(cmm, module_domain_id, capsys):
 def test_nothing_moves_while_a_calibration_is_on(cmm, check):
     """The machine belongs to the sequencer then."""
     cmm.states.publish(RunState(run_id='run_a', phase=RunState.PHASE_RUN))
-    with pytest.raises(CellError, match='run run_a is on; wait for its end or cancel it'):
+    with pytest.raises(CellError, match='run run_a is running; wait for its end or cancel it'):
         check()
     cmm.states.publish(RunState(run_id='run_a', phase=RunState.PHASE_DONE))
 

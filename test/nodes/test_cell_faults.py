@@ -143,14 +143,15 @@ def test_cancel_ends_at_once_and_leaves_a_valid_log(cell_and_cmm, client):
 
 
 def test_what_the_plain_service_started_another_one_cancels(cell_and_cmm, client, wait_until, trigger):
-    """cancel_calibration ends whichever run is on, and says so where none is."""
+    """cancel_calibration ends whichever run is running, and says so where none is."""
     cell, cmm = cell_and_cmm
     cmm.wrong = lambda target, answer: None
     started, run_id = trigger(client, 'start_calibration')
     assert started
     assert trigger(client, 'cancel_calibration') == (True, run_id)
     wait_until(lambda: f'run {run_id}: cancelled' in cell.processes['sequencer'].text())
-    wait_until(lambda: trigger(client, 'cancel_calibration') == (False, 'wanted a run to cancel, got none that is on'))
+    refused = (False, 'wanted a run to cancel, got none that is running')
+    wait_until(lambda: trigger(client, 'cancel_calibration') == refused)
     wait_until(lambda: f'log of run {run_id}' in cell.processes['recorder'].text())
 
 
@@ -213,11 +214,11 @@ def test_second_calibration_is_refused_at_both_doors_while_one_is_on(cell_and_cm
     cmm.wrong = wrong
     outcome = client.calibrate(on_progress=intrude, check=cell.check)
     assert outcome.success, outcome.message
-    assert f'calibration refused: run {outcome.run_id} is on (run, 11 of 19 balls)' in said[0]
+    assert f'calibration refused: run {outcome.run_id} is running (run, 11 of 19 balls)' in said[0]
     assert 'wait for its end or cancel it' in said[0]
     started, words = said[1]
     assert not started
-    assert f'run {outcome.run_id} is on' in words
+    assert f'run {outcome.run_id} is running' in words
     kinds = [event.kind for event in read_log(outcome.log).events]
     assert kinds[-7:] == [1, 2, 1, 3, 1, 3, 5]
     served = [entry for entry in iter_log(outcome.log)

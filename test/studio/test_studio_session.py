@@ -204,7 +204,7 @@ def test_a_mistake_of_the_program_is_shown(controller, run, monkeypatch):
     with pytest.raises(ValueError, match='cannot reshape'):
         in_loop(controller.refresh())
     assert controller.step == ''
-    assert controller.session.results.problem == 'a mistake of the program, told on the console: cannot reshape'
+    assert controller.session.results.problem == 'a program error, reported on the console: cannot reshape'
 
 
 def test_all_base_terms_can_be_removed(controller, run):
@@ -303,9 +303,9 @@ def take_memory(size):
 
 def test_work_is_bounded():
     """In time and in memory, in words."""
-    with pytest.raises(WorkerFailed, match='wanted to be done within 0.1 s, was not'):
+    with pytest.raises(WorkerFailed, match='wanted a result within 0.1 s, got none'):
         in_loop(Worker().run(time.sleep, 600, within=0.1))
-    with pytest.raises(WorkerFailed, match='wanted to need at most 2048 MB of memory, needed more'):
+    with pytest.raises(WorkerFailed, match='wanted at most 2048 MB of memory, got more'):
         in_loop(Worker().run(take_memory, 4 << 30, memory=2 << 30))
     assert in_loop(Worker().run(take_memory, 1 << 20, within=60.0, memory=2 << 30)) == 1 << 20
 
