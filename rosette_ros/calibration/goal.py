@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A calibration from its request on: what was asked, what is planned, what an earlier part of the run has measured."""
 
-import dataclasses
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -17,36 +16,27 @@ from rosette_ros.core.errors import CellError
 from rosette_ros.io.messages import answer_of, target_of
 from rosette_ros.io.run_assembly import RunAnswers
 
+OF_EVENT = {'order': '', 'seed': 0, 'options': ''}
+"""Fields of the goal that a CalibrationEvent has too, and what they are where they are not set."""
+
 
 @dataclass(frozen=True)
 class Request:
-    """Who asks for a calibration, by which interface, and the fields of the goal as in Calibrate.action."""
+    """Who asks for a calibration, by which interface, and the fields of the goal that are set, by name."""
 
     origin: str
-    order: str = ''
-    seed: int = 0
-    options: str = ''
-    balls: int = 0
-    radius: float = 0.0
-    turning: str = ''
-    cmm_positions: str = ''
-    balls_in_use: str = ''
-    touches: int = 0
-    repeats: int = 0
-    drift_check: int = 0
-    attempts: int = 0
-    skips: int = 0
-    resume: str = ''
+    goal: Mapping[str, Any] = field(default_factory=dict)
 
     @staticmethod
     def of_goal(origin: str, goal: Any) -> 'Request':
         """Return the Request of a Calibrate goal."""
-        return Request(origin, **{one.name: getattr(goal, one.name) for one in dataclasses.fields(Request)[1:]})
+        return Request(origin, {name: value for name in (*OF_EVENT, *settings.FIELDS)
+                                if (value := getattr(goal, name))})
 
     @property
     def fields(self) -> str:
-        """The fields of the goal that are set, besides those of CalibrationEvent, as YAML."""
-        own = {name: value for name, value in list(dataclasses.asdict(self).items())[4:] if value}
+        """The fields of the goal besides OF_EVENT, as YAML."""
+        own = {name: value for name, value in self.goal.items() if name not in OF_EVENT}
         return yaml.safe_dump(own, sort_keys=False) if own else ''
 
 
@@ -105,7 +95,7 @@ def make_job(request: Request, configured: Mapping[str, Value], taken: Collectio
 
     configured: the settings of the sequencer, name to value; taken: run_ids that are used; recalled: the
     Recall.Response of the run that is resumed, None for a new run. Raises RosetteError with the reason why not."""
-    changes = settings.goal_changes(request)
+    changes = settings.goal_changes(request.goal)
     changes.pop(settings.RESUME.name, None)
     values = {**configured, **changes}
     if recalled is not None:

@@ -113,17 +113,16 @@ NONE: dict[str, dict[int, Value]] = {'repeats': {-1: 0}, 'skips': {-1: 0}, 'drif
 """What the constants of Calibrate.action stand for."""
 
 
-def goal_changes(goal: Any) -> dict[str, Value]:
-    """Return what a goal (any object with the fields of Calibrate's) changes, name to value; raises InvalidConfig."""
+def goal_changes(goal: Mapping[str, Any]) -> dict[str, Value]:
+    """Return what the fields of a goal that are set, by name, change, name to value; raises InvalidConfig."""
     known = {wanted.name: wanted for wanted in (*PLATE, *RUN, *LIMITS, RESUME)}
     changes = {}
-    for field, name in FIELDS.items():
-        value = getattr(goal, field)
-        if value:
-            changes[name] = known[name].check(NONE.get(field, {}).get(value, value), 'goal')
-    if goal.order or goal.seed:
-        changes['seed'] = known['seed'].check(goal.seed, 'goal')
-    options = parse_options(goal.options)
+    for field, value in goal.items():
+        if field in FIELDS:
+            changes[FIELDS[field]] = known[FIELDS[field]].check(NONE.get(field, {}).get(value, value), 'goal')
+    if 'order' in goal or 'seed' in goal:
+        changes['seed'] = known['seed'].check(goal.get('seed', 0), 'goal')
+    options = parse_options(goal.get('options', ''))
     for name in options:
         if name in changes:
             raise InvalidConfig(f'options: {name}: wanted it once, got it in the fields of the goal too; leave it out')

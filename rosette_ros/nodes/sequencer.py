@@ -16,7 +16,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
-from rosette_ros.calibration.goal import Job, Request, make_job
+from rosette_ros.calibration.goal import OF_EVENT, Job, Request, make_job
 from rosette_ros.calibration.settings import LIMITS, PLANNED, RESUME, Wanted, goal_changes
 from rosette_ros.calibration.state_machine import Ask, Command, Finish, Locate, PublishState, Remark, Results, Verify
 from rosette_ros.core.errors import CellError, RosetteError, plain
@@ -91,7 +91,7 @@ class Sequencer(ManagedNode):
     async def _recalled(self, request: Request) -> Recall.Response | None:
         """Return what is recorded of the run that a request resumes; None: a new run."""
         try:
-            name = str(goal_changes(request).get(RESUME.name, ''))
+            name = str(goal_changes(request.goal).get(RESUME.name, ''))
         except RosetteError:
             return None  # the reason is given when the job is made
         if not name:
@@ -318,11 +318,11 @@ class Sequencer(ManagedNode):
             job.goal.publish_feedback(Calibrate.Feedback(state=state))
 
     def _publish_event(self, request: Request, kind: int, text: str, job: Job | None = None) -> None:
-        goal = job.goal if job else None
+        goal, given = job.goal if job else None, {**OF_EVENT, **request.goal}
         self._events.publish(CalibrationEvent(
             header=self._header(), run_id=job.run_id if job else '', kind=kind, origin=request.origin,
-            order=job.order if job else request.order, goal_id=bytes(goal.goal_id.uuid).hex() if goal else '',
-            seed=request.seed, options=request.options, fields=request.fields, settings=job.settings if job else '',
+            order=job.order if job else given['order'], goal_id=bytes(goal.goal_id.uuid).hex() if goal else '',
+            seed=given['seed'], options=given['options'], fields=request.fields, settings=job.settings if job else '',
             resumes=job.resumes if job else '', text=text))
 
     def _header(self) -> Header:

@@ -90,7 +90,7 @@ def test_no_options_text_breaks_the_sequencer(text):
 
 
 def changes(**fields):
-    return goal_changes(Request('calibrate', **fields))
+    return goal_changes(fields)
 
 
 def test_what_a_goal_leaves_out_is_as_configured():
@@ -124,9 +124,9 @@ def test_bad_fields_are_refused_in_words(fields, words):
 
 def test_a_request_records_the_fields_that_are_set():
     """Besides those that the event has itself."""
-    request = Request('calibrate', order='row', balls=6, drift_check=-1)
+    request = Request('calibrate', {'order': 'row', 'balls': 6, 'drift_check': -1})
     assert request.fields == 'balls: 6\ndrift_check: -1\n'
-    assert Request('calibrate', 'row', 3, 'repeats: 1').fields == ''
+    assert Request('calibrate', {'order': 'row', 'seed': 3, 'options': 'repeats: 1'}).fields == ''
 
 
 def test_plan_and_limits_come_from_the_settings():

@@ -214,7 +214,7 @@ def test_goals(goal):
     """What a goal asks for: every value allowed, or refused in one line."""
     try:
         with bounded():
-            changes = goal_changes(Request.of_goal('calibrate', goal))
+            changes = goal_changes(Request.of_goal('calibrate', goal).goal)
     except RosetteError as error:
         check_words([str(error)])
         assert len(str(error)) < 2000
@@ -230,7 +230,7 @@ def test_goals(goal):
 @pytest.mark.parametrize('text', [data.decode() for data in (*corpus('options'), *corpus('settings'))])
 def test_settings_and_options_of_the_corpus(text):
     """What once broke the door."""
-    for read in (lambda: goal_changes(Request('calibrate', options=text)), lambda: parse_settings(text, 'here')):
+    for read in (lambda: goal_changes({'options': text}), lambda: parse_settings(text, 'here')):
         with pytest.raises(RosetteError) as error, bounded():
             read()
         check_words([str(error.value)])
@@ -284,7 +284,7 @@ def test_what_is_recalled_of_a_run(recalled, options):
     node = MuteSequencer(Sequence(RUN_ID, PLAN, Limits()))
     node._job = None
     with bounded():
-        accepted, words = node._prepare(Request('calibrate', options=options), recalled)
+        accepted, words = node._prepare(Request('calibrate', {'options': options}), recalled)
     check_words([*node.words, '' if accepted else words])
     if not accepted:
         return
