@@ -12,7 +12,7 @@ from rosette_ros.calibration import settings
 from rosette_ros.calibration.calibration_plan import CalibrationPlan
 from rosette_ros.calibration.settings import Value
 from rosette_ros.calibration.state_machine import Sequence, Verify
-from rosette_ros.core.errors import CellError
+from rosette_ros.core.errors import CellError, plain
 from rosette_ros.io.messages import answer_of, target_of
 from rosette_ros.io.run_assembly import RunAnswers
 
@@ -108,7 +108,7 @@ def make_job(request: Request, configured: Mapping[str, Value], taken: Collectio
 def _resumed_job(request: Request, recalled: Any, changes: Mapping[str, Value], values: Mapping[str, Value]) -> Job:
     if not recalled.success:
         raise CellError(recalled.message)
-    run_id = recalled.run_id
+    run_id = plain(recalled.run_id)
     recorded = [event.settings for event in recalled.events if event.settings]
     planned = settings.parse_settings(recorded[-1], f'resume: run {run_id}') if recorded else dict(values)
     refuse_other_plan(changes, planned, run_id)
@@ -133,7 +133,7 @@ def refuse_other_plan(changes: Mapping[str, Value], planned: Mapping[str, Value]
 
 def earlier_answers(recalled: Any, plan: CalibrationPlan) -> RunAnswers:
     """Return what a Recall.Response holds of its run; raises CellError where that is not what was planned."""
-    earlier = RunAnswers(recalled.run_id)
+    earlier = RunAnswers(plain(recalled.run_id))
     for target in map(target_of, recalled.targets):
         if target.run_id == earlier.run_id:
             planned = plan.target(target.seq - 1) if 1 <= target.seq <= plan.total else None
