@@ -55,7 +55,7 @@ def test_a_key_opens_the_envelope_and_another_leaves_it_shut(tmp_path, module_do
     demo = [sys.executable, '-m', 'rosette_ros.cli.main', 'demo', '--hidden', SEED, '--balls', BALLS, '-o', tmp_path,
             '--domain', module_domain_id]
     with Terminal(*demo) as screen:
-        assert 'What was hidden' not in screen.wait_for('Press Enter to be told now')
+        assert 'What was hidden' not in screen.wait_for('Press Enter to see the results now')
         screen.type('\r')
         screen.wait_for('What was hidden, and what was found')
         assert screen.end() == 0
