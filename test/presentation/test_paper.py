@@ -12,13 +12,15 @@ import numpy as np
 import pypdfium2
 import pytest
 from pypdfium2 import raw
-from summaries import summary_of, verification_runs
+from summaries import summary_of
 
 from rosette_ros.analysis import summarise
+from rosette_ros.core.scheme import plan
 from rosette_ros.presentation.formatting import MEANINGS
 from rosette_ros.presentation.report import Source, report_html
 from rosette_ros.presentation.report.provenance import FileDigest
 from rosette_ros.presentation.report.verification import verification_html, verify
+from rosette_ros.simulation import Machine, MachineConfig
 
 PAPER = {'A4': (595.3, 841.9), 'Letter': (612.0, 792.0)}
 """Width and height in points."""
@@ -43,16 +45,16 @@ class Sheet(NamedTuple):
 def html_of(kind):
     """Return the report of a run that drifts, of one with gaps and wrong readings, or of a verification."""
     if kind == 'verification':
-        return verification_html(verify([(fit, source) for _, _, fit, source in verification_runs()]))
+        return verification_html(verify([(summary_of('drift').fit, Source(f'{run}.csv', ())) for run in range(6)]))
     if kind == 'drift':
         path = f'/a/path/{"of_a_long_name" * 12}.csv'
         source = Source(path, (FileDigest(path, 12, 'ab' * 32),))
         return report_html(summary_of('drift'), source, f'rosette report {path}')
-    run = summary_of('clean').run
+    run = Machine(MachineConfig().changed(seed=2, plate={'balls': 8})).run(plan(8, 'random'), run_id=NAME)
     centre = run.centre.copy()
     centre[[9, 30]] += [[4e-6, 2e-6, 0], [0, -3e-6, -5e-6]]
     return report_html(summarise(run.replace(
-        centre=centre, run_id=NAME, simulated=False, remarks=('the log is damaged',)).take(slice(0, -3))))
+        centre=centre, simulated=False, remarks=('the log is damaged',)).take(slice(0, -3))))
 
 
 @pytest.fixture(scope='module')
@@ -116,7 +118,7 @@ def test_every_page_says_what_it_belongs_to(printed):
     """Run, page and number of pages; that the run is simulated."""
     kind, _, sheets = printed
     name = {'drift': 'drift_8 (simulated)', 'wrong': NAME,
-            'verification': 'Verification, 6 runs, the first run 1 (simulated)'}[kind]
+            'verification': 'Verification, 6 runs, the first drift_8 (simulated)'}[kind]
     for number, sheet in enumerate(sheets, 1):
         assert name in sheet.foot
         assert f'page {number} of {len(sheets)}' in sheet.foot
