@@ -12,7 +12,7 @@ import numpy as np
 from rosette_ros.core.diagnosis.base_terms import f_test, missing_base
 from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, why_not_judged
 from rosette_ros.core.diagnosis.cross_validation import CrossValidation
-from rosette_ros.core.diagnosis.noise_choice import noise_problem, under_best_noise
+from rosette_ros.core.diagnosis.noise_choice import noise_of_z, noise_problem, under_best_noise
 from rosette_ros.core.diagnosis.noise_search import SEEN, noise_of_rounding
 from rosette_ros.core.diagnosis.parameter_search import RELINEARISED, choose_settings
 from rosette_ros.core.diagnosis.right_shape import free_instead, right_shapes
@@ -335,14 +335,14 @@ def fitted_with_noise(run: Run, model: Model, white: Fit, is_searched: bool) -> 
     """Return the fit of a model under the noise of a run; white: that under white noise.
 
     is_searched: whether effects that the model lacks are told from noise by a search, where the noise is not white;
-    else only the axes are looked at. Raises NotDeterminable where the run does not determine the model.
+    else only z is compared with x and y. Raises NotDeterminable where the run does not determine the model.
     """
     if white.rms < NOISELESS:
         return white
-    start = noise_problem(white).start
     if not is_searched:
-        found = (start.better(('axes',)) if 'noise.axes' in model.noise else start).noise
+        found = noise_of_z(white) if 'noise.axes' in model.noise else white.noise
         return white if found.is_white else fit(run, model, choose_settings(run, model, found), found)
+    start = noise_problem(white).start
     if start.misfits()[0].p >= SEEN and not resolution_of(run.centre) > COARSE * white.rms:
         return white
     with _bounded(run):

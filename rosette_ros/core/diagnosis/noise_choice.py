@@ -6,12 +6,15 @@ the noise is estimated, and the search is made again under it; the best of noise
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Protocol, TypeVar
 
 import numpy as np
+from scipy import special
 
-from rosette_ros.core.diagnosis.noise_search import NoiseFit, NoiseProblem, estimate
+from rosette_ros.core.diagnosis.noise_search import NO_AXIS, SEEN, NoiseFit, NoiseProblem, estimate
 from rosette_ros.core.diagnosis.search import MOST_EFFECTS, Member, Problem, Selection
+from rosette_ros.core.model.base_model import BaseLines
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import Noise
@@ -104,6 +107,20 @@ def noise_problem(fitted: Fit, members: Sequence[Member] = ()) -> NoiseProblem:
 def _is_tailed(beside: NoiseFit, noise: Noise) -> bool:
     """Return whether what is left beside outliers, taken as normal, has heavy tails like those of a noise."""
     return bool(noise.tail) and not beside.noise.tail and beside.p_of_tail(noise) < TAILED
+
+
+def noise_of_z(fitted: Fit) -> Noise:
+    """Return white noise, or one of z and one of x and y where an F-test of the residuals of a white fit finds two."""
+    square, size = np.sum(fitted.residual**2, axis=0), fitted.run.size
+    lines = BaseLines.of(fitted.run.n, fitted.model.base)
+    axial = size - int(lines.z.sum())
+    plane = fitted.dof - axial
+    if min(axial, plane) < 1 or min(square[2], square[:2].sum()) <= NO_AXIS * square.sum():
+        return fitted.noise
+    sizes = np.array([square[2], square[:2].sum()]) / [axial, plane]
+    ratio = float(sizes[0] / sizes[1])
+    p = 2 * min(float(special.fdtr(axial, plane, ratio)), float(special.fdtrc(axial, plane, ratio)))
+    return replace(fitted.noise, axes=np.sqrt(sizes[[1, 1, 0]])).scaled() if p < SEEN else fitted.noise
 
 
 def _estimated(white: Search, members: Sequence[Member]) -> NoiseFit:

@@ -19,7 +19,7 @@ from rosette_ros.core.geometry import nominal_angles
 from rosette_ros.core.model.base_model import BaseLines, BaseParameters, Basis, CompleteSpace
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Real, Whitening
-from rosette_ros.core.model.normal_equations import base_parts, designs, gauges
+from rosette_ros.core.model.normal_equations import Gauge, base_parts, designs, gauges
 from rosette_ros.core.records import Floats, Run
 
 FEW, MOST = 24, 2000
@@ -46,7 +46,8 @@ class IncompleteSpace:
             Run(n, run.radius, position + 1, (place - position) % n + 1, np.zeros((n * n, 3))), lever)
         self._cell = (run.table_position - 1) * n + run.cmm_position - 1
         self._missing = np.setdiff1d(np.arange(n * n), self._cell)
-        self._variance = _curve_variance(run)
+        self._z, self._w = (_Eliminated(design, gauge, axes * n) for design, gauge, axes in zip(
+            designs(run), gauges(n), (1, 2)))
 
     @cached_property
     def basis(self) -> Basis:
@@ -70,8 +71,17 @@ class IncompleteSpace:
     def curve_cofactor(self) -> Floats:
         """Return the variances of the curves for unit variance of a coordinate, (n, 6)."""
         plane, z = self.whitening.sd[[0, 2]]**2
+        axial, tilt_x, tilt_y = z * self._z.curve_variances(self.n)
+        x, y, turn = plane * self._w.curve_variances(self.n)
         r = self.lever**2
-        return np.asarray(self._variance * np.array([plane, plane, z, z / r, z / r, plane / r]))
+        return np.stack([x, y, axial, tilt_x / r, tilt_y / r, turn / r], axis=-1)
+
+    def deviation_cofactors(self) -> tuple[Floats, Floats]:
+        """Return the variances of plate and CMM for unit variance of a coordinate, (n, 3) each."""
+        plane, z = self.whitening.sd[[0, 2]]**2
+        axial = z * self._z.variances()[3 * self.n:].reshape(2, self.n)
+        flat = plane * self._w.variances()[3 * self.n:].reshape(2, 2, self.n)
+        return np.stack([*flat[0], axial[0]], axis=-1), np.stack([*flat[1], axial[1]], axis=-1)
 
     def _filled(self, columns: NDArray[Real]) -> NDArray[Real]:
         """Return columns (m, N, 3) on the complete grid, (m, n n, 3), with what the model says where none is."""
@@ -140,33 +150,46 @@ class IncompleteSpace:
         return z.astype(np.float32), w.astype(np.float32)
 
 
-def _curve_variance(run: Run) -> Floats:
-    """Return the variances of ctx, cty, ctz, R crx, R cry and R crz for unit variance of a coordinate, (n, 6)."""
-    n = run.n
-    (x, y, turn), (z, *tilts) = (
-        _eliminated(design, gauge, last, n) for design, gauge, last in zip(designs(run)[::-1], gauges(n)[::-1], (2, 1)))
-    return np.stack([x, y, z, *tilts, turn], axis=-1)
+class _Eliminated:
+    """Normal equations of z, or of x and y, of a sparse design; the last unknowns, of the CMM, are eliminated.
 
-
-def _eliminated(design: Any, gauge: tuple[Floats, Floats], last: int, n: int) -> Floats:
-    """Return the variances of the first 3 n unknowns of a sparse design in the gauge, (3, n).
-
-    The last `last` n unknowns have a diagonal block and are eliminated.
+    Raises LinAlgError where the readings may leave unknowns open.
     """
-    kept = design.shape[1] - last * n
-    normal = design.T @ design
-    own = normal.diagonal()[kept:]
-    if not own.all():
-        raise np.linalg.LinAlgError('a CMM position without readings')
-    across = normal[:kept, kept:].toarray()
-    null = np.linalg.qr(gauge[0][:kept])[0]
-    schur = normal[:kept, :kept].toarray() - (across / own) @ across.T + n * null @ null.T
-    root = scipy.linalg.cholesky(schur, lower=True, overwrite_a=True, check_finite=False)
-    pivots = np.diag(root)**2
-    if pivots.min() < SINGULAR * pivots.max():
-        raise np.linalg.LinAlgError('the readings leave unknowns open')
-    rows = scipy.linalg.solve_triangular(root, np.eye(kept, 3 * n), lower=True, overwrite_b=True, check_finite=False)
-    fixed = gauge[1][:, :3 * n]
-    fixed = np.linalg.qr(fixed[np.any(fixed, axis=1)].T)[0]
-    rows -= (rows @ fixed) @ fixed.T
-    return np.asarray(np.sum(rows**2, axis=0).reshape(3, n))
+
+    def __init__(self, design: Any, gauge: Gauge, last: int) -> None:
+        self._kept, self._gauge = design.shape[1] - last, gauge
+        normal = design.T @ design
+        self._own = normal.diagonal()[self._kept:]
+        if not self._own.all():
+            raise np.linalg.LinAlgError('a CMM position without readings')
+        self._across: Floats = normal[:self._kept, self._kept:].toarray()
+        null = np.linalg.qr(gauge[0][:self._kept])[0]
+        left = normal[:self._kept, :self._kept].toarray() - (self._across / self._own) @ self._across.T
+        self._root = scipy.linalg.cholesky(left + last * null @ null.T, lower=True, check_finite=False)
+        pivots = np.diag(self._root)**2
+        if pivots.min() < SINGULAR * pivots.max():
+            raise np.linalg.LinAlgError('the readings leave unknowns open')
+
+    def curve_variances(self, n: int) -> Floats:
+        """Return the variances of the first three unknowns of each of n table positions, in the gauge, (3, n)."""
+        rows = self._solved(np.eye(self._kept, 3 * n))
+        fixed = self._gauge[1][:, :3 * n]
+        fixed = np.linalg.qr(fixed[np.any(fixed, axis=1)].T)[0]
+        rows -= (rows @ fixed) @ fixed.T
+        return np.asarray(np.sum(rows**2, axis=0).reshape(3, n))
+
+    def variances(self) -> Floats:
+        """Return the variances of all unknowns in the gauge, (q,)."""
+        vectors, constraints = self._gauge
+        shift = np.linalg.solve((constraints @ vectors).T, vectors.T)
+        total = np.zeros(len(vectors))
+        eliminated = np.eye(self._own.size) / np.sqrt(self._own)
+        for rows in (self._solved(np.hstack([np.eye(self._kept), -self._across / self._own])),
+                     np.hstack([np.zeros((self._own.size, self._kept)), eliminated])):
+            total += np.sum((rows - (rows @ constraints.T) @ shift)**2, axis=0)
+        return total
+
+    def _solved(self, rows: Floats) -> Floats:
+        solved: Floats = scipy.linalg.solve_triangular(
+            self._root, rows, lower=True, overwrite_b=True, check_finite=False)
+        return solved
