@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from rosette_ros.core.joint.joint_evaluation import JointResult, Reversal, SharingTest
-from rosette_ros.core.joint.knowledge import set_words
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.sharing import PARTS
+from rosette_ros.core.model.least_squares import UNLIKELY
 from rosette_ros.core.records import CURVES, ErrorMotions
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.json_output import STANDARD, Json, by_curve, plain
@@ -50,7 +50,7 @@ def sharing_table(result: JointResult) -> Table:
 
 def joint_curves(result: JointResult) -> list[Table]:
     """Return the six curves of each table and sense, and the reversal between senses."""
-    shown = [_titled(motions, 'Six error motions of the ' + set_words(one), set_words(one))
+    shown = [_titled(motions, 'Six error motions of the ' + one.words, one.words)
              for one, motions in result.curves]
     for one in result.reversals:
         shown.append(replace(_titled(one.motions, 'Reversal: clockwise less counter-clockwise', 'reversal'),
@@ -87,6 +87,8 @@ def joint_rows(result: JointResult) -> list[tuple[str, str]]:
     solution, lack = result.solution, result.lack_of_fit_p
     known = result.knowledge.known or ('nothing; the runs test what they share',)
     fit = '' if lack is None else f'; lack of fit: p = {text.p_value(lack)}'.replace('= <', '< ').replace('= >', '> ')
+    if lack is not None and lack < UNLIKELY:
+        fit += ', the model does NOT fit: diagnose each run (rosette diagnose RUN)'
     return [('Model', f'{solution.model.unknowns} unknowns, rank {solution.rank}, {solution.dof} degrees of freedom; '
                       f'{solution.hidden.shape[1]} combinations are hidden, {solution.hidden_in_curves} of them in the '
                       'curves, and removed from them'),

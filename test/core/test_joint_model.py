@@ -229,13 +229,14 @@ def test_large_displacements_of_plate_and_frame_are_exact():
     assert np.abs(solution.unknowns[place] - alone.unknowns[place]).max() < 1e-9
 
 
-def test_runs_without_anything_in_common_are_refused():
-    """They share a table, but neither its positions, nor a plate or CMM positions: one line says what is missing."""
-    runs = [run_of()[1], run_of(tuple(a + 7 for a in TWELVE))[1]]
-    with pytest.raises(NotDeterminable, match=(
-            r'no table angle, ball or CMM position in common .*7, 37, 67 .*; missing: a table angle of the same table, '
-            'the same plate, or the same CMM')):
-        JointModel(runs, Sharing.of(2, ['plate']))
+@pytest.mark.parametrize(('other', 'common'), [
+    (run_of(tuple(a + 7 for a in TWELVE))[1], '0 table angles, 0 balls, 0 CMM positions'),
+    (plates(7)[1][1], '1 table angles, 0 balls, 1 CMM positions')])
+def test_runs_that_nothing_joins_are_refused(other, common):
+    """They share a table, but not its positions, nor a plate or CMM positions: one line says what is missing."""
+    with pytest.raises(NotDeterminable, match=rf'have {common} in common, which does not join them; missing: two table '
+                                              'angles of the same table, three balls of the same plate, or three CMM'):
+        JointModel([run_of()[1], other], Sharing.of(2, ['plate']))
 
 
 def test_what_cannot_be_meant_is_refused():

@@ -37,12 +37,17 @@ MOST_STEPS, SMALLEST_STEP = 8, 1e-13
 
 @dataclass(frozen=True)
 class TableSet:
-    """Table motions that are one curve: the name of the table, its sense of turning, 0 for any, and its angles (m,)."""
+    """Table motions that are one curve.
+
+    name: of the table; sense: of turning, 0 for any; angle: (m,) rad; place: among the unknowns; words: what it is
+    called.
+    """
 
     name: str
     sense: int
     angle: Floats
     place: slice
+    words: str
 
 
 class JointModel:
@@ -52,7 +57,7 @@ class JointModel:
     TableSets; lever: m, by which rotations are multiplied among the unknowns; free: (q,) which are unknown at all; of
     all q unknowns, `groups` has the slices of curves, plate, cmm, placement and frame.
 
-    Raises NotDeterminable where the runs have nothing in common or there are too many unknowns.
+    Raises NotDeterminable where too little joins the runs or there are too many unknowns.
     """
 
     def __init__(self, runs: Sequence[Readings], sharing: Sharing) -> None:
@@ -121,19 +126,24 @@ class JointModel:
         return self.phi.size
 
     def _refuse_strangers(self) -> None:
-        """Refuse runs that have no table angle, ball or CMM position in common."""
-        group = np.arange(len(self.runs))
-        cmm = np.zeros_like(self.cmm) if self.sharing.cmm_is_calibrated else self.cmm
-        for label in (self.table, self.ball, cmm):
-            pairs = np.unique(np.stack([label, self.run]), axis=1)
-            for one, other in np.stack([pairs[1, :-1], pairs[1, 1:]], axis=1)[np.diff(pairs[0]) == 0]:
-                group[group == group[other]] = group[one]
-        if len({*group.tolist()}) > 1:
-            first, other = self.runs[0], self.runs[int(np.flatnonzero(group != group[0])[0])]
+        """Refuse runs that too few table angles, balls and CMM positions join."""
+        kinds = {'table angles': (self.table, 2), 'balls': (self.ball, 3), 'CMM positions': (self.cmm, 3)}
+        if self.sharing.cmm_is_calibrated:
+            kinds['CMM positions'] = self.cmm, 1
+        seen = {name: [{*label[self.run == run].tolist()} for run in range(len(self.runs))]
+                for name, (label, _) in kinds.items()}
+        joined, left = [0], list(range(1, len(self.runs)))
+        for run in joined:
+            near = [other for other in left if any(
+                len(sets[run] & sets[other]) >= kinds[name][1] for name, sets in seen.items())]
+            joined += near
+            left = [other for other in left if other not in near]
+        if left:
+            common = ', '.join(f'{len(sets[0] & sets[left[0]])} {name}' for name, sets in seen.items())
             raise NotDeterminable(
-                f'{other.name} has no table angle, ball or CMM position in common with {first.name} '
-                f'({_places(other)}; {_places(first)}), so there is nothing that they share; missing: a table angle '
-                'of the same table, the same plate, or the same CMM positions')
+                f'{self.runs[left[0]].name} ({_places(self.runs[left[0]])}) and {self.runs[0].name} '
+                f'({_places(self.runs[0])}) have {common} in common, which does not join them; missing: two table '
+                'angles of the same table, three balls of the same plate, or three CMM positions')
 
     @cached_property
     def design(self) -> Any:
@@ -218,7 +228,8 @@ class JointSolution:
 def _gauge(model: JointModel, hidden: Floats) -> Any:
     """Yield place, rank, move (q, k) and measure (k, g) of each group of unknowns that is made least in turn."""
     for place in (model.groups[name] for name in ('curves', 'frame', 'placement', 'cmm', 'plate')):
-        left, size, right = np.linalg.svd(hidden[place], full_matrices=True)
+        part = hidden[place]
+        left, size, right = np.linalg.svd(part, full_matrices=len(part) < part.shape[1])  # right must be complete
         count = int(np.sum(size > HIDDEN_PART))
         yield place, count, hidden @ (right[:count].T / size[:count]), left[:, :count].T
         hidden = hidden @ right[count:].T
@@ -258,10 +269,11 @@ def _first(values: Floats, label: Ints, count: int) -> Floats:
 
 def _sets(tables: Ints, angle: Floats, sharing: Sharing) -> Any:
     names = list(dict.fromkeys(sharing.table))
-    keys = np.unique(tables[:, :2], axis=0)
-    for table, against in keys.tolist():
+    for table, against in np.unique(tables[:, :2], axis=0).tolist():
         inside = np.flatnonzero((tables[:, 0] == table) & (tables[:, 1] == against))
-        yield TableSet(names[table], -against, angle[inside], slice(6 * inside[0], 6 * (inside[-1] + 1)))
+        words = ['table', names[table] * (len(names) > 1), ('', 'clockwise', 'counter-clockwise')[against]]
+        yield TableSet(names[table], -against, angle[inside], slice(6 * inside[0], 6 * (inside[-1] + 1)),
+                       ' '.join(filter(None, words)))
 
 
 def _turns(angle: Floats) -> Floats:

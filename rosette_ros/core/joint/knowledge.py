@@ -32,12 +32,12 @@ def knowledge(solution: JointSolution) -> Knowledge:
     found = [_of_curves(solution.hidden[one.place], one.angle) for one in sets]
     are_alike = all(one == found[0] for one in found)
     for one, (parts, waves) in zip(sets, found):
-        prefix = '' if are_alike else f'{set_words(one)}: '
+        prefix = '' if are_alike else f'{one.words}: '
         hidden += [prefix + name for name in parts]
         known += [prefix + name for name, *_ in _PARTS if name not in parts]
         hidden += [f'{prefix}harmonics {_numbers(waves)}'] if waves else []
         half = one.angle.size // 2
-        if one.angle.size > balls and waves != list(range(2, half + 1)):
+        if one.angle.size > balls and not {*range(2, half + 1)} <= {*waves}:
             except_words = f' except {_numbers(waves)}' if waves else ''
             known.append(f'{prefix}harmonics up to {half}{except_words}, at {one.angle.size} table angles')
     for forwards, back in pairs_of_senses(solution):
@@ -48,12 +48,6 @@ def knowledge(solution: JointSolution) -> Knowledge:
     common = [name for name in (SCALE, HEIGHT) if _is_hidden(solution, name)]
     known += [name for name in (SCALE, HEIGHT) if name not in common]
     return Knowledge(tuple(_once(known)), tuple(_once([*hidden, *common])))
-
-
-def set_words(one: TableSet) -> str:
-    """Return what the curves of a set are called beside others."""
-    sense = {1: 'counter-clockwise', -1: 'clockwise', 0: ''}[one.sense]
-    return ' '.join(filter(None, ['table' if one.name == '1' else f'table {one.name}', sense]))
 
 
 def pairs_of_senses(solution: JointSolution) -> list[tuple[TableSet, TableSet]]:
