@@ -127,8 +127,9 @@ def joint_json(result: JointResult) -> Json:
                       'mean': by_curve(np.where(one.is_known, one.mean, np.nan)),
                       'u_mean': by_curve(np.where(one.is_known, one.u_mean, np.nan))} for one in result.reversals],
         'u_coverage_factor': STANDARD, 'U_coverage_factor': text.COVERAGE_FACTOR,
-        'plate_m': result.deviations['plate'], 'cmm_m': result.deviations['cmm'],
-        'cmm_azimuth_rad': model.cmm_azimuth,
+        **{f'{part}{key}': value for part in ('plate', 'cmm')
+           for key, value in zip(('_name', '_m', '_u_m'), result.deviations(part), strict=True)},
+        'plate_ball': model.places['plate'][:, 1] + 1, 'cmm_azimuth_rad': model.cmm_azimuth,
         'fit': {'rms_m': result.rms, 'dof': solution.dof, 'sigma_m': result.sigma, 'sigma_source': result.sigma_source,
                 'lack_of_fit_p': result.lack_of_fit_p}, 'notes': result.notes})
 

@@ -32,6 +32,9 @@ def test_there_and_back_as_json(rosette, back):
     assert abs(reversal['mean']['crz_rad']) < 4 * reversal['u_mean']['crz_rad']
     assert 'the reversal of all six curves, with its means' in got['known']
     assert [test['item'] for test in got['tests']] == ['sense']
+    assert got['plate_ball'] == list(range(1, 13))
+    assert {len(got[key]) for key in ('plate_m', 'plate_u_m', 'plate_name')} == {12}
+    assert {len(got[key]) for key in ('cmm_m', 'cmm_u_m', 'cmm_name', 'cmm_azimuth_rad')} == {6}
 
 
 def test_there_and_back_in_words(rosette, back):

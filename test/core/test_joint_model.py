@@ -8,6 +8,7 @@ from synthetic import synthetic_run
 from rosette_ros.core.errors import InvalidData, NotDeterminable
 from rosette_ros.core.geometry import Frame, rotate_z, rotation_matrix
 from rosette_ros.core.joint.joint_model import JointModel, JointSolution
+from rosette_ros.core.joint.knowledge import knowledge
 from rosette_ros.core.joint.readings import Plate, Readings
 from rosette_ros.core.joint.sharing import SEATS, Sharing
 from rosette_ros.core.model.least_squares import fit
@@ -151,6 +152,34 @@ def test_rank_table(runs, sharing, unknowns, rank, in_curves):
     assert (solution.model.unknowns, solution.rank) == (unknowns, rank)
     assert (solution.hidden.shape[1], solution.hidden_in_curves) == (unknowns - rank, in_curves)
     assert np.abs(solution.model.design @ solution.hidden).max() < 1e-7
+
+
+TURNS = 'once-per-turn part of (crx, cry): tilt', 'once-per-turn part of (ctx, cty): eccentricity'
+SCALE = 'radial scale of plate and CMM'
+LEARNT = {
+    'plate turned, plane': {TURNS[0]}, 'plate turned, pilot': {TURNS[1]}, 'plate turned, both': {*TURNS},
+    'calibrated plate': {SCALE}, 'calibrated CMM': {SCALE, 'mean of ctx and cty', 'mean of crx and cry'},
+    'both senses': {'the reversal of all six curves, with its means'},
+    'there and back': {'the reversal of all six curves, with its means'},
+    'half pitches': {'harmonics up to 12 except 12, at 24 table angles'},
+    'half pitches and clampings': {'harmonics up to 12, at 24 table angles'},
+    '36 positions, equal pitch': {'harmonics up to 18 except 12, at 36 table angles'},
+    '36 positions, a ball moved': {'harmonics up to 18, at 36 table angles'},
+    '36 positions, six balls': {'harmonics up to 18, at 36 table angles'},
+    'plates of 12 and 10': {'harmonics up to 10, at 20 table angles'}}
+
+
+@pytest.mark.parametrize(
+    ('name', 'runs', 'sharing'), [row[:3] for row in TABLE if row[0] in (*LEARNT, 'one run', 'plate turned, free')],
+    ids=lambda value: value if isinstance(value, str) else '')
+def test_what_became_known_is_said(name, runs, sharing):
+    """The last column of the table; of the usual eight groups the others stay unknown."""
+    found = knowledge(JointSolution(JointModel([made for _, made in runs], sharing)))
+    learnt = LEARNT.get(name, set())
+    assert {*found.known} == learnt
+    waves = [words for words in found.hidden if words.startswith('harmonics')]
+    assert waves == ['harmonics 12'] * ('except' in ''.join(learnt))
+    assert len(found.hidden) == 8 + len(waves) - len([words for words in learnt if words[0] in 'om' or words == SCALE])
 
 
 def difference(names, angle, size):

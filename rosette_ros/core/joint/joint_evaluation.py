@@ -114,11 +114,13 @@ class JointResult:
                                 tuple(known.tolist()), p))
         return tuple(out)
 
-    @property
-    def deviations(self) -> dict[str, Floats]:
-        """Deviations of the plates' balls and of the CMM's positions, m, (., 3), by 'plate' and 'cmm'."""
-        return {name: self.solution.unknowns[self.solution.model.groups[name]].reshape(-1, 3)
-                for name in ('plate', 'cmm')}
+    def deviations(self, part: str) -> tuple[list[str], Floats, Floats]:
+        """Return the names in the sharing, the deviations and their uncertainties, m, (k, 3), of 'plate' or 'cmm'."""
+        model, place = self.solution.model, self.solution.model.groups[part]
+        names = list(dict.fromkeys(getattr(self.sharing, part)))
+        u = self.sigma * np.linalg.norm(self.solution.mix[place], axis=1)
+        return ([names[row[0]] for row in model.places[part].tolist()], self.solution.unknowns[place].reshape(-1, 3),
+                u.reshape(-1, 3))
 
     def _of(self, one: TableSet) -> tuple[Floats, Floats]:
         mix = self.solution.mix[one.place]

@@ -31,7 +31,7 @@ ZERO = 1e-9
 """Eigenvalues of the normal equations below this share of the largest are 0."""
 HIDDEN_PART = 1e-5
 """Part of a hidden direction, as a share of it, that counts."""
-MOST_UNKNOWNS = 6000
+MOST_UNKNOWNS = 3000
 MOST_STEPS, SMALLEST_STEP = 8, 1e-13
 
 
@@ -55,7 +55,8 @@ class JointModel:
 
     runs; sharing; phi: (N,) nominal table angles, rad; base: (N, 3) nominal ball centres on the table, m; sets: the
     TableSets; lever: m, by which rotations are multiplied among the unknowns; free: (q,) which are unknown at all; of
-    all q unknowns, `groups` has the slices of curves, plate, cmm, placement and frame.
+    all q unknowns, `groups` has the slices of curves, plate, cmm, placement and frame; places: by 'plate' and 'cmm',
+    for each deviation the number of its name in the sharing and, of a plate, the ball from 0.
 
     Raises NotDeterminable where too little joins the runs or there are too many unknowns.
     """
@@ -85,6 +86,7 @@ class JointModel:
         balls, self.ball = _labels(plate, np.concatenate([ball for ball, _ in turned]))
         cmms, self.cmm = _labels(cmm, *places)
         self.cmm_azimuth = _first(azimuth, self.cmm, len(cmms))
+        self.places: dict[str, Ints] = {'plate': balls, 'cmm': cmms}
         self.ball_azimuth = _first(np.arctan2(self.base[:, 1], self.base[:, 0]) - self.turn, self.ball, len(balls))
         self.placement, self.frame = clamping, frame
         counts = 6 * len(tables), 3 * len(balls), 3 * len(cmms), 6 * (1 + clamping.max()), 6 * (1 + frame.max())
