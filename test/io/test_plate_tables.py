@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+import yaml
 
 from rosette_ros.cli.main import main
 from rosette_ros.core.errors import InvalidData
@@ -91,6 +92,23 @@ def test_normalised_errors_of_irregular_plates(tmp_path):
         _, error, motions = errors(*simulated(tmp_path, (0, 10, 50, 120, 190, 290), seed))
         normalised.append(error / motions.u)
     assert 0.8 < np.sqrt(np.mean(np.square(normalised))) < 1.2
+
+
+@pytest.mark.parametrize('is_true', [True, False])
+def test_a_calibrated_plate_gives_the_scale_if_the_readings_agree(tmp_path, is_true):
+    """True coordinates are used; nominal ones of a plate that is 20 µm off are found out, and not used."""
+    machine, _, path = simulated(tmp_path, MOVED)
+    plate = {'azimuth_deg': list(MOVED), 'radius_mm': 182.5, 'height_mm': 0.0}
+    if is_true:
+        x, y, z = 1e3 * machine.plate.balls[np.array(MOVED) // 10].T
+        plate = {'azimuth_deg': np.rad2deg(np.arctan2(y, x)).tolist(), 'radius_mm': np.hypot(x, y).tolist(),
+                 'height_mm': z.tolist()}
+    (tmp_path / 'plate.yaml').write_text(f'{SCHEMA}calibrated: true\n' + yaml.safe_dump(plate))
+    result = evaluate_jointly([open_readings(path)])
+    (test,) = result.tests
+    assert (test.item, test.is_used, test.is_contradicted) == ('calibrated plate', is_true, not is_true)
+    assert ('radial scale of plate and CMM' in result.knowledge.known) == is_true
+    assert result.lack_of_fit_p > 1e-3
 
 
 def test_a_table_without_plate_is_what_it_was(tmp_path):
