@@ -13,10 +13,11 @@ from rosette_ros import program
 from rosette_ros.cli.arguments import UsageError, add_formats, add_places, positive, whole
 from rosette_ros.cli.console import console, pairs, print_json, print_parts
 from rosette_ros.core.planning.advice import SECONDS_PER_BALL
-from rosette_ros.core.planning.budget import Pace, propose
+from rosette_ros.core.planning.budget import propose
 from rosette_ros.core.planning.expectation import Expectation, expect
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, places_in_use, plan
+from rosette_ros.core.touches import Pace
 from rosette_ros.io.csv_parser import COLUMNS, SCHEMA
 from rosette_ros.presentation.formatting import exact, plain, signs
 from rosette_ros.presentation.table_format import Table, column

@@ -1,12 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where a ball is touched, and how well that determines its centre."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from rosette_ros.core.geometry import TWO_PI, Floats
 
 TOUCHES = (6, 8, 9, 12, 16, 20)
 """Numbers of touches of a ball that a plan may have: circles of three (6, 9) or four."""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How long a cell takes: for a touch, and for a move of the table, the CMM's included, s."""
+
+    touch: float = 3.0
+    table_move: float = 20.0
 
 
 def touch_directions(circles: int, points: int, top: float, lowest: float) -> Floats:

@@ -70,7 +70,7 @@ def test_too_few_ball_centres(refused, make_table):
     path = make_table(edit=lambda lines: ['# balls: 6', *lines[:5 + 20]])
     line = refused('evaluate', path)
     assert 'too few ball centres: 20 of 36' in line
-    assert 'cannot determine the deviation of the CMM at position 5' in line
+    assert 'cannot determine the separation of table, plate and CMM' in line
 
 
 MODELS = {

@@ -106,11 +106,11 @@ def test_an_error_of_the_program_is_not_hidden(monkeypatch):
 
 
 def test_plan_waits_for_nothing_it_does_not_need():
-    """In a process of its own, without ROS, plotting or statistics being imported."""
+    """In a process of its own, without ROS, plotting or the simulated machine being imported."""
     script = (
         'import sys; from rosette_ros.cli.main import main\n'
         "code = main('plan --balls 6 --radius-mm 182.5 --order row --csv'.split())\n"
-        "heavy = {'rclpy', 'matplotlib', 'scipy', 'pydantic', 'rosette_msgs'} & set(sys.modules)\n"
+        "heavy = {'rclpy', 'matplotlib', 'pydantic', 'rosette_msgs'} & set(sys.modules)\n"
         "sys.exit(code or ', '.join(sorted(heavy)) or 0)\n")
     done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
                           check=False)

@@ -7,10 +7,10 @@ import pytest
 from rosette_ros.core.errors import InvalidPlan
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.planning.advice import planned_run
-from rosette_ros.core.planning.budget import Pace, propose
+from rosette_ros.core.planning.budget import propose
 from rosette_ros.core.planning.expectation import expect
 from rosette_ros.core.scheme import plan
-from rosette_ros.core.touches import sigma_of_touches
+from rosette_ros.core.touches import Pace, sigma_of_touches
 
 
 @pytest.mark.parametrize('hours, error', [(1, 1.41), (2, 1.07), (4, 0.81)])

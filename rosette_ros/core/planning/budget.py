@@ -12,19 +12,11 @@ from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.records import Floats
 from rosette_ros.core.reduced_sets import best_members, fewest_members
 from rosette_ros.core.scheme import Scheme, plan
-from rosette_ros.core.touches import TOUCHES, sigma_of_touches
+from rosette_ros.core.touches import TOUCHES, Pace, sigma_of_touches
 
 ORDERS_TRIED = ('row', 'diagonal', 'row_there_and_back', 'there_and_back')
 MOST_BALLS = 36
 """Of larger plates plans are not compared."""
-
-
-@dataclass(frozen=True)
-class Pace:
-    """How long a cell takes: for a touch, and for a move of the table, the CMM's included, s."""
-
-    touch: float = 3.0
-    table_move: float = 20.0
 
 
 @dataclass(frozen=True, eq=False)
