@@ -2,6 +2,7 @@
 """rosette replay: publishes what an evaluator reads from a log, and compares the error motions that it publishes."""
 
 import argparse
+import os
 import sys
 import time
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,6 +24,7 @@ from rosette_ros.core.records import ErrorMotions
 from rosette_ros.io.bag_metadata import TopicSummary
 from rosette_ros.io.log_reader import LoggedMessage, iter_log, read_log
 from rosette_ros.io.log_run import LogRun
+from rosette_ros.io.type_definitions import TypeLibrary
 from rosette_ros.nodes import names
 from rosette_ros.nodes.conversions import error_motions_record, qos_profile
 from rosette_ros.nodes.interfaces import interface_class
@@ -152,6 +154,11 @@ class LogPlayer(GraphClient):
         if not answers:
             raise CellError(f'replay: wanted a log with the topic {names.BALL_CENTRE}, got '
                             f'{", ".join(topic.name for topic in topics) or "no topics"}')
+        library = TypeLibrary.from_environment(os.environ)
+        for topic in chosen.values():
+            if topic.hash not in ('', library.definition(topic.type_name).hash):
+                raise CellError(f'replay: {topic.name}: was recorded with another version of {topic.type_name}, which '
+                                'no node here can read; try rosette evaluate')
         self.namespace = answers[0].rpartition('/')[0] or '/' if namespace is None else f'/{namespace}'
         of_domain = () if namespace is None or names.remappings(self.namespace) else map(_last, names.OF_A_DOMAIN)
         places = {name: name if namespace is None else _last(name) for name in chosen}

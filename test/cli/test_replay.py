@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """rosette replay: what it expects, and how it reports a difference."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from rosette_ros.cli.replay import Expected, difference, expected_motions
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.cli.replay import Expected, LogPlayer, difference, expected_motions
+from rosette_ros.core.errors import CellError, InvalidData
 from rosette_ros.core.geometry import nominal_angles
 from rosette_ros.core.records import ErrorMotions
 from rosette_ros.io.log_reader import read_log
@@ -61,3 +63,12 @@ def test_an_incomplete_import_cannot_be_replayed(rosette, make_table, tmp_path):
     rosette('import', table, '-o', tmp_path / 'log')
     with pytest.raises(InvalidData, match='wanted all 36 ball centres, .* got 10; try rosette'):
         expected_motions(read_log(tmp_path / 'log'))
+
+
+def test_messages_of_another_version_are_not_replayed(rosette, make_table, tmp_path):
+    """An evaluator would wait for what it cannot read."""
+    assert rosette('import', make_table(), '-o', tmp_path / 'log').code == 0
+    topics = [replace(one, hash='RIHS01_0') if one.name.endswith('probe_target') else one
+              for one in read_log(tmp_path / 'log').topics]
+    with pytest.raises(CellError, match='/rosette/probe_target: was recorded with another version of rosette_msgs/'):
+        LogPlayer(topics)
