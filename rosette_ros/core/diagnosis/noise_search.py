@@ -7,6 +7,7 @@ and the effects beside it as columns B in white coordinates, -2 L = dof ln RSS +
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import scipy.linalg
@@ -95,21 +96,21 @@ class NoiseProblem:
 
     def size(self, axes: tuple[int, ...], white: Whitening) -> float:
         """Return the variance of what is left of some axes in white coordinates."""
-        basis, _ = _orthonormal(_whitened(white, axes, self._designs[PARTS.index(axes)]))
-        rows = self._rows(axes, white)
-        return float((np.sum(rows**2) - np.sum((rows @ basis)**2)) / (rows.size - basis.shape[1]))
-
-    def _rows(self, axes: tuple[int, ...], white: Whitening) -> Floats:
-        return np.stack([white.along(axis, self._observed[None, :, axis])[0] for axis in axes], axis=-1).reshape(-1)
+        return self._of_part(axes, white)[0]
 
     def minus_log_likelihood(self, axes: tuple[int, ...], white: Whitening) -> float:
         """Return -2 L of some axes alone, whose size is their own."""
-        design = self._designs[PARTS.index(axes)]
-        basis, log_det = _orthonormal(_whitened(white, axes, design))
-        rows = self._rows(axes, white)
-        rss = np.sum(rows**2) - np.sum((rows @ basis)**2)
-        dof = rows.size - basis.shape[1]
-        return float(dof * np.log(max(rss, 1e-300) / dof) + log_det + white.log_det_of(axes))
+        variance, dof, log_det = self._of_part(axes, white)
+        return float(dof * np.log(max(variance, 1e-300)) + log_det + white.log_det_of(axes))
+
+    def _of_part(self, axes: tuple[int, ...], white: Whitening) -> tuple[float, int, float]:
+        """Return the variance of what is left of some axes, its degrees of freedom, and ln det B'B."""
+        design = _whitened(white, axes, self._designs[PARTS.index(axes)])
+        rows = np.stack([white.along(axis, self._observed[None, :, axis])[0] for axis in axes], axis=-1).reshape(-1)
+        root = np.linalg.cholesky(design.T @ design)
+        taken = scipy.linalg.solve_triangular(root, design.T @ rows, lower=True, check_finite=False)
+        dof = rows.size - len(taken)
+        return float(rows @ rows - taken @ taken) / dof, dof, 2 * float(np.sum(np.log(np.diag(root))))
 
 
 def _whitened(white: Whitening, axes: tuple[int, ...], design: Floats) -> Floats:
@@ -289,18 +290,19 @@ class NoiseFit:
         if self.noise.wander.any():
             return self
         sd = np.broadcast_to(self.whitening.sd, (self.problem.run.size, 3))
-        best, chosen = np.inf, self.noise
-        for phi in MEMORIES:
-            found = [self._ratio(axes, sd, phi) for axes in PARTS]
-            if sum(value for value, _ in found) < best:
-                best = sum(value for value, _ in found)
-                size, wander = np.ones(3), np.zeros(3)
-                for axes, (_, ratio) in zip(PARTS, found):
-                    white = Whitening(len(sd), sd, phi, np.full(3, ratio))
-                    size[list(axes)] = self.problem.size(axes, white)
-                    wander[list(axes)] = ratio * size[list(axes)]
-                chosen = replace(self.noise, phi=phi, axes=self.noise.axes * np.sqrt(size), wander=wander)
-        return self._kept(chosen, 4)
+        ratios = lru_cache(lambda phi: [self._ratio(axes, sd, phi) for axes in PARTS])
+        place = 2
+        while near := [k for k in (place - 1, place, place + 1) if 0 <= k < len(MEMORIES)]:
+            better = min(near, key=lambda k: sum(value for value, _ in ratios(MEMORIES[k])))
+            if better == place:
+                break
+            place = better
+        size, wander, phi = np.ones(3), np.zeros(3), MEMORIES[place]
+        for axes, (_, ratio) in zip(PARTS, ratios(phi)):
+            white = Whitening(len(sd), sd, phi, np.full(3, ratio))
+            size[list(axes)] = self.problem.size(axes, white)
+            wander[list(axes)] = ratio * size[list(axes)]
+        return self._kept(replace(self.noise, phi=phi, axes=self.noise.axes * np.sqrt(size), wander=wander), 4)
 
     def _ratio(self, axes: tuple[int, ...], sd: Floats, phi: float) -> tuple[float, float]:
         """Return the least -2 L of some axes and the variance of the wander over that of the rest."""

@@ -178,8 +178,9 @@ class Whitening:
             return scaled
         out = np.zeros_like(columns)
         for axis in range(3):
-            if columns[..., axis].any():
-                out[..., axis] = getattr(self._filter(axis), what)(columns[..., axis])
+            busy = columns[..., axis].any(axis=-1)
+            if busy.any():
+                out[busy, :, axis] = getattr(self._filter(axis), what)(columns[busy, :, axis])
         return out
 
 
