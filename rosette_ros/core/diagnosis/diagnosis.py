@@ -215,13 +215,14 @@ class _Search:
         return self._ordered(self._simplest(selection))
 
     def _simplest(self, selection: Selection) -> Selection:
-        """Return the selection with a wrong reading in place of an event that cannot be distinguished from it."""
+        """Return the selection with a wrong reading in place of an effect that cannot be distinguished from it."""
         for place, member in enumerate(selection.members):
-            if member.name != 'outlier' and any(one.kind == 'instant' for one in member.effect.searched):
+            if member.named and member.name != 'outlier':
                 rest = self.problem.select(selection.without(place))
                 for offer in self.problem.offers([rest], ('outlier',), allow_repeats=True)[0][:1]:
                     child = self.problem.child(rest, offer)
-                    if child and child.score > selection.score - LOOK_ALIKE:
+                    if child and self.p(offer.score) <= CLAIM and (
+                            child.score > selection.score - LOOK_ALIKE or child.rss < selection.rss):
                         return self._simplest(child)
         return selection
 
