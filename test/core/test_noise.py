@@ -51,11 +51,16 @@ def student(seed, dof):
     return noise * np.sqrt((dof - 2) / rng.chisquare(dof, (144, 1)))
 
 
-def estimated(offset, seed=0, order='random'):
-    """Return the NoiseFit of a run."""
+def problem(offset, seed=0, order='random'):
+    """Return the problem of the noise of a run."""
     run = noisy(offset, seed, order)
     found = fit(run)
-    return estimate(NoiseProblem(run, found.joint.space.basis, NONE, found.residual, 0))
+    return NoiseProblem(run, found.joint.space.basis, NONE, found.residual, 0)
+
+
+def estimated(offset, seed=0, order='random'):
+    """Return the NoiseFit of a run."""
+    return estimate(problem(offset, seed, order))
 
 
 def covariance(sd, phi, wander):
@@ -199,3 +204,37 @@ def test_what_is_left_is_tested():
     assert verdict.outcome in (Outcome.NOISE, Outcome.SCATTERS)
     assert 'the axes repeat unequally' in verdict.sentence.partition('What is left is no noise of that kind: ')[2]
     assert 'no noise of that kind' not in judge(run).sentence
+
+
+def test_heavy_tails_and_unequal_axes_are_both_found():
+    """z twice as noisy, beside Student's distribution of 4 degrees of freedom: one does not stand for the other."""
+    found = [estimated(student(seed, 4) * (1, 1, 2), seed).noise for seed in range(4)]
+    assert all(set(noise.kinds) >= {'axes', 'tail reading'} for noise in found)
+    assert np.mean([noise.axes[2] / noise.axes[0] for noise in found]) == pytest.approx(2, rel=0.15)
+
+
+def test_what_wrong_readings_leave_decides_between_them_and_heavy_tails():
+    """Normal noise is not taken for Student's in more than 5 % of the runs; Student's is known from what is left."""
+    tails = Noise(tail='reading', tail_dof=4.0)
+    normal = [problem(white(seed)[0], seed).start.p_of_tail(tails) for seed in range(40)]
+    assert sum(p < 0.01 for p in normal) <= 2 and 0.3 < np.mean(normal) < 0.7
+    assert sum(problem(student(seed, 3), seed).start.p_of_tail(tails) < 0.01 for seed in range(10)) >= 9
+
+
+@pytest.mark.parametrize(('reading', 'order'), [(0, 'random'), (60, 'column')])
+def test_one_wrong_reading_is_no_other_effect(reading, order):
+    """Off along one axis, the first of a run is no warm-up, the first of its ball no slip of the plate."""
+    offset = white(5)[0]
+    offset[reading] += (9.0, 0.0, 0.0) if reading == 0 else (0.0, 11.0, 0.0)
+    verdict = judge(noisy(offset, 5, order))
+    assert f'lacks outlier (reading {reading + 1},' in verdict.sentence
+
+
+def test_a_repeatability_is_that_of_its_place():
+    """Balls that scatter three times as much do not make the others' repeatability wrong; both places are told."""
+    loud = np.where(np.arange(144) // 12 % 4 == 1, 3.0, 1.0)[:, None]  # a quarter of the balls, of the time too
+    run = noisy(white(1)[0] * loud, 1, 'column').replace(repeatability_dof=30.0)
+    verdict, found = judge(run), analyse(run)
+    assert verdict.outcome == Outcome.NOISE
+    assert ' of 12 of the run scatters ' in verdict.sentence and 'that may as well be ball ' in verdict.sentence
+    assert found.sigma == found.rms and found.sigma_source == 'residuals (the noise is not equal)'
