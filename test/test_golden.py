@@ -24,7 +24,7 @@ EXPECTED = sorted((GOLDEN / 'expected').glob('*.json.gz'))
 FEWEST = 30
 
 EXCEPTIONS = {
-    'log_split_n6_column': 'a ball slips during a reading: that one is wrong in part, the plate does not slip beside it',
+    'log_split_n6_column': 'a ball slips during a reading: that one is wrong in part, no plate slips',
     'log_backlash_n7_random_alternate': 'an order is advised only where it is better: here from 0.325 to 0.343',
     'table_clean_n12_diagonal_1um': 'rounding to 1 µm is told as that, no longer as the form of the balls',
     'table_acceleration_n8_random_model_own': 'a drift along a curve is named and the frame wanders: weighted',

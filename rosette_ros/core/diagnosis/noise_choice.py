@@ -22,6 +22,9 @@ from rosette_ros.core.model.noise import Noise
 ALONE = 10.0
 """Score by which effects in white noise must be better than another noise without them; outliers may be as much worse:
 heavy tails are many of them."""
+STEADY = 5.0
+"""Score by which each effect in white noise must be better than a frame that wanders at random: any course in time may
+be that by chance."""
 TAILED = 0.01
 """Probability of normal noise below which what outliers leave has the tails that their run has without them."""
 MOST_NOISES = 3
@@ -64,10 +67,12 @@ def under_best_noise(white: AnySearch, again: Callable[[Noise], AnySearch]) -> A
     # white noise cannot win where it would need more effects than are looked for, each as good as the best one
     is_tried = alone.noise.is_white or alone.score < most + ALONE
     if is_tried:
-        names, best, best_score, margin = white.chosen.names, white, white.chosen.score, ALONE
+        names, best, best_score = white.chosen.names, white, white.chosen.score
+        margin = STEADY * len(names) if alone.noise.kinds == ('wander',) else ALONE
         beside = _estimated(white, white.chosen.members) if names else alone
         if beside.noise.is_white:
-            margin = -ALONE if set(names) == {'outlier'} and not _is_tailed(beside, alone.noise) else ALONE
+            if set(names) == {'outlier'} and not _is_tailed(beside, alone.noise):
+                margin = -ALONE
             if alone.score < best_score - margin:
                 return white
         waiting = [(one, of) for one, of in ((alone, NO_NAMES), (beside, names)) if not one.noise.is_white]

@@ -309,9 +309,10 @@ def fit(run: Run, model: Model | None = None, settings: Sequence[Mapping[str, fl
         raise NotDeterminable(f'{run.source}: {3 * run.size} coordinates leave {dof} degrees of freedom for {model}; '
                               'measure more balls or remove an effect')
     sigma, source, chi, p = _noise(run, rss, dof, noise)
-    u = sigma * np.sqrt(joint.curve_cofactor())
+    scale = sigma * np.sqrt(noise.loss)
+    u = scale * np.sqrt(joint.curve_cofactor())
     return Fit(run, model, ErrorMotions(_mean_angles(run), base.curves[0], u), base.plate[0], base.cmm[0],
-               space.whitening.inverse(weighted[None])[0], _fitted(run, parts, amplitude, joint, sigma),
+               space.whitening.inverse(weighted[None])[0], _fitted(run, parts, amplitude, joint, scale),
                space.rank + joint.rank, dof, float(np.sqrt(rss / dof)), sigma, source, chi, p, lever, joint, noise,
                offset)
 

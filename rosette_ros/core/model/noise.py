@@ -64,6 +64,16 @@ class Noise:
             ('axes', np.ptp(self.axes) > 0 and not self.wander.any()), ('by ' + self.by, self.by),
             ('tail ' + self.tail, self.tail), ('wander', self.wander.any())) if has)
 
+    @property
+    def loss(self) -> float:
+        """The variance of what is fitted over that which the weights say: Student's are estimated themselves.
+
+        (dof + p + 2)/(dof + p), p = 3 coordinates with a common weight, else 1: Fisher's information of Student's
+        distribution.
+        """
+        p = 3 if self.tail == 'reading' else 1
+        return 1 + 2 / (self.tail_dof + p)
+
     def whitening(self, run: Run) -> 'Whitening':
         """Return what makes the noise of a run white."""
         if self.weight is None and not self.by:
