@@ -23,8 +23,8 @@ ALONE = 10.0
 """Score by which effects in white noise must be better than another noise without them; outliers may be as much worse:
 heavy tails are many of them."""
 STEADY = 5.0
-"""Score by which each effect in white noise must be better than a frame that wanders at random: any course in time may
-be that by chance."""
+"""Score by which each effect must be better than a frame that wanders at random: any course in time may be that by
+chance."""
 TAILED = 0.01
 """Probability of normal noise below which what outliers leave has the tails that their run has without them."""
 MOST_NOISES = 3
@@ -91,6 +91,8 @@ def under_best_noise(white: AnySearch, again: Callable[[Noise], AnySearch]) -> A
         score = white.problem.select(members).score + found.score
         if 'outlier' in search.chosen.names and _is_tailed(found, alone.noise):
             score -= ALONE
+        if alone.noise.wander.any():
+            score -= STEADY * len(members)
         if score > best_score - (margin if best is white else 0.0):
             best, best_score = search, score
         if not found.noise.is_white and (search.chosen.names, found.noise.kinds) != (of, one.noise.kinds):
