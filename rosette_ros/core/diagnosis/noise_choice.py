@@ -89,8 +89,9 @@ def under_best_noise(white: AnySearch, again: Callable[[Noise], AnySearch]) -> A
         members = [made for member in search.chosen.members
                    if (made := white.problem.member(member.effect, member.setting, member.chances))]
         score = white.problem.select(members).score + found.score
-        if 'outlier' in search.chosen.names and _is_tailed(found, alone.noise):
-            score -= ALONE
+        outliers = search.chosen.names.count('outlier')
+        if outliers and alone.noise.tail and (found.noise.tail or _is_tailed(found, alone.noise)):
+            score -= ALONE * outliers
         if alone.noise.wander.any():
             score -= STEADY * len(members)
         if score > best_score - (margin if best is white else 0.0):
