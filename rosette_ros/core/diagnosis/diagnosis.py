@@ -16,7 +16,7 @@ from rosette_ros.core.diagnosis.noise_choice import noise_of_z, noise_problem, u
 from rosette_ros.core.diagnosis.noise_search import SEEN, noise_of_rounding
 from rosette_ros.core.diagnosis.parameter_search import RELINEARISED, choose_settings
 from rosette_ros.core.diagnosis.right_shape import free_instead, right_shapes
-from rosette_ros.core.diagnosis.search import Member, Offer, Problem, Selection, searched_count
+from rosette_ros.core.diagnosis.search import BRANCHES, Member, Offer, Problem, Selection, searched_count
 from rosette_ros.core.diagnosis.verdict import Verdict, decide, left_over
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free_forms import FreeForm
@@ -229,7 +229,12 @@ class _Search:
     def _relinearised(self, selection: Selection) -> Selection:
         """Return what the search finds once the readings are freed of the second-order terms of what it found."""
         for _ in range(RELINEARISED):
-            beyond = self.final_fit([member for member in selection.members if member.named]).beyond
+            tried = [tuple(member for member in selection.members if member.named)]
+            if len(tried[0]) < len(selection.members):  # a free form may stand for one effect and its square
+                tried += [child.members for offer in self.problem.offers([self.problem.empty])[0][:BRANCHES]
+                          if offer.family.effect.moves_plate
+                          and (child := self.problem.child(self.problem.empty, offer))]
+            beyond = min((self.final_fit(members) for members in tried), key=lambda one: one.rms).beyond
             if np.abs(beyond - self.base.beyond).max() <= NEGLIGIBLE:
                 break
             base = self.base

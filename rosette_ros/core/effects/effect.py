@@ -165,6 +165,11 @@ class Effect:
         """Return the Factors of settings where columns are such products, else None."""
         return None
 
+    @property
+    def moves_plate(self) -> bool:
+        """Whether it may move the plate as a body."""
+        return type(self).motion is not Effect.motion
+
     def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion | None:
         """Return the Motion of amplitudes (q,) whose linear part the columns are; None where it does not
         move the plate as a body."""
