@@ -36,6 +36,7 @@ class PlateCreepSettles(Cause):
 class TableZeroStep(Cause):
     """The zero of the angle encoder jumps once."""
 
+    right = ('table_zero_step',)
     family = ('plate_slip',)
     variables = said('time', 'time position')
     turn_urad: float
@@ -53,6 +54,7 @@ class TableZeroStep(Cause):
 class AxisTiltStep(Cause):
     """The bed settles once: the axis tilts at a moment."""
 
+    right = ('axis_tilt_step',)
     variables = said('time position', 'time')
     tilt_urad: Vector
     at_h: float
@@ -69,7 +71,7 @@ class AxisTiltStep(Cause):
 class SpringBack(Cause):
     """A knock that goes back by itself: off at once, then exponentially to where it was."""
 
-    right = ('frame_pulse',)
+    right = ('frame_pulse', 'frame_recovery')
     family = ('frame_step', 'outlier', *DRIFTS)
     variables = said('time')
     shift_um: Vector

@@ -14,6 +14,7 @@ import numpy as np
 from rosette_ros.analysis import Change, LadderStep
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.diagnosis import Candidate, Diagnosis
+from rosette_ros.core.diagnosis.recovered_shape import Shape
 from rosette_ros.core.diagnosis.second_run import CheckedEffect, CrossCheck
 from rosette_ros.core.diagnosis.verdict import Verdict, noise_words
 from rosette_ros.core.effects.effect import Effect, Quantity
@@ -133,6 +134,7 @@ def diagnosis_json(diagnosis: Diagnosis, visibilities: Sequence[Visibility] = ()
         'fit': fit_json(diagnosis.fit), 'missing': diagnosis.missing, 'unexplained': diagnosis.unexplained,
         'candidates': [_candidate_json(entry) for entry in diagnosis.candidates], 'invisible': diagnosis.invisible,
         **verdict_json(diagnosis.verdict), 'unexplained_text': diagnosis.unexplained_text,
+        'shapes': [_shape_json(entry) for entry in diagnosis.recovered],
         'final': fit_json(diagnosis.final), 'unavailable': dict(diagnosis.unavailable),
         'invisible_bias': {entry.name: by_curve(entry.bias) for entry in visibilities},
         **({'check': _check_json(check)} if check else {})})
@@ -145,6 +147,15 @@ def _candidate_json(entry: Candidate) -> Json:
         'held_out_rms_before_m': entry.cross_validation_before, 'held_out_rms_after_m': entry.cross_validation_after,
         'delta_bic': entry.delta_bic, 'parameters': parameters_json(entry.parameters), 'look_alikes': entry.look_alikes,
         'claimed': entry.claimed, 'setting': entry.setting}
+
+
+def _shape_json(shape: Shape) -> Json:
+    """Return a recovered shape; claim: '' where no effect has it; u: standard uncertainties."""
+    return {
+        'form': shape.form, 'setting': shape.setting, 'text': shape.words, 'claim': shape.claim,
+        'variable': shape.variable, 'unit': shape.unit, 'values': shape.values, 'u_coverage_factor': STANDARD,
+        'curves': [{'axis': one.axis, 'carrier': one.carrier, 'shape_m': one.value, 'u_m': one.u,
+                    'claimed_m': one.claimed} for one in shape.curves]}
 
 
 def _check_json(check: CrossCheck) -> Json:

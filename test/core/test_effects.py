@@ -18,7 +18,8 @@ from rosette_ros.core.model.model import Model
 EVERY = [*EFFECTS.values(), *FREE_FORMS.values()]
 FIXED_NAMES = {
     'frame_drift', 'frame_drift_onset', 'frame_drift_curved', 'frame_warmup', 'frame_temperature',
-    'frame_temperature_lag', 'frame_cycle', 'frame_step', 'frame_pulse',
+    'frame_temperature_lag', 'frame_cycle', 'frame_step', 'frame_pulse', 'frame_recovery',
+    'table_zero_step', 'axis_tilt_step',
     'table_zero_drift', 'axis_tilt_drift', 'table_backlash', 'table_backlash_angle', 'encoder_interpolation',
     'asynchronous_motion', 'table_warmup', 'plate_creep', 'plate_slip', 'plate_expansion', 'plate_warp',
     'plate_support', 'ball_slip', 'ball_creep', 'ball_rattle', 'ball_machine_offset', 'ball_form',

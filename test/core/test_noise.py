@@ -199,7 +199,7 @@ def test_what_the_noise_may_be_is_part_of_the_model():
 
 def test_what_is_left_is_tested():
     """Where the model allows no other noise than white, what is left is said to be none."""
-    run = noisy(white(3)[0] * (1, 1, 1.6), 3)
+    run = noisy(white(7)[0] * (1, 1, 1.6), 7)
     verdict = judge(run, Model(noise=()))
     assert verdict.outcome in (Outcome.NOISE, Outcome.SCATTERS)
     assert 'the axes repeat unequally' in verdict.sentence.partition('What is left is no noise of that kind: ')[2]

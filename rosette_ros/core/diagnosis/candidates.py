@@ -36,8 +36,10 @@ RIDGE = 1e-3
 SMALL = 1000
 FEW = 32
 EMPTY = 0.25
-NO_RESIDUAL = 1e-290  # square sum that stands for none, m²
 """Share of numbers that are not zero below which columns are kept as sparse."""
+NO_LENGTH = 1e-9
+"""Length of a column beside the longest of its effect below which it is none."""
+NO_RESIDUAL = 1e-290  # square sum that stands for none, m²
 
 
 class Projection:
@@ -221,7 +223,9 @@ def _lengths(flat: Reals) -> tuple[Reals, Bools]:
 def _lengths_of(square: Reals, mean: Reals) -> tuple[Reals, Bools]:
     varying = square - mean
     moves = varying > 1e-18 * square
-    return np.sqrt(np.where(moves, varying, np.where(square > 0, square, 1.0))), moves
+    length = np.sqrt(np.where(moves, varying, np.where(square > 0, square, 1.0)))
+    # the sine of half a turn is rounding: it is no column to be made as long as the others
+    return np.where(length > NO_LENGTH * length.max(), length, length.max()), moves
 
 
 def _mix(gram: Reals, moves: Bools) -> tuple[Reals, Ints, Reals]:

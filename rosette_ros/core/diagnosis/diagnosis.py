@@ -15,7 +15,8 @@ from rosette_ros.core.diagnosis.cross_validation import CrossValidation
 from rosette_ros.core.diagnosis.noise_choice import noise_of_z, noise_problem, under_best_noise
 from rosette_ros.core.diagnosis.noise_search import SEEN, noise_of_rounding
 from rosette_ros.core.diagnosis.parameter_search import RELINEARISED, choose_settings
-from rosette_ros.core.diagnosis.right_shape import free_instead, right_shapes
+from rosette_ros.core.diagnosis.recovered_shape import Shape, recovered_shapes
+from rosette_ros.core.diagnosis.right_shape import free_instead, is_alike, right_shapes
 from rosette_ros.core.diagnosis.search import BRANCHES, Member, Offer, Problem, Selection, searched_count
 from rosette_ros.core.diagnosis.verdict import Verdict, decide, left_over
 from rosette_ros.core.effects.effect import Setting
@@ -104,9 +105,10 @@ class Finding:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Finding):
-    """A Finding with all candidates, best first, and the effects that the run's records cannot judge, with reasons."""
+    """A Finding with all candidates, best first, what the records cannot judge, with reasons, and recovered Shapes."""
 
     candidates: tuple[Candidate, ...]
+    recovered: tuple[Shape, ...]
     unavailable: tuple[tuple[str, str], ...]
 
 
@@ -125,7 +127,8 @@ def diagnose(run: Run, model: Model | None = None, seed: int = 0) -> Diagnosis:
     """
     with _bounded(run):
         search = _search(run, model or Model(), seed)
-        return Diagnosis(**vars(search.finding), candidates=_Candidates(search).all(), unavailable=search.unavailable)
+        return Diagnosis(**vars(search.finding), candidates=_Candidates(search).all(),
+                         recovered=recovered_shapes(search.problem, search.chosen), unavailable=search.unavailable)
 
 
 @contextmanager
@@ -308,8 +311,8 @@ class _Search:
                 least = self.chosen.score - LOOK_ALIKE
                 near = [rival for rival, score, _ in self.problem.rivals(rest)
                         if rival.named and rival.name != member.name and rest.score + score > least - NEAR]
-                out[place] = tuple(rival.name for rival in near if max(
-                    rest.score, least) < self.problem.polish(self.problem.select((*rest.members, rival))).score)
+                out[place] = tuple(rival.name for rival in near
+                                   if is_alike(self.problem, self.chosen, rest, rival, least))
         return out
 
     @cached_property

@@ -27,6 +27,9 @@ STEADY = 5.0
 chance."""
 TAILED = 0.01
 """Probability of normal noise below which what outliers leave has the tails that their run has without them."""
+CURVED = 40.0
+"""Score by which free forms in white noise may be worse: where they leave nothing, what is there is smoother than a
+wander, of which they would leave the quick part."""
 MOST_NOISES = 3
 NO_NAMES: tuple[str, ...] = ()
 """Searches beside that in white noise."""
@@ -71,7 +74,9 @@ def under_best_noise(white: AnySearch, again: Callable[[Noise], AnySearch]) -> A
         margin = STEADY * len(names) if alone.noise.kinds == ('wander',) else ALONE
         beside = _estimated(white, white.chosen.members) if names else alone
         if beside.noise.is_white:
-            if set(names) == {'outlier'} and not _is_tailed(beside, alone.noise):
+            if not any(member.named for member in white.chosen.members):
+                margin = -CURVED
+            elif set(names) == {'outlier'} and not _is_tailed(beside, alone.noise):
                 margin = -ALONE
             if alone.score < best_score - margin:
                 return white

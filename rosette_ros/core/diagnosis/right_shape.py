@@ -13,7 +13,8 @@ from scipy import special
 
 from rosette_ros.core.diagnosis.search import Member, Problem, Selection, gain_and_rank, searched_count
 from rosette_ros.core.effects.effect import Effect, Setting, grid
-from rosette_ros.core.effects.free_forms import FREE_FORMS, counts
+from rosette_ros.core.effects.free_forms import FREE_FORMS, MOST_OF_BALL, counts
+from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.records import Run
 
 WRONG_SHAPE = 0.002
@@ -22,35 +23,67 @@ MERGE = 25.0
 """By how much the score of two claims on one variable must exceed that of one free form; three times that for three.
 
 A single claim that is better by as much as this keeps its name, whatever a free form has more."""
-IN_TIME = {
-    'table_zero_drift': ('CMM position', 1, 'xy'), 'plate_expansion': ('CMM position', 1, 'xy'),
-    'cmm_scale_drift': ('CMM position', 1, 'xy'), 'cmm_squareness_drift': ('CMM position', 1, 'xy'),
-    'axis_tilt_drift': ('CMM position', 1, 'z'), 'plate_creep': ('table angle', 1, 'xy'),
-    'plate_slip': ('table angle', 1, 'xy'), 'plate_warp': ('ball', 2, 'z')}
-"""What an effect that changes with time multiplies it by: angle, waves, axes."""
+IN_TIME: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
+    'table_zero_drift': ('CMM position', (('free_time', 'tangential'),)),
+    'plate_expansion': ('CMM position', (('free_time', 'radial'),)),
+    'cmm_scale_drift': ('CMM position', (('free_growth', 'xy'),)),
+    'cmm_squareness_drift': ('CMM position', (('free_growth', 'xy'),)),
+    'axis_tilt_drift': ('CMM position', (('free_growth', 'z'),)),
+    'axis_tilt_step': ('CMM position', (('free_growth', 'z'),)),
+    'table_zero_step': ('CMM position', (('free_time', 'tangential'),)),
+    'plate_creep': ('table angle', (('free_time', 'plate xy'),)),
+    'plate_slip': ('table angle', (('free_time', 'plate xy'), ('free_time', 'tangential'))),
+    'plate_warp': ('ball', (('free_growth', 'z'),))}
+"""What else an effect that changes with time depends on, and the free forms beside it with their axes."""
+MOSTLY = 0.9
+"""Share of the square sum that the temperature explains to be alike: no record tells it at the right place."""
+ONE = 12.0
+"""By how much the score of several claims must exceed that of one effect in their place."""
+ALONG_TIME = ('free_time', 'free_temperature', 'asynchronous_motion', 'table_warmup')
+"""What is a curve in time, or nearly, without being called so."""
+MOTIONS = {'radial': ((0, 'xy'),), 'axial': ((0, 'z'),), 'tilt': ((1, 'z'),), 'all': ((0, 'xyz'), (1, 'z'))}
+"""Waves of the CMM position and axes of a motion of the table's axis."""
+PARTS = {'z': ('z',), 'xy': ('xy',), 'both': ('z', 'xy')}
+"""Axes of a part of the form of the balls."""
 
 
 def forms_beside(run: Run, effect: Effect, setting: Setting) -> Iterator[tuple[str, Setting]]:
     """Yield name and setting of the free forms of the variables of an effect."""
-    name = effect.name
+    name, some = effect.name, counts(run.size // 4)[1:]
     if name.startswith('frame_') or name == 'table_warmup':
-        axes = 'z' if name == 'table_warmup' else 'xyz'
-        yield from (('free_time', one) for one in grid(axes=(axes,), count=counts(run.size // 4)[1:]))
+        own = 'z' if name == 'table_warmup' else setting.word('axes', 'xyz')
+        every = dict.fromkeys((own, own if name == 'table_warmup' else 'xyz'))
+        yield from (('free_time', one) for one in grid(axes=every, count=some))
     if 'temperature' in name or setting.get('driver') == 'temperature':
         yield 'free_temperature', Setting(axes='xyz', count=3)
     ball = _ball(run, effect, setting)
     if ball:
-        for of, most in (('time', run.n - 2), ('table angle', (run.n - 1) // 2)):
-            yield from (('free_ball', one) for one in grid(ball=(ball,), of=(of,), count=counts(most)[-2:],
-                                                           axes=('xyz',)))
-    if name in IN_TIME:
-        of, order, axes = IN_TIME[name]
-        yield from (('free_growth', one) for one in grid(of=(of,), order=(setting.get('order', order),), count=(4, 8),
-                                                         axes=(axes,)))
+        most = min(run.n - 2, MOST_OF_BALL)
+        yield from (('free_ball', one) for one in grid(ball=(ball,), of=('time',), count=sorted({min(4, most), most}),
+                                                       axes=('plate xyz',)))
+        yield from (('free_ball', one) for one in grid(ball=(ball,), of=('table angle',), axes=('xyz',),
+                                                       count=counts((run.n - 1) // 2)[-2:]))
+    of, forms = IN_TIME.get(name, ('', ()))
+    for form, axes in forms:
+        more = Setting(of=of, order=setting.get('order', 1)) if form == 'free_growth' else Setting()
+        yield from ((form, Setting({**more, 'count': count, 'axes': axes})) for count in (4, 8))
+    if name == 'asynchronous_motion':
+        yield from (('free_travel', Setting(nu=setting['nu'], count=3, order=order, axes=axes))
+                    for order, axes in MOTIONS[setting.word('motion')])
+        yield from (('free_time', one) for one in grid(axes=('z', 'xy', 'xyz'), count=some))
+    if name == 'encoder_interpolation':
+        yield 'free_line', Setting(lines=setting['lines'], count=3, axes='tangential')
+    if name == 'plate_support':
+        yield from (('free_balls', Setting(order=order, axes=setting['part'])) for order in (setting['p'], 0))
+    if name == 'ball_form' and not ball:
+        yield from (('free_balls', one) for one in grid(order=(setting['harmonic'], 0), axes=PARTS[
+            setting.word('part', 'both')]))
+    if name == 'ball_machine_offset' and not ball:
+        yield from (('free_balls', one) for one in grid(order=(1, 2), axes=('xy',)))
     if name.startswith('table_backlash'):
         yield from (('free_reversal', one) for one in FREE_FORMS['free_reversal'].settings(run))
     if name.startswith(('cmm_reversal', 'probe')):
-        yield from (('free_sense', one) for one in FREE_FORMS['free_sense'].settings(run))
+        yield from ((form, one) for form in ('free_sense', 'free_approach') for one in FREE_FORMS[form].settings(run))
 
 
 def _ball(run: Run, effect: Effect, setting: Setting) -> int:
@@ -58,15 +91,22 @@ def _ball(run: Run, effect: Effect, setting: Setting) -> int:
     return int(run.ball[setting.whole('reading') - 1]) if effect.name == 'outlier' else int(setting.get('ball', 0))
 
 
-def _groups(run: Run, selection: Selection) -> list[list[int]]:
-    """Return the places of members for which one free form can stand together; outliers only beside others."""
+def _groups(run: Run, selection: Selection) -> list[tuple[float, list[int]]]:
+    """Return the places of members for which one form may stand, outliers only beside others, and by how much worse.
+
+    Members of one variable, and all together, for which it must explain more.
+    """
     groups: dict[str, list[int]] = {}
     for place, member in enumerate(selection.members):
         ball = _ball(run, member.effect, member.setting)
-        family = 'frame' if member.name in ('free_time', 'free_temperature') else member.name.partition('_')[0]
-        shared = f'ball {ball}' if ball else member.setting.word('of') or IN_TIME.get(member.name, (family,))[0]
+        family = 'frame' if member.name in ALONG_TIME else member.name.partition('_')[0]
+        of = IN_TIME[member.name][0] if member.name in IN_TIME else family
+        shared = f'ball {ball}' if ball else member.setting.word('of') or of
         groups.setdefault(shared, []).append(place)
-    return [group for group in groups.values() if len(group) > 1 and any(
+    found = [(MERGE * len(group) * (len(group) - 1) / 2, group) for group in groups.values()]
+    size = len(selection.members)
+    found.append((MERGE * (size - 1) * (size - 2) / 2, list(range(size))))
+    return [(margin, group) for margin, group in found if len(group) > 1 and any(
         selection.members[place].named and selection.members[place].name != 'outlier' for place in group)]
 
 
@@ -100,6 +140,14 @@ def free_instead(problem: Problem, selection: Selection, places: list[int]) -> S
     return max(found, key=lambda each: each.score, default=None)
 
 
+def _one_instead(problem: Problem, selection: Selection, places: list[int]) -> Selection | None:
+    """Return the selection with the best single effect in place of some members, None where there is none."""
+    rest = problem.select([member for place, member in enumerate(selection.members) if place not in places])
+    offers = [offer for offer in problem.offers([rest], tuple(EFFECTS), allow_repeats=True)[0] if offer.score > 0][:3]
+    made = filter(None, (problem.child(rest, offer) for offer in offers))
+    return max(made, key=lambda each: each.score, default=None)
+
+
 def right_shapes(problem: Problem, selection: Selection,
                  prune: Callable[[Selection], Selection]) -> Selection:
     """Return a selection in which every named member has the right shape; prune: drops what does not hold."""
@@ -112,11 +160,22 @@ def right_shapes(problem: Problem, selection: Selection,
             better = free_instead(problem, selection, worst[1])
             if better is not None and better.score < selection.score - MERGE:
                 better = None  # far worse than the claim: what the free form has more is chance
-        for group in _groups(problem.run, selection) if better is None else ():
-            merged = free_instead(problem, selection, group)
-            if merged is not None and merged.score > selection.score - MERGE * len(group) * (len(group) - 1) / 2:
-                better = merged
+        for margin, group in _groups(problem.run, selection) if better is None else ():
+            for merged, worse in ((_one_instead(problem, selection, group), ONE),
+                                  (free_instead(problem, selection, group), margin)):
+                if merged is not None and merged.score > max(selection.score - worse, better.score if better else 0.0):
+                    better = merged
         if better is None:
             return selection
         selection = problem.polish(prune(better))
     return selection
+
+
+def is_alike(problem: Problem, chosen: Selection, rest: Selection, rival: Member, least: float) -> bool:
+    """Return whether a rival in place of a member fits as well, or, as the temperature, explains most of it.
+
+    rest: what is chosen without that member; least: the score that is as good.
+    """
+    best = problem.polish(problem.select((*rest.members, rival)))
+    return best.score > max(rest.score, least) or (
+        'temperature' in rival.effect.depends_on and rest.rss - best.rss > MOSTLY * (rest.rss - chosen.rss))

@@ -33,7 +33,7 @@ from rosette_ros.core.diagnosis.candidates import (
     whiten,
 )
 from rosette_ros.core.effects.effect import Bracket, Effect, Setting
-from rosette_ros.core.effects.free_forms import FREE_FORMS, FreeForm
+from rosette_ros.core.effects.free_forms import SEARCHED_FORMS, FreeForm
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.least_squares import JointSpace
 from rosette_ros.core.records import Floats, Ints, Run
@@ -41,8 +41,9 @@ from rosette_ros.core.records import Floats, Ints, Run
 UNNAMED_PRIOR = 10.0
 """An unnamed term must beat named effects by this score."""
 REPEATABLE = (
-    'outlier', 'ball_slip', 'ball_form', 'ball_machine_offset', 'frame_cycle', 'frame_step', 'frame_pulse',
-    'plate_slip', 'asynchronous_motion', 'plate_support', 'table_backlash_angle')
+    'outlier', 'ball_slip', 'ball_creep', 'ball_rattle', 'ball_form', 'ball_machine_offset', 'frame_cycle',
+    'frame_step', 'frame_pulse', 'plate_slip', 'asynchronous_motion', 'plate_support', 'table_backlash_angle',
+    'encoder_interpolation')
 """Effects that can be present more than once."""
 MOST_EFFECTS = 5
 BEAM = 4
@@ -124,7 +125,7 @@ class Problem:
 
     def __init__(self, run: Run, space: JointSpace, residual: Floats, dof: int,
                  effects: Sequence[Effect] = tuple(EFFECTS.values()),
-                 unnamed: Sequence[FreeForm] = tuple(FREE_FORMS.values())) -> None:
+                 unnamed: Sequence[FreeForm] = SEARCHED_FORMS) -> None:
         """Build the families once; space, residual (N, 3), m, and its degrees of freedom: of the model."""
         self.run, self.dof = run, dof
         self.project = Projection(space, run.size)

@@ -20,6 +20,8 @@ UNRECORDED = {
     'cmm_sense': 'readings are missing, and the run does not record from which side the CMM came to the others'}
 """Why an effect of what a run does not record cannot be judged."""
 LARGEST = float(np.finfo(float).max)
+LEAST_KNOWN = 0.5
+"""Share of readings with a temperature below which nothing is judged by it."""
 Bracket = tuple[float, float] | Floats
 """Where to refine a parameter: between two values, or one of an array of values."""
 
@@ -136,8 +138,8 @@ class Effect:
 
     def unavailable(self, run: Run) -> str:
         """Return why the effect cannot be judged on this run, or an empty string."""
-        if 'temperature' in self.depends_on and not np.all(np.isfinite(run.temperature)):
-            return 'the run has no temperatures'
+        if 'temperature' in self.depends_on and np.mean(np.isfinite(run.temperature)) < LEAST_KNOWN:
+            return f'the run has {"too few" if np.isfinite(run.temperature).any() else "no"} temperatures'
         if 'approach' in self.depends_on and not np.any(run.approach):
             return 'the run does not say in which sense the table moved'
         return next((UNRECORDED[name] for name in run.unrecorded if name in self.depends_on), '')
@@ -203,7 +205,7 @@ class Effect:
 
     def instants(self, run: Run, setting: Setting, name: str = 't0') -> Floats:
         """Return the instants between readings beside that of a setting, as far as the next ones of the grid."""
-        every = between_readings(run, most=run.size)
+        every = between_readings(run, most=run.size)[1:-1]
         return beside(every, setting.number(name), 1.5 * every.size / between_readings(run).size)
 
     def check_setting(self, setting: Setting) -> None:

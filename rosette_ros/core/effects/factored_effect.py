@@ -6,7 +6,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from rosette_ros.core.effects.effect import Bracket, Effect, Factors, Setting, grid
-from rosette_ros.core.effects.run_functions import between_readings, duration, lagged, seconds, temperature_change
+from rosette_ros.core.effects.run_functions import (
+    between_readings,
+    duration,
+    lagged,
+    seconds,
+    temperature_change,
+    temperature_waves,
+)
 from rosette_ros.core.records import Floats, Run
 
 
@@ -57,10 +64,10 @@ class Temperature(RunFunction):
     """T - T0; nothing to try where the temperature stands still."""
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
-        return (Setting(),) if np.ptp(run.temperature) else ()
+        return (Setting(),) if np.any(temperature_change(run)) else ()
 
     def at(self, run: Run, values: Floats) -> Floats:
-        return np.tile(temperature_change(run), (len(values), 1, 1))
+        return np.tile(temperature_waves(run), (len(values), 1, 1))
 
 
 class Cycle(RunFunction):
@@ -85,10 +92,12 @@ class Cycle(RunFunction):
 
 
 class Step(RunFunction):
-    """H(t - t0); moments between readings, of which neighbours look alike."""
+    """H(t - t0); moments between readings, of which neighbours look alike.
+
+    One reading before or after is a wrong reading."""
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
-        return grid(t0=between_readings(run).tolist())
+        return grid(t0=between_readings(run)[1:-1].tolist())
 
     def chances(self, run: Run) -> float:
         return max(1, min(run.size, 200) // 4)
@@ -117,6 +126,23 @@ class Pulse(RunFunction):
     def at(self, run: Run, values: Floats) -> Floats:
         since = seconds(run) > values[..., None]
         return np.asarray(since[:, :1] * 1.0 - since[:, 1:])
+
+
+class Recovery(RunFunction):
+    """H(t - t0) exp(-(t - t0)/tau); moments between readings, five time constants up to a third of the run."""
+
+    parameters = 2
+
+    def settings(self, run: Run) -> tuple[Setting, ...]:
+        return grid(t0=between_readings(run, 60)[:-2].tolist(),
+                    tau=np.geomspace(duration(run) / 40, duration(run) / 3, 5).tolist())
+
+    def chances(self, run: Run) -> float:
+        return max(1, min(run.size, 200) // 2)
+
+    def at(self, run: Run, values: Floats) -> Floats:
+        since = seconds(run) - values[:, :1]
+        return np.where(since > 0, np.exp(-np.maximum(since, 0) / values[:, 1:]), 0.0)[:, None]
 
 
 class Onset(RunFunction):
@@ -153,13 +179,15 @@ class LaggedTemperature(RunFunction):
     """
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
-        return grid(tau=np.geomspace(duration(run) / 50, duration(run), 10).tolist()) if np.ptp(run.temperature) else ()
+        return grid(tau=np.geomspace(duration(run) / 50, duration(run), 10).tolist()) if np.any(
+            temperature_change(run)) else ()
 
     def chances(self, run: Run) -> float:
         return 20
 
     def at(self, run: Run, values: Floats) -> Floats:
-        return np.stack([lagged(seconds(run), temperature_change(run), float(tau)) for tau in values[:, 0]])[:, None]
+        return np.array([[lagged(seconds(run), wave, float(tau)) for wave in temperature_waves(run)]
+                         for tau in values[:, 0]])
 
 
 class FactoredEffect(Effect):

@@ -12,11 +12,12 @@ from rosette_ros.core.effects.factored_effect import (
     LaggedTemperature,
     Onset,
     Pulse,
+    Recovery,
     Step,
     Temperature,
     WarmUp,
 )
-from rosette_ros.core.effects.run_functions import radial, seconds, unit
+from rosette_ros.core.effects.run_functions import radial, seconds, temperature_waves, unit
 from rosette_ros.core.records import Floats, Run
 
 _AXES = Searched('axes', '', 'which axes move: all three together or one alone')
@@ -92,7 +93,16 @@ class FrameWarmup(FrameEffect):
     function = WarmUp()
 
 
-class FrameTemperature(FrameEffect):
+class FrameOfTemperature(FrameEffect):
+    """What follows the temperature; gaps of its record leave amplitudes open, by which it may have gone in them."""
+
+    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
+        gaps = tuple(Quantity(f'gap{k}', 'm', f'way {k} in gaps of the record along')
+                     for k in range(1, len(temperature_waves(run))))
+        return tuple(one for quantity in (*self.quantities, *gaps) for one in per_axis(setting.word('axes'), quantity))
+
+
+class FrameTemperature(FrameOfTemperature):
     name = 'frame_temperature'
     plain = 'machine follows the temperature'
     meaning = 'The probe moves relative to the table with the measured temperature.'
@@ -105,7 +115,7 @@ class FrameTemperature(FrameEffect):
     function = Temperature()
 
 
-class FrameTemperatureLag(FrameEffect):
+class FrameTemperatureLag(FrameOfTemperature):
     name = 'frame_temperature_lag'
     plain = 'drift of the probe behind the temperature'
     meaning = 'The probe moves relative to the table with the measured temperature, but later.'
@@ -166,6 +176,21 @@ class FramePulse(FrameEffect):
         found = super().instants(run, setting, name)
         inside = [np.count_nonzero((time > min(one, other)) & (time < max(one, other))) for one in found]
         return found[np.array(inside, dtype=int) >= Pulse.shortest]
+
+
+class FrameRecovery(FrameEffect):
+    name = 'frame_recovery'
+    plain = 'shift of the probe that goes back'
+    meaning = 'At one moment the probe shifted relative to the table, and went back ever more slowly.'
+    look = 'A knock, a load or warm air that was there for a moment; a joint that springs back.'
+    formula = 'd H(t - t0) exp(-(t - t0)/tau)'
+    source = 'physics of loads and of thermal disturbances'
+    depends_on = ('time',)
+    carries = 'nothing'
+    quantities = (Quantity('d', 'm', 'shift at first along'),)
+    searched = (_AXES, Searched('t0', 's', 'moment of the shift, since the first reading', 'instant'),
+                Searched('tau', 's', 'time constant of its way back', 'scale'))
+    function = Recovery()
 
 
 class CmmScaleDrift(Effect):

@@ -5,73 +5,109 @@ They compete with the named effects in the search, and stand beside every claim 
 cause: it tells in words what the residual depends on, and its course is shown. A model file may keep one as a term.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from rosette_ros.core.effects import run_functions as on
 from rosette_ros.core.effects.effect import Effect, Quantity, Searched, Setting, grid
-from rosette_ros.core.effects.run_functions import duration, seconds, temperature_change
+from rosette_ros.core.effects.run_functions import duration, seconds
 from rosette_ros.core.records import Bools, Floats, Run
 
 AXES = ('x', 'y', 'z', 'xy', 'xz', 'yz', 'xyz')
+TURNING = ('plate xy', 'radial', 'tangential')
+"""Directions that turn: with the plate, or with the place of the ball."""
 ANGLES = {'CMM position': 'alpha', 'table angle': 'phi', 'ball': 'beta'}
 HIGHEST = 8
+MOST_OF_BALL = 16
+"""Functions of time for one ball: on a plate of 12 or 18 balls they are any move between its readings."""
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """What a free form is a function of: its name, unit, and value at each reading, (N,); where: the readings, (N,)."""
+    """What a free form is a function of, and how: along each direction the sum of amplitude x carrier x basis.
+
+    name, unit: of the variable; values: of it at each reading, (N,); basis: functions of it, (m, N); carriers: what
+    multiplies them, (N,), by its name.
+    """
 
     name: str
     unit: str
     values: Floats
-    where: Bools
+    basis: Sequence[Floats]
+    carriers: Mapping[str, Floats] = field(default_factory=dict)
+
+    def carried(self) -> list[Floats]:
+        """Return the carriers, or one where there are none."""
+        return list(self.carriers.values()) or [np.ones(self.values.size)]
+
+    @property
+    def where(self) -> Bools:
+        """Readings that it moves, (N,)."""
+        return np.asarray(np.any(np.array(self.carried()) != 0, axis=0))
 
 
 class FreeForm(Effect):
-    """Scalars of the reading along every one of some axes of the machine.
+    """Carriers times functions of a variable along some directions.
 
-    words: what it depends on, with the values of a setting in braces; grid: the settings to try; scalars: what each
-    axis follows, (m, N); course: what it is shown over.
+    words: what it depends on, with the values of a setting in braces; grid: the settings to try; course: of a setting.
+    Its setting `axes` are axes of the machine (`xz`), or one of TURNING.
     """
 
     look = 'What the residual depends on, in the cell.'
-    source = 'no physics: splines, waves and cosines'
+    source = 'no physics: powers, waves and cosines'
 
     def __init__(self, name: str, words: str, searched: Sequence[Searched], grid: Callable[[Run], Iterable[Setting]],
-                 scalars: Callable[[Run, Setting], Sequence[Floats]],
                  course: Callable[[Run, Setting], Course], depends_on: tuple[str, ...] = ()) -> None:
         self.name, self.words, self.depends_on = name, words, depends_on
         self.meaning = f'A free form: the residual {words.format_map(_Blanks())}.'
         self.formula = 'any function, as a sum of smooth ones'
-        self.grid, self.scalars, self.course = grid, scalars, course
-        self.searched = (*searched, Searched('axes', '', 'axes of the machine'))
+        self.grid, self.course = grid, course
+        self.searched = (*searched, Searched('axes', '', 'axes of the machine, of the plate, radial or tangential'))
 
     def describe(self, setting: Setting) -> str:
         """Return what the shape depends on, in words."""
-        axes = ' and '.join(setting.word('axes'))
+        frame, _, axes = setting.word('axes').rpartition(' ')
+        along = ' and '.join(axes).replace('x and y and z', 'x, y and z')
+        where = {'radial': 'in the radial direction', 'tangential': 'in the tangential direction'}.get(
+            axes, f"along the plate's {along}" if frame else f'in {along}')
         words = {name: f'{value:g}' if isinstance(value, float) else value for name, value in setting.items()}
-        return f'it {self.words.format(**words)}, in {axes}'.replace('(-', '(−').replace('x and y and z', 'x, y and z')
+        return f'it {self.words.format(**words)}, {where}'.replace('(-', '(−')
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return tuple(self.grid(run))
 
     def width(self, run: Run, setting: Setting) -> int:
-        return len(setting.word('axes')) * len(self.scalars(run, setting))
+        course = self.course(run, setting)
+        return len(directions(setting.word('axes'))) * len(course.basis) * max(len(course.carriers), 1)
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
+        course = self.course(run, setting)
         return tuple(Quantity(f'c{k + 1}_{axis}', 'm', f'amplitude along {axis}')
-                     for axis in setting.word('axes') for k in range(len(self.scalars(run, setting))))
+                     for axis in directions(setting.word('axes'))
+                     for k in range(len(course.basis) * max(len(course.carriers), 1)))
 
     def columns(self, run: Run, setting: Setting) -> Floats:
-        """Return every scalar along every axis, (N, 3, q)."""
-        scalars = np.asarray(self.scalars(run, setting), dtype=float)
-        axes = ['xyz'.index(axis) for axis in setting.word('axes')]
-        out = np.zeros((run.size, 3, len(axes), len(scalars)))
-        for place, axis in enumerate(axes):
-            out[:, axis, place] = scalars.T
-        return out.reshape(run.size, 3, -1)
+        """Return every basis function of every carrier along every direction, (N, 3, q)."""
+        course, units = self.course(run, setting), unit_vectors(run, setting.word('axes'))
+        scalars = np.array([carrier * one for carrier in course.carried() for one in course.basis])
+        return np.asarray((units[:, :, :, None] * scalars.T[:, None, None]).reshape(run.size, 3, -1))
+
+
+def directions(axes: str) -> list[str]:
+    """Return the names of the directions of a setting's axes."""
+    return [axes] if axes in TURNING[1:] else list(axes.rpartition(' ')[2])
+
+
+def unit_vectors(run: Run, axes: str) -> Floats:
+    """Return the unit vectors of a setting's axes in the machine, (N, 3, d)."""
+    if axes in TURNING[1:]:
+        return (on.radial if axes == 'radial' else on.tangential)(run.alpha)[:, :, None]
+    frame, _, letters = axes.rpartition(' ')
+    places = ['xyz'.index(axis) for axis in letters]
+    every = on.plate_axes(run) if frame else np.broadcast_to(np.eye(3), (run.size, 3, 3))
+    return every[:, :, places]
 
 
 class _Blanks(dict[str, str]):
@@ -79,16 +115,33 @@ class _Blanks(dict[str, str]):
         return f'({key})'
 
 
-def _waves(angle: Floats, order: int) -> list[Floats]:
+def waves(angle: Floats, order: int) -> list[Floats]:
     """Return cos and sin of an order, or cos alone where sin is zero everywhere."""
     c, s = np.cos(order * angle), np.sin(order * angle)
     return [c] if np.abs(s).max() < 1e-9 else [c, s]
 
 
-def cosines(values: Floats, count: int) -> list[Floats]:
-    """Return cos(pi k u) of values (N,) scaled to u from 0 to 1, for k = 1 .. count."""
-    low, span = values.min(), np.ptp(values) or 1.0
-    return [np.cos(np.pi * k * (values - low) / span) for k in range(1, count + 1)]
+def _wave_carriers(angle: Floats, order: int, of: str) -> dict[str, Floats]:
+    """Return the waves by their names, none for order 0."""
+    return dict(zip((f'cos {order} × {of}', f'sin {order} × {of}'), waves(angle, order))) if order else {}
+
+
+def curves(values: Floats, count: int, where: Bools | None = None) -> list[Floats]:
+    """Return functions of values (N,) that make up any smooth curve, orthonormal over the readings, (N,) each.
+
+    Of u, from 0 to 1 over them: u, u^2, and cos(pi k u) for as many k as there are left; without constant. where: the
+    readings that count, zero at others.
+    """
+    inside = np.ones(values.size, dtype=bool) if where is None else where
+    if not inside.any():
+        return [np.zeros(values.size)] * count
+    own = values[inside]
+    u = (own - own.min()) / (np.ptp(own) or 1.0)
+    raw = [np.ones_like(u), u, u**2, *(np.cos(np.pi * k * u) for k in range(1, count))]
+    found = np.linalg.qr(np.array(raw[:count + 1]).T)[0].T[1:] * np.sqrt(own.size)
+    out = np.zeros((count, values.size))
+    out[:len(found), inside] = found
+    return list(out)
 
 
 def counts(most: int) -> list[int]:
@@ -96,43 +149,25 @@ def counts(most: int) -> list[int]:
     return [count for count in (2, 4, 8, 16, 32) if count <= most] or [max(most, 1)]
 
 
-def _all(run: Run) -> Bools:
-    return np.ones(run.size, dtype=bool)
-
-
-def _over_time(run: Run, setting: Setting) -> Course:
-    return Course('time', 's', seconds(run), _all(run))
-
-
-def _over_angle(run: Run, setting: Setting) -> Course:
-    name = setting.word('of', 'CMM position')
-    return Course({'phi': 'table angle', 'beta': 'azimuth of the ball', 'alpha': 'CMM position'}[ANGLES[name]], 'rad',
-                  getattr(run, ANGLES[name]), _all(run))
-
-
-def _own(run: Run, setting: Setting) -> Bools:
-    return np.asarray(run.ball == setting.whole('ball'))
+def _time(run: Run, setting: Setting) -> Course:
+    return Course('time', 's', seconds(run), curves(seconds(run), setting.whole('count')))
 
 
 def _ball_grid(run: Run) -> Iterable[Setting]:
-    tried = {'time': {min(2, run.n - 2), min(8, run.n - 2)}, 'table angle': {min(4, (run.n - 1) // 2)}}
-    return (one for of, each in tried.items()
-            for one in grid(ball=range(1, run.n + 1), of=(of,), count=sorted(each), axes=('z', 'xy', 'xyz')))
+    tried = {'time': {min(most, run.n - 2) for most in (2, 5, MOST_OF_BALL)}, 'table angle': {min(4, (run.n - 1) // 2)}}
+    return (one for of, each in tried.items() for one in grid(
+        ball=range(1, run.n + 1), of=(of,), count=sorted(each),
+        axes=('z', 'plate xy', 'plate xyz') if of == 'time' else ('z', 'xy', 'xyz')))
 
 
-def _ball(run: Run, setting: Setting) -> list[Floats]:
-    """Return cosines of the time of the ball's own readings, or waves of the table angle for them."""
-    own, count = _own(run, setting), setting.whole('count')
-    if setting.word('of', 'time') == 'time':
-        time = np.where(own, seconds(run), seconds(run)[own].min(initial=np.inf))
-        return [own * one for one in cosines(np.clip(time, None, seconds(run)[own].max(initial=0)), count)]
-    return [own * one for order in range(1, count + 1) for one in _waves(run.phi, order)]
-
-
-def _ball_course(run: Run, setting: Setting) -> Course:
-    by_time = setting.word('of', 'time') == 'time'
-    return Course('time' if by_time else 'table angle', 's' if by_time else 'rad',
-                  seconds(run) if by_time else run.phi, _own(run, setting))
+def _ball(run: Run, setting: Setting) -> Course:
+    """Return curves over the time of the ball's own readings, or waves of the table angle for them."""
+    own, count = run.ball == setting.whole('ball'), setting.whole('count')
+    carriers = {f'ball {setting.whole("ball")}': own.astype(float)}
+    if setting.word('of', 'time') == 'table angle':
+        return Course('table angle', 'rad', run.phi, [one for order in range(1, count + 1)
+                                                      for one in waves(run.phi, order)], carriers)
+    return Course('time', 's', seconds(run), curves(seconds(run), count, own), carriers)
 
 
 def _growing_grid(run: Run) -> Iterator[Setting]:
@@ -147,11 +182,11 @@ def _growing_grid(run: Run) -> Iterator[Setting]:
                     yield from (Setting(of=of, order=order, count=k, axes=axes) for k in (4, 8))
 
 
-def _growing(run: Run, setting: Setting) -> list[Floats]:
-    """Return cos(m angle) and sin(m angle) times t, or times cosines of t."""
-    count, waves = setting.whole('count'), _waves(getattr(run, ANGLES[setting.word('of')]), setting.whole('order'))
-    courses = cosines(seconds(run), count) if count else [seconds(run) / duration(run) - 0.5]
-    return [course * wave for course in courses for wave in waves]
+def _growing(run: Run, setting: Setting) -> Course:
+    """Return cos(m angle) and sin(m angle) times t, or times curves of t."""
+    of, count, time = setting.word('of'), setting.whole('count'), seconds(run)
+    return Course('time', 's', time, curves(time, count) if count else [time / duration(run) - 0.5],
+                  _wave_carriers(getattr(run, ANGLES[of]), setting.whole('order'), of))
 
 
 def _product_grid(run: Run) -> Iterable[Setting]:
@@ -161,11 +196,57 @@ def _product_grid(run: Run) -> Iterable[Setting]:
             for p in range(1, top + 1) for q in range(-top, top + 1) if q)
 
 
-def _temperature(run: Run, setting: Setting) -> list[Floats]:
+def _product(run: Run, setting: Setting) -> Course:
+    angle = setting.whole('p') * run.phi + setting.whole('q') * run.alpha
+    return Course('sum of the waves', 'rad', np.mod(angle, 2 * np.pi), waves(angle, 1))
+
+
+def _temperature(run: Run, setting: Setting) -> Course:
     """Return powers of the temperature, scaled to [-1, 1]."""
-    change = temperature_change(run)
+    change = on.temperature_change(run)
     u = 2 * (change - change.min()) / np.ptp(change) - 1
-    return [u**power for power in range(1, setting.whole('count') + 1)]
+    return Course('temperature', 'K', change, [u**power for power in range(1, setting.whole('count') + 1)])
+
+
+def _sided(run: Run, setting: Setting, carriers: Mapping[str, Floats]) -> Course:
+    """Return waves of an angle of one order for each sense."""
+    of = setting.word('of', 'CMM position')
+    angle, order = getattr(run, ANGLES[of]), setting.whole('order')
+    return Course(of, 'rad', angle, waves(angle, order) if order else [np.ones(run.size)], carriers)
+
+
+def _senses(run: Run) -> dict[str, Floats]:
+    return {f'sense of {"xy"[axis]}': run.cmm_sense[:, axis] for axis in (0, 1)}
+
+
+def _travel(run: Run, setting: Setting) -> Course:
+    """Return harmonics of nu cycles per turn of the travel, alike everywhere or by waves of the CMM position."""
+    return _periodic('phase of the travel', setting.number('nu') * on.travel(run), setting,
+                     _wave_carriers(run.alpha, int(setting.get('order', 0)), 'CMM position'))
+
+
+def _lines(run: Run, setting: Setting) -> Course:
+    """Return harmonics of the periods of the encoder at the actual angle."""
+    return _periodic('phase in a period of the encoder', setting.number('lines') * (run.phi + run.angle_deviation),
+                     setting, {})
+
+
+def _periodic(name: str, angle: Floats, setting: Setting, carriers: Mapping[str, Floats]) -> Course:
+    return Course(name, 'rad', np.mod(angle, 2 * np.pi), [
+        one for order in range(1, setting.whole('count') + 1) for one in waves(angle, order)], carriers)
+
+
+def _approach(run: Run, setting: Setting) -> Course:
+    """Return waves of the direction of the last move of the CMM."""
+    theta, known = on.last_move(run)
+    return _periodic('direction of the last move', theta, setting, {'': known[:, 0].astype(float)})
+
+
+def _each_ball(run: Run, setting: Setting) -> Course:
+    """Return waves of the table angle, for every ball of its own."""
+    orders = [setting.whole('order')] if setting.whole('order') else range(1, min(3, (run.n - 1) // 2) + 1)
+    return Course('table angle', 'rad', run.phi, [one for order in orders for one in waves(run.phi, order)],
+                  {f'ball {ball}': (run.ball == ball).astype(float) for ball in range(1, run.n + 1)})
 
 
 _COUNT = Searched('count', '1', 'number of functions')
@@ -174,29 +255,38 @@ _ORDER = Searched('order', '1', 'waves per turn')
 
 FREE_FORMS: dict[str, FreeForm] = {one.name: one for one in (
     FreeForm('free_time', 'changes with time along a curve', (_COUNT,),
-             lambda run: grid(axes=AXES, count=counts(run.size // 4)),
-             lambda run, setting: cosines(seconds(run), setting.whole('count')), _over_time, ('time',)),
+             lambda run: grid(axes=(*AXES, *TURNING), count=counts(run.size // 4)), _time, ('time',)),
     FreeForm('free_temperature', 'follows the temperature along a curve', (_COUNT,),
-             lambda run: grid(axes=AXES, count=(3,)) if np.ptp(run.temperature) > 0 else (), _temperature,
-             lambda run, setting: Course('temperature', 'K', temperature_change(run), _all(run)), ('temperature',)),
+             lambda run: grid(axes=AXES, count=(3,)) if np.any(on.temperature_change(run)) else (), _temperature,
+             ('temperature',)),
     FreeForm('free_ball', 'is of ball {ball} alone and changes with {of}',
-             (Searched('ball', '1', 'number of the ball'), _OF, _COUNT), _ball_grid, _ball, _ball_course, ('time',)),
+             (Searched('ball', '1', 'number of the ball'), _OF, _COUNT), _ball_grid, _ball, ('time',)),
     FreeForm('free_growth', 'is a product of time and {of} ({order} waves per turn)', (_OF, _ORDER, _COUNT),
-             _growing_grid, _growing, _over_time, ('time',)),
+             _growing_grid, _growing, ('time',)),
     FreeForm('free_product', 'is a product of table angle ({p} waves) and CMM position ({q} waves)',
              (Searched('p', '1', 'waves per turn of the table'), Searched('q', '1', 'waves of the CMM position')),
-             _product_grid,
-             lambda run, setting: _waves(setting.whole('p') * run.phi + setting.whole('q') * run.alpha, 1),
-             _over_angle),
+             _product_grid, _product),
     FreeForm('free_reversal', 'depends on the sense of the last table move and on the {of} ({order} waves)',
              (_OF, _ORDER),
-             lambda run: grid(axes=('z', 'xy'), of=('CMM position', 'table angle'), order=range(4)),
-             lambda run, setting: [run.approach * wave for wave in _waves(
-                 getattr(run, ANGLES[setting.word('of')]), setting.whole('order'))], _over_angle, ('approach',)),
+             lambda run: (*grid(axes=('z', 'xy'), of=('CMM position', 'table angle'), order=range(4)),
+                          *grid(axes=TURNING[1:], of=('table angle',), order=range(4))),
+             lambda run, setting: _sided(run, setting, {'sense of the table': run.approach.astype(float)}),
+             ('approach',)),
     FreeForm('free_sense', 'depends on the sense of the last CMM move and on the CMM position ({order} waves)',
-             (_ORDER,),
-             lambda run: grid(axes=('z', 'xy'), order=range(3)),
-             lambda run, setting: [run.cmm_sense[:, axis] * wave for axis in (0, 1)
-                                   for wave in _waves(run.alpha, setting.whole('order'))],
-             _over_angle, ('cmm_sense',)))}
+             (_ORDER,), lambda run: grid(axes=('z', 'xy'), order=range(3)),
+             lambda run, setting: _sided(run, setting, _senses(run)), ('cmm_sense',)),
+    FreeForm('free_approach', 'depends on the direction of the last move of the CMM',
+             (_COUNT,), lambda run: grid(axes=('z', 'xy', 'xyz'), count=(2, 4)) if run.is_complete else (), _approach),
+    FreeForm('free_travel', 'repeats {nu} times per turn of travel of the table',
+             (Searched('nu', '1', 'cycles per turn', 'phase'), _COUNT, _ORDER),
+             lambda run: grid(nu=(0.43,), count=(3,), order=(0, 1), axes=('xy', 'z')), _travel, ('table_travel',)),
+    FreeForm('free_line', 'repeats with every period of the encoder ({lines} per turn)',
+             (Searched('lines', '1', 'periods per turn', 'scale'), _COUNT),
+             lambda run: grid(lines=(36000.0,), count=(3,), axes=('tangential',)), _lines),
+    FreeForm('free_balls', 'is of every ball by itself and changes with the table angle', (_ORDER,),
+             lambda run: grid(order=range(min(3, (run.n - 1) // 2) + 1), axes=('z', 'radial', 'tangential', 'xy')),
+             _each_ball))}
 """By name."""
+BESIDE_CLAIMS = ('free_travel', 'free_line', 'free_balls')
+"""Those that are not searched, only set beside claims."""
+SEARCHED_FORMS = tuple(one for name, one in FREE_FORMS.items() if name not in BESIDE_CLAIMS)

@@ -13,8 +13,9 @@ from rosette_ros.core.errors import InvalidModel, unknown
 EFFECTS: dict[str, Effect] = {one.name: one for one in (
     frame.FrameDrift(), frame.FrameDriftOnset(), frame.FrameDriftCurved(), frame.FrameWarmup(),
     frame.FrameTemperature(), frame.FrameTemperatureLag(), frame.FrameCycle(), frame.FrameStep(), frame.FramePulse(),
-    table.TableZeroDrift(), table.AxisTiltDrift(), table.TableBacklash(), table.TableBacklashAngle(),
-    table.EncoderInterpolation(), table.AsynchronousMotion(), table.TableWarmup(),
+    frame.FrameRecovery(), table.TableZeroDrift(), table.TableZeroStep(), table.AxisTiltDrift(),
+    table.AxisTiltStep(), table.TableBacklash(), table.TableBacklashAngle(), table.EncoderInterpolation(),
+    table.AsynchronousMotion(), table.TableWarmup(),
     plate.PlateCreep(), plate.PlateSlip(), plate.PlateExpansion(), plate.PlateWarp(), plate.PlateSupport(),
     ball.BallSlip(), ball.BallCreep(), ball.BallRattle(), ball.BallMachineOffset(), ball.BallForm(),
     frame.CmmScaleDrift(), frame.CmmSquarenessDrift(), reading.CmmReversal(), reading.CmmReversalPosition(),

@@ -5,10 +5,14 @@
 import numpy as np
 
 from rosette_ros.core.effects import run_functions as on
-from rosette_ros.core.effects.effect import Effect, Motion, Quantity, Searched, Setting, grid, per_axis
+from rosette_ros.core.effects.effect import LEAST_KNOWN, Effect, Motion, Quantity, Searched, Setting, grid, per_axis
 from rosette_ros.core.effects.factored_effect import FactoredEffect, Step
 from rosette_ros.core.effects.run_functions import plate_axes, seconds
 from rosette_ros.core.records import Floats, Run
+
+STANDING = 'standing'
+TRAVELLING = {'against': -1, 'with': 1}
+"""Senses in which a load turns in the frame of the plate, beside the table's."""
 
 
 class PlateCreep(Effect):
@@ -69,7 +73,7 @@ class PlateExpansion(Effect):
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         """Try time and, where it was recorded and changes, temperature."""
-        changes = np.all(np.isfinite(run.temperature)) and np.ptp(run.temperature) > 0
+        changes = np.mean(np.isfinite(run.temperature)) >= LEAST_KNOWN and np.any(on.temperature_change(run))
         return grid(driver=('time', 'temperature') if changes else ('time',))
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
@@ -114,25 +118,33 @@ class PlateSupport(Effect):
     plain = 'bending of the plate on its supports'
     meaning = 'The plate bends on its supports as it turns: in waves of the table angle times waves of the ball.'
     look = 'Feet and clamps of the plate, flatness of the table top, an axis that is not vertical.'
-    formula = '(cos, sin)(p phi) (cos, sin)(m beta) along z, radially or tangentially'
+    formula = '(cos, sin)(p phi) (cos, sin)(m beta), or (cos, sin)(m beta +- p phi), along z, radially or tangentially'
     source = 'physics of plates on supports'
     searched = (Searched('part', '', 'along z, radial or tangential'),
-                Searched('p', '1', 'waves per turn of the table'), Searched('m', '1', 'waves around the plate'))
+                Searched('p', '1', 'waves per turn of the table'), Searched('m', '1', 'waves around the plate'),
+                Searched('wave', '', 'standing on the plate, or travelling as a load that turns against or with it'))
     carries = 'all'
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         """Try up to three waves per turn of the table with up to six around the plate."""
         top = (run.n - 1) // 2
         p, m = range(1, min(3, top) + 1), range(min(6, top) + 1)
-        return (*grid(part=('z',), p=p, m=m[2:]), *grid(part=('radial', 'tangential'), p=p, m=m))
+        every = (*grid(part=('z',), p=p, m=m[2:]), *grid(part=('radial', 'tangential'), p=p, m=m))
+        return tuple(Setting({**one, 'wave': wave}) for one in every for wave in (STANDING, *TRAVELLING)
+                     if wave == STANDING or one['m'])
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
-        names = ('cc', 'sc', 'cs', 'ss') if setting.whole('m') else ('c', 's')
+        standing = setting.whole('m') and setting.word('wave', STANDING) == STANDING
+        names = ('cc', 'sc', 'cs', 'ss') if standing else ('c', 's')
         return tuple(Quantity(name, 'm', 'amplitude, c cosine and s sine, of the table angle first') for name in names)
 
     def columns(self, run: Run, setting: Setting) -> Floats:
         along = {'z': on.unit(2, run.size), 'radial': on.radial(run.alpha), 'tangential': on.tangential(run.alpha)}
         turns, around = setting.number('p') * run.phi, setting.number('m') * run.beta
-        waves = np.stack([wave * other for other in (np.cos(around), np.sin(around))
-                          for wave in (np.cos(turns), np.sin(turns))], axis=-1)
-        return np.asarray(along[setting.word('part')][:, :, None] * waves[:, None, :self.width(run, setting)])
+        if setting.word('wave', STANDING) == STANDING:
+            waves = [wave * other for other in (np.cos(around), np.sin(around))
+                     for wave in (np.cos(turns), np.sin(turns))][:self.width(run, setting)]
+        else:
+            angle = around + TRAVELLING[setting.word('wave')] * turns
+            waves = [np.cos(angle), np.sin(angle)]
+        return np.asarray(along[setting.word('part')][:, :, None] * np.stack(waves, axis=-1)[:, None])

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rosette_ros.core.effects.effect import Effect, Quantity, Searched, Setting, grid, per_axis
-from rosette_ros.core.effects.run_functions import radial, tangential
+from rosette_ros.core.effects.run_functions import last_move, radial, tangential, unit
 from rosette_ros.core.records import Floats, Run
 
 UNKNOWN = 'unknown'
@@ -65,30 +65,26 @@ class ProbeApproach(Effect):
     plain = 'probing error by direction of approach'
     meaning = 'The ball centre depends on the direction from which the probe came.'
     look = 'Lobing and hysteresis of the probe head, bent or loose stylus, clearance moves; come from one direction.'
-    formula = 'c u, or (a cos(m theta) + b sin(m theta)) u, u = (cos theta, sin theta) the direction of the last move'
+    formula = 'c u or (a cos(m theta) + b sin(m theta)) u, theta the direction of the last move, u along, across or z'
     source = 'ISO 10360-5 (probing error by direction)'
     carries = 'all'
     searched = (Searched('lobes', '1', 'm, lobes of the probe around its axis'),
-                Searched('part', '', 'along the move or across it'))
+                Searched('part', '', 'along the move, across it, or along z'))
 
     def unavailable(self, run: Run) -> str:
         """Where readings are missing, moves between them are not those that the CMM made."""
         return '' if run.is_complete else 'where readings are missing the last move of the CMM is not known'
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
-        return grid(lobes=(0, 2, 3, 4), part=('along', 'across'))
+        return (*grid(lobes=(0, 2, 3, 4), part=('along', 'across')), *grid(lobes=(1, 2, 3, 4), part=('z',)))
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
         return tuple(Quantity(name, 'm', 'deviation') for name in (('a', 'b') if setting.whole('lobes') else ('c',)))
 
     def columns(self, run: Run, setting: Setting) -> Floats:
-        move = np.diff(radial(run.alpha), axis=0, prepend=radial(run.alpha)[:1])
-        moved = np.linalg.norm(move, axis=1) > 1e-9
-        # a ball at the same place is reached by the move before
-        last = np.maximum.accumulate(np.where(moved, np.arange(run.size), 0))
-        theta = np.arctan2(move[last, 1], move[last, 0])
-        known = np.logical_or.accumulate(moved)[:, None]
-        along = known * (radial(theta) if setting.word('part') == 'along' else tangential(theta))
+        theta, known = last_move(run)
+        along = known * {'along': radial(theta), 'across': tangential(theta), 'z': unit(2, run.size)}[
+            setting.word('part')]
         angle = setting.number('lobes') * theta
         waves = [np.cos(angle), np.sin(angle)][:self.width(run, setting)]
         return np.stack([wave[:, None] * along for wave in waves], axis=-1)

@@ -1,12 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Functions of the readings of a run, and directions in which they displace balls: what effects are made of."""
 
+from functools import lru_cache
+from itertools import pairwise
+
 import numpy as np
 
-from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.records import Bools, Floats, Run
 
 COARSE = 4
 """Readings of one temperature in a row, on average, above which it is taken as rounded."""
+LONG_GAP = 0.06
+"""Share of the run without temperatures from which on it may have gone another way than straight."""
 
 
 def seconds(run: Run) -> Floats:
@@ -24,21 +29,52 @@ def duration(run: Run) -> float:
     return float(np.ptp(run.time)) or 1.0
 
 
-def temperature_change(run: Run) -> Floats:
-    """Return the temperature of each reading minus that of the first, (N,), K.
+@lru_cache(maxsize=4)
+def temperature_waves(run: Run) -> Floats:
+    """Return the temperature of each reading minus that of the first, K, and what is open of it, (m, N).
 
-    A record of few values, each held for several readings, is taken as rounded: it passes halfway between two values
-    where one follows the other, and is straight in between.
+    A record of few values, each held for several readings, is taken as rounded: its course is the smoothest one that
+    stays within the rounding. Readings without temperature are filled by what lies between; a gap that is long adds
+    two waves that are zero outside of it, by which the temperature may have gone another way.
     """
-    change = np.asarray(run.temperature - run.temperature[0])
-    turns = np.flatnonzero(np.diff(change)) + 1
-    if not 0 < turns.size < run.size / COARSE:
-        return change
-    time = seconds(run)
-    at = 0.5 * (time[turns] + time[turns - 1])
-    middle = 0.5 * (change[turns] + change[turns - 1])
-    smooth = np.interp(time, [time[0], *at, time[-1]], [change[0], *middle, change[-1]])
-    return np.asarray(smooth - smooth[0])
+    time, known = seconds(run), np.isfinite(run.temperature)
+    at, change = time[known], run.temperature[known] - run.temperature[known][0]
+    if _is_rounded(change) and np.all(np.diff(at) > 0):
+        change = _smoothest(at, change, float(np.diff(np.unique(change)).min()) / np.sqrt(12))
+    waves = [np.interp(time, at, change - change[0])]
+    edges = np.concatenate([time[:1], at, time[-1:]])
+    for start, stop in pairwise(edges):
+        if stop - start > LONG_GAP * duration(run):
+            share = (time - start) / (stop - start)
+            inside = (share > 0) & (share < 1) if at[0] <= start and stop <= at[-1] else (share >= 0) & (share <= 1)
+            if stop > at[-1]:
+                open_ways = [share, share**2]
+            elif start < at[0]:
+                open_ways = [1 - share, (1 - share)**2]
+            else:
+                open_ways = [np.sin(np.pi * share), np.sin(2 * np.pi * share)]
+            waves += [inside * way for way in open_ways]
+    return np.array(waves)
+
+
+def _smoothest(time: Floats, values: Floats, error: float) -> Floats:
+    """Return values (N,) as the fewest powers and cosines of time that leave an error (rms) of them."""
+    u = (time - time[0]) / (time[-1] - time[0])
+    for count in range(1, values.size // 2):
+        some = np.array([np.ones_like(u), u, u**2, *(np.cos(np.pi * k * u) for k in range(1, count))]).T
+        smooth = some @ np.linalg.lstsq(some, values, rcond=None)[0]
+        if np.mean((values - smooth)**2) <= error**2:
+            return np.asarray(smooth)
+    return values
+
+
+def temperature_change(run: Run) -> Floats:
+    """Return the temperature of each reading minus that of the first, (N,), K, as far as it is known."""
+    return np.asarray(temperature_waves(run)[0])
+
+
+def _is_rounded(values: Floats) -> bool:
+    return bool(0 < np.count_nonzero(np.diff(values)) < values.size / COARSE)
 
 
 def lagged(time: Floats, driver: Floats, tau: float) -> Floats:
@@ -79,11 +115,22 @@ def plate_axes(run: Run) -> Floats:
 
 
 def axial_tilts(run: Run) -> Floats:
-    """Return z per unit tilt about x and about y at the ball, (N, 3, 2), m/rad."""
+    """Return z per unit tilt about x and about y at the ball, (N, 3, 2), m/rad; zero on the axis of the tilt."""
     out = np.zeros((run.size, 3, 2))
     out[:, 2, 0] = run.radius * np.sin(run.alpha)
     out[:, 2, 1] = -run.radius * np.cos(run.alpha)
-    return out
+    return np.where(np.abs(out) > 1e-12 * run.radius, out, 0.0)
+
+
+def last_move(run: Run) -> tuple[Floats, Bools]:
+    """Return the direction in the machine of the CMM's last move before each reading, (N,), rad, and if known, (N, 1).
+
+    A ball at the same place is reached by the move before.
+    """
+    move = np.diff(radial(run.alpha), axis=0, prepend=radial(run.alpha)[:1])
+    moved = np.linalg.norm(move, axis=1) > 1e-9
+    last = np.maximum.accumulate(np.where(moved, np.arange(run.size), 0))
+    return np.arctan2(move[last, 1], move[last, 0]), np.logical_or.accumulate(moved)[:, None]
 
 
 def thinned(values: Floats, most: int) -> Floats:

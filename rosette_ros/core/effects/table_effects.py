@@ -14,7 +14,7 @@ from rosette_ros.core.effects.effect import (
     grid,
     per_axis,
 )
-from rosette_ros.core.effects.factored_effect import FactoredEffect, RunFunction
+from rosette_ros.core.effects.factored_effect import FactoredEffect, RunFunction, Step
 from rosette_ros.core.effects.run_functions import axial_tilts, seconds, tangential, travel, unit
 from rosette_ros.core.geometry import TWO_PI
 from rosette_ros.core.records import Floats, Run
@@ -51,6 +51,49 @@ class AxisTiltDrift(Effect):
 
     def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
         return Motion(seconds(run)[:, None] * np.append(amplitudes, 0.0))
+
+
+class TableZeroStep(FactoredEffect, TurningEffect):
+    name = 'table_zero_step'
+    plain = "jump of the table's angle"
+    meaning = "At one moment the table's angle jumped relative to its encoder."
+    look = 'Encoder: lost counts, referencing again, a coupling that slipped; a collision.'
+    formula = 'omega R e_t H(t - t0)'
+    source = 'physics of incremental encoders'
+    depends_on = ('time',)
+    quantities = (Quantity('omega', 'rad', 'jump of the angle'),)
+    searched = (Searched('t0', 's', 'moment of the jump, since the first reading', 'instant'),)
+    carries = 'nothing'
+    function = Step()
+
+    def directions(self, run: Run) -> Floats:
+        return run.radius * tangential(run.alpha)[None]
+
+    def which(self, setting: Setting) -> tuple[int, ...]:
+        return (0,)
+
+
+class AxisTiltStep(FactoredEffect):
+    name = 'axis_tilt_step'
+    plain = "sudden tilt of the table's axis"
+    meaning = 'At one moment the table axis tilted in the machine, and stayed so.'
+    look = 'Levelling feet and foundation that settle, a load set on the machine bed, a collision.'
+    formula = 'R (theta_x sin alpha - theta_y cos alpha) H(t - t0) along z'
+    source = 'physics of machine beds'
+    depends_on = ('time',)
+    quantities = per_axis('xy', Quantity('theta', 'rad', 'tilt about'))
+    searched = (Searched('t0', 's', 'moment of the tilt, since the first reading', 'instant'),)
+    carries = 'nothing'
+    function = Step()
+
+    def directions(self, run: Run) -> Floats:
+        return np.moveaxis(axial_tilts(run), -1, 0)
+
+    def which(self, setting: Setting) -> tuple[int, ...]:
+        return 0, 1
+
+    def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
+        return Motion((seconds(run) > setting.number('t0'))[:, None] * np.append(amplitudes, 0.0))
 
 
 class TableBacklash(TurningEffect):
@@ -147,7 +190,8 @@ _MOTION_NAMES = ('x', 'y', 'z', 'rx', 'ry')
 class TableOrder(RunFunction):
     """cos and sin of nu Psi; orders from 0.1 to 5 per turn in steps of half the resolution, of which each is a chance.
 
-    Refined by half a resolution to either side.
+    At least two cycles in the run, but for cages of bearings: less is any curve. Refined by half a resolution to
+    either side.
     """
 
     def _turns(self, run: Run) -> float:
@@ -156,7 +200,8 @@ class TableOrder(RunFunction):
     def settings(self, run: Run) -> tuple[Setting, ...]:
         turns = self._turns(run)
         step = 0.5 / turns
-        orders = np.arange(max(0.1, step), min(run.n / 2, 5.0, max(1.2, 750 / turns)), step)
+        fewest = max(0.1, step, min(4 * step, 0.35))
+        orders = np.arange(fewest, min(run.n / 2, 5.0, max(1.2, 750 / turns)), step)
         # Within half a resolution of a whole number it is synchronous: the base model's.
         return grid(nu=orders[np.abs(orders - np.round(orders)) > 0.4 / turns].tolist())
 

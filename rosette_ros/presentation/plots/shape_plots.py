@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recovered shapes: what a free form makes of the residual, with its band, beside what is claimed."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rosette_ros.core.diagnosis.recovered_shape import Shape, strongest
+from rosette_ros.presentation.formatting import COVERAGE_FACTOR
+from rosette_ros.presentation.plots import plot_style as style
+
+MOST_CURVES, ROW = 3, 1.9
+UNITS = {'s': ('min', 1 / 60), 'rad': ('°', 180 / np.pi), 'K': ('K', 1.0)}
+"""Shown unit of a variable, and the factor to it."""
+
+
+def shapes(every: Sequence[Shape]) -> Figure:
+    """Return a figure: a row for each shape, the curves that stand out most, µm, with the band of U (k = 2)."""
+    height = ROW * len(every) + 0.1
+    made = style.figure(height)
+    made.subplots_adjust(left=0.09, right=0.99, hspace=0.9, wspace=0.36, bottom=0.45 / height, top=1 - 0.28 / height)
+    panels = style.panels(made, len(every), MOST_CURVES)
+    for row, shape in zip(panels, every, strict=True):
+        unit, factor = UNITS.get(shape.unit, (shape.unit, 1.0))
+        shown = strongest(shape, MOST_CURVES)
+        for place, panel in enumerate(row):
+            if place >= len(shown):
+                panel.set_visible(False)
+                continue
+            curve = shown[place]
+            x, y, spread = factor * shape.values, 1e6 * curve.value, 1e6 * COVERAGE_FACTOR * curve.u
+            panel.fill_between(x, y - spread, y + spread, color=style.AFTER, alpha=0.2, linewidth=0,
+                               label=f'U (k = {COVERAGE_FACTOR})')
+            panel.plot(x, y, color=style.AFTER, linewidth=1.8, label='recovered', marker='o' if x.size < 40 else '',
+                       markersize=3)
+            if curve.claimed is not None:
+                panel.plot(x, 1e6 * curve.claimed, color=style.BEFORE, linewidth=1.6, linestyle=style.DASHED,
+                           label='claimed')
+            style.scale(panel)
+            panel.set_xlabel(f'{shape.variable} / {unit}', fontsize=style.TEXT)
+            panel.set_ylabel(f'{curve.axis} / µm', fontsize=style.TEXT)
+            if curve.carrier:
+                panel.annotate(style.label_of(f'× {curve.carrier}'), (0.02, 0.98), xycoords='axes fraction', va='top',
+                               fontsize=style.TEXT, color=style.GREY)
+        style.title(row[0], style.label_of(shape.claim or f'no name: {shape.words}'), fontsize=style.TEXT)
+    handles = {label: handle for panel in panels.flat for handle, label in zip(*panel.get_legend_handles_labels())}
+    style.legend(made, list(handles.values()), list(handles))
+    return made
