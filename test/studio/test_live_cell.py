@@ -51,7 +51,7 @@ def test_calibrate_and_cancel_from_the_page(cell, module_domain_id, studio, page
     expect(page.get_by_test_id('live-words')).not_to_contain_text('Result of run')
     expect(page.get_by_test_id('live-words')).to_contain_text('too few ball centres')
     expect(curves).to_have_count(0)
-    expect(page.get_by_test_id('progress-text')).to_contain_text('left. ')
+    expect(page.get_by_test_id('progress-text')).to_contain_text('of 52 ball centres. Run')
     page.get_by_test_id('cancel').click()
     expect(page.get_by_test_id('outcome')).to_contain_text('cancelled')
     expect(page.get_by_test_id('start')).to_be_enabled()
