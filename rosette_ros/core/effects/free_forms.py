@@ -204,7 +204,8 @@ def _product(run: Run, setting: Setting) -> Course:
 def _temperature(run: Run, setting: Setting) -> Course:
     """Return powers of the temperature, scaled to [-1, 1]."""
     change = on.temperature_change(run)
-    u = 2 * (change - change.min()) / np.ptp(change) - 1
+    span = np.ptp(change)
+    u = 2 * (change - change.min()) / span - 1 if span > 0 else np.zeros(run.size)
     return Course('temperature', 'K', change, [u**power for power in range(1, setting.whole('count') + 1)])
 
 

@@ -38,6 +38,8 @@ def temperature_waves(run: Run) -> Floats:
     two waves that are zero outside of it, by which the temperature may have gone another way.
     """
     time, known = seconds(run), np.isfinite(run.temperature)
+    if not known.any():
+        return np.full((1, run.size), np.nan)
     at, change = time[known], run.temperature[known] - run.temperature[known][0]
     if _is_rounded(change) and np.all(np.diff(at) > 0):
         change = _smoothest(at, change, float(np.diff(np.unique(change)).min()) / np.sqrt(12))

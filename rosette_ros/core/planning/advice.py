@@ -15,8 +15,9 @@ SECONDS_PER_BALL = 30.0   # s, 20 touches and the move down and up
 TABLE_SPEED = 0.1         # rad/s
 CMM_SPEED = 0.05          # m/s
 VARIANTS = tuple((order, turning) for order in ORDERS for turning in TURNINGS
-                 if turning == 'forward' or order in ('diagonal', 'column', 'random'))
-"""Orders and turnings that differ: a row never turns back, others have senses of their own."""
+                 if order != 'row_there_and_back'
+                 and (turning == 'forward' or order in ('diagonal', 'column', 'random')))
+"""Orders and turnings that differ and are advised: a row never turns back, others have senses of their own."""
 AS_MEASURED = 'as measured'
 """Name of an order that is none of the known ones."""
 BETTER = 0.02
