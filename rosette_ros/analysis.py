@@ -171,6 +171,8 @@ def summarise(run: Run, model: Model | None = None, on_step: Callable[[str], obj
     diagnosis = diagnose(run, model)
     step('ladder')
     steps = ladder(run, claimed_model(diagnosis))
+    if diagnosis.terms:  # what the search found, which a search by name may miss by a little
+        steps = (*steps[:-1], replace(steps[-1], fit=diagnosis.final))
     step('advise')
     advice = advise_run(run) if run.n <= MOST_BALLS_ADVISED else None
     return Summary(found, compared, diagnosis, steps, advice)
