@@ -12,7 +12,6 @@ from functools import lru_cache
 import numpy as np
 import scipy.linalg
 from scipy import special
-from scipy.signal import lfilter
 
 from rosette_ros.core.diagnosis.candidates import NO_RESIDUAL
 from rosette_ros.core.diagnosis.search import cost
@@ -173,7 +172,7 @@ class NoiseFit:
             yield Misfit('groups', by, _one_sided(np.sum((sums - sums[1:].mean(axis=0))**2 / number, axis=1)))
         for phi in (0.4, 0.9, 1.0):
             for axes in PARTS:
-                kept = lfilter([1.0], [1.0, -phi], self.left[:, ::-1, axes], axis=1)
+                kept = _remembered(self.left[:, ::-1, axes], phi)
                 size = np.maximum(np.sum(self.left[..., axes]**2, axis=(1, 2)), NO_RESIDUAL)
                 yield Misfit('wander', 'z' if axes == (2,) else 'xy', _one_sided(np.sum(kept**2, axis=(1, 2)) / size))
 
@@ -348,6 +347,14 @@ def _one_sided(values: Floats) -> float:
     skew = min(max(float(np.mean((drawn - mean)**3) / sd**3), 0.1), 2.0)
     k = 4 / skew**2
     return float(special.gammaincc(k, max(k + (values[0] - mean) / sd * np.sqrt(k), 0.0)))
+
+
+def _remembered(values: Floats, phi: float) -> Floats:
+    """Return y_t = phi y_(t-1) + x_t of values x (runs, N, axes) along their N readings."""
+    runs, n, axes = values.shape
+    band = np.stack([np.ones(n), np.full(n, -phi)])
+    out = scipy.linalg.solve_banded((1, 0), band, values.swapaxes(0, 1).reshape(n, -1), check_finite=False)
+    return np.asarray(out.reshape(n, runs, axes).swapaxes(0, 1))
 
 
 def _two_sided(values: Floats) -> float:
