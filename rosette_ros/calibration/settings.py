@@ -16,7 +16,7 @@ from rosette_ros.calibration.calibration_plan import CalibrationPlan, plan_calib
 from rosette_ros.calibration.state_machine import Limits
 from rosette_ros.core.errors import InvalidConfig
 from rosette_ros.core.geometry import Frame, rotation_matrix
-from rosette_ros.core.scheme import BACK, ORDERS, TURNINGS, Scheme, places_in_use, plan
+from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, chosen_places, places_in_use, plan
 from rosette_ros.io.safe_yaml import parse_mapping
 
 MAX_OPTIONS = 10_000  # longest YAML text taken from a goal, characters
@@ -101,6 +101,7 @@ LIMITS = (
            1e-6, 1.0),
     Wanted('limits.distance_m', Limits.distance, 'the same after the alignment, m', 1e-6, 1.0),
     Wanted('limits.angle_rad', Limits.angle, 'how far the table may stand from the commanded angle, rad', 1e-9, 0.5))
+PLACES = ('cmm_positions', 'balls_in_use')
 RESUME = Wanted('resume', '', 'the log to continue: the name of its folder, or its path')
 OPTIONS = RUN[2:] + LIMITS[:5] + (RESUME,)  # what the options of a goal may change for one calibration
 PLANNED = PLATE + TABLE + RUN  # what decides which targets a calibration has
@@ -150,9 +151,13 @@ def plan_of(values: Mapping[str, Any]) -> CalibrationPlan:
 
 def scheme_of_settings(values: Mapping[str, Any]) -> Scheme:
     """Return the Scheme for settings (name to value, all of PLATE and RUN)."""
+    return plan(values['plate.balls'], values['order'], values['seed'], values['turning'], *_places(values))
+
+
+def _places(values: Mapping[str, Any]) -> tuple[tuple[int, ...], ...]:
+    """Return the CMM positions and the balls that settings put in use, as `chosen_places`."""
     balls = values['plate.balls']
-    return plan(balls, values['order'], values['seed'], values['turning'],
-                places_in_use(values['cmm_positions'], balls), places_in_use(values['balls_in_use'], balls))
+    return chosen_places(balls, values['order'], *(places_in_use(values[name], balls) for name in PLACES))
 
 
 def limits_of(values: Mapping[str, Any]) -> Limits:
@@ -166,11 +171,8 @@ def format_settings(values: Mapping[str, Value]) -> str:
     The CMM positions and balls in use stand as numbers, so that no later choice of the best ones changes the plan.
     """
     plain = {one.name: values[one.name] for one in PLANNED}
-    scheme = scheme_of_settings(values)
-    for name, used in (('cmm_positions', scheme.cmm_position), ('balls_in_use', scheme.ball)):
-        places = np.unique(used).tolist()
-        is_default = len(places) == scheme.n and (name == 'balls_in_use' or scheme.order not in BACK)
-        plain[name] = '' if is_default else ', '.join(map(str, places))
+    for name, places in zip(PLACES, _places(values)):
+        plain[name] = ', '.join(map(str, places))
     lists = {name: list(value) for name, value in plain.items() if isinstance(value, tuple)}
     return yaml.safe_dump({**plain, **lists}, sort_keys=False)
 

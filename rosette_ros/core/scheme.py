@@ -209,17 +209,8 @@ def plan(n: int, order: str = 'diagonal', seed: int = 0, turning: str = 'forward
         raise InvalidPlan(f'order: wanted one of {", ".join(ORDERS)}, got {order!r}')
     if turning not in TURNINGS:
         raise InvalidPlan(f'turning: wanted one of {", ".join(TURNINGS)}, got {turning!r}')
-    for name, places in (('CMM positions', cmm_positions), ('balls', balls)):
-        if any(place not in range(1, n + 1) for place in places) or len({*places}) < len(places):
-            raise InvalidPlan(f'{name} in use: wanted different ones of 1..{n}, got {", ".join(map(str, places))}')
-        if places and not np.isfinite(penalty(n, tuple(place - 1 for place in places))):
-            raise InvalidPlan(f'{name} in use: {", ".join(map(str, places))} of {n} do not determine the curves; '
-                              f'wanted at least {fewest_members(n)} that are not equally spaced')
-    if cmm_positions and balls:
-        raise InvalidPlan('wanted CMM positions or balls in use, got both; leave out one')
+    cmm_positions, balls = chosen_places(n, order, cmm_positions, balls)
     back = order in BACK
-    if back and not cmm_positions and not balls:
-        cmm_positions = tuple(k + 1 for k in best_members(n, max((n + 1) // 2, fewest_members(n))))
     if back:
         turning = 'forward'
     i, j = _pairs(n, BACK.get(order, order), turning, seed)
@@ -231,6 +222,25 @@ def plan(n: int, order: str = 'diagonal', seed: int = 0, turning: str = 'forward
         i, j = (np.concatenate([one, one[::-1]]) for one in (i, j))
         approach = np.where(np.arange(i.size) <= i.size // 2, 1, -1)
     return Scheme(n, order, int(seed), i + 1, j + 1, approach)
+
+
+def chosen_places(n: int, order: str, cmm_positions: Sequence[int] = (),
+                  balls: Sequence[int] = ()) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return the CMM positions and the balls that a plan in an order has, from 1; () where all are in use.
+
+    There and back without a choice has half of the CMM positions. Arguments and errors as of `plan`.
+    """
+    for name, places in (('CMM positions', cmm_positions), ('balls', balls)):
+        if any(place not in range(1, n + 1) for place in places) or len({*places}) < len(places):
+            raise InvalidPlan(f'{name} in use: wanted different ones of 1..{n}, got {", ".join(map(str, places))}')
+        if places and not np.isfinite(penalty(n, tuple(place - 1 for place in places))):
+            raise InvalidPlan(f'{name} in use: {", ".join(map(str, places))} of {n} do not determine the curves; '
+                              f'wanted at least {fewest_members(n)} that are not equally spaced')
+    if cmm_positions and balls:
+        raise InvalidPlan('wanted CMM positions or balls in use, got both; leave out one')
+    if order in BACK and not cmm_positions and not balls:
+        cmm_positions = tuple(k + 1 for k in best_members(n, max((n + 1) // 2, fewest_members(n))))
+    return tuple(cmm_positions), tuple(balls)
 
 
 def places_in_use(text: str, n: int) -> tuple[int, ...]:

@@ -15,14 +15,17 @@ from rosette_ros.calibration.settings import (
     RUN,
     TABLE,
     Wanted,
+    format_settings,
     goal_changes,
     limits_of,
     parse_options,
+    parse_settings,
     plan_of,
     run_name,
 )
 from rosette_ros.calibration.state_machine import Limits
 from rosette_ros.core.errors import InvalidConfig, RosetteError
+from rosette_ros.core.scheme import ORDERS
 
 DEFAULTS = {wanted.name: wanted.default for wanted in PLATE + TABLE + RUN + LIMITS}
 WHOLE = Wanted('balls', 12, 'number of balls', 3, 1000)
@@ -149,3 +152,18 @@ def test_run_names_are_unique():
     second = run_name(when, 'row', {first})
     assert second == 'rosette_20260412_083000_row_2'
     assert run_name(when, 'row', {first, second}).endswith('_3')
+
+
+PLACES_GIVEN = {'none': {}, 'cmm_positions': {'cmm_positions': '1, 2, 4, 5, 7, 10'}, 'balls_of': {'balls_in_use': '8'},
+                'share': {'cmm_positions': '50 %'}, 'balls': {'balls_in_use': '1, 2, 4, 6, 9, 10'}}
+
+
+@pytest.mark.parametrize('order', ORDERS)
+@pytest.mark.parametrize('given', PLACES_GIVEN.values(), ids=PLACES_GIVEN)
+def test_recorded_settings_give_the_same_plan(order, given):
+    """What a log has of the settings makes the plan of the run again, target by target, so that it can be resumed."""
+    values = {**DEFAULTS, 'order': order, 'seed': 3, **given}
+    planned, recorded = plan_of(values), parse_settings(format_settings(values), 'log')
+    again = plan_of({**values, **recorded})
+    assert [again.target(k) for k in range(again.total)] == [planned.target(k) for k in range(planned.total)]
+    assert parse_settings(format_settings(recorded), 'log') == recorded
