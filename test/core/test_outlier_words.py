@@ -6,6 +6,7 @@ import pytest
 
 from rosette_ros.analysis import diagnose, judge
 from rosette_ros.core.diagnosis.verdict import Outcome
+from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
 
@@ -30,3 +31,27 @@ def test_the_verdict_names_wrong_readings(wrong):
         assert (unit, along, name[0]) == ('µm', 'along', 'xyz'[axis])
         assert float(size.replace('−', '-')) == pytest.approx(1e6 * shift[axis], abs=0.5)
     assert 'measure the wrong readings again' in verdict.action
+
+
+def test_a_wrong_reading_is_no_shift_that_goes_back_at_once():
+    """Of two wrong readings, 4 and 2 µm off, none is a shift whose way back is shorter than three readings."""
+    rng = np.random.default_rng(18)
+    run = Machine(MachineConfig().changed(seed=3, plate={'balls': 8})).run(plan(8, 'random', 1))
+    centre = run.centre + rng.normal(0, 0.2e-6, run.centre.shape)
+    for size in (4e-6, 2e-6):
+        centre[rng.integers(5, 61), rng.integers(3)] += size
+    kept = np.setdiff1d(np.arange(64), rng.choice(64, 3, replace=False))
+    found = diagnose(run.replace(centre=centre, repeatability=0.2e-6).take(kept))
+    assert 'frame_recovery' not in found.missing
+
+
+def test_a_shift_that_goes_back_has_three_readings():
+    """At every setting that is tried, and as far as it is refined."""
+    run = Machine(MachineConfig().changed(seed=3, plate={'balls': 8})).run(plan(8, 'random', 1))
+    recovery, time = EFFECTS['frame_recovery'], run.time - run.time[0]
+    for setting in recovery.settings(run)[::7]:
+        bracket, since = recovery.brackets(run, setting), time - setting['t0']
+        for tau in (setting['tau'], bracket['tau'][0]):
+            assert np.count_nonzero((since > 0) & (since <= tau + 1e-6)) >= 3
+        for t0 in bracket['t0']:
+            assert np.count_nonzero((time > t0) & (time <= t0 + setting['tau'] + 1e-6)) >= 3

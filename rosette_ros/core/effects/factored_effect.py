@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects that follow a function of the readings along some directions: any function goes with any directions."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,8 +17,17 @@ from rosette_ros.core.effects.run_functions import (
 )
 from rosette_ros.core.records import Floats, Run
 
+SHORTEST = 3
+"""Readings that something which passes has at least: fewer are wrong readings."""
 
-class RunFunction:
+
+def shortest(run: Run, moments: Floats) -> Floats:
+    """Return the time from each moment (m,) to the SHORTEST-th reading after it, (m,), s, infinite where none is."""
+    later = np.append(np.sort(seconds(run)), np.full(SHORTEST, np.inf))
+    return np.asarray(later[np.searchsorted(later, moments, side='right') + SHORTEST - 1] - moments)
+
+
+class RunFunction(ABC):
     """How an effect develops in a run: m functions of the reading, with `parameters` searched ones.
 
     A subclass gives `at` and, where there are parameters, the settings to try of them, how many of these count as
@@ -35,9 +45,9 @@ class RunFunction:
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         return {}
 
+    @abstractmethod
     def at(self, run: Run, values: Floats) -> Floats:
         """Return the functions at each reading, (v, m, N), for values (v, parameters), zero where there are none."""
-        raise NotImplementedError
 
 
 class Drift(RunFunction):
@@ -107,16 +117,13 @@ class Step(RunFunction):
 
 
 class Pulse(RunFunction):
-    """H(t - t0) - H(t - t1); moments between readings, lengths in steps of a third, of which neighbours look alike.
-
-    A pulse has at least `shortest` readings: fewer are wrong readings."""
+    """H(t - t0) - H(t - t1); moments between readings, lengths in steps of a third, of which neighbours look alike."""
 
     parameters = 2
-    shortest = 3
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         instants = between_readings(run)
-        lengths = np.unique(np.geomspace(self.shortest, max(instants.size - 1, self.shortest), 12).astype(int))
+        lengths = np.unique(np.geomspace(SHORTEST, max(instants.size - 1, SHORTEST), 12).astype(int))
         return tuple(Setting(t0=float(instants[start]), t1=float(instants[start + length])) for length in lengths
                      for start in range(0, instants.size - length, max(1, length // 4)))
 
@@ -129,13 +136,21 @@ class Pulse(RunFunction):
 
 
 class Recovery(RunFunction):
-    """H(t - t0) exp(-(t - t0)/tau); moments between readings, five time constants up to a third of the run."""
+    """H(t - t0) exp(-(t - t0)/tau); moments between readings, five time constants up to a third of the run.
+
+    Each has SHORTEST readings at least.
+    """
 
     parameters = 2
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
-        return grid(t0=between_readings(run, 60)[:-2].tolist(),
-                    tau=np.geomspace(duration(run) / 40, duration(run) / 3, 5).tolist())
+        moments = between_readings(run, 60)
+        return tuple(Setting(t0=float(t0), tau=float(tau)) for t0, least in zip(moments, shortest(run, moments))
+                     for tau in np.geomspace(duration(run) / 40, duration(run) / 3, 5) if tau >= least)
+
+    def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
+        tau, least = setting.number('tau'), float(shortest(run, np.array([setting.number('t0')]))[0])
+        return {'tau': (max(tau / 1.6, least), max(tau * 1.6, least))}
 
     def chances(self, run: Run) -> float:
         return max(1, min(run.size, 200) // 2)
@@ -190,7 +205,7 @@ class LaggedTemperature(RunFunction):
                          for tau in values[:, 0]])
 
 
-class FactoredEffect(Effect):
+class FactoredEffect(Effect, ABC):
     """An effect whose columns are f(reading; value) e(reading): the search is quick.
 
     function: f, its parameters are the last searched ones; choices: settings of what else is searched, by which `which`
@@ -200,13 +215,13 @@ class FactoredEffect(Effect):
     function: RunFunction
     choices: tuple[Setting, ...] = (Setting(),)
 
+    @abstractmethod
     def directions(self, run: Run) -> Floats:
         """Return the directions in which the effect can act, (D, N, 3)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def which(self, setting: Setting) -> tuple[int, ...]:
         """Return the numbers of the directions in which a setting acts."""
-        raise NotImplementedError
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         values = self.function.settings(run)

@@ -16,6 +16,7 @@ from rosette_ros.core.effects.factored_effect import (
     Step,
     Temperature,
     WarmUp,
+    shortest,
 )
 from rosette_ros.core.effects.run_functions import radial, seconds, temperature_waves, unit
 from rosette_ros.core.records import Floats, Run
@@ -171,11 +172,9 @@ class FramePulse(FrameEffect):
     function = Pulse()
 
     def instants(self, run: Run, setting: Setting, name: str = 't0') -> Floats:
-        """Return the instants beside that of a setting that leave the pulse at least `Pulse.shortest` readings."""
-        other, time = setting.number('t1' if name == 't0' else 't0'), seconds(run)
-        found = super().instants(run, setting, name)
-        inside = [np.count_nonzero((time > min(one, other)) & (time < max(one, other))) for one in found]
-        return found[np.array(inside, dtype=int) >= Pulse.shortest]
+        """Return the instants beside that of a setting that leave the pulse readings enough."""
+        other, found = setting.number('t1' if name == 't0' else 't0'), super().instants(run, setting, name)
+        return found[np.abs(found - other) > shortest(run, np.minimum(found, other))]
 
 
 class FrameRecovery(FrameEffect):
@@ -191,6 +190,11 @@ class FrameRecovery(FrameEffect):
     searched = (_AXES, Searched('t0', 's', 'moment of the shift, since the first reading', 'instant'),
                 Searched('tau', 's', 'time constant of its way back', 'scale'))
     function = Recovery()
+
+    def instants(self, run: Run, setting: Setting, name: str = 't0') -> Floats:
+        """Return the instants beside that of a setting from which the way back has readings enough."""
+        found, tau = super().instants(run, setting, name), setting.number('tau')
+        return found[tau >= shortest(run, found)]
 
 
 class CmmScaleDrift(Effect):
