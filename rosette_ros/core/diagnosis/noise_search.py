@@ -17,6 +17,7 @@ from rosette_ros.core.diagnosis.candidates import NO_RESIDUAL
 from rosette_ros.core.diagnosis.search import cost
 from rosette_ros.core.model.base_model import Basis
 from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.model.model import KINDS_OF_NOISE
 from rosette_ros.core.model.noise import Noise, Whitening, place_of
 from rosette_ros.core.records import Floats, Run, resolution_of
 
@@ -30,7 +31,6 @@ SEEN = 2e-3
 """Probability, over all tests, below which the noise is looked at as other than it was taken."""
 NO_AXIS = 1e-12
 """An axis whose square sum is such a share of another's has no residual: its noise cannot be estimated."""
-KINDS_OF_NOISE = ('axes', 'tail', 'groups', 'wander')
 KINDS = 6
 """Kinds of noise that are looked for; each has to pay for the choice."""
 TAILS = (2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0)

@@ -13,8 +13,10 @@ from rosette_ros.core.errors import InvalidModel
 
 SCHEMA = 'rosette-model/1'
 BASE_TERMS = ('table_motions', 'plate_deviations', 'cmm_deviations')
-NOISE_TERMS = ('noise.axes', 'noise.tail', 'noise.groups', 'noise.wander')
+KINDS_OF_NOISE = ('axes', 'tail', 'groups', 'wander')
 """In what the noise may be other than white and equal; what of it a run has is estimated."""
+NOISE_TERMS = tuple(f'noise.{kind}' for kind in KINDS_OF_NOISE)
+"""Their names in a model."""
 Entry = str | dict[str, float | str]
 """A term as it stands in a model file: the name of an effect, or a mapping."""
 
