@@ -19,7 +19,7 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from rosette_ros.core.effects.effect import Effect, Factors, Setting
-from rosette_ros.core.model.base_space import BaseSpace
+from rosette_ros.core.model.base_model import BaseSpace
 from rosette_ros.core.model.least_squares import JointSpace
 from rosette_ros.core.records import Bools, Ints, Run
 

@@ -11,6 +11,7 @@ cry) have no once-per-turn part that looks like eccentricity or tilt of the plat
 tangentially, so that plate position, radius and turn stand in P.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -134,24 +135,58 @@ class BaseLines:
         return self.z.astype(float), plane
 
 
-class CompleteSpace:
-    """The base model on a complete run whose noise is equal but for z: projecting on its lines costs one FFT."""
+class BaseSpace(ABC):
+    """The base model on a run: what it can describe of columns, and the parameters that do.
+
+    lever: radius at which rotations act, m; terms: those of the base model; whitening: of the noise, None where it is
+    white and equal; rank: of the base model.
+    """
+
+    rank: int
 
     def __init__(self, run: Run, lever: float, terms: tuple[str, ...] = BASE_TERMS,
                  whitening: Whitening | None = None) -> None:
         self.whitening = whitening or Whitening(run.size, np.ones(3))
         self.n, self.lever, self.terms = run.n, lever, tuple(terms)
         self._run = run
+
+    @cached_property
+    def basis(self) -> Basis:
+        """Orthonormal rows that span the base model in white coordinates."""
+        return Basis.of_parts(base_parts(self._run, self.terms))
+
+    def residual(self, columns: NDArray[Real]) -> NDArray[Real]:
+        """Return what the base model cannot describe of columns (m, N, 3), in white coordinates, same precision."""
+        return self.free(self.whitening.apply(columns))
+
+    @abstractmethod
+    def free(self, columns: NDArray[Real]) -> NDArray[Real]:
+        """Return what the base model cannot describe of white columns (m, N, 3), same shape and precision."""
+
+    @abstractmethod
+    def parameters(self, columns: Floats) -> BaseParameters:
+        """Return the BaseParameters that describe columns (m, N, 3) best, in the gauge; not measured: NaN."""
+
+    @abstractmethod
+    def curve_cofactor(self) -> Floats:
+        """Return the variances of the curves for unit variance of a coordinate, (n, 6)."""
+
+    @abstractmethod
+    def deviation_cofactors(self) -> tuple[Floats, Floats]:
+        """Return the variances of plate and CMM for unit variance of a coordinate, (n, 3) each; not measured: NaN."""
+
+
+class CompleteSpace(BaseSpace):
+    """The base model on a complete run whose noise is equal but for z: projecting on its lines costs one FFT."""
+
+    def __init__(self, run: Run, lever: float, terms: tuple[str, ...] = BASE_TERMS,
+                 whitening: Whitening | None = None) -> None:
+        super().__init__(run, lever, terms, whitening)
         self._cell = (run.table_position - 1) * run.n + run.cmm_position - 1
         self._reading = np.argsort(self._cell)
         self._mirror = (-np.arange(run.n)) % run.n
         self._lines = BaseLines.of(run.n, self.terms)
         self.rank = self._lines.rank
-
-    @cached_property
-    def basis(self) -> Basis:
-        """Orthonormal rows that span the base model."""
-        return Basis.of_parts(base_parts(self._run, self.terms))
 
     def _grid(self, values: NDArray[Real]) -> NDArray[Real]:
         """Return values (m, N) on the grid of table and CMM positions, (m, n, n)."""
@@ -162,10 +197,6 @@ class CompleteSpace:
         w = np.empty((len(columns), self.n, self.n), dtype=kind)
         w.real, w.imag = self._grid(columns[..., 0]), self._grid(columns[..., 1])
         return scipy.fft.fft2(w, axes=(1, 2), overwrite_x=True, workers=_workers(columns))
-
-    def residual(self, columns: NDArray[Real]) -> NDArray[Real]:
-        """Return what the base model cannot describe of columns (m, N, 3), in white coordinates, same precision."""
-        return self.free(self.whitening.apply(columns))
 
     def free(self, columns: NDArray[Real]) -> NDArray[Real]:
         """Return what the base model cannot describe of white columns (m, N, 3), same shape and precision."""
@@ -257,7 +288,7 @@ def _workers(columns: NDArray[Real]) -> int:
     return 2 if columns.size > 200_000 else 1
 
 
-class DenseSpace:
+class DenseSpace(BaseSpace):
     """The base model on any run: missing or repeated balls, weights; by normal equations.
 
     z and the xy part are independent: 5 n and 7 n unknowns. Rotations are scaled by the lever so
@@ -266,8 +297,7 @@ class DenseSpace:
 
     def __init__(self, run: Run, lever: float, terms: tuple[str, ...] = BASE_TERMS,
                  whitening: Whitening | None = None) -> None:
-        self.whitening = whitening or Whitening(run.size, np.ones(3))
-        self.n, self.lever, self.terms = run.n, lever, tuple(terms)
+        super().__init__(run, lever, terms, whitening)
         self._refuse_far_too_few(run)
         self._parts = base_parts(run, self.terms, self.whitening)
         self.rank = sum(part.rank for part in self._parts)
@@ -297,10 +327,6 @@ class DenseSpace:
         rows += [('the deviation of ball', z[3]), ('the deviation of the CMM at position', z[4])]
         names = [f'{what} {k + 1}' for what, row in rows for k in np.flatnonzero(row)]
         return ', '.join(names[:6]) + (f' and {len(names) - 6} more' if len(names) > 6 else '')
-
-    def residual(self, columns: NDArray[Real]) -> NDArray[Any]:
-        """Return what the base model cannot describe of columns (m, N, 3), in white coordinates."""
-        return self.free(self.whitening.apply(columns))
 
     def free(self, columns: NDArray[Any]) -> NDArray[Any]:
         """Return what the base model cannot describe of white columns (m, N, 3), same shape."""

@@ -6,14 +6,12 @@ from contextlib import suppress
 import numpy as np
 
 from rosette_ros.core.errors import InvalidModel
-from rosette_ros.core.model.base_model import SMALL, CompleteSpace, DenseSpace
+from rosette_ros.core.model.base_model import SMALL, BaseSpace, CompleteSpace, DenseSpace
 from rosette_ros.core.model.incomplete_space import IncompleteSpace
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Whitening
 from rosette_ros.core.model.reduced_space import ReducedSpace, Reduction
 from rosette_ros.core.records import Run
-
-BaseSpace = CompleteSpace | ReducedSpace | IncompleteSpace | DenseSpace
 
 
 def base_space(run: Run, lever: float, terms: tuple[str, ...] = BASE_TERMS,

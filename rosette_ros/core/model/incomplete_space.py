@@ -16,10 +16,9 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from rosette_ros.core.geometry import nominal_angles
-from rosette_ros.core.model.base_model import BaseLines, BaseParameters, Basis, CompleteSpace
-from rosette_ros.core.model.model import BASE_TERMS
+from rosette_ros.core.model.base_model import BaseLines, BaseParameters, BaseSpace, CompleteSpace
 from rosette_ros.core.model.noise import Real, Whitening
-from rosette_ros.core.model.normal_equations import Gauge, base_parts, designs, gauges
+from rosette_ros.core.model.normal_equations import Gauge, designs, gauges
 from rosette_ros.core.records import Floats, Run
 
 FEW, MOST = 24, 2000
@@ -30,17 +29,15 @@ STEPS, ROUNDING = 500, {4: 1e-6, 8: 1e-15}
 """Most steps of the conjugate gradients, and what they leave at most, by the bytes of a number."""
 
 
-class IncompleteSpace:
+class IncompleteSpace(BaseSpace):
     """The base model on a run without repeats whose noise is white but for z.
 
     Raises LinAlgError where the readings may not determine all unknowns.
     """
 
     def __init__(self, run: Run, lever: float, whitening: Whitening | None = None) -> None:
-        n = run.n
-        self.whitening = whitening or Whitening(run.size, np.ones(3))
-        self.n, self.lever, self.terms, self.rank = n, lever, BASE_TERMS, 12 * n - 13
-        self._run = run
+        super().__init__(run, lever, whitening=whitening)
+        n, self.rank = run.n, 12 * run.n - 13
         position, place = np.divmod(np.arange(n * n), n)
         self._complete = CompleteSpace(
             Run(n, run.radius, position + 1, (place - position) % n + 1, np.zeros((n * n, 3))), lever)
@@ -48,15 +45,6 @@ class IncompleteSpace:
         self._missing = np.setdiff1d(np.arange(n * n), self._cell)
         self._z, self._w = (_Eliminated(design, gauge, axes * n) for design, gauge, axes in zip(
             designs(run), gauges(n), (1, 2)))
-
-    @cached_property
-    def basis(self) -> Basis:
-        """Orthonormal rows that span the base model."""
-        return Basis.of_parts(base_parts(self._run, self.terms))
-
-    def residual(self, columns: NDArray[Real]) -> NDArray[Real]:
-        """Return what the base model cannot describe of columns (m, N, 3), in white coordinates, same precision."""
-        return self.free(self.whitening.apply(columns))
 
     def free(self, columns: NDArray[Real]) -> NDArray[Real]:
         """Return what the base model cannot describe of white columns (m, N, 3), same shape and precision."""

@@ -18,8 +18,8 @@ from scipy import special
 from rosette_ros.core.effects.effect import Motion, Searched, Setting
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.geometry import TWO_PI
-from rosette_ros.core.model.base_model import GAUGE, Basis
-from rosette_ros.core.model.base_space import BaseSpace, base_space
+from rosette_ros.core.model.base_model import GAUGE, BaseSpace, Basis
+from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise, Real, Whitening
 from rosette_ros.core.model.second_order import (

@@ -2,7 +2,6 @@
 """The base model on reduced runs, solved frequency by frequency (equations in core/reduced_sets.py)."""
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import scipy.fft
@@ -10,10 +9,8 @@ from numpy.typing import NDArray
 
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.geometry import nominal_angles, rotate_z
-from rosette_ros.core.model.base_model import BaseParameters, Basis
-from rosette_ros.core.model.model import BASE_TERMS
+from rosette_ros.core.model.base_model import BaseParameters, BaseSpace
 from rosette_ros.core.model.noise import Real, Whitening
-from rosette_ros.core.model.normal_equations import base_parts
 from rosette_ros.core.records import Floats, Ints, Run
 from rosette_ros.core.reduced_sets import Complexes, FrequencyBlocks
 
@@ -38,16 +35,15 @@ class Reduction:
         return None
 
 
-class ReducedSpace:
+class ReducedSpace(BaseSpace):
     """The base model on a reduced run whose noise is white but for z: one small system for each frequency.
 
     Raises NotDeterminable where the reduction does not determine the curves.
     """
 
     def __init__(self, run: Run, lever: float, reduction: Reduction, whitening: Whitening | None = None) -> None:
-        self.whitening = whitening or Whitening(run.size, np.ones(3))
-        self.n, self.lever, self.reduction, self.terms = run.n, lever, reduction, BASE_TERMS
-        self._run, self._by_ball = run, reduction.by == 'ball'
+        super().__init__(run, lever, whitening=whitening)
+        self.reduction, self._by_ball = reduction, reduction.by == 'ball'
         self._blocks = FrequencyBlocks(run.n, reduction.members)
         if not self._blocks.is_determined:
             raise NotDeterminable(
@@ -60,15 +56,6 @@ class ReducedSpace:
         self._cell = ((-position) % run.n if self._by_ball else position) * reduction.members.size + place
         self._reading = np.argsort(self._cell, kind='stable')
         self._turn = np.exp(2j * np.pi / run.n * np.arange(run.n))[:, None]  # omega^i' of plate axes
-
-    @cached_property
-    def basis(self) -> Basis:
-        """Orthonormal rows that span the base model."""
-        return Basis.of_parts(base_parts(self._run, self.terms))
-
-    def residual(self, columns: NDArray[Real]) -> NDArray[Real]:
-        """Return what the base model cannot describe of columns (m, N, 3), in white coordinates, same precision."""
-        return self.free(self.whitening.apply(columns))
 
     def free(self, columns: NDArray[Real]) -> NDArray[Real]:
         """Return what the base model cannot describe of white columns (m, N, 3), same shape and precision."""

@@ -13,7 +13,8 @@ import numpy as np
 from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, Projection, families, why_not_judged
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.model.base_space import BaseSpace, base_space
+from rosette_ros.core.model.base_model import BaseSpace
+from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.records import Floats, Run
 
