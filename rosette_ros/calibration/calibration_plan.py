@@ -15,9 +15,9 @@ from rosette_ros.io.messages import TABLE_FRAME, Phase, Target
 class CalibrationPlan:
     """All targets of one calibration, N in the order of asking.
 
-    phase, table_position, ball, approach: (N,), approach 0 where the table stays; touches: of each ball, 0 as
-    the CMM usually does; taught: the table frame in machine
-    coordinates as roughly known before the alignment."""
+    phase, table_position, ball, approach, touches, session: (N,), approach 0 where the table stays, touches 0 for as
+    many as the CMM usually makes, session one more after every pause that is planned; taught: the table frame in
+    machine coordinates as roughly known before the alignment."""
 
     scheme: Scheme
     radius: float
@@ -26,7 +26,8 @@ class CalibrationPlan:
     table_position: Ints
     ball: Ints
     approach: Ints
-    touches: int = 0
+    touches: Ints
+    session: Ints
 
     @property
     def total(self) -> int:
@@ -42,7 +43,7 @@ class CalibrationPlan:
             run_id='', seq=index + 1, attempt=0, session=0, phase=Phase(int(self.phase[index])), balls=n,
             radius=self.radius, table_position=position, ball=ball, cmm_position=int(cmm_position(n, position, ball)),
             table_angle=float(nominal_angles(n)[position - 1]), approach=int(self.approach[index]), centre=(x, y, z),
-            frame_id=TABLE_FRAME, stamp_ns=0, touches=self.touches)
+            frame_id=TABLE_FRAME, stamp_ns=0, touches=int(self.touches[index]))
 
     def place_in_phase(self, index: int) -> tuple[int, int]:
         """Return (place, size): the place of a target in its phase, one-based, and the size of the phase."""
@@ -55,14 +56,18 @@ def plan_calibration(scheme: Scheme, radius: float, taught: Frame, repeats: int 
     """Return the CalibrationPlan of a scheme.
 
     Repeatability check: ball 1 at table position 1, `repeats` times. Alignment: ball 1 at every table position (the
-    axis), then every ball at table position 1 (the plane and the x axis). The n*n run in the order of `scheme`. Drift
-    check: the first ball of the run once more. Source: Kniel et al. (2019), section 2.2, steps (a)-(d)."""
+    axis), then every ball at table position 1 (the plane and the x axis). The run in the order of `scheme`. Drift
+    check: the first ball of the run once more. touches: of balls for which the scheme names none; outside of the run as
+    many as most of its balls get. Source: Kniel et al. (2019), section 2.2, steps (a)-(d)."""
     every, first = np.arange(1, scheme.n + 1), np.ones(scheme.n, dtype=int)
-    last = slice(0, 1 if drift_check else 0)
+    of_run = np.where(scheme.touches > 0, scheme.touches, touches)
+    usual, last = int(np.bincount(of_run).argmax()), slice(0, 1 if drift_check else 0)
     parts = [(Phase.REPEATABILITY, *(np.ones(repeats, dtype=int),) * 3), (Phase.ALIGNMENT, every, first, first),
              (Phase.ALIGNMENT, first, every, first), (Phase.RUN, scheme.table_position, scheme.ball, scheme.approach),
              (Phase.DRIFT_CHECK, scheme.table_position[last], scheme.ball[last], scheme.approach[last])]
     phase = np.concatenate([np.full(part[1].size, part[0]) for part in parts])
     position, ball, sense = (np.concatenate([part[column] for part in parts]) for column in (1, 2, 3))
-    stays = np.diff(position, prepend=0) == 0
-    return CalibrationPlan(scheme, radius, taught, phase, position, ball, np.where(stays, 0, sense), touches)
+    stays, in_run = np.diff(position, prepend=0) == 0, phase == Phase.RUN
+    number, session = np.full(phase.size, usual), np.where(phase == Phase.DRIFT_CHECK, scheme.session[-1], 1)
+    number[in_run], session[in_run] = of_run, scheme.session
+    return CalibrationPlan(scheme, radius, taught, phase, position, ball, np.where(stays, 0, sense), number, session)

@@ -35,8 +35,8 @@ class Request:
 
     @property
     def fields(self) -> str:
-        """The fields of the goal besides OF_EVENT, as YAML."""
-        own = {name: value for name, value in self.goal.items() if name not in OF_EVENT}
+        """The fields of the goal besides OF_EVENT and a plan, which stands in the settings, as YAML."""
+        own = {name: value for name, value in self.goal.items() if name not in (*OF_EVENT, 'plan')}
         return yaml.safe_dump(own, sort_keys=False) if own else ''
 
 
@@ -97,11 +97,12 @@ def make_job(request: Request, configured: Mapping[str, Value], taken: Collectio
     Recall.Response of the run that is resumed, None for a new run. Raises RosetteError with the reason why not."""
     changes = settings.goal_changes(request.goal)
     changes.pop(settings.RESUME.name, None)
-    values = {**configured, **changes}
     if recalled is not None:
-        return _resumed_job(request, recalled, changes, values)
-    run_id = settings.run_name(datetime.now(UTC), str(values['order']), taken)
-    return Job(Sequence(run_id, settings.plan_of(values), settings.limits_of(values)), request, str(values['order']),
+        return _resumed_job(request, recalled, changes, {**configured, **changes})
+    values = settings.changed_settings(configured, changes)
+    plan = settings.plan_of(values)
+    run_id = settings.run_name(datetime.now(UTC), plan.scheme.order, taken)
+    return Job(Sequence(run_id, plan, settings.limits_of(values)), request, plan.scheme.order,
                settings.format_settings(values))
 
 
@@ -119,16 +120,18 @@ def _resumed_job(request: Request, recalled: Any, changes: Mapping[str, Value], 
         raise CellError(f'resume: run {run_id} lacks nothing: all {plan.total} targets are answered and its error '
                         'motions are published')
     latest = max((*(one.stamp_ns for one in earlier.targets), *(one.stamp_ns for one in earlier.answers)), default=0)
-    return Job(Sequence(run_id, plan, settings.limits_of(values), earlier), request, str(values['order']),
+    return Job(Sequence(run_id, plan, settings.limits_of(values), earlier), request, plan.scheme.order,
                settings.format_settings(values), recalled.log, stamp_ns=latest, located_ns=earlier.run_begin())
 
 
 def refuse_other_plan(changes: Mapping[str, Value], planned: Mapping[str, Value], run_id: str) -> None:
     """Refuse a goal that changes, name to value, what decided the plan of the run that it resumes."""
-    for name in (wanted.name for wanted in settings.PLATE + settings.RUN):
+    if changes.get('plan'):
+        changes = {**changes, 'plan': settings.changed_settings(planned, changes)['plan']}
+    for name in (wanted.name for wanted in settings.PLANNED if wanted not in settings.TABLE):
         if name in changes and changes[name] != planned[name]:
-            raise CellError(f'resume: run {run_id}: {name}: wanted {planned[name]!r} as the run began, got '
-                            f'{changes[name]!r}; leave it out')
+            was, got = ('the one', 'another') if name == 'plan' else (repr(planned[name]), repr(changes[name]))
+            raise CellError(f'resume: run {run_id}: {name}: wanted {was} as the run began, got {got}; leave it out')
 
 
 def earlier_answers(recalled: Any, plan: CalibrationPlan) -> RunAnswers:

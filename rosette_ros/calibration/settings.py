@@ -17,9 +17,11 @@ from rosette_ros.calibration.state_machine import Limits
 from rosette_ros.core.errors import InvalidConfig
 from rosette_ros.core.geometry import Frame, rotation_matrix
 from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, chosen_places, places_in_use, plan
+from rosette_ros.io.plan_file import MOST_BYTES, MeasuringPlan, format_plan, parse_plan, read_plan
 from rosette_ros.io.safe_yaml import parse_mapping
 
 MAX_OPTIONS = 10_000  # longest YAML text taken from a goal, characters
+MOST_SETTINGS = 2 * MOST_BYTES  # longest settings taken from a log, characters: there may be a plan in them
 _MOST = 1e300  # whole numbers beyond are no float
 
 Value = bool | int | float | str | tuple[float, ...]
@@ -88,6 +90,7 @@ RUN = (
     Wanted('touches', 0, 'touches of each ball, 0: as the CMM usually does', 0, 1000),
     Wanted('repeats', 10, 'readings of the repeatability check, 0: none', 0, 10_000),
     Wanted('drift_check', True, 'whether the first ball is measured again after the run'))
+PLAN = Wanted('plan', '', 'plan file to run instead of an order: its path, or its text (rosette-plan/1)')
 LIMITS = (
     Wanted('limits.answer_timeout_s', Limits.answer_timeout, 'wall time after which a target is asked again, s', 0.01,
            1e5),
@@ -104,19 +107,21 @@ LIMITS = (
 PLACES = ('cmm_positions', 'balls_in_use')
 RESUME = Wanted('resume', '', 'the log to continue: the name of its folder, or its path')
 OPTIONS = RUN[2:] + LIMITS[:5] + (RESUME,)  # what the options of a goal may change for one calibration
-PLANNED = PLATE + TABLE + RUN  # what decides which targets a calibration has
+PLANNED = PLATE + TABLE + RUN + (PLAN,)  # what decides which targets a calibration has
 FIELDS = {'order': 'order', 'balls': 'plate.balls', 'radius': 'plate.radius_m', 'turning': 'turning',
           'cmm_positions': 'cmm_positions', 'balls_in_use': 'balls_in_use', 'touches': 'touches', 'repeats': 'repeats',
           'drift_check': 'drift_check', 'attempts': 'limits.attempts', 'skips': 'limits.skips',
-          'resume': 'resume'}
+          'resume': 'resume', 'plan': 'plan'}
 """Fields of a goal by the setting that each changes."""
 NONE: dict[str, dict[int, Value]] = {'repeats': {-1: 0}, 'skips': {-1: 0}, 'drift_check': {-1: False, 1: True}}
 """What the constants of Calibrate.action stand for."""
+BY_PLAN = ('plate.balls', 'plate.radius_m', 'order', 'seed', 'turning', *PLACES)
+"""What a plan file decides."""
 
 
 def goal_changes(goal: Mapping[str, Any]) -> dict[str, Value]:
     """Return what the fields of a goal that are set, by name, change, name to value; raises InvalidConfig."""
-    known = {wanted.name: wanted for wanted in (*PLATE, *RUN, *LIMITS, RESUME)}
+    known = {wanted.name: wanted for wanted in (*PLATE, *RUN, *LIMITS, PLAN, RESUME)}
     changes = {}
     for field, value in goal.items():
         if field in FIELDS:
@@ -127,7 +132,31 @@ def goal_changes(goal: Mapping[str, Any]) -> dict[str, Value]:
     for name in options:
         if name in changes:
             raise InvalidConfig(f'options: {name}: wanted it once, got it in the fields of the goal too; leave it out')
-    return {**changes, **options}
+    changes |= options
+    decided = [name for name in BY_PLAN if name in changes]
+    if decided and changes.get('plan'):
+        raise InvalidConfig(f'goal: {decided[0]}: the plan decides it; leave out one of the two')
+    return changes
+
+
+def changed_settings(configured: Mapping[str, Value], changes: Mapping[str, Value]) -> dict[str, Value]:
+    """Return settings as a goal changes them, a plan file as its text, with the plate that it is for.
+
+    What a goal says of an order or a plate takes the place of a configured plan. Raises InvalidPlan.
+    """
+    replaces_plan = 'plan' not in changes and any(name in changes for name in BY_PLAN)
+    values = {**configured, **changes, **({'plan': ''} if replaces_plan else {})}
+    given = str(values['plan'])
+    return _of_plan(values, read_plan(given) if given and '\n' not in given else None)
+
+
+def _of_plan(values: dict[str, Value], made: MeasuringPlan | None = None, where: str = 'plan') -> dict[str, Value]:
+    """Return settings with the plate that their plan, or its text in them, is for."""
+    text = str(values['plan'])
+    made = made or (parse_plan(text.encode(errors='replace'), where) if text else None)
+    if made is None:
+        return values
+    return {**values, 'plan': format_plan(made), 'plate.balls': made.scheme.n, 'plate.radius_m': made.radius}
 
 
 def parse_options(text: str) -> dict[str, Value]:
@@ -150,7 +179,9 @@ def plan_of(values: Mapping[str, Any]) -> CalibrationPlan:
 
 
 def scheme_of_settings(values: Mapping[str, Any]) -> Scheme:
-    """Return the Scheme for settings (name to value, all of PLATE and RUN)."""
+    """Return the Scheme for settings (name to value, all of PLATE and RUN, a plan as its text)."""
+    if values['plan']:
+        return parse_plan(values['plan'].encode(), 'plan').scheme
     return plan(values['plate.balls'], values['order'], values['seed'], values['turning'], *_places(values))
 
 
@@ -170,18 +201,20 @@ def format_settings(values: Mapping[str, Value]) -> str:
 
     The CMM positions and balls in use stand as numbers, so that no later choice of the best ones changes the plan.
     """
-    plain = {one.name: values[one.name] for one in PLANNED}
-    for name, places in zip(PLACES, _places(values)):
+    decided = (*BY_PLAN[2:],) if values['plan'] else ('plan',)
+    plain = {one.name: values[one.name] for one in PLANNED if one.name not in decided}
+    for name, places in zip(PLACES, _places(values)) if not values['plan'] else ():
         plain[name] = ', '.join(map(str, places))
     lists = {name: list(value) for name, value in plain.items() if isinstance(value, tuple)}
-    return yaml.safe_dump({**plain, **lists}, sort_keys=False)
+    return yaml.dump({**plain, **lists}, sort_keys=False, Dumper=getattr(yaml, 'CSafeDumper', yaml.SafeDumper))
 
 
 def parse_settings(text: str, where: str) -> dict[str, Value]:
     """Return the settings that format_settings wrote, name to value; raises InvalidConfig in words."""
-    given = parse_mapping(text, where, MAX_OPTIONS, 'order: row', InvalidConfig)
-    later = {'cmm_positions': '', 'balls_in_use': '', 'touches': 0}  # than the first logs
-    return {wanted.name: wanted.check({**later, **given}.get(wanted.name), where) for wanted in PLANNED}
+    given = parse_mapping(text, where, MOST_SETTINGS, 'order: row', InvalidConfig)
+    later = ('touches', *PLACES, *(BY_PLAN[2:] if 'plan' in given else ('plan',)))  # than the first logs, or left out
+    return _of_plan({wanted.name: wanted.check(given.get(wanted.name, wanted.default if wanted.name in later else None),
+                                               where) for wanted in PLANNED}, where=f'{where}: plan')
 
 
 def run_name(when: datetime, order: str, taken: Collection[str]) -> str:

@@ -21,6 +21,7 @@ from rosette_ros.io.run_assembly import RunAnswers
 VERIFY_REFUSALS = 20  # a recorder that refuses so often to report what is in the log has no log open
 PACE_OF, PACE_FROM, TOLD_FROM = 60, 6, 90.0
 """The remaining time follows from the pace of so many answers, at least of so many; a shorter one is not told, s."""
+PAUSE = 'the plan has a pause here, resume the run after it'
 VERIFY_ROUNDS = 3  # so often the answers in the log are verified at the end of a run, and what it lacks is asked again
 
 
@@ -144,7 +145,7 @@ class Sequence:
         self.session = max(self.earlier.session, session) + 1
         self._asked: Target | None = None
         self._asked_again, self._alignment = list[int](), list[Answer]()
-        self._next_index = self._tries = self._rounds = self._refusals = 0
+        self._next_index = self._tries = self._rounds = self._refusals = self._planned_session = 0
         self._results: Results | None = None
         self._held, self._is_gone, self.disturbed = '', True, list[str]()
         self._in_doubt, self._skipped_last = list[tuple[int, int]](), True
@@ -317,7 +318,11 @@ class Sequence:
             self.phase = Phase(target.phase)
             known, before = self.earlier.answer_to(target.seq), self.earlier.last_target(target.seq)
             if known is None or before is None or complaint(known, self._placed(target, 1), self.limits):
-                self._tries = 1
+                planned, now_planned = self._planned_session, int(self.plan.session[target.seq - 1])
+                if 0 < planned < now_planned:
+                    return (*commands, *self._finish(Phase.CANCELLED, f'session {planned} of '
+                                                     f'{self.plan.session[-1]} of the plan is measured; {PAUSE}'))
+                self._tries, self._planned_session = 1, now_planned
                 commands += [PublishState()] if published is not self.phase else []
                 return (*commands, self._ask(target, now))
             self.answers.add_target(before)

@@ -217,7 +217,8 @@ def _plan(whole: CalibrationPlan, repeats: int) -> CalibrationPlan:
     sense = np.array([1, *[0] * (repeats - 1), 1, 1, 1, 1, -1, -1, 0])
     phase = np.array([*[Phase.REPEATABILITY] * repeats, *[Phase.ALIGNMENT] * 7])
     ball = np.array([*[1] * (repeats + 6), 2])
-    return CalibrationPlan(whole.scheme, whole.radius, whole.taught, phase, position, ball, sense)
+    return CalibrationPlan(whole.scheme, whole.radius, whole.taught, phase, position, ball, sense,
+                           touches=np.zeros_like(phase), session=np.ones_like(phase))
 
 
 def _answers(complaints: list[str], total: int) -> Check:

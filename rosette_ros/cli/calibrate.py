@@ -4,6 +4,7 @@
 import argparse
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,14 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
 
 from rosette_ros.calibration.settings import FIELDS, LIMITS, OPTIONS, PLATE, RUN
+from rosette_ros.calibration.state_machine import PAUSE
 from rosette_ros.cell.client import CalibrationOutcome, CellClient
 from rosette_ros.cli.arguments import UsageError, add_places, add_shared, positive, whole
 from rosette_ros.cli.console import console, print_parts, print_verdict
 from rosette_ros.core.errors import CellError
 from rosette_ros.core.scheme import ORDERS
 from rosette_ros.io.messages import PHASE_WORDS, CalibrationProgress
+from rosette_ros.io.plan_file import format_plan, read_plan
 from rosette_ros.presentation.tables import curves
 
 KEPT = 'what was measured is in'
@@ -38,6 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                                 {'type': whole(int(wanted.low), int(wanted.high))})
         parser.add_argument(f'--{field.replace("_", "-")}', help=wanted.text, **kind)
     add_places(parser)
+    parser.add_argument('--plan', metavar='FILE', help='measure a plan file (rosette plan --output FILE) instead of '
+                        'an order')
     parser.add_argument('--options', metavar='YAML', default='',
                         help='further options of the goal, such as "limits.answer_timeout_s: 30"; '
                              f'known: {", ".join(one.name for one in OPTIONS)}')
@@ -53,9 +58,10 @@ def run(options: argparse.Namespace) -> None:
     resume = options.resume or ''
     if resume and Path(resume).is_dir():  # on this computer: by its whole path
         resume = str(Path(resume).resolve())
+    plan = format_plan(read_plan(options.plan)) if options.plan else ''
     with CellClient(options.domain, options.namespace) as client:
         outcome = calibrate(
-            client, order=options.order, seed=options.seed, options=options.options, resume=resume,
+            client, order=options.order, seed=options.seed, options=options.options, resume=resume, plan=plan,
             radius=options.radius_mm and 1e-3 * options.radius_mm,
             **{field: getattr(options, field) for field in (*AS_CONFIGURED, 'cmm_positions', 'balls_in_use')})
     out = console()
@@ -83,6 +89,8 @@ def calibrate(client: CellClient, **goal: Any) -> CalibrationOutcome:
              if outcome.log and client.measured else '; nothing was measured')
     if outcome.cancelled:
         raise KeyboardInterrupt(text)
+    if PAUSE in outcome.message:
+        return replace(outcome, message=text)
     if not outcome.success:
         raise CellError(f'calibration failed: {text}')
     return outcome

@@ -7,6 +7,7 @@ k = (i + j - 2) mod n + 1. Source: Kniel et al. (2019), section 2.2 and Table 1.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +18,7 @@ from rosette_ros.core.reduced_sets import best_members, fewest_members, penalty
 from rosette_ros.core.sensitive_order import sensitive
 
 TURNINGS = ('forward', 'alternate')
+_DERIVED: Any = None  # in place of what is as usual; never in a scheme that exists
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,8 @@ class Scheme:
     """The order of one run, N rows in the order of measuring.
 
     n: number of balls and of table positions; order: its name; seed: of a drawn order; table_position, ball: (N,)
-    one-based; approach: (N,) +1 or -1, sense in which the table turns (last turned) to get there.
+    one-based; approach: (N,) +1 or -1, sense in which the table turns (last turned) to get there; touches: (N,) of each
+    ball, 0 as the CMM usually does; session: (N,) 1 and one more after every pause that is planned.
     """
 
     n: int
@@ -48,6 +51,13 @@ class Scheme:
     table_position: Ints
     ball: Ints
     approach: Ints
+    touches: Ints = _DERIVED
+    session: Ints = _DERIVED
+
+    def __post_init__(self) -> None:
+        for name, usual in (('touches', 0), ('session', 1)):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.full(self.ball.size, usual))
 
     @property
     def cmm_position(self) -> Ints:

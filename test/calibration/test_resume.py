@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Going on with a run: what is taken from its log, what is asked again, what is refused."""
 
+import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,13 +15,15 @@ from rosette_ros.calibration.calibration_plan import plan_calibration
 from rosette_ros.calibration.goal import earlier_answers, refuse_other_plan
 from rosette_ros.calibration.settings import LIMITS as LIMIT_SETTINGS
 from rosette_ros.calibration.settings import PLANNED, format_settings, parse_settings
-from rosette_ros.calibration.state_machine import VERIFY_ROUNDS, Ask, Finish, Locate, Remark, Sequence, Verify
+from rosette_ros.calibration.state_machine import PAUSE, VERIFY_ROUNDS, Ask, Finish, Locate, Remark, Sequence, Verify
 from rosette_ros.core.errors import CellError, InvalidConfig
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.messages import Phase
+from rosette_ros.io.plan_file import MeasuringPlan, format_plan
 from rosette_ros.io.run_assembly import RunAnswers
 
 SETTINGS = {wanted.name: wanted.default for wanted in PLANNED + LIMIT_SETTINGS}
+OWN = format_plan(MeasuringPlan(plan(3), 0.1))
 PLAN = plan_calibration(plan(3, 'diagonal'), 0.1, TAUGHT, 2)
 
 
@@ -262,3 +266,27 @@ def test_spoilt_settings_are_refused(text):
     """Half a plan is none."""
     with pytest.raises(InvalidConfig, match='here: '):
         parse_settings(text, 'here')
+
+
+def test_a_pause_that_is_planned_ends_the_run_until_it_is_resumed():
+    """After the last reading of a session nothing is asked; resumed, the rest is asked in the next session."""
+    scheme = plan(3, 'diagonal')
+    whole = plan_calibration(replace(scheme, session=1 + np.arange(9) // 5), 0.1, TAUGHT, 2)
+    first = Sequence(RUN_ID, whole, LIMITS)
+    asks = asked(first)
+    assert (first.phase, len(asks), {ask.session for ask in asks}) == (Phase.CANCELLED, 2 + 6 + 5, {1})
+    assert first.text == f'session 1 of 2 of the plan is measured; {PAUSE}'
+    known = RunAnswers(RUN_ID)
+    for target in asks:
+        known.add_target(target)
+        known.add_answer(answer_to(target, stamp_ns=target.seq))
+    second = Sequence(RUN_ID, whole, LIMITS, known)
+    assert {ask.session for ask in asked(second)} == {2} and second.done == whole.total
+
+
+def test_a_run_of_a_plan_is_resumed_with_that_plan_alone():
+    """Another plan, or an order, is refused in one short line."""
+    planned = parse_settings(f'{format_settings(SETTINGS)}plan: {json.dumps(OWN)}\n', 'log')
+    refuse_other_plan({'plan': OWN}, planned, RUN_ID)
+    with pytest.raises(CellError, match='run run_a: plan: wanted the one as the run began, got another; leave it out'):
+        refuse_other_plan({'plan': OWN.replace('radius_mm: 100', 'radius_mm: 101')}, planned, RUN_ID)

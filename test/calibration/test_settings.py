@@ -2,8 +2,10 @@
 """Settings and options: what is taken, and the words for what is not."""
 
 import math
+from dataclasses import replace
 from datetime import UTC, datetime
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,10 +13,9 @@ from hypothesis import strategies as st
 from rosette_ros.calibration.goal import Request
 from rosette_ros.calibration.settings import (
     LIMITS,
-    PLATE,
-    RUN,
-    TABLE,
+    PLANNED,
     Wanted,
+    changed_settings,
     format_settings,
     goal_changes,
     limits_of,
@@ -25,9 +26,11 @@ from rosette_ros.calibration.settings import (
 )
 from rosette_ros.calibration.state_machine import Limits
 from rosette_ros.core.errors import InvalidConfig, RosetteError
-from rosette_ros.core.scheme import ORDERS
+from rosette_ros.core.scheme import ORDERS, plan
+from rosette_ros.io.messages import Phase
+from rosette_ros.io.plan_file import MeasuringPlan, format_plan
 
-DEFAULTS = {wanted.name: wanted.default for wanted in PLATE + TABLE + RUN + LIMITS}
+DEFAULTS = {wanted.name: wanted.default for wanted in PLANNED + LIMITS}
 WHOLE = Wanted('balls', 12, 'number of balls', 3, 1000)
 REAL = Wanted('radius', 0.1, 'radius, m', 0.001, 10.0)
 WORD = Wanted('order', 'row', 'order', choices=('row', 'column'))
@@ -167,3 +170,46 @@ def test_recorded_settings_give_the_same_plan(order, given):
     again = plan_of({**values, **recorded})
     assert [again.target(k) for k in range(again.total)] == [planned.target(k) for k in range(planned.total)]
     assert parse_settings(format_settings(recorded), 'log') == recorded
+
+
+def own_plan(size=30, sessions=1):
+    """Return a plan of readings that no order has, with touches and pauses."""
+    scheme = plan(6, 'random', 4)
+    chosen = replace(scheme, order='mine', touches=np.where(np.arange(36) % 5, 8, 20),
+                     session=1 + np.arange(36) * sessions // 36)
+    return MeasuringPlan(replace(chosen, **{name: getattr(chosen, name)[:size] for name in (
+        'table_position', 'ball', 'approach', 'touches', 'session')}), 0.15)
+
+
+@pytest.mark.parametrize('by_path', [False, True])
+def test_a_plan_file_decides_what_is_measured(tmp_path, by_path):
+    """By its path or by its text; the record makes the same targets again, without the file."""
+    made, path = own_plan(), tmp_path / 'mine.csv'
+    path.write_text(format_plan(made))
+    values = changed_settings(DEFAULTS, changes(plan=str(path) if by_path else path.read_text(), repeats=3))
+    path.unlink()
+    planned, recorded = plan_of(values), parse_settings(format_settings(values), 'log')
+    again = plan_of({**values, **recorded})
+    assert [again.target(k) for k in range(again.total)] == [planned.target(k) for k in range(planned.total)]
+    run = [target for target in map(planned.target, range(planned.total)) if target.phase == Phase.RUN]
+    assert [target.ball for target in run] == made.scheme.ball.tolist()
+    assert [target.touches for target in run] == made.scheme.touches.tolist()
+    assert {(target.balls, target.radius) for target in run} == {(6, 0.15)} and planned.scheme.order == 'mine'
+    assert planned.target(0).touches == 8
+
+
+def test_an_order_takes_the_place_of_a_configured_plan():
+    """Touches, repeats and limits do not."""
+    configured = changed_settings(DEFAULTS, {'plan': format_plan(own_plan())})
+    assert plan_of(changed_settings(configured, changes(repeats=2))).scheme.order == 'mine'
+    assert plan_of(changed_settings(configured, changes(order='row'))).scheme.order == 'row'
+
+
+@pytest.mark.parametrize(('goal', 'words'), [
+    ({'order': 'row'}, 'goal: order: the plan decides it; leave out one of the two'),
+    ({'options': 'turning: alternate'}, 'goal: turning: the plan decides it'),
+    ({'balls': 6}, 'goal: plate.balls: the plan decides it')])
+def test_a_plan_and_an_order_contradict_each_other(goal, words):
+    """A goal has one of the two."""
+    with pytest.raises(InvalidConfig, match=words):
+        changes(plan=format_plan(own_plan()), **goal)

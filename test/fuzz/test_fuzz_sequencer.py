@@ -23,6 +23,7 @@ from rosette_ros.calibration.settings import (
     PLANNED,
     PLATE,
     RUN,
+    changed_settings,
     format_settings,
     goal_changes,
     limits_of,
@@ -33,6 +34,7 @@ from rosette_ros.calibration.state_machine import Limits, Sequence
 from rosette_ros.core.errors import RosetteError
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.messages import Phase
+from rosette_ros.io.plan_file import MeasuringPlan, format_plan
 from rosette_ros.nodes.sequencer import CALIBRATION, Sequencer
 
 # The sequencer ------------------------------------------------------------------------------------
@@ -202,12 +204,16 @@ OPTION_TEXTS = st.one_of(
 )
 
 
+PLANS = mutated(format_plan(MeasuringPlan(plan(3), 0.1)).encode()).map(lambda data: data.decode(errors='replace'))
+
+
 @tried(0.4)
 @given(
     messages(
         Calibrate.Goal,
         order=st.one_of(st.sampled_from(['', 'row', 'random', 'sensitive']), TEXTS),
         options=OPTION_TEXTS,
+        plan=st.one_of(st.just(''), PLANS),
     )
 )
 def test_goals(goal):
@@ -220,7 +226,11 @@ def test_goals(goal):
         assert len(str(error)) < 2000
         return
     check_settings(changes, PLATE + RUN + OPTIONS)
-    values = {**VALUES, **changes}
+    try:
+        values = changed_settings(VALUES, changes)
+    except RosetteError as error:  # a plan that is none
+        check_words([str(error)])
+        return
     if values['repeats'] <= 100 and values['plate.balls'] <= 12:
         with bounded():
             assert plan_of(values).total >= 9

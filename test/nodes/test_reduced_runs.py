@@ -1,14 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reduced runs over DDS: the goal chooses the places, the curves are true, what was not touched is not measured."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from rosette_ros.analysis import analyse
+from rosette_ros.calibration.state_machine import PAUSE
 from rosette_ros.cell.client import CellClient
 from rosette_ros.core.errors import CellError
 from rosette_ros.core.records import remove_gauge
+from rosette_ros.core.scheme import plan
 from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.messages import Phase
+from rosette_ros.io.plan_file import MeasuringPlan, format_plan
 from rosette_ros.simulation import Machine, load_machine
 
 N = 6
@@ -51,3 +57,29 @@ def test_what_determines_nothing_is_refused_before_it_is_measured(client, goal, 
     with pytest.raises(CellError) as caught:
         client.calibrate(**goal)
     assert words in str(caught.value)
+
+
+def test_a_plan_file_with_a_pause(client):
+    """Readings that no order has, touches and a pause: asked as planned, resumed from the log alone, true curves."""
+    scheme = replace(plan(N, 'random', 4), order='mine', touches=np.where(np.arange(N * N) % 5, 20, 8),
+                     session=1 + np.arange(N * N) // 20)
+    part = replace(scheme, **{name: getattr(scheme, name)[:33] for name in (
+        'table_position', 'ball', 'approach', 'touches', 'session')})
+    first = client.calibrate(plan=format_plan(MeasuringPlan(part, 0.1825)))
+    assert not first.success and PAUSE in first.message and first.run_id.endswith('_mine')
+    second = client.calibrate(resume=str(first.log))
+    log = read_log(second.log)
+    run = log.to_run()
+    assert np.array_equal(run.ball, part.ball) and np.array_equal(run.session, part.session)
+    asked = {target.seq: target.touches for target in log.targets if target.phase == Phase.RUN}
+    assert list(asked.values()) == part.touches.tolist()
+    away = np.abs(second.error_motions.values - remove_gauge(client.machine.table_truth()))
+    assert away[:, :3].max() < 1e-9 and away[:, 3:].max() < 1e-8
+
+
+def test_plans_that_contradict_themselves_are_refused(client):
+    """In one line, before anything is measured."""
+    with pytest.raises(CellError, match='plan: does not determine the curves: wanted at least 3 balls at each of 6'):
+        client.calibrate(plan='# schema: rosette-plan/1\n# balls: 6\n# radius_mm: 182.5\ntable_position,ball\n1,1\n')
+    with pytest.raises(CellError, match='no_such_plan.csv: wanted a plan file that can be read'):
+        client.calibrate(plan='no_such_plan.csv')

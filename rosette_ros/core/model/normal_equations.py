@@ -6,9 +6,10 @@ import scipy.linalg
 import scipy.sparse
 
 from rosette_ros.core.geometry import nominal_angles
+from rosette_ros.core.model.base_entries import Entries, entries
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Whitening
-from rosette_ros.core.records import Bools, Floats, Ints, Run
+from rosette_ros.core.records import Bools, Floats, Run
 
 Gauge = tuple[Floats, Floats]
 """Vectors (q, k) that no readings see, and the constraints (k, q) that fix them, of q unknowns."""
@@ -79,21 +80,12 @@ def designs(run: Run, terms: tuple[str, ...] = BASE_TERMS) -> tuple[scipy.sparse
 
     The latter has x and y of a reading in turn: ctx, cty, R crz, P_x, P_y, M_x, M_y.
     """
-    table, plate, cmm = (float(term in terms) for term in BASE_TERMS)
-    n, one = run.n, np.ones(run.size)
-    at, of, on = run.table_position - 1, run.ball - 1, run.cmm_position - 1
-    sin, cos = np.sin(run.alpha), np.cos(run.alpha)
-    sin_t, cos_t = np.sin(run.phi), np.cos(run.phi)
-    z = [(0, at, table * one), (n, at, table * sin), (2 * n, at, -table * cos), (3 * n, of, plate * one),
-         (4 * n, on, cmm * one)]
-    x = [(0, at, table * one), (2 * n, at, -table * sin), (3 * n, of, plate * cos_t), (4 * n, of, -plate * sin_t),
-         (5 * n, on, cmm * one)]
-    y = [(n, at, table * one), (2 * n, at, table * cos), (3 * n, of, plate * sin_t), (4 * n, of, plate * cos_t),
-         (6 * n, on, cmm * one)]
+    n = run.n
+    z, x, y = entries(n, run.table_position, run.ball, terms)
     return _sparse(z, 5 * n), _sparse([entry for pair in zip(x, y) for entry in pair], 7 * n, 2)
 
 
-def _sparse(entries: list[tuple[int, Ints, Floats]], width: int, axes: int = 1) -> scipy.sparse.csr_array:
+def _sparse(entries: Entries, width: int, axes: int = 1) -> scipy.sparse.csr_array:
     """Return the matrix of columns' entries (first column, column of each reading, value); axes take turns."""
     size = entries[0][1].size
     row = np.stack([axes * np.arange(size) + place % axes for place in range(len(entries))], axis=1)

@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A measuring plan as a file, schema rosette-plan/1: its readings one by one, CSV, YAML or JSON, or an order, YAML."""
+
+import csv
+import io
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from rosette_ros.core.errors import InvalidPlan, unknown
+from rosette_ros.core.geometry import TWO_PI, Ints, nominal_angles, wrap
+from rosette_ros.core.model.base_entries import refuse_undetermined
+from rosette_ros.core.scheme import Scheme, cmm_position, places_in_use, plan
+from rosette_ros.core.touches import TOUCHES
+from rosette_ros.io.safe_yaml import parse_yaml
+from rosette_ros.io.text_file import read_limited
+
+SCHEMA = 'rosette-plan/1'
+MOST_BYTES, MOST_READINGS, MOST_BALLS = 16 << 20, 200_000, 1000
+OWN_NAME = 'plan'
+"""Name of an order that has none."""
+_HEAD = ('balls', 'radius_mm', 'order', 'touches')
+_ORDER = ('seed', 'turning', 'cmm_positions', 'balls_in_use')
+_PLACES = ('table_position', 'table_angle_deg', 'ball', 'cmm_position', 'cmm_azimuth_deg')
+_COLUMNS = (*_PLACES, 'approach', 'session', 'touches')
+_WRITTEN = ('table_position', 'ball', 'cmm_position', 'approach', 'session', 'touches')
+_TOLD = ('seq', 'x_mm', 'y_mm', 'z_mm', 'centre_m', 'table_angle_rad', 'travel', 'expected')
+"""What `rosette plan` prints beside a plan: it follows from the plan and is not read."""
+_IS_CSV = re.compile(rb'^#\s*schema\s*:', re.MULTILINE)
+_WHOLE, _REAL = re.compile(r'[+-]?[0-9]{1,18}'), re.compile(r'[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?')
+LARGE = 1e300  # whole numbers beyond are no float
+_NAME = re.compile(r'[a-z][a-z0-9_]{0,39}')
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuringPlan:
+    """A scheme on a plate; radius: of the circle of ball centres, m."""
+
+    scheme: Scheme
+    radius: float
+
+
+def read_plan(path: str | Path) -> MeasuringPlan:
+    """Return the plan of a file; raises InvalidPlan, naming file, key and row, where it cannot be measured."""
+    return parse_plan(read_limited(path, 'a plan file', MOST_BYTES, InvalidPlan), str(path))
+
+
+def parse_plan(data: bytes, source: str) -> MeasuringPlan:
+    """Return the plan of a file's bytes; errors as of `read_plan`."""
+    values = _from_csv(data, source) if _IS_CSV.search(data) else parse_yaml(data, source, InvalidPlan)
+    if not isinstance(values, dict) or values.get('schema') != SCHEMA:
+        raise InvalidPlan(f'{source}: wanted a plan file with "schema: {SCHEMA}", got {values!r:.80}')
+    if 'n' in values and 'radius_m' in values:  # as `rosette plan --json` prints it
+        values = {'balls': values.pop('n'), 'radius_mm': _number(values.pop('radius_m'), source, 'radius_m') * 1e3,
+                  **values}
+    known = ('schema', *_HEAD, *_ORDER, *_COLUMNS)
+    for key in values:
+        if key not in known and key not in _TOLD:
+            raise InvalidPlan(f'{source}: {unknown(str(key)[:40], known)}')
+    n, radius = values.get('balls'), _number(values.get('radius_mm'), source, 'radius_mm')
+    if type(n) is not int or not 3 <= n <= MOST_BALLS:
+        raise InvalidPlan(f'{source}: balls: wanted a whole number in 3..{MOST_BALLS}, got {n!r:.40}')
+    if not 1 <= radius <= 1e4:
+        raise InvalidPlan(f'{source}: radius_mm: wanted a number in 1..10000, got {radius:g}')
+    made = _of_rows if any(name in values for name in _PLACES) else _of_order
+    scheme = made(n, values, source)
+    refuse_undetermined(scheme, source)
+    return MeasuringPlan(scheme, 1e-3 * radius)
+
+
+def format_plan(made: MeasuringPlan, as_yaml: bool = False) -> str:
+    """Return a plan as the text of a file, reading by reading."""
+    scheme = made.scheme
+    head = {'schema': SCHEMA, 'balls': scheme.n, 'radius_mm': round(1e3 * made.radius, 9), 'order': scheme.order}
+    columns = {name: getattr(scheme, name) for name in _WRITTEN}
+    if as_yaml:
+        return yaml.dump({**head, **{name: values.tolist() for name, values in columns.items()}}, sort_keys=False,
+                         width=120, default_flow_style=None, Dumper=getattr(yaml, 'CSafeDumper', yaml.SafeDumper))
+    rows = zip(range(1, scheme.ball.size + 1), *(values.tolist() for values in columns.values()))
+    return '\n'.join([*(f'# {name}: {value}' for name, value in head.items()), ','.join(('seq', *_WRITTEN)),
+                      *(','.join(map(str, row)) for row in rows), ''])
+
+
+def _of_order(n: int, values: Mapping[str, Any], source: str) -> Scheme:
+    """Return the scheme of a file without readings, which names an order."""
+    if 'order' not in values:
+        raise InvalidPlan(f'{source}: wanted readings (table_position and ball, or their angles) or an order, got '
+                          'neither')
+    seed, touches = (int(_wholes([values.get(name, 0)], source, name, 0, high)[0])
+                     for name, high in (('seed', 2**53), ('touches', max(TOUCHES))))
+    given = (values.get(name, '') for name in ('cmm_positions', 'balls_in_use'))
+    texts = (', '.join(map(str, one)) if isinstance(one, list) else str(one) for one in given)
+    try:
+        scheme = plan(n, str(values['order']), seed, str(values.get('turning', 'forward')), *(
+            places_in_use(text, n) for text in texts))
+    except InvalidPlan as error:
+        raise InvalidPlan(f'{source}: {error}') from None
+    return replace(scheme, touches=_checked_touches(np.full(scheme.ball.size, touches), source))
+
+
+def _of_rows(n: int, values: Mapping[str, Any], source: str) -> Scheme:
+    """Return the scheme of a file that lists its readings."""
+    if given := [name for name in _ORDER if values.get(name)]:
+        if given != ['seed']:
+            raise InvalidPlan(f'{source}: wanted readings or {given[-1]}, which chooses them, got both; leave out one')
+    size = max(len(values[name]) if isinstance(values.get(name), list) else 1 for name in _PLACES)
+    if size > MOST_READINGS:
+        raise InvalidPlan(f'{source}: too large: wanted at most {MOST_READINGS} readings, got {size}')
+    columns = {name: values[name] if isinstance(values[name], list) else [values[name]] * size
+               for name in _COLUMNS if name in values}
+    for name, one in columns.items():
+        if len(one) != size:
+            raise InvalidPlan(f'{source}: {name}: wanted a value for each of {size} readings, got {len(one)}')
+    table, on = (_places(n, columns, source, *names) for names in (
+        ('table_position', 'table_angle_deg'), ('cmm_position', 'cmm_azimuth_deg')))
+    ball = _wholes(columns['ball'], source, 'ball', 1, n) if 'ball' in columns else None
+    pairs = _pairs(n, table, ball, on)
+    if pairs is None:
+        raise InvalidPlan(f'{source}: wanted two of table position, ball and CMM position of every reading (the third '
+                          f'follows), got {", ".join(columns)}')
+    table, ball = pairs
+    position = cmm_position(n, table, ball)
+    if on is not None and not np.array_equal(on, position):
+        row = int(np.flatnonzero(on != position)[0])
+        raise InvalidPlan(f'{source}: row {row + 1} contradicts itself: table position {table[row]} brings ball '
+                          f'{ball[row]} to CMM position {position[row]}, got {on[row]}')
+    session = _wholes(columns.get('session', [1] * size), source, 'session', 1, size)
+    for row in np.flatnonzero(~np.isin(np.diff(session, prepend=1), (0, 1)))[:1]:
+        raise InvalidPlan(f'{source}: row {row + 1}: session: wanted 1 in the first row and one more after each pause, '
+                          f'got {session[row]}')
+    approach = _wholes(columns.get('approach', [0] * size), source, 'approach', -1, 1)
+    touches = _checked_touches(_wholes(columns.get('touches', [0] * size), source, 'touches', 0, 1000), source)
+    order = str(values.get('order', OWN_NAME))
+    if not _NAME.fullmatch(order):
+        raise InvalidPlan(f'{source}: order: wanted a name of at most 40 small letters, digits and "_", got '
+                          f'{order!r:.60}')
+    return Scheme(n, order, int(_wholes([values.get('seed', 0)], source, 'seed', 0, 2**53)[0]), table, ball,
+                  _senses(n, table, approach), touches, session)
+
+
+def _places(n: int, columns: Mapping[str, Any], source: str, name: str, angle: str) -> Ints | None:
+    """Return positions 1..n from the column of their numbers, of their angles, or of both, which must agree."""
+    numbers = _wholes(columns[name], source, name, 1, n) if name in columns else None
+    if angle not in columns:
+        return numbers
+    degrees = np.array([_number(one, source, f'row {row}: {angle}') for row, one in enumerate(columns[angle], 1)])
+    turns = degrees * n / 360
+    found = np.rint(turns).astype(int) % n + 1
+    for row in np.flatnonzero(np.abs(turns - np.rint(turns)) > 1e-6 * n)[:1]:
+        raise InvalidPlan(f'{source}: row {row + 1}: {angle}: wanted a multiple of 360°/{n} = {360 / n:.6g}°, got '
+                          f'{degrees[row]:.9g}')
+    if numbers is not None and not np.array_equal(found, numbers):
+        row = int(np.flatnonzero(found != numbers)[0])
+        raise InvalidPlan(f'{source}: row {row + 1} contradicts itself: {name} {numbers[row]} and {angle} '
+                          f'{degrees[row]:g}, which is position {found[row]}')
+    return found
+
+
+def _pairs(n: int, table: Ints | None, ball: Ints | None, on: Ints | None) -> tuple[Ints, Ints] | None:
+    """Return table positions and balls from two of table position, ball and CMM position; None from fewer."""
+    if table is not None and ball is not None:
+        return table, ball
+    if table is not None and on is not None:
+        return table, (on - table) % n + 1
+    return ((on - ball) % n + 1, ball) if ball is not None and on is not None else None
+
+
+def _senses(n: int, table_position: Ints, approach: Ints) -> Ints:
+    """Return the sense of the last table move of each reading; where none is given (0), that of the shortest way."""
+    step = wrap(np.diff(nominal_angles(n)[table_position - 1], prepend=0.0))
+    step[0] = 0.0
+    moved = np.abs(step) > 0.5 * TWO_PI / n
+    shortest = np.where((step < 0) & (np.abs(step) < np.pi - 0.25 * TWO_PI / n), -1, 1)
+    own = np.where(approach == 0, np.where(moved, shortest, 0), approach)
+    last = np.maximum.accumulate(np.where(own != 0, np.arange(own.size), -1))
+    return np.where(last >= 0, own[np.maximum(last, 0)], 1)
+
+
+def _checked_touches(touches: Ints, source: str) -> Ints:
+    for row in np.flatnonzero(~np.isin(touches, (0, *TOUCHES)))[:1]:
+        raise InvalidPlan(f'{source}: row {row + 1}: touches: wanted one of {", ".join(map(str, TOUCHES))}, or 0 for '
+                          f'as many as the CMM usually makes, got {touches[row]}')
+    return touches
+
+
+def _number(value: Any, source: str, name: str) -> float:
+    if type(value) not in (int, float) or not abs(value) < LARGE:
+        raise InvalidPlan(f'{source}: {name}: wanted a finite number, got {value!r:.40}')
+    return float(value)
+
+
+def _wholes(values: list[Any], source: str, name: str, low: int, high: int) -> Ints:
+    """Return whole numbers low .. high, (N,)."""
+    for row, one in enumerate(values, 1):
+        if type(one) is not int or not low <= one <= high:
+            where = f'row {row}: ' if len(values) > 1 else ''
+            raise InvalidPlan(f'{source}: {where}{name}: wanted a whole number in {low}..{high}, got {one!r:.40}')
+    return np.array(values, dtype=np.int64)
+
+
+def _from_csv(data: bytes, source: str) -> dict[str, Any]:
+    """Return what a table says, as the YAML form has it: lines `# key: value`, then a head and the readings."""
+    try:
+        lines = data.decode('utf-8-sig').splitlines()
+    except UnicodeDecodeError as error:
+        raise InvalidPlan(f'{source}: wanted UTF-8 text, got byte {data[error.start]:#04x}') from None
+    values: dict[str, Any] = {}
+    for line in lines:
+        if line.startswith('#'):
+            key, separator, text = (part.strip() for part in line[1:].partition(':'))
+            if separator and key in ('schema', *_HEAD, *_ORDER):
+                values[key] = _value(text)
+    rows = list(csv.reader(io.StringIO('\n'.join(line for line in lines if line.strip() and line[0] != '#'))))
+    if not rows:
+        return values
+    head = [name.strip() for name in rows[0]]
+    for number, row in enumerate(rows[1:], 1):
+        if len(row) != len(head):
+            raise InvalidPlan(f'{source}: row {number}: wanted {len(head)} cells, got {len(row)}')
+    if len({*head}) < len(head):
+        raise InvalidPlan(f'{source}: wanted each column once, got {", ".join(head)}')
+    if len(rows) == 1:
+        raise InvalidPlan(f'{source}: wanted readings below {", ".join(head)}, got none')
+    return {**values, **{name: list(map(_value, column)) for name, column in zip(head, zip(*rows[1:]))}}
+
+
+def _value(text: str) -> int | float | str:
+    text = text.strip()
+    return int(text) if _WHOLE.fullmatch(text) else float(text) if _REAL.fullmatch(text) else text

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plan files: what is written is read again, in each form; what cannot be measured is refused in one line."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rosette_ros.cli.plan import plan_json
+from rosette_ros.core.errors import InvalidPlan
+from rosette_ros.core.scheme import ORDERS, plan
+from rosette_ros.io.plan_file import MeasuringPlan, format_plan, parse_plan, read_plan
+
+COLUMNS = ('table_position', 'ball', 'cmm_position', 'approach', 'touches', 'session')
+HEAD = '# schema: rosette-plan/1\n# balls: 6\n# radius_mm: 182.5\n'
+
+
+def same(one, other):
+    """Return whether two schemes are measured in the same way."""
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in COLUMNS)
+
+
+@pytest.mark.parametrize('order', ORDERS)
+@pytest.mark.parametrize('as_yaml', [False, True])
+def test_what_is_written_is_read_again(order, as_yaml):
+    """Every order, touches and pauses included, as CSV and as YAML."""
+    scheme = plan(7, order, seed=2)
+    size = scheme.ball.size
+    made = MeasuringPlan(replace(scheme, touches=np.full(size, 8), session=1 + np.arange(size) // 20), 0.1825)
+    again = parse_plan(format_plan(made, as_yaml).encode(), 'plan')
+    assert same(again.scheme, made.scheme) and (again.scheme.order, again.radius) == (order, 0.1825)
+
+
+def test_the_json_of_plan_is_a_plan_file(tmp_path):
+    """`rosette plan --json` prints a plan that `rosette plan FILE` reads."""
+    scheme, path = plan(6, 'there_and_back'), tmp_path / 'plan.json'
+    path.write_text(json.dumps(plan_json(scheme, 0.1825, 1e-7)))
+    assert same(read_plan(path).scheme, scheme)
+
+
+def test_an_order_in_words():
+    """A YAML file without readings names an order and the places in use."""
+    text = (b'schema: rosette-plan/1\nballs: 12\nradius_mm: 100\norder: there_and_back\n'
+            b'cmm_positions: [1, 2, 4, 5, 7, 10]\ntouches: 8\n')
+    made = parse_plan(text, 'plan.yaml')
+    assert same(made.scheme, replace(plan(12, 'there_and_back', cmm_positions=(1, 2, 4, 5, 7, 10)),
+                                     touches=np.full(144, 8)))
+
+
+def test_angles_stand_for_positions_and_two_of_three_are_enough():
+    """Degrees of table and CMM give the ball; the sense of turning is that of the shortest way."""
+    scheme = plan(6, 'diagonal', turning='alternate')
+    rows = '\n'.join(f'{60 * (i - 1)},{60 * (k - 1) - 360}' for i, k in zip(scheme.table_position, scheme.cmm_position))
+    made = parse_plan(f'{HEAD}table_angle_deg,cmm_azimuth_deg\n{rows}\n'.encode(), 'plan.csv')
+    assert np.array_equal(made.scheme.ball, scheme.ball) and np.array_equal(made.scheme.approach, scheme.approach)
+    assert made.scheme.order == 'plan'
+
+
+def rows_of(scheme, change=lambda rows: rows, head='table_position,ball'):
+    """Return a plan file of a scheme after a change of its rows."""
+    rows = change([list(map(int, pair)) for pair in zip(scheme.table_position, scheme.ball)])
+    return HEAD + '\n'.join([head, *(','.join(map(str, row)) for row in rows)])
+
+
+def with_third(values):
+    """Return a change that adds a column."""
+    return lambda rows: [[*row, value] for row, value in zip(rows, [*values, *[values[-1]] * len(rows)])]
+
+
+SIX = plan(6)
+
+
+@pytest.mark.parametrize(('text', 'words'), [
+    ('schema: rosette-plate/1', 'wanted a plan file with "schema: rosette-plan/1", got'),
+    ('[1, 2]', 'wanted a plan file with "schema: rosette-plan/1", got'),
+    (HEAD.replace('6', 'six'), "balls: wanted a whole number in 3..1000, got 'six'"),
+    (HEAD.replace('182.5', '-3'), 'radius_mm: wanted a number in 1..10000, got -3'),
+    (HEAD.replace('# radius_mm: 182.5\n', ''), 'radius_mm: wanted a finite number, got None'),
+    (HEAD, 'wanted readings (table_position and ball, or their angles) or an order, got neither'),
+    (HEAD + 'table_position,ball\n', 'wanted readings below table_position, ball, got none'),
+    (HEAD + '# order: zigzag\n', 'order: wanted one of row, diagonal'),
+    (HEAD + '# order: row\n# cmm_positions: 3\n', '3 of 6 CMM positions or balls do not determine the curves'),
+    (rows_of(SIX, lambda rows: [[1, 7], *rows]), 'row 1: ball: wanted a whole number in 1..6, got 7'),
+    (rows_of(SIX, lambda rows: [*rows, [1.5, 1]]), 'row 37: table_position: wanted a whole number in 1..6, got 1.5'),
+    (rows_of(SIX, lambda rows: [*rows, [1]]), 'row 37: wanted 2 cells, got 1'),
+    (rows_of(SIX, head='table_position,bal'), "did you mean 'ball'?"),
+    (rows_of(SIX, head='ball,ball'), 'wanted each column once, got ball, ball'),
+    (HEAD + '# order: row\n# turning: alternate\n' + rows_of(SIX)[len(HEAD):],
+     'wanted readings or turning, which chooses them, got both; leave out one'),
+    (HEAD + 'ball\n1\n', 'wanted two of table position, ball and CMM position of every reading (the third follows)'),
+    (rows_of(SIX, with_third([1, 1, 2]), 'table_position,ball,cmm_position'),
+     'row 3 contradicts itself: table position 3 brings ball 5 to CMM position 1, got 2'),
+    (rows_of(SIX, with_third([0, 61]), 'table_position,ball,table_angle_deg'),
+     'row 2: table_angle_deg: wanted a multiple of 360°/6 = 60°, got 61'),
+    (rows_of(SIX, with_third([0, 0]), 'table_position,ball,table_angle_deg'),
+     'row 2 contradicts itself: table_position 2 and table_angle_deg 0, which is position 1'),
+    (rows_of(SIX, with_third([2]), 'table_position,ball,approach'), 'row 1: approach: wanted a whole number in -1..1'),
+    (rows_of(SIX, with_third([1, 3]), 'table_position,ball,session'),
+     'row 2: session: wanted 1 in the first row and one more after each pause, got 3'),
+    (rows_of(SIX, with_third([0, 7]), 'table_position,ball,touches'),
+     'row 2: touches: wanted one of 6, 8, 9, 12, 16, 20, or 0 for as many as the CMM usually makes, got 7'),
+    (HEAD + '# order: Über\n' + rows_of(SIX)[len(HEAD):], "order: wanted a name of at most 40 small letters"),
+    (rows_of(SIX, lambda rows: 5556 * rows), 'too large: wanted at most 200000 readings, got 200016'),
+    (rows_of(SIX, lambda rows: [row for row in rows if row[0] != 4]),
+     'does not determine the curves: wanted at least 3 balls at each of 6 table positions, got 0 at position 4'),
+    (rows_of(SIX, lambda rows: [row for row in rows if sum(row) % 6 in (1, 2, 4)]),
+     'does not determine the curves: wanted at least 21 different pairs of table position and ball for 6 balls and 3 '
+     'CMM positions in use, got 18'),
+    (rows_of(plan(12), lambda rows: [row for row in rows if sum(row) % 3 == 2]).replace('balls: 6', 'balls: 12'),
+     'does not determine the curves: its 48 pairs of table position and ball have rank 95 where 107 is needed; wanted '
+     'CMM positions or balls that are not equally spaced'),
+])
+def test_what_cannot_be_measured_is_refused(text, words):
+    """One line: where, what was wanted, what came."""
+    with pytest.raises(InvalidPlan) as caught:
+        parse_plan(text.encode(), 'mine.csv')
+    assert str(caught.value).startswith('mine.csv: ') and words in str(caught.value) and '\n' not in str(caught.value)
