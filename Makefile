@@ -69,3 +69,5 @@ clean:
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 export PYTHON
+# Tests start Python some hundred times: also where Python shall write no byte code, it does so here.
+test: export PYTHONDONTWRITEBYTECODE :=

@@ -2,8 +2,9 @@
 """Records shared by the whole package: frozen, SI units, array shapes stated once."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -58,6 +59,7 @@ class Run:
     travel and senses follow from angles, approach and places where it is known where table and CMM went, else the
     travel is unwrapped as if nothing were missing and the senses are NaN; the session is 1.
 
+    Runs are equal where all of this is, so that what is calculated of a run is found again when it is read again.
     Raises InvalidData where shapes, ranges or values are wrong.
     """
 
@@ -99,6 +101,19 @@ class Run:
         _freeze(self, _INTEGERS[2:], np.int64)
         _freeze(self, _REALS, float)
         _check_run(self)
+
+    @cached_property
+    def _digest(self) -> bytes:
+        """Of all fields."""
+        values = (getattr(self, field.name) for field in fields(self))
+        return sha256(b'|'.join(value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode()
+                                for value in values)).digest()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Run) and self._digest == other._digest
+
+    def __hash__(self) -> int:
+        return hash(self._digest)
 
     @property
     def size(self) -> int:
