@@ -44,12 +44,15 @@ def test_the_profile_offers_the_loopback_address_alone():
 
 
 def test_the_nodes_of_a_cell_listen_on_loopback_alone(cell_of, domain_id, monkeypatch):
-    """The kernel's table of sockets: the ports of DDS, by which others are heard, on no address of the network."""
+    """The ports of DDS, by which others are heard, are on no address of the network, and none is in shared memory.
+
+    By the kernel's table of sockets, and by the threads, which Fast DDS names after what they listen to; rmw_fastrtps
+    adds shared memory where it can.
+    """
     first = 7400 + 250 * domain_id
 
-    def addresses(cell):
-        pids = [cell.processes[node].popen.pid for node in MODULES]
-        links = {os.readlink(path) for pid in pids for path in Path(f'/proc/{pid}/fd').iterdir()}
+    def addresses(processes):
+        links = {os.readlink(path) for process in processes for path in (process / 'fd').iterdir()}
         found = set()
         for line in Path('/proc/net/udp').read_text().splitlines()[1:]:
             fields = line.split()
@@ -58,22 +61,16 @@ def test_the_nodes_of_a_cell_listen_on_loopback_alone(cell_of, domain_id, monkey
                 found.add(socket.inet_ntoa(struct.pack('=I', host)))
         return found
 
-    with cell_of(3) as cell:
-        assert addresses(cell) == {'127.0.0.1'}
-    monkeypatch.setenv(PROFILES, '')
-    with cell_of(3) as cell:
-        assert '0.0.0.0' in addresses(cell), 'else the test does not see what it looks for'
-
-
-def test_the_nodes_of_a_cell_do_not_listen_in_shared_memory(cell_of, monkeypatch):
-    """Fast DDS names its threads after what they listen to; rmw_fastrtps adds shared memory where it can."""
-    def listening(cell):
-        names = {path.read_text().strip() for node in MODULES
-                 for path in Path('/proc', str(cell.processes[node].popen.pid), 'task').glob('*/comm')}
+    def threads(processes):
+        names = {path.read_text().strip() for process in processes for path in process.glob('task/*/comm')}
         return {match[1] for name in names if (match := re.fullmatch(r'dds\.(shm|udp)\.\d+', name))}
 
-    with cell_of(3) as cell:
-        assert listening(cell) == {'udp'}
+    def heard():
+        with cell_of(3) as cell:
+            processes = [Path('/proc', str(cell.processes[node].popen.pid)) for node in MODULES]
+            return addresses(processes), threads(processes)
+
+    assert heard() == ({'127.0.0.1'}, {'udp'})
     monkeypatch.setenv(PROFILES, '')
-    with cell_of(3) as cell:
-        assert listening(cell) == {'udp', 'shm'}, 'else the test does not see what it looks for'
+    found, names = heard()
+    assert '0.0.0.0' in found and names == {'udp', 'shm'}, 'else the test does not see what it looks for'
