@@ -88,6 +88,33 @@ def test_a_foreign_shape_has_no_name(kind):
     assert variable in found.unexplained_text and axis in found.unexplained_text
 
 
+@pytest.mark.parametrize(('order', 'frame'), [('column', 'machine'), ('random', 'machine'), ('diagonal', 'plate')])
+def test_what_does_not_come_again_is_no_cycle(order, frame):
+    """1.4 swings along all axes of the machine, or 1.1 along the plate's x and y, are a curve in time."""
+    def displacement(run):
+        swing = np.sin(2 * np.pi * (1.4 if frame == 'machine' else 1.1) * share(run) + 0.5)[:, None]
+        return swing * [0.6, -0.5, 0.6] if frame == 'machine' else rotate_z(run.phi, swing * [0.8, -0.6, 0])
+    found = diagnose(measured(displacement, order, 40.0))
+    assert found.missing == () and found.shapes.startswith('it changes with time along a curve')
+    assert ("the plate's" in found.shapes) == (frame == 'plate')
+
+
+@pytest.mark.parametrize('order', ['row', 'diagonal', 'random'])
+def test_a_period_is_searched_from_two_cycles_in_the_run_on(order):
+    """Cycles in time, and orders of the table's motion away from 0 and 1, as far as they are refined."""
+    run, *_ = synthetic_run(12, order, 3)
+    cycle, motion = EFFECTS['frame_cycle'], EFFECTS['asynchronous_motion']
+    for setting in cycle.settings(run):
+        assert max(setting['period'], *cycle.brackets(run, setting)['period']) <= run.time[-1] / 2 * (1 + 1e-9)
+    turns = max(np.ptp(run.table_travel) / (2 * np.pi), 1)
+    for setting in motion.settings(run):
+        low, high = motion.brackets(run, setting)['nu']
+        assert low <= setting['nu'] <= high
+        if high < 1:
+            assert turns * low >= 2 - 1e-9 or low >= 0.35
+            assert turns * (1 - high) >= 2 - 1e-9 or high <= 0.65
+
+
 def test_a_step_is_found_at_its_moment():
     """At 40 sigma a step after reading 50 is found between readings 50 and 51, and nothing beside it."""
     found = diagnose(measured(lambda run: (np.arange(run.size) >= 50)[:, None] * Z, strength=40.0))

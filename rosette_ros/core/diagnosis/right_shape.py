@@ -54,6 +54,8 @@ def forms_beside(run: Run, effect: Effect, setting: Setting) -> Iterator[tuple[s
         own = 'z' if name == 'table_warmup' else setting.word('axes', 'xyz')
         every = dict.fromkeys((own, own if name == 'table_warmup' else 'xyz'))
         yield from (('free_time', one) for one in grid(axes=every, count=some))
+    if name == 'free_time':
+        yield name, Setting({**setting, 'axes': 'xyz'})
     if 'temperature' in name or setting.get('driver') == 'temperature':
         yield 'free_temperature', Setting(axes='xyz', count=3)
     ball = _ball(run, effect, setting)
@@ -66,7 +68,7 @@ def forms_beside(run: Run, effect: Effect, setting: Setting) -> Iterator[tuple[s
     of, forms = IN_TIME.get(name, ('', ()))
     for form, axes in forms:
         more = Setting(of=of, order=setting.get('order', 1)) if form == 'free_growth' else Setting()
-        yield from ((form, Setting({**more, 'count': count, 'axes': axes})) for count in (4, 8))
+        yield from ((form, Setting({**more, 'count': count, 'axes': axes})) for count in (2, 4, 8))
     if name == 'asynchronous_motion':
         yield from (('free_travel', Setting(nu=setting['nu'], count=3, order=order, axes=axes))
                     for order, axes in MOTIONS[setting.word('motion')])
@@ -94,7 +96,8 @@ def _ball(run: Run, effect: Effect, setting: Setting) -> int:
 def _groups(run: Run, selection: Selection) -> list[tuple[float, list[int]]]:
     """Return the places of members for which one form may stand, outliers only beside others, and by how much worse.
 
-    Members of one variable, and all together, for which it must explain more.
+    Members of one variable, each that changes with time beside a curve in time without a name, as that may be one
+    along all axes, and all together, for which it must explain more.
     """
     groups: dict[str, list[int]] = {}
     for place, member in enumerate(selection.members):
@@ -105,6 +108,8 @@ def _groups(run: Run, selection: Selection) -> list[tuple[float, list[int]]]:
         groups.setdefault(shared, []).append(place)
     found = [(MERGE * len(group) * (len(group) - 1) / 2, group) for group in groups.values()]
     size = len(selection.members)
+    found += [(MERGE, [place, curve]) for curve, free in enumerate(selection.members) if free.name == 'free_time'
+              for place, member in enumerate(selection.members) if 'time' in member.effect.depends_on and member.named]
     found.append((MERGE * (size - 1) * (size - 2) / 2, list(range(size))))
     return [(margin, group) for margin, group in found if len(group) > 1 and any(
         selection.members[place].named and selection.members[place].name != 'outlier' for place in group)]

@@ -81,20 +81,22 @@ class Temperature(RunFunction):
 
 
 class Cycle(RunFunction):
-    """cos and sin of 2 pi t/P; one cycle in the run up to a quarter of the readings, at most 100, a chance for each.
+    """cos and sin of 2 pi t/P; `fewest` to a quarter of the readings' number of cycles, at most 100, a chance for each.
 
-    Refined by half a cycle to either side, up to one in the run: a period cannot be told from less, which is any curve.
+    Refined by half a cycle to either side. What did not come again in the run is any curve in time, no cycle.
     """
 
+    fewest = 2.0
+
     def settings(self, run: Run) -> tuple[Setting, ...]:
-        return grid(period=(duration(run) / np.arange(1.0, min(run.size / 4, 100) + 0.25, 0.5)).tolist())
+        return grid(period=(duration(run) / np.arange(self.fewest, min(run.size / 4, 100) + 0.25, 0.5)).tolist())
 
     def chances(self, run: Run) -> float:
         return max(1, int(min(run.size / 4, 100)))
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         cycles = duration(run) / setting.number('period')
-        return {'period': (duration(run) / (cycles + 0.5), duration(run) / max(cycles - 0.5, 1.0))}
+        return {'period': (duration(run) / (cycles + 0.5), duration(run) / max(cycles - 0.5, self.fewest))}
 
     def at(self, run: Run, values: Floats) -> Floats:
         angle = 2 * np.pi * seconds(run) / values

@@ -190,27 +190,31 @@ _MOTION_NAMES = ('x', 'y', 'z', 'rx', 'ry')
 class TableOrder(RunFunction):
     """cos and sin of nu Psi; orders from 0.1 to 5 per turn in steps of half the resolution, of which each is a chance.
 
-    At least two cycles in the run, but for cages of bearings: less is any curve. Refined by half a resolution to
-    either side.
+    At least two cycles in the run, but for cages of bearings: less is any curve in time, and less beside a whole turn
+    any curve in the frame of the plate. Refined by half a resolution to either side.
     """
 
     def _turns(self, run: Run) -> float:
         return max(float(np.ptp(run.table_travel)) / TWO_PI, 1.0)
 
+    def _least(self, run: Run) -> float:
+        """Return how far an order has to be from 0 and 1."""
+        return max(0.1, min(2 / self._turns(run), 0.35))
+
     def settings(self, run: Run) -> tuple[Setting, ...]:
-        turns = self._turns(run)
-        step = 0.5 / turns
-        fewest = max(0.1, step, min(4 * step, 0.35))
-        orders = np.arange(fewest, min(run.n / 2, 5.0, max(1.2, 750 / turns)), step)
+        turns, least = self._turns(run), self._least(run)
+        orders = np.arange(max(least, 0.5 / turns), min(run.n / 2, 5.0, max(1.2, 750 / turns)), 0.5 / turns)
         # Within half a resolution of a whole number it is synchronous: the base model's.
-        return grid(nu=orders[np.abs(orders - np.round(orders)) > 0.4 / turns].tolist())
+        beside = np.where(orders < 1.5, max(least - 1e-9, 0.4 / turns), 0.4 / turns)
+        return grid(nu=orders[np.abs(orders - np.round(orders)) > beside].tolist())
 
     def chances(self, run: Run) -> float:
         return len(self.settings(run)) / 2
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
-        nu, half = setting.number('nu'), 0.5 / self._turns(run)
-        return {'nu': (nu - half, nu + half)}
+        nu, half, least = setting.number('nu'), 0.5 / self._turns(run), self._least(run)
+        low, high = (least, 1 - least) if nu < 1 else (1 + least if nu < 1.5 else 0.0, np.inf)
+        return {'nu': (max(nu - half, low), min(nu + half, high))}
 
     def at(self, run: Run, values: Floats) -> Floats:
         angle = values * travel(run)
