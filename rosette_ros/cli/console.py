@@ -17,9 +17,8 @@ from rosette_ros.presentation.formatting import missing_words, residual_words, r
 from rosette_ros.presentation.table_format import Column, Table
 
 if TYPE_CHECKING:  # plan and info start without the least squares
-    from rosette_ros.core.diagnosis.verdict import Verdict
+    from rosette_ros.core.diagnosis.verdict import Conclusion, Verdict
     from rosette_ros.core.model.least_squares import Fit
-    from rosette_ros.presentation.report.verification import Conclusion
 
 WIDTH = 100
 """Widest output, columns; what is no terminal gets this width."""

@@ -8,12 +8,13 @@ from rich.markup import escape
 
 from rosette_ros import command
 from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, evaluate_jointly, judge
-from rosette_ros.cli.arguments import UsageError, add_formats, add_shared
+from rosette_ros.cli.arguments import add_formats, add_shared
 from rosette_ros.cli.console import console, fit_rows, head, pairs, print_json, print_parts, print_verdict, warn
+from rosette_ros.cli.joint_arguments import add_joint, is_joint
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.io.model_file import read_model
-from rosette_ros.io.open_readings import has_plate, open_readings
+from rosette_ros.io.open_readings import open_readings
 from rosette_ros.io.open_run import open_run
 from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.presentation.joint_results import (
@@ -32,20 +33,15 @@ def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_shared(parser, 'run_path', nargs='+')
     add_shared(parser, '--run-id', '--model')
-    parser.add_argument('--joint', action='store_true', help='evaluate several runs as one; what they share is taken '
-                        'from the runs, tested, and told')
-    parser.add_argument('--share', metavar='FILE', help='what the runs share, where a person knows better (YAML, '
-                        'rosette-sharing/1); implies --joint')
+    add_joint(parser)
     add_formats(parser, csv='print the six curves as a table with standard uncertainties')
 
 
 def run(options: Namespace) -> None:
     """Print the evaluation."""
-    if options.joint or options.share or any(map(has_plate, options.run_path)):
+    if is_joint(options):
         run_jointly(options)
         return
-    if len(options.run_path) > 1:
-        raise UsageError(f'wanted one RUN, got {len(options.run_path)}; --joint evaluates several as one')
     fit = analyse(open_run(options.run_path[0], options.run_id), read_model(options.model))
     verdict = judge(fit.run, fit.model) if fit.run.n <= MOST_BALLS_JUDGED and not options.csv else None
     if verdict is None:
@@ -77,9 +73,6 @@ def show(fit: Fit, verdict: Verdict | None) -> None:
 
 def run_jointly(options: Namespace) -> None:
     """Print the joint evaluation of all runs."""
-    if options.model or (options.run_id and len(options.run_path) > 1):
-        raise UsageError('--joint: wanted no --model and, for several runs, no --run-id, got '
-                         f'{"--model" if options.model else "--run-id"}; the base model is fitted to whole logs')
     declared = read_sharing(options.share, len(options.run_path))
     result = evaluate_jointly([open_readings(path, options.run_id) for path in options.run_path], declared)
     if options.json:

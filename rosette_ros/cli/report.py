@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette report: the page of a run, or of several runs that must agree as in the paper."""
+"""rosette report: the page of a run, of several runs as one, or of runs that must agree as in the paper."""
 
 from argparse import ArgumentParser, Namespace
 from collections.abc import Iterable, Mapping
@@ -10,27 +10,31 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.markup import escape
 
-from rosette_ros.analysis import analyse, summarise
+from rosette_ros.analysis import analyse, evaluate_jointly, summarise
 from rosette_ros.cli.arguments import add_shared, made_folder
 from rosette_ros.cli.console import console, head, print_verdict
-from rosette_ros.core.diagnosis.verdict import Verdict
+from rosette_ros.cli.joint_arguments import add_joint, is_joint
+from rosette_ros.core.diagnosis.verdict import Conclusion, Verdict
 from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.model.model import Model
 from rosette_ros.io.model_file import read_model
+from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.presentation.plots.plot_style import save
 from rosette_ros.presentation.plots.result_plots import Series
 from rosette_ros.presentation.report import verification
+from rosette_ros.presentation.report.joint_page import joint_html, joint_pictures, joint_tables, open_with_files
 from rosette_ros.presentation.report.provenance import digest, open_source
 from rosette_ros.presentation.report.run_page import pictures_of, report_html
-from rosette_ros.presentation.report.verification import Conclusion, Verification, read_maker, verify
+from rosette_ros.presentation.report.verification import Verification, read_maker, verify
 from rosette_ros.presentation.table_format import Table
 from rosette_ros.presentation.tables import tables_of
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path', nargs='?')
+    add_shared(parser, 'run_path', nargs='*')
     add_shared(parser, '--run-id', '--model')
     parser.add_argument('-o', '--output', metavar='FILE',
                         help='the page (HTML) to write; by default named after RUN, in this folder')
@@ -40,6 +44,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                         help="the paper's verification: four runs (i) all corrected, (ii) plate turned by 90°, "
                         '(iii) CMM correction off, (iv) that and the table axial correction off; two more: table '
                         'angular correction off, and on again')
+    add_joint(parser)
     parser.add_argument('--maker', metavar='FILE', help="with --compare: the maker's correction tables, CSV "
                         'with the columns table_angle_deg,ctz_um,crz_urad')
     parser.add_argument('--figures', metavar='DIR', help='write every figure as a file of its own, too')
@@ -56,19 +61,36 @@ def run(options: Namespace) -> None:
         raise InvalidData('report: wanted either RUN or --compare RUN RUN RUN RUN (see rosette report --help)')
     if options.compare:
         compare_runs(options)
+    elif is_joint(options):
+        report_jointly(options)
     else:
-        report_run(options)
+        report_run(options, options.run_path[0])
 
 
-def report_run(options: Namespace) -> None:
+def report_jointly(options: Namespace) -> None:
+    """Write the report of several runs as one."""
+    if options.overlay:
+        raise InvalidData('report: --overlay does not go with --joint; leave it out')
+    path = output_of(options, 'joint')
+    declared = read_sharing(options.share, len(options.run_path))
+    opened = [open_with_files(one, options.run_id) for one in options.run_path]
+    result = evaluate_jointly([run for run, _ in opened], declared)
+    files = [one for _, files in opened for one in files] + ([digest(options.share)] if options.share else [])
+    pictures = joint_pictures(result)
+    write_text(path, joint_html(result, files, options.command_line, pictures), options.force)
+    write_parts(options, pictures, joint_tables(result))
+    print_result(console(), conclude(result), path)
+
+
+def report_run(options: Namespace, place: str) -> None:
     """Write the report of one run."""
-    path = output_of(options, Path(options.run_path).absolute().stem)
+    path = output_of(options, Path(place).absolute().stem)
     model = read_model(options.model)
-    measured, source = open_source(options.run_path, options.run_id)
+    measured, source = open_source(place, options.run_id)
     overlays = []
-    for place in options.overlay:
-        other, other_source = open_source(place)
-        overlays.append(Series(other.run_id or str(place), analyse(other, model).error_motions))
+    for over in options.overlay:
+        other, other_source = open_source(over)
+        overlays.append(Series(other.run_id or str(over), analyse(other, model).error_motions))
         source = replace(source, files=(*source.files, *other_source.files))
     if options.model:
         source = replace(source, files=(*source.files, digest(options.model)))
@@ -120,7 +142,7 @@ def write_parts(options: Namespace, pictures: Mapping[str, Figure], tables: Iter
         path = made_folder(options.figures, 'to write to', '') / f'{name}.{options.format}'
         save(figure, path, options.force)
     for table in tables if options.tables else ():
-        path = made_folder(options.tables, 'to write to', '') / f'{table.name}.csv'
+        path = made_folder(options.tables, 'to write to', '') / f'{table.name.replace(" ", "_")}.csv'
         write_text(path, table.csv(), options.force)
 
 

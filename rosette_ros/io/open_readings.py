@@ -65,7 +65,8 @@ def _with_plate(path: Path) -> Readings:
     _check_distance(table, plate, table.centre - places)
     return Readings(plate, nominal_angles(positions), table.table_position, table.ball, table.centre / 1e3,
                     wrap(angle - nominal), table.columns.get('approach', np.zeros(table.ball.size)).astype(np.int64),
-                    table.repeatability, table.repeatability_dof, None, table.run_id, str(path), tuple(notes))
+                    table.repeatability, table.repeatability_dof, None, table.run_id, str(path), tuple(notes),
+                    table.simulated)
 
 
 def _check_distance(table: CsvTable, plate: Plate, off: Floats) -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from rosette_ros.core.joint.conclusion import ITEMS
 from rosette_ros.core.joint.joint_evaluation import JointResult, Reversal, SharingTest
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.sharing import PARTS
@@ -12,14 +13,10 @@ from rosette_ros.core.model.least_squares import UNLIKELY
 from rosette_ros.core.records import CURVES, ErrorMotions
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.json_output import STANDARD, Json, by_curve, plain
-from rosette_ros.presentation.table_format import Table, column, words
+from rosette_ros.presentation.table_format import Table, column, micrometre_column, words
 from rosette_ros.presentation.tables import EXPANDED, curves
 
 JOINT = 'rosette-joint-evaluation/1'
-ITEMS = {'table': 'table motions', 'plate': 'plate deviations', 'clamping': 'placement of the plate',
-         'cmm': 'CMM deviations at the same positions', 'frame': 'machine frame',
-         'seat': 'what the seat reproduces', 'calibrated plate': 'the calibration of the plate',
-         'calibrated CMM': 'the calibration of the CMM', 'sense': 'curves of both senses of turning'}
 
 
 def test_result(test: SharingTest, result: JointResult) -> str:
@@ -58,6 +55,33 @@ def joint_curves(result: JointResult) -> list[Table]:
     return shown
 
 
+def reversal_means(result: JointResult) -> list[Table]:
+    """Return the means of the reversal curves of each table, with U, and p that noise alone makes the reversal."""
+    return [Table(f'means{place}' if place > 1 else 'means', f'Means of the reversal curves; {EXPANDED}', (
+        words('curve', 'curve', CURVES),
+        column('mean_si', '', np.where(one.is_known, one.mean, np.nan)),
+        column('u_si', '', np.where(one.is_known, one.u_mean, np.nan)),
+        words('mean', 'mean', [mean for mean, _ in _means(one)]),
+        words('U', f'U (k = {text.COVERAGE_FACTOR})', [spread for _, spread in _means(one)])),
+        note='' if one.p is None else f'{text.P_NOISE} of the whole reversal: {text.p_value(one.p)}')
+        for place, one in enumerate(result.reversals, 1)]
+
+
+def joint_deviations(result: JointResult) -> list[Table]:
+    """Return the deviations of the plates' balls and of the CMM's places, with U."""
+    out, model = [], result.solution.model
+    for part, title in (('plate', 'Deviations of the balls'), ('cmm', 'Deviations of the CMM at its places')):
+        names, values, u = result.deviations(part)
+        at = (column('ball', 'ball', model.places['plate'][:, 1] + 1, str) if part == 'plate' else column(
+            'azimuth_deg', 'azimuth', np.rad2deg(model.cmm_azimuth), lambda value: text.exact(value, places=4), '°'))
+        several = [words('name', part, names)] if len({*names}) > 1 else []
+        out.append(Table(part, f'{title}; {EXPANDED}', (*several, at, *(
+            one for place, axis in enumerate('xyz') for one in (
+                micrometre_column(f'{axis}_um', axis, values[:, place], sign=True),
+                micrometre_column(f'expanded_{axis}_um', f'U({axis})', text.COVERAGE_FACTOR * u[:, place]))))))
+    return out
+
+
 def joint_csv(result: JointResult) -> str:
     """Return all curves as one CSV table, its first column naming the curve's table and sense."""
     parts = joint_curves(result)
@@ -71,13 +95,20 @@ def _titled(motions: ErrorMotions, title: str, name: str) -> Table:
     return replace(curves(motions), name=name, title=f'{title}; {EXPANDED}')
 
 
-def _mean_words(one: Reversal) -> str:
-    means = []
-    for curve, unit, mean, u, known in zip(CURVES, text.CURVE_UNITS, one.mean, one.u_mean, one.is_known, strict=True):
+def _means(one: Reversal) -> list[tuple[str, str]]:
+    """Return each mean and its U as texts."""
+    out = []
+    for unit, mean, u, known in zip(text.CURVE_UNITS, one.mean, one.u_mean, one.is_known, strict=True):
         spread = 1e6 * text.COVERAGE_FACTOR * float(u)
         places = text.decimals(spread)
-        means.append(f'{curve} {text.signed(1e6 * float(mean), places)} ± {text.fixed(spread, places)} {unit}'
-                     if known else f'{curve} not known')
+        out.append((text.signed(1e6 * float(mean), places), f'{text.fixed(spread, places)} {unit}') if known else
+                   ('not known', ''))
+    return out
+
+
+def _mean_words(one: Reversal) -> str:
+    means = [' ± '.join(filter(None, (f'{curve} {mean}', spread)))
+             for curve, (mean, spread) in zip(CURVES, _means(one), strict=True)]
     p = '' if one.p is None else f'; that noise alone makes such a reversal: p = {text.p_value(one.p)}'
     return f'Means: {", ".join(means)}{p}'.replace('= <', '< ').replace('= >', '> ')
 

@@ -54,7 +54,22 @@ def test_the_page_is_named_after_the_run_and_never_overwritten(rosette, refused,
     assert page.read_text(encoding='utf-8').startswith('<!DOCTYPE html>')
 
 
+def test_several_runs_as_one(rosette, here):
+    """A page, its figures and its tables; what the runs share is declared in a file, which the page names."""
+    paths = simulated_table(n=N, order='there_and_back'), simulated_table(n=N, order='diagonal')
+    (here / 'share.yaml').write_text('schema: rosette-sharing/1\nframe: separate\n')
+    answer = rosette('report', *paths, '--share', 'share.yaml', '--figures', 'figures', '--tables', 'tables')
+    assert (answer.code, answer.err) == (0, '')
+    assert 'The 2 runs fit one model: residual' in answer.out and 'joint.html' in answer.out
+    page = (here / 'joint.html').read_text(encoding='utf-8')
+    assert all(words in page for words in ('share.yaml', paths[0].name, 'Reversal of the table'))
+    assert {file.name for file in (here / 'figures').iterdir()} == {'curves.svg', 'reversal.svg'}
+    assert 'table_clockwise.csv' in {file.name for file in (here / 'tables').iterdir()}
+
+
 @pytest.mark.parametrize(('words', 'said'), [
+    (('RUN', 'RUN'), 'wanted one RUN, got 2; --joint evaluates several as one'),
+    (('RUN', '--joint', '--overlay', 'RUN'), 'report: --overlay does not go with --joint; leave it out'),
     ((), 'wanted either RUN or --compare RUN RUN RUN RUN'),
     (('RUN', '--compare', 'RUN', 'RUN', 'RUN', 'RUN'), 'wanted either RUN or --compare'),
     (('--compare', 'RUN', 'RUN'), r'wanted four runs or six, got 2: (i) all corrected, (ii) plate turned'),

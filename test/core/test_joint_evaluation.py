@@ -6,7 +6,7 @@ import functools
 import numpy as np
 import pytest
 
-from rosette_ros.core.errors import NotDeterminable
+from rosette_ros.core.errors import InvalidData, NotDeterminable
 from rosette_ros.core.joint.joint_evaluation import evaluate_jointly, found_turn
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.records import CURVES, remove_gauge
@@ -154,6 +154,20 @@ def test_too_few_readings_are_refused():
         run.table_position, run.ball, run.centre, run.angle_deviation, run.approach)))
     with pytest.raises(NotDeterminable, match='leave -?[0-9]+ degrees of freedom; measure more balls or share more'):
         evaluate_jointly([short])
+
+
+def test_contradictions_are_refused_in_one_line():
+    """Plates of different sizes declared one; a run that is given twice; a table without common positions."""
+    (_, first), (_, other) = measured(n=6), measured()
+    with pytest.raises(InvalidData, match=r'diagonal0 and diagonal0: plate: wanted one plate, as declared, got 6 and 8 '
+                       'balls; declare the plates separate'):
+        evaluate_jointly([first, other], {'plate': ('1', '1')})
+    with pytest.raises(InvalidData, match='wanted different runs, got the same ball centres in both; leave one out'):
+        evaluate_jointly([first, first])
+    (_, five) = measured(n=5)
+    with pytest.raises(NotDeterminable, match='1 table angles, 0 balls, 1 CMM positions in common, which does not join '
+                       'them; missing: two table angles of the same table, three balls of the same plate, or three C'):
+        evaluate_jointly([first, five])
 
 
 @pytest.mark.parametrize('kind', ['turned', 'senses'])

@@ -75,6 +75,15 @@ class Verdict:
         return self.outcome in (Outcome.NAMED, Outcome.UNNAMED, Outcome.SCATTERS)
 
 
+@dataclass(frozen=True)
+class Conclusion:
+    """What several runs say together: level, one sentence, and what to do."""
+
+    level: Level
+    sentence: str
+    action: str
+
+
 def left_over(final: 'Fit', shapes: str = '') -> str:
     """Return what no named effect explains of a fit, in words, empty where nothing is; shapes: found by the search."""
     p = final.lack_of_fit_p

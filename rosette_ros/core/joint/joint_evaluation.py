@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from rosette_ros.core.errors import NotDeterminable
+from rosette_ros.core.errors import InvalidData, NotDeterminable
 from rosette_ros.core.geometry import Floats, Frame
 from rosette_ros.core.joint.joint_model import JointModel, JointSolution, TableSet
 from rosette_ros.core.joint.knowledge import Knowledge, knowledge, pairs_of_senses
@@ -139,7 +139,9 @@ def evaluate_jointly(runs: Sequence[Readings], declared: Mapping[str, Any] | Non
     does not fit them.
     """
     declared = dict(declared or {})
+    _refuse_twice(runs)
     runs, wanted, notes = default_sharing(runs, declared)
+    _refuse_unlike_plates(runs, wanted)
     solution = JointSolution(JointModel(runs, wanted))
     if solution.dof <= 0:
         raise NotDeterminable(f'{solution.model.size} ball centres leave {solution.dof} degrees of freedom; measure '
@@ -161,6 +163,26 @@ def evaluate_jointly(runs: Sequence[Readings], declared: Mapping[str, Any] | Non
 
 _FIELDS = {'calibrated plate': 'trusts_plates', 'calibrated CMM': 'cmm_is_calibrated'}
 """Fields of Sharing that are not called as their items."""
+
+
+def _refuse_twice(runs: Sequence[Readings]) -> None:
+    """Refuse a run that is given twice: its noise would count as that of two."""
+    for place, run in enumerate(runs):
+        for other in runs[:place]:
+            if run.size == other.size and np.array_equal(run.centre, other.centre):
+                raise InvalidData(f'{other.source} and {run.source}: wanted different runs, got the same ball centres '
+                                  'in both; leave one out')
+
+
+def _refuse_unlike_plates(runs: Sequence[Readings], sharing: Sharing) -> None:
+    """Refuse plates that are declared one although they are not built alike."""
+    for place, run in enumerate(runs):
+        other = runs[sharing.plate.index(sharing.plate[place])]
+        if not run.plate.is_like(other.plate):
+            balls = (f'{other.plate.balls} and {run.plate.balls} balls' if other.plate.balls != run.plate.balls
+                     else 'nominal places that differ by more than 0.1 mm')
+            raise InvalidData(f'{other.name} and {run.name}: plate: wanted one plate, as declared, got {balls}; '
+                              'declare the plates separate')
 
 
 def default_sharing(runs: Sequence[Readings], declared: Mapping[str, Any]) -> tuple[list[Readings], Sharing, list[str]]:

@@ -52,7 +52,8 @@ class Readings:
 
     plate; angle: (m,) nominal table angle of each table position, rad; table_position, ball: (N,) one-based; centre:
     (N, 3) in the table frame, m; angle_deviation: (N,) actual minus nominal table angle, rad; approach: (N,) as of Run;
-    repeatability, repeatability_dof: as of Run; frame: the table frame in the machine frame where it is known.
+    repeatability, repeatability_dof: as of Run; frame: the table frame in the machine frame where it is known;
+    simulated: as of Run.
 
     Raises InvalidData where an index does not exist.
     """
@@ -70,6 +71,7 @@ class Readings:
     run_id: str = ''
     source: str = 'run'
     notes: tuple[str, ...] = ()
+    simulated: bool = False
 
     def __post_init__(self) -> None:
         for name, most in (('table_position', self.angle.size), ('ball', self.plate.balls)):
@@ -83,7 +85,7 @@ class Readings:
         """Return the readings of a Run; frame: its table frame in the machine frame where that is known."""
         return Readings(Plate.regular(run.n, run.radius), nominal_angles(run.n), run.table_position, run.ball,
                         run.centre, run.angle_deviation, run.approach, run.repeatability, run.repeatability_dof, frame,
-                        run.run_id, run.source, (*run.notes, *run.remarks))
+                        run.run_id, run.source, (*run.notes, *run.remarks), run.simulated)
 
     @property
     def size(self) -> int:

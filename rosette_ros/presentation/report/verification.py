@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy import special
 
-from rosette_ros.core.diagnosis.verdict import Level
+from rosette_ros.core.diagnosis.verdict import Conclusion, Level
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import CURVES, Floats, Ints
@@ -72,15 +72,6 @@ class MakerTable:
         """Return a curve at angles, rad, interpolated, freed of its mean over them, m or rad."""
         value: Floats = np.interp(angle, self.angle, getattr(self, curve), period=2 * np.pi)
         return value - value.mean()
-
-
-@dataclass(frozen=True)
-class Conclusion:
-    """How runs agree: level, one sentence, and what to do."""
-
-    level: Level
-    sentence: str
-    action: str
 
 
 @dataclass(frozen=True, eq=False)

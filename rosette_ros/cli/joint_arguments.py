@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Arguments of the verbs that take several runs as one."""
+
+import argparse
+
+from rosette_ros.cli.arguments import UsageError
+from rosette_ros.io.open_readings import has_plate
+
+
+def add_joint(parser: argparse.ArgumentParser) -> None:
+    """Add --joint and --share."""
+    parser.add_argument('--joint', action='store_true', help='evaluate several runs as one; what they share is taken '
+                        'from the runs, tested, and told')
+    parser.add_argument('--share', metavar='FILE', help='what the runs share, where a person knows better (YAML, '
+                        'rosette-sharing/1); implies --joint')
+
+
+def is_joint(options: argparse.Namespace) -> bool:
+    """Return whether the runs are evaluated as one, as plates of any pitch always are; raises UsageError."""
+    is_wanted = options.joint or options.share or any(map(has_plate, options.run_path))
+    if not is_wanted and len(options.run_path) > 1:
+        raise UsageError(f'wanted one RUN, got {len(options.run_path)}; --joint evaluates several as one')
+    if is_wanted and (options.model or (options.run_id and len(options.run_path) > 1)):
+        raise UsageError('--joint: wanted no --model and, for several runs, no --run-id, got '
+                         f'{"--model" if options.model else "--run-id"}; the base model is fitted to whole logs')
+    return bool(is_wanted)

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a joint evaluation says in one sentence: whether the runs fit one model, and what they do not share."""
+
+from rosette_ros.core.diagnosis.verdict import Conclusion, Level
+from rosette_ros.core.joint.joint_evaluation import JointResult
+from rosette_ros.core.model.least_squares import UNLIKELY
+
+ITEMS = {'table': 'table motions', 'plate': 'plate deviations', 'clamping': 'placement of the plate',
+         'cmm': 'CMM deviations at the same positions', 'frame': 'machine frame',
+         'seat': 'what the seat reproduces', 'calibrated plate': 'the calibration of the plate',
+         'calibrated CMM': 'the calibration of the CMM', 'sense': 'curves of both senses of turning'}
+"""What runs can share, in words."""
+
+
+def conclude(result: JointResult) -> Conclusion:
+    """Return the Conclusion of a joint evaluation."""
+    count, residual = len(result.solution.model.runs), f'residual {1e6 * result.rms:.3g} µm per coordinate'
+    who = f'The {count} runs' if count > 1 else 'The run'
+    untrue = [ITEMS[test.item] for test in result.tests if test.is_contradicted and test.is_used]
+    unused = [ITEMS[test.item] for test in result.tests if test.item != 'sense' and not test.is_used]
+    lack = result.lack_of_fit_p
+    if untrue:
+        return Conclusion(Level.BAD, f'{who} contradict what was declared the same: {", ".join(untrue)}; {residual}.',
+                          'Declare it separate, or measure again.')
+    if lack is not None and lack < UNLIKELY:
+        return Conclusion(Level.BAD, f'{who} do not fit one model: {residual}, p = {lack:.1g} beside the '
+                          'repeatability.'.replace('The run do', 'The run does'),
+                          'Diagnose each run: rosette diagnose RUN.')
+    if unused:
+        return Conclusion(Level.DOUBTFUL, f'{who} fit one model without: {", ".join(unused)}; {residual}.',
+                          'Find out why it differs between the runs.')
+    if lack is None:
+        return Conclusion(Level.DOUBTFUL, f'Whether one model fits cannot be said, there is no repeatability; '
+                          f'{residual}.', 'Measure the repeatability before the run.')
+    return Conclusion(Level.GOOD, f'{who} fit{"s" * (count == 1)} one model: {residual}.', 'Nothing needs to be done.')

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page of several runs that were evaluated as one."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rosette_ros.core.joint.conclusion import conclude
+from rosette_ros.core.joint.joint_evaluation import JointResult
+from rosette_ros.core.joint.readings import Readings
+from rosette_ros.core.records import CURVES
+from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.open_readings import has_plate, open_readings
+from rosette_ros.io.open_run import is_log
+from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.joint_results import (
+    joint_curves,
+    joint_deviations,
+    joint_head,
+    joint_rows,
+    reversal_means,
+    sharing_table,
+)
+from rosette_ros.presentation.plots.result_plots import Extra, Series, six_curves
+from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
+from rosette_ros.presentation.report.provenance import FileDigest, digest, software
+from rosette_ros.presentation.table_format import Table
+
+CLOCKWISE_LESS = 'clockwise less counter-clockwise'
+
+
+def open_with_files(path: Path | str, run_id: str | None = None) -> tuple[Readings, tuple[FileDigest, ...]]:
+    """Return the Readings of a log or table and the files they come from; raises InvalidData as `open_readings`."""
+    run = open_readings(path, run_id)
+    files = read_log(path).files if is_log(path) else (path, *([run.plate.source] if has_plate(path) else []))
+    return run, tuple(map(digest, files))
+
+
+def joint_html(result: JointResult, files: Sequence[FileDigest] = (), command: str = '',
+               pictures: Mapping[str, Figure] | None = None) -> str:
+    """Return the report of a JointResult as one HTML text; pictures: where they are drawn already."""
+    pictures = pictures or joint_pictures(result)
+    runs = result.solution.model.runs
+    simulated = [run.name for run in runs if run.simulated]
+    return PAGES.get_template('joint.html.j2').render(
+        result=result, verdict=conclude(result), rows=dict(joint_rows(result)), runs=list(map(joint_head, runs)),
+        known=result.knowledge.known, hidden=result.knowledge.hidden, files=tuple(dict.fromkeys(files)),
+        notes=[*result.notes, *(f'{run.name}: {note}' for run in runs for note in run.notes)], command=command,
+        pictures=inline_svgs(pictures), tables={table.name: table for table in joint_tables(result)},
+        values=[table.name for table in joint_curves(result)], k=text.COVERAGE_FACTOR, software=software(),
+        numbers={name: place for place, name in enumerate(pictures, 1)},
+        simulated=simulated if len(simulated) < len(runs) else ['all runs'],
+        running=f'{len(runs)} runs as one, the first {runs[0].name}{" (simulated)" * bool(simulated)}')
+
+
+def joint_pictures(result: JointResult) -> dict[str, Figure]:
+    """Return the figures of a joint evaluation by name: curves of every table and sense, reversals with means."""
+    out = {'curves': six_curves([Series(one.words, motions) for one, motions in result.curves])}
+    for place, one in enumerate(result.reversals):
+        means = [Extra(curve, 'mean over the table angles', np.full(one.motions.angle.size, mean))
+                 for curve, mean, known in zip(CURVES, one.mean, one.is_known, strict=True) if known]
+        out[f'reversal{place + 1}' if place else 'reversal'] = six_curves(
+            [Series(CLOCKWISE_LESS, one.motions)], f'Table {one.table}' if len(result.reversals) > 1 else '',
+            extras=means)
+    return out
+
+
+def joint_tables(result: JointResult) -> tuple[Table, ...]:
+    """Return the tables of a joint evaluation: what is shared, means of reversals, curves, deviations."""
+    return (sharing_table(result), *reversal_means(result), *joint_curves(result), *joint_deviations(result))

@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page of several runs as one."""
+
+import numpy as np
+from simulated import simulated_run
+
+from rosette_ros.analysis import evaluate_jointly
+from rosette_ros.core.joint.conclusion import conclude
+from rosette_ros.core.joint.readings import Readings
+from rosette_ros.presentation.report.joint_page import joint_html, joint_pictures, joint_tables
+
+
+def joint(*runs, **declared):
+    """Return the JointResult of Runs."""
+    return evaluate_jointly(list(map(Readings.of, runs)), declared)
+
+
+def test_the_page_shows_curves_reversal_knowledge_and_tests():
+    """Six curves of both senses, the six reversal curves with their means, p of each sharing."""
+    result = joint(simulated_run(n=8, order='there_and_back'), simulated_run(n=8, order='diagonal'))
+    assert list(joint_pictures(result)) == ['curves', 'reversal']
+    page = joint_html(result, command='rosette report A B --joint')
+    for words in ('fit one model: residual', 'the reversal of all six curves, with its means', 'not known</h2>',
+                  'once-per-turn part of (ctx, cty): eccentricity', 'p (noise alone)', 'Means of the reversal curves',
+                  'table motions', 'readings of all runs are those of a simulated CMM', 'rosette report A B --joint'):
+        assert words in page, words
+    tables = {table.name: table for table in joint_tables(result)}
+    assert len(tables['means'].rows) == 6
+    mean = [float(value) for value in tables['means'].columns[1].values]
+    assert np.allclose(mean, result.reversals[0].mean)
+    assert len(tables['plate'].rows) == 8
+
+
+def test_the_conclusion_follows_the_tests():
+    """Good where all agrees; doubtful where something is not shared; bad where a declaration is contradicted."""
+    first, other = (simulated_run(n=8, order='diagonal', seed=seed) for seed in (1, 2))
+    assert conclude(joint(first, simulated_run(n=8))).level == 'good'
+    assert 'The 2 runs fit one model without: ' in conclude(joint(first, other)).sentence
+    bad = conclude(joint(first, other, plate=('1', '1'), clamping=('1', '2'), table=('1', '2')))
+    assert (bad.level, 'contradict what was declared the same: plate deviations' in bad.sentence) == ('bad', True)
+    unknown = conclude(joint(first.replace(repeatability=None)))
+    assert (unknown.level, 'there is no repeatability' in unknown.sentence) == ('doubtful', True)
