@@ -1,61 +1,80 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette plan: the target list of a scheme, Table 1 of Kniel et al. (2019) for any n, or plans for a given time."""
+"""rosette plan: what a plan measures and determines, plans side by side, plans for a given time.
+
+The list of an order is Table 1 of Kniel et al. (2019) for any n.
+"""
 
 import argparse
+import importlib
+import re
 import sys
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from rich.markup import escape
 
 from rosette_ros import program
-from rosette_ros.cli.arguments import UsageError, add_formats, add_places, positive, whole
+from rosette_ros.cli.arguments import UsageError, add_formats, add_places, made_folder, positive, whole
 from rosette_ros.cli.console import console, pairs, print_json, print_parts
+from rosette_ros.core.errors import InvalidPlan
 from rosette_ros.core.planning.advice import SECONDS_PER_BALL
+from rosette_ros.core.planning.budget import MOST_BALLS as MOST_JUDGED
 from rosette_ros.core.planning.budget import propose
-from rosette_ros.core.planning.expectation import Expectation, expect
+from rosette_ros.core.planning.plan_comparison import Outlook, better, outlook
 from rosette_ros.core.records import CURVES
-from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, places_in_use, plan
-from rosette_ros.core.touches import Pace
-from rosette_ros.io.csv_parser import COLUMNS, SCHEMA
-from rosette_ros.presentation.formatting import exact, plain, signs
+from rosette_ros.core.scheme import ORDERS, TURNINGS, places_in_use, plan
+from rosette_ros.core.touches import TOUCHES, Pace
+from rosette_ros.io.plan_file import MeasuringPlan, format_plan, read_plan
+from rosette_ros.io.text_file import write_text
+from rosette_ros.presentation import plan_results as results
+from rosette_ros.presentation.formatting import exact
 from rosette_ros.presentation.table_format import Table, column
 
 MOST_BALLS = 1000
-ANGLE_PLACES = 9
-"""Decimals of an angle that is no whole number of degrees: 1e-9 deg is 3 pm at 182.5 mm."""
-HEADER = 'seq,cmm_position,table_position,ball,x_mm,y_mm,z_mm,table_angle_deg'
 WIDEST_MAP = 20
 """Most balls for which the map of the scheme fits on a screen."""
+MOST_PLANS = 12
+ENDINGS = {'.csv': False, '.yaml': True, '.yml': True}
+"""Endings of plan files, and whether they are YAML."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_plan(parser, MOST_BALLS, needs_order=False)
+    parser.add_argument('plans', metavar='PLAN', nargs='*', help='plan files or orders, several to compare them; an '
+                        'order may name its CMM positions as in there_and_back:8, diagonal:50%% or row:1,4,6,9')
+    add_plan(parser, MOST_BALLS)
     add_places(parser)
-    parser.add_argument('--sigma-um', metavar='S', type=positive('µm'), default=0.1,
-                        help='standard deviation of a coordinate, for the expected uncertainties (default 0.1)')
+    parser.add_argument('--touches', type=int, choices=TOUCHES, help='touches of each ball (default: as the CMM '
+                        'usually does)')
+    parser.add_argument('--sigma-um', metavar='S', type=positive('µm'), default=0.1, help='standard deviation of a '
+                        'coordinate from 20 touches, for the expected uncertainties (default 0.1)')
     parser.add_argument('--hours', type=positive('h'), help='propose plans that take no longer, instead of --order')
     parser.add_argument('--drift-um', metavar='D', type=positive('µm'), default=0.0, help='with --hours: standard '
                         'deviation of a random walk of the frame after an hour (default: none)')
-    parser.add_argument('--touch-s', metavar='S', type=positive('s'), default=Pace.touch,
-                        help=f'with --hours: time of a touch (default {Pace.touch:g} s)')
-    parser.add_argument('--table-move-s', metavar='S', type=positive('s'), default=Pace.table_move,
-                        help=f'with --hours: time of a move of the table (default {Pace.table_move:g} s)')
-    group = add_formats(parser, csv='print the list as a table, coordinates with two decimals')
+    parser.add_argument('--touch-s', metavar='S', type=positive('s'), help='time of a touch (default: with --hours '
+                        f'{Pace.touch:g} s, else {SECONDS_PER_BALL:g} s a ball)')
+    parser.add_argument('--table-move-s', metavar='S', type=positive('s'), help='time of a move of the table (default: '
+                        f'with --hours {Pace.table_move:g} s, else at usual speeds)')
+    parser.add_argument('-o', '--output', metavar='FILE', help='write the plan as a file for calibrate --plan, .csv or '
+                        '.yaml')
+    parser.add_argument('--figures', metavar='DIR', help='write the pictures of the plan, or of the comparison')
+    parser.add_argument('--format', choices=('svg', 'png'), default='svg', help='of these files (default svg)')
+    parser.add_argument('--force', action='store_true', help='overwrite existing files')
+    group = add_formats(parser, csv='print the list as a table, coordinates with two decimals; of several plans what '
+                        'they determine')
     group.add_argument('--csv-template', action='store_true', help='print an empty ball-centre table, to be filled in; '
                        'rows that stay without coordinates are missing balls')
 
 
-def add_plan(parser: argparse.ArgumentParser, most_balls: int, radius_mm: float | None = None,
-             needs_order: bool = True) -> None:
-    """Add what plans a run: --balls, --order, --radius-mm, required where it has no default, --turning, --seed."""
-    required, default = radius_mm is None, '' if radius_mm is None else f' (default {radius_mm:g})'
-    parser.add_argument('--balls', metavar='N', type=whole(None, most_balls), required=required,
+def add_plan(parser: argparse.ArgumentParser, most_balls: int, radius_mm: float | None = None) -> None:
+    """Add what plans a run: --balls, --order, --radius-mm, --turning, --seed."""
+    default = '' if radius_mm is None else f' (default {radius_mm:g})'
+    parser.add_argument('--balls', metavar='N', type=whole(None, most_balls),
                         help='balls on the plate = table positions')
-    parser.add_argument('--order', required=required and needs_order, help=f'one of {", ".join(ORDERS)}')
-    parser.add_argument('--radius-mm', metavar='R', type=positive('mm'), required=required, default=radius_mm,
+    parser.add_argument('--order', help=f'one of {", ".join(ORDERS)}')
+    parser.add_argument('--radius-mm', metavar='R', type=positive('mm'), default=radius_mm,
                         help=f'radius of the circle of ball centres{default}')
     parser.add_argument('--turning', default='forward',
                         help=f'sense of the table: {" or ".join(TURNINGS)} (default forward)')
@@ -63,30 +82,79 @@ def add_plan(parser: argparse.ArgumentParser, most_balls: int, radius_mm: float 
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print the plan."""
-    if (options.hours is None) == (options.order is None):
-        raise UsageError('plan: wanted either --order or --hours')
+    """Print the plan, several plans, or the plans for a given time."""
+    given = [options.hours is not None, options.order is not None, bool(options.plans)]
+    if sum(given) != 1:
+        raise UsageError('plan: wanted either --order or --hours, or plan files and orders to compare')
     if options.hours is not None:
         return show_proposals(options)
-    scheme = plan(options.balls, options.order, options.seed, options.turning,
-                  *(places_in_use(text, options.balls) for text in (options.cmm_positions, options.balls_in_use)))
-    if options.csv_template:
-        sys.stdout.write(template(scheme, options.radius_mm))
+    words = options.plans or [options.order]
+    if len(words) > MOST_PLANS:
+        raise UsageError(f'plan: wanted at most {MOST_PLANS} plans, got {len(words)}')
+    made = chosen(words, options)
+    is_list = options.csv or options.csv_template
+    if len(words) > 1 and (options.output or options.csv_template):
+        raise UsageError('plan: wanted one plan to write, got several; leave out --output and --csv-template')
+    if options.output:
+        ending = Path(options.output).suffix.lower()
+        if ending not in ENDINGS:
+            raise UsageError(f'--output: wanted a name that ends in {" or ".join(ENDINGS)}, got {options.output!r}')
+        write_text(options.output, format_plan(made[0], ENDINGS[ending]), options.force)
+    if len(words) == 1 and is_list:
+        scheme, radius_mm = made[0].scheme, 1e3 * made[0].radius
+        lines = (','.join(row) for row in results.rows(scheme, radius_mm))
+        sys.stdout.write(results.template(scheme, radius_mm) if options.csv_template else
+                         '\n'.join([results.HEADER, *lines]) + '\n')
+        return None
+    pace = Pace(options.touch_s or Pace.touch, options.table_move_s or Pace.table_move) if (
+        options.touch_s or options.table_move_s) else None
+    names = [Path(word).name if Path(word).is_file() else word for word in words]
+    plans = [outlook(name, one.scheme, one.radius, 1e-6 * options.sigma_um, pace) for name, one in zip(names, made)]
+    if options.figures:
+        draw(plans, options)
+    if options.json:
+        print_json(results.plan_json(plans[0]) if len(plans) == 1 else results.comparison_json(plans))
     elif options.csv:
-        lines = (','.join(row) for row in rows(scheme, options.radius_mm))
-        sys.stdout.write('\n'.join([HEADER, *lines]) + '\n')
-    elif options.json:
-        print_json(plan_json(scheme, 1e-3 * options.radius_mm, 1e-6 * options.sigma_um))
+        sys.stdout.write(results.comparison(plans).csv())
+    elif len(plans) == 1:
+        show(plans[0], options.output)
     else:
-        show(scheme, options.radius_mm, options.sigma_um)
+        show_comparison(plans)
+    return None
+
+
+def chosen(words: Sequence[str], options: argparse.Namespace) -> list[MeasuringPlan]:
+    """Return the plans of files and of orders; an order has --balls and --radius-mm, or those of the first file."""
+    read = {word: read_plan(word) for word in words if Path(word).is_file()}
+    first = next(iter(read.values()), None)
+    n: int | None = options.balls or (first.scheme.n if first else None)
+    radius: float | None = 1e-3 * options.radius_mm if options.radius_mm else first.radius if first else None
+    every = []
+    for word in words:
+        order, _, places = word.partition(':')
+        if word in read:
+            every.append(read[word])
+        elif order not in ORDERS and re.search(r'[./\\]', word):
+            raise InvalidPlan(f'{word}: wanted a plan file, or one of {", ".join(ORDERS)}, got neither; check the path')
+        elif n is None or radius is None:
+            raise UsageError('plan: wanted --balls and --radius-mm with an order, or a plan file')
+        else:
+            in_use = (places_in_use(text, n) for text in (places or options.cmm_positions, options.balls_in_use))
+            scheme = plan(n, order, options.seed, options.turning, *in_use)
+            touches = np.full(scheme.ball.size, options.touches or 0)
+            every.append(MeasuringPlan(replace(scheme, touches=touches), radius))
+    return every
 
 
 def show_proposals(options: argparse.Namespace) -> None:
     """Print the plans that a given time allows, best first."""
+    if options.balls is None or options.radius_mm is None:
+        raise UsageError('plan: wanted --balls and --radius-mm with --hours')
     if options.csv or options.csv_template:
         raise UsageError('--hours: wanted a list of plans as text or --json; choose one with --order, then --csv')
     sigma, drift, radius = 1e-6 * options.sigma_um, 1e-6 * options.drift_um, 1e-3 * options.radius_mm
-    found = propose(options.balls, radius, options.hours, sigma, drift, Pace(options.touch_s, options.table_move_s))
+    found = propose(options.balls, radius, options.hours, sigma, drift, Pace(
+        options.touch_s or Pace.touch, options.table_move_s or Pace.table_move))
     if options.json:
         print_json({'schema': 'rosette-proposals/1', 'n': options.balls, 'radius_m': radius,
                     'hours': options.hours, 'sigma_m': sigma, 'drift_m_per_sqrt_h': drift, 'plans': [
@@ -114,88 +182,49 @@ def show_proposals(options: argparse.Namespace) -> None:
     return None
 
 
-def rows(scheme: Scheme, radius_mm: float) -> Iterator[tuple[str, ...]]:
-    """Yield the texts of each target in the order of HEADER; no coordinate reads -0.00."""
-    centres = scheme.centres(radius_mm)
-    for seq, (k, i, j, centre) in enumerate(zip(
-            scheme.cmm_position, scheme.table_position, scheme.ball, centres, strict=True), 1):
-        yield (str(seq), str(k), str(i), str(j), *(plain(float(value), 2) for value in centre),
-               exact(360 * (int(i) - 1) / scheme.n, ANGLE_PLACES))
+def draw(plans: Sequence[Outlook], options: argparse.Namespace) -> None:
+    """Write the pictures of plans into the folder of the options; matplotlib is loaded only here."""
+    plots, style = (importlib.import_module(f'rosette_ros.presentation.plots.{name}')
+                    for name in ('plan_plots', 'plot_style'))
+    for name, figure in plots.pictures_of_plans(plans).items():
+        path = made_folder(options.figures, 'to write to', '') / f'{name}.{options.format}'
+        style.save(figure, path, options.force)
 
 
-def template(scheme: Scheme, radius_mm: float) -> str:
-    """Return a ball-centre table whose coordinates, times and temperatures are to be filled in."""
-    lines = [f'# schema: {SCHEMA}', f'# radius_mm: {radius_mm!r}', f'# balls: {scheme.n}', ','.join(COLUMNS)]
-    for (seq, k, i, j, *_, angle), approach in zip(rows(scheme, radius_mm), scheme.approach.tolist(), strict=True):
-        given = {'seq': seq, 'table_position': i, 'ball': j, 'cmm_position': k, 'table_angle_deg': angle,
-                 'approach': str(approach)}
-        lines.append(','.join(given.get(name, '') for name in COLUMNS))
-    return '\n'.join([*lines, ''])
-
-
-def plan_json(scheme: Scheme, radius: float, sigma: float) -> dict[str, Any]:
-    """Return the plan as plain lists and dicts, SI, schema rosette-plan/1; sigma: of a coordinate, m."""
-    way, expected = scheme.travel(radius), expect(scheme, radius)
-    return {
-        'schema': 'rosette-plan/1', 'n': scheme.n, 'radius_m': radius, 'order': scheme.order, 'seed': scheme.seed,
-        'cmm_position': scheme.cmm_position.tolist(), 'table_position': scheme.table_position.tolist(),
-        'ball': scheme.ball.tolist(), 'table_angle_rad': scheme.table_angle.tolist(),
-        'approach': scheme.approach.tolist(), 'centre_m': scheme.centres(radius).tolist(),
-        'travel': {'table_rad': way.table_angle, 'table_moves': way.table_moves,
-                   'cmm_m': way.cmm_way, 'cmm_moves': way.cmm_moves},
-        'expected': {'sigma_m': sigma, 'rank': expected.rank, 'rank_of_a_complete_run': expected.full_rank,
-                     'u': dict(zip(CURVES, (sigma * expected.u).T.tolist())), 'relative_uncertainty': expected.penalty,
-                     'ideal_relative_uncertainty': expected.ideal, 'duration_s': expected.duration}}
-
-
-def show(scheme: Scheme, radius_mm: float, sigma_um: float) -> None:
-    """Print the plan for a person: the map, the list, the motion that it takes, what it determines."""
-    out, way, expected = console(), scheme.travel(1e-3 * radius_mm), expect(scheme, 1e-3 * radius_mm)
+def show(made: Outlook, output: str | None = None) -> None:
+    """Print a plan for a person: map, list, motion, what it determines and shows; output: the file that holds it."""
+    out, scheme, expected, radius_mm = console(), made.scheme, made.expectation, 1e3 * made.radius
+    way = scheme.travel(made.radius)
     out.print(f'[bold]{scheme.ball.size} targets[/]: {scheme.n} balls on a circle of R = {exact(radius_mm, 6)} mm, '
               f'{scheme.n} table positions, order {escape(scheme.order)}')
     in_use = [(name, places) for name, places in (('CMM positions', np.unique(scheme.cmm_position)),
                                                   ('Balls', np.unique(scheme.ball))) if places.size < scheme.n]
-    print_parts(out, [sequence_map(scheme) if scheme.n <= WIDEST_MAP else None, targets(scheme, radius_mm),
-                      uncertainties(expected, sigma_um), pairs([
-        *((name, f'{", ".join(map(str, places))} of {scheme.n} in use; deviations of the others are not measured')
-          for name, places in in_use),
-        ('Table', f'{way.table_turns:.4g} turns in {way.table_moves} moves'),
-        ('CMM', f'{way.cmm_way:.4g} m in {way.cmm_moves} moves (straight from ball to ball)'),
-        ('Determines', f'rank {expected.rank} of {expected.full_rank} of a complete run; curves with '
-                       f'{expected.penalty:.2f} times the uncertainty of one (at best {expected.ideal:.2f} for so many '
-                       'readings)'),
-        ('Time', f'{expected.duration / 3600:.1f} h at {SECONDS_PER_BALL:g} s a ball and usual speeds'),
-        ('Order', CASES[scheme.order]), ('Paper', 'Kniel et al., Measurement 2019')])])
+    print_parts(out, [
+        results.sequence_map(scheme) if scheme.n <= WIDEST_MAP else None, results.targets(scheme, radius_mm),
+        results.uncertainties(made), results.effects(made), pairs([
+            *((name, f'{", ".join(map(str, places))} of {scheme.n} in use; deviations of the others are not measured')
+              for name, places in in_use),
+            ('Table', f'{way.table_turns:.4g} turns in {way.table_moves} moves'),
+            ('CMM', f'{way.cmm_way:.4g} m in {way.cmm_moves} moves (straight from ball to ball)'),
+            ('Determines', f'rank {expected.rank} of {expected.full_rank} of a complete run; curves with '
+                           f'{expected.penalty:.2f} times the uncertainty of one (at best {expected.ideal:.2f} for so '
+                           'many readings)'),
+            ('Unobservable', '; '.join(expected.unobservable)),
+            *([] if made.effects else [('Effects', f'are judged up to {MOST_JUDGED} balls')]),
+            ('Time', f'{expected.duration / 3600:.2f} h'),
+            ('Order', CASES.get(scheme.order, 'own')), ('Paper', 'Kniel et al., Measurement 2019')])])
+    if output:
+        out.print(f'\nWritten to {escape(output)}. Measure with: {program()} calibrate --plan {escape(output)}',
+                  soft_wrap=True)
 
 
-def targets(scheme: Scheme, radius_mm: float) -> Table:
-    """Return the table of the targets."""
-    heads = ('seq', 'CMM position', 'table position', 'ball', 'x', 'y', 'z', 'table angle')
-    units = ('', '', '', '', 'mm', 'mm', 'mm', '°')
-    texts = zip(*rows(scheme, radius_mm), strict=True)
-    return Table('targets', 'Targets', (
-        *(column(*one) for one in zip(HEADER.split(','), heads, texts, [signs] * len(heads), units)),
-        column('approach', 'turn', scheme.approach, lambda sense: '+' if sense > 0 else '−')))
-
-
-def uncertainties(expected: Expectation, sigma_um: float) -> Table:
-    """Return the table of the uncertainties that a plan is expected to give the curves."""
-    u = 2 * sigma_um * np.sqrt(np.mean(expected.u**2, axis=0))
-    return Table('expected', f'Expected expanded uncertainty (k = 2) where σ is {sigma_um:g} µm', (
-        column('curve', 'curve', CURVES, str), column('U', 'U', u, lambda value: f'{value:.3g}'),
-        column('unit', '', ['µm'] * 3 + ['µrad'] * 3, str)))
-
-
-def sequence_map(scheme: Scheme) -> Table:
-    """Return the map of the scheme: which measurement is made where (Figure 3 of the paper)."""
-    grid = np.zeros((scheme.n, scheme.n), dtype=int)
-    first = slice(None, None, -1)  # of several measurements the first is shown
-    grid[scheme.table_position[first] - 1, scheme.ball[first] - 1] = np.arange(scheme.ball.size, 0, -1)
-    every = range(1, scheme.n + 1)
-    return Table('sequence', 'When each ball is measured', (
-        column('table_position', 'table \\ ball', every, str),
-        *(column(f'ball_{ball}', str(ball), grid[:, ball - 1], lambda seq: str(seq) if seq else '−')
-          for ball in every)))
+def show_comparison(plans: Sequence[Outlook]) -> None:
+    """Print plans side by side, and which is better where."""
+    out = console()
+    print_parts(out, [results.comparison(plans), results.shares(plans)])
+    out.print()
+    for sentence in better(plans):
+        out.print(escape(sentence))
 
 
 CASES = {

@@ -10,6 +10,9 @@ from rosette_ros.core.geometry import TWO_PI, Floats
 TOUCHES = (6, 8, 9, 12, 16, 20)
 """Numbers of touches of a ball that a plan may have: circles of three (6, 9) or four."""
 
+USUAL = 20
+"""Touches of a ball of which the expected uncertainties and times are told."""
+
 
 @dataclass(frozen=True)
 class Pace:
@@ -47,12 +50,12 @@ def centre_factors(direction: Floats) -> Floats:
 
 def sigma_of_touches(touches: int, sigma: float, touch_share: float = 0.8, top: float = 0.867,
                      lowest: float = -0.133) -> Floats:
-    """Return the standard deviations of a ball centre along x, y, z from `touches`, where 20 give `sigma`, (3,), m.
+    """Return the standard deviations of a ball centre along x, y, z from `touches`, where USUAL give `sigma`, (3,), m.
 
     The touches take touch_share of the worst coordinate, the positioning of the CMM, which stays, the rest. top,
     lowest: as above; those of a ball of 15 mm touched 1 mm below pole and equator.
     """
-    usual = centre_factors(touch_directions(*circles_of(20), top, lowest))
+    usual = centre_factors(touch_directions(*circles_of(USUAL), top, lowest))
     touch = touch_share * sigma / usual.max()
     positioning = sigma**2 - (usual * touch)**2
     factors = centre_factors(touch_directions(*circles_of(touches), top, lowest))

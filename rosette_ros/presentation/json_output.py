@@ -206,10 +206,10 @@ def advice_json(advice: Advice, n: int, radius: float, run_id: str = '') -> Json
 def _order_json(order: OrderAdvice) -> Json:
     return {'order': order.order, 'turning': order.turning, 'seed': order.seed, 'worst_share': order.worst,
             'worst_effect': order.worst_effect, 'travel_time_s': order.travel_time, 'duration_s': order.duration,
-            'effects': {entry.name: _visibility_json(entry) for entry in order.visibilities}}
+            'effects': {entry.name: visibility_json(entry) for entry in order.visibilities}}
 
 
-def _visibility_json(entry: Visibility) -> Json:
+def visibility_json(entry: Visibility) -> Json:
     """Return what an order shows of an effect; bias: the largest change of each curve per metre rms."""
     return {'visible_fraction': entry.share, 'typical_visible_fraction': entry.typical_share, 'setting': entry.setting,
             'hidden': entry.hidden, 'detectable_rms_m': entry.detectable, 'look_alikes': entry.alike,

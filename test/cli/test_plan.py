@@ -121,3 +121,77 @@ def test_the_template_is_a_table_to_be_filled(rosette, refused, tmp_path):
     out = ' '.join(rosette('info', path).out.split())
     assert '2 missing: ball' in out
     assert 'run 14 of 16' in out
+
+
+def words_of(answer):
+    """Return what was printed as one line."""
+    return ' '.join(answer.out.split())
+
+
+def test_a_plan_is_written_and_read_again(rosette, refused, tmp_path):
+    """What it determines is told of the file as of the order; a file is not overwritten."""
+    order = ('--balls', 12, '--radius-mm', 182.5, '--order', 'there_and_back', '--touches', 8)
+    path = tmp_path / 'mine.csv'
+    written, text = words_of(rosette('plan', *order, '-o', path)), path.read_text()
+    assert f'calibrate --plan {path}' in written
+    assert text.startswith('# schema: rosette-plan/1\n# balls: 12\n# radius_mm: 182.5\n# order: there_and_back\n')
+    assert 'exists already' in refused('plan', *order, '-o', path)
+    read = words_of(rosette('plan', path))
+    assert read == written.partition(' Written to')[0]
+    for words in ('rank 113 of 131', 'curves with 1.22 times the uncertainty', 'deviations of the CMM at positions '
+                  '3, 5, 7, 8, 11, 12: not measured', 'table_backlash 100 %', 'ctx 0.067 µm', 'Time 0.71 h'):
+        assert words in read
+    as_json = tmp_path / 'mine.yaml'
+    as_json.write_text(rosette('plan', path, '--json').out)
+    assert words_of(rosette('plan', as_json)) == read
+
+
+def test_plans_side_by_side(rosette, tmp_path):
+    """Files and orders: what each determines, what is better where; as text, JSON and CSV."""
+    path = tmp_path / 'mine.yaml'
+    path.write_text('{schema: rosette-plan/1, balls: 8, radius_mm: 182.5, order: there_and_back, cmm_positions: 5}')
+    plans = ('plan', 'diagonal', 'diagonal:75%', path, '--touch-s', 3, '--table-move-s', 20)
+    text = words_of(rosette(*plans))
+    for words in ('Uncertainty of the curves: best is mine.yaml (0.98 times that of a complete run); diagonal 1.00',
+                  'Time: best is diagonal:75% (1.04 h); diagonal 1.40 h; mine.yaml 1.75 h.', 'Only mine.yaml shows',
+                  'mine.yaml does not measure the deviations of 3 CMM positions.'):
+        assert words in text
+    table = list(csv.DictReader(io.StringIO(rosette(*plans, '--csv').out)))
+    assert [(row['plan'], row['readings']) for row in table] == [
+        ('diagonal', '64'), ('diagonal:75%', '48'), ('mine.yaml', '80')]
+    told = json.loads(rosette(*plans, '--json').out)
+    assert told['schema'] == 'rosette-plans/1' and told['better'][1] in text
+    assert float(table[2]['relative_uncertainty']) == told['plans'][2]['relative_uncertainty']
+    assert told['plans'][2]['effects']['table_backlash']['typical_visible_fraction'] > 0.9
+
+
+def test_pictures_of_plans(rosette, tmp_path):
+    """Pairs of each plan, uncertainty, effects side by side."""
+    rosette('plan', 'row', 'there_and_back', '--balls', 6, '--radius-mm', 100, '--figures', tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        'pairs_1.svg', 'pairs_2.svg', 'shares.svg', 'uncertainty.svg']
+    assert 'ideal: √(n²/N)' in (tmp_path / 'uncertainty.svg').read_text()
+    assert 'there_and_back: 48 readings' in (tmp_path / 'pairs_2.svg').read_text()
+
+
+@pytest.mark.parametrize(('words', 'message'), [
+    (('row', 'diagonal'), 'plan: wanted --balls and --radius-mm with an order, or a plan file'),
+    (('rows', '--balls', 6, '--radius-mm', 100), "order: wanted one of row, diagonal"),
+    (('nothing.csv',), 'nothing.csv: wanted a plan file, or one of row, diagonal'),
+    (('row:3', '--balls', 12, '--radius-mm', 100), '3 of 12 CMM positions or balls do not determine the curves'),
+    (('row', '--order', 'row'), 'plan: wanted either --order or --hours, or plan files and orders to compare'),
+    (('row', '--balls', 6, '--radius-mm', 100, '-o', 'plan.txt'), '--output: wanted a name that ends in .csv or .yaml'),
+    (('row', 'column', '--balls', 6, '--radius-mm', 100, '-o', 'plan.csv'), 'wanted one plan to write, got several'),
+    (('--hours', 1), 'plan: wanted --balls and --radius-mm with --hours'),
+    (13 * ('row',), 'plan: wanted at most 12 plans, got 13')])
+def test_what_cannot_be_compared(refused, words, message):
+    """One line each."""
+    assert message in refused('plan', *words)
+
+
+def test_a_plan_that_is_too_large_is_refused(refused, tmp_path):
+    """Repeats of single pairs on a large plate would fill the memory when the run is evaluated."""
+    path = tmp_path / 'large.csv'
+    rows = '\n'.join(f'{i},{j}' for i in range(1, 401) for j in (*range(1, 401), 1, 1 + i % 400))
+    path.write_text(f'# schema: rosette-plan/1\n# balls: 400\n# radius_mm: 200\ntable_position,ball\n{rows}\n')
+    assert 'too large: wanted at most 125000 readings of 400 balls where pairs' in refused('plan', path)

@@ -10,6 +10,7 @@ from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE
 from rosette_ros.core.planning.visibility import Visibility, visibility
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, plan, unwrap_travel
+from rosette_ros.core.touches import USUAL, Pace
 
 SECONDS_PER_BALL = 30.0   # s, 20 touches and the move down and up
 TABLE_SPEED = 0.1         # rad/s
@@ -69,21 +70,24 @@ class Advice:
     text: str
 
 
-def planned_run(scheme: Scheme, radius: float, seconds_per_ball: float = SECONDS_PER_BALL) -> Run:
+def planned_run(scheme: Scheme, radius: float, pace: Pace | None = None) -> Run:
     """Return a run as it is expected: nominal centres, times of moves and touches, slow warming.
 
-    The temperature rises by 0.1 K along half a sine, so that what follows the temperature is not the same as what
-    follows the time.
+    pace: of the cell, None for usual speeds and SECONDS_PER_BALL of USUAL touches. The temperature rises by 0.1 K along
+    half a sine, so that what follows the temperature is not the same as what follows the time.
     """
     travel = unwrap_travel(scheme.table_angle, scheme.approach, scheme.n)
     centres = scheme.centres(radius)
     turn = np.abs(np.diff(travel, prepend=travel[:1])) / TABLE_SPEED
     move = np.linalg.norm(np.diff(centres, axis=0, prepend=centres[:1]), axis=1) / CMM_SPEED
-    time = np.cumsum(seconds_per_ball + np.maximum(turn, move))
+    touches = np.where(scheme.touches > 0, scheme.touches, USUAL)
+    time = np.cumsum(SECONDS_PER_BALL * touches / USUAL + np.maximum(turn, move) if pace is None else
+                     pace.touch * touches + pace.table_move * (turn > 0))
     time = time - time[0]
     temperature = 20 + 0.1 * np.sin(0.5 * np.pi * time / time[-1])
     return Run(scheme.n, radius, scheme.table_position, scheme.ball, centres, time=time, temperature=temperature,
-               approach=scheme.approach, repeats=scheme.repeats, source=f'planned run, order {scheme.order}')
+               approach=scheme.approach, repeats=scheme.repeats, session=scheme.session,
+               source=f'planned run, order {scheme.order}')
 
 
 def advise_order(scheme: Scheme, radius: float, sigma: float, wanted: Sequence[str] = (), names: Sequence[str] = (),

@@ -14,7 +14,7 @@ from rosette_ros.core.records import ErrorMotions, Run
 from rosette_ros.io.model_file import format_model
 from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.presentation import formatting as text
-from rosette_ros.presentation.plots import comparison_plots, noise_plots, residual_plots, shape_plots
+from rosette_ros.presentation.plots import comparison_plots, noise_plots, plan_plots, residual_plots, shape_plots
 from rosette_ros.presentation.plots.residual_plots import Residuals, SpectrumRow
 from rosette_ros.presentation.plots.result_plots import Series, deviations, six_curves
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
@@ -72,7 +72,7 @@ def pictures_of(summary: Summary, overlays: Sequence[Series] = ()) -> dict[str, 
         'ladder': comparison_plots.ladder(summary.ladder, run.repeatability, run.repeatability_dof),
         **({'candidates': comparison_plots.candidates(found, run.repeatability)} if found else {}),
         **({'shapes': shape_plots.shapes(shapes)} if (shapes := summary.diagnosis.recovered) else {}),
-        'visibility': _visibility(summary)}
+        'pairs': plan_plots.pairs_in_order(run), 'visibility': _visibility(summary)}
 
 
 def shown_tables(summary: Summary) -> dict[str, Table]:

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plans side by side: what each determines and shows, and which is better where."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rosette_ros.core.errors import counted
+from rosette_ros.core.planning.advice import GOOD_SHARE, planned_run
+from rosette_ros.core.planning.budget import MOST_BALLS
+from rosette_ros.core.planning.expectation import Expectation, expect
+from rosette_ros.core.planning.visibility import Visibility, visibility
+from rosette_ros.core.scheme import Scheme
+from rosette_ros.core.touches import Pace
+
+NOTICED = 0.02
+"""Relative differences of uncertainties and times that are not worth a word."""
+LISTED = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Outlook:
+    """A plan by its name, with what it determines; radius: m; sigma: of a coordinate from USUAL touches, m.
+
+    effects: what it shows of each effect of the library, () for plates of more than MOST_BALLS balls.
+    """
+
+    name: str
+    scheme: Scheme
+    radius: float
+    sigma: float
+    expectation: Expectation
+    effects: tuple[Visibility, ...]
+
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """Names of the effects that it shows well."""
+        return tuple(one.name for one in self.effects if not one.reason and one.typical_share >= GOOD_SHARE)
+
+    @property
+    def judged(self) -> tuple[str, ...]:
+        """Names of the effects that it can be judged on."""
+        return tuple(one.name for one in self.effects if not one.reason)
+
+
+def outlook(name: str, scheme: Scheme, radius: float, sigma: float = 1e-7, pace: Pace | None = None,
+            effects: bool = True) -> Outlook:
+    """Return the Outlook of a plan; pace: of the cell, None for a usual one; effects: whether to look at them.
+
+    Raises InvalidPlan where the plan does not determine the curves or is too large.
+    """
+    expected = expect(scheme, radius, pace)
+    seen = visibility(planned_run(scheme, radius, pace), sigma * expected.spread) if (
+        effects and scheme.n <= MOST_BALLS) else ()
+    return Outlook(name, scheme, radius, sigma, expected, seen)
+
+
+def better(plans: Sequence[Outlook]) -> tuple[str, ...]:
+    """Return in sentences which of several plans is better in which respect."""
+    said = [_best(plans, 'Uncertainty of the curves', lambda one: one.expectation.penalty,
+                  lambda value: f'{value:.2f} times that of a complete run'),
+            _best(plans, 'Time', lambda one: one.expectation.duration, lambda value: f'{value / 3600:.2f} h')]
+    if all(one.effects for one in plans):
+        said.append(_best(plans, 'Effects', lambda one: -len(one.shown),
+                          lambda value: f'{-value:.0f} shown well, of {max(len(one.judged) for one in plans)}'))
+        for one in plans:
+            others = {name for other in plans if other is not one for name in other.shown}
+            if own := [name for name in one.shown if name not in others]:
+                said.append(f'Only {one.name} shows {_listed(own)} well.')
+        nobody = [effect.name for effect in plans[0].effects
+                  if effect.name in plans[0].judged and not any(effect.name in one.shown for one in plans)]
+        said += [f'None shows {_listed(nobody)} well.'] if nobody else []
+    for one in plans:
+        unused = [(what, one.scheme.n - np.unique(used).size) for what, used in (
+            ('ball', one.scheme.ball), ('CMM position', one.scheme.cmm_position))]
+        said += [f'{one.name} does not measure the deviations of {counted(number, what)}.'
+                 for what, number in unused if number]
+    return tuple(said)
+
+
+def _best(plans: Sequence[Outlook], what: str, value: Callable[[Outlook], float],
+          words: Callable[[float], str]) -> str:
+    """Return which plans have the least value, and what the others have."""
+    every = sorted(plans, key=value)
+    least, most = value(every[0]), value(every[-1])
+    if abs(most - least) <= NOTICED * abs(least):
+        return f'{what}: all alike ({words(least)}).'
+    same = [one.name for one in every if abs(value(one) - least) <= NOTICED * abs(least)]
+    rest = '; '.join(f'{one.name} {words(value(one))}' for one in every[len(same):])
+    return f'{what}: best {"is" if len(same) == 1 else "are"} {" and ".join(same)} ({words(least)}); {rest}.'
+
+
+def _listed(names: Sequence[str]) -> str:
+    if len(names) <= LISTED:
+        return ' and '.join([', '.join(names[:-1]), names[-1]] if len(names) > 1 else names)
+    return f'{", ".join(names[:LISTED])} and {len(names) - LISTED} more'

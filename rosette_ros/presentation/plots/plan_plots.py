@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plans as pictures: what is measured when, uncertainty against the share of the readings, effects side by side."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE
+from rosette_ros.core.planning.advice import GOOD_SHARE
+from rosette_ros.core.planning.plan_comparison import Outlook
+from rosette_ros.core.records import Ints, Run
+from rosette_ros.core.reduced_sets import best_members, fewest_members, penalty
+from rosette_ros.core.scheme import Scheme, cmm_position
+from rosette_ros.presentation.formatting import OBSERVABLE, percent
+from rosette_ros.presentation.plots import plot_style as style
+
+SEQUENCE = 'viridis'
+MOST_JOINED = 400
+"""Readings up to which a line joins them."""
+MOST_VECTORS = 1500
+"""Marks that are drawn one by one in a vector graphic; more are drawn as an image in it."""
+MOST_SETS = 36
+"""Balls up to which the best sets are searched for the picture."""
+LABEL_LENGTH = 26
+
+
+def pictures_of_plans(plans: Sequence[Outlook]) -> dict[str, Figure]:
+    """Return the figures of one plan or of several, by name."""
+    made = {'pairs' if len(plans) == 1 else f'pairs_{place}': pairs_in_order(plan.scheme, plan.name)
+            for place, plan in enumerate(plans, 1)}
+    made['uncertainty'] = uncertainty_by_share(plans)
+    if all(one.effects for one in plans):
+        made['shares'] = shares_of_plans(plans)
+    return made
+
+
+def pairs_in_order(measured: Scheme | Run, name: str = '') -> Figure:
+    """Return a figure: when each pair of table position and CMM position, and of table position and ball, is measured.
+
+    Of a pair that is measured twice both times are seen, half a mark each; a ring marks the first reading.
+    """
+    n, table, ball = measured.n, measured.table_position, measured.ball
+    made = style.figure(3.65)
+    made.subplots_adjust(left=0.07, right=0.87, bottom=0.125, top=0.89, wspace=0.2)
+    size = table.size
+    for panel, column, what in zip(style.panels(made, 1, 2)[0], (cmm_position(n, table, ball), ball),
+                                   ('CMM position', 'ball')):
+        _draw_pairs(panel, n, table, column, size)
+        style.title(panel, f'{style.label_of(name)}: {size} readings' if name and what == 'CMM position' else '',
+                    fontsize=style.TEXT)
+        marks = {place: str(place) for place in range(1, n + 1, max(1, n // 12))}
+        style.scale(panel, marks, marks, '')
+        panel.set_xlabel(what)
+        panel.set_ylabel('table position' if what == 'CMM position' else '')
+    bar = made.add_axes((0.94, 0.125, 0.018, 0.72))
+    style.colour_bar(bar, 1, size, 'reading', True, SEQUENCE)
+    return made
+
+
+def _draw_pairs(panel: Axes, n: int, table: Ints, column: Ints, size: int) -> None:
+    number, cell = np.arange(1, size + 1), table * (n + 1) + column
+    again = np.isin(np.arange(size), np.setdiff1d(np.arange(size), np.unique(cell, return_index=True)[1]))
+    mark = min(60.0, (1.25 * 72 * 2.2 / n)**2 / 2)
+    if size <= MOST_JOINED:
+        panel.plot(column, table, color=style.GRID, linewidth=0.7, zorder=1)
+    twice = bool(again.any())
+    for chosen, shape in ((~again, '<' if twice else 's'), (again, '>')):
+        if chosen.any():
+            shift = (0.2 if shape == '>' else -0.2) * twice
+            panel.scatter(column[chosen] + shift, table[chosen], c=number[chosen], s=mark / (1 + 0.6 * twice),
+                          marker=shape, cmap=SEQUENCE, vmin=1, vmax=size, linewidths=0, zorder=2,
+                          rasterized=size > MOST_VECTORS)
+    panel.scatter(column[:1], table[:1], s=2.2 * mark, marker='o', facecolors='none', edgecolors=style.BEFORE, zorder=3)
+    panel.set_xlim(0.3, n + 0.7)
+    panel.set_ylim(n + 0.7, 0.3)
+
+
+def uncertainty_by_share(plans: Sequence[Outlook]) -> Figure:
+    """Return a figure: uncertainty of the curves relative to a complete run against N / n^2.
+
+    Beside the plans the best sets of CMM positions of their plate, and the ideal sqrt(n^2 / N).
+    """
+    made = style.figure(3.0)
+    made.subplots_adjust(left=0.08, right=0.98, bottom=0.15, top=0.96)
+    panel, most = style.panels(made)[0, 0], 1.0
+    every = [one.scheme.ball.size / one.scheme.n**2 for one in plans]
+    n = plans[0].scheme.n
+    lines = []
+    if n <= MOST_SETS:
+        sizes = range(fewest_members(n), n + 1)
+        sets = [penalty(n, best_members(n, size)) for size in sizes]
+        lines += panel.plot([size / n for size in sizes], sets, color=style.GREY, marker='.', markersize=4, linewidth=1,
+                            label=f'best sets of CMM positions, {n} balls')
+        most = max(sets)
+    share = np.linspace(min(0.95 * min(every), 0.22), max(1.05, 1.05 * max(every)), 200)
+    lines += panel.plot(share, 1 / np.sqrt(share), color=style.INK, linestyle=style.DASHED, linewidth=1.2,
+                        label='ideal: √(n²/N)')
+    for place, (one, x) in enumerate(zip(plans, every)):
+        under = sum(abs(x - other) < 0.02 and abs(one.expectation.penalty - before.expectation.penalty) < 0.1
+                    for before, other in zip(plans[:place], every))  # a larger, hollow mark is seen around the others
+        look = style.look_of(place) | ({'markerfacecolor': 'none', 'markeredgewidth': 1.5} if under else {})
+        lines += panel.plot([x], [one.expectation.penalty], linestyle='none', markersize=6 + 3 * min(under, 3),
+                            label=style.label_of(one.name), zorder=5, **look)
+    panel.set_xlim(share[0], share[-1])
+    panel.set_ylim(0, 1.08 * max(most, *(one.expectation.penalty for one in plans)))
+    style.scale(panel, steps=(8, 6))
+    panel.set_xlabel('share of the n² pairs that is measured, N/n²')
+    panel.set_ylabel('relative uncertainty of the curves')
+    style.legend(made, lines, [line.get_label() for line in lines])
+    return made
+
+
+def shares_of_plans(plans: Sequence[Outlook]) -> Figure:
+    """Return a figure: the typical observable share of each effect in several plans, shades with numbers."""
+    names = [one.name for one in plans[0].effects]
+    values = np.array([[np.nan if one.reason else one.typical_share for one in plan.effects] for plan in plans]).T
+    height = 0.168 * len(names) + 0.75
+    made = style.figure(height)
+    panel = made.add_axes((0.24, 0.06 / height, 0.68, 1 - 0.6 / height))
+    panel.imshow(values, cmap='Blues', vmin=0, vmax=1.15, aspect='auto', interpolation='none')
+    for row, line in enumerate(values):
+        for place, share in enumerate(line):
+            text = 'not judged' if np.isnan(share) else percent(share)
+            colour = 'white' if share > 0.75 else style.BEFORE if share < HIDDEN_SHARE else style.INK
+            panel.text(place, row, text, ha='center', va='center', fontsize=style.SMALL, color=colour,
+                       fontweight='bold' if share < HIDDEN_SHARE else 'normal')
+    labels = {place: style.label_of(one.name if len(one.name) <= LABEL_LENGTH else f'{one.name[:LABEL_LENGTH - 1]}…')
+              for place, one in enumerate(plans)}
+    style.scale(panel, labels, {row: style.label_of(name) for row, name in enumerate(names)}, '')
+    panel.xaxis.tick_top()
+    panel.xaxis.set_tick_params(length=0, labelsize=style.SMALL if len(plans) < 5 else style.SMALL - 2)
+    made.text(0.01, 1 - 0.12 / height, f'{OBSERVABLE}; well shown from {percent(GOOD_SHARE)} on', fontsize=style.SMALL,
+              color=style.INK, va='top')
+    for side in panel.spines.values():
+        side.set_visible(False)
+    return made
