@@ -12,6 +12,7 @@ import time
 import traceback
 from pathlib import Path
 
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 HERE = Path(__file__).parent
 
 
