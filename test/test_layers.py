@@ -20,8 +20,8 @@ FILES = sorted(PACKAGE.rglob('*.py'))
 ROS = frozenset(('rclpy', 'rosette_msgs', 'rosgraph_msgs', 'std_msgs', 'std_srvs', 'geometry_msgs', 'tf2_msgs',
                  'diagnostic_msgs', 'action_msgs', 'builtin_interfaces', 'lifecycle_msgs', 'rcl_interfaces',
                  'service_msgs', 'ament_index_python', 'launch', 'launch_ros'))
-SIMULATION_MAY = frozenset(('core.errors', 'core.geometry', 'core.records', 'core.scheme', 'core.touches', 'core',
-                            'io.safe_yaml', 'io.text_file'))
+SIMULATION_MAY = frozenset(('core.axes', 'core.errors', 'core.geometry', 'core.records', 'core.scheme', 'core.touches',
+                            'core', 'io.safe_yaml', 'io.text_file'))
 """What the simulated machine shares with the evaluation: records, geometry, reading YAML, writing files, no physics."""
 
 ALLOWED = {

@@ -4,6 +4,7 @@
 import sys
 
 from rosette_ros.cli.effects import facts, parameters
+from rosette_ros.core.axes import axis_rotation
 from rosette_ros.core.effects.custom_term import DIRECTIONS, FUNCTIONS, NAMES, PER
 from rosette_ros.core.effects.effect import Effect
 from rosette_ros.core.effects.library import BASE_EFFECTS, EFFECTS
@@ -36,8 +37,8 @@ VISIBLE = f"""
 
 Observable share of each effect for {BALLS} balls in per cent, the median over its settings: the part that the
 base model does not absorb. The part that is not observable can bias the six curves (`rosette diagnose` gives the
-size). *alternate* turns the table backwards in every second inner loop. `rosette advise` prints the shares for any
-number of balls, or for a run.
+size). *alternate* turns the table backwards in every second inner loop; ball_sag is that of a table along x.
+`rosette advise` prints the shares for any number of balls, or for a run.
 """
 CUSTOM = f"""
 ## Custom terms
@@ -82,8 +83,10 @@ def section(effect: Effect) -> str:
 
 def share_table() -> str:
     """Return the table of observable shares in per cent by effect and order."""
-    columns = [{entry.name: entry.typical_share for entry in visibility(planned_run(
-        plan(BALLS, order, 1, turning), RADIUS))} for order, turning in VARIANTS]
+    lying = [name for name, effect in EFFECTS.items() if effect.needs_tilt]
+    columns = [{entry.name: entry.typical_share for rotation, names in ((None, ()), (axis_rotation([1, 0, 0]), lying))
+                for entry in visibility(planned_run(plan(BALLS, order, 1, turning), RADIUS, rotation=rotation),
+                                        names=names)} for order, turning in VARIANTS]
     heads = [order if turning == 'forward' else f'{order}, {turning}' for order, turning in VARIANTS]
     lines = [f'| effect | {" | ".join(heads)} |', '|---' * (1 + len(heads)) + '|']
     lines += [f'| {name} | {" | ".join(f"{100 * column[name]:.0f}" for column in columns)} |' for name in EFFECTS]

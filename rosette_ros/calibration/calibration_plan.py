@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rosette_ros.core.axes import words
 from rosette_ros.core.geometry import Frame, nominal_angles
 from rosette_ros.core.records import Ints
 from rosette_ros.core.scheme import Scheme, cmm_position, nominal_places
@@ -28,6 +29,22 @@ class CalibrationPlan:
     approach: Ints
     touches: Ints
     session: Ints
+
+    def placed(self, target: Target, frame: Frame, frame_id: str) -> Target:
+        """Return a target in the machine frame, where the table frame is, or in the table frame.
+
+        Its pole, from which the ball is probed, is on the free side of the plate: the table axis, as taught."""
+        x, y, z = frame.to_outer(
+            nominal_places(target.balls, target.radius, target.table_position, target.ball)).tolist()
+        a, b, c = (np.eye(3) if frame_id == TABLE_FRAME else self.taught.rotation)[:, 2].tolist()
+        return target._replace(centre=(x, y, z), frame_id=frame_id, pole=(a, b, c))
+
+    def doubt_of_axis(self, target: Target) -> str:
+        """Return what to check where a target is not found though ball 1 was, at table angle 0; '' for that one."""
+        if target.phase != Phase.ALIGNMENT or (target.table_position, target.ball) == (1, 1):
+            return ''
+        return ('; ball 1 is where it was taught at table angle 0: check that the table counts counter-clockwise about '
+                f'table.axis, taught as {words(self.taught.rotation[:, 2])}')
 
     @property
     def total(self) -> int:

@@ -14,8 +14,8 @@ import yaml
 
 from rosette_ros.calibration.calibration_plan import CalibrationPlan, plan_calibration
 from rosette_ros.calibration.state_machine import Limits
+from rosette_ros.core.axes import taught_frame
 from rosette_ros.core.errors import InvalidConfig
-from rosette_ros.core.geometry import Frame, rotation_matrix
 from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, chosen_places, places_in_use, plan
 from rosette_ros.io.plan_file import MOST_BYTES, MeasuringPlan, format_plan, parse_plan, read_plan
 from rosette_ros.io.safe_yaml import parse_mapping
@@ -38,6 +38,7 @@ class Wanted:
     high: float = _MOST
     choices: tuple[str, ...] = ()
     read_only: bool = False  # fixed once the node runs
+    is_direction: bool = False  # a list of numbers that are not all 0
 
     @property
     def is_bounded(self) -> bool:
@@ -48,7 +49,7 @@ class Wanted:
         """Return `value` in the right type, or raise InvalidConfig in words."""
         if isinstance(self.default, tuple):
             is_list = isinstance(value, (list, tuple)) and len(value) == len(self.default)
-            if is_list and all(self._fits(one, float) for one in value):
+            if is_list and all(self._fits(one, float) for one in value) and (any(value) or not self.is_direction):
                 return tuple(map(float, value))
         elif self._fits(value, type(self.default)):
             return type(self.default)(value)
@@ -60,7 +61,7 @@ class Wanted:
             return f'one of {", ".join(self.choices)}'
         bounds = f' in {self.low:g} .. {self.high:g}' if self.is_bounded else ''
         if isinstance(self.default, tuple):
-            return f'a list of {len(self.default)} numbers{bounds}'
+            return f'a list of {len(self.default)} numbers{bounds}{", not all 0" * self.is_direction}'
         words = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
         return words[type(self.default)] + bounds
 
@@ -78,8 +79,10 @@ PLATE = (
 TABLE = (
     Wanted('table.origin_m', (0.35, 0.26, -0.3), 'where the centre of the plate roughly is, x y z in machine '
            'coordinates, m', -100.0, 100.0),
-    Wanted('table.azimuth_deg', 0.0, 'where ball 1 roughly is at table angle 0, counted counter-clockwise from the '
-           'machine x axis, degrees', -360.0, 360.0))
+    Wanted('table.axis', (0.0, 0.0, 1.0), 'direction of the table axis in machine coordinates, about which table and '
+           'balls count counter-clockwise', -1e6, 1e6, is_direction=True),
+    Wanted('table.azimuth_deg', 0.0, 'where ball 1 roughly is at table angle 0, counted counter-clockwise about '
+           'table.axis from the machine x axis (axis along z), y (along x) or z (along y), degrees', -360.0, 360.0))
 RUN = (
     Wanted('order', 'diagonal', 'order of measurement', choices=ORDERS),
     Wanted('seed', 0, 'draws the order "random"', 0, 2**53),
@@ -172,8 +175,7 @@ def parse_options(text: str) -> dict[str, Value]:
 def plan_of(values: Mapping[str, Any]) -> CalibrationPlan:
     """Return the CalibrationPlan for settings (name to value, all of PLANNED)."""
     scheme = scheme_of_settings(values)
-    azimuth = np.deg2rad(values['table.azimuth_deg'])
-    taught = Frame(rotation_matrix(np.array([0.0, 0.0, azimuth])), np.array(values['table.origin_m']))
+    taught = taught_frame(values['table.origin_m'], values['table.axis'], np.deg2rad(values['table.azimuth_deg']))
     return plan_calibration(scheme, values['plate.radius_m'], taught, values['repeats'], values['drift_check'],
                             values['touches'])
 
@@ -212,7 +214,8 @@ def format_settings(values: Mapping[str, Value]) -> str:
 def parse_settings(text: str, where: str) -> dict[str, Value]:
     """Return the settings that format_settings wrote, name to value; raises InvalidConfig in words."""
     given = parse_mapping(text, where, MOST_SETTINGS, 'order: row', InvalidConfig)
-    later = ('touches', *PLACES, *(BY_PLAN[2:] if 'plan' in given else ('plan',)))  # than the first logs, or left out
+    # than the first logs, or left out
+    later = ('table.axis', 'touches', *PLACES, *(BY_PLAN[2:] if 'plan' in given else ('plan',)))
     return _of_plan({wanted.name: wanted.check(given.get(wanted.name, wanted.default if wanted.name in later else None),
                                                where) for wanted in PLANNED}, where=f'{where}: plan')
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rosette_ros.calibration.calibration_plan import CalibrationPlan
+from rosette_ros.core.axes import refuse_other_axis
 from rosette_ros.core.errors import RosetteError, counted, plain
 from rosette_ros.core.geometry import Frame, table_frame, wrap
 from rosette_ros.core.scheme import nominal_places
@@ -372,10 +373,8 @@ class Sequence:
 
     def _placed(self, target: Target, attempt: int) -> Target:
         """Return a target of the plan as it is asked now, in the frame that is known."""
-        x, y, z = self._frame.to_outer(nominal_places(
-            target.balls, target.radius, target.table_position, target.ball)).tolist()
-        return target._replace(run_id=self.run_id, attempt=attempt, session=self.session, centre=(x, y, z),
-                               frame_id=self._frame_id)
+        return self.plan.placed(target, self._frame, self._frame_id)._replace(
+            run_id=self.run_id, attempt=attempt, session=self.session)
 
     def _ask(self, target: Target, now: float) -> Command:
         before = self.answers.last_target(target.seq) or self.earlier.last_target(target.seq)
@@ -395,7 +394,7 @@ class Sequence:
             self._tries += 1
             return Remark(f'{target}, attempt {target.attempt}: {words}; asking again'), self._ask(target, now)
         times = 'once' if self._tries == 1 else f'{self._tries} times'
-        words = f'{target}: asked {times}, last: {words}'
+        words = f'{target}: asked {times}, last: {words}{self.plan.doubt_of_axis(target) if self._alignment else ""}'
         reason = self._why_not_skipped(target)
         if reason is not None:
             return self._finish(Phase.FAILED, f'{words}; {reason}'
@@ -428,6 +427,7 @@ class Sequence:
                                 f'{", ".join(sorted(frames))}')
         try:
             self._frame = table_frame(centres[:n], centres[n:])
+            refuse_other_axis(self._frame, self.plan.taught)
         except RosetteError as error:
             return self._finish(Phase.FAILED, f'alignment: {error}')
         return Locate(self._frame), *remarks

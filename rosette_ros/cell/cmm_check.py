@@ -114,10 +114,9 @@ class CmmClient(CellClient):
 
     def _ask(self, run: RunAnswers, asked: CalibrationPlan, index: int) -> Target:
         """Publish a target as the sequencer would, before its alignment."""
-        target, now = asked.target(index), time.time_ns()
-        x, y, z = asked.taught.to_outer(target.centre).tolist()
-        target = target._replace(run_id=run.run_id, attempt=1, session=1, centre=(x, y, z), frame_id=MACHINE_FRAME,
-                                 stamp_ns=now)
+        now = time.time_ns()
+        target = asked.placed(asked.target(index), asked.taught, MACHINE_FRAME)._replace(
+            run_id=run.run_id, attempt=1, session=1, stamp_ns=now)
         run.add_target(target)
         self._targets.publish(conversions.target_message(target, conversions.time_message(now)))
         return target

@@ -24,8 +24,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--radius-mm', metavar='R', type=positive('mm'), help='radius of the circle of ball centres')
     parser.add_argument('--origin-mm', metavar=('X', 'Y', 'Z'), type=float, nargs=3,
                         help='where the centre of the plate roughly is, machine coordinates')
+    parser.add_argument('--axis', metavar=('X', 'Y', 'Z'), type=float, nargs=3,
+                        help='direction of the table axis, machine coordinates')
     parser.add_argument('--azimuth-deg', metavar='A', type=float,
-                        help='where ball 1 roughly is at table angle 0, from machine x towards y')
+                        help='where ball 1 roughly is at table angle 0, counted about the axis (docs/real-cmm.md)')
     parser.add_argument('--repeats', metavar='K', type=whole(2, 1000), default=5,
                         help='readings of the repeatability (default 5)')
     parser.add_argument('--timeout', metavar='S', type=positive('s'), help='wait for an answer no longer')
@@ -37,7 +39,8 @@ def run(options: argparse.Namespace) -> None:
     given = {
         'plate.balls': options.balls, 'plate.radius_m': options.radius_mm and 1e-3 * options.radius_mm,
         'table.origin_m': options.origin_mm and [1e-3 * value for value in options.origin_mm],
-        'table.azimuth_deg': options.azimuth_deg, 'limits.answer_timeout_s': options.timeout}
+        'table.axis': options.axis, 'table.azimuth_deg': options.azimuth_deg,
+        'limits.answer_timeout_s': options.timeout}
     with CmmClient(options.domain, options.namespace) as client, console(sys.stderr).status('waiting') as status:
         report = client.check(client.settings(given), options.repeats, status.update)
     if options.json:

@@ -49,6 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'different conditions and two more, and report how well they agree')
     parser.add_argument('--seed', type=whole(0, 2**31), default=1,
                         help='draws machine and noise, and the order random (default 1)')
+    parser.add_argument('--axis', metavar=('X', 'Y', 'Z'), type=float, nargs=3, default=(0.0, 0.0, 1.0),
+                        help='direction of the table axis in the machine (default 0 0 1; 1 0 0: a table along x)')
     add_shared(parser, '--output')
     add_shared(parser, '--domain', help='ROS domain (default: a free one)')
     parser.add_argument('--keep', action='store_true', help='leave the cell running afterwards, until Ctrl-C')
@@ -64,7 +66,8 @@ def run(options: argparse.Namespace) -> None:
     hidden = {} if options.hidden is None else {'hidden': {'seed': options.hidden, **hidden_demo.SIZES}}
     order = options.order or ('sensitive' if hidden else 'diagonal')
     plan(options.balls, order, options.seed)  # refuses what cannot be measured
-    config = MachineConfig().changed(seed=options.seed, plate={'balls': options.balls}, table=TABLE, **hidden)
+    config = MachineConfig().changed(seed=options.seed, plate={'balls': options.balls}, table=TABLE,
+                                     placement={'axis': options.axis}, **hidden)
     out = console()
     what = f'[bold]A simulated cell[/]: {options.balls} balls, order {order}'
     with demo_cell(out, what, config, options.domain, options.output) as running:

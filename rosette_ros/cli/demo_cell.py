@@ -61,9 +61,11 @@ def write_machine(config: MachineConfig, path: Path) -> None:
 
 def make_cell(config: MachineConfig, machine: Path, domain: int, logs: Path) -> Cell:
     """Return the cell with the simulated machine of a configuration, written to the file `machine`."""
-    origin = [1e-3 * float(x) for x in config.placement.origin_mm]
+    place = config.placement
     return Cell(domain, machine=machine, log_dir=logs, params={'sequencer': {
-        'plate.balls': config.plate.balls, 'plate.radius_m': config.radius, 'table.origin_m': origin}})
+        'plate.balls': config.plate.balls, 'plate.radius_m': config.radius,
+        'table.origin_m': [1e-3 * float(x) for x in place.origin_mm],
+        'table.axis': [float(x) for x in place.axis], 'table.azimuth_deg': place.azimuth_deg}})
 
 
 @dataclass(frozen=True)

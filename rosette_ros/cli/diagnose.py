@@ -72,4 +72,4 @@ def show(out: Console, diagnosis: Diagnosis, invisible: Sequence[Visibility]) ->
         tables.effects([(one.effect, one.setting, one.parameters) for one in claimed],
                        'Parameters of the missing effects'),
         tables.candidates(others, 'Not identified: the next best').select(*CANDIDATE_COLUMNS),
-        tables.bias(invisible), pairs(notes) if notes else None])
+        tables.bias(invisible, measured.rotation), pairs(notes) if notes else None])

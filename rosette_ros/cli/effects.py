@@ -55,7 +55,8 @@ def amplitudes(one: Effect) -> tuple[Quantity, ...]:
 def facts(one: Effect) -> list[tuple[str, str]]:
     """Return what is known of an effect, as (name, text)."""
     return [('Where to look', one.look), ('Added to p', one.formula),
-            ('Needs', ', '.join(one.depends_on) or 'nothing but the indices'),
+            ('Needs', ', '.join((*one.depends_on, *['a table axis that is not vertical'] * one.needs_tilt))
+             or 'nothing but the indices'),
             ('In the next run', CARRIES[one.carries]), ('Source', one.source)]
 
 

@@ -32,7 +32,8 @@ def conditions(balls: int) -> tuple[dict[str, Any], ...]:
 
 def run(options: Namespace) -> None:
     """Measure all runs in one cell, write the maker's table and the report, and print where they are."""
-    config = MachineConfig().changed(seed=options.seed, plate={'balls': options.balls})
+    config = MachineConfig().changed(seed=options.seed, plate={'balls': options.balls},
+                                     placement={'axis': options.axis})
     order, out, paths = options.order or 'diagonal', console(), []
     what = f'[bold]The verification of the paper[/]: {len(ROLES)} runs of {options.balls} balls, order {order}'
     with demo_cell(out, what, config, options.domain, options.output) as running:

@@ -10,15 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
+from rosette_ros.core.axes import iso_names
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Bools, Floats, Ints, nominal_angles, wrap
-from rosette_ros.core.scheme import Way, cmm_position, unwrap_travel
+from rosette_ros.core.scheme import Way, cmm_position, unknown_sense, unwrap_travel
 
 CURVES = ('ctx', 'cty', 'ctz', 'crx', 'cry', 'crz')
 """Names of the six error motions after VDI/VDE 2617, in the order of every (n, 6) array."""
-
-ISO_NAMES = {'ctx': 'EXC', 'cty': 'EYC', 'ctz': 'EZC', 'crx': 'EAC', 'cry': 'EBC', 'crz': 'ECC'}
-"""The same curves after ISO 230-1 and ISO 230-7."""
 
 STEPS = tuple(digit * 10.0**power for power in range(-4, -10, -1) for digit in (10, 5, 2))
 """Steps to which coordinates may be rounded, m: 1 mm, 0.5 mm, 0.2 mm ... 0.2 nm."""
@@ -48,12 +46,14 @@ class Run:
     table_position, ball: (N,) one-based; centre: (N, 3), m, in the table frame; table_angle: (N,) actual angle, rad;
     time: (N,) s since any origin; temperature: (N,) °C, NaN where unknown; approach: (N,) sense of the table's last
     move, +1, -1, 0 if unknown; table_travel: (N,) unwrapped table angle, rad; cmm_sense: (N, 3) sense of the CMM's
-    last move along x, y, z, 0 before the first one, NaN where it is not known; unrecorded: which of these two are
-    not; repeatability: standard deviation of a coordinate from repeated measurements, m, or None; repeatability_dof:
-    its degrees of freedom, None if it is taken as exactly known; repeats: whether a (table_position, ball) may stand
-    more than once; session: (N,) 1 and one more after every pause (a run that was resumed, a CMM that was started
-    again); source: its name in error messages; remarks: what is wrong with the readings as a whole, notes: how they
-    were read, in words; simulated: whether no real CMM measured it.
+    last move along its own x, y, z, 0 before the first one and along the axis that comes to every ball from one side,
+    NaN where it is not known; unrecorded: which of these two are not; repeatability: standard deviation of a coordinate
+    from repeated measurements, m, or None; repeatability_dof: its degrees of freedom, None if it is taken as exactly
+    known; repeats: whether a (table_position, ball) may stand more than once; session: (N,) 1 and one more after every
+    pause (a run that was resumed, a CMM that was started again); source: its name in error messages; remarks: what is
+    wrong with the readings as a whole, notes: how they
+    were read, in words; simulated: whether no real CMM measured it; rotation: (3, 3) of the table frame in the machine
+    frame, its columns are the axes of the table, None where it is not known.
 
     What was not recorded is derived: angles are nominal, times count readings, temperatures are NaN, approach is 0,
     travel and senses follow from angles, approach and places where it is known where table and CMM went, else the
@@ -84,9 +84,11 @@ class Run:
     remarks: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     simulated: bool = False
+    rotation: Floats | None = None
 
     def __post_init__(self) -> None:
         _freeze(self, _INTEGERS[:2], np.int64)
+        _check_rotation(self)
         derived: dict[str, Callable[[], Floats]] = {
             'session': lambda: np.ones(self.size), 'approach': lambda: np.zeros(self.size),
             'table_angle': lambda: self.phi, 'time': lambda: np.arange(self.size, dtype=float),
@@ -158,8 +160,7 @@ class Run:
                 else self._way.travel(self.n, np.asarray(self.table_angle, dtype=float)))
 
     def _derived_sense(self) -> Floats:
-        senses = np.full((self.size, 2), np.nan) if self._way is None else self._way.cmm_sense(self.n)
-        return np.hstack([senses, np.zeros((self.size, 1))])
+        return self._way.cmm_sense(self.n, self.rotation) if self._way else unknown_sense(self.size, self.rotation)
 
     @cached_property
     def pauses(self) -> tuple[int, ...]:
@@ -183,12 +184,24 @@ class Run:
 
     def replace(self, **changes: Any) -> 'Run':
         """Return a copy with other values of some fields; the CMM's senses of other readings are derived anew."""
-        anew = {'cmm_sense': None, 'unrecorded': None} if {'table_position', 'ball'} & changes.keys() else {}
+        derived_of = {'table_position', 'ball', 'rotation'} & changes.keys()
+        anew = {'cmm_sense': None, 'unrecorded': None} if derived_of else {}
         return replace(self, **{**anew, **changes})
 
     def take(self, index: Bools | Ints | list[int]) -> 'Run':
         """Return the run with only the readings of a mask or of positions, in the same order."""
         return replace(self, **{name: getattr(self, name)[index] for name in _INTEGERS + _REALS})
+
+
+def _check_rotation(record: Any) -> None:
+    """Freeze the rotation of a record; raises InvalidData where it is none."""
+    if record.rotation is None:
+        return
+    _freeze(record, ('rotation',), float)
+    if record.rotation.shape != (3, 3) or not np.abs(record.rotation @ record.rotation.T - np.eye(3)).max() < 1e-6 or (
+            np.linalg.det(record.rotation) < 0):
+        raise InvalidData(f'{getattr(record, "source", "error motions")}: rotation: wanted a rotation matrix of the '
+                          f'table frame in the machine frame, got {record.rotation.tolist()!r:.120}')
 
 
 def _check_run(run: Run) -> None:
@@ -255,24 +268,33 @@ def _check_angles(run: Run) -> None:
 class ErrorMotions:
     """The six error motions with standard uncertainties.
 
-    angle: (n,) rad; values, u: (n, 6) in the order of CURVES, m and rad.
+    angle: (n,) rad; values, u: (n, 6) in the order of CURVES, m and rad; rotation: as of Run.
     """
 
     angle: Floats
     values: Floats
     u: Floats
+    rotation: Floats | None = None
 
     def __post_init__(self) -> None:
         _freeze(self, ('angle', 'values', 'u'), float)
+        _check_rotation(self)
+
+    @property
+    def iso_names(self) -> dict[str, str]:
+        """The names of the curves after ISO 230-1, by those in CURVES."""
+        return iso_names(self.rotation)
 
     @staticmethod
-    def from_curves(angle: ArrayLike, values: Sequence[ArrayLike], u: Sequence[ArrayLike]) -> 'ErrorMotions':
+    def from_curves(angle: ArrayLike, curves: Sequence[ArrayLike], spread: Sequence[ArrayLike],
+                    rotation: Floats | None = None) -> 'ErrorMotions':
         """Return the record of six curves and their six uncertainties, each (n,); raises InvalidData."""
-        columns = [np.asarray(one, dtype=float) for one in (angle, *values, *u)]
+        columns = [np.asarray(one, dtype=float) for one in (angle, *curves, *spread)]
         if len({one.shape for one in columns}) > 1 or columns[0].ndim != 1:
             raise InvalidData(f'error motions: wanted {len(columns) - 1} curves with a value at each angle, got '
                               f'{", ".join(str(one.size) for one in columns)} values')
-        return ErrorMotions(columns[0], *(np.stack(half, axis=-1) for half in (columns[1:7], columns[7:])))
+        values, u = (np.stack(half, axis=-1) for half in (columns[1:7], columns[7:]))
+        return ErrorMotions(columns[0], values, u, rotation)
 
     def __getitem__(self, curve: str) -> Floats:
         """Return one curve, (n,), by its VDI/VDE 2617 name."""
@@ -312,4 +334,4 @@ def remove_gauge(values: ArrayLike, angle: Floats | None = None) -> Floats:
     return out
 
 
-__all__ = ['CURVES', 'ISO_NAMES', 'Bools', 'ErrorMotions', 'Floats', 'Ints', 'Run', 'remove_gauge', 'resolution_of']
+__all__ = ['CURVES', 'Bools', 'ErrorMotions', 'Floats', 'Ints', 'Run', 'remove_gauge', 'resolution_of']

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rosette_ros.core.axes import ALIGNED, cmm_axes, moving_axes
 from rosette_ros.core.errors import InvalidPlan
 from rosette_ros.core.geometry import TWO_PI, Floats, Ints, nominal_angles, wrap
 from rosette_ros.core.reduced_sets import best_members, fewest_members, penalty
@@ -128,6 +129,13 @@ def travel_sense(coordinate: Floats, tolerance: float) -> Floats:
     return np.where(last >= 0, np.sign(step[np.maximum(last, 0)]), 0.0)
 
 
+def unknown_sense(size: int, rotation: Floats | None = None) -> Floats:
+    """Return the senses (size, 3) of the CMM where it is not known how it went."""
+    out = np.zeros((size, 3))
+    out[:, list(moving_axes(rotation))] = np.nan
+    return out
+
+
 @dataclass(frozen=True, eq=False)
 class Way:
     """Where table and CMM went one after the other, one-based, whether a reading is known of it or not.
@@ -160,10 +168,20 @@ class Way:
                     return Way(made.table_position, made.ball, made.approach, place)
         return None
 
-    def cmm_sense(self, n: int) -> Floats:
-        """Return the sense of the CMM's last move before each reading along x and y, 0 before the first, (N, 2)."""
+    def cmm_sense(self, n: int, rotation: Floats | None = None) -> Floats:
+        """Return the sense of the CMM's last move along its own x, y, z before each reading, (N, 3).
+
+        0 before the first move of an axis, and along the axis that comes to every ball from one side. rotation: of the
+        table frame in the machine frame. Moves that are nil where ball 1 is exactly at a half or whole pitch from an
+        axis of the CMM are nil if it is there to within ALIGNED.
+        """
         azimuth = nominal_angles(n)[cmm_position(n, self.table_position, self.ball) - 1]
-        return np.stack([travel_sense(axis, 1e-6)[self.place] for axis in (np.cos(azimuth), np.sin(azimuth))], axis=-1)
+        out, axes, half_pitch = np.zeros((self.place.size, 3)), cmm_axes(rotation), np.pi / (2 * n)
+        for axis in moving_axes(rotation):
+            at = np.arctan2(axes[axis, 1], axes[axis, 0])
+            near = half_pitch * np.round(at / half_pitch)
+            out[:, axis] = travel_sense(np.cos(azimuth - (near if abs(at - near) <= ALIGNED else at)), 1e-6)[self.place]
+        return out
 
     def travel(self, n: int, table_angle: Floats) -> Floats:
         """Return the unwrapped angles of readings from their angles in any turn, (N,), rad."""

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from rosette_ros.core.axes import ALONG, moving_axes, words
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import TWO_PI, Bools, Floats, fitted_frame, nominal_angles
 from rosette_ros.core.records import Run
@@ -42,24 +43,23 @@ def parse_csv(data: bytes, source: str = 'table') -> Run:
     angle, notes = table_angles(table, n), list(filter(None, [table.notes]))
     if table.in_machine:
         places = nominal_places(n, 1e3 * table.radius, table.table_position, table.ball)
-        frame = fitted_frame(table.centre, places)
-        table.centre = frame.to_inner(table.centre)
-        axis = ', '.join(f'{round(value, 3) + 0.0:.3f}' for value in frame.rotation[:, 2])
+        axis = ', '.join(f'{round(value, 3) + 0.0:.3f}' for value in to_table_frame(table, places))
         notes.append(f'the table frame was fitted to all readings; its axis, about which positions and balls are '
                      f'counted counter-clockwise, is ({axis}) in the machine frame')
     _check_places(table, n)
     columns = table.columns
     recorded: dict[str, Any] = {'temperature': columns.get('temperature_C'), 'approach': columns.get('approach')}
-    travel, *senses = WAY_COLUMNS
-    if travel in columns:
-        recorded['table_travel'] = np.deg2rad(columns[travel])
-    if all(name in columns for name in senses):
-        recorded['cmm_sense'] = np.stack([*(columns[name] for name in senses), np.zeros(len(angle))], axis=-1)
+    if WAY_COLUMNS[0] in columns:
+        recorded['table_travel'] = np.deg2rad(columns[WAY_COLUMNS[0]])
+    senses = _sense_columns(table.rotation)
+    if all(name in columns for name in senses.values()):
+        recorded['cmm_sense'] = np.zeros((len(angle), 3))
+        recorded['cmm_sense'][:, list(senses)] = np.stack([columns[name] for name in senses.values()], axis=-1)
     run = Run(
         n, table.radius, table.table_position, table.ball, table.centre / 1e3, table_angle=angle,
         time=columns['time_s'].astype(float, copy=False), repeatability=table.repeatability,
         repeatability_dof=table.repeatability_dof, run_id=table.run_id, repeats=table.repeats, session=table.session,
-        source=source, notes=tuple(notes), simulated=table.simulated, **recorded)
+        source=source, notes=tuple(notes), simulated=table.simulated, rotation=table.rotation, **recorded)
     return run.replace(remarks=remarks_on_table(run))
 
 
@@ -88,8 +88,9 @@ def format_csv(run: Run) -> str:
         names.append(WAY_COLUMNS[0])
         cells[WAY_COLUMNS[0]] = map(repr, np.rad2deg(run.table_travel).tolist())
     if 'cmm_sense' in told and not np.array_equal(run.cmm_sense, bare.cmm_sense):
-        names += WAY_COLUMNS[1:]
-        cells |= {name: map('{:.0f}'.format, run.cmm_sense[:, axis]) for axis, name in enumerate(WAY_COLUMNS[1:])}
+        senses = _sense_columns(run.rotation)
+        names += senses.values()
+        cells |= {name: map('{:.0f}'.format, run.cmm_sense[:, axis]) for axis, name in senses.items()}
     rows = zip(*(cells[name] for name in names), strict=True)
     return '\n'.join([*_heading(run), ','.join(names), *map(','.join, rows), ''])
 
@@ -106,9 +107,32 @@ def _heading(run: Run) -> list[str]:
         heading['pauses_before'] = ', '.join(str(first + 1) for first in run.pauses)
     if run.run_id.split():
         heading['run_id'] = ' '.join(run.run_id.split())  # a line break would end the line
+    if run.rotation is not None:
+        for key, column in (('table_axis', 2), ('table_x', 0)):
+            heading[key] = ', '.join(map(repr, run.rotation[:, column].tolist()))
     if run.simulated:
         heading['simulated'] = 'yes'
     return [f'# {key}: {value}' for key, value in heading.items()]
+
+
+def _sense_columns(rotation: Floats | None) -> dict[int, str]:
+    """Return the columns of the senses of the CMM by its axes, 0..2, that go to and fro."""
+    return {axis: WAY_COLUMNS[1 + axis] for axis in moving_axes(rotation)}
+
+
+def to_table_frame(table: CsvTable, places: Floats) -> Floats:
+    """Put the centres of a table into the frame in which they are nearest to places (N, 3), and return its axis.
+
+    Raises InvalidData where the heading states another axis."""
+    frame = fitted_frame(table.centre, places)
+    table.centre = frame.to_inner(table.centre)
+    axis = frame.rotation[:, 2]
+    if table.rotation is not None and (off := np.arccos(np.clip(table.rotation[:, 2] @ axis, -1, 1))) > ALONG:
+        raise InvalidData(f'{table.source}: table_axis: wanted {words(axis)}, about which the ball centres turn, got '
+                          f'{words(table.rotation[:, 2])}, {np.rad2deg(off):.0f} deg off; correct it, or '
+                          'leave it out')
+    table.rotation = frame.rotation
+    return axis
 
 
 def _shifted(value: float, digits: int) -> str:

@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from rosette_ros.core.axes import rotation_of, unit_axis
 from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.core.geometry import Floats, Ints
 
@@ -17,13 +18,14 @@ SCHEMA = 'rosette-ball-centres/1'
 COLUMNS = ('seq', 'table_position', 'ball', 'cmm_position', 'table_angle_deg', 'x_mm', 'y_mm', 'z_mm', 'time_s',
            'temperature_C', 'approach')
 """Columns of the table in the order of writing; any order is read."""
-WAY_COLUMNS = ('table_travel_deg', 'cmm_sense_x', 'cmm_sense_y')  # written only where the rows do not tell
+WAY_COLUMNS = ('table_travel_deg', 'cmm_sense_x', 'cmm_sense_y', 'cmm_sense_z')
+"""Written only where the rows do not tell, of the axes of the CMM that go to and fro."""
 
 _OPTIONAL = frozenset(('cmm_position', 'temperature_C', 'approach', *WAY_COLUMNS))
 _INTEGERS = frozenset(('seq', 'table_position', 'ball', 'cmm_position', 'approach'))
 _EMPTY = {'temperature_C': 'nan', 'approach': '0'}  # what an empty cell means
 _KEYS = ('schema', 'radius_mm', 'repeatability_um', 'repeatability_dof', 'run_id', 'balls', 'repeated_balls',
-         'pauses_before', 'frame', 'simulated', 'note', 'plate', 'table_positions')
+         'pauses_before', 'frame', 'table_axis', 'table_x', 'simulated', 'note', 'plate', 'table_positions')
 SEPARATORS = {',': 'commas', ';': 'semicolons', '\t': 'tabs'}
 _PLACE = ('x_mm', 'y_mm', 'z_mm')
 Row = tuple[int, list[str]]
@@ -149,6 +151,20 @@ class _Heading:
         value = self.value(key, 'a positive number', _positive, None)
         return None if value is None else float(value.scaleb(-digits))
 
+    def rotation(self) -> Floats | None:
+        """Return the rotation of the table frame in the machine frame, None where nothing says it."""
+        axis, x = (self.value(key, f'3 numbers that are not all 0, the direction of {what} in the machine', _direction,
+                              None) for key, what in (('table_axis', 'the table axis'), ('table_x', 'ball 1')))
+        if axis is None:
+            if x is not None:
+                raise _wrong(self._source, self._values['table_x'][1], '', 'table_axis beside table_x', 'table_x alone')
+            return None
+        try:
+            return rotation_of(axis, x)
+        except InvalidData as error:
+            raise InvalidData(f'{self._source}: line {self._values["table_x"][1]}: table_x: {error}; correct it, or '
+                              'leave it out where ball 1 is at azimuth 0') from error
+
     def session(self, rows: int) -> Ints:
         """Return the session of each row, (N,): `pauses_before: 74, 110` names the first rows after a pause."""
         def sessions(text: str) -> Ints:
@@ -168,8 +184,8 @@ class CsvTable:
     columns: array (N,) by column name, units as in the name; centre: (N, 3), mm; angle_cells: the texts of
     table_angle_deg; lines: line of each row; radius, repeatability: m; balls: as the heading says, or None; session:
     (N,) 1 and one more from each row of `pauses_before` on; in_machine: whether the coordinates are in the machine
-    frame; plate, positions: the plate file, '' where the pitch is equal, and how many steps a turn of the table has, or
-    None; notes: how the table was read, in words."""
+    frame; rotation: as of Run; plate, positions: the plate file, '' where the pitch is equal, and how many steps a turn
+    of the table has, or None; notes: how the table was read, in words."""
 
     def __init__(self, data: bytes, source: str) -> None:
         above, sheet, self.notes = _read_sheet(_lines(data, source), source)
@@ -195,6 +211,7 @@ class CsvTable:
                                         for key in ('repeated_balls', 'simulated'))
         self.in_machine = heading.value(
             'frame', 'table or machine', {'table': False, 'machine': True}.__getitem__, False)
+        self.rotation = heading.rotation()
         self.session = heading.session(len(rows))
         self.plate = heading.value('plate', 'a file', str, '')
         self.positions = heading.value('table_positions', 'a whole number', _whole, None)
@@ -208,6 +225,16 @@ def _positive(text: str) -> Decimal:
     if not _is_number(text) or not 0 < float(text) < np.inf:
         raise ValueError
     return Decimal(text)
+
+
+def _direction(text: str) -> Floats:
+    cells = re.split(r'[\s,;]+', text)
+    if not all(map(_is_number, cells)):
+        raise ValueError
+    try:
+        return unit_axis([float(cell) for cell in cells])
+    except InvalidData as error:
+        raise ValueError from error
 
 
 def _whole(text: str) -> int | None:

@@ -43,7 +43,8 @@ class PublishedMotions(NamedTuple):
     def of(message: Any) -> 'PublishedMotions':
         """Return those of an ErrorMotions message."""
         motions = ErrorMotions.from_curves(message.angle, [getattr(message, curve) for curve in CURVES],
-                                           [getattr(message, f'u_{curve}') for curve in CURVES])
+                                           [getattr(message, f'u_{curve}') for curve in CURVES],
+                                           msg.rotation_of_motions(message))
         return PublishedMotions(plain(message.run_id), motions, plain(message.model_name, 4000),
                                 float(message.completeness))
 
@@ -178,8 +179,11 @@ class LogRun:
         return next((one for one in reversed(self.error_motions) if run_id in (None, one.run_id)), None)
 
     def frame_of(self, run_id: str) -> Frame | None:
-        """Return the table frame in the machine frame that holds for a run; see RunAnswers.frame."""
-        return self.runs[run_id].frame(str(self.path))
+        """Return the table frame in the machine frame that holds for a run; see RunAnswers.frame.
+
+        None where its centres were given in the table frame."""
+        run = self.runs[run_id]
+        return None if run.answers and run.is_in_table_frame else run.frame(str(self.path))
 
     def to_run(self, run_id: str | None = None) -> Run:
         """Return the Run of the log; run_id chooses where there are several.

@@ -9,7 +9,7 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
 from rosette_ros.core.errors import InvalidData, plain
-from rosette_ros.core.geometry import Frame
+from rosette_ros.core.geometry import Floats, Frame
 
 MACHINE_FRAME = 'machine'
 TABLE_FRAME = 'table'
@@ -67,7 +67,8 @@ class Target(NamedTuple):
     """One ball to be probed, as in ProbeTarget.msg.
 
     table_angle: rad; centre: where the ball is expected, m, in frame_id; stamp_ns: when it was asked, ns; touches: how
-    often it is touched, 0 as the CMM usually does."""
+    often it is touched, 0 as the CMM usually does; pole: unit vector to the side from which it is probed, in
+    frame_id."""
 
     run_id: str
     seq: int
@@ -85,6 +86,7 @@ class Target(NamedTuple):
     frame_id: str
     stamp_ns: int
     touches: int = 0
+    pole: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
     def __str__(self) -> str:
         return f'target {self.seq} (table position {self.table_position}, ball {self.ball})'
@@ -157,11 +159,12 @@ def verdict_of(message: Any) -> Verdict | None:
 def target_of(message: Any) -> Target:
     """Return the Target of a ProbeTarget, of rclpy or decoded from a log; older ones have no session, taken as 1."""
     header, centre = message.header, message.centre
+    pole = getattr(message, 'pole', None)  # the first logs have none, nor touches
     return Target(
         plain(message.run_id), message.seq, message.attempt, max(getattr(message, 'session', 1), 1), message.phase,
         message.balls, message.radius, message.table_position, message.ball, message.cmm_position, message.table_angle,
         message.approach, (centre.x, centre.y, centre.z), plain(header.frame_id), nanoseconds(header.stamp),
-        getattr(message, 'touches', 0))  # the first logs have none
+        getattr(message, 'touches', 0), (pole.x, pole.y, pole.z) if pole else (0.0, 0.0, 1.0))
 
 
 def answer_of(message: Any) -> Answer:
@@ -185,13 +188,27 @@ def table_frame_of(message: Any) -> TableFrame | None:
     Raises InvalidData where the rotation is no unit quaternion, or the translation is not finite."""
     if short_frame(message.header.frame_id) != MACHINE_FRAME or short_frame(message.child_frame_id) != TABLE_FRAME:
         return None
-    rotation, translation = message.transform.rotation, message.transform.translation
-    quaternion = np.array([rotation.x, rotation.y, rotation.z, rotation.w], dtype=float)
+    translation = message.transform.translation
     origin = (translation.x, translation.y, translation.z)
+    if not np.isfinite(origin).all():
+        raise InvalidData(f'table frame: translation: wanted finite numbers, got {origin}')
+    quaternion = unit_quaternion(message.transform.rotation, 'table frame: rotation')
+    return TableFrame(nanoseconds(message.header.stamp), Frame.from_quaternion(quaternion, origin))
+
+
+def unit_quaternion(message: Any, where: str) -> Floats:
+    """Return a Quaternion message as (x, y, z, w); raises InvalidData where its size is not 1."""
+    quaternion = np.array([message.x, message.y, message.z, message.w], dtype=float)
     with np.errstate(over='ignore', invalid='ignore'):
         size = float(np.sqrt(np.sum(np.square(quaternion))))
     if not abs(size - 1) < UNIT_TOLERANCE:
-        raise InvalidData(f'table frame: rotation: wanted a unit quaternion, got the size {size}')
-    if not np.isfinite(origin).all():
-        raise InvalidData(f'table frame: translation: wanted finite numbers, got {origin}')
-    return TableFrame(nanoseconds(message.header.stamp), Frame.from_quaternion(quaternion, origin))
+        raise InvalidData(f'{where}: wanted a unit quaternion, got the size {size}')
+    return quaternion
+
+
+def rotation_of_motions(message: Any) -> Floats | None:
+    """Return the rotation of the table frame in an ErrorMotions message, None where it is not known."""
+    found = getattr(message, 'orientation', None)  # the first logs have none
+    if found is None or not any((found.x, found.y, found.z, found.w)):
+        return None
+    return Frame.from_quaternion(unit_quaternion(found, 'error motions: orientation'), np.zeros(3)).rotation

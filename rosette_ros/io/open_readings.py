@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import Floats, fitted_frame, nominal_angles, rotate_z, wrap
+from rosette_ros.core.geometry import Floats, nominal_angles, rotate_z, wrap
 from rosette_ros.core.joint.readings import Plate, Readings
-from rosette_ros.io.ball_centre_table import MAX_BYTES, check_order, table_angles
+from rosette_ros.io.ball_centre_table import MAX_BYTES, check_order, table_angles, to_table_frame
 from rosette_ros.io.csv_parser import CsvTable
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.open_run import is_log, open_run
@@ -60,13 +60,13 @@ def _with_plate(path: Path) -> Readings:
     places = 1e3 * rotate_z(nominal, plate.centres[table.ball - 1])
     notes = [table.notes] if table.notes else []
     if table.in_machine:
-        table.centre = fitted_frame(table.centre, places).to_inner(table.centre)
+        to_table_frame(table, places)
         notes.append('the table frame was fitted to all readings')
     _check_distance(table, plate, table.centre - places)
     return Readings(plate, nominal_angles(positions), table.table_position, table.ball, table.centre / 1e3,
                     wrap(angle - nominal), table.columns.get('approach', np.zeros(table.ball.size)).astype(np.int64),
                     table.repeatability, table.repeatability_dof, None, table.run_id, str(path), tuple(notes),
-                    table.simulated)
+                    table.simulated, table.rotation)
 
 
 def _check_distance(table: CsvTable, plate: Plate, off: Floats) -> None:

@@ -12,16 +12,27 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.core.errors import InvalidData, counted
-from rosette_ros.core.geometry import Frame
+from rosette_ros.core.geometry import Frame, fitted_frame
 from rosette_ros.core.records import Floats, Ints, Run
 from rosette_ros.core.scheme import Way, nominal_places, unwrap_travel
-from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Answer, Phase, TableFrame, Target
+from rosette_ros.io.messages import (
+    MACHINE_FRAME,
+    STATUS_OK,
+    TABLE_FRAME,
+    Answer,
+    Phase,
+    TableFrame,
+    Target,
+    short_frame,
+)
 from rosette_ros.io.reading_checks import remarks_on_answers, remarks_on_radius
 
 MOST_EARLY, MOST_ANSWERS = 10_000, 100  # kept of a run: answers to no target so far, answers to one target
 MAX_BALLS = 10_000  # more balls than this are taken for a mistake
 MIN_REPEATABILITY = 1e-12  # repeated readings that differ by less, m, show rounding and not repeatability
 NO_RUN = 'wanted probe targets of phase RUN, got none; the calibration ended before its run began'
+LEAST_TAUGHT, FARTHEST, SAME_PLACE = 6, 1e3, 1e-6
+"""The taught pose follows from so many targets of the alignment, less far than this, m, and exact to this, m."""
 SAME_FRAME = 1e-12
 """Frames whose axes (as numbers) and origins (m) differ by no more are one frame that was published twice."""
 
@@ -182,6 +193,29 @@ class RunAnswers:
         before = [one for one in self.frames if one.stamp_ns <= begin]
         return max(before, key=lambda one: one.stamp_ns).frame if before else self.frames[0].frame
 
+    @property
+    def is_in_table_frame(self) -> bool:
+        """Whether the CMM has a table frame of its own, in which it answers."""
+        return all(answer.frame == TABLE_FRAME for answer in self.answers)
+
+    def rotation(self, source: str = 'run') -> Floats | None:
+        """Return the rotation of the table frame in the machine frame, as found or taught, None if neither is known.
+
+        A CMM that answers in the table frame was sent to the balls of the alignment by the taught pose."""
+        if self.is_in_table_frame:
+            asked = [one for one in self._last.values()
+                     if one.phase == Phase.ALIGNMENT and short_frame(one.frame_id) == MACHINE_FRAME]
+            if len(asked) >= LEAST_TAUGHT and asked[0].balls >= 3:
+                n, radius = asked[0].balls, asked[0].radius
+                position, ball = np.array([(one.table_position, one.ball) for one in asked]).T
+                places, centres = nominal_places(n, radius, position, ball), np.array([one.centre for one in asked])
+                if np.abs(places).max() < FARTHEST and np.abs(centres).max() < FARTHEST:
+                    frame = fitted_frame(centres, places)
+                    if np.abs(frame.to_outer(places) - centres).max() < SAME_PLACE:
+                        return frame.rotation
+        frame_found = self.frame(source)
+        return None if frame_found is None else frame_found.rotation
+
     def run_begin(self, otherwise: int = 0) -> int:
         """Return when the first target of phase RUN was asked, ns, `otherwise` where none was."""
         return min((target.stamp_ns for target in self.targets if target.phase == Phase.RUN), default=otherwise)
@@ -190,7 +224,7 @@ class RunAnswers:
         """Refuse frames that differ between the begin of the alignment and the first target of phase RUN.
 
         Where the alignment was repeated after a pause, the session that ended it counts."""
-        if all(answer.frame == TABLE_FRAME for answer in self.answers):
+        if self.is_in_table_frame:
             return
         end, own = self.run_begin(2**63), self.targets
         aligning = [one for one in own if one.phase == Phase.ALIGNMENT and one.stamp_ns <= end]
@@ -256,16 +290,17 @@ class RunAnswers:
                               f'{y:.3f}, 0) mm in the table frame for table position {i}, ball {j}, got ({got}); was '
                               'another ball measured, or is the table frame wrong?')
         sigma, dof = self.repeatability()
+        rotation = self.rotation(source)
         run = Run(
             n=n, radius=radius, table_position=table_position, ball=ball, centre=centre, table_angle=angle,
             time=_joined_time((stamp - stamp[0]) * 1e-9, session),
             temperature=np.where(np.isfinite(temperature), temperature, np.nan), approach=approach,
-            table_travel=_joined_travel(travel, angle, approach, session, n), **self._way(targets), repeatability=sigma,
-            repeatability_dof=dof, run_id=self.run_id, session=session, source=source,
-            repeats=np.unique((table_position - 1) * n + ball).size < ball.size)
+            table_travel=_joined_travel(travel, angle, approach, session, n), **self._way(targets, rotation),
+            repeatability=sigma, repeatability_dof=dof, run_id=self.run_id, session=session, source=source,
+            rotation=rotation, repeats=np.unique((table_position - 1) * n + ball).size < ball.size)
         return run.replace(remarks=self._rivals() + remarks_on_answers(counting) + remarks_on_radius(run))
 
-    def _way(self, targets: Sequence[Target]) -> dict[str, Any]:
+    def _way(self, targets: Sequence[Target], rotation: Floats | None) -> dict[str, Any]:
         """Return the senses of the CMM at targets from all that it was sent to, answered or not.
 
         A log of nothing but answered targets was made from a table: it tells no more than that.
@@ -282,7 +317,7 @@ class RunAnswers:
         place = {one.seq: row for row, one in enumerate(went)}
         position, ball, approach = np.array([(one.table_position, one.ball, one.approach) for one in went]).T
         way = Way(position, ball, approach, np.array([place[one.seq] for one in targets]))
-        return {'cmm_sense': np.hstack([way.cmm_sense(n), np.zeros((len(targets), 1))])}
+        return {'cmm_sense': way.cmm_sense(n, rotation)}
 
     def _rivals(self) -> tuple[str, ...]:
         """Return in words that targets which were asked once have answers that differ; nothing where none has."""

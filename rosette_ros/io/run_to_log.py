@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import Ints
+from rosette_ros.core.geometry import Floats, Frame, Ints
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import nominal_places
 from rosette_ros.io.bag_metadata import Qos
-from rosette_ros.io.log_run import BALL_CENTRE, DOF_KEY, PROBE_TARGET, REPEATABILITY_KEY, SIMULATED_KEY
+from rosette_ros.io.log_run import BALL_CENTRE, DOF_KEY, PROBE_TARGET, REPEATABILITY_KEY, SIMULATED_KEY, TF_MESSAGE
 from rosette_ros.io.log_writer import encode_messages, whole_log
-from rosette_ros.io.messages import STATUS_OK, TABLE_FRAME, Phase
+from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Phase
 from rosette_ros.io.type_definitions import TypeLibrary
 
-TARGET_TOPIC, ANSWER_TOPIC = '/rosette/probe_target', '/rosette/ball_centre'
+TARGET_TOPIC, ANSWER_TOPIC, FRAME_TOPIC = '/rosette/probe_target', '/rosette/ball_centre', '/tf_static'
 MAX_SECONDS = 2**31  # seconds that a ROS time stamp can hold
 LATCHED = Qos(durability='transient_local')
 
@@ -26,7 +26,8 @@ def write_log(run: Run, directory: str | Path, library: TypeLibrary, name: str |
     """Write a Run as a log directory and return its path.
 
     library: knows rosette_msgs; name: of the files, else the name of the directory. Each reading becomes a ProbeTarget
-    and a BallCentre in the table frame; the repeatability goes to custom_data. Times are kept to 1 ns, counted from 0.
+    and a BallCentre in the table frame; the rotation of that, where it is known, goes to /tf_static, the repeatability
+    to custom_data. Times are kept to 1 ns, counted from 0.
 
     Raises InvalidData where the directory holds a log, or the run is longer than stamps can hold, CellError where
     the disk refuses; nothing is left then."""
@@ -43,6 +44,10 @@ def write_log(run: Run, directory: str | Path, library: TypeLibrary, name: str |
             definition = library.definition(type_name)
             writer.add_topic(topic, definition, (qos,))
             messages[topic] = encode_messages(definition, rows)
+        if run.rotation is not None:
+            definition = library.definition(TF_MESSAGE)
+            writer.add_topic(FRAME_TOPIC, definition, (LATCHED,))
+            writer.write(FRAME_TOPIC, encode_messages(definition, [_frame_message(run.rotation)])[0], 0, 0)
         for row, time in enumerate(stamp.tolist()):
             for topic, data in messages.items():
                 writer.write(topic, data[row], time, time)
@@ -62,6 +67,14 @@ def _messages(run: Run, run_id: str, stamp: Ints) -> Iterator[tuple[dict[str, An
              'radius': run.radius, 'table_angle': run.phi[row], 'centre': dict(zip('xyz', expected[row], strict=True))},
             {**common, 'status': STATUS_OK, 'table_angle': run.table_angle[row], 'table_travel': run.table_travel[row],
              'temperature': run.temperature[row], 'centre': dict(zip('xyz', run.centre[row], strict=True))})
+
+
+def _frame_message(rotation: Floats) -> dict[str, Any]:
+    """Return the transform of a table frame of which only the rotation is known."""
+    quaternion = Frame(rotation, np.zeros(3)).quaternion().tolist()
+    header = {'stamp': {'sec': 0, 'nanosec': 0}, 'frame_id': MACHINE_FRAME}
+    return {'transforms': [{'header': header, 'child_frame_id': TABLE_FRAME, 'transform': {
+        'translation': dict.fromkeys('xyz', 0.0), 'rotation': dict(zip('xyzw', quaternion, strict=True))}}]}
 
 
 def _known(run: Run) -> dict[str, str]:

@@ -43,25 +43,29 @@ def point(values: Sequence[float] | records.Floats) -> Point:
     return Point(x=float(values[0]), y=float(values[1]), z=float(values[2]))
 
 
-def point_array(message: Point) -> records.Floats:
-    """Return the numbers of a Point, (3,), m."""
+def point_array(message: Point | Vector3) -> records.Floats:
+    """Return the numbers of a Point or Vector3, (3,)."""
     return np.array([message.x, message.y, message.z])
 
 
 def target_message(target: Target, stamp: Time) -> msg.ProbeTarget:
     """Return the ProbeTarget of a target."""
     fields = {name: value for name, value in target._asdict().items() if name not in ('frame_id', 'stamp_ns')}
-    return msg.ProbeTarget(**{**fields, 'phase': int(target.phase), 'centre': point(target.centre)},
+    return msg.ProbeTarget(**{**fields, 'phase': int(target.phase), 'centre': point(target.centre),
+                             'pole': Vector3(**dict(zip('xyz', target.pole, strict=True)))},
                        header=Header(stamp=stamp, frame_id=target.frame_id))
 
 
 def frame_message(frame: Frame, parent: str, child: str, stamp: Time) -> TFMessage:
     """Return the TFMessage that says where the frame `child` is in `parent`."""
     x, y, z = map(float, frame.origin)
-    rotation = Quaternion(**dict(zip('xyzw', map(float, frame.quaternion()), strict=True)))
-    transform = Transform(translation=Vector3(x=x, y=y, z=z), rotation=rotation)
+    transform = Transform(translation=Vector3(x=x, y=y, z=z), rotation=_quaternion(frame))
     return TFMessage(transforms=[TransformStamped(header=Header(stamp=stamp, frame_id=parent), child_frame_id=child,
                                                   transform=transform)])
+
+
+def _quaternion(frame: Frame) -> Quaternion:
+    return Quaternion(**dict(zip('xyzw', map(float, frame.quaternion()), strict=True)))
 
 
 def error_motions_record(message: msg.ErrorMotions) -> records.ErrorMotions:
@@ -76,10 +80,12 @@ def error_motions_message(fit: 'Fit', stamp: Time, frame_id: str) -> msg.ErrorMo
     run, motions = fit.run, fit.error_motions
     curves = {curve: motions[curve] for curve in records.CURVES}
     uncertainties = {f'u_{curve}': motions.uncertainty(curve) for curve in records.CURVES}
+    orientation = (Quaternion(x=0.0, y=0.0, z=0.0, w=0.0) if motions.rotation is None else
+                   _quaternion(Frame(motions.rotation, np.zeros(3))))
     return msg.ErrorMotions(
-        header=Header(stamp=stamp, frame_id=frame_id), run_id=run.run_id, balls=run.n, radius=float(run.radius),
-        angle=motions.angle, model_name=str(fit.model), model_hash=fit.model.hash, residual_rms=float(fit.rms),
-        sigma=float(fit.sigma), degrees_of_freedom=int(fit.dof), rank=int(fit.rank),
+        header=Header(stamp=stamp, frame_id=frame_id), orientation=orientation, run_id=run.run_id, balls=run.n,
+        radius=float(run.radius), angle=motions.angle, model_name=str(fit.model), model_hash=fit.model.hash,
+        residual_rms=float(fit.rms), sigma=float(fit.sigma), degrees_of_freedom=int(fit.dof), rank=int(fit.rank),
         completeness=float(run.completeness), **curves, **uncertainties)
 
 

@@ -42,7 +42,7 @@ class Parameters:
         node.add_on_set_parameters_callback(self._check)
 
     def __getitem__(self, name: str) -> Any:
-        return self._wanted[name].check(self._node.get_parameter(name).value, self._where)
+        return self._wanted[name].check(_plain(self._node.get_parameter(name).value), self._where)
 
     def values(self, wanted: Iterable[Wanted]) -> dict[str, Value]:
         """Return name to value for some of the parameters."""

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from builtin_interfaces.msg import Time as TimeMessage
 from rclpy.duration import Duration
@@ -33,6 +34,7 @@ WANTED = (
     Wanted('clock_rate_hz', 4.0, 'how often the simulated time is published while nothing is measured, Hz of wall time',
            0.1, 10.0),
     Wanted('answer_s', 0.0, 'wall time that each answer takes, s; 0: as fast as the computer allows', 0.0, 0.3))
+ROUND = 1e-6  # by which a unit vector may be off
 FARTHEST = 100.0  # a centre that is farther from the origin of the machine is taken for a mistake, m
 
 
@@ -101,14 +103,16 @@ class SimulatedCmm(CellNode):
                               f'{target.balls} balls, {target.radius:g} m')
         if short_frame(target.header.frame_id) != MACHINE_FRAME:
             raise CellError(f'wanted a target in the frame {MACHINE_FRAME!r}, got {target.header.frame_id!r}')
-        aim = conversions.point_array(target.centre)
+        aim, pole = conversions.point_array(target.centre), conversions.point_array(target.pole)
         if not (abs(aim) < FARTHEST).all():
             raise CellError(f'wanted a target within {FARTHEST:g} m, got the centre {tuple(aim.tolist())}')
+        if not (np.isfinite(pole).all() and abs(np.linalg.norm(pole) - 1) < ROUND):
+            raise CellError(f'wanted a pole of length 1, got {tuple(pole.tolist())}')
         short = sum(1e-6 * strike.fault.short_urad for strike in struck if strike.fault.kind == 'table_short')
         if any(strike.fault.kind == 'neighbour' for strike in struck):
             return machine.measure(target.table_position, target.ball % machine.n + 1, target.approach, short=short,
-                                   touches=target.touches)
-        return machine.measure(target.table_position, target.ball, target.approach, aim, short, target.touches)
+                                   touches=target.touches, pole=pole)
+        return machine.measure(target.table_position, target.ball, target.approach, aim, short, target.touches, pole)
 
     def _answer(self, answer: BallCentre, struck: Sequence[Strike]) -> None:
         now = self.seconds()

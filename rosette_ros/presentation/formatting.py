@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from rosette_ros.core import axes
 from rosette_ros.core.diagnosis.verdict import p_value as p_value
 from rosette_ros.core.diagnosis.verdict import p_words
 from rosette_ros.core.effects.library import BASE_EFFECTS, EFFECTS
-from rosette_ros.core.records import CURVES, Run
+from rosette_ros.core.records import CURVES, Floats, Run
 from rosette_ros.core.scheme import cmm_position
 
 if TYPE_CHECKING:  # plan and info start without the least squares
@@ -48,6 +49,37 @@ SCALES = {'1': Scale(1.0, ''), 's': Scale(1 / 60, 'min'), 'm': Scale(1e6, 'µm')
 
 OF_PARAMETER = {'psi0': Scale(0.5 / math.pi, 'turns'), 'nu': Scale(1.0, 'per turn')}
 """Parameters that are no small deviations and have a scale of their own, by name."""
+
+
+def iso_name(curve: str, rotation: Floats | None) -> str:
+    """Return the name of a curve after ISO 230-1, with a minus sign where it counts the other way."""
+    return axes.iso_names(rotation)[curve].replace('-', '−')
+
+
+def curve_names(rotation: Floats | None) -> tuple[str, ...]:
+    """Return the names of the six curves by both standards: ctx (EXC)."""
+    return tuple(f'{curve} ({iso_name(curve, rotation)})' for curve in CURVES)
+
+
+def iso_range(rotation: Floats | None) -> str:
+    """Return the first and the last of the ISO names, between which the others are: EXC … ECC."""
+    return f'{iso_name(CURVES[0], rotation)} … {iso_name(CURVES[-1], rotation)}'
+
+
+def axis_words(rotation: Floats | None) -> str:
+    """Return how the table stands in the machine, rotation: as of Run; '' where that is not known."""
+    if rotation is None:
+        return ''
+    along, named = axes.machine_axis(rotation), ', '.join(f'{value + 0.0:.4f}' for value in np.round(rotation[:, 2], 4))
+    ball = ', '.join(f'{value + 0.0:.4f}' for value in np.round(rotation[:, 0], 4))
+    if along is None:
+        name = 'no axis of the machine: in the ISO names X, Y, Z are those of the table frame, C is its axis'
+    else:
+        axis, sense = along
+        name = f'{"−" if sense < 0 else ""}{axes.LETTERS[axis]} of the machine: {"ABC"[axis]} axis'
+        name += ', its curves count about the opposite direction' if sense < 0 else ''
+    own = '' if along == (2, 1) else '; x, y, z of curves and residuals are those of the table frame'
+    return f'along {name}; axis ({named}), ball 1 at ({ball}){own}'.replace('-', '−')
 
 
 def scale_of(unit: str, parameter: str = '') -> Scale:

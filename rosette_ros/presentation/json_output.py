@@ -22,7 +22,7 @@ from rosette_ros.core.model.least_squares import Fit, Parameter
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.advice import Advice, OrderAdvice
 from rosette_ros.core.planning.visibility import Visibility
-from rosette_ros.core.records import CURVES, ISO_NAMES
+from rosette_ros.core.records import CURVES
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR
 
 EVALUATION, COMPARISON, DIAGNOSIS = 'rosette-evaluation/1', 'rosette-comparison/1', 'rosette-diagnosis/1'
@@ -98,9 +98,9 @@ def evaluation_json(fit: Fit, verdict: Verdict | None = None) -> Json:
         'angle_rad': motions.angle, **by_curve(motions.values.T), 'u': by_curve(motions.u.T),
         'u_coverage_factor': STANDARD, 'U': by_curve(COVERAGE_FACTOR * motions.u.T),
         'U_coverage_factor': COVERAGE_FACTOR,
-        'coverage_factor': COVERAGE_FACTOR, 'iso_names': ISO_NAMES, 'plate_m': fit.plate, 'cmm_m': fit.cmm,
+        'coverage_factor': COVERAGE_FACTOR, 'iso_names': motions.iso_names, 'plate_m': fit.plate, 'cmm_m': fit.cmm,
         'plate_U_m': COVERAGE_FACTOR * fit.deviation_u[0], 'cmm_U_m': COVERAGE_FACTOR * fit.deviation_u[1],
-        'simulated': run.simulated,
+        'simulated': run.simulated, 'rotation': run.rotation,
         'fit': fit_json(fit), 'gauge': fit.gauge, **verdict_json(verdict),
         'effects': {key: parameters_json(one.parameters) for key, one in zip(keys, fit.effects, strict=True)}})
 

@@ -19,12 +19,11 @@ from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.planning.advice import GOOD_SHARE, Advice
 from rosette_ros.core.planning.visibility import Visibility
-from rosette_ros.core.records import CURVES, ISO_NAMES, ErrorMotions, Floats
+from rosette_ros.core.records import CURVES, ErrorMotions, Floats
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.table_format import Column, Table, column, micrometre_column, words
 
 FILE_UNITS = tuple(unit.replace('µ', 'u') for unit in text.CURVE_UNITS)
-CURVE_NAMES = tuple(f'{curve} ({ISO_NAMES[curve]})' for curve in CURVES)
 EXPANDED = f'U: expanded uncertainty (k = {text.COVERAGE_FACTOR})'
 WORST, WAVES = 6, 4
 NEGLIGIBLE = 0.05
@@ -47,8 +46,8 @@ def tables_of(summary: Summary) -> tuple[Table, ...]:
             places(comparison), worst_readings(comparison), waves(comparison), residuals(summary.fit, final),
             groups(comparison), nested_models(summary.ladder), candidates(diagnosis.candidates),
             fitted_effects(final.effects, 'Effects in the final model'),
-            visibility(summary.visibilities, best.visibilities if best else ()), bias(summary.visibilities),
-            *([orders(summary.advice)] if summary.advice else []))
+            visibility(summary.visibilities, best.visibilities if best else ()),
+            bias(summary.visibilities, summary.run.rotation), *([orders(summary.advice)] if summary.advice else []))
 
 
 def curves(motions: ErrorMotions) -> Table:
@@ -60,12 +59,13 @@ def curves(motions: ErrorMotions) -> Table:
                column('table_angle_deg', 'angle', np.round(np.rad2deg(motions.angle), ANGLE_DECIMALS),
                       partial(text.exact, places=4), '°',
                       footer=('peak to valley', f'U (k={text.COVERAGE_FACTOR})')[:1 + alike])]
+    names = text.curve_names(motions.rotation)
     for place, (curve, unit) in enumerate(zip(CURVES, text.CURVE_UNITS, strict=True)):
         digits = text.decimals(float(np.median(expanded[:, place])))
         shown = _with_u(values[:, place], expanded[:, place], digits, alike)
         span, largest = float(np.ptp(values[:, place])), float(expanded[:, place].max())
         footer = text.fixed(span, digits), f'±{text.fixed(largest, digits)}'
-        columns.append(Column(f'{curve}_{FILE_UNITS[place]}', CURVE_NAMES[place], tuple(values[:, place].tolist()),
+        columns.append(Column(f'{curve}_{FILE_UNITS[place]}', names[place], tuple(values[:, place].tolist()),
                               shown, unit, footer=footer[:1 + alike]))
     columns += [column(f'u_{curve}_{unit}', '', u[:, place])
                 for place, (curve, unit) in enumerate(zip(CURVES, FILE_UNITS, strict=True))]
@@ -87,7 +87,7 @@ def _with_u(values: Floats, expanded: Floats, digits: int, alike: bool) -> tuple
 def spans(motions: ErrorMotions) -> Table:
     """Return peak to valley of the six curves, and the largest U of a point of each."""
     columns = [words('quantity', '', ('peak to valley', f'U (k = {text.COVERAGE_FACTOR}) of a point'))]
-    for place, (name, unit) in enumerate(zip(CURVE_NAMES, text.CURVE_UNITS, strict=True)):
+    for place, (name, unit) in enumerate(zip(text.curve_names(motions.rotation), text.CURVE_UNITS, strict=True)):
         pair = 1e6 * np.ptp(motions.values[:, place]), 1e6 * text.COVERAGE_FACTOR * motions.u[:, place].max()
         columns.append(column(f'{CURVES[place]}_{FILE_UNITS[place]}', name, pair,
                               partial(text.fixed, places=text.decimals(float(pair[1]))), unit))
@@ -338,12 +338,13 @@ def _remark(entry: Visibility) -> str:
     return f'confounded with {", ".join(entry.alike)}' if entry.alike else ''
 
 
-def bias(visibilities: Sequence[Visibility]) -> Table:
-    """Return what 1 µm rms of each effect adds to the six curves where it is not in the model."""
+def bias(visibilities: Sequence[Visibility], rotation: Floats | None = None) -> Table:
+    """Return what 1 µm rms of each effect adds to the six curves where it is not in the model; rotation: as of Run."""
+    names = text.curve_names(rotation)
     every = [one for one in visibilities if not one.reason]
     return Table('bias', 'Bias of the curves per µm rms of an effect that is not in the model', (
         words('effect', 'effect', [one.name for one in every]),
-        *(column(f'{curve}_{FILE_UNITS[place]}_per_um', CURVE_NAMES[place], [one.bias[place] for one in every],
+        *(column(f'{curve}_{FILE_UNITS[place]}_per_um', names[place], [one.bias[place] for one in every],
                  partial(text.fixed, places=2), text.CURVE_UNITS[place]) for place, curve in enumerate(CURVES)),
         words('remark', 'remark', ['negligible' if one.bias.max() <= NEGLIGIBLE else '' for one in every])))
 
@@ -382,7 +383,7 @@ def change_errors(change: Change) -> Table:
 def curve_changes(change: Change) -> Table:
     """Return what a change of the model does to each curve: its largest change, its uncertainties."""
     return Table('curve_changes', f'Change of the curves; {EXPANDED}', (
-        words('curve', 'curve', CURVE_NAMES), words('unit', 'unit', text.CURVE_UNITS),
+        words('curve', 'curve', text.curve_names(change.before.run.rotation)), words('unit', 'unit', text.CURVE_UNITS),
         *(column(f'{key}_in_unit', name, 1e6 * np.asarray(values), partial(text.fixed, places=3))
           for key, name, values in (
               ('change', 'largest change', change.curve_change),

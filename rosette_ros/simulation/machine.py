@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rosette_ros.core.axes import nearest_axis, taught_frame, unit_axis, words
 from rosette_ros.core.errors import InvalidPlan
 from rosette_ros.core.geometry import TWO_PI, Frame, nominal_angles, rotate_z, rotation_matrix, table_frame
 from rosette_ros.core.records import Floats, Ints, Run
@@ -21,6 +22,9 @@ from rosette_ros.simulation.machine_config import MachineConfig
 from rosette_ros.simulation.motion import MachineState, Moment, Moves, moves
 from rosette_ros.simulation.probing import BallNotFound, BallReading, BallReadings
 from rosette_ros.simulation.random_streams import part_generator, standard_normal
+
+STEEPEST = 0.5
+"""A ball is reached from directions up to 60 degrees from the axis; then plate and stem are in the way."""
 
 
 class Alignment(NamedTuple):
@@ -37,8 +41,8 @@ class Machine:
     def __init__(self, config: MachineConfig, state: MachineState | None = None) -> None:
         self.config, self.n, self.radius = config, config.plate.balls, config.radius
         rough = 1e-3 * np.array(config.placement.origin_mm)
-        self.rough_frame = Frame(np.eye(3), rough)
-        self.true_frame = _true_frame(config, rough)
+        self.rough_frame = taught_frame(rough, config.placement.axis, np.deg2rad(config.placement.azimuth_deg))
+        self.true_frame = _true_frame(config, self.rough_frame)
         self.table = cell_parts.RotaryTable(config.table, config.seed)
         self.plate = cell_parts.BallPlate(config.plate, config.clamping, config.seed)
         self.cmm = cell_parts.VolumetricErrors(config.cmm, rough, config.seed)
@@ -59,36 +63,38 @@ class Machine:
         return self.state.time
 
     def measure(self, table_position: int, ball: int, approach: int = 1, aim: ArrayLike | None = None,
-                short: float = 0.0, touches: int = 0) -> BallReading[int, float]:
+                short: float = 0.0, touches: int = 0, pole: ArrayLike | None = None) -> BallReading[int, float]:
         """Measure one ball now and return its reading; the simulated time advances.
 
         table_position, ball: one-based; approach: sense in which the table turns to get there, +1 or -1, 0 is taken as
         +1; aim: (3,) where the ball is expected, machine frame, m (default: the nominal place by the roughly known
         origin); short: angle by which the table, if it moves, stops before its place, rad; touches: of the ball, one of
-        TOUCHES, 0 as configured. Raises InvalidPlan for indices out of range or other touches, and BallNotFound where
-        the aim is off; then the state stays as it was.
+        TOUCHES, 0 as configured; pole: (3,) direction in the machine from which the ball is probed (default: the table
+        axis as roughly known). Raises InvalidPlan for indices out of range or other touches, and BallNotFound where
+        the aim is off or the plate is in the way; then the state stays as it was.
         """
         aims = None if aim is None else np.asarray(aim, dtype=float)[None, :]
-        return self.measure_many([table_position], [ball], [approach], aims, short, touches)[0]
+        return self.measure_many([table_position], [ball], [approach], aims, short, touches, pole)[0]
 
     def measure_many(self, table_position: ArrayLike, ball: ArrayLike, approach: ArrayLike, aim: Floats | None = None,
-                     short: float = 0.0, touches: int = 0) -> BallReadings:
+                     short: float = 0.0, touches: int = 0, pole: ArrayLike | None = None) -> BallReadings:
         """Measure N balls in order and return their readings, equal to N calls of `measure` bit by bit.
 
-        table_position, ball, approach: (N,); aim: (N, 3) machine frame, m; short, touches: as `measure`. Raises as
-        `measure`.
+        table_position, ball, approach: (N,); aim: (N, 3) machine frame, m; short, touches, pole: as `measure`. Raises
+        as `measure`.
         """
         table_position, ball = self._checked(table_position, 'table position'), self._checked(ball, 'ball')
         if aim is None:
             aim = self.rough_frame.to_outer(self._nominal[(table_position + ball - 2) % self.n])
-        pattern = self.pattern.of(touches)
+        pattern = self.pattern.of(touches).towards(self._reachable(pole))
         draws = standard_normal(self.config.seed, self.state.readings + np.arange(ball.size), pattern.size + 6)
         timing, approach = self.config.timing, np.asarray(approach)
         made = moves(
             self.state, timing, self.n, table_position, approach, np.asarray(aim),
             wait=timing.jitter_s * np.abs(draws[:, -6]),
             stop=1e-6 * self.config.table.positioning_urad * draws[:, -5] - short * np.where(approach < 0, -1, 1),
-            touches=pattern.size, deadband=1e-3 * self.config.cmm.reversal_deadband_mm)
+            touches=pattern.size, deadband=1e-3 * self.config.cmm.reversal_deadband_mm,
+            free=nearest_axis(self.rough_frame.rotation[:, 2]))
         moment = self._moment(made, table_position, ball, pattern.size)
         centre, form = self._probe(moment, made.cmm, draws, pattern)
         self.state = made.last_state(self.state)
@@ -128,7 +134,7 @@ class Machine:
             centre=alignment.frame.to_inner(readings.centre), table_angle=readings.table_angle,
             time=readings.time - readings.time[0], temperature=readings.temperature, approach=readings.approach,
             table_travel=readings.table_travel, repeatability=alignment.repeatability, repeatability_dof=alignment.dof,
-            run_id=run_id, repeats=scheme.repeats, simulated=True)
+            run_id=run_id, repeats=scheme.repeats, simulated=True, rotation=alignment.frame.rotation)
         return run, alignment, readings
 
     def table_truth(self, angle: ArrayLike | None = None, frame: Frame | None = None) -> Floats:
@@ -171,6 +177,17 @@ class Machine:
             raise InvalidPlan(f'{what}: wanted 1..{self.n}, got {index[bad][0]}')
         return index.astype(np.int64)
 
+    def _reachable(self, pole: ArrayLike | None) -> Floats:
+        """Return the pole from which balls are probed; raises BallNotFound where the plate is in the way."""
+        axis = self.rough_frame.rotation[:, 2]
+        if pole is None:
+            return axis
+        pole = unit_axis(pole)
+        if pole @ axis < STEEPEST:
+            raise BallNotFound(f'wanted a pole on the free side of the plate, about along {words(axis)}, got '
+                               f'{words(pole)}; check the axis of the table (table.axis)')
+        return pole
+
     def _moment(self, made: Moves, table_position: Ints, ball: Ints, touches: int) -> Moment:
         touch = self.config.timing.touch_s * np.arange(1, touches + 1)
         time = made.arrived[:, None] + touch
@@ -180,7 +197,7 @@ class Machine:
             angle=(self._angles[table_position - 1] + made.stop)[:, None],
             travel=(made.steps * (TWO_PI / self.n) + made.stop)[:, None],
             turned=np.multiply(made.turned, TWO_PI / self.n)[:, None], approach=made.approach[:, None],
-            cmm_sense=made.cmm_sense[:, None, :])
+            cmm_sense=made.cmm_sense[:, None, :], gravity=-self.true_frame.rotation[2])
 
     def _sum(self, hook: str, moment: Moment) -> Floats | float:
         """Return the sum of one hook over the hidden effects; 0.0 where none has it."""
@@ -209,11 +226,12 @@ class Machine:
         centre, aim = self.ball_centres(moment), aim[:, None, :]
         reach = pattern.radius + pattern.tip
         _refuse_far(moment, centre - aim, 0.5 * reach)
-        direction = pattern.direction
+        axes = pattern.axes
+        direction = pattern.direction @ axes.T
         way = probing.contact(aim, direction, centre, reach)
         if self._acting['surface']:
             outward = (aim + way[..., None] * direction - centre) / reach
-            form = sum(act(moment, outward, pattern) for act in self._acting['surface'])
+            form = sum(act(moment, outward @ axes, pattern) for act in self._acting['surface'])
             way = probing.contact(aim, direction, centre, reach + form)
         factor = np.ones((1, 1))
         for act in self._acting['noise_factor']:
@@ -222,7 +240,8 @@ class Machine:
         point = aim + touch[..., None] * direction
         point = point + self.cmm.error(point) + self._sum('probe_shift', moment)
         found, form = probing.fit_spheres(point)
-        return found + factor * (pattern.position_noise * draws[:, -3:]), form
+        positioning = factor * (pattern.position_noise * draws[:, -3:])
+        return found + np.vecdot(positioning[:, None, :], axes), form
 
 
 def _refuse_far(moment: Moment, off: Floats, reach: float) -> None:
@@ -235,14 +254,14 @@ def _refuse_far(moment: Moment, off: Floats, reach: float) -> None:
             'target and the alignment')
 
 
-def _true_frame(config: MachineConfig, rough: Floats) -> Frame:
+def _true_frame(config: MachineConfig, rough: Frame) -> Frame:
     """Return the frame of the bearing: origin on the axis at the nominal height of the balls."""
     rng = part_generator(config.seed, 'placement')
     off = rng.standard_normal(3)
     off = 1e-3 * config.placement.origin_error_mm * off / np.linalg.norm(off)
     to = rng.uniform(0, TWO_PI)
     tilt = 1e-3 * config.placement.axis_tilt_mrad * np.array([np.cos(to), np.sin(to), 0.0])
-    return Frame(rotation_matrix(tilt), rough + off)
+    return Frame(rough.rotation @ rotation_matrix(tilt), rough.origin + off)
 
 
 def _expected_situation(config: MachineConfig, touches: int) -> Situation:

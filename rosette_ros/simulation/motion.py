@@ -68,11 +68,12 @@ class Moves:
 
 
 def moves(state: MachineState, timing: TimingSettings, n: int, table_position: Ints, approach: Ints, aim: Floats,
-          wait: Floats, stop: Floats, touches: int, deadband: float) -> Moves:
+          wait: Floats, stop: Floats, touches: int, deadband: float, free: int) -> Moves:
     """Return the moves from `state` through N targets.
 
     approach: (N,) sense in which the table shall turn, 0 is taken as +1; aim: (N, 3) m; wait: (N,) s before each ball;
-    stop: (N,) rad by which the table would stop off, if it moves; touches: Q per ball; deadband: m.
+    stop: (N,) rad by which the table would stop off, if it moves; touches: Q per ball; deadband: m;
+    free: axis of the CMM, 0..2, along which it comes to every ball from the free side of the plate: no sense changes.
     """
     before = np.concatenate([[state.steps % n + 1], table_position[:-1]])
     forward = (table_position - before) % n
@@ -91,6 +92,7 @@ def moves(state: MachineState, timing: TimingSettings, n: int, table_position: I
     clock = np.concatenate([[state.time], spans.ravel()]).cumsum()
 
     # The place of the last move of the table and of each axis so far, -1 before any.
+    far[:, free] = False
     moved = np.concatenate([turned[:, None] > 0, far], axis=1)
     held = np.maximum.accumulate(np.where(moved, np.arange(len(moved))[:, None], -1))
     return Moves(
@@ -115,7 +117,7 @@ class Moment:
     (N, 1) of the ball on the plate, rad; angle: (N, 1) true angle to which the table turned by its encoder, rad;
     travel: (N, 1) unwrapped angle since power-on, rad; turned: (N, 1) sum of all angles turned, whatever the sense,
     rad; approach: (N, 1) sense of the last table move, 0 before the first; cmm_sense: (N, 1, 3) sense of the last CMM
-    move per axis, 0 before the first.
+    move per axis, 0 before the first; gravity: (3,) unit vector of its direction in the table frame.
     """
 
     time: Floats
@@ -130,6 +132,7 @@ class Moment:
     turned: Floats
     approach: Ints
     cmm_sense: Floats
+    gravity: Floats
 
     @property
     def hours(self) -> Floats:

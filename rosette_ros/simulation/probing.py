@@ -2,7 +2,8 @@
 """Probing a ball: touches on horizontal circles, contact with a real sphere, least-squares centre, the reading.
 
 Source: Kniel et al. (2019), section 2.2: 20 points on 5 horizontal circles of 4, the top circle
-1 mm below the pole, the lowest 1 mm below the equator, none at the pole.
+1 mm below the pole, the lowest 1 mm below the equator, none at the pole. The pole is on the free side of the plate: up
+for a vertical table axis, along the axis for any other.
 """
 
 import copy
@@ -12,6 +13,7 @@ from typing import Annotated, Generic, TypeVar
 import numpy as np
 from pydantic import Field
 
+from rosette_ros.core.axes import axis_rotation
 from rosette_ros.core.errors import CellError, InvalidPlan
 from rosette_ros.core.records import Floats, Ints
 from rosette_ros.core.touches import TOUCHES, centre_factors, circles_of, touch_directions
@@ -82,9 +84,10 @@ class ProbingSettings(Settings):
 class TouchPattern:
     """Where a ball is touched, and how well.
 
-    direction: (Q, 3) unit vectors from its centre, in the order of touching, top circle first; points_per_circle:
-    evenly spaced from +x; radius: of the ball, tip: of the probe's tip, m; touch_noise: sd of a touch along its normal,
-    position_noise: (3,) sd of the CMM per axis and ball, m.
+    direction: (Q, 3) unit vectors from its centre, in the order of touching, top circle first, z towards the pole;
+    points_per_circle: evenly spaced from +x; axes: (3, 3) of the pole's frame in the machine; radius: of the ball, tip:
+    of the probe's tip, m; touch_noise: sd of a touch along its normal, position_noise: (3,) sd of the CMM per axis of
+    the pole's frame and ball, m.
 
     They make every coordinate of a ball centre repeat alike: repeatability^2 = (factor_axis * touch)^2 +
     position_axis^2. The touches take `touch_share` of the worst coordinate, the positioning of the CMM the rest.
@@ -94,6 +97,7 @@ class TouchPattern:
         self.radius, self.tip = ball_radius, 1e-3 * settings.tip_radius_mm
         self._heights = (1 - 1e-3 * settings.below_pole_mm / ball_radius,
                          -1e-3 * settings.below_equator_mm / ball_radius)
+        self.axes: Floats = np.eye(3)
         self._touch_on(settings.circles, settings.points_per_circle)
         total, factors = 1e-6 * settings.repeatability_um, centre_factors(self.direction)
         self.touch_noise = settings.touch_share * total / factors.max()
@@ -112,6 +116,12 @@ class TouchPattern:
                               f'{touches}')
         other = copy.copy(self)
         other._touch_on(*circles_of(touches))
+        return other
+
+    def towards(self, pole: Floats) -> 'TouchPattern':
+        """Return the pattern about another pole, a direction (3,) in the machine."""
+        other = copy.copy(self)
+        other.axes = axis_rotation(pole)
         return other
 
     @property

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 from rosette_ros.analysis import LadderStep
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import AXES
-from rosette_ros.core.records import CURVES, ISO_NAMES, ErrorMotions, Floats, Ints
-from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, signed
+from rosette_ros.core.records import CURVES, ErrorMotions, Floats, Ints
+from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, iso_name, signed
 from rosette_ros.presentation.plots.plot_style import AFTER, COLOURS
 from rosette_ros.presentation.plots.result_plots import MEANING, closed
 from rosette_ros.presentation.tables import nested_names, noise_of
@@ -72,7 +72,7 @@ def _curve(one: Curves, curve: str, unit: str, place: int) -> list[PlotlyFigure]
             'mode': 'lines+markers' if value.size <= 80 else 'lines', 'showlegend': place == 1,
             'marker': {'size': 5, 'symbol': 'circle' if one.dash == 'solid' else 'square'},
             'line': {'color': one.colour, 'width': 2, 'dash': one.dash},
-            'hovertemplate': f'{curve} ({ISO_NAMES[curve]}) %{{y}} ± %{{customdata:.3f}} {unit}'
+            'hovertemplate': f'{curve} ({iso_name(curve, one.motions.rotation)}) %{{y}} ± %{{customdata:.3f}} {unit}'
                              f'<br>at %{{x:.2f}}°, U with k = {COVERAGE_FACTOR}<extra>{one.name}</extra>'}
     return [band, line]
 

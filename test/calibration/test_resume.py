@@ -227,7 +227,9 @@ def recalled(rows, answered, **changes):
 def message(record):
     """Return a record in the shape of its message."""
     stamp = SimpleNamespace(sec=record.stamp_ns // 10**9, nanosec=record.stamp_ns % 10**9)
-    return SimpleNamespace(**{**record._asdict(), 'centre': SimpleNamespace(**dict(zip('xyz', record.centre))),
+    points = {name: SimpleNamespace(**dict(zip('xyz', getattr(record, name)))) for name in ('centre', 'pole')
+              if hasattr(record, name)}
+    return SimpleNamespace(**{**record._asdict(), **points,
                               'header': SimpleNamespace(frame_id=record.frame_id, stamp=stamp)})
 
 

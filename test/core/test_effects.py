@@ -7,9 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import RADIUS, synthetic_run
 
+from rosette_ros.core.axes import axis_rotation
 from rosette_ros.core.effects.effect import FixedEffect, Setting
 from rosette_ros.core.effects.free_forms import FREE_FORMS
-from rosette_ros.core.effects.library import EFFECTS, effect
+from rosette_ros.core.effects.library import EFFECTS, effect, effects_of
 from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.geometry import rotate_z
 from rosette_ros.core.model.least_squares import fit
@@ -22,7 +23,7 @@ FIXED_NAMES = {
     'table_zero_step', 'axis_tilt_step',
     'table_zero_drift', 'axis_tilt_drift', 'table_backlash', 'table_backlash_angle', 'encoder_interpolation',
     'asynchronous_motion', 'table_warmup', 'plate_creep', 'plate_slip', 'plate_expansion', 'plate_warp',
-    'plate_support', 'ball_slip', 'ball_creep', 'ball_rattle', 'ball_machine_offset', 'ball_form',
+    'plate_support', 'ball_slip', 'ball_creep', 'ball_rattle', 'ball_machine_offset', 'ball_sag', 'ball_form',
     'cmm_scale_drift', 'cmm_squareness_drift', 'cmm_reversal', 'cmm_reversal_position', 'probe_approach', 'outlier'}
 
 
@@ -69,7 +70,7 @@ def test_columns_and_blocks_agree(subject):
 @pytest.mark.parametrize('subject', EFFECTS.values(), ids=lambda e: e.name)
 def test_known_truth_is_recovered(subject):
     """An effect with known amplitudes, added to a run, comes back with them, and takes its error away."""
-    run = warm_run(8)
+    run = warm_run(8, rotation=axis_rotation([0, 1, 0]) if subject.needs_tilt else None)
     setting = few_settings(subject, run)[0]
     columns = subject.columns(run, setting)
     rng = np.random.default_rng(1)
@@ -105,6 +106,34 @@ def test_fixed_values_hold(subject):
         fixed = FixedEffect(subject, Setting({name: value}))
         assert all(entry[name] == value for entry in fixed.settings(run))
         assert name not in fixed.brackets(run, setting)
+
+
+def test_sag_is_gravity_in_the_plate():
+    """A stem that bends by what gravity pulls across it: c cos + s sin in the axes of the plate, at any place."""
+    run = warm_run(6, rotation=axis_rotation([1, 0, 0]))
+    stiff = np.random.default_rng(1).standard_normal((3, 3))  # displacement per g, axes of the plate, ball 3
+    down = run.rotation.T @ [0, 0, -1.0]
+    pull = rotate_z(-run.phi, down)
+    wanted = (run.ball == 3)[:, None] * rotate_z(run.phi, pull @ stiff.T)
+    c, s = stiff @ down, stiff @ [down[1], -down[0], 0.0]
+    columns = EFFECTS['ball_sag'].columns(run, Setting(ball=3))
+    assert columns @ np.concatenate([c, s]) == pytest.approx(wanted, abs=1e-14)
+    every = EFFECTS['ball_sag'].columns(run, Setting(ball=0)).reshape(run.size, 3, 6, 6)
+    assert np.array_equal(every[:, :, 2], columns)
+    assert np.array_equal(every.sum(axis=2)[run.ball == 3], columns[run.ball == 3])
+
+
+def test_an_effect_of_gravity_needs_an_axis_that_is_not_vertical():
+    """Such a table has it; another one, up or down, cannot, and a run that does not know says so."""
+    sag, run = EFFECTS['ball_sag'], warm_run(6)
+    assert 'does not say how the table axis stands' in sag.unavailable(run)
+    for axis in ([0, 0, 1], [0, 0, -1], [0.01, 0, 1]):
+        upright = run.replace(rotation=axis_rotation(axis))
+        assert sag.unavailable(upright) == 'the table axis is vertical: gravity does not turn in the plate'
+        assert list(effects_of(upright)) == [name for name in EFFECTS if name != 'ball_sag']
+    for axis in ([1, 0, 0], [0.1, 0, 1], [0, 1, -1]):
+        assert effects_of(run.replace(rotation=axis_rotation(axis))) == EFFECTS
+    assert effects_of(run).keys() == EFFECTS.keys() - {'ball_sag'}
 
 
 def test_directions_of_the_forms():

@@ -166,10 +166,11 @@ def test_displacement_is_that_of_physics(name):
 
 def test_every_kind_is_compared_with_physics():
     """No kind of hidden effect is without a formula here or a test of its own below."""
-    own = {'outlier', 'touch_dust', 'uneven_noise'}
+    own = {'outlier', 'touch_dust', 'uneven_noise', 'ball_sag'}
     compared = {name.split()[0] for name in FORMULAS}
     assert sorted(KINDS) == sorted(compared | own)
-    assert set(KINDS) - set(NAMED) == {'touch_dust', 'bed_ripple', 'frame_acceleration', 'uneven_noise'}
+    assert set(KINDS) - set(NAMED) == {
+        'touch_dust', 'bed_ripple', 'frame_acceleration', 'uneven_noise', 'ball_sag'}
     for kind, effect in KINDS.items():
         assert effect.model_fields['kind'].default == kind
 
@@ -246,6 +247,22 @@ def test_hidden_effects_stay_out_of_the_truth():
     with_, without = (Machine(MachineConfig().changed(hidden=each)) for each in (hidden, []))
     assert np.array_equal(with_.table_truth(), without.table_truth())
     assert with_.table_truth().shape == (12, len(CURVES))
+
+
+def test_balls_sag_as_gravity_pulls_in_the_plate():
+    """On a table along x gravity is -y of the table frame; about a vertical axis nothing turns."""
+    hidden = [{'kind': 'ball_sag', 'ball': 3, 'sag_um': [0.6, 1.5, -0.9], 'along_deg': 70.0}]
+    lying = CELL.changed(placement={'axis': (1, 0, 0)})
+    without = Machine(lying).run(SCHEME, repeats=0, align=False)
+    run, _, readings = Machine(lying.changed(hidden=hidden)).calibrate(SCHEME, 0, align=False)
+    s = Seen(run, readings)
+    pull = -np.sin(s.alpha + np.deg2rad(70.0)) * (s.ball == 3)
+    expected = 1e-6 * pull * (0.6 * s.e_r + 1.5 * s.e_t - 0.9 * s.e_z)
+    assert np.abs(expected).max() > 1e-6
+    assert np.abs(run.centre - without.centre - expected).max() < SECOND_ORDER_ON_BALL
+    standing = [Machine(CELL.changed(hidden=each, placement={'axis_tilt_mrad': 0.0})).run(SCHEME).centre
+                for each in ([], hidden)]
+    assert np.array_equal(*standing)
 
 
 def test_every_kind_can_be_drawn():

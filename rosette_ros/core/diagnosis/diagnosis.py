@@ -21,7 +21,7 @@ from rosette_ros.core.diagnosis.search import BRANCHES, Member, Offer, Problem, 
 from rosette_ros.core.diagnosis.verdict import Verdict, decide, left_over
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free_forms import FreeForm
-from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.effects.library import effects_of
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.least_squares import Fit, JointSpace, Parameter, fit
 from rosette_ros.core.model.model import Model, Term
@@ -318,7 +318,8 @@ class _Search:
     @cached_property
     def unavailable(self) -> tuple[tuple[str, str], ...]:
         """Effects that the run's records cannot judge, with the reason."""
-        return tuple((name, reason) for name, effect in EFFECTS.items() if (reason := why_not_judged(effect, self.run)))
+        return tuple((name, reason) for name, effect in effects_of(self.run).items()
+                     if (reason := why_not_judged(effect, self.run)))
 
     def _misfits(self) -> tuple[str, ...]:
         if self.noiseless or self.base.noise.resolution:
@@ -331,7 +332,8 @@ class _Search:
         for family in self.problem.families:
             shares[family.name] = max(shares.get(family.name, 0.0), float(family.shares.max()))
         known = {*missing, *(term.name for term in self.base.model.terms), *(name for name, _ in self.unavailable)}
-        return tuple(name for name in EFFECTS if name not in known and shares.get(name, 0.0) < HIDDEN_SHARE)
+        return tuple(name for name in effects_of(self.run)
+                     if name not in known and shares.get(name, 0.0) < HIDDEN_SHARE)
 
 
 @lru_cache(maxsize=1)

@@ -34,7 +34,7 @@ from rosette_ros.core.diagnosis.candidates import (
 )
 from rosette_ros.core.effects.effect import Bracket, Effect, Setting
 from rosette_ros.core.effects.free_forms import SEARCHED_FORMS, FreeForm
-from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.effects.library import OF_ANY_TABLE, effects_of
 from rosette_ros.core.model.least_squares import JointSpace
 from rosette_ros.core.records import Floats, Ints, Run
 
@@ -124,10 +124,12 @@ class Problem:
     """What is searched: a run, the model's projection, the residual in sigma, and the families of effects."""
 
     def __init__(self, run: Run, space: JointSpace, residual: Floats, dof: int,
-                 effects: Sequence[Effect] = tuple(EFFECTS.values()),
+                 effects: Sequence[Effect] | None = None,
                  unnamed: Sequence[FreeForm] = SEARCHED_FORMS) -> None:
-        """Build the families once; space, residual (N, 3), m, and its degrees of freedom: of the model."""
+        """Build the families once; space, residual (N, 3), m, and its degrees of freedom: of the model; effects: those
+        that the cell can have, if none are given."""
         self.run, self.dof = run, dof
+        effects = tuple(effects_of(run).values()) if effects is None else effects
         self.project = Projection(space, run.size)
         self._made: dict[tuple[str, Setting, float], Member | None] = {}
         self._scale_to(residual)
@@ -400,7 +402,7 @@ def cost(energy: float | Floats, k: int) -> Floats:
 def search_cost(effect: Effect, chances: float) -> float:
     """Return what the search of an effect with so many separate chances costs."""
     extra = UNNAMED_PRIOR if isinstance(effect, FreeForm) else 0.0
-    return float(2 * np.log(chances * len(EFFECTS))) + extra
+    return float(2 * np.log(chances * OF_ANY_TABLE)) + extra
 
 
 def _gain(member: Member, others: Selection) -> float:

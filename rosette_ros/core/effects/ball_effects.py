@@ -152,14 +152,42 @@ class BallMachineOffset(Effect):
         return grid(ball=(*range(1, run.n + 1), 0))
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
-        balls = [setting.whole('ball')] if setting.whole('ball') else range(1, run.n + 1)
         return tuple(Quantity(f'{one.name}_{ball}', 'm', f'{one.meaning} of ball {ball}')
-                     for ball in balls for one in self.quantities)
+                     for ball in _balls(run, setting) for one in self.quantities)
 
     def columns(self, run: Run, setting: Setting) -> Floats:
-        balls = np.array([setting.whole('ball')] if setting.whole('ball') else range(1, run.n + 1))
-        own = (run.ball[:, None] == balls)[:, None, :, None] * np.eye(3)[:, None, :2]
+        own = (run.ball[:, None] == np.array(_balls(run, setting)))[:, None, :, None] * np.eye(3)[:, None, :2]
         return np.asarray(own.reshape(run.size, 3, -1))
+
+
+class BallSag(Effect):
+    name = 'ball_sag'
+    plain = 'sag of the balls'
+    meaning = 'Balls sag under gravity as the plate turns about an axis that is not vertical.'
+    look = ('Stems and arms that carry the balls, loose seats; measure with the axis vertical. Stems that bend alike '
+            'to all sides look like ball_machine_offset, waves around the plate like plate_support.')
+    formula = 'R_z(phi) (c cos(phi) + s sin(phi)) for one ball, or for each'
+    source = 'physics of beams under their weight: gravity turns in the plate'
+    needs_tilt = True
+    quantities: tuple[Quantity, ...] = (
+        *per_axis('xyz', Quantity('c', 'm', "cosine amplitude along the plate's")),
+        *per_axis('xyz', Quantity('s', 'm', "sine amplitude along the plate's")))
+    carries = 'all'
+    searched = (Searched('ball', '1', 'number of the ball, 0 for all balls, each by its own amount'),)
+
+    def settings(self, run: Run) -> tuple[Setting, ...]:
+        """Try each ball, then all."""
+        return grid(ball=(*range(1, run.n + 1), 0))
+
+    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
+        return tuple(Quantity(f'{one.name}_{ball}', 'm', f'{one.meaning} of ball {ball}')
+                     for ball in _balls(run, setting) for one in self.quantities)
+
+    def columns(self, run: Run, setting: Setting) -> Floats:
+        waves = np.stack([np.cos(run.phi), np.sin(run.phi)])
+        moved = np.moveaxis(waves[:, :, None, None] * plate_axes(run), 0, 2).reshape(run.size, 3, 1, 6)
+        own = run.ball[:, None] == np.array(_balls(run, setting))
+        return np.asarray((own[:, None, :, None] * moved).reshape(run.size, 3, -1))
 
 
 class BallForm(Effect):
@@ -194,9 +222,9 @@ class BallForm(Effect):
         return {'both': slice(0, 4), 'xy': slice(0, 2), 'z': slice(2, 4)}[setting.word('part', 'both')]
 
     def _pairs(self, run: Run, setting: Setting) -> list[tuple[int, int]]:
-        ball, harmonic = setting.whole('ball'), setting.whole('harmonic')
-        balls, orders = [ball] if ball else range(1, run.n + 1), [harmonic] if harmonic else self._harmonics(run)
-        return [(one, m) for one in balls for m in orders]
+        harmonic = setting.whole('harmonic')
+        orders = [harmonic] if harmonic else self._harmonics(run)
+        return [(one, m) for one in _balls(run, setting) for m in orders]
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
         """Return cosine and sine amplitudes, in the plane and along z, for each ball and m."""
@@ -216,3 +244,8 @@ class BallForm(Effect):
             out[own, 0, place, 1], out[own, 1, place, 1] = -s, -c
             out[own, 2, place, 2], out[own, 2, place, 3] = c, s
         return out[..., self._kept(setting)].reshape(run.size, 3, -1)
+
+
+def _balls(run: Run, setting: Setting) -> Sequence[int]:
+    """Return the numbers of the balls of a setting, 0 for all."""
+    return [setting.whole('ball')] if setting.whole('ball') else range(1, run.n + 1)

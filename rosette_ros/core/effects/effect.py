@@ -11,6 +11,7 @@ from itertools import product
 
 import numpy as np
 
+from rosette_ros.core.axes import UPRIGHT, tilt
 from rosette_ros.core.effects.run_functions import beside, between_readings, tangential, unit
 from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.records import Floats, Run
@@ -116,7 +117,7 @@ class Effect:
     to look in the cell; formula: the form added to p; source: where it comes from; depends_on: quantities of a reading
     it needs; searched: its nonlinear parameters; quantities: its amplitudes, where all settings have the same; carries:
     what of it a later run of the same cell shares, `all` (settings and amplitudes), `shape` (settings; phases or sizes
-    differ) or `nothing` (an event).
+    differ) or `nothing` (an event); needs_tilt: whether only a table with an axis that is not vertical has it.
     """
 
     name: str = ''
@@ -129,6 +130,7 @@ class Effect:
     searched: tuple[Searched, ...] = ()
     quantities: tuple[Quantity, ...] = ()
     carries: str = 'shape'
+    needs_tilt: bool = False
 
     def __eq__(self, other: object) -> bool:
         return type(self) is type(other) and vars(self) == vars(other)
@@ -136,8 +138,15 @@ class Effect:
     def __hash__(self) -> int:
         return hash((type(self), self.name))
 
+    def can_be_in(self, run: Run) -> bool:
+        """Return whether the cell of a run can have the effect at all."""
+        return not self.needs_tilt or tilt(run.rotation) > UPRIGHT
+
     def unavailable(self, run: Run) -> str:
         """Return why the effect cannot be judged on this run, or an empty string."""
+        if not self.can_be_in(run):
+            return ('the run does not say how the table axis stands in the machine' if run.rotation is None else
+                    'the table axis is vertical: gravity does not turn in the plate')
         if 'temperature' in self.depends_on and np.mean(np.isfinite(run.temperature)) < LEAST_KNOWN:
             return f'the run has {"too few" if np.isfinite(run.temperature).any() else "no"} temperatures'
         if 'approach' in self.depends_on and not np.any(run.approach):

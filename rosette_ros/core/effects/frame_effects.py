@@ -18,7 +18,14 @@ from rosette_ros.core.effects.factored_effect import (
     WarmUp,
     shortest,
 )
-from rosette_ros.core.effects.run_functions import radial, seconds, temperature_waves, unit
+from rosette_ros.core.effects.run_functions import (
+    along_machine,
+    cmm_axes,
+    cmm_axes_names,
+    radial,
+    seconds,
+    temperature_waves,
+)
 from rosette_ros.core.records import Floats, Run
 
 _AXES = Searched('axes', '', 'which axes move: all three together or one alone')
@@ -34,7 +41,8 @@ class FrameEffect(FactoredEffect):
         return tuple(one for quantity in self.quantities for one in per_axis(setting.word('axes'), quantity))
 
     def directions(self, run: Run) -> Floats:
-        return np.stack([unit(axis, run.size) for axis in range(3)])
+        """Return the axes of the machine, (3, N, 3)."""
+        return np.stack([along_machine(axis, run) for axis in range(3)])
 
     def which(self, setting: Setting) -> tuple[int, ...]:
         return tuple('xyz'.index(axis) for axis in setting.word('axes'))
@@ -205,11 +213,16 @@ class CmmScaleDrift(Effect):
     formula = 'e_x x t along x, e_y y t along y'
     source = 'ISO 230-3; ISO 10360-2 (thermal expansion of the scales)'
     depends_on = ('time',)
-    quantities = per_axis('xy', Quantity('e', '1/s', 'rate of the scale of'))
+    quantities = per_axis('xy', Quantity('e', '1/s', 'rate of the scale of'))  # of an upright table
     carries = 'all'
 
+    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
+        """Return the rates of the two axes of the CMM that lie across the table axis."""
+        return per_axis(cmm_axes_names(run), Quantity('e', '1/s', 'rate of the scale of'))
+
     def columns(self, run: Run, setting: Setting) -> Floats:
-        return seconds(run)[:, None, None] * np.eye(3)[:, :2] * (run.radius * radial(run.alpha)[:, :2])[:, None]
+        along = np.ascontiguousarray(cmm_axes(run).T)
+        return seconds(run)[:, None, None] * along * (run.radius * radial(run.alpha) @ along)[:, None]
 
 
 class CmmSquarenessDrift(Effect):
@@ -223,5 +236,11 @@ class CmmSquarenessDrift(Effect):
     quantities = (Quantity('s', 'rad/s', 'rate of the squareness error of y to x'),)
     carries = 'all'
 
+    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
+        """Return the rate of the angle between the two axes of the CMM that lie across the table axis."""
+        first, second = tuple(cmm_axes_names(run))
+        return (Quantity('s', 'rad/s', f'rate of the squareness error of {second} to {first}'),)
+
     def columns(self, run: Run, setting: Setting) -> Floats:
-        return (run.radius * np.sin(run.alpha) * seconds(run))[:, None, None] * np.eye(3)[:, :1]
+        first, second = cmm_axes(run)
+        return np.asarray((run.radius * radial(run.alpha) @ second * seconds(run))[:, None, None] * first[:, None])

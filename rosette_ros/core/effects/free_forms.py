@@ -217,7 +217,7 @@ def _sided(run: Run, setting: Setting, carriers: Mapping[str, Floats]) -> Course
 
 
 def _senses(run: Run) -> dict[str, Floats]:
-    return {f'sense of {"xy"[axis]}': run.cmm_sense[:, axis] for axis in (0, 1)}
+    return {f'sense of {axis}': sense for axis, sense in zip(on.cmm_axes_names(run), on.cmm_senses(run))}
 
 
 def _travel(run: Run, setting: Setting) -> Course:

@@ -9,6 +9,7 @@ from rosette_ros.core.effects import table_effects as table
 from rosette_ros.core.effects.effect import Effect
 from rosette_ros.core.effects.free_forms import FREE_FORMS
 from rosette_ros.core.errors import InvalidModel, unknown
+from rosette_ros.core.records import Run
 
 EFFECTS: dict[str, Effect] = {one.name: one for one in (
     frame.FrameDrift(), frame.FrameDriftOnset(), frame.FrameDriftCurved(), frame.FrameWarmup(),
@@ -17,10 +18,20 @@ EFFECTS: dict[str, Effect] = {one.name: one for one in (
     table.AxisTiltStep(), table.TableBacklash(), table.TableBacklashAngle(), table.EncoderInterpolation(),
     table.AsynchronousMotion(), table.TableWarmup(),
     plate.PlateCreep(), plate.PlateSlip(), plate.PlateExpansion(), plate.PlateWarp(), plate.PlateSupport(),
-    ball.BallSlip(), ball.BallCreep(), ball.BallRattle(), ball.BallMachineOffset(), ball.BallForm(),
+    ball.BallSlip(), ball.BallCreep(), ball.BallRattle(), ball.BallMachineOffset(), ball.BallSag(),
+    ball.BallForm(),
     frame.CmmScaleDrift(), frame.CmmSquarenessDrift(), reading.CmmReversal(), reading.CmmReversalPosition(),
     reading.ProbeApproach(), reading.Outlier())}
 """By name; their order is that of every table and page."""
+
+
+OF_ANY_TABLE = sum(not one.needs_tilt for one in EFFECTS.values())
+"""How many of them any table can have, whichever way its axis points."""
+
+
+def effects_of(run: Run) -> dict[str, Effect]:
+    """Return the effects that the cell of a run can have, by name."""
+    return {name: one for name, one in EFFECTS.items() if one.can_be_in(run)}
 
 
 def effect(name: str) -> Effect:

@@ -6,12 +6,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from rosette_ros.core.effects.effect import Effect, Quantity, Searched, Setting, grid, per_axis
-from rosette_ros.core.effects.run_functions import last_move, radial, tangential, unit
+from rosette_ros.core.effects.run_functions import (
+    cmm_axes,
+    cmm_axes_names,
+    cmm_senses,
+    last_move,
+    radial,
+    tangential,
+    unit,
+)
 from rosette_ros.core.records import Floats, Run
 
 UNKNOWN = 'unknown'
 FIRST_SENSES = {UNKNOWN: (0, 0), '++': (1, 1), '+-': (1, -1), '-+': (-1, 1), '--': (-1, -1)}
-"""Senses of x and y before they have moved, by the word for them."""
+"""Senses of the two axes before they have moved, by the word for them."""
 
 
 class CmmReversal(Effect):
@@ -19,31 +27,36 @@ class CmmReversal(Effect):
     plain = 'reversal error of the CMM'
     meaning = "The position of the CMM's axes depends on the side from which they approach."
     look = 'Guideways, friction, drives and scales of the CMM; always approach from one side.'
-    formula = '1/2 r_x sense_x, 1/2 r_y sense_y'
+    formula = "1/2 r_x sense_x, 1/2 r_y sense_y along the CMM's own axes; y and z about a table along x"
     source = 'ISO 230-2 (reversal value B)'
     depends_on = ('cmm_sense',)
-    quantities = per_axis('xy', Quantity('r', 'm', 'reversal value of'))  # z comes down to every ball
+    quantities = per_axis('xy', Quantity('r', 'm', 'reversal value of'))  # of an upright table
     carries = 'all'
-    searched = (Searched('first', '', 'sense of x and y before they first moved in the run'),)
+    searched = (Searched('first', '', 'sense of the two axes before they first moved in the run'),)
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         """Try both senses of each axis, and none, for the readings before it first moves."""
-        known = np.all(run.cmm_sense[:, :2] != 0)
+        known = np.all(cmm_senses(run) != 0)
         return grid(first=(UNKNOWN,) if known else FIRST_SENSES)
 
     def independent_settings(self, run: Run) -> int:
         """A few readings look alike."""
         return 1
 
+    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
+        """Return the reversal values of the two axes that go to and fro; the third comes down to every ball."""
+        one = self.quantities[0]
+        return per_axis(cmm_axes_names(run), Quantity(one.name[:-2], one.unit, one.meaning[:-2]))
+
     def columns(self, run: Run, setting: Setting) -> Floats:
-        """Return half the sense of the last move per axis, (N, 3, 2).
+        """Return half the sense of the last move along each of the two axes, (N, 3, 2).
 
         Before an axis has moved, its sense is not in the records: it is searched, unknown counts zero.
         """
         out = np.zeros((run.size, 3, 2))
-        for axis, first in enumerate(FIRST_SENSES[setting.word('first', UNKNOWN)]):
-            sense = run.cmm_sense[:, axis]
-            out[:, axis, axis] = 0.5 * np.where(sense == 0, first, sense)
+        firsts = FIRST_SENSES[setting.word('first', UNKNOWN)]
+        for place, (sense, axis, first) in enumerate(zip(cmm_senses(run), cmm_axes(run), firsts, strict=True)):
+            out[:, :, place] = 0.5 * np.where(sense == 0, first, sense)[:, None] * axis
         return out
 
 
@@ -57,7 +70,7 @@ class CmmReversalPosition(CmmReversal):
     quantities = per_axis('xy', Quantity('r', 'm', 'reversal value at R less that in the middle of'))
 
     def columns(self, run: Run, setting: Setting) -> Floats:
-        return super().columns(run, setting) * radial(run.alpha)[:, :, None]
+        return super().columns(run, setting) * (radial(run.alpha) @ cmm_axes(run).T)[:, None]
 
 
 class ProbeApproach(Effect):

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from rosette_ros.core import axes
 from rosette_ros.core.records import Bools, Floats, Run
 
 COARSE = 4
@@ -114,6 +115,31 @@ def plate_axes(run: Run) -> Floats:
     out[:, :, 1] = tangential(run.phi)
     out[:, 2, 2] = 1.0
     return out
+
+
+def machine_axes(run: Run) -> Floats:
+    """Return the directions of the machine's x, y, z in the table frame, (3, 3), one a row."""
+    return axes.cmm_axes(run.rotation)
+
+
+def along_machine(axis: int, run: Run) -> Floats:
+    """Return a unit displacement along axis 0, 1 or 2 of the machine for every reading, (N, 3)."""
+    return np.repeat(machine_axes(run)[axis][None], run.size, axis=0)
+
+
+def cmm_axes_names(run: Run) -> str:
+    """Return the letters of the two axes of the CMM that go to and fro between the balls: xy for an upright table."""
+    return ''.join(axes.LETTERS[axis] for axis in axes.moving_axes(run.rotation))
+
+
+def cmm_axes(run: Run) -> Floats:
+    """Return the directions of these two in the table frame, (2, 3)."""
+    return np.asarray(machine_axes(run)[list(axes.moving_axes(run.rotation))])
+
+
+def cmm_senses(run: Run) -> Floats:
+    """Return the senses of the last move of these two, (2, N)."""
+    return np.asarray(run.cmm_sense[:, list(axes.moving_axes(run.rotation))].T)
 
 
 def axial_tilts(run: Run) -> Floats:

@@ -128,7 +128,8 @@ class JointResult:
 
     def _motions(self, angle: Floats, values: Floats, mix: Floats) -> ErrorMotions:
         scale = np.array([1, 1, 1, *[1 / self.solution.model.lever] * 3])
-        return ErrorMotions(angle, values * scale, self.sigma * np.linalg.norm(mix, axis=-1) * scale)
+        return ErrorMotions(angle, values * scale, self.sigma * np.linalg.norm(mix, axis=-1) * scale,
+                            self.solution.model.runs[0].rotation)
 
 
 def evaluate_jointly(runs: Sequence[Readings], declared: Mapping[str, Any] | None = None) -> JointResult:

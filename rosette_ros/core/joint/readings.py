@@ -53,7 +53,7 @@ class Readings:
     plate; angle: (m,) nominal table angle of each table position, rad; table_position, ball: (N,) one-based; centre:
     (N, 3) in the table frame, m; angle_deviation: (N,) actual minus nominal table angle, rad; approach: (N,) as of Run;
     repeatability, repeatability_dof: as of Run; frame: the table frame in the machine frame where it is known;
-    simulated: as of Run.
+    simulated, rotation: as of Run.
 
     Raises InvalidData where an index does not exist.
     """
@@ -72,6 +72,7 @@ class Readings:
     source: str = 'run'
     notes: tuple[str, ...] = ()
     simulated: bool = False
+    rotation: Floats | None = None
 
     def __post_init__(self) -> None:
         for name, most in (('table_position', self.angle.size), ('ball', self.plate.balls)):
@@ -85,7 +86,8 @@ class Readings:
         """Return the readings of a Run; frame: its table frame in the machine frame where that is known."""
         return Readings(Plate.regular(run.n, run.radius), nominal_angles(run.n), run.table_position, run.ball,
                         run.centre, run.angle_deviation, run.approach, run.repeatability, run.repeatability_dof, frame,
-                        run.run_id, run.source, (*run.notes, *run.remarks), run.simulated)
+                        run.run_id, run.source, (*run.notes, *run.remarks), run.simulated,
+                        run.rotation)
 
     @property
     def size(self) -> int:
@@ -124,4 +126,5 @@ class Readings:
         """Return the readings in another table frame, given, as their own one, in the machine frame."""
         if self.frame is None:
             raise InvalidData(f'{self.source}: wanted its table frame, got none')
-        return replace(self, centre=frame.to_inner(self.frame.to_outer(self.centre)), frame=frame)
+        return replace(self, centre=frame.to_inner(self.frame.to_outer(self.centre)), frame=frame,
+                       rotation=frame.rotation)

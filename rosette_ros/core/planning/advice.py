@@ -8,7 +8,7 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE
 from rosette_ros.core.planning.visibility import Visibility, visibility
-from rosette_ros.core.records import Run
+from rosette_ros.core.records import Floats, Run
 from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, plan, unwrap_travel
 from rosette_ros.core.touches import USUAL, Pace
 
@@ -70,8 +70,8 @@ class Advice:
     text: str
 
 
-def planned_run(scheme: Scheme, radius: float, pace: Pace | None = None) -> Run:
-    """Return a run as it is expected: nominal centres, times of moves and touches, slow warming.
+def planned_run(scheme: Scheme, radius: float, pace: Pace | None = None, rotation: Floats | None = None) -> Run:
+    """Return a run as it is expected: nominal centres, times of moves and touches, slow warming; rotation: as of Run.
 
     pace: of the cell, None for usual speeds and SECONDS_PER_BALL of USUAL touches. The temperature rises by 0.1 K along
     half a sine, so that what follows the temperature is not the same as what follows the time.
@@ -87,17 +87,17 @@ def planned_run(scheme: Scheme, radius: float, pace: Pace | None = None) -> Run:
     temperature = 20 + 0.1 * np.sin(0.5 * np.pi * time / time[-1])
     return Run(scheme.n, radius, scheme.table_position, scheme.ball, centres, time=time, temperature=temperature,
                approach=scheme.approach, repeats=scheme.repeats, session=scheme.session,
-               source=f'planned run, order {scheme.order}')
+               source=f'planned run, order {scheme.order}', rotation=rotation)
 
 
 def advise_order(scheme: Scheme, radius: float, sigma: float, wanted: Sequence[str] = (), names: Sequence[str] = (),
-                 run: Run | None = None) -> OrderAdvice:
+                 run: Run | None = None, rotation: Floats | None = None) -> OrderAdvice:
     """Return the OrderAdvice of a scheme.
 
     wanted: names that count, all that can be judged if none; names: of the effects to look at, all if none; run: that
-    was measured so, without it the run is taken as it is expected.
+    was measured so, without it the run is taken as it is expected, with a rotation as of Run.
     """
-    planned = planned_run(scheme, radius)
+    planned = planned_run(scheme, radius, rotation=rotation)
     seen = visibility(run or planned, sigma, names=names)
     worst = min((entry for entry in seen if not entry.reason and (not wanted or entry.name in wanted)),
                 key=lambda entry: entry.typical_share)
@@ -120,7 +120,8 @@ def advise(n: int, order: str = 'diagonal', radius: float = 0.1825, sigma: float
 def advise_run(run: Run, wanted: Sequence[str] = (), seed: int = 0) -> Advice:
     """Return the Advice for the cell that measured a run, its own times and senses; arguments as of `advise`."""
     sigma = run.repeatability or 1e-7
-    return _advice(advise_order(scheme_of(run), run.radius, sigma, run=run), run.n, run.radius, sigma, wanted, seed)
+    return _advice(advise_order(scheme_of(run), run.radius, sigma, run=run), run.n, run.radius, sigma, wanted, seed,
+                   run.rotation)
 
 
 def scheme_of(run: Run) -> Scheme:
@@ -132,16 +133,17 @@ def scheme_of(run: Run) -> Scheme:
     return Scheme(run.n, order, 0, *cell, run.approach)
 
 
-def _advice(present: OrderAdvice, n: int, radius: float, sigma: float, wanted: Sequence[str], seed: int) -> Advice:
+def _advice(present: OrderAdvice, n: int, radius: float, sigma: float, wanted: Sequence[str], seed: int,
+            rotation: Floats | None = None) -> Advice:
     judged = [entry for entry in present.visibilities if not entry.reason]
     weak = tuple(entry.name for entry in judged if entry.typical_share < GOOD_SHARE)
     wanted = tuple(wanted) or weak or tuple(entry.name for entry in judged)
-    every = tuple(advise_order(plan(n, name, seed, turning), radius, sigma, wanted, names=wanted)
+    every = tuple(advise_order(plan(n, name, seed, turning), radius, sigma, wanted, names=wanted, rotation=rotation)
                   for name, turning in VARIANTS)
     top = max(entry.worst for entry in every)
     best = min((entry for entry in every if entry.worst >= 0.9 * top), key=lambda entry: entry.travel_time)
     if best.worst > min(present.share(name) for name in wanted) + BETTER:
-        best = advise_order(plan(n, best.order, seed, best.turning), radius, sigma, wanted)
+        best = advise_order(plan(n, best.order, seed, best.turning), radius, sigma, wanted, rotation=rotation)
     else:
         best = present
     return Advice(present, best, every, weak, wanted, _text(present, best, weak, wanted))

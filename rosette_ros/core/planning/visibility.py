@@ -12,7 +12,7 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, Projection, families, why_not_judged
 from rosette_ros.core.effects.effect import Effect, Setting
-from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.effects.library import effects_of
 from rosette_ros.core.model.base_model import BaseSpace
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.model import BASE_TERMS
@@ -58,7 +58,7 @@ def visibility(run: Run, sigma: float = 1e-7, terms: tuple[str, ...] = BASE_TERM
     space = base_space(run, run.radius, terms)
     project = Projection(space, run.size)
     out, shapes = [], {}
-    for name, effect in EFFECTS.items():
+    for name, effect in effects_of(run).items():
         if names and name not in names:
             continue
         reason = why_not_judged(effect, run)

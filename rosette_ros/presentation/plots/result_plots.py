@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rosette_ros.core.geometry import nominal_angles
-from rosette_ros.core.records import CURVES, ISO_NAMES, ErrorMotions, Floats
-from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS
+from rosette_ros.core.records import CURVES, ErrorMotions, Floats
+from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, iso_name
 from rosette_ros.presentation.plots import plot_style as style
 
 ANGLES = {angle: str(angle) for angle in range(0, 361, 60)}
@@ -54,7 +54,7 @@ def six_curves(series: Sequence[Series], heading: str = '', truth: Floats | None
     """
     labels = [style.label_of(one.label) for one in series] + ['truth of the simulated machine'] * (truth is not None)
     banded = any(one.banded for one in series)
-    made, grid = _empty_panels(heading)
+    made, grid = _empty_panels(heading, series[0].motions.rotation)
     known: dict[str, Any] = {}
     for panel, curve in zip(grid, LAYOUT, strict=True):
         lines = [_draw(panel, one, curve, place) for place, one in enumerate(series)]
@@ -67,7 +67,7 @@ def six_curves(series: Sequence[Series], heading: str = '', truth: Floats | None
     return made
 
 
-def _empty_panels(heading: str = '') -> tuple[Figure, Any]:
+def _empty_panels(heading: str = '', rotation: Floats | None = None) -> tuple[Figure, Any]:
     top = INCH['head'] + (INCH['title'] if heading else 0)
     height = INCH['panels'] + INCH['foot'] + top
     made = style.figure(height)
@@ -77,7 +77,7 @@ def _empty_panels(heading: str = '') -> tuple[Figure, Any]:
     for panel, curve in zip(grid.flat, LAYOUT, strict=True):
         panel.axhline(0, color=style.INK, linewidth=0.8)
         panel.set_xlim(-8, 368)
-        style.title(panel, f'{curve} ({ISO_NAMES[curve]}), {MEANING[curve]}')
+        style.title(panel, f'{curve} ({iso_name(curve, rotation)}), {MEANING[curve]}')
         panel.set_ylabel(CURVE_UNITS[CURVES.index(curve)])
         style.scale(panel, ANGLES, numbers='xy' if panel in grid[-1] else 'y')
     for panel in grid[-1]:
@@ -109,13 +109,13 @@ def closed(angle: Floats, value: Floats) -> tuple[Floats, Floats]:
 
 
 def differences(labels: Sequence[str], angle: Floats, values: Floats, spread: Floats,
-                reference: Floats | None = None) -> Figure:
+                reference: Floats | None = None, rotation: Floats | None = None) -> Figure:
     """Return a figure of six panels: curves of several runs less their mean, µm and µrad.
 
     angle: (n,) rad; values: (m, n, 6), m and rad, NaN where a run is left out; spread: (6,) standard deviation that
-    noise explains, a band of two; reference: (6,), dashed.
+    noise explains, a band of two; reference: (6,), dashed; rotation: as of Run.
     """
-    made, grid = _empty_panels()
+    made, grid = _empty_panels(rotation=rotation)
     for panel, curve in zip(grid, LAYOUT, strict=True):
         which = CURVES.index(curve)
         panel.axhspan(-2e6 * spread[which], 2e6 * spread[which], color='#999999', alpha=0.18, linewidth=0)

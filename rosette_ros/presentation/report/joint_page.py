@@ -45,7 +45,8 @@ def joint_html(result: JointResult, files: Sequence[FileDigest] = (), command: s
     runs = result.solution.model.runs
     simulated = [run.name for run in runs if run.simulated]
     return PAGES.get_template('joint.html.j2').render(
-        result=result, verdict=conclude(result), rows=dict(joint_rows(result)), runs=list(map(joint_head, runs)),
+        result=result, iso=text.iso_range(runs[0].rotation), verdict=conclude(result),
+        rows=dict(joint_rows(result)), runs=list(map(joint_head, runs)),
         known=result.knowledge.known, hidden=result.knowledge.hidden, files=tuple(dict.fromkeys(files)),
         notes=[*result.notes, *(f'{run.name}: {note}' for run in runs for note in run.notes)], command=command,
         pictures=inline_svgs(pictures), tables={table.name: table for table in joint_tables(result)},

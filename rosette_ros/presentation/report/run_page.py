@@ -38,7 +38,8 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
     pictures = pictures or pictures_of(summary, overlays)
     run, final = summary.run, summary.final
     return PAGES.get_template('report.html.j2').render(
-        summary=summary, source=source, command=command, sizes=bars(summary), spans=spans(final.error_motions),
+        summary=summary, source=source, iso=text.iso_range(run.rotation), command=command,
+        sizes=bars(summary), spans=spans(final.error_motions),
         findings=findings(summary), p_noise=text.P_NOISE, pictures=inline_svgs(pictures), k=text.COVERAGE_FACTOR,
         changed=len(fits_of(summary)) > 1, cross_validation=text.CROSS_VALIDATION, tables=shown_tables(summary),
         measured=conditions(summary, source), unknown=unknowns(summary), labels=[
@@ -175,7 +176,7 @@ def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str
             ('Measured by', SIMULATED if run.simulated else 'a CMM; nothing in the data says that it is simulated'),
             ('Readings', text.run_size(run)),
             ('Mean radius', f'{text.fixed(1e3 * fit.mean_radius, 6)} mm found, {text.millimetres(run.radius)} nominal'),
-            ('Order', order_of(run, source)),
+            ('Table axis', text.axis_words(run.rotation)), ('Order', order_of(run, source)),
             ('Start of the log', source.begun if source and source.begun else 'not recorded'),
             ('Duration', text.duration(float(np.ptp(run.time)))), ('Pauses', text.pauses(run)),
             ('Temperature', _temperature(run)),

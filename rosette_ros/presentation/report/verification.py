@@ -24,7 +24,9 @@ from rosette_ros.core.records import CURVES, Floats, Ints
 from rosette_ros.presentation.formatting import (
     CURVE_UNITS,
     P_NOISE,
+    curve_names,
     fixed,
+    iso_range,
     micro,
     millimetres,
     model_words,
@@ -35,7 +37,7 @@ from rosette_ros.presentation.plots.result_plots import Extra, Series, differenc
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
 from rosette_ros.presentation.report.provenance import Source, software
 from rosette_ros.presentation.table_format import Column, Table, column, micrometre_column, words
-from rosette_ros.presentation.tables import CURVE_NAMES, FILE_UNITS
+from rosette_ros.presentation.tables import FILE_UNITS
 
 ROLES = (('(i) all corrected', ()), ('(ii) plate turned', ()), ('(iii) CMM correction off', ()),
          ('(iv) CMM and table axial correction off', ('ctz',)), ('table angular correction off', ('crz',)),
@@ -85,6 +87,11 @@ class Verification:
     def angle(self) -> Floats:
         """Nominal table angles, (n,), rad."""
         return self.members[0].fit.error_motions.angle
+
+    @property
+    def rotation(self) -> Floats | None:
+        """Rotation of the table frame of the first run, as of Run."""
+        return self.members[0].fit.run.rotation
 
     @cached_property
     def values(self) -> Floats:
@@ -229,7 +236,8 @@ def verification_html(verification: Verification, command: str = '',
     files = {(file.path, file.sha256): file for one in members for file in one.source.files}
     simulated = [one.label for one in members if one.fit.run.simulated]
     return PAGES.get_template('verification.html.j2').render(
-        verification=verification, sizes=_bars(verification), files=tuple(files.values()), command=command,
+        verification=verification, iso=iso_range(verification.rotation),
+        sizes=_bars(verification), files=tuple(files.values()), command=command,
         pictures=inline_svgs(pictures), tables={table.name: table for table in verification_tables(verification)},
         p=f'{P_NOISE} of the differences: {p_value(verification.p)}', maker=maker_rows(verification),
         counts=dict(zip(CURVES, verification.counts.tolist(), strict=True)),
@@ -244,7 +252,7 @@ def verification_pictures(verification: Verification) -> dict[str, Figure]:
     series = [Series(one.label, one.fit.error_motions, place == 0) for place, one in enumerate(members)]
     return {'verification_curves': six_curves(series, extras=_extras(verification)), 'differences': differences(
         [one.label for one in members], verification.angle, verification.differences, verification.expected,
-        np.repeat(PAPER, 3))}
+        np.repeat(PAPER, 3), verification.rotation)}
 
 
 def _extras(verification: Verification) -> list[Extra]:
@@ -273,13 +281,13 @@ def _bars(verification: Verification) -> list[tuple[str, list[tuple[str, float, 
 
 def maker_rows(verification: Verification) -> list[tuple[str, ...]]:
     """Return correction, curve, and the changes when it is switched off: whole, minus the maker's table, remainder."""
-    out = []
+    out, names = [], curve_names(verification.rotation)
     for what, place in (('axial', 2), ('angular', 5)):
         curve, unit = CURVES[place], CURVE_UNITS[place]
         off, left = verification.switched(curve), verification.remainder(curve)
         if off is not None:
             changes = [off, *([left, left - verification.mean[:, place]] if left is not None else [])]
-            out.append((what, CURVE_NAMES[place], *(f'{micro(float(np.abs(one).max()), 2)} {unit}' for one in changes)))
+            out.append((what, names[place], *(f'{micro(float(np.abs(one).max()), 2)} {unit}' for one in changes)))
     return out
 
 
@@ -290,7 +298,7 @@ def verification_tables(verification: Verification) -> tuple[Table, ...]:
             ('expected', 'noise alone', verification.expected), ('paper', 'the paper', np.repeat(PAPER, 3)),
             ('largest_difference', 'largest difference to the mean', sizes))
     reproducibility = Table('reproducibility', 'Reproducibility of each curve: standard deviation over the runs', (
-        words('curve', 'curve', CURVE_NAMES), column('runs', 'runs', verification.counts, str),
+        words('curve', 'curve', curve_names(verification.rotation)), column('runs', 'runs', verification.counts, str),
         words('unit', 'unit', CURVE_UNITS),
         *(Column(f'{key}_in_unit', name, tuple((1e6 * values).tolist()),
                  tuple(f'{micro(value, digits)} {unit}' for value, digits, unit in zip(values, DIGITS, CURVE_UNITS)))

@@ -34,7 +34,7 @@ HOOKS = {
 """Methods that an effect may have, by name, and what each returns at a Moment.
 
 The array broadcasts to (N, Q) or, for vectors, (N, Q, 3). `surface` is also given the (N, Q, 3) unit vectors from the
-ball's centre to the touch points, machine frame, and the TouchPattern.
+ball's centre to the touch points, z towards the pole, and the TouchPattern.
 """
 
 
@@ -101,10 +101,12 @@ class Drawn:
 class HiddenEffect(Settings):
     """One physical effect that the machine does not publish; its methods are named in HOOKS.
 
-    is_named: whether the library of effects has a name for it; unnamed kinds are drawn only when asked for.
+    is_named: whether the library of effects has a name for it; needs_tilt: whether it needs a table axis that is not
+    vertical. Unnamed kinds and those are drawn only when asked for.
     """
 
     is_named: ClassVar[bool] = True
+    needs_tilt: ClassVar[bool] = False
     kind: str
 
     @classmethod

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field
 
-from rosette_ros.core.geometry import TWO_PI
+from rosette_ros.core.geometry import TWO_PI, rotate_z
 from rosette_ros.core.records import Floats
 from rosette_ros.simulation.hidden.hidden_effect import UM, Draw, Drawn, HiddenEffect, along
 from rosette_ros.simulation.motion import Moment
@@ -257,6 +257,26 @@ class HiddenBallForm(HiddenEffect):
                    centre_um=by.size_um * np.sqrt(by.run.balls), phase_deg=by.between(0, 360))
 
 
+class HiddenBallSag(HiddenEffect):
+    """A stem bends under gravity as the plate turns it: by `sag_um` where gravity pulls fully along `along_deg`.
+
+    Both count from the ball's own radial direction on the plate: sag_um radial, tangential and axial, along_deg 90 for
+    an arm that bends around the plate and is stiff along itself.
+    """
+
+    needs_tilt: ClassVar[bool] = True
+    kind: Literal['ball_sag'] = 'ball_sag'
+    ball: Annotated[int, Field(ge=0, description='0: every ball'), Drawn(Draw.ball)] = 0
+    sag_um: Annotated[Vector, Drawn(lambda by: by.vector(by.size_um * np.sqrt(by.run.balls)))]
+    along_deg: Annotated[Number, Drawn(lambda by: by.between(0, 360))] = 90.0
+
+    def ball_shift(self, moment: Moment) -> Floats:
+        turned = moment.angle + moment.azimuth + np.deg2rad(self.along_deg)
+        pull = moment.gravity[0] * np.cos(turned) + moment.gravity[1] * np.sin(turned)
+        bent = pull * (moment.ball == self.ball) if self.ball else pull
+        return rotate_z(moment.azimuth, along(self.sag_um, bent))
+
+
 class HiddenCmmReversal(HiddenEffect):
     """An axis leans to the side it came from: half the value before, half after, in the sense of its last move."""
 
@@ -332,5 +352,5 @@ class HiddenUnevenNoise(HiddenEffect):
 
 KINDS = {effect.model_fields['kind'].default: effect for effect in HiddenEffect.__subclasses__()}
 """Every kind by its name in the configuration; the order, that of the classes, decides what a seed draws."""
-NAMED = tuple(kind for kind, effect in KINDS.items() if effect.is_named)
+NAMED = tuple(kind for kind, effect in KINDS.items() if effect.is_named and not effect.needs_tilt)
 """Kinds that are drawn unless others are asked for."""
