@@ -66,6 +66,12 @@ def taught_frame(origin: ArrayLike, axis: ArrayLike, azimuth: float) -> Frame:
     return Frame(axis_rotation(axis) @ rotation_matrix([0.0, 0.0, azimuth]), np.asarray(origin, dtype=float))
 
 
+def azimuth(rotation: Floats) -> float:
+    """Return where ball 1 is at table angle 0, as of taught_frame, in -pi..pi, rad."""
+    across = axis_rotation(rotation[:, 2]).T @ rotation[:, 0]
+    return float(np.arctan2(across[1], across[0]))
+
+
 def rotation_of(axis: ArrayLike, x: ArrayLike | None = None) -> Floats:
     """Return the rotation of a table of which axis and x are known as directions (3,) in the machine.
 

@@ -70,16 +70,27 @@ def axis_words(rotation: Floats | None) -> str:
     """Return how the table stands in the machine, rotation: as of Run; '' where that is not known."""
     if rotation is None:
         return ''
-    along, named = axes.machine_axis(rotation), ', '.join(f'{value + 0.0:.4f}' for value in np.round(rotation[:, 2], 4))
-    ball = ', '.join(f'{value + 0.0:.4f}' for value in np.round(rotation[:, 0], 4))
+    axis, ball = (', '.join(f'{value + 0.0:.4f}' for value in np.round(rotation[:, place], 4)) for place in (2, 0))
+    note = axis_note(rotation)
+    return f'({axis}) in the machine, ball 1 at ({ball}){f"; {note}" if note else ""}'.replace('-', '−')
+
+
+def axis_note(rotation: Floats | None) -> str:
+    """Return what the ISO names of the curves of a table mean, '' where its axis is along z of the machine."""
+    along = axes.machine_axis(rotation)
+    if along == (2, 1):
+        return ''
     if along is None:
-        name = 'no axis of the machine: in the ISO names X, Y, Z are those of the table frame, C is its axis'
-    else:
-        axis, sense = along
-        name = f'{"−" if sense < 0 else ""}{axes.LETTERS[axis]} of the machine: {"ABC"[axis]} axis'
-        name += ', its curves count about the opposite direction' if sense < 0 else ''
-    own = '' if along == (2, 1) else '; x, y, z of curves and residuals are those of the table frame'
-    return f'along {name}; axis ({named}), ball 1 at ({ball}){own}'.replace('-', '−')
+        return ('the table axis is oblique to the machine: in the ISO names X, Y, Z are the axes of the table frame, C '
+                'is the table axis')
+    axis, sense = along
+    minus, name = '−' * (sense < 0), axes.LETTERS[axis]
+    counted = ', a minus sign: counted against the axis of the machine' if sense < 0 else ''
+    turned = axes.azimuth(rotation) if rotation is not None else 0.0
+    across = f'; the letters across the axis are turned by {np.rad2deg(turned):.1f}° as ball 1 is' if (
+        abs(turned) > axes.ALONG) else ''
+    return (f'the table axis is along {minus}{name} of the machine, {("an A", "a B", "a C")[axis]} axis in the ISO '
+            f'names{counted}{across}; x, y, z are those of the table frame').replace('-', '−')
 
 
 def scale_of(unit: str, parameter: str = '') -> Scale:

@@ -101,6 +101,7 @@ def evaluation_json(fit: Fit, verdict: Verdict | None = None) -> Json:
         'coverage_factor': COVERAGE_FACTOR, 'iso_names': motions.iso_names, 'plate_m': fit.plate, 'cmm_m': fit.cmm,
         'plate_U_m': COVERAGE_FACTOR * fit.deviation_u[0], 'cmm_U_m': COVERAGE_FACTOR * fit.deviation_u[1],
         'simulated': run.simulated, 'rotation': run.rotation,
+        'table_axis': None if run.rotation is None else run.rotation[:, 2],
         'fit': fit_json(fit), 'gauge': fit.gauge, **verdict_json(verdict),
         'effects': {key: parameters_json(one.parameters) for key, one in zip(keys, fit.effects, strict=True)}})
 

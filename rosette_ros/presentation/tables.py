@@ -69,7 +69,9 @@ def curves(motions: ErrorMotions) -> Table:
                               shown, unit, footer=footer[:1 + alike]))
     columns += [column(f'u_{curve}_{unit}', '', u[:, place])
                 for place, (curve, unit) in enumerate(zip(CURVES, FILE_UNITS, strict=True))]
-    return Table('curves', f'Six error motions of the table; {EXPANDED}', tuple(columns))
+    note = text.axis_note(motions.rotation)
+    return Table('curves', f'Six error motions of the table; {EXPANDED}', tuple(columns),
+                 note=f'{note[:1].upper()}{note[1:]}.' if note else '')
 
 
 def _alike(u: Floats) -> bool:

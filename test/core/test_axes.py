@@ -27,6 +27,7 @@ def test_a_taught_frame_is_a_frame_about_its_axis(axis, azimuth):
     assert r @ r.T == pytest.approx(np.eye(3), abs=1e-12)
     assert np.linalg.det(r) == pytest.approx(1)
     assert r[:, 2] == pytest.approx(np.asarray(axis) / np.linalg.norm(axis), abs=1e-12)
+    assert np.exp(1j * axes.azimuth(r)) == pytest.approx(np.exp(1j * azimuth), abs=1e-9)
     start = axes.axis_rotation(axis)
     assert start @ rotation_matrix([0, 0, azimuth]) == pytest.approx(r, abs=1e-12)
 

@@ -3,8 +3,10 @@
 
 import math
 
+import numpy as np
 import pytest
 
+from rosette_ros.core.axes import axis_rotation, taught_frame
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.model import Model
@@ -64,3 +66,33 @@ def test_settings_have_units_and_words():
     assert setting_words('cmm_reversal', {'first': '+-'}) == 'before they turn back, x moves + and y −'
     assert setting_words('cmm_reversal', {'first': 'unknown'}) == 'the first senses of x and y are not known'
     assert model_words(Model().with_effect('frame_warmup', {'tau': 600.0})).endswith(' + frame_warmup (tau 10 min)')
+
+
+@pytest.mark.parametrize(('axis', 'words'), [
+    ((0, 0, 1), ''), (None, ''), ((0.01, 0, 1), ''),
+    ((1, 0, 0), 'the table axis is along x of the machine, an A axis in the ISO names; x, y, z are those of the table '
+                'frame'),
+    ((0, 0, -1), 'the table axis is along −z of the machine, a C axis in the ISO names, a minus sign: counted against '
+                 'the axis of the machine; x, y, z are those of the table frame'),
+    ((1, 0, 1), 'the table axis is oblique to the machine: in the ISO names X, Y, Z are the axes of the table frame, C '
+                'is the table axis')])
+def test_the_meaning_of_iso_names_is_told_where_it_is_not_plain(axis, words):
+    """Nothing for a vertical axis."""
+    rotation = axis and axis_rotation(axis)
+    assert text.axis_note(rotation) == words
+    assert text.axis_words(rotation).endswith(words)
+
+
+def test_letters_that_are_turned_with_ball_1_are_told():
+    """Beyond what an operator would call along an axis."""
+    note = text.axis_note(taught_frame([0, 0, 0], [0, 1, 0], np.deg2rad(-40.0)).rotation)
+    assert 'a B axis in the ISO names; the letters across the axis are turned by −40.0° as ball 1 is; x, y' in note
+
+
+def test_names_of_both_standards():
+    """A true minus sign for people."""
+    assert text.curve_names(axis_rotation((0, -1, 0))) == (
+        'ctx (EZB)', 'cty (−EXB)', 'ctz (−EYB)', 'crx (ECB)', 'cry (−EAB)', 'crz (−EBB)')
+    assert text.iso_range(None) == 'EXC … ECC'
+    assert text.axis_words(axis_rotation((1, 0, 0))).startswith(
+        '(1.0000, 0.0000, 0.0000) in the machine, ball 1 at (0.0000, 1.0000, 0.0000); ')

@@ -243,6 +243,7 @@ class FixedEffect(Effect):
     def __init__(self, effect: Effect, fixed: Setting) -> None:
         self.effect, self.fixed = effect, fixed
         self.name, self.depends_on, self.searched = effect.name, effect.depends_on, effect.searched
+        self.needs_tilt = effect.needs_tilt
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         """Return the effect's settings with the fixed values in their place, each once."""
