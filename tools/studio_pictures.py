@@ -75,6 +75,7 @@ def picture_cell(browser, address, folder):
     expect(page.get_by_test_id('open-log')).to_be_visible(timeout=60_000)
     page.wait_for_timeout(3000)
     page.screenshot(path=folder / 'studio-cell.png')
+    page.get_by_test_id('plan').screenshot(path=folder / 'studio-plan.png')
     page.close()
 
 

@@ -68,18 +68,18 @@ class CellWatcher(GraphClient):
         """Whether a calibration that was requested here is running."""
         return self._job is not None and not self._job.done()
 
-    def calibrate(self, order: str, seed: int) -> None:
-        """Request a calibration; how it ends is kept in `outcome` or `problem`."""
+    def calibrate(self, **goal: Any) -> None:
+        """Request a calibration; goal: as of CellClient.calibrate; how it ends is kept in `outcome` or `problem`."""
         if not self.is_calibrating:
             self._cancel.clear()
             self.outcome, self.problem = None, ''
-            self._job = self._requests.submit(self._calibrate, order, seed)
+            self._job = self._requests.submit(self._calibrate, goal)
 
     def cancel(self) -> None:
         """Cancel the calibration that was requested here."""
         self._cancel.set()
 
-    def _calibrate(self, order: str, seed: int) -> None:
+    def _calibrate(self, goal: dict[str, Any]) -> None:
         is_accepted = is_cancelled = False
 
         def on_progress(_: object) -> None:
@@ -94,7 +94,7 @@ class CellWatcher(GraphClient):
 
         try:
             with CellClient(*self._cell) as client:
-                self.outcome = client.calibrate(order=order, seed=seed, on_progress=on_progress, check=check)
+                self.outcome = client.calibrate(**goal, on_progress=on_progress, check=check)
         except (RosetteError, TimeoutError) as error:
             self.problem = one_line(error)
 

@@ -49,7 +49,8 @@ class Controller:
     """A Session with its calculations; `changed` is emitted for the views.
 
     step: the one of analysis.STEPS that is running, '' when none is; previewing: what a preview is calculated of, ''
-    when none is; error: words of what failed last; check: name of a second run and what it shows of the diagnosis.
+    when none is; error: words of what failed last; check: name of a second run and what it shows of the diagnosis;
+    planner: calculates what plans determine.
     """
 
     def __init__(self) -> None:
@@ -57,6 +58,7 @@ class Controller:
         self.step = self.error = self.previewing = ''
         self.check: tuple[str, CrossCheck] | None = None
         self._quick, self._worker, self._reader = ThreadPoolExecutor(1, 'quick'), Worker(), Worker()
+        self.planner = Worker()
         self._refreshed: Ticket | None = None
 
     # Actions
@@ -171,7 +173,7 @@ class Controller:
 
     def close(self) -> None:
         """End the calculations."""
-        for worker in (self._worker, self._reader):
+        for worker in (self._worker, self._reader, self.planner):
             worker.stop()
         self._quick.shutdown(wait=False, cancel_futures=True)
 

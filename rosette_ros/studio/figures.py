@@ -17,6 +17,7 @@ from rosette_ros.analysis import LadderStep
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats, Ints
+from rosette_ros.core.scheme import Scheme
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, iso_name, signed
 from rosette_ros.presentation.plots.plot_style import AFTER, COLOURS
 from rosette_ros.presentation.plots.result_plots import MEANING, closed
@@ -195,6 +196,27 @@ def filling_figure(n: int, cells: Mapping[tuple[int, int], float]) -> PlotlyFigu
     layout = _layout(margin={'l': 52, 't': 12})
     layout['xaxis'] = {'dtick': _tick(n), 'range': [0.5, n + 0.5], 'title': {'text': 'ball'}}
     layout['yaxis'] = {'dtick': _tick(n), 'range': [n + 0.5, 0.5], 'title': {'text': 'table position'}}
+    return _figure(data, layout)
+
+
+def pairs_figure(scheme: Scheme) -> PlotlyFigure:
+    """Return the pairs of table position and CMM position in the order of measuring; a second time beside the first."""
+    cell, number = scheme.table_position * (scheme.n + 1) + scheme.cmm_position, np.arange(1, scheme.ball.size + 1)
+    again = ~np.isin(number - 1, np.unique(cell, return_index=True)[1])
+    shift = np.where(again, 0.2, -0.2) * bool(again.any())
+    size = max(3, min(14, 230 // scheme.n))
+    data: list[PlotlyFigure] = [{
+        'type': 'scattergl' if number.size > MOST_MARKS else 'scatter', 'mode': 'markers',
+        'x': _array(scheme.cmm_position + shift), 'y': _array(scheme.table_position),
+        'customdata': _array(np.column_stack([number, scheme.ball, scheme.cmm_position])), 'showlegend': False,
+        'marker': {'size': size if not again.any() else 0.7 * size, 'color': _array(number), 'colorscale': 'Viridis',
+                   'symbol': 'square', 'colorbar': {'title': {'text': 'reading', 'side': 'top'}, 'thickness': 12}},
+        'hovertemplate': 'reading %{customdata[0]}: table position %{y}, ball %{customdata[1]}, CMM position '
+                         '%{customdata[2]}<extra></extra>'}]
+    layout = _layout(margin={'l': 52, 't': 12})
+    ends = {'dtick': _tick(scheme.n), 'tick0': 1}
+    layout['xaxis'] = {**ends, 'range': [0.4, scheme.n + 0.6], 'title': {'text': 'CMM position'}}
+    layout['yaxis'] = {**ends, 'range': [scheme.n + 0.6, 0.4], 'title': {'text': 'table position'}}
     return _figure(data, layout)
 
 

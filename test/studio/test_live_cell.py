@@ -60,6 +60,28 @@ def test_calibrate_and_cancel_from_the_page(cell, module_domain_id, studio, page
     cell.check()
 
 
+def test_a_plan_is_chosen_and_started(cell, module_domain_id, studio, page):
+    """Rank, U and time of what is chosen; a refusal in words; a proposal for a time; the cell measures the plan."""
+    cell.machine.write_text(yaml.safe_dump({**yaml.safe_load(cell.machine.read_text()), 'faults': []}))
+    connect(page, studio, module_domain_id)
+    facts, error, start = (page.get_by_test_id(f'plan-{name}') for name in ('facts', 'error', 'start'))
+    expect(facts).to_contain_text('144')
+    page.get_by_test_id('plan-balls').fill(str(BALLS))
+    expect(facts).to_contain_text('48')
+    expect(page.get_by_test_id('plan-words')).to_contain_text('effects well')
+    page.get_by_test_id('plan-places').fill('3')
+    expect(error).to_contain_text('3 of 6 CMM positions or balls do not determine the curves')
+    expect(start).to_be_disabled()
+    page.get_by_test_id('plan-hours').fill('0.3')
+    page.get_by_test_id('plan-propose').click()
+    expect(error).to_be_hidden()
+    expect(page.get_by_test_id('plan-touches')).not_to_have_value('usual')
+    start.click()
+    expect(page.get_by_test_id('phase')).to_contain_text('order row')
+    expect(page.get_by_test_id('live-words')).to_contain_text('Result of run')
+    cell.check()
+
+
 def test_warnings_of_the_nodes_are_shown(cell, module_domain_id, studio, page):
     """A ball that cannot be measured at once is requested again: the sequencer warns, and the page shows it."""
     machine = yaml.safe_load(cell.machine.read_text())

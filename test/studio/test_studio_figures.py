@@ -20,6 +20,7 @@ from rosette_ros.studio.figures import (
     filling_figure,
     ladder_figure,
     maps_figure,
+    pairs_figure,
     time_figure,
 )
 from rosette_ros.studio.panels.open_dialog import safe_name
@@ -138,3 +139,13 @@ def test_ball_centres_fill_the_map_as_they_are_received():
 def test_names_of_uploads_mean_nothing_to_the_system(name, kept):
     """Only their last part is kept, without what could be taken for more."""
     assert safe_name(name) == kept
+
+
+def test_pairs_of_a_plan_in_the_order_of_measuring():
+    """Every reading once; a pair that is measured twice stands beside the first time."""
+    for order, shifts in (('row', {0.0}), ('there_and_back', {-0.2, 0.2})):
+        scheme = plan(6, order)
+        data = pairs_figure(scheme)['data'][0]
+        number, ball, position = numbers(data['customdata']).reshape(-1, 3).T
+        assert number.tolist() == list(range(1, scheme.ball.size + 1)) and np.array_equal(ball, scheme.ball)
+        assert set(np.round(numbers(data['x']).astype(float) - position, 3).tolist()) == shifts

@@ -2,21 +2,23 @@
 """Plans side by side: what each determines and shows, and which is better where."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rosette_ros.core.errors import counted
 from rosette_ros.core.planning.advice import GOOD_SHARE, planned_run
-from rosette_ros.core.planning.budget import MOST_BALLS
+from rosette_ros.core.planning.budget import MOST_BALLS, propose
 from rosette_ros.core.planning.expectation import Expectation, expect
 from rosette_ros.core.planning.visibility import Visibility, visibility
-from rosette_ros.core.scheme import Scheme
+from rosette_ros.core.scheme import Scheme, places_in_use, plan
 from rosette_ros.core.touches import Pace
 
 NOTICED = 0.02
 """Relative differences of uncertainties and times that are not worth a word."""
 LISTED = 8
+USUAL_DRIFT = 1e-7
+"""Random walk of the frame, m after an hour, that a plan is proposed for where nothing is said."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +56,23 @@ def outlook(name: str, scheme: Scheme, radius: float, sigma: float = 1e-7, pace:
     seen = visibility(planned_run(scheme, radius, pace), sigma * expected.spread) if (
         effects and scheme.n <= MOST_BALLS) else ()
     return Outlook(name, scheme, radius, sigma, expected, seen)
+
+
+def outlook_of_order(n: int, radius: float, pace: Pace | None, order: str, places: str = '',
+                     touches: int = 0) -> Outlook:
+    """Return the Outlook of an order; places: CMM positions in use as of `places_in_use`. Raises InvalidPlan."""
+    scheme = plan(n, order, cmm_positions=places_in_use(places, n))
+    return outlook(order, replace(scheme, touches=np.full(scheme.ball.size, touches)), radius, pace=pace)
+
+
+def best_outlook(n: int, radius: float, pace: Pace, hours: float) -> Outlook:
+    """Return the Outlook of the plan that is best in a time for a frame that wanders by USUAL_DRIFT in an hour.
+
+    Raises InvalidPlan where there is none.
+    """
+    best = propose(n, radius, hours, drift=USUAL_DRIFT, pace=pace)[0]
+    scheme = replace(best.scheme, touches=np.full(best.scheme.ball.size, best.touches))
+    return outlook(scheme.order, scheme, radius, pace=pace)
 
 
 def better(plans: Sequence[Outlook]) -> tuple[str, ...]:

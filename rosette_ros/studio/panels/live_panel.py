@@ -21,7 +21,19 @@ from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.figures import Curves, curves_figure, filling_figure
 from rosette_ros.studio.live_state import Fault, Health, NodeHealth
 from rosette_ros.studio.panels.figures_panel import WIDTH
-from rosette_ros.studio.panels.widgets import Area, ErrorLine, Figure, button, card, input_field, marked, row, set_words
+from rosette_ros.studio.panels.plan_panel import PlanPanel
+from rosette_ros.studio.panels.widgets import (
+    Area,
+    ErrorLine,
+    Figure,
+    button,
+    card,
+    input_field,
+    marked,
+    row,
+    set_words,
+    whole_field,
+)
 
 if TYPE_CHECKING:
     from rosette_ros.studio.cell_watcher import CellWatcher
@@ -46,7 +58,8 @@ class LivePanel:
         self._controller, self._cells, self._on_open = controller, cells, on_open
         with card('Cell', 'cell'):
             with row():
-                self._domain = _whole('ROS domain', domain, DOMAINS, 'domain').props('placeholder="of the environment"')
+                self._domain = whole_field('ROS domain', domain, DOMAINS, 'domain')
+                self._domain.props('placeholder="of the environment"')
                 self._namespace = input_field(ui.input('namespace', value=namespace), 'namespace', 'width: 130px')
                 self._connect = button('Connect', self.connect, 'link', 'connect', strong=True)
             self._error = ErrorLine('cell-error')
@@ -88,12 +101,14 @@ class CellPanel:
                     self._health = Area(marked(ui.element('div').classes('health'), 'health-table'))
                 with card('Warnings and faults', 'faults'):
                     self._faults = Area(marked(ui.element('div').classes('list small').props('role=log'), 'fault-list'))
+                self._plan = PlanPanel(self._controller, self._watcher)
             with ui.element('div').classes('main'):
                 with card('Six error motions so far, with U (k = 2)', 'live-curves') as self._curves_card:
                     self._curves_words = marked(ui.label('').classes('soft small'), 'live-words')
                     self._curves = Figure(400, 'Curves so far', 'live-figure', WIDTH)
                 with card('Ball centres so far: distance from the expected place', 'filling') as self._filling_card:
                     self._filling = Figure(320, 'Ball centres so far')
+                self._plan.build_picture()
         self._curves_card.set_visibility(False)
         ui.timer(0.3, self._update)
 
@@ -101,7 +116,7 @@ class CellPanel:
         with row():
             orders = {'': 'as configured', **{name: name for name in ORDERS}}
             self._order = input_field(ui.select(orders, label='order', value=''), 'order', 'width: 190px')
-            self._seed = _whole('seed', 0, SEEDS, 'seed')
+            self._seed = whole_field('seed', 0, SEEDS, 'seed')
         with row():
             self._start = button('Start', self._calibrate, 'play_arrow', 'start', strong=True)
             self._cancel = button('Cancel', self._watcher.cancel, 'stop', 'cancel')
@@ -115,7 +130,7 @@ class CellPanel:
 
     def _calibrate(self) -> None:
         if self._seed.validate():
-            self._watcher.calibrate(self._order.value, int(self._seed.value or 0))
+            self._watcher.calibrate(order=self._order.value, seed=int(self._seed.value or 0))
 
     async def _open_log(self) -> None:
         if self._watcher.outcome and self._watcher.outcome.log:
@@ -128,7 +143,9 @@ class CellPanel:
             balls, cells, run_id, health = state.balls, state.cells, state.run_id, state.health(time.monotonic())
         self._show_calibration(progress, verdict)
         heard = any(one.name == SEQUENCER and one.level != Health.SILENT for one in health)
-        self._start.set_enabled(heard and not (self._watcher.is_calibrating or progress.is_running))
+        can_start = heard and not (self._watcher.is_calibrating or progress.is_running)
+        self._start.set_enabled(can_start)
+        self._plan.allow_start(can_start)
         self._hint.set_visibility(not heard)
         self._health.show(self._show_health, [one._replace(received=0.0) for one in health])
         self._faults.show(self._show_faults, faults)
@@ -203,13 +220,6 @@ class CellPanel:
         with self._watcher.lock:
             part = self._watcher.state.part_of_run()
         return analyse(part)
-
-
-def _whole(words: str, value: int | None, known: range, mark: str) -> ui.number:
-    """Return a field for a whole number; what is no such number is refused by `validate`."""
-    made = ui.number(words, value=value, validation={
-        f'wanted a whole number from 0 to {known[-1]}': lambda given: given is None or given in known})
-    return input_field(made.props('hide-bottom-space'), mark, 'width: 150px')
 
 
 class CellWatchers:
