@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the pictures of docs/report.md from simulated runs: python tools/docs_pictures.py
+"""Makes the pictures of docs/report.md and docs/plans.md from simulated runs: python tools/docs_pictures.py
 
 With --browser PATH the first screen of the page, light and dark, and its first two pages on paper are taken by a
 headless Chromium, too.
@@ -10,15 +10,19 @@ import tempfile
 from pathlib import Path
 
 import matplotlib as mpl
+import numpy as np
 from PIL import Image
 from playwright.sync_api import sync_playwright
 from pypdfium2 import PdfDocument
 
 from rosette_ros.analysis import analyse, summarise
+from rosette_ros.core.joint.readings import Plate
+from rosette_ros.core.records import remove_gauge
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.text_file import write_text
 from rosette_ros.presentation.plots.plot_style import LOOK
+from rosette_ros.presentation.plots.result_plots import Series, six_curves
 from rosette_ros.presentation.report import Source, open_source, pictures_of, report_html
 from rosette_ros.presentation.report.verification import MakerTable, verification_pictures, verify
 from rosette_ros.simulation import Machine, MachineConfig
@@ -31,6 +35,8 @@ HIDDEN = [{'kind': 'frame_drift', 'rate_um_per_h': [0.9, 0.0, 0.5]},
 CMM_OFF = {'cmm': {'correction': False}}
 CONDITIONS = ({}, {'clamping': {'plate_turn_deg': 90.0}}, CMM_OFF, {**CMM_OFF, 'table': {'axial_correction': False}},
               {'table': {'angular_correction': False}}, {})
+FINE = {'fine_orders': (11, 13, 17), 'fine_share': 0.5, 'translation_um': 0.3, 'rotation_urad': 2.0}
+MOVED = (0, 30, 60, 90, 130, *range(150, 360, 30))
 SHOWN = ('curves', 'deviations', 'residual_maps', 'residuals_against', 'ladder', 'visibility')
 PAPER = 'report-paper.png'
 SCREENS = {'light': 'report-verdict.png', 'dark': 'report-verdict-dark.png'}
@@ -56,6 +62,19 @@ def main():
         write_text(page, report_html(summary, source, 'rosette report run.csv', pictures=pictures))
         photograph(page, options.browser)
     keep(verification_pictures(verification())['verification_curves'], 'report-verification.png')
+    keep(irregular_plate(), 'plans-irregular-plate.png')
+
+
+def irregular_plate():
+    """Return the figure of a fine table, measured with an irregular plate at 36 positions and as usual at 12."""
+    config = MachineConfig().changed(table=FINE, plate={'balls': 36})
+    fine, usual = Machine(config), Machine(config.changed(plate={'balls': 12}))
+    places = Plate(np.deg2rad(MOVED), np.full(12, config.radius), np.zeros(12)).places(36)
+    run, alignment, _ = fine.calibrate(plan(36, balls=places))
+    return six_curves([Series('36 table positions, 12 balls, one of them 10° off', analyse(run).error_motions),
+                       Series('12 table positions, 12 balls of equal pitch', analyse(
+                           usual.run(plan(12))).error_motions)],
+                      truth=remove_gauge(fine.table_truth(frame=alignment.frame)))
 
 
 def keep(figure, name):

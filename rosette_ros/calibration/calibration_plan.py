@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What one calibration measures, in order: the scheme and the phases around it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,6 +52,11 @@ class CalibrationPlan:
         """N, the number of targets over all phases."""
         return self.phase.size
 
+    @property
+    def alignments(self) -> int:
+        """Number of targets of the alignment."""
+        return int(np.count_nonzero(self.phase == Phase.ALIGNMENT))
+
     def target(self, index: int) -> Target:
         """Return the target at 0..N-1, seq is index + 1, with its nominal centre, before it is asked (attempt 0)."""
         n = self.scheme.n
@@ -69,18 +75,21 @@ class CalibrationPlan:
 
 
 def plan_calibration(scheme: Scheme, radius: float, taught: Frame, repeats: int = 10,
-                     drift_check: bool = True, touches: int = 0) -> CalibrationPlan:
+                     drift_check: bool = True, touches: int = 0, balls: Sequence[int] = ()) -> CalibrationPlan:
     """Return the CalibrationPlan of a scheme.
 
     Repeatability check: ball 1 at table position 1, `repeats` times. Alignment: ball 1 at every table position (the
     axis), then every ball at table position 1 (the plane and the x axis). The run in the order of `scheme`. Drift
     check: the first ball of the run once more. touches: of balls for which the scheme names none; outside of the run as
-    many as most of its balls get. Source: Kniel et al. (2019), section 2.2, steps (a)-(d)."""
+    many as most of its balls get; balls: those that exist, all if none. Source: Kniel et al. (2019), section 2.2, steps
+    (a)-(d)."""
     every, first = np.arange(1, scheme.n + 1), np.ones(scheme.n, dtype=int)
+    present = np.sort(balls) if balls else every
+    on_plate = np.ones_like(present), present, np.ones_like(present)
     of_run = np.where(scheme.touches > 0, scheme.touches, touches)
     usual, last = int(np.bincount(of_run).argmax()), slice(0, 1 if drift_check else 0)
     parts = [(Phase.REPEATABILITY, *(np.ones(repeats, dtype=int),) * 3), (Phase.ALIGNMENT, every, first, first),
-             (Phase.ALIGNMENT, first, every, first), (Phase.RUN, scheme.table_position, scheme.ball, scheme.approach),
+             (Phase.ALIGNMENT, *on_plate), (Phase.RUN, scheme.table_position, scheme.ball, scheme.approach),
              (Phase.DRIFT_CHECK, scheme.table_position[last], scheme.ball[last], scheme.approach[last])]
     phase = np.concatenate([np.full(part[1].size, part[0]) for part in parts])
     position, ball, sense = (np.concatenate([part[column] for part in parts]) for column in (1, 2, 3))

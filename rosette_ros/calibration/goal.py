@@ -35,8 +35,8 @@ class Request:
 
     @property
     def fields(self) -> str:
-        """The fields of the goal besides OF_EVENT and a plan, which stands in the settings, as YAML."""
-        own = {name: value for name, value in self.goal.items() if name not in (*OF_EVENT, 'plan')}
+        """The fields of the goal besides OF_EVENT, a plan and a plate, which stand in the settings, as YAML."""
+        own = {name: value for name, value in self.goal.items() if name not in (*OF_EVENT, 'plan', 'plate')}
         return yaml.safe_dump(own, sort_keys=False) if own else ''
 
 
@@ -126,11 +126,13 @@ def _resumed_job(request: Request, recalled: Any, changes: Mapping[str, Value], 
 
 def refuse_other_plan(changes: Mapping[str, Value], planned: Mapping[str, Value], run_id: str) -> None:
     """Refuse a goal that changes, name to value, what decided the plan of the run that it resumes."""
-    if changes.get('plan'):
-        changes = {**changes, 'plan': settings.changed_settings(planned, changes)['plan']}
+    for name in ('plan', 'plate.file'):
+        if changes.get(name):
+            changes = {**changes, name: settings.changed_settings(planned, changes)[name]}
     for name in (wanted.name for wanted in settings.PLANNED if wanted not in settings.TABLE):
         if name in changes and changes[name] != planned[name]:
-            was, got = ('the one', 'another') if name == 'plan' else (repr(planned[name]), repr(changes[name]))
+            was, got = ('the one', 'another') if name in ('plan', 'plate.file') else (
+                repr(planned[name]), repr(changes[name]))
             raise CellError(f'resume: run {run_id}: {name}: wanted {was} as the run began, got {got}; leave it out')
 
 

@@ -16,8 +16,10 @@ from rosette_ros.calibration.calibration_plan import CalibrationPlan, plan_calib
 from rosette_ros.calibration.state_machine import Limits
 from rosette_ros.core.axes import taught_frame
 from rosette_ros.core.errors import InvalidConfig
+from rosette_ros.core.joint.readings import Plate
 from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, chosen_places, places_in_use, plan
 from rosette_ros.io.plan_file import MOST_BYTES, MeasuringPlan, format_plan, parse_plan, read_plan
+from rosette_ros.io.plate_file import format_plate, parse_plate, read_plate
 from rosette_ros.io.safe_yaml import parse_mapping
 
 MAX_OPTIONS = 10_000  # longest YAML text taken from a goal, characters
@@ -94,6 +96,8 @@ RUN = (
     Wanted('repeats', 10, 'readings of the repeatability check, 0: none', 0, 10_000),
     Wanted('drift_check', True, 'whether the first ball is measured again after the run'))
 PLAN = Wanted('plan', '', 'plan file to run instead of an order: its path, or its text (rosette-plan/1)')
+PLATE_FILE = Wanted('plate.file', '', 'plate file of balls at other places than an equal pitch (rosette-plate/1): '
+                    'its path, or its text; plate.balls is then the number of table positions')
 LIMITS = (
     Wanted('limits.answer_timeout_s', Limits.answer_timeout, 'wall time after which a target is asked again, s', 0.01,
            1e5),
@@ -110,21 +114,23 @@ LIMITS = (
 PLACES = ('cmm_positions', 'balls_in_use')
 RESUME = Wanted('resume', '', 'the log to continue: the name of its folder, or its path')
 OPTIONS = RUN[2:] + LIMITS[:5] + (RESUME,)  # what the options of a goal may change for one calibration
-PLANNED = PLATE + TABLE + RUN + (PLAN,)  # what decides which targets a calibration has
+PLANNED = PLATE + TABLE + RUN + (PLAN, PLATE_FILE)  # what decides which targets a calibration has
 FIELDS = {'order': 'order', 'balls': 'plate.balls', 'radius': 'plate.radius_m', 'turning': 'turning',
           'cmm_positions': 'cmm_positions', 'balls_in_use': 'balls_in_use', 'touches': 'touches', 'repeats': 'repeats',
           'drift_check': 'drift_check', 'attempts': 'limits.attempts', 'skips': 'limits.skips',
-          'resume': 'resume', 'plan': 'plan'}
+          'resume': 'resume', 'plan': 'plan', 'plate': 'plate.file'}
 """Fields of a goal by the setting that each changes."""
 NONE: dict[str, dict[int, Value]] = {'repeats': {-1: 0}, 'skips': {-1: 0}, 'drift_check': {-1: False, 1: True}}
 """What the constants of Calibrate.action stand for."""
-BY_PLAN = ('plate.balls', 'plate.radius_m', 'order', 'seed', 'turning', *PLACES)
+BY_PLAN = ('plate.balls', 'plate.radius_m', 'order', 'seed', 'turning', *PLACES, 'plate.file')
 """What a plan file decides."""
+BY_PLATE = ('plate.radius_m', 'balls_in_use')
+"""What a plate file decides."""
 
 
 def goal_changes(goal: Mapping[str, Any]) -> dict[str, Value]:
     """Return what the fields of a goal that are set, by name, change, name to value; raises InvalidConfig."""
-    known = {wanted.name: wanted for wanted in (*PLATE, *RUN, *LIMITS, PLAN, RESUME)}
+    known = {wanted.name: wanted for wanted in (*PLATE, *RUN, *LIMITS, PLAN, PLATE_FILE, RESUME)}
     changes = {}
     for field, value in goal.items():
         if field in FIELDS:
@@ -149,6 +155,12 @@ def changed_settings(configured: Mapping[str, Value], changes: Mapping[str, Valu
     """
     replaces_plan = 'plan' not in changes and any(name in changes for name in BY_PLAN)
     values = {**configured, **changes, **({'plan': ''} if replaces_plan else {})}
+    if 'plate.file' not in changes and any(name in changes for name in BY_PLATE):
+        values['plate.file'] = ''
+    if values['plan']:
+        values['plate.file'] = ''
+    elif plate := _plate(values):
+        values |= _on_places(values, plate)
     given = str(values['plan'])
     return _of_plan(values, read_plan(given) if given and '\n' not in given else None)
 
@@ -160,6 +172,24 @@ def _of_plan(values: dict[str, Value], made: MeasuringPlan | None = None, where:
     if made is None:
         return values
     return {**values, 'plan': format_plan(made), 'plate.balls': made.scheme.n, 'plate.radius_m': made.radius}
+
+
+def _plate(values: Mapping[str, Any]) -> Plate | None:
+    """Return the plate of the file, or of its text, in settings; None for equal pitch."""
+    given = str(values['plate.file'])
+    if not given:
+        return None
+    return parse_plate(given.encode(errors='replace')) if '\n' in given else read_plate(given)
+
+
+def _on_places(values: Mapping[str, Value], plate: Plate) -> dict[str, Value]:
+    """Return what a plate file decides: the places of its balls on a circle of as many steps as the table has."""
+    places = ', '.join(map(str, sorted(plate.places(int(str(values['plate.balls']))))))
+    for name in PLACES:
+        if values[name] not in ('', places):
+            raise InvalidConfig(f'{name}: wanted none beside a plate file, whose balls are all in use, got '
+                                f'{values[name]!r:.80}; leave out one')
+    return {'plate.file': format_plate(plate), 'plate.radius_m': plate.circle, 'balls_in_use': places}
 
 
 def parse_options(text: str) -> dict[str, Value]:
@@ -176,8 +206,9 @@ def plan_of(values: Mapping[str, Any]) -> CalibrationPlan:
     """Return the CalibrationPlan for settings (name to value, all of PLANNED)."""
     scheme = scheme_of_settings(values)
     taught = taught_frame(values['table.origin_m'], values['table.axis'], np.deg2rad(values['table.azimuth_deg']))
+    plate = _plate(values)
     return plan_calibration(scheme, values['plate.radius_m'], taught, values['repeats'], values['drift_check'],
-                            values['touches'])
+                            values['touches'], plate.places(scheme.n) if plate else ())
 
 
 def scheme_of_settings(values: Mapping[str, Any]) -> Scheme:
@@ -203,7 +234,7 @@ def format_settings(values: Mapping[str, Value]) -> str:
 
     The CMM positions and balls in use stand as numbers, so that no later choice of the best ones changes the plan.
     """
-    decided = (*BY_PLAN[2:],) if values['plan'] else ('plan',)
+    decided = (*BY_PLAN[2:],) if values['plan'] else ('plan', *['plate.file'] * (not values['plate.file']))
     plain = {one.name: values[one.name] for one in PLANNED if one.name not in decided}
     for name, places in zip(PLACES, _places(values)) if not values['plan'] else ():
         plain[name] = ', '.join(map(str, places))
@@ -215,7 +246,7 @@ def parse_settings(text: str, where: str) -> dict[str, Value]:
     """Return the settings that format_settings wrote, name to value; raises InvalidConfig in words."""
     given = parse_mapping(text, where, MOST_SETTINGS, 'order: row', InvalidConfig)
     # than the first logs, or left out
-    later = ('table.axis', 'touches', *PLACES, *(BY_PLAN[2:] if 'plan' in given else ('plan',)))
+    later = ('table.axis', 'touches', *PLACES, 'plate.file', *(BY_PLAN[2:] if 'plan' in given else ('plan',)))
     return _of_plan({wanted.name: wanted.check(given.get(wanted.name, wanted.default if wanted.name in later else None),
                                                where) for wanted in PLANNED}, where=f'{where}: plan')
 

@@ -365,9 +365,9 @@ class Sequence:
         """Take a good answer to a target; with the last one of the alignment the table frame is found."""
         self.answers.add_answer(answer)
         self._skipped_last = False
-        if target.phase == Phase.ALIGNMENT and len(self._alignment) < 2 * target.balls:  # else asked again for the log
+        if target.phase == Phase.ALIGNMENT and len(self._alignment) < self.plan.alignments:  # else asked again
             self._alignment.append(answer)
-            if len(self._alignment) == 2 * target.balls:
+            if len(self._alignment) == self.plan.alignments:
                 return self._align()
         return ()
 

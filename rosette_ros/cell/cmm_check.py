@@ -15,7 +15,7 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rosette_msgs.msg import BallCentre, ProbeTarget
 
 from rosette_ros.calibration.calibration_plan import CalibrationPlan
-from rosette_ros.calibration.settings import LIMITS, PLANNED, limits_of, plan_of
+from rosette_ros.calibration.settings import LIMITS, PLANNED, changed_settings, limits_of, plan_of
 from rosette_ros.calibration.state_machine import complaint
 from rosette_ros.cell.client import CellClient
 from rosette_ros.core.errors import CellError
@@ -89,7 +89,7 @@ class CmmClient(CellClient):
 
         values: as of `settings`. Raises CellError where there is no CMM, or a calibration is running."""
         self._await_cmm()
-        plan, limits = plan_of(values), limits_of(values)
+        plan, limits = plan_of(changed_settings(values, {})), limits_of(values)
         graph = self._graph_checks()
         run, waited, complaints = RunAnswers(f'check_{time.time_ns()}'), list[float](), list[str]()
         asked = _plan(plan, repeats)
@@ -209,13 +209,13 @@ class CmmClient(CellClient):
 
 
 def _plan(whole: CalibrationPlan, repeats: int) -> CalibrationPlan:
-    """Return what is asked: ball 1 repeatedly, over a full turn forward, backwards over it again, then ball 2."""
+    """Return what is asked: ball 1 repeatedly, over a full turn forward, backwards over it again, then another ball."""
     n = whole.scheme.n
     one, two = 1 + n // 3, 1 + 2 * n // 3
     position = np.array([*[1] * repeats, one, two, 1, one, 1, two, two])
     sense = np.array([1, *[0] * (repeats - 1), 1, 1, 1, 1, -1, -1, 0])
     phase = np.array([*[Phase.REPEATABILITY] * repeats, *[Phase.ALIGNMENT] * 7])
-    ball = np.array([*[1] * (repeats + 6), 2])
+    ball = np.array([*[1] * (repeats + 6), np.unique(whole.scheme.ball)[1]])
     return CalibrationPlan(whole.scheme, whole.radius, whole.taught, phase, position, ball, sense,
                            touches=np.zeros_like(phase), session=np.ones_like(phase))
 

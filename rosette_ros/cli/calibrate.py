@@ -20,6 +20,7 @@ from rosette_ros.core.errors import CellError
 from rosette_ros.core.scheme import ORDERS
 from rosette_ros.io.messages import PHASE_WORDS, CalibrationProgress
 from rosette_ros.io.plan_file import format_plan, read_plan
+from rosette_ros.io.plate_file import format_plate, read_plate
 from rosette_ros.presentation.tables import curves
 
 KEPT = 'what was measured is in'
@@ -43,6 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_places(parser)
     parser.add_argument('--plan', metavar='FILE', help='measure a plan file (rosette plan --output FILE) instead of '
                         'an order')
+    parser.add_argument('--plate', metavar='FILE', help='plate file (rosette-plate/1) of balls at other places than an '
+                        'equal pitch; --balls is then the number of table positions')
     parser.add_argument('--options', metavar='YAML', default='',
                         help='further options of the goal, such as "limits.answer_timeout_s: 30"; '
                              f'known: {", ".join(one.name for one in OPTIONS)}')
@@ -62,6 +65,7 @@ def run(options: argparse.Namespace) -> None:
     with CellClient(options.domain, options.namespace) as client:
         outcome = calibrate(
             client, order=options.order, seed=options.seed, options=options.options, resume=resume, plan=plan,
+            plate=format_plate(read_plate(options.plate)) if options.plate else '',
             radius=options.radius_mm and 1e-3 * options.radius_mm,
             **{field: getattr(options, field) for field in (*AS_CONFIGURED, 'cmm_positions', 'balls_in_use')})
     out = console()

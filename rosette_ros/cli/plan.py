@@ -27,6 +27,7 @@ from rosette_ros.core.records import CURVES
 from rosette_ros.core.scheme import ORDERS, TURNINGS, places_in_use, plan
 from rosette_ros.core.touches import TOUCHES, Pace
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan, read_plan
+from rosette_ros.io.plate_file import read_plate
 from rosette_ros.io.text_file import write_text
 from rosette_ros.presentation import plan_results as results
 from rosette_ros.presentation.formatting import exact
@@ -46,6 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'order may name its CMM positions as in there_and_back:8, diagonal:50%% or row:1,4,6,9')
     add_plan(parser, MOST_BALLS)
     add_places(parser)
+    parser.add_argument('--plate', metavar='FILE', help='plate file (rosette-plate/1) of balls at other places than an '
+                        'equal pitch; --balls is then the number of table positions')
     parser.add_argument('--touches', type=int, choices=TOUCHES, help='touches of each ball (default: as the CMM '
                         'usually does)')
     parser.add_argument('--sigma-um', metavar='S', type=positive('µm'), default=0.1, help='standard deviation of a '
@@ -86,6 +89,8 @@ def run(options: argparse.Namespace) -> None:
     given = [options.hours is not None, options.order is not None, bool(options.plans)]
     if sum(given) != 1:
         raise UsageError('plan: wanted either --order or --hours, or plan files and orders to compare')
+    if options.plate:
+        put_on_plate(options)
     if options.hours is not None:
         return show_proposals(options)
     words = options.plans or [options.order]
@@ -121,6 +126,17 @@ def run(options: argparse.Namespace) -> None:
     else:
         show_comparison(plans)
     return None
+
+
+def put_on_plate(options: argparse.Namespace) -> None:
+    """Set the radius and the balls in use from the plate file."""
+    beside = ('hours', 'radius_mm', 'cmm_positions', 'balls_in_use')
+    if given := [name for name in beside if getattr(options, name)]:
+        raise UsageError(f'--plate: wanted it without {given[0].replace("_", " ")}, got both; leave out one')
+    if options.balls is None:
+        raise UsageError('--plate: wanted --balls, the number of table positions, too')
+    plate = read_plate(options.plate)
+    options.radius_mm, options.balls_in_use = 1e3 * plate.circle, ', '.join(map(str, plate.places(options.balls)))
 
 
 def chosen(words: Sequence[str], options: argparse.Namespace) -> list[MeasuringPlan]:

@@ -15,14 +15,17 @@ import numpy as np
 from rosette_ros.core.axes import ALONG, moving_axes, words
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import TWO_PI, Bools, Floats, fitted_frame, nominal_angles
+from rosette_ros.core.joint.readings import Plate
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import cmm_position, nominal_places
 from rosette_ros.io.csv_parser import COLUMNS, SCHEMA, WAY_COLUMNS, CsvTable
+from rosette_ros.io.plate_file import plate_of_table
 from rosette_ros.io.reading_checks import remarks_on_table
 from rosette_ros.io.run_assembly import MAX_BALLS, misplaced
 from rosette_ros.io.text_file import read_limited, write_text
 
 MAX_BYTES = 256 << 20  # a larger table is refused; 360 balls make 17 MB
+MOST_POSITIONS = 3600
 TRAVEL_TOLERANCE = 1e-3  # a travel that angles and approach determine to within this, rad, is not written
 _UNIT = 2.0  # factor within which a ratio of radii is taken for a wrong unit
 
@@ -35,12 +38,10 @@ def read_csv(path: str | Path) -> Run:
 def parse_csv(data: bytes, source: str = 'table') -> Run:
     """Return the Run of a CSV table given as bytes; `source` is named in errors."""
     table = CsvTable(data, source)
-    if table.plate:
-        raise InvalidData(f'{source}: wanted a plate of equal pitch, got one of its own ("# plate: {table.plate}"); '
-                          'rosette evaluate takes such tables, other verbs do not')
+    notes = [*filter(None, [table.notes]), *_put_on_places(table)]
     n = _find_balls(table)
     _check_rows(table, n)
-    angle, notes = table_angles(table, n), list(filter(None, [table.notes]))
+    angle = table_angles(table, n)
     if table.in_machine:
         places = nominal_places(n, 1e3 * table.radius, table.table_position, table.ball)
         axis = ', '.join(f'{round(value, 3) + 0.0:.3f}' for value in to_table_frame(table, places))
@@ -146,6 +147,32 @@ def _angle_cells(run: Run) -> list[str]:
     exact = (360.0 * (run.table_position - 1) / run.n).tolist()
     return [repr(short) if is_nominal else f'{value:.15f}'
             for is_nominal, short, value in zip(nominal.tolist(), exact, np.rad2deg(run.table_angle).tolist())]
+
+
+def checked_plate(table: CsvTable) -> tuple[Plate, int]:
+    """Return the plate that a table names, and the steps of its table; raises InvalidData where they do not fit it."""
+    plate, positions = plate_of_table(table.plate, table.source), table.positions
+    if positions is None or not 1 <= positions <= MOST_POSITIONS:
+        raise InvalidData(f'{table.source}: wanted "# table_positions: ...", how many equal steps a turn of the table '
+                          f'has (at most {MOST_POSITIONS}), got {"none" if positions is None else positions}')
+    if table.balls not in (None, plate.balls):
+        raise InvalidData(f'{table.source}: balls: wanted {plate.balls}, as the plate file {table.plate} has, got '
+                          f'{table.balls}')
+    for name, index, most in (('table_position', table.table_position, positions), ('ball', table.ball, plate.balls)):
+        for row in np.flatnonzero((index < 1) | (index > most)):
+            raise table.wrong(row, name, f'1..{most}', index[row])
+    return plate, positions
+
+
+def _put_on_places(table: CsvTable) -> list[str]:
+    """Number the balls of a plate of its own by their places on a circle of as many steps as the table has."""
+    if not table.plate:
+        return []
+    plate, positions = checked_plate(table)
+    places = plate.places(positions)
+    table.ball, table.balls, table.radius = np.array(places)[table.ball - 1], positions, plate.circle
+    words = f'the balls have the numbers of their places of {positions}: {", ".join(map(str, places))}'
+    return [words, *['the calibration of the plate is not used here (rosette evaluate uses it)'] * plate.is_calibrated]
 
 
 def _find_balls(table: CsvTable) -> int:

@@ -6,19 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Floats, nominal_angles, rotate_z, wrap
 from rosette_ros.core.joint.readings import Plate, Readings
-from rosette_ros.io.ball_centre_table import MAX_BYTES, check_order, table_angles, to_table_frame
+from rosette_ros.io.ball_centre_table import MAX_BYTES, check_order, checked_plate, table_angles, to_table_frame
 from rosette_ros.io.csv_parser import CsvTable
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.open_run import is_log, open_run
-from rosette_ros.io.plate_file import read_plate
 from rosette_ros.io.text_file import read_limited
 
 _PLATE_LINE = re.compile(rb'^"?#\s*plate\s*:', re.MULTILINE)
 _HEAD = 1 << 16
-MOST_POSITIONS = 3600
 
 
 def has_plate(path: str | Path) -> bool:
@@ -41,19 +38,7 @@ def open_readings(path: str | Path, run_id: str | None = None) -> Readings:
 
 def _with_plate(path: Path) -> Readings:
     table = CsvTable(read_limited(path, 'a table', MAX_BYTES), str(path))
-    if Path(table.plate).name != table.plate:
-        raise InvalidData(f'{path}: plate: wanted the name of a file beside the table, got {table.plate!r:.80}')
-    plate = read_plate(path.parent / table.plate)
-    positions = table.positions
-    if positions is None or not 1 <= positions <= MOST_POSITIONS:
-        raise InvalidData(f'{path}: wanted "# table_positions: ...", how many equal steps a turn of the table has (at '
-                          f'most {MOST_POSITIONS}), got {"none" if positions is None else positions}')
-    if table.balls not in (None, plate.balls):
-        raise InvalidData(f'{path}: balls: wanted {plate.balls}, as the plate file {table.plate} has, got '
-                          f'{table.balls}')
-    for name, index, most in (('table_position', table.table_position, positions), ('ball', table.ball, plate.balls)):
-        for row in np.flatnonzero((index < 1) | (index > most)):
-            raise table.wrong(row, name, f'1..{most}', index[row])
+    plate, positions = checked_plate(table)
     check_order(table)
     angle = table_angles(table, positions)
     nominal = nominal_angles(positions)[table.table_position - 1]

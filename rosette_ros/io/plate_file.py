@@ -3,10 +3,12 @@
 
 import csv
 import math
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Floats
@@ -18,6 +20,7 @@ SCHEMA = 'rosette-plate/1'
 MOST_BYTES, MOST_BALLS = 1 << 20, 720
 _LISTS = ('azimuth_deg', 'radius_mm', 'height_mm')
 _KEYS = ('schema', 'calibrated', *_LISTS)
+_IS_CSV = re.compile(rb'^"?#\s*schema\s*:', re.MULTILINE)
 LEAST_BALLS = 3
 LEAST_PITCH = 1e-3
 """Balls that are nearer to each other, m, are one ball given twice."""
@@ -25,9 +28,12 @@ LEAST_PITCH = 1e-3
 
 def read_plate(path: str | Path) -> Plate:
     """Return the Plate of a file; raises InvalidData, naming file and key, where it is none."""
-    data = read_limited(path, 'a plate file', MOST_BYTES)
-    values = _from_csv(data, str(path)) if Path(path).suffix.lower() == '.csv' else parse_yaml(
-        data, str(path), InvalidData)
+    return parse_plate(read_limited(path, 'a plate file', MOST_BYTES), str(path))
+
+
+def parse_plate(data: bytes, path: str = 'plate') -> Plate:
+    """Return the Plate of a file's bytes; path: its name in errors."""
+    values = _from_csv(data, path) if _IS_CSV.search(data) else parse_yaml(data, path, InvalidData)
     if not isinstance(values, dict) or values.get('schema') != SCHEMA:
         raise InvalidData(f'{path}: wanted a mapping with "schema: {SCHEMA}", got {values!r:.80}')
     for key in values:
@@ -44,12 +50,26 @@ def read_plate(path: str | Path) -> Plate:
                                       f'{path}: {key}') for key in _LISTS)
     if radius.min() <= 0:
         raise InvalidData(f'{path}: radius_mm: wanted positive numbers, got {radius.min():g}')
-    plate = Plate(np.deg2rad(angle), 1e-3 * radius, 1e-3 * height, calibrated, source=str(path))
+    plate = Plate(np.deg2rad(angle), 1e-3 * radius, 1e-3 * height, calibrated, source=path)
     apart = np.linalg.norm(plate.centres[:, None] - plate.centres, axis=-1) + np.diag(np.full(plate.balls, np.inf))
     one, other = np.unravel_index(np.argmin(apart), apart.shape)
     if apart[one, other] < LEAST_PITCH:
         raise InvalidData(f'{path}: wanted each ball at a place of its own, got balls {one + 1} and {other + 1} at one')
     return plate
+
+
+def format_plate(plate: Plate) -> str:
+    """Return a plate as the text of a file, YAML."""
+    columns = zip(_LISTS, (np.rad2deg(plate.azimuth), 1e3 * plate.radius, 1e3 * plate.height), strict=True)
+    return yaml.safe_dump({'schema': SCHEMA, 'calibrated': plate.is_calibrated, **{
+        name: np.round(values, 9).tolist() for name, values in columns}}, sort_keys=False, default_flow_style=None)
+
+
+def plate_of_table(name: str, path: str | Path) -> Plate:
+    """Return the Plate of the file that a table of ball centres names, which stands beside it; raises InvalidData."""
+    if Path(name).name != name:
+        raise InvalidData(f'{path}: plate: wanted the name of a file beside the table, got {name!r:.80}')
+    return read_plate(Path(path).parent / name)
 
 
 def _numbers(value: object, count: int, where: str) -> Floats:

@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the evaluator knows: the last runs as their messages arrive, and the model in use. No ROS here."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import Any, TypeVar
 
-from rosette_ros.analysis import analyse, diagnose
+from rosette_ros.analysis import analyse, diagnose, evaluate_jointly
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
-from rosette_ros.core.errors import InvalidData, InvalidModel, NotDeterminable
+from rosette_ros.core.errors import InvalidData, InvalidModel, NotDeterminable, plain
+from rosette_ros.core.geometry import Frame
+from rosette_ros.core.joint.joint_evaluation import JointResult
+from rosette_ros.core.joint.readings import Readings
+from rosette_ros.core.joint.sharing import PARTS, SEATS
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.records import Run
@@ -121,6 +126,10 @@ class RunCollection:
         run = self._runs.get(run_id)
         return run.answers.readings_hash if run else ''
 
+    def frame(self, run_id: str) -> Frame | None:
+        """Return the table frame of a run in the machine frame, None where it is not known."""
+        return self._runs[run_id].answers.frame(f'run {run_id}')
+
     def to_run(self, run_id: str) -> Run:
         """Return the Run; raises InvalidData where the messages do not make one."""
         run = self._runs[run_id]
@@ -160,10 +169,12 @@ class ModelInUse:
 
     model: Model
     _runs: dict[str, Run] = field(default_factory=dict)
+    _frames: dict[str, Frame | None] = field(default_factory=dict)
 
-    def evaluate(self, run: Run) -> Fit:
-        """Return the Fit of a run and keep the run for requests."""
+    def evaluate(self, run: Run, frame: Frame | None = None) -> Fit:
+        """Return the Fit of a run and keep the run for requests; frame: its table frame in the machine frame."""
         _keep(self._runs, run.run_id, run)
+        _keep(self._frames, run.run_id, frame)
         return analyse(run, self.model)
 
     def run(self, run_id: str = '') -> Run:
@@ -181,6 +192,13 @@ class ModelInUse:
         """Return the run and its Diagnosis; raises RosetteError."""
         run = self.run(run_id)
         return run, diagnose(run, self.model)
+
+    def evaluate_jointly(self, run_ids: Sequence[str], declared: Callable[[int], dict[str, Any]]) -> JointResult:
+        """Return the JointResult of evaluated runs, of all that are kept where none is named; raises RosetteError.
+
+        declared: of the number of runs, as of `evaluate_jointly`."""
+        runs = [self.run(run_id) for run_id in run_ids or self._runs or ('',)]
+        return evaluate_jointly([Readings.of(run, self._frames.get(run.run_id)) for run in runs], declared(len(runs)))
 
     def add(self, run_id: str, effect: str, entry: Mapping[str, Any]) -> ModelChange:
         """Add an effect to the model and fit a run again; entry: as of extended().
@@ -203,6 +221,31 @@ class ModelInUse:
         after = analyse(run, model)
         model_before, self.model = self.model, model
         return ModelChange(run, model_before, before, after)
+
+
+def declared_sharing(request: Any, runs: int) -> dict[str, Any]:
+    """Return the fields of Sharing that an EvaluateJointly request declares for so many runs; raises InvalidData."""
+    declared: dict[str, Any] = {}
+    for name in (*PARTS, 'plate_turned'):
+        values = tuple(getattr(request, name))
+        if values and len(values) != runs:
+            raise InvalidData(f'{name}: wanted {"an angle" if name == "plate_turned" else "a name"} for each of {runs} '
+                              f'runs, or none, got {len(values)}')
+        if values and name != 'plate_turned':
+            declared[name] = tuple(plain(value) for value in values)
+        elif values:
+            if not all(map(isfinite, values)):
+                raise InvalidData(f'{name}: wanted finite angles, got {values}')
+            declared['turn'] = tuple(map(float, values))
+    if request.seat:
+        if request.seat not in SEATS:
+            raise InvalidData(f'seat: wanted one of {", ".join(SEATS)}, or nothing, got {plain(request.seat)!r:.80}')
+        declared['seat'] = request.seat
+    if request.by_sense not in (-1, 0, 1):
+        raise InvalidData(f'by_sense: wanted YES, NO or AS_THE_RUNS, got {request.by_sense}')
+    if request.by_sense:
+        declared['by_sense'] = request.by_sense > 0
+    return {**declared, 'cmm_is_calibrated': True} if request.cmm_is_calibrated else declared
 
 
 def extended(model: Model, effect: str, entry: Mapping[str, Any]) -> Model:

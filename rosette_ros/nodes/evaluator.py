@@ -8,8 +8,8 @@ from typing import Any
 
 from geometry_msgs.msg import TransformStamped
 from rcl_interfaces.msg import Parameter, ParameterType
-from rosette_msgs.msg import BallCentre, Diagnosis, ErrorMotions, Model, ProbeTarget, RunState
-from rosette_msgs.srv import AddEffect, Diagnose, Recall, RemoveEffect
+from rosette_msgs.msg import BallCentre, Diagnosis, ErrorMotions, JointEvaluation, Model, ProbeTarget, RunState
+from rosette_msgs.srv import AddEffect, Diagnose, EvaluateJointly, Recall, RemoveEffect
 from tf2_msgs.msg import TFMessage
 
 from rosette_ros.analysis import MOST_BALLS_JUDGED
@@ -22,8 +22,9 @@ from rosette_ros.io.model_file import parse_entry, read_model
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, CellNode, Health, run_node
-from rosette_ros.nodes.evaluation import ModelChange, ModelInUse, RunCollection
+from rosette_ros.nodes.evaluation import ModelChange, ModelInUse, RunCollection, declared_sharing
 from rosette_ros.nodes.interfaces import introspected_service
+from rosette_ros.nodes.joint_conversions import joint_message
 from rosette_ros.nodes.recorder_client import Recalls
 
 WANTED = (
@@ -57,8 +58,9 @@ class Evaluator(CellNode):
     """Evaluates and diagnoses runs under the model in use, which requests may change.
 
     Topics: subscribes to `probe_target`, `ball_centre`, `run_state`, `/tf_static`; publishes `model`, `diagnosis`,
-    `error_motions`, in this order, all latched. Services: `evaluator/diagnose`, `evaluator/add_effect`,
-    `evaluator/remove_effect`, answered after their calculation, during which messages wait. Parameters: WANTED."""
+    `error_motions`, in this order, and `joint_evaluation`, all latched. Services: `evaluator/diagnose`,
+    `evaluator/add_effect`, `evaluator/remove_effect`, `evaluator/evaluate_jointly`, answered after their calculation,
+    during which messages wait. Parameters: WANTED."""
 
     def __init__(self) -> None:
         super().__init__(names.EVALUATOR, WANTED)
@@ -72,6 +74,8 @@ class Evaluator(CellNode):
         self._model_out = self.create_publisher(Model, names.MODEL, qos.RESULT)
         self._diagnosis_out = self.create_publisher(Diagnosis, names.DIAGNOSIS, qos.RESULT)
         introspected_service(self, Diagnose, names.DIAGNOSE, self._on_diagnose)
+        self._joint_out = self.create_publisher(JointEvaluation, names.JOINT_EVALUATION, qos.RESULT)
+        introspected_service(self, EvaluateJointly, names.EVALUATE_JOINTLY, self._on_evaluate_jointly)
         introspected_service(self, AddEffect, names.ADD_EFFECT, self._on_add)
         introspected_service(self, RemoveEffect, names.REMOVE_EFFECT, self._on_remove)
         self.on(names.PROBE_TARGET, ProbeTarget, self._on_target, qos.COLLECT_LATCHED, from_one=True)
@@ -147,7 +151,7 @@ class Evaluator(CellNode):
     def _evaluate_ready(self) -> None:
         for run_id in self._runs.ready(self.seconds(), self.parameters['quiet_s']):
             try:
-                fit = self._in_use.evaluate(self._runs.to_run(run_id))
+                fit = self._in_use.evaluate(self._runs.to_run(run_id), self._runs.frame(run_id))
             except RosetteError as error:
                 self._report_failure(run_id, str(error))
                 continue
@@ -199,6 +203,13 @@ class Evaluator(CellNode):
     def _on_diagnose(self, request: Diagnose.Request, response: Diagnose.Response) -> None:
         response.diagnosis = self._diagnose(request.run_id)
         response.message = response.diagnosis.verdict
+
+    @_callback_of(names.EVALUATE_JOINTLY)
+    def _on_evaluate_jointly(self, request: EvaluateJointly.Request, response: EvaluateJointly.Response) -> None:
+        result = self._in_use.evaluate_jointly(list(map(plain, request.run_ids)), partial(declared_sharing, request))
+        response.evaluation = joint_message(result, self.now().to_msg(), TABLE_FRAME)
+        response.message = response.evaluation.verdict
+        self._joint_out.publish(response.evaluation)
 
     @_callback_of(names.ADD_EFFECT)
     def _on_add(self, request: AddEffect.Request, response: AddEffect.Response) -> None:

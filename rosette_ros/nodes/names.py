@@ -22,6 +22,7 @@ START_CALIBRATION, CANCEL_CALIBRATION = 'start_calibration', 'cancel_calibration
 START_RECORDING, STOP_RECORDING = 'recorder/start_recording', 'recorder/stop_recording'
 RECALL, RECORDED = 'recorder/recall', 'recorder/recorded'
 DIAGNOSE, ADD_EFFECT, REMOVE_EFFECT = 'evaluator/diagnose', 'evaluator/add_effect', 'evaluator/remove_effect'
+EVALUATE_JOINTLY, JOINT_EVALUATION = 'evaluator/evaluate_jointly', 'joint_evaluation'
 SERVICE_EVENT = '/_service_event'
 
 ALIVE = 'alive'  # below the name of each node: its heartbeat

@@ -52,12 +52,14 @@ class RecordedTopic(NamedTuple):
 
 
 REQUESTS = ((names.DIAGNOSE, 'rosette_msgs/srv/Diagnose_Event'), (names.ADD_EFFECT, 'rosette_msgs/srv/AddEffect_Event'),
-            (names.REMOVE_EFFECT, 'rosette_msgs/srv/RemoveEffect_Event'))  # what a FollowUp records
+            (names.REMOVE_EFFECT, 'rosette_msgs/srv/RemoveEffect_Event'),
+            (names.EVALUATE_JOINTLY, 'rosette_msgs/srv/EvaluateJointly_Event'))  # what a FollowUp records
 TOPICS = (
     RecordedTopic(names.PROBE_TARGET, 'rosette_msgs/msg/ProbeTarget', profile=qos.RECORD_LATCHED),
     RecordedTopic(names.BALL_CENTRE, 'rosette_msgs/msg/BallCentre'),
     RecordedTopic(names.ERROR_MOTIONS, 'rosette_msgs/msg/ErrorMotions', profile=qos.RECORD_LATCHED),
     RecordedTopic(names.DIAGNOSIS, 'rosette_msgs/msg/Diagnosis'),
+    RecordedTopic(names.JOINT_EVALUATION, 'rosette_msgs/msg/JointEvaluation'),
     RecordedTopic(names.RUN_STATE, 'rosette_msgs/msg/RunState', profile=qos.RECORD_LATCHED),
     RecordedTopic(names.CALIBRATE_FEEDBACK, 'rosette_msgs/action/Calibrate_FeedbackMessage'),
     RecordedTopic(names.CLOCK, 'rosgraph_msgs/msg/Clock'),

@@ -213,3 +213,43 @@ def test_a_plan_and_an_order_contradict_each_other(goal, words):
     """A goal has one of the two."""
     with pytest.raises(InvalidConfig, match=words):
         changes(plan=format_plan(own_plan()), **goal)
+
+
+MOVED = [0, 30, 60, 90, 130, *range(150, 360, 30)]
+PLATE = f'schema: rosette-plate/1\nazimuth_deg: {MOVED}\nradius_mm: 182.5\n'
+
+
+@pytest.mark.parametrize('by_path', [True, False])
+def test_a_plate_file_decides_radius_and_balls(tmp_path, by_path):
+    """Its balls are places of a plate with as many as the table has positions; only they are asked for; resumable."""
+    path = tmp_path / 'plate.yaml'
+    path.write_text(PLATE)
+    values = changed_settings(DEFAULTS, changes(plate=str(path) if by_path else PLATE, balls=36, repeats=3))
+    planned, recorded = plan_of(values), parse_settings(format_settings(values), 'log')
+    again = plan_of({**DEFAULTS, **recorded})
+    targets = [planned.target(k) for k in range(planned.total)]
+    assert [again.target(k) for k in range(again.total)] == targets
+    assert planned.alignments == 36 + 12
+    assert {target.ball for target in targets} == {angle // 10 + 1 for angle in MOVED}
+    assert len([one for one in targets if one.phase == Phase.RUN]) == 36 * 12
+    assert not values['plan'] and values['plate.radius_m'] == 0.1825
+
+
+@pytest.mark.parametrize(('goal', 'words'), [
+    ({'plate': PLATE, 'balls': 12}, 'ball 5: wanted it within 1 mm of a multiple of 30 deg, the step of 12 table '),
+    ({'plate': PLATE.replace('[0, 30', '[10, 30'), 'balls': 36}, 'wanted a ball at azimuth 0, from which balls are'),
+    ({'plate': PLATE, 'balls': 36, 'cmm_positions': '8'}, 'cmm_positions: wanted none beside a plate file'),
+    ({'plate': PLATE.replace('130', '120'), 'balls': 36}, '1, 4, 7, 10, 13, .* of 36 do not determine the curves'),
+    ({'plate': 'no-such.yaml', 'balls': 36}, r'no-such.yaml: wanted a plate file that can be read')])
+def test_plates_that_cannot_be_measured_are_refused(goal, words):
+    """In one line."""
+    with pytest.raises(RosetteError, match=words):
+        plan_of(changed_settings(DEFAULTS, changes(**goal)))
+
+
+def test_a_goal_for_another_plate_leaves_the_configured_file_out():
+    """Radius or balls of a goal, or a plan, take the place of the plate file."""
+    configured = changed_settings(DEFAULTS, changes(plate=PLATE, balls=36))
+    values = changed_settings(configured, changes(radius=0.1, balls=8) | {'balls_in_use': ''})
+    assert (values['plate.file'], plan_of(values).alignments) == ('', 16)
+    assert changed_settings(configured, changes(plan=format_plan(own_plan())))['plate.file'] == ''

@@ -10,6 +10,8 @@ import yaml
 from rosette_ros.cli.main import main
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.joint_evaluation import evaluate_jointly
+from rosette_ros.core.model.least_squares import fit
+from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import remove_gauge
 from rosette_ros.io.ball_centre_table import read_csv
 from rosette_ros.io.open_readings import has_plate, open_readings
@@ -111,11 +113,20 @@ def test_a_calibrated_plate_gives_the_scale_if_the_readings_agree(tmp_path, is_t
     assert result.lack_of_fit_p > 1e-3
 
 
-def test_a_table_without_plate_is_what_it_was(tmp_path):
-    """And other verbs say who takes a table with one."""
+def test_other_verbs_take_plates_whose_balls_are_on_steps_of_the_table(tmp_path):
+    """As some balls of a plate of 36: the same curves; of another plate they say who takes it."""
     _, _, path = simulated(tmp_path, MOVED)
     assert has_plate(path)
-    with pytest.raises(InvalidData, match=r'wanted a plate of equal pitch, got one of its own \("# plate: pl'):
+    run = read_csv(path)
+    assert (run.n, run.size, run.radius) == (36, 432, 0.1825)
+    assert set(run.ball) == {angle // 10 + 1 for angle in MOVED}
+    assert 'the balls have the numbers of their places of 36: 1, 4, 7, 10, 14, 16' in run.notes[0]
+    ((_, motions),) = evaluate_jointly([open_readings(path)]).curves
+    off = fit(run, Model()).error_motions.values - motions.values
+    assert np.abs(off / motions.u).max() < 0.05  # the clamping is 0.2 mm and 0.3 mrad off nominal
+    (tmp_path / 'plate.yaml').write_text((tmp_path / 'plate.yaml').read_text().replace('130', '130.5'))
+    with pytest.raises(InvalidData, match=r'plate.yaml: ball 5: wanted it within 1 mm of a multiple of 10 deg.*got '
+                       r'130.5 deg, 182.5 mm, 0 mm; tables of ball centres take any plate \(rosette evaluate'):
         read_csv(path)
 
 

@@ -8,16 +8,18 @@ import pytest
 import yaml
 from rclpy.serialization import deserialize_message
 from rosette_msgs.msg import Diagnosis
-from rosette_msgs.srv import AddEffect, Diagnose, RemoveEffect
+from rosette_msgs.srv import AddEffect, Diagnose, EvaluateJointly, RemoveEffect
 
-from rosette_ros.analysis import analyse, diagnose
+from rosette_ros.analysis import analyse, diagnose, evaluate_jointly
 from rosette_ros.cell.client import CellClient
 from rosette_ros.core.model.model import Model
 from rosette_ros.io.log_reader import iter_log, read_log
+from rosette_ros.io.open_readings import open_readings
 
 N = 6
 HIDDEN = [{'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}]
-TYPES = {'diagnose': Diagnose, 'add_effect': AddEffect, 'remove_effect': RemoveEffect}
+TYPES = {'diagnose': Diagnose, 'add_effect': AddEffect, 'remove_effect': RemoveEffect,
+         'evaluate_jointly': EvaluateJointly}
 
 
 @pytest.fixture(scope='module')
@@ -41,7 +43,7 @@ def ask(cell, module_domain_id, make_peer):
     clients = {name: peer.node.create_client(kind, f'evaluator/{name}')
                for name, kind in TYPES.items()}
     for topic, kind in (('diagnosis', 'Diagnosis'), ('model', 'Model'),
-                        ('error_motions', 'ErrorMotions')):
+                        ('error_motions', 'ErrorMotions'), ('joint_evaluation', 'JointEvaluation')):
         peer.listen(topic, f'rosette_msgs/msg/{kind}')
     peer.start()
 
@@ -63,7 +65,8 @@ def ask(cell, module_domain_id, make_peer):
 def unasked(ask):
     """Return the answers of an evaluator that has no run yet."""
     return {'diagnose': ask('diagnose'), 'add_effect': ask('add_effect', effect='frame_drift'),
-            'remove_effect': ask('remove_effect', effect='frame_drift')}
+            'remove_effect': ask('remove_effect', effect='frame_drift'),
+            'evaluate_jointly': ask('evaluate_jointly')}
 
 
 @pytest.fixture(scope='module')
@@ -111,6 +114,27 @@ def test_the_log_of_a_run_holds_its_diagnosis(calibrated):
         'frame_drift', wanted.p, wanted.rms_before, wanted.rms_after)
     assert top.parameters.value.tolist() == [one.value for one in wanted.parameters]
     assert yaml.safe_load(top.parameters.definition) == {'axes': 'xyz'}
+
+
+def test_a_joint_evaluation_is_answered_and_published(calibrated, ask, wait_until):
+    """As offline, bit for bit; a declaration that does not fit the runs is refused in a line."""
+    answer = ask('evaluate_jointly', run_ids=[calibrated.run_id], by_sense=EvaluateJointly.Request.NO)
+    assert answer.success, answer.message
+    got = answer.evaluation
+    offline = evaluate_jointly([open_readings(calibrated.log)], {'by_sense': False})
+    ((_, motions),) = offline.curves
+    assert np.array_equal(got.curves[0].ctx, motions['ctx'])
+    assert np.array_equal(got.curves[0].u_crz, motions.uncertainty('crz'))
+    assert (list(got.run_ids), got.rank, got.hidden_in_curves) == ([calibrated.run_id], 12 * N - 13, 10)
+    assert list(got.not_known) == list(offline.knowledge.hidden)
+    assert (got.level, answer.message) == ('bad', got.verdict)
+    wait_until(lambda: ask.heard['joint_evaluation'])
+    refused = [ask('evaluate_jointly', **request).message for request in (
+        {'table': ['a', 'b']}, {'seat': 'flat'}, {'run_ids': ['another']}, {'run_ids': [calibrated.run_id] * 2})]
+    assert refused[0] == 'table: wanted a name for each of 1 runs, or none, got 2'
+    assert refused[1] == "seat: wanted one of free, plane, pilot, both, or nothing, got 'flat'"
+    assert refused[2].startswith(f'run_id: wanted one of {calibrated.run_id}')
+    assert 'wanted different runs, got the same ball centres in both' in refused[3]
 
 
 def test_diagnose_answers_as_the_log_says(story, calibrated):

@@ -22,7 +22,8 @@ SAY, HEAR = 'say', 'hear'
 ENCLAVES = {'sequencer': ('sequencer',), 'cmm': ('cmm',), 'evaluator': ('evaluator',), 'recorder': ('recorder',),
             'operator': ('client_*', 'studio_*', '_ros2cli_*'), 'watcher': ('studio_*', '_ros2cli_*')}
 """Enclave to the nodes that run in it; * stands for what is drawn at the start."""
-BY_HAND = (names.START_CALIBRATION, names.CANCEL_CALIBRATION, names.DIAGNOSE, names.ADD_EFFECT, names.REMOVE_EFFECT)
+BY_HAND = (names.START_CALIBRATION, names.CANCEL_CALIBRATION, names.DIAGNOSE, names.ADD_EFFECT, names.REMOVE_EFFECT,
+           names.EVALUATE_JOINTLY)
 EXTRAS = {
     'operator': {pair for name in BY_HAND for pair in (
         (SAY, f'rq/rosette/{name}Request'), (HEAR, f'rr/rosette/{name}Reply'))},

@@ -10,6 +10,9 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Bools, Floats, Frame, Ints, nominal_angles
 from rosette_ros.core.records import Run
 
+OFF_PLACE = 1e-3
+"""How far a ball may be from its place on a circle of equal steps, m: less is a deviation of the plate."""
+
 
 @dataclass(frozen=True, eq=False)
 class Plate:
@@ -40,6 +43,36 @@ class Plate:
     def centres(self) -> Floats:
         """(b, 3) nominal centres, m."""
         return np.stack([self.radius * np.cos(self.azimuth), self.radius * np.sin(self.azimuth), self.height], axis=-1)
+
+    def places(self, positions: int) -> tuple[int, ...]:
+        """Return which of equally spaced places on the circle the balls are, from 1, for so many table positions.
+
+        As balls of a plate of `positions` balls of which only these exist, they take part in plans, runs and models of
+        equal pitch. Raises InvalidData where a ball is more than 1 mm off its place, or none is on x.
+        """
+        step = 360 / positions
+        place = np.rint(np.rad2deg(self.azimuth) / step).astype(np.int64)
+        wanted = Plate.regular(positions, self.circle)
+        off = np.linalg.norm(self.centres - wanted.centres[place % positions] - [0, 0, self.height.mean()], axis=1)
+        other = 'tables of ball centres take any plate (rosette evaluate, rosette report --joint)'
+        for ball in np.flatnonzero(off > OFF_PLACE).tolist():
+            raise InvalidData(
+                f'{self.source}: ball {ball + 1}: wanted it within 1 mm of a multiple of {step:.6g} deg, the step of '
+                f'{positions} table positions, on a circle of {1e3 * self.circle:.6g} mm at one height, got '
+                f'{np.rad2deg(self.azimuth[ball]):.6g} deg, {1e3 * self.radius[ball]:.6g} mm, '
+                f'{1e3 * self.height[ball]:.6g} mm; {other}')
+        found: list[int] = (place % positions + 1).tolist()
+        if 1 not in found:
+            raise InvalidData(f'{self.source}: wanted a ball at azimuth 0, from which balls are counted, got none; '
+                              f'{other}')
+        if len({*found}) < len(found):
+            raise InvalidData(f'{self.source}: wanted each ball at a place of its own of {positions}, got two at one')
+        return tuple(found)
+
+    @property
+    def circle(self) -> float:
+        """Mean radius to the picometre, m."""
+        return round(float(self.radius.mean()), 12)
 
     def is_like(self, other: 'Plate') -> bool:
         """Return whether the nominal centres of both agree within 0.1 mm."""
