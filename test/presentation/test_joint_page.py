@@ -1,13 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of several runs as one."""
 
+import functools
+
 import numpy as np
-from simulated import simulated_run
 
 from rosette_ros.analysis import evaluate_jointly
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.readings import Readings
+from rosette_ros.core.scheme import plan
 from rosette_ros.presentation.report.joint_page import joint_html, joint_pictures, joint_tables
+from rosette_ros.simulation import Machine, MachineConfig
+
+
+@functools.cache
+def simulated_run(order='random', seed=1):
+    """Return a run of eight balls."""
+    return Machine(MachineConfig().changed(seed=seed, plate={'balls': 8})).run(plan(8, order, seed), run_id=order)
 
 
 def joint(*runs, **declared):
@@ -17,7 +26,7 @@ def joint(*runs, **declared):
 
 def test_the_page_shows_curves_reversal_knowledge_and_tests():
     """Six curves of both senses, the six reversal curves with their means, p of each sharing."""
-    result = joint(simulated_run(n=8, order='there_and_back'), simulated_run(n=8, order='diagonal'))
+    result = joint(simulated_run('there_and_back'), simulated_run('diagonal'))
     assert list(joint_pictures(result)) == ['curves', 'reversal']
     page = joint_html(result, command='rosette report A B --joint')
     for words in ('fit one model: residual', 'the reversal of all six curves, with its means', 'not known</h2>',
@@ -33,8 +42,8 @@ def test_the_page_shows_curves_reversal_knowledge_and_tests():
 
 def test_the_conclusion_follows_the_tests():
     """Good where all agrees; doubtful where something is not shared; bad where a declaration is contradicted."""
-    first, other = (simulated_run(n=8, order='diagonal', seed=seed) for seed in (1, 2))
-    assert conclude(joint(first, simulated_run(n=8))).level == 'good'
+    first, other = (simulated_run('diagonal', seed) for seed in (1, 2))
+    assert conclude(joint(first, simulated_run())).level == 'good'
     assert 'The 2 runs fit one model without: ' in conclude(joint(first, other)).sentence
     bad = conclude(joint(first, other, plate=('1', '1'), clamping=('1', '2'), table=('1', '2')))
     assert (bad.level, 'contradict what was declared the same: plate deviations' in bad.sentence) == ('bad', True)
