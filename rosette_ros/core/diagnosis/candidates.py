@@ -61,10 +61,6 @@ class Projection:
         """Return W' of white rows (m, 3 N): their products with raw columns are those of the whitened ones."""
         return self.whitening.adjoint(rows.reshape(len(rows), -1, 3)).reshape(len(rows), -1)
 
-    def white(self, rows: Reals) -> Reals:
-        """Return W of raw rows (m, 3 N)."""
-        return self.whitening.apply(rows.reshape(len(rows), -1, 3)).reshape(len(rows), -1)
-
     def along(self, direction: Reals) -> tuple[Reals, Ints]:
         """Return what a unit along its direction (N, 3) at each reading has of the basis.
 
@@ -108,10 +104,11 @@ class Dense:
 
 @dataclass(frozen=True, eq=False)
 class Sparse:
-    """Raw columns that are mostly zero, (blocks * q, 3 N)."""
+    """Raw columns that are mostly zero, (blocks * q, 3 N); moves: (blocks, q) whether they vary."""
 
     rows: scipy.sparse.csr_array
     q: int
+    moves: Bools
 
     def products(self, rows: Reals) -> Reals:
         """Return the products with rows (m, 3 N), (blocks, q, m)."""
@@ -260,15 +257,19 @@ def why_not_judged(effect: Effect, run: Run) -> str:
     return effect.unavailable(run) or ('' if effect.settings(run) else 'what it depends on does not change in this run')
 
 
-def families(run: Run, effects: Sequence[Effect], project: Projection, keep_hidden: bool = False) -> tuple[Family, ...]:
-    """Return the families of the effects that a run can judge; keep_hidden: also those of which it shows nothing."""
+def families(run: Run, effects: Sequence[Effect], project: Projection, keep_hidden: bool = False,
+             like: Sequence[Family] = ()) -> tuple[Family, ...]:
+    """Return the families of the effects that a run can judge; keep_hidden: also those of which it shows nothing.
+
+    like: those of the same run under another projection, whose raw columns are used again.
+    """
     out: list[Family] = []
     for effect in effects:
         if not effect.unavailable(run):
             settings = effect.settings(run)
             factors = effect.factors(run, settings) if settings else None
             out += (_wave_families(run, effect, settings, factors, project) if factors
-                    else _families(run, effect, settings, project))
+                    else _families(run, effect, settings, project, like))
     return tuple(family for family in out if keep_hidden or family.ranks.any())
 
 
@@ -279,39 +280,55 @@ def _alike(run: Run, effect: Effect, settings: Sequence[Setting],
     return [(*kind, [place for place, other in enumerate(kinds) if other == kind]) for kind in sorted(set(kinds))]
 
 
-def _families(run: Run, effect: Effect, settings: Sequence[Setting], project: Projection) -> list[Family]:
+def _families(run: Run, effect: Effect, settings: Sequence[Setting], project: Projection,
+              like: Sequence[Family]) -> list[Family]:
+    banks = {(one.q, one.chances): one.bank for one in like if one.effect == effect and isinstance(one.bank, Sparse)}
     out = []
     for q, chances, places in _alike(run, effect, settings, [effect.width(run, setting) for setting in settings]):
         some = tuple(settings[place] for place in places)
+        if (q, chances) in banks:
+            out.append(_sparse_family(effect, some, chances, banks[q, chances], project))
+            continue
         step = max(1, CHUNK // q)
         blocks = (effect.blocks(run, some[start:start + step]) for start in range(0, len(some), step))
         first = next(blocks)
-        sparse = np.count_nonzero(first) < EMPTY * first.size
-        parts = [(_sparse if sparse else _dense)(part, project) for part in chain([first], blocks)]
-        rows, mixes, ranks, shares = (list(each) for each in zip(*parts))
-        bank, mix = ((Sparse(scipy.sparse.vstack(rows, format='csr'), q), np.concatenate(mixes))
-                     if sparse else (Dense(np.concatenate(rows)), None))
-        out.append(Family(effect, some, q, bank, None, mix, np.concatenate(ranks), np.concatenate(shares), chances))
+        if np.count_nonzero(first) < EMPTY * first.size:
+            raw, moves = (list(each) for each in zip(*(_sparse(part) for part in chain([first], blocks))))
+            bank = Sparse(scipy.sparse.vstack(raw, format='csr'), q, np.concatenate(moves))
+            out.append(_sparse_family(effect, some, chances, bank, project))
+            continue
+        rows, ranks, shares = (np.concatenate(each) for each in zip(*(
+            _dense(part, project) for part in chain([first], blocks))))
+        out.append(Family(effect, some, q, Dense(rows), None, None, ranks, shares, chances))
     return out
 
 
-def _dense(blocks: Reals, project: Projection) -> tuple[Reals, None, Ints, Reals]:
+def _dense(blocks: Reals, project: Projection) -> tuple[Reals, Ints, Reals]:
     rows, ranks, shares = whiten(blocks, project)
-    return rows.astype(np.float32), None, ranks, shares
+    return rows.astype(np.float32), ranks, shares
 
 
-def _sparse(blocks: Reals, project: Projection) -> tuple[scipy.sparse.csr_array, Reals, Ints, Reals]:
+def _sparse(blocks: Reals) -> tuple[scipy.sparse.csr_array, Bools]:
+    """Return columns as sparse rows of unit length and whether they vary, (b, q)."""
     b, q, n = blocks.shape[:3]
     rows = _compressed(blocks.reshape(b * q, 3 * n))
     square = np.asarray(rows.multiply(rows).sum(axis=1)).reshape(-1)
     sums = rows @ np.tile(np.eye(3), (n, 1))
     scale, moves = _lengths_of(square, np.sum(sums**2, axis=1) / n)
     rows.data = rows.data / np.repeat(scale, np.diff(rows.indptr))
-    rows = rows.astype(np.float32)
-    inside = (rows @ project.columns).reshape(b, q, -1)
-    whole = _within(rows, project, b)
-    mix, ranks, shares = _mix(whole - inside @ inside.transpose(0, 2, 1), moves.reshape(b, q))
-    return rows, mix.astype(np.float32), ranks, shares
+    return rows.astype(np.float32), moves.reshape(b, q)
+
+
+def _sparse_family(effect: Effect, settings: tuple[Setting, ...], chances: float, bank: Sparse,
+                   project: Projection) -> Family:
+    step, parts = max(1, CHUNK // bank.q), []
+    for start in range(0, len(settings), step):
+        moves = bank.moves[start:start + step]
+        rows = bank.rows[bank.q * start:bank.q * (start + step)]
+        inside = (rows @ project.columns).reshape(*moves.shape, -1)
+        parts.append(_mix(_within(rows, project, len(moves)) - inside @ inside.transpose(0, 2, 1), moves))
+    mix, ranks, shares = (np.concatenate(each) for each in zip(*parts))
+    return Family(effect, settings, bank.q, bank, None, mix.astype(np.float32), ranks, shares, chances)
 
 
 def _within(rows: scipy.sparse.csr_array, project: Projection, b: int) -> Reals:
@@ -322,8 +339,16 @@ def _within(rows: scipy.sparse.csr_array, project: Projection, b: int) -> Reals:
             rows.data = rows.data * project.whitening.factors.reshape(-1)[rows.indices].astype(rows.dtype)
         whole: Reals = (rows @ rows.T).toarray().reshape(b, -1, b, rows.shape[0] // b)
         return whole[np.arange(b), :, np.arange(b)]
-    white = project.white(rows.toarray()).reshape(b, rows.shape[0] // b, -1)
-    return white @ white.transpose(0, 2, 1)
+    out: Reals = np.zeros((b, rows.shape[0] // b, rows.shape[0] // b))
+    for axis in range(3):
+        part = rows[:, axis::3]
+        used = np.diff(part.indptr) > 0
+        if used.any():
+            white: Reals = np.zeros(part.shape, dtype=np.float32)
+            white[used] = project.whitening.along(axis, part[used].toarray())
+            blocks = white.reshape(b, -1, white.shape[1])
+            out += blocks @ blocks.transpose(0, 2, 1)
+    return out
 
 
 def _compressed(flat: Reals) -> scipy.sparse.csr_array:
@@ -394,8 +419,14 @@ def _wave_gram(bank: Waves, project: Projection) -> Reals:
             pairs = (waves[:, :, None] * waves[:, None]).reshape(-1, n) @ both
             whole = pairs.reshape(-1, m, m, d, d).transpose(0, 1, 3, 2, 4).reshape(-1, m * d, m * d)
         else:
-            every = project.white((waves[:, :, None, :, None] * bank.directions).reshape(-1, 3 * n))
-            every = every.reshape(len(waves), m * d, -1)
-            whole = every @ every.transpose(0, 2, 1)
+            across = np.zeros((len(waves), m, d, m, d))
+            for axis in range(3):
+                used = np.flatnonzero(bank.directions[..., axis].any(axis=1))
+                if used.size:
+                    along_axis = white.along(axis, (waves[:, :, None] * bank.directions[used, :, axis]).reshape(-1, n))
+                    every = along_axis.astype(np.float32).reshape(len(waves), m * used.size, n)
+                    found = (every @ every.transpose(0, 2, 1)).reshape(len(waves), m, used.size, m, used.size)
+                    across[:, :, used[:, None], :, used] += found.transpose(2, 4, 0, 1, 3)
+            whole = across.reshape(len(waves), m * d, m * d)
         out[start:start + CHUNK] = whole - inside @ inside.transpose(0, 2, 1)
     return out

@@ -10,7 +10,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from rosette_ros.core.diagnosis.base_terms import f_test, missing_base
-from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, why_not_judged
+from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, Family, why_not_judged
 from rosette_ros.core.diagnosis.cross_validation import CrossValidation
 from rosette_ros.core.diagnosis.noise_choice import noise_of_z, noise_problem, under_best_noise
 from rosette_ros.core.diagnosis.noise_search import SEEN, noise_of_rounding
@@ -144,7 +144,8 @@ def _bounded(run: Run) -> Iterator[None]:
 class _Search:
     """The search on one run: what it chooses, its null distribution, and what the verdict rests on."""
 
-    def __init__(self, run: Run, model: Model, seed: int, noise: Noise | None = None) -> None:
+    def __init__(self, run: Run, model: Model, seed: int, noise: Noise | None = None,
+                 like: Sequence[Family] = ()) -> None:
         """Free the readings of the model, to whose fit, `start`, the `absent` base terms are added in `base`."""
         self.run, self.seed, self.needed = run, seed, -np.inf
         self._without: dict[tuple[Member, ...], _WithoutBlocks] = {}
@@ -157,7 +158,7 @@ class _Search:
         self.base, joint = base, base.joint
         self.space = JointSpace(joint.space, joint.every, np.zeros((0, run.size, 3)))
         self.dof = 3 * run.size - joint.space.rank - self.space.rank
-        self.problem = Problem(run, self.space, self.space.free(base.white_residual[None])[0], self.dof)
+        self.problem = Problem(run, self.space, self.space.free(base.white_residual[None])[0], self.dof, like=like)
         self.noiseless = base.rms < NOISELESS
 
     @cached_property
@@ -339,7 +340,8 @@ class _Search:
 @lru_cache(maxsize=1)
 def _search(run: Run, model: Model, seed: int) -> _Search:
     """Return the search under the noise of the run."""
-    return under_best_noise(_Search(run, model, seed), lambda noise: _Search(run, model, seed, noise))
+    white = _Search(run, model, seed)
+    return under_best_noise(white, lambda noise: _Search(run, model, seed, noise, white.problem.families))
 
 
 def fitted_with_noise(run: Run, model: Model, white: Fit, is_searched: bool) -> Fit:

@@ -289,7 +289,8 @@ class NoiseFit:
         if self.noise.wander.any():
             return self
         sd = np.broadcast_to(self.whitening.sd, (self.problem.run.size, 3))
-        ratios = lru_cache(lambda phi: [self._ratio(axes, sd, phi) for axes in PARTS])
+        none = [self.problem.minus_log_likelihood(axes, Whitening(len(sd), sd)) for axes in PARTS]
+        ratios = lru_cache(lambda phi: [self._ratio(axes, sd, phi, one) for axes, one in zip(PARTS, none)])
         place = 2
         while near := [k for k in (place - 1, place, place + 1) if 0 <= k < len(MEMORIES)]:
             better = min(near, key=lambda k: sum(value for value, _ in ratios(MEMORIES[k])))
@@ -303,21 +304,23 @@ class NoiseFit:
             wander[list(axes)] = ratio * size[list(axes)]
         return self._kept(replace(self.noise, phi=phi, axes=self.noise.axes * np.sqrt(size), wander=wander), 4)
 
-    def _ratio(self, axes: tuple[int, ...], sd: Floats, phi: float) -> tuple[float, float]:
-        """Return the least -2 L of some axes and the variance of the wander over that of the rest."""
+    def _ratio(self, axes: tuple[int, ...], sd: Floats, phi: float, none: float) -> tuple[float, float]:
+        """Return the least -2 L of some axes and the variance of the wander over that of the rest; none: -2 L of 0."""
         def minus(log_ratio: float) -> float:
             white = Whitening(len(sd), sd, phi, np.full(3, np.exp(log_ratio)))
             return self.problem.minus_log_likelihood(axes, white)
 
         # a random walk grows by its variance at every reading
         tried = np.log(np.geomspace(1e-3, 1.0, 5) if phi == 1 else np.geomspace(0.03, 30, 5))
-        values = [minus(one) for one in tried]
-        place = min(max(int(np.argmin(values)), 1), 3)
-        low, middle, high = values[place - 1:place + 2]
+        values: dict[int, float] = {}
+        place = 2
+        while missing := [k for k in (place - 1, place, place + 1) if k not in values]:
+            values.update((k, minus(tried[k])) for k in missing)
+            place = min(max(min(values, key=lambda k: values[k]), 1), 3)
+        low, middle, high = (values[k] for k in (place - 1, place, place + 1))
         bend, step = low - 2 * middle + high, tried[1] - tried[0]
         best = tried[place] + (np.clip(0.5 * step * (low - high) / bend, -step, step) if bend > 0
                                else step * np.sign(low - high))
-        none = self.problem.minus_log_likelihood(axes, Whitening(len(sd), sd))
         return min((none, 0.0), (minus(best), float(np.exp(best))))
 
 

@@ -125,15 +125,18 @@ class Problem:
 
     def __init__(self, run: Run, space: JointSpace, residual: Floats, dof: int,
                  effects: Sequence[Effect] | None = None,
-                 unnamed: Sequence[FreeForm] = SEARCHED_FORMS) -> None:
-        """Build the families once; space, residual (N, 3), m, and its degrees of freedom: of the model; effects: those
-        that the cell can have, if none are given."""
+                 unnamed: Sequence[FreeForm] = SEARCHED_FORMS, like: Sequence[Family] = ()) -> None:
+        """Build the families once; space, residual (N, 3), m, and its degrees of freedom: of the model.
+
+        effects: those that the cell can have, if none are given; like: families of the same run under another noise,
+        whose raw columns are used again.
+        """
         self.run, self.dof = run, dof
         effects = tuple(effects_of(run).values()) if effects is None else effects
         self.project = Projection(space, run.size)
         self._made: dict[tuple[str, Setting, float], Member | None] = {}
         self._scale_to(residual)
-        self.families = families(run, (*effects, *unnamed), self.project)
+        self.families = families(run, (*effects, *unnamed), self.project, like=like)
 
     def _scale_to(self, residual: Floats) -> None:
         self.scale = float(np.sqrt(np.sum(residual**2) / self.dof)) or 1.0

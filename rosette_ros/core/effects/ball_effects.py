@@ -129,11 +129,12 @@ class BallRattle(Effect):
         middle = on.midway(seconds(run)[run.ball == setting.whole('ball')])
         return {name: on.beside(middle, setting.number(name), 1.5 * middle.size / 14) for name in ('t0', 't1')}
 
-    def columns(self, run: Run, setting: Setting) -> Floats:
-        time = seconds(run)
-        seat = (0.5 * run.approach if setting.word('motion', 'pulse') == 'sense' else
-                1.0 * ((time > setting.number('t0')) & (time <= setting.number('t1'))))
-        return np.asarray((seat * (run.ball == setting.whole('ball')))[:, None, None] * plate_axes(run))
+    def blocks(self, run: Run, settings: Sequence[Setting]) -> Floats:
+        senses = np.array([setting.word('motion', 'pulse') == 'sense' for setting in settings])[:, None]
+        ball, t0, t1 = (np.array([float(setting.get(name, 0.0)) for setting in settings])[:, None]
+                        for name in ('ball', 't0', 't1'))
+        seat = np.where(senses, 0.5 * run.approach, (seconds(run) > t0) & (seconds(run) <= t1))
+        return np.asarray((seat * (run.ball == ball))[:, None, :, None] * np.moveaxis(plate_axes(run), -1, 0))
 
 
 class BallMachineOffset(Effect):

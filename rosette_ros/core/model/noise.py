@@ -243,6 +243,6 @@ class _Filter:
 
 
 def _banded(band: Floats, rows: Floats, transposed: bytes) -> Floats:
-    """Return the solution of a lower triangle of two diagonals for rows (N, m)."""
-    out: Floats = lapack.dtbtrs(band, rows, uplo=b'L', trans=transposed)[0]
+    """Return the solution of a lower triangle of two diagonals for rows (N, m), which it may overwrite."""
+    out: Floats = lapack.dtbtrs(band, rows, uplo=b'L', trans=transposed, overwrite_b=True)[0]
     return out
