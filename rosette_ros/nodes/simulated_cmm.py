@@ -106,13 +106,14 @@ class SimulatedCmm(CellNode):
         aim, pole = conversions.point_array(target.centre), conversions.point_array(target.pole)
         if not (abs(aim) < FARTHEST).all():
             raise CellError(f'wanted a target within {FARTHEST:g} m, got the centre {tuple(aim.tolist())}')
-        if not (np.isfinite(pole).all() and abs(np.linalg.norm(pole) - 1) < ROUND):
-            raise CellError(f'wanted a pole of length 1, got {tuple(pole.tolist())}')
+        if pole.any() and not abs(np.linalg.norm(pole) - 1) < ROUND:
+            raise CellError(f'wanted a pole of length 1, or 0, 0, 0, got {tuple(pole.tolist())}')
+        side = pole if pole.any() else None
         short = sum(1e-6 * strike.fault.short_urad for strike in struck if strike.fault.kind == 'table_short')
         if any(strike.fault.kind == 'neighbour' for strike in struck):
             return machine.measure(target.table_position, target.ball % machine.n + 1, target.approach, short=short,
-                                   touches=target.touches, pole=pole)
-        return machine.measure(target.table_position, target.ball, target.approach, aim, short, target.touches, pole)
+                                   touches=target.touches, pole=side)
+        return machine.measure(target.table_position, target.ball, target.approach, aim, short, target.touches, side)
 
     def _answer(self, answer: BallCentre, struck: Sequence[Strike]) -> None:
         now = self.seconds()
