@@ -172,6 +172,12 @@ class Run:
         """Whether every (table position, ball) was measured exactly once."""
         return self.size == self.n**2 and self.completeness == 1
 
+    @property
+    def is_gapless(self) -> bool:
+        """Whether the CMM went from reading to reading: none is missing but whole balls or CMM positions, by plan."""
+        way = self._way
+        return way is not None and way.place.size == way.ball.size and self.size % _distinct(self.cells) == 0
+
     @cached_property
     def completeness(self) -> float:
         """Measured share of the n*n pairs of table position and ball."""

@@ -68,6 +68,15 @@ def test_a_family_is_named(name):
     assert not found.unexplained
 
 
+def test_the_direction_of_approach_is_judged_where_positions_are_left_out_by_plan():
+    """The CMM went from reading to reading; where one is lost, it came from a ball that the run does not have."""
+    run = measured(TRUTHS['probe_approach'], 'there_and_back')
+    assert diagnose(run).missing == ('probe_approach',)
+    lost = run.take(np.arange(run.size) != 40)
+    assert ('probe_approach', EFFECTS['probe_approach'].unavailable(lost)) in diagnose(lost).unavailable
+    assert 'where readings are missing' in EFFECTS['probe_approach'].unavailable(lost)
+
+
 FOREIGN = {
     'growing ever faster': (lambda run: np.exp(5 * share(run))[:, None] * X, 'time', 'in x'),
     'a plate that grows by spurts': (lambda run: (share(run) + 0.3 * np.sin(12 * share(run)))[:, None] * np.stack(

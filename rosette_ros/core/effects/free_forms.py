@@ -277,7 +277,7 @@ FREE_FORMS: dict[str, FreeForm] = {one.name: one for one in (
              (_ORDER,), lambda run: grid(axes=('z', 'xy'), order=range(3)),
              lambda run, setting: _sided(run, setting, _senses(run)), ('cmm_sense',)),
     FreeForm('free_approach', 'depends on the direction of the last move of the CMM',
-             (_COUNT,), lambda run: grid(axes=('z', 'xy', 'xyz'), count=(2, 4)) if run.is_complete else (), _approach),
+             (_COUNT,), lambda run: grid(axes=('z', 'xy', 'xyz'), count=(2, 4)) if run.is_gapless else (), _approach),
     FreeForm('free_travel', 'repeats {nu} times per turn of travel of the table',
              (Searched('nu', '1', 'cycles per turn', 'phase'), _COUNT, _ORDER),
              lambda run: grid(nu=(0.43,), count=(3,), order=(0, 1), axes=('xy', 'z')), _travel, ('table_travel',)),

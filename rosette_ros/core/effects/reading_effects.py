@@ -86,7 +86,7 @@ class ProbeApproach(Effect):
 
     def unavailable(self, run: Run) -> str:
         """Where readings are missing, moves between them are not those that the CMM made."""
-        return '' if run.is_complete else 'where readings are missing the last move of the CMM is not known'
+        return '' if run.is_gapless else 'where readings are missing the last move of the CMM is not known'
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return (*grid(lobes=(0, 2, 3, 4), part=('along', 'across')), *grid(lobes=(1, 2, 3, 4), part=('z',)))
