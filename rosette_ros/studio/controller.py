@@ -9,7 +9,7 @@ import asyncio
 import multiprocessing
 import resource
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -18,12 +18,16 @@ from typing import Any, TypeVar
 
 from nicegui import Event
 
-from rosette_ros.analysis import analyse, change, cross_check, ladder, summarise
+from rosette_ros.analysis import analyse, change, cross_check, evaluate_jointly, ladder, summarise
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import not_determinable
 from rosette_ros.core.errors import NotDeterminable, RosetteError, one_line
+from rosette_ros.core.joint.joint_evaluation import JointResult
+from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import Run
+from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.open_run import is_log
 from rosette_ros.presentation.report import report_html
 from rosette_ros.presentation.report.provenance import Source
 from rosette_ros.studio.studio_session import OpenedRun, Preview, Session, Ticket
@@ -50,7 +54,7 @@ class Controller:
 
     step: the one of analysis.STEPS that is running, '' when none is; previewing: what a preview is calculated of, ''
     when none is; error: words of what failed last; check: name of a second run and what it shows of the diagnosis;
-    planner: calculates what plans determine.
+    planner, joiner: calculate what plans determine, and several runs as one; joint: the result of these.
     """
 
     def __init__(self) -> None:
@@ -58,8 +62,9 @@ class Controller:
         self.step = self.error = self.previewing = ''
         self.check: tuple[str, CrossCheck] | None = None
         self._quick, self._worker, self._reader = ThreadPoolExecutor(1, 'quick'), Worker(), Worker()
-        self.planner = Worker()
+        self.planner, self.joiner = Worker(), Worker()
         self._refreshed: Ticket | None = None
+        self.joint: JointResult | None = None
 
     # Actions
 
@@ -112,6 +117,12 @@ class Controller:
         if self.session.is_current(ticket):
             self.check = (other.name, result)
             self.changed.emit()
+
+    async def evaluate_jointly(self, places: Sequence[int]) -> None:
+        """Evaluate opened runs as one."""
+        self.joint = await self.joiner.run(joint_of, [self.session.runs[place] for place in places])
+        self.error = ''
+        self.changed.emit()
 
     # Calculations
 
@@ -173,9 +184,19 @@ class Controller:
 
     def close(self) -> None:
         """End the calculations."""
-        for worker in (self._worker, self._reader, self.planner):
+        for worker in (self._worker, self._reader, self.planner, self.joiner):
             worker.stop()
         self._quick.shutdown(wait=False, cancel_futures=True)
+
+
+def joint_of(opened: Sequence[OpenedRun]) -> JointResult:
+    """Return the JointResult of opened runs, with their table frames where their logs are still there."""
+    runs = []
+    for one in opened:
+        path = Path(one.source.path) if one.source else None
+        is_there = path is not None and path.exists() and is_log(path)
+        runs.append(Readings.of(one.run, read_log(path).frame_of(one.run.run_id) if path and is_there else None))
+    return evaluate_jointly(runs)
 
 
 class Worker:

@@ -17,6 +17,7 @@ from rosette_ros.nodes.names import NAMESPACE
 from rosette_ros.studio.controller import Controller, Superseded
 from rosette_ros.studio.panels.diagnosis_panel import CandidatesPanel, CrossCheckPanel, VerdictPanel
 from rosette_ros.studio.panels.figures_panel import FiguresPanel
+from rosette_ros.studio.panels.joint_panel import JointPanel
 from rosette_ros.studio.panels.live_panel import CellWatchers, LivePanel
 from rosette_ros.studio.panels.model_panel import CustomTermPanel, Entry, ModelPanel
 from rosette_ros.studio.panels.open_dialog import OpenDialog
@@ -122,7 +123,8 @@ class Page:
                         CrossCheckPanel(controller, lambda place: self._run(controller.cross_check(place))))
                 with ui.element('div').classes('main'):
                     self._figures = FiguresPanel(controller, self._add_preview, self._drop_preview)
-        self._panels = (self._verdict, *panels, self._figures)
+                    joint = JointPanel(controller, lambda places: self._run(controller.evaluate_jointly(places)))
+        self._panels = (self._verdict, *panels, self._figures, joint)
 
     def _build_help(self) -> None:
         with ui.dialog() as self._help, ui.element('div').classes('card'):

@@ -7,6 +7,9 @@ import yaml
 from playwright.sync_api import expect
 
 from rosette_ros.cli.main import main
+from rosette_ros.core.scheme import plan
+from rosette_ros.io.ball_centre_table import write_csv
+from rosette_ros.simulation import Machine, MachineConfig
 
 BROKEN = 'seq,table_position\n1,2\n'
 JUDGED = re.compile(r'\b(good|doubtful|bad)\b')
@@ -45,6 +48,24 @@ def test_add_the_missing_effect_and_take_it_out_again(page, studio):
     page.get_by_test_id('remove-frame_drift').click()
     judged(page, 'bad')
     assert number(page, 'rms-fit') == before
+
+
+def test_several_runs_as_one(page, tmp_path, start_studio):
+    """Two opened runs are evaluated as one; what they share is tested, both senses of turning give a reversal."""
+    machine = Machine(MachineConfig().changed(plate={'balls': 6}))
+    paths = [tmp_path / f'{order}.csv' for order in ('there_and_back', 'diagonal')]
+    for path in paths:
+        write_csv(machine.run(plan(6, path.stem)), path)
+    with start_studio(tmp_path, *paths) as studio:
+        page.goto(studio.address)
+        judged(page, 'good')
+        page.get_by_test_id('joint').click()
+        page.get_by_test_id('joint-go').click()
+        expect(page.get_by_test_id('joint-verdict')).to_contain_text('The 2 runs fit one model')
+        result = page.get_by_test_id('joint-result')
+        expect(result).to_contain_text('the reversal of all six curves, with its means')
+        expect(result).to_contain_text('used; the readings agree with it')
+        expect(result.locator('.js-plotly-plot')).to_have_count(2)
 
 
 def test_save_model_and_report(page, studio, tmp_path):
