@@ -7,6 +7,7 @@ headless Chromium, too.
 
 import argparse
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
@@ -17,10 +18,12 @@ from pypdfium2 import PdfDocument
 
 from rosette_ros.analysis import analyse, summarise
 from rosette_ros.core.joint.readings import Plate
+from rosette_ros.core.planning.plan_comparison import outlook_of_order
 from rosette_ros.core.records import remove_gauge
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.text_file import write_text
+from rosette_ros.presentation.plots.plan_plots import pictures_of_plans
 from rosette_ros.presentation.plots.plot_style import LOOK
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
 from rosette_ros.presentation.report import Source, open_source, pictures_of, report_html
@@ -38,6 +41,7 @@ CONDITIONS = ({}, {'clamping': {'plate_turn_deg': 90.0}}, CMM_OFF, {**CMM_OFF, '
 FINE = {'fine_orders': (11, 13, 17), 'fine_share': 0.5, 'translation_um': 0.3, 'rotation_urad': 2.0}
 MOVED = (0, 30, 60, 90, 130, *range(150, 360, 30))
 SHOWN = ('curves', 'deviations', 'residual_maps', 'residuals_against', 'ladder', 'visibility')
+COMPARED = ('diagonal', 'row', 'there_and_back', 'sensitive', 'diagonal:50%')
 PAPER = 'report-paper.png'
 SCREENS = {'light': 'report-verdict.png', 'dark': 'report-verdict-dark.png'}
 
@@ -63,6 +67,7 @@ def main():
         photograph(page, options.browser)
     keep(verification_pictures(verification())['verification_curves'], 'report-verification.png')
     keep(irregular_plate(), 'plans-irregular-plate.png')
+    picture_plans()
 
 
 def irregular_plate():
@@ -75,6 +80,17 @@ def irregular_plate():
                        Series('12 table positions, 12 balls of equal pitch', analyse(
                            usual.run(plan(12))).error_motions)],
                       truth=remove_gauge(fine.table_truth(frame=alignment.frame)))
+
+
+def picture_plans():
+    """Make the pictures of plans."""
+    plans = []
+    for name in COMPARED:
+        order, _, places = name.partition(':')
+        plans.append(replace(outlook_of_order(12, 0.1825, None, order, places), name=name))
+    pictures = pictures_of_plans(plans)
+    for name, made in (('shares', 'shares'), ('pairs', 'pairs_3'), ('uncertainty', 'uncertainty')):
+        keep(pictures[made], f'plans-{name}.png')
 
 
 def keep(figure, name):

@@ -152,7 +152,7 @@ def test_plans_side_by_side(rosette, tmp_path):
     path.write_text('{schema: rosette-plan/1, balls: 8, radius_mm: 182.5, order: there_and_back, cmm_positions: 5}')
     plans = ('plan', 'diagonal', 'diagonal:75%', path, '--touch-s', 3, '--table-move-s', 20)
     text = words_of(rosette(*plans))
-    for words in ('Uncertainty of the curves: best is mine.yaml (0.98 times that of a complete run); diagonal 1.00',
+    for words in ('Uncertainty of the curves, relative to a complete run: best is mine.yaml (0.98); diagonal 1.00',
                   'Time: best is diagonal:75% (1.04 h); diagonal 1.40 h; mine.yaml 1.75 h.', 'Only mine.yaml shows',
                   'mine.yaml does not measure the deviations of 3 CMM positions.'):
         assert words in text

@@ -77,12 +77,12 @@ def best_outlook(n: int, radius: float, pace: Pace, hours: float) -> Outlook:
 
 def better(plans: Sequence[Outlook]) -> tuple[str, ...]:
     """Return in sentences which of several plans is better in which respect."""
-    said = [_best(plans, 'Uncertainty of the curves', lambda one: one.expectation.penalty,
-                  lambda value: f'{value:.2f} times that of a complete run'),
-            _best(plans, 'Time', lambda one: one.expectation.duration, lambda value: f'{value / 3600:.2f} h')]
+    said = [_best(plans, 'Uncertainty of the curves, relative to a complete run', lambda one: one.expectation.penalty,
+                  '{:.2f}'),
+            _best(plans, 'Time', lambda one: one.expectation.duration / 3600, '{:.2f} h')]
     if all(one.effects for one in plans):
-        said.append(_best(plans, 'Effects', lambda one: -len(one.shown),
-                          lambda value: f'{-value:.0f} shown well, of {max(len(one.judged) for one in plans)}'))
+        said.append(_best(plans, f'Effects shown well, of {max(len(one.judged) for one in plans)}',
+                          lambda one: len(one.shown), '{:.0f}', most=True))
         for one in plans:
             others = {name for other in plans if other is not one for name in other.shown}
             if own := [name for name in one.shown if name not in others]:
@@ -98,16 +98,15 @@ def better(plans: Sequence[Outlook]) -> tuple[str, ...]:
     return tuple(said)
 
 
-def _best(plans: Sequence[Outlook], what: str, value: Callable[[Outlook], float],
-          words: Callable[[float], str]) -> str:
-    """Return which plans have the least value, and what the others have."""
-    every = sorted(plans, key=value)
-    least, most = value(every[0]), value(every[-1])
-    if abs(most - least) <= NOTICED * abs(least):
-        return f'{what}: all alike ({words(least)}).'
-    same = [one.name for one in every if abs(value(one) - least) <= NOTICED * abs(least)]
-    rest = '; '.join(f'{one.name} {words(value(one))}' for one in every[len(same):])
-    return f'{what}: best {"is" if len(same) == 1 else "are"} {" and ".join(same)} ({words(least)}); {rest}.'
+def _best(plans: Sequence[Outlook], what: str, value: Callable[[Outlook], float], form: str, most: bool = False) -> str:
+    """Return which plans have the least value, or the most, and what the others have; form: of a value."""
+    every = sorted(plans, key=value, reverse=most)
+    best, worst = value(every[0]), value(every[-1])
+    if abs(worst - best) <= NOTICED * abs(best):
+        return f'{what}: all alike ({form.format(best)}).'
+    same = [one.name for one in every if abs(value(one) - best) <= NOTICED * abs(best)]
+    rest = '; '.join(f'{one.name} {form.format(value(one))}' for one in every[len(same):])
+    return f'{what}: best {"is" if len(same) == 1 else "are"} {_listed(same)} ({form.format(best)}); {rest}.'
 
 
 def _listed(names: Sequence[str]) -> str:
