@@ -65,12 +65,18 @@ class CmmClient(CellClient):
 
     def __init__(self, domain_id: int | None = None, namespace: str = names.NAMESPACE) -> None:
         super().__init__(domain_id, namespace)
+        self.source = 'by default: no sequencer was found'
         self._received: list[tuple[float, int, Answer]] = []
         self._targets = self._node.create_publisher(ProbeTarget, names.PROBE_TARGET, qos.TARGET)
         self._node.create_subscription(BallCentre, names.BALL_CENTRE, self._on_answer, qos.ANSWER)
 
     def settings(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the settings of the sequencer, the defaults where there is none, changed by those given."""
+        """Return the settings of the sequencer, the defaults where there is none, changed by those given.
+
+        Waits for the CMM, so that a sequencer beside it is discovered too; `source` says which they are. Raises
+        CellError where there is no CMM, or a calibration is running.
+        """
+        self._await_cmm()
         every = (*PLANNED, *LIMITS)
         values = {wanted.name: wanted.default for wanted in every}
         service = self._node.create_client(GetParameters, f'{names.SEQUENCER}/get_parameters')
@@ -80,6 +86,7 @@ class CmmClient(CellClient):
             if len(found) < len(values):
                 raise CellError(f'cell {self._where}: the sequencer is of another version; restart the cell')
             values |= {name: value for name, value in zip(values, found, strict=True) if value is not None}
+            self.source = 'as the sequencer is configured'
         return values | {wanted.name: wanted.check(given[wanted.name], 'check-cmm') for wanted in every
                          if given.get(wanted.name) is not None}
 
@@ -87,8 +94,8 @@ class CmmClient(CellClient):
               on_progress: Callable[[str], object] | None = None) -> CmmReport:
         """Ask for one ball several times, at some table positions forward and backwards, and for another ball.
 
-        values: as of `settings`. Raises CellError where there is no CMM, or a calibration is running."""
-        self._await_cmm()
+        values: as of `settings`.
+        """
         plan, limits = plan_of(changed_settings(values, {})), limits_of(values)
         graph = self._graph_checks()
         run, waited, complaints = RunAnswers(f'check_{time.time_ns()}'), list[float](), list[str]()

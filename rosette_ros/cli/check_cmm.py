@@ -42,20 +42,22 @@ def run(options: argparse.Namespace) -> None:
         'table.axis': options.axis, 'table.azimuth_deg': options.azimuth_deg,
         'limits.answer_timeout_s': options.timeout}
     with CmmClient(options.domain, options.namespace) as client, console(sys.stderr).status('waiting') as status:
-        report = client.check(client.settings(given), options.repeats, status.update)
+        settings = client.settings(given)
+        report = client.check(settings, options.repeats, status.update)
     if options.json:
         print_json({'schema': 'rosette-cmm-check/1', 'passed': not report.failed,
                     'checks': [asdict(check) for check in report.checks], 'seconds_per_ball': report.seconds_per_ball,
                     'run_seconds': report.run_seconds, 'repeatability_m': report.repeatability})
     else:
-        show(report)
+        show(report, f'{settings["plate.balls"]} balls, R = {1e3 * settings["plate.radius_m"]:g} mm; what was not '
+                     f'given is {client.source}.')
     if report.failed:
         raise CellError(f'check-cmm: {len(report.failed)} of {len(report.checks)} checks are not passed: '
                         f'{", ".join(report.failed)} (docs/real-cmm.md)')
 
 
-def show(report: CmmReport) -> None:
-    """Print a report for a person."""
+def show(report: CmmReport, plate: str) -> None:
+    """Print a report for a person; plate: which one was asked for, in words."""
     checks = report.checks
     time = '' if report.seconds_per_ball is None or report.run_seconds is None else (
         f'A ball takes {duration(report.seconds_per_ball)}, a calibration about {duration(report.run_seconds)}.')
@@ -63,4 +65,4 @@ def show(report: CmmReport) -> None:
         words('passed', '', [MARKS[check.passed] for check in checks]),
         words('check', 'check', [check.name for check in checks]),
         words('found', 'found', [check.text for check in checks])),
-        levels=tuple('bad' if check.passed is False else '' for check in checks), note=time)])
+        levels=tuple('bad' if check.passed is False else '' for check in checks), note=f'{plate} {time}'.strip())])

@@ -185,6 +185,7 @@ def test_the_verb_prints_ticks_and_json(cmm, module_domain_id, capsys):
     assert main(verb) == 0
     out = capsys.readouterr().out
     assert '✓  travel' in out and '–  heartbeat' in out and 'a calibration about' in out
+    assert f'{BALLS} balls, R = 182.5 mm; what was not given is by default: no sequencer' in ' '.join(out.split())
     cmm.wrong = changed(approach=lambda *_: 0)
     assert main([*verb, '--json']) == 2
     captured = capsys.readouterr()
