@@ -83,3 +83,20 @@ def test_plans_that_contradict_themselves_are_refused(client):
         client.calibrate(plan='# schema: rosette-plan/1\n# balls: 6\n# radius_mm: 182.5\ntable_position,ball\n1,1\n')
     with pytest.raises(CellError, match='no_such_plan.csv: wanted a plan file that can be read'):
         client.calibrate(plan='no_such_plan.csv')
+
+
+PLATE = 'schema: rosette-plate/1\nazimuth_deg: [0, 60, 120, 240]\nradius_mm: 182.5\n'
+
+
+def test_a_plate_of_another_pitch(client):
+    """Four balls on steps of six table positions: only they are asked for, in the alignment too; true curves."""
+    outcome = client.calibrate(plate=PLATE, balls=N)
+    log = read_log(outcome.log)
+    assert {target.ball for target in log.targets} == {1, 2, 3, 5}
+    assert sum(target.phase == Phase.ALIGNMENT for target in log.targets) == N + 4
+    assert log.to_run().size == 4 * N
+    assert any('rosette-plate/1' in event.settings for event in log.events)
+    away = np.abs(outcome.error_motions.values - remove_gauge(client.machine.table_truth()))
+    assert away[:, :3].max() < 1e-9 and away[:, 3:].max() < 1e-8
+    with pytest.raises(CellError, match='ball 2: wanted it within 1 mm of a multiple of 60 deg, the step of 6 table'):
+        client.calibrate(plate=PLATE.replace('60', '50'), balls=N)
