@@ -1,28 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
 """rosette compare: where a model and a measurement differ, and by how much of the noise."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.text import Text
 
-from rosette_ros.analysis import compare, judge, ladder
+from rosette_ros.analysis import compare, diagnose, judge, ladder
 from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, head, print_json, print_parts, print_verdict
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import open_run
+from rosette_ros.io.text_file import refuse_existing
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.formatting import micro
 from rosette_ros.presentation.json_output import comparison_json
+from rosette_ros.presentation.plots import noise_plots
+from rosette_ros.presentation.plots.plot_style import save
 
 WIDEST_MAP = 40
 """Most balls for which the map of the readings fits on a screen."""
 LOW, HIGH = 2.0, 3.0
 """Residual of a reading in σ from which it is shown as a digit, and in red."""
+FORMATS = ('.png', '.svg', '.pdf')
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -30,14 +35,29 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_shared(parser, 'run_path', '--model')
     parser.add_argument('--ladder', action='store_true',
                         help='the error of nested models: from the base model on, effect by effect')
+    parser.add_argument('--noise-picture', metavar='FILE', type=picture_file,
+                        help='write the picture of the noise that the report has: quantiles, scatter by axis, ball, '
+                        'CMM position and time, correlation of neighbours (.png, .svg or .pdf)')
+    parser.add_argument('--force', action='store_true', help='overwrite an existing picture')
     add_shared(parser, '--json')
+
+
+def picture_file(text: str) -> Path:
+    """Read the name of a picture to write."""
+    if Path(text).suffix not in FORMATS:
+        raise ArgumentTypeError(f'wanted a file name that ends with {", ".join(FORMATS)}, got {text!r}')
+    return Path(text)
 
 
 def run(options: Namespace) -> None:
     """Print the comparison."""
+    if options.noise_picture:
+        refuse_existing(options.noise_picture, options.force)
     measured, model = open_run(options.run_path), read_model(options.model)
     comparison, verdict = compare(measured, model), judge(measured, model)
     steps = ladder(measured, model) if options.ladder else ()
+    if options.noise_picture:
+        save(noise_plots.noise(diagnose(measured, model).final), options.noise_picture, options.force)
     if options.json:
         print_json(comparison_json(comparison, verdict, steps))
         return
@@ -45,6 +65,8 @@ def run(options: Namespace) -> None:
     out.print(head(measured))
     show(out, comparison, verdict)
     print_parts(out, [tables.nested_models(steps)])
+    if options.noise_picture:
+        out.print(f'\nPicture of the noise: {escape(str(options.noise_picture))}')
 
 
 def show(out: Console, comparison: Comparison, verdict: Verdict) -> None:

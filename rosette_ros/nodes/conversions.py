@@ -14,6 +14,7 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from rosette_ros.core import records
+from rosette_ros.core.diagnosis.verdict import noise_words
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Frame
 from rosette_ros.io.bag_metadata import Qos
@@ -152,7 +153,17 @@ def diagnosis_message(run: records.Run, diagnosis: 'core.Diagnosis', stamp: Time
         verdict=verdict.sentence, outcome=str(verdict.outcome), level=str(verdict.level), action=verdict.action,
         missing=list(diagnosis.missing), unexplained=bool(diagnosis.unexplained),
         unexplained_text=diagnosis.unexplained_text, candidates=list(map(candidate_message, diagnosis.candidates)),
-        invisible=list(diagnosis.invisible))
+        invisible=list(diagnosis.invisible), noise=noise_message(diagnosis.final))
+
+
+def noise_message(fit: 'Fit') -> msg.Noise:
+    """Return the Noise message of the noise under which a run was fitted."""
+    noise, words = fit.noise, noise_words(fit.noise, fit.sigma, fit.run)
+    return msg.Noise(
+        sigma=float(fit.sigma), sigma_source=fit.sigma_source, is_white=noise.is_white and not noise.resolution,
+        words=[one for one, _ in words], axes=noise.axes, by=noise.by, factors=noise.factors, tail=noise.tail,
+        tail_dof=float(noise.tail_dof), memory=float(noise.phi), wander=noise.wander,
+        resolution=float(noise.resolution))
 
 
 def candidate_message(entry: 'core.Candidate') -> msg.Candidate:

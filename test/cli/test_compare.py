@@ -138,3 +138,15 @@ def test_no_number_is_cut(capsys):
         lines = capsys.readouterr().out.splitlines()[-3:]
         assert [line.split() for line in lines] == [['frame_drift_onset', *8 * [number]] for number in numbers]
         assert out.width == width
+
+
+def test_the_picture_of_the_noise_is_written_once(rosette, refused, tmp_path):
+    """Named in what is printed; an existing file stays, and another format is refused."""
+    path = tmp_path / 'noise.svg'
+    assert 'noise.svg' in rosette('compare', simulated_table('slip'), '--noise-picture', path).out
+    drawn = path.read_text(encoding='utf-8')
+    assert '<svg' in drawn
+    assert 'exists' in refused('compare', simulated_table('slip'), '--noise-picture', path)
+    assert path.read_text(encoding='utf-8') == drawn
+    words = refused('compare', simulated_table('slip'), '--noise-picture', tmp_path / 'noise.jpg')
+    assert 'wanted a file name that ends with .png, .svg, .pdf' in words

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The model in use, the last runs, and what is asked about them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
@@ -8,8 +10,10 @@ from rclpy.parameter import Parameter
 from rosette_msgs.srv import AddEffect
 
 from rosette_ros.analysis import analyse
+from rosette_ros.core.diagnosis.verdict import noise_words
 from rosette_ros.core.errors import InvalidData, InvalidModel, NotDeterminable
 from rosette_ros.core.model.model import Model
+from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.model_file import parse_entry
 from rosette_ros.nodes import conversions
@@ -156,9 +160,25 @@ def test_diagnosis_becomes_a_message(in_use, drifting):
     assert (message.model_name, message.model_hash) == (str(Model()), Model().hash)
     assert message.missing == list(found.missing) == ['frame_drift']
     assert (message.verdict, message.unexplained) == (found.verdict.sentence, False)
+    noise, fit = message.noise, found.final
+    assert (noise.sigma, noise.sigma_source, noise.is_white, noise.words) == (fit.sigma, fit.sigma_source, True, [])
+    assert noise.axes.tolist() == noise.factors.tolist() * 3 == [1.0, 1.0, 1.0] and noise.wander.tolist() == [0, 0, 0]
+    assert (noise.by, noise.tail, noise.tail_dof, noise.memory, noise.resolution) == ('', '', np.inf, 0.0, 0.0)
     for sent, entry in zip(message.candidates, found.candidates, strict=True):
         assert (sent.effect, sent.p, sent.delta_bic) == (entry.effect, entry.p, entry.delta_bic)
         assert (sent.held_out_rms_before, sent.held_out_rms_after) == (
             entry.cross_validation_before, entry.cross_validation_after)
         assert sent.parameters.u.tolist() == [one.u for one in entry.parameters]
         assert sent.look_alikes == list(entry.look_alikes)
+
+
+def test_other_noise_is_in_the_message(drifting):
+    """Its words are those of the verdict, its numbers those of the fit."""
+    fit = replace(analyse(drifting), noise=Noise(
+        axes=np.array([0.8, 0.8, 1.3]), by='ball', factors=np.linspace(0.5, 2, 6), tail='reading', tail_dof=4.0,
+        phi=1.0, wander=np.array([0.01, 0.02, 0.03])))
+    sent = conversions.noise_message(fit)
+    assert not sent.is_white and sent.words == [words for words, _ in noise_words(fit.noise, fit.sigma, fit.run)]
+    assert (sent.by, sent.tail, sent.tail_dof, sent.memory) == ('ball', 'reading', 4.0, 1.0)
+    assert (sent.axes.tolist(), sent.wander.tolist()) == ([0.8, 0.8, 1.3], [0.01, 0.02, 0.03])
+    assert sent.factors.tolist() == fit.noise.factors.tolist()
