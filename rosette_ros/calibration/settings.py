@@ -142,6 +142,10 @@ def goal_changes(goal: Mapping[str, Any]) -> dict[str, Value]:
         if name in changes:
             raise InvalidConfig(f'options: {name}: wanted it once, got it in the fields of the goal too; leave it out')
     changes |= options
+    for name in ('plan', 'plate.file'):
+        if changes.get(name) and '\n' not in str(changes[name]):
+            raise InvalidConfig(f'goal: {name}: wanted the lines of a file, got {changes[name]!r:.60}; only the '
+                                f'parameter {name} of the sequencer may be a path')
     decided = [name for name in BY_PLAN if name in changes]
     if decided and changes.get('plan'):
         raise InvalidConfig(f'goal: {decided[0]}: the plan decides it; leave out one of the two')

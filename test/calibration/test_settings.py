@@ -186,7 +186,8 @@ def test_a_plan_file_decides_what_is_measured(tmp_path, by_path):
     """By its path or by its text; the record makes the same targets again, without the file."""
     made, path = own_plan(), tmp_path / 'mine.csv'
     path.write_text(format_plan(made))
-    values = changed_settings(DEFAULTS, changes(plan=str(path) if by_path else path.read_text(), repeats=3))
+    own = {'plan': str(path) if by_path else path.read_text()}
+    values = changed_settings({**DEFAULTS, **own}, changes(repeats=3))
     path.unlink()
     planned, recorded = plan_of(values), parse_settings(format_settings(values), 'log')
     again = plan_of({**values, **recorded})
@@ -224,7 +225,8 @@ def test_a_plate_file_decides_radius_and_balls(tmp_path, by_path):
     """Its balls are places of a plate with as many as the table has positions; only they are asked for; resumable."""
     path = tmp_path / 'plate.yaml'
     path.write_text(PLATE)
-    values = changed_settings(DEFAULTS, changes(plate=str(path) if by_path else PLATE, balls=36, repeats=3))
+    own = {'plate.file': str(path) if by_path else PLATE}
+    values = changed_settings({**DEFAULTS, **own}, changes(balls=36, repeats=3))
     planned, recorded = plan_of(values), parse_settings(format_settings(values), 'log')
     again = plan_of({**DEFAULTS, **recorded})
     targets = [planned.target(k) for k in range(planned.total)]
@@ -240,7 +242,7 @@ def test_a_plate_file_decides_radius_and_balls(tmp_path, by_path):
     ({'plate': PLATE.replace('[0, 30', '[10, 30'), 'balls': 36}, 'wanted a ball at azimuth 0, from which balls are'),
     ({'plate': PLATE, 'balls': 36, 'cmm_positions': '8'}, 'cmm_positions: wanted none beside a plate file'),
     ({'plate': PLATE.replace('130', '120'), 'balls': 36}, '1, 4, 7, 10, 13, .* of 36 do not determine the curves'),
-    ({'plate': 'no-such.yaml', 'balls': 36}, r'no-such.yaml: wanted a plate file that can be read')])
+    ({'plate': 'no-such.yaml', 'balls': 36}, 'goal: plate.file: wanted the lines of a file, got .no-such')])
 def test_plates_that_cannot_be_measured_are_refused(goal, words):
     """In one line."""
     with pytest.raises(RosetteError, match=words):
