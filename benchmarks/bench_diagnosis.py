@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Diagnosis with the whole library against a dense least squares per candidate."""
+"""Diagnosis with the whole library against a dense least squares per candidate, and of a run that lacks readings."""
 
 import time
 
 import numpy as np
 
-from benchmarks.bench_fit import matrix
+from benchmarks.bench_fit import MISSING, matrix
 from rosette_ros.analysis import diagnose, judge
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.least_squares import mean_radius, observed
@@ -61,6 +61,12 @@ def main():
         print(f'  n = {n:2d}: ours {min(times):.2f} s ({" and ".join(found.missing)}), the verdict alone '
               f'{min(verdicts):.2f} s; dense {plain:.0f} s for {len(every)} candidates ({len(some)} timed), without '
               f'probabilities ({plain / min(times):.0f}x)', flush=True)
+    part = run.take(np.sort(np.random.default_rng(n).permutation(n * n)[:round((1 - MISSING) * n * n)]))
+    start = time.perf_counter()
+    found = diagnose(part)
+    lacking = time.perf_counter() - start
+    print(f'  n = {n:2d}, {100 * MISSING:.0f} % of the readings missing: {lacking:.2f} s '
+          f'({" and ".join(found.missing)}), {lacking / min(times):.2f} times that of the complete run', flush=True)
 
 
 if __name__ == '__main__':
