@@ -29,6 +29,7 @@ from rosette_ros.core.scheme import plan
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv
 from rosette_ros.io.messages import Answer, Phase, Target
 from rosette_ros.io.model_file import parse_entry
+from rosette_ros.io.plan_file import MeasuringPlan, format_plan, parse_plan
 from rosette_ros.io.safe_yaml import parse_yaml
 from rosette_ros.nodes.evaluation import RunCollection
 from rosette_ros.simulation import Machine, MachineConfig
@@ -157,6 +158,31 @@ def test_a_model(data):
 def test_a_model_of_the_corpus(data):
     """What once broke the door."""
     check_model(data)
+
+
+PLANS = [format_plan(MeasuringPlan(plan(4, 'there_and_back'), 0.1), as_yaml).encode() for as_yaml in (False, True)]
+
+
+@many
+@given(
+    st.one_of(
+        *map(mutated, PLANS),
+        st.builds('schema: rosette-plan/1\nballs: {}\nradius_mm: {}\norder: row\n'.format, TRICKS, TRICKS).map(encoded),
+        st.builds(lambda ball: dumped({'schema': 'rosette-plan/1', 'balls': 4, 'radius_mm': 9.5, 'ball': ball,
+                                       'table_position': 1}), TREES),
+    )
+)
+@bounded()
+def test_a_plan_file(data):
+    """CSV and YAML: accept or refuse in one line; what is accepted is written and read again as it is."""
+    try:
+        made = parse_plan(data, 'fuzzed')
+    except RosetteError as error:
+        assert str(error).startswith('fuzzed: ') and '\n' not in str(error)
+        return
+    again = parse_plan(format_plan(made).encode(), 'again')
+    for name in ('table_position', 'ball', 'approach', 'touches', 'session'):
+        assert np.array_equal(getattr(again.scheme, name), getattr(made.scheme, name))
 
 
 @many
