@@ -27,7 +27,7 @@ SIGNS = {'−': '-', '–': '-', '─': '-', '±': '+-', '→': '->', 'µ': 'u',
 VERBS = {
     'demo': ('demo', 'calibrate a simulated rotary table from start to end'),
     'envelope': ('envelope', 'open the envelope of demo --hidden: what was hidden, what is found'),
-    'plan': ('plan', 'the target list of a measuring scheme'),
+    'plan': ('plan', 'what a plan measures and determines; plans side by side'),
     'cell': ('cell', 'a whole cell on this computer: starts its nodes, restarts failed nodes'),
     'check-cmm': ('check_cmm', 'try a CMM before a calibration: what its node does wrong'),
     'calibrate': ('calibrate', 'start a calibration in a running cell and wait for the result'),
