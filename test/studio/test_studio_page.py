@@ -66,6 +66,7 @@ def test_several_runs_as_one(page, tmp_path, start_studio):
         expect(result).to_contain_text('the reversal of all six curves, with its means')
         expect(result).to_contain_text('used; the readings agree with it')
         expect(result.locator('.js-plotly-plot')).to_have_count(2)
+        page.close()  # before its studio ends, which it would complain of
 
 
 def test_save_model_and_report(page, studio, tmp_path):
