@@ -14,13 +14,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rosette_ros.analysis import LadderStep
+from rosette_ros.core.diagnosis.recovered_shape import Shape, ShapeCurve, strongest
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats, Ints
 from rosette_ros.core.scheme import Scheme
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, iso_name, signed
-from rosette_ros.presentation.plots.plot_style import AFTER, COLOURS
+from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE, COLOURS
 from rosette_ros.presentation.plots.result_plots import MEANING, closed
+from rosette_ros.presentation.plots.shape_plots import MOST_CURVES, UNITS
 from rosette_ros.presentation.tables import nested_names, noise_of
 
 PlotlyFigure = dict[str, Any]
@@ -63,12 +65,8 @@ def _curve(one: Curves, curve: str, unit: str, place: int) -> list[PlotlyFigure]
     """Return the band and the line of one curve, closed to a whole turn."""
     angle, value = closed(one.motions.angle, one.motions[curve])
     spread = COVERAGE_FACTOR * closed(one.motions.angle, one.motions.uncertainty(curve))[1]
-    red, green, blue = (int(one.colour[k:k + 2], 16) for k in (1, 3, 5))
     common = {'type': 'scatter', 'legendgroup': one.name, **_axes(place)}
-    band = {**common, 'x': _array(np.concatenate([angle, angle[::-1]])),
-            'y': _array(np.concatenate([value + spread, (value - spread)[::-1]])), 'fill': 'toself', 'mode': 'lines',
-            'fillcolor': f'rgba({red},{green},{blue},0.22)', 'line': {'width': 0}, 'hoverinfo': 'skip',
-            'showlegend': False}
+    band = {**common, **_band(angle, value, spread, one.colour)}
     line = {**common, 'x': _array(angle), 'y': _array(value), 'name': one.name, 'customdata': _array(spread),
             'mode': 'lines+markers' if value.size <= 80 else 'lines', 'showlegend': place == 1,
             'marker': {'size': 5, 'symbol': 'circle' if one.dash == 'solid' else 'square'},
@@ -76,6 +74,43 @@ def _curve(one: Curves, curve: str, unit: str, place: int) -> list[PlotlyFigure]
             'hovertemplate': f'{curve} ({iso_name(curve, one.motions.rotation)}) %{{y}} ± %{{customdata:.3f}} {unit}'
                              f'<br>at %{{x:.2f}}°, U with k = {COVERAGE_FACTOR}<extra>{one.name}</extra>'}
     return [band, line]
+
+
+def _band(x: Floats, value: Floats, spread: Floats, colour: str) -> PlotlyFigure:
+    """Return the area within `spread` of values."""
+    red, green, blue = (int(colour[k:k + 2], 16) for k in (1, 3, 5))
+    return {'type': 'scatter', 'x': _array(np.concatenate([x, x[::-1]])),
+            'y': _array(np.concatenate([value + spread, (value - spread)[::-1]])), 'fill': 'toself', 'mode': 'lines',
+            'fillcolor': f'rgba({red},{green},{blue},0.22)', 'line': {'width': 0}, 'hoverinfo': 'skip',
+            'showlegend': False}
+
+
+def shape_figure(shape: Shape) -> PlotlyFigure:
+    """Return the curves of a recovered shape that stand out most, with bands of U (k = 2), beside what is claimed."""
+    shown, (unit, factor) = strongest(shape, MOST_CURVES), UNITS.get(shape.unit, (shape.unit, 1.0))
+    data, layout = [], _panels(len(shown), 1, gap=(0.0, 0.4), legend=True)
+    first, last = (factor * float(shape.values[k]) for k in (0, -1))
+    ends = [first - 0.1 * (last - first), last + 0.04 * (last - first)]  # the first label stays off those of the y axis
+    for place, curve in enumerate(shown, 1):
+        data += _shape_curve(curve, factor * shape.values, f'{shape.variable} %{{x:.4g}} {unit}', place)
+        title = f'{shape.variable} / {unit}' if place == len(shown) else ''
+        carrier = f' × {curve.carrier}' if curve.carrier else ''
+        x = {'range': ends, 'title': {'text': title}}
+        _set_panel(layout, place, x, {'zeroline': True}, f'<b>{curve.axis}</b>{carrier} / µm')
+    return _figure(data, layout)
+
+
+def _shape_curve(curve: ShapeCurve, x: Floats, at: str, place: int) -> list[PlotlyFigure]:
+    value, spread = 1e6 * curve.value, 1e6 * COVERAGE_FACTOR * curve.u
+    common = {'type': 'scatter', 'x': _array(x), 'mode': 'lines', 'showlegend': place == 1, **_axes(place)}
+    line = {**common, 'y': _array(value), 'customdata': _array(spread), 'name': 'recovered',
+            'line': {'color': AFTER, 'width': 2},
+            'hovertemplate': f'%{{y}} ± %{{customdata:.3f}} µm, U with k = {COVERAGE_FACTOR}<br>{at}'
+                             '<extra>recovered</extra>'}
+    claimed = [] if curve.claimed is None else [
+        {**common, 'y': _array(1e6 * curve.claimed), 'name': 'claimed', 'line': {'color': BEFORE, 'dash': 'dash'},
+         'hovertemplate': f'%{{y}} µm<br>{at}<extra>claimed</extra>'}]
+    return [{**_band(x, value, spread, AFTER), **_axes(place)}, line, *claimed]
 
 
 def maps_figure(fit: Fit, scale: Fit | None = None) -> PlotlyFigure:

@@ -6,7 +6,7 @@ from base64 import b64decode
 import numpy as np
 import pytest
 
-from rosette_ros.analysis import analyse, ladder
+from rosette_ros.analysis import analyse, diagnose, ladder
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.scheme import plan
 from rosette_ros.presentation.formatting import signed
@@ -21,6 +21,7 @@ from rosette_ros.studio.figures import (
     ladder_figure,
     maps_figure,
     pairs_figure,
+    shape_figure,
     time_figure,
 )
 from rosette_ros.studio.panels.open_dialog import safe_name
@@ -149,3 +150,21 @@ def test_pairs_of_a_plan_in_the_order_of_measuring():
         number, ball, position = numbers(data['customdata']).reshape(-1, 3).T
         assert number.tolist() == list(range(1, scheme.ball.size + 1)) and np.array_equal(ball, scheme.ball)
         assert set(np.round(numbers(data['x']).astype(float) - position, 3).tolist()) == shifts
+
+
+def test_a_recovered_shape_stands_beside_its_claim():
+    """Curves in µm against minutes with U (k = 2), dashed what is claimed; the strongest ones."""
+    drift = {'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}
+    machine = Machine(MachineConfig().changed(seed=2, plate={'balls': 6}, hidden=[drift]))
+    found = diagnose(machine.run(plan(6, 'random')))
+    shape, = found.recovered
+    assert shape.claim == 'frame_drift'
+    data = shape_figure(shape)['data']
+    bands, lines, claims = data[::3], data[1::3], data[2::3]
+    assert len(lines) == len(shape.curves) <= 3
+    for curve, band, line, claim in zip(shape.curves, bands, lines, claims):
+        assert numbers(line['x']) == pytest.approx(shape.values / 60, rel=1e-6)
+        assert numbers(line['y']) == pytest.approx(1e6 * curve.value, rel=1e-5)
+        assert numbers(line['customdata']) == pytest.approx(2e6 * curve.u, rel=1e-5)
+        assert numbers(band['y']).max() == pytest.approx(1e6 * (curve.value + 2 * curve.u).max(), rel=1e-5)
+        assert claim['name'] == 'claimed' and numbers(claim['y']) == pytest.approx(1e6 * curve.claimed, rel=1e-5)

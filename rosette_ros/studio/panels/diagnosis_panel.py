@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The results of the diagnosis: the verdict, the candidates that the model may lack, and the check on a second run."""
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 
 from nicegui import ui
 
 from rosette_ros.core.diagnosis.diagnosis import Candidate, Diagnosis
+from rosette_ros.core.diagnosis.recovered_shape import Shape
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR, MEANINGS, duration, micro, words_of
+from rosette_ros.presentation.plots.shape_plots import MOST_CURVES
 from rosette_ros.presentation.report.run_page import findings, spans
+from rosette_ros.studio import figures
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.widgets import button, card, marked, row, set_words
@@ -161,7 +164,11 @@ class CandidatesPanel:
         claimed = {one.effect: one for one in reversed(diagnosis.candidates) if one.claimed}
         others = [one for one in diagnosis.candidates if one.effect not in claimed][:NEXT_BEST]
         for one in reversed(claimed.values()):
-            self._add_card(one, OF_CLAIMED)
+            self._add_card(one, OF_CLAIMED, [shape for shape in diagnosis.recovered if shape.claim == one.effect])
+        for place, shape in enumerate(shape for shape in diagnosis.recovered if not shape.claim):
+            with marked(ui.element('article').classes('candidate claimed'), f'shape-{place}'):
+                ui.label(f'No name: {shape.words}.').classes('small')
+                _draw(shape)
         if others:
             with ui.expansion('Not significant: the next best').props('dense').classes('small'), \
                     ui.element('div').classes('list'):
@@ -171,7 +178,7 @@ class CandidatesPanel:
             hidden = ', '.join(map(words_of, diagnosis.invisible))
             ui.label(f'Not observable in this order of measurement: {hidden}.').classes('small')
 
-    def _add_card(self, one: Candidate, columns: tuple[str, ...]) -> None:
+    def _add_card(self, one: Candidate, columns: tuple[str, ...], shapes: Sequence[Shape] = ()) -> None:
         with marked(ui.element('article').classes('candidate'), f'candidate-{one.effect}') as self._cards[one.effect]:
             self._cards[one.effect].classes('claimed' if one.claimed else '')
             with row():
@@ -182,11 +189,20 @@ class CandidatesPanel:
             if one.effect in MEANINGS:
                 ui.label(MEANINGS[one.effect].meaning).classes('small')
             widgets.fact_list(tables.candidates([one]).select(*columns))
+            for shape in shapes:
+                _draw(shape)
             with row():
                 button('Preview', lambda: apply(self._on_preview, one), 'visibility', f'preview-{one.effect}',
                        hint=f'Show what adding {one.effect} would change')
                 button('Add', lambda: apply(self._on_add, one), 'add', f'add-{one.effect}', strong=one.claimed,
                        hint=f'Add {one.effect} to the model')
+
+
+def _draw(shape: Shape) -> None:
+    """Show what was recovered of a shape, with its band, beside the claim."""
+    words = f'What is recovered against {shape.variable}' + (', beside the claim' if shape.claim else '')
+    widgets.Figure(90 + 120 * min(len(shape.curves), MOST_CURVES), words, 'shape-figure').draw(
+        (shape,), figures.shape_figure, shape)
 
 
 class CrossCheckPanel:
