@@ -61,6 +61,7 @@ class Job:
     opening: bool = True  # its log
     recording: bool = False
     verifying: Verify | None = None  # what the recorder was asked last
+    has_new_evaluator: bool = False  # its results may not have been used: it was known too briefly
     motions: Any = None  # the ErrorMotions message as published
 
     @property

@@ -121,6 +121,11 @@ class RunCollection:
         """Return the ids of the runs that were ordered and lack messages."""
         return [run_id for run_id, run in self._runs.items() if run.is_wanted and run.lacks]
 
+    def is_evaluated(self, run_id: str) -> bool:
+        """Return whether a run was evaluated with all that is known of it."""
+        run = self._runs.get(run_id)
+        return run is not None and run.is_evaluated
+
     def readings_hash(self, run_id: str) -> str:
         """Return the hash of a run's answers that count, '' where the run is not kept any more."""
         run = self._runs.get(run_id)

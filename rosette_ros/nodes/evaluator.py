@@ -8,6 +8,7 @@ from typing import Any
 
 from geometry_msgs.msg import TransformStamped
 from rcl_interfaces.msg import Parameter, ParameterType
+from rclpy.publisher import Publisher
 from rosette_msgs.msg import BallCentre, Diagnosis, ErrorMotions, JointEvaluation, Model, ProbeTarget, RunState
 from rosette_msgs.srv import AddEffect, Diagnose, EvaluateJointly, Recall, RemoveEffect
 from tf2_msgs.msg import TFMessage
@@ -25,6 +26,7 @@ from rosette_ros.nodes.base_node import ERROR, OK, WARN, CellNode, Health, run_n
 from rosette_ros.nodes.evaluation import ModelChange, ModelInUse, RunCollection, declared_sharing
 from rosette_ros.nodes.interfaces import introspected_service
 from rosette_ros.nodes.joint_conversions import joint_message
+from rosette_ros.nodes.liveliness import SETTLING
 from rosette_ros.nodes.recorder_client import Recalls
 
 WANTED = (
@@ -70,6 +72,8 @@ class Evaluator(CellNode):
         self._reported: set[str] = set()
         self._recorder = Recalls(self)
         self._recalled: dict[str, float] = {}
+        self._told: dict[Publisher, Any] = {}  # the last message of each topic
+        self._told_of, self._told_at = '', 0.0
         self._motions_out = self.create_publisher(ErrorMotions, names.ERROR_MOTIONS, qos.RESULT)
         self._model_out = self.create_publisher(Model, names.MODEL, qos.RESULT)
         self._diagnosis_out = self.create_publisher(Diagnosis, names.DIAGNOSIS, qos.RESULT)
@@ -116,6 +120,7 @@ class Evaluator(CellNode):
             self._recalled.pop(run_id, None)
         elif message.phase == RunState.PHASE_EVALUATION:
             self._runs.expect(run_id, message.done, now)
+            self._tell_again(run_id, now)
         else:
             self._runs.note_state(run_id, now, message.phase == RunState.PHASE_DONE)
         self._evaluate_ready()
@@ -150,12 +155,14 @@ class Evaluator(CellNode):
 
     def _evaluate_ready(self) -> None:
         for run_id in self._runs.ready(self.seconds(), self.parameters['quiet_s']):
+            self._told.clear()
             try:
                 fit = self._in_use.evaluate(self._runs.to_run(run_id), self._runs.frame(run_id))
             except RosetteError as error:
                 self._report_failure(run_id, str(error))
                 continue
             self._publish(fit, self._diagnose_after(fit.run))
+            self._told_of, self._told_at = run_id, self.seconds()
             doubts = ''.join(f'; {remark}' for remark in fit.run.remarks)
             self._level = WARN if doubts else OK
             self._last = plain(f'run {run_id} is evaluated, {fit.run.size} ball centres{doubts}', most=2000)
@@ -179,18 +186,30 @@ class Evaluator(CellNode):
             return False
         return True
 
+    def _tell(self, publisher: Publisher, message: Any) -> None:
+        publisher.publish(message)
+        self._told[publisher] = message
+
+    def _tell_again(self, run_id: str, now: float) -> None:
+        """Publish the same results again: nodes do not use what is published before they know who publishes it."""
+        if run_id == self._told_of and self._runs.is_evaluated(run_id) and now - self._told_at >= SETTLING:
+            self._told_at = now
+            for publisher in (self._diagnosis_out, self._model_out, self._motions_out):
+                if publisher in self._told:
+                    publisher.publish(self._told[publisher])
+
     def _publish(self, fit: Fit, is_diagnosed: bool) -> ErrorMotions:
         """Publish model and error motions; these come last, since they end a run."""
         stamp = self.now().to_msg()
-        self._model_out.publish(conversions.model_message(fit.model, stamp, fit))
+        self._tell(self._model_out, conversions.model_message(fit.model, stamp, fit))
         message = conversions.error_motions_message(fit, stamp, TABLE_FRAME)
         message.diagnosed, message.readings_hash = is_diagnosed, self._runs.readings_hash(fit.run.run_id)
-        self._motions_out.publish(message)
+        self._tell(self._motions_out, message)
         return message
 
     def _diagnose(self, run_id: str = '') -> Diagnosis:
         message = conversions.diagnosis_message(*self._in_use.diagnose(run_id), self.now().to_msg())
-        self._diagnosis_out.publish(message)
+        self._tell(self._diagnosis_out, message)
         return message
 
     def _report_failure(self, run_id: str, reason: str) -> None:

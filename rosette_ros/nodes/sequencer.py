@@ -53,6 +53,7 @@ class Sequencer(ManagedNode):
         self._frames = self.create_publisher(TFMessage, names.TF_STATIC, qos.RESULT)
         self.on(names.BALL_CENTRE, BallCentre, self._on_ball_centre, qos.ANSWER, from_one=True)
         self.on(names.ERROR_MOTIONS, ErrorMotions, self._on_error_motions, qos.RESULT, from_one=True)
+        self.sender(names.ERROR_MOTIONS).on_change = self._on_new_evaluator
         self._recorder = RecorderLink(self)
         self._cell = CellMonitor(self, self._recorder)
         introspected_service(self, Trigger, names.START_CALIBRATION, self._on_start)
@@ -200,6 +201,10 @@ class Sequencer(ManagedNode):
             job.motions = message if commands else job.motions
             self._do(job, commands)
 
+    def _on_new_evaluator(self) -> None:
+        if self._job is not None:
+            self._job.has_new_evaluator = True
+
     @property
     def is_busy(self) -> bool:
         """Whether a calibration is running."""
@@ -227,6 +232,8 @@ class Sequencer(ManagedNode):
             if not (job.opening or job.is_over):
                 self._check_nodes(job, now)
             self._do(job, job.sequence.tick(now))
+            if job.has_new_evaluator and job.sequence.phase is Phase.EVALUATION and now - self._published >= SETTLING:
+                self._publish_state(job)  # it publishes its results again
             if job.sequence.left is not None:
                 words = f'run {job.run_id}: {job.progress}: {job.sequence.describe()}'
                 self.get_logger().info(words, throttle_duration_sec=TELL, skip_first=True)
