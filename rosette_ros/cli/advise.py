@@ -9,7 +9,7 @@ from rosette_ros import command
 from rosette_ros.analysis import advise, advise_run
 from rosette_ros.cli.arguments import UsageError, add_shared
 from rosette_ros.cli.console import console, print_json, print_parts, warn
-from rosette_ros.cli.plan import add_plan
+from rosette_ros.cli.plan import USUAL_RADIUS_MM, add_plan
 from rosette_ros.core.effects.library import effect
 from rosette_ros.core.planning.advice import Advice
 from rosette_ros.io.open_run import open_run
@@ -22,7 +22,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.add_argument('run_path', metavar='RUN', nargs='?', help='log directory, .mcap file or '
                         'ball-centre table (CSV); instead of a run, --balls and --order')
-    add_plan(parser, most_balls=72, radius_mm=182.5)
+    add_plan(parser, most_balls=72, radius_mm=USUAL_RADIUS_MM)
     parser.add_argument('--show', metavar='EFFECT', action='append', default=[],
                         help='an effect that the next run must show; may be given several times '
                         '(default: all that the present order shows weakly)')

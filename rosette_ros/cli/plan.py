@@ -37,8 +37,14 @@ MOST_BALLS = 1000
 WIDEST_MAP = 20
 """Most balls for which the map of the scheme fits on a screen."""
 MOST_PLANS = 12
+USUAL_RADIUS_MM = 182.5
+"""Radius of the plate of the paper, where a question is answered without a plate."""
 ENDINGS = {'.csv': False, '.yaml': True, '.yml': True}
 """Endings of plan files, and whether they are YAML."""
+OF_ONE_PLAN = {'output': '--output', 'figures': '--figures', 'cmm_positions': '--cmm-positions or --share',
+               'balls_in_use': '--balls-of', 'touches': '--touches', 'seed': '--seed', 'plate': '--plate',
+               'csv': '--csv', 'csv_template': '--csv-template'}
+"""What does not go with --hours: settings of one plan, by their names in the options."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -73,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_plan(parser: argparse.ArgumentParser, most_balls: int, radius_mm: float | None = None) -> None:
     """Add what plans a run: --balls, --order, --radius-mm, --turning, --seed."""
-    default = '' if radius_mm is None else f' (default {radius_mm:g})'
+    default = f' (default with --hours {USUAL_RADIUS_MM:g})' if radius_mm is None else f' (default {radius_mm:g})'
     parser.add_argument('--balls', metavar='N', type=whole(None, most_balls),
                         help='balls on the plate = table positions')
     parser.add_argument('--order', help=f'one of {", ".join(ORDERS)}')
@@ -89,10 +95,10 @@ def run(options: argparse.Namespace) -> None:
     given = [options.hours is not None, options.order is not None, bool(options.plans)]
     if sum(given) != 1:
         raise UsageError('plan: wanted either --order or --hours, or plan files and orders to compare')
-    if options.plate:
-        put_on_plate(options)
     if options.hours is not None:
         return show_proposals(options)
+    if options.plate:
+        put_on_plate(options)
     words = options.plans or [options.order]
     if len(words) > MOST_PLANS:
         raise UsageError(f'plan: wanted at most {MOST_PLANS} plans, got {len(words)}')
@@ -130,7 +136,7 @@ def run(options: argparse.Namespace) -> None:
 
 def put_on_plate(options: argparse.Namespace) -> None:
     """Set the radius and the balls in use from the plate file."""
-    beside = ('hours', 'radius_mm', 'cmm_positions', 'balls_in_use')
+    beside = ('radius_mm', 'cmm_positions', 'balls_in_use')
     if given := [name for name in beside if getattr(options, name)]:
         raise UsageError(f'--plate: wanted it without {given[0].replace("_", " ")}, got both; leave out one')
     if options.balls is None:
@@ -164,11 +170,14 @@ def chosen(words: Sequence[str], options: argparse.Namespace) -> list[MeasuringP
 
 def show_proposals(options: argparse.Namespace) -> None:
     """Print the plans that a given time allows, best first."""
-    if options.balls is None or options.radius_mm is None:
-        raise UsageError('plan: wanted --balls and --radius-mm with --hours')
-    if options.csv or options.csv_template:
-        raise UsageError('--hours: wanted a list of plans as text or --json; choose one with --order, then --csv')
-    sigma, drift, radius = 1e-6 * options.sigma_um, 1e-6 * options.drift_um, 1e-3 * options.radius_mm
+    if given := [words for name, words in OF_ONE_PLAN.items() if getattr(options, name)]:
+        raise UsageError(f'--hours proposes plans: wanted no {given[0]}; choose a plan with --order, then {given[0]}')
+    if options.turning != 'forward':
+        raise UsageError('--hours proposes plans: wanted no --turning; they turn forward, or there and back')
+    if options.balls is None:
+        raise UsageError('plan: wanted --balls with --hours')
+    radius_mm = options.radius_mm or USUAL_RADIUS_MM
+    sigma, drift, radius = 1e-6 * options.sigma_um, 1e-6 * options.drift_um, 1e-3 * radius_mm
     found = propose(options.balls, radius, options.hours, sigma, drift, Pace(
         options.touch_s or Pace.touch, options.table_move_s or Pace.table_move))
     if options.json:
@@ -180,7 +189,8 @@ def show_proposals(options: argparse.Namespace) -> None:
         return None
     out, best = console(), found[0]
     beside = f' and a frame that wanders by {options.drift_um:g} µm in an hour' if drift else ''
-    out.print(f'{options.balls} balls in {options.hours:g} h, σ = {options.sigma_um:g} µm from 20 touches{beside}')
+    out.print(f'{options.balls} balls on R = {exact(radius_mm, 6)} mm in {options.hours:g} h, σ = {options.sigma_um:g} '
+              f'µm from 20 touches{beside}')
     print_parts(out, [Table('proposals', 'Plans that fit, best first', (
         column('order', 'order', [one.scheme.order for one in found], str),
         column('positions', 'CMM positions', [np.unique(one.scheme.cmm_position).size for one in found], str),
@@ -193,8 +203,8 @@ def show_proposals(options: argparse.Namespace) -> None:
     places = '' if np.unique(best.scheme.cmm_position).size == options.balls else ' --cmm-positions ' + ','.join(
         map(str, np.unique(best.scheme.cmm_position)))
     out.print('\nerror: of the curves, relative to the uncertainty of a complete run of 20 touches without drift; U: '
-              f'expanded, k = 2\nMeasure with: {program()} calibrate --order {best.scheme.order}{places} --touches '
-              f'{best.touches}', soft_wrap=True)
+              f'expanded, k = 2\nMeasure with: {program()} calibrate --balls {options.balls} --radius-mm '
+              f'{exact(radius_mm, 6)} --order {best.scheme.order}{places} --touches {best.touches}', soft_wrap=True)
     return None
 
 
