@@ -88,6 +88,11 @@ def rotation_of(axis: ArrayLike, x: ArrayLike | None = None) -> Floats:
     return np.stack([along, np.cross(z, along), z], axis=-1)
 
 
+def table_axis(rotation: Floats | None) -> Floats:
+    """Return the direction of the table axis in the machine, (3,)."""
+    return np.array([0.0, 0.0, 1.0]) if rotation is None else rotation[:, 2]
+
+
 def cmm_axes(rotation: Floats | None) -> Floats:
     """Return the directions of the CMM's axes x, y, z in the table frame, (3, 3), one a row.
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from simulated import simulated_run, simulated_table
 
+from rosette_ros.core.axes import axis_rotation
 from rosette_ros.io.ball_centre_table import write_csv
 
 SHARED = 'schema: rosette-sharing/1\n'
@@ -85,6 +86,29 @@ def test_a_wrong_declaration_is_told(rosette, tmp_path):
     share.write_text(SHARED + 'plate: shared\n')
     out = ' '.join(rosette('evaluate', simulated_table(), moved, '--share', share).out.split())
     assert 'CONTRADICT it' in out
+
+
+def about(folder, axis, order):
+    """Return the table of a run of a table about an axis, None where none is stated."""
+    path = folder / f'{order}_{axis}.csv'
+    write_csv(simulated_run(order=order).replace(rotation=axis and axis_rotation(axis), run_id=order), path)
+    return path
+
+
+def test_two_runs_about_x_have_the_names_of_an_a_axis(rosette, tmp_path):
+    """ISO 230-1: EXA is the axial motion of a table along x."""
+    out = rosette('evaluate', *(about(tmp_path, [1, 0, 0], order) for order in ('random', 'diagonal')), '--joint').out
+    assert all(f'({name})' in out for name in ('EYA', 'EZA', 'EXA', 'EBA', 'ECA', 'EAA'))
+    assert 'EXC' not in out
+
+
+def test_runs_about_different_axes_are_refused(refused, tmp_path):
+    """One set of curves has one axis; what states none is taken as upright."""
+    along_x = about(tmp_path, [1, 0, 0], 'random')
+    assert ('wanted runs of a table about one axis, got (1, 0, 0) in random and (0, 1, 0) in diagonal; evaluate them '
+            'apart') in refused('evaluate', along_x, about(tmp_path, [0, 1, 0], 'diagonal'), '--joint')
+    assert 'got (1, 0, 0) in random and (0, 0, 1), as none is stated, in column; evaluate them apart' in refused(
+        'report', along_x, about(tmp_path, None, 'column'), '--joint')
 
 
 @pytest.mark.parametrize(('text', 'words'), [

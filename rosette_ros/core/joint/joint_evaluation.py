@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
+from rosette_ros.core import axes
 from rosette_ros.core.errors import InvalidData, NotDeterminable
 from rosette_ros.core.geometry import Floats, Frame
 from rosette_ros.core.joint.joint_model import JointModel, JointSolution, TableSet
@@ -141,6 +142,7 @@ def evaluate_jointly(runs: Sequence[Readings], declared: Mapping[str, Any] | Non
     """
     declared = dict(declared or {})
     _refuse_twice(runs)
+    _refuse_other_axes(runs)
     runs, wanted, notes = default_sharing(runs, declared)
     _refuse_unlike_plates(runs, wanted)
     solution = JointSolution(JointModel(runs, wanted))
@@ -173,6 +175,16 @@ def _refuse_twice(runs: Sequence[Readings]) -> None:
             if run.size == other.size and np.array_equal(run.centre, other.centre):
                 raise InvalidData(f'{other.source} and {run.source}: wanted different runs, got the same ball centres '
                                   'in both; leave one out')
+
+
+def _refuse_other_axes(runs: Sequence[Readings]) -> None:
+    """Refuse tables that point in different directions: curves and places would be named by the first of them."""
+    first, *others = [axes.table_axis(run.rotation) for run in runs]
+    for run, axis in zip(runs[1:], others):
+        if axis @ first < np.cos(axes.ALONG):
+            raise InvalidData('wanted runs of a table about one axis, got ' + ' and '.join(
+                f'{axes.words(one)}{"" if which.rotation is not None else ", as none is stated,"} in {which.name}'
+                for one, which in ((first, runs[0]), (axis, run))) + '; evaluate them apart')
 
 
 def _refuse_unlike_plates(runs: Sequence[Readings], sharing: Sharing) -> None:
