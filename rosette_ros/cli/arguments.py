@@ -86,7 +86,12 @@ def add_places(parser: argparse.ArgumentParser) -> None:
     group.add_argument('--balls-of', metavar='K', default='', dest='balls_in_use',
                        help='measure the K balls that determine the curves best, or those of a list')
     group.add_argument('--share', dest='cmm_positions', metavar='PART', help='measure at this part of the CMM '
-                       'positions, such as 0.5', type=lambda text: f'{100 * positive("part")(text):g} %')
+                       'positions, such as 0.5', type=_share)
+
+
+def _share(text: str) -> str:
+    part = _reader(float, lambda value: 0 < value <= 1, 'a part of the CMM positions, above 0 and at most 1')
+    return f'{100 * part(text):g} %'
 
 
 def add_formats(parser: argparse.ArgumentParser, csv: str) -> argparse._MutuallyExclusiveGroup:

@@ -14,7 +14,7 @@ from rich.markup import escape
 from rosette_ros import command, program
 from rosette_ros.analysis import MOST_BALLS_ADVISED, MOST_BALLS_JUDGED, analyse, judge, summarise
 from rosette_ros.cli import hidden_demo, verification_demo
-from rosette_ros.cli.arguments import add_shared, whole
+from rosette_ros.cli.arguments import UsageError, add_shared, whole
 from rosette_ros.cli.cell import keep_running
 from rosette_ros.cli.console import console, fit_rows, head, pairs, print_parts, print_verdict
 from rosette_ros.cli.demo_cell import MACHINE, compare, demo_cell, shown
@@ -63,6 +63,9 @@ def run(options: argparse.Namespace) -> None:
             raise InvalidConfig('demo: --verification and --hidden exclude each other; choose one')
         verification_demo.run(options)
         return
+    if not np.isfinite(options.axis).all() or not np.any(options.axis):
+        raise UsageError('--axis: wanted 3 finite numbers that are not all 0, got '
+                         f'{" ".join(f"{x:g}" for x in options.axis)}')
     hidden = {} if options.hidden is None else {'hidden': {'seed': options.hidden, **hidden_demo.SIZES}}
     order = options.order or ('sensitive' if hidden else 'diagonal')
     plan(options.balls, order, options.seed)  # refuses what cannot be measured

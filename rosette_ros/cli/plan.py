@@ -161,7 +161,8 @@ def chosen(words: Sequence[str], options: argparse.Namespace) -> list[MeasuringP
         elif n is None or radius is None:
             raise UsageError('plan: wanted --balls and --radius-mm with an order, or a plan file')
         else:
-            in_use = (places_in_use(text, n) for text in (places or options.cmm_positions, options.balls_in_use))
+            in_use = (places_in_use(text, n, what) for text, what in (
+                (places or options.cmm_positions, 'CMM positions'), (options.balls_in_use, 'balls')))
             scheme = plan(n, order, options.seed, options.turning, *in_use)
             touches = np.full(scheme.ball.size, options.touches or 0)
             every.append(MeasuringPlan(replace(scheme, touches=touches), radius))
@@ -251,6 +252,8 @@ def show_comparison(plans: Sequence[Outlook]) -> None:
     out.print()
     for sentence in better(plans):
         out.print(escape(sentence))
+    if not all(one.effects for one in plans):
+        out.print(f'Effects are judged up to {MOST_JUDGED} balls.')
 
 
 CASES = {

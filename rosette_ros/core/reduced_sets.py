@@ -129,13 +129,13 @@ def fewest_members(n: int) -> int:
 
 
 @lru_cache(maxsize=64)
-def best_members(n: int, size: int) -> tuple[int, ...]:
+def best_members(n: int, size: int, what: str = 'CMM positions or balls') -> tuple[int, ...]:
     """Return the CMM positions, or balls, from 0, of which `size` determine the curves of n balls best.
 
-    Raises InvalidPlan where so few do not determine them.
+    what: they are, in words. Raises InvalidPlan where so few do not determine them.
     """
     if not 1 <= size <= n:
-        raise InvalidPlan(f'CMM positions or balls in use: wanted 1..{n}, got {size}')
+        raise InvalidPlan(f'{what} in use: wanted 1..{n}, got {size}')
     if size == n:
         return tuple(range(n))
     if (n, size) in _KNOWN:
@@ -146,7 +146,7 @@ def best_members(n: int, size: int) -> tuple[int, ...]:
     else:
         best = _exchanged(n, size)
     if not math.isfinite(best[0]):
-        raise InvalidPlan(f'{size} of {n} CMM positions or balls do not determine the curves; wanted at least '
+        raise InvalidPlan(f'{size} of {n} {what} do not determine the curves; wanted at least '
                           f'{fewest_members(n)} that are not equally spaced')
     return best[1]
 

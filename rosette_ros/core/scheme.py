@@ -271,12 +271,12 @@ def chosen_places(n: int, order: str, cmm_positions: Sequence[int] = (),
     return tuple(cmm_positions), tuple(balls)
 
 
-def places_in_use(text: str, n: int) -> tuple[int, ...]:
+def places_in_use(text: str, n: int, what: str = 'CMM positions or balls') -> tuple[int, ...]:
     """Return the CMM positions or balls, from 1, that a text names.
 
     '' all, () ; '6' the six that determine the curves best; '50 %' the best half; '1, 4, 6, 9' these.
 
-    Raises InvalidPlan for another text.
+    what: they are, in words. Raises InvalidPlan for another text.
     """
     parts = text.split(',')
     try:
@@ -286,9 +286,9 @@ def places_in_use(text: str, n: int) -> tuple[int, ...]:
             return ()
         count = round(float(text.strip(' %')) * n / 100) if '%' in text else int(text)
     except (ValueError, OverflowError):
-        raise InvalidPlan('CMM positions or balls in use: wanted how many (6), a share (50 %) or which (1, 4, 6, 9), '
+        raise InvalidPlan(f'{what} in use: wanted how many (6), a share (50 %) or which (1, 4, 6, 9), '
                           f'got {text!r:.80}') from None
-    return tuple(k + 1 for k in best_members(n, count))
+    return tuple(k + 1 for k in best_members(n, count, what))
 
 
 def _approach(n: int, order: str, turning: str, i: Ints) -> Ints:

@@ -189,6 +189,8 @@ def _checked_touches(touches: Ints, source: str) -> Ints:
 
 
 def _number(value: Any, source: str, name: str) -> float:
+    if value is None:
+        raise InvalidPlan(f'{source}: {name}: wanted a number, but it is missing')
     if type(value) not in (int, float) or not abs(value) < LARGE:
         raise InvalidPlan(f'{source}: {name}: wanted a finite number, got {value!r:.40}')
     return float(value)

@@ -167,6 +167,17 @@ def test_plans_side_by_side(rosette, tmp_path):
     assert told['plans'][2]['effects']['table_backlash']['typical_visible_fraction'] > 0.9
 
 
+def test_effects_of_many_balls_are_not_judged(rosette):
+    """It is said, of one plan and of several."""
+    for plans in (['row'], ['row', 'diagonal']):
+        assert 'judged up to 36 balls' in words_of(rosette('plan', *plans, '--balls', 40, '--radius-mm', 100))
+
+
+def test_an_axis_without_direction_is_named(refused):
+    """By its option."""
+    assert '--axis: wanted 3 finite numbers that are not all 0, got 0 0 0' in refused('demo', '--axis', 0, 0, 0)
+
+
 def test_pictures_of_plans(rosette, tmp_path):
     """Pairs of each plan, uncertainty, effects side by side."""
     rosette('plan', 'row', 'there_and_back', '--balls', 6, '--radius-mm', 100, '--figures', tmp_path)
@@ -180,7 +191,10 @@ def test_pictures_of_plans(rosette, tmp_path):
     (('row', 'diagonal'), 'plan: wanted --balls and --radius-mm with an order, or a plan file'),
     (('rows', '--balls', 6, '--radius-mm', 100), "order: wanted one of row, diagonal"),
     (('nothing.csv',), 'nothing.csv: wanted a plan file, or one of row, diagonal'),
-    (('row:3', '--balls', 12, '--radius-mm', 100), '3 of 12 CMM positions or balls do not determine the curves'),
+    (('row:3', '--balls', 12, '--radius-mm', 100), '3 of 12 CMM positions do not determine the curves'),
+    (('row', '--balls', 12, '--radius-mm', 100, '--balls-of', 1), '1 of 12 balls do not determine the curves'),
+    (('row', '--balls', 12, '--radius-mm', 100, '--share', 1.5),
+     "--share: wanted a part of the CMM positions, above 0 and at most 1, got '1.5'"),
     (('row', '--order', 'row'), 'plan: wanted either --order or --hours, or plan files and orders to compare'),
     (('row', '--balls', 6, '--radius-mm', 100, '-o', 'plan.txt'), '--output: wanted a name that ends in .csv or .yaml'),
     (('row', 'column', '--balls', 6, '--radius-mm', 100, '-o', 'plan.csv'), 'wanted one plan to write, got several'),

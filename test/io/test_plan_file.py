@@ -77,7 +77,7 @@ SIX = plan(6)
     ('[1, 2]', 'wanted a plan file with "schema: rosette-plan/1", got'),
     (HEAD.replace('6', 'six'), "balls: wanted a whole number in 3..1000, got 'six'"),
     (HEAD.replace('182.5', '-3'), 'radius_mm: wanted a number in 1..10000, got -3'),
-    (HEAD.replace('# radius_mm: 182.5\n', ''), 'radius_mm: wanted a finite number, got None'),
+    (HEAD.replace('# radius_mm: 182.5\n', ''), 'radius_mm: wanted a number, but it is missing'),
     (HEAD, 'wanted readings (table_position and ball, or their angles) or an order, got neither'),
     (HEAD + 'table_position,ball\n', 'wanted readings below table_position, ball, got none'),
     (HEAD + '# order: zigzag\n', 'order: wanted one of row, diagonal'),
