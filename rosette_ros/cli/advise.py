@@ -52,7 +52,8 @@ def run(options: Namespace) -> None:
 def show(advice: Advice, n: int, radius: float) -> None:
     """Print an advice; radius: m."""
     out, best = console(), advice.best
-    out.print(f'[bold]{n} balls on R = {millimetres(radius)}, order {escape(advice.present.label)}[/]\n'
+    balls = f'{len(advice.balls)} balls at {n} table positions' if advice.balls else f'{n} balls'
+    out.print(f'[bold]{balls} on R = {millimetres(radius)}, order {escape(advice.present.label)}[/]\n'
               f'{escape(advice.text)}')
     print_parts(out, [
         tables.visibility(advice.present.visibilities, best.visibilities).select(
@@ -61,6 +62,7 @@ def show(advice: Advice, n: int, radius: float) -> None:
         tables.orders(advice).select('order', 'mark', 'worst_effect', 'worst_share', 'travel_time_s', 'duration_s')])
     if best.label != advice.present.label:
         turning = () if best.label == best.order else ('--turning', best.turning)
+        places = ('--balls-of', ','.join(map(str, advice.balls))) if advice.balls else ()
         made = command('plan', '--balls', n, '--radius-mm', exact(1e3 * radius, 6), '--order', best.order,
-                       '--seed', best.seed, *turning)
+                       '--seed', best.seed, *turning, *places)
         out.print(f'\nIts target list: {escape(made)}', soft_wrap=True)

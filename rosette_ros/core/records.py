@@ -123,6 +123,11 @@ class Run:
         return self.table_position.size
 
     @cached_property
+    def balls(self) -> tuple[int, ...]:
+        """Numbers of the balls that were measured, ascending."""
+        return tuple(np.unique(self.ball).tolist())
+
+    @cached_property
     def cmm_position(self) -> Ints:
         """(N,) one-based CMM position."""
         return cmm_position(self.n, self.table_position, self.ball)

@@ -6,7 +6,7 @@ import pytest
 from synthetic import synthetic_run
 
 from rosette_ros.core.diagnosis.parameter_search import choose_settings
-from rosette_ros.core.errors import InvalidModel
+from rosette_ros.core.errors import InvalidModel, NotDeterminable
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.advice import VARIANTS, advise, advise_run, scheme_of
 from rosette_ros.core.planning.visibility import visibility
@@ -37,6 +37,17 @@ def test_the_run_itself_is_judged():
     assert {order.order for order in advice.orders} == set(ORDERS) - {'row_there_and_back'}
 
 
+def test_orders_are_compared_with_the_balls_of_the_run():
+    """Of a plate with fewer balls than table positions no other balls can be measured; after a break they can."""
+    run = synthetic_run(8, 'column')[0]
+    few = run.take(np.isin(run.ball, [1, 2, 4, 7]))
+    advice = advise_run(few, ('frame_drift',))
+    assert advice.balls == (1, 2, 4, 7)
+    assert {order.order: order.duration for order in advice.orders}['row'] < 0.55 * advise(
+        8, wanted=('frame_drift',)).present.duration
+    assert advise_run(run.take(np.arange(34)), ('frame_drift',)).balls == ()
+
+
 def test_the_best_order_is_the_cheapest_of_the_good_ones():
     """Within a tenth of the best worst share, by travel."""
     advice = advise(6, wanted=('table_backlash', 'frame_drift'))
@@ -65,6 +76,13 @@ def test_a_choice_that_the_run_does_not_offer(name, fixed, words):
     run = synthetic_run(6, 'random', seed=1)[0]
     with pytest.raises(InvalidModel, match=words):
         choose_settings(run, Model().with_effect(name, fixed))
+
+
+def test_a_ball_that_was_not_measured_is_not_judged():
+    """A model may name a ball that the run does not have, or not yet."""
+    run = synthetic_run(8, 'column')[0]
+    with pytest.raises(NotDeterminable, match='ball_slip cannot be judged: ball 3 was not measured'):
+        choose_settings(run.take(run.ball != 3), Model().with_effect('ball_slip', {'ball': 3}))
 
 
 @pytest.mark.parametrize(('name', 'fixed', 'words'), [

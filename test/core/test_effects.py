@@ -67,6 +67,19 @@ def test_columns_and_blocks_agree(subject):
         assert np.array_equal(subject.blocks(run, [setting])[0], np.moveaxis(columns, -1, 0))
 
 
+OF_A_BALL = [one for one in EVERY if any(searched.name == 'ball' for searched in one.searched)]
+
+
+@pytest.mark.parametrize('subject', OF_A_BALL, ids=lambda e: e.name)
+def test_settings_name_balls_that_the_run_has(subject):
+    """A ball that was not measured shows nothing, and is no chance of the search; 0 stands for all."""
+    run = warm_run(8)
+    part = run.take(np.isin(run.ball, [1, 2, 4, 7, 8]))
+    assert {setting['ball'] for setting in subject.settings(run)} - {0} == set(range(1, 9))
+    assert {setting['ball'] for setting in subject.settings(part)} - {0} == {1, 2, 4, 7, 8}
+    assert subject.independent_settings(part) < subject.independent_settings(run)
+
+
 @pytest.mark.parametrize('subject', EFFECTS.values(), ids=lambda e: e.name)
 def test_known_truth_is_recovered(subject):
     """An effect with known amplitudes, added to a run, comes back with them, and takes its error away."""

@@ -11,7 +11,7 @@ from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.planning.advice import advise, planned_run
 from rosette_ros.core.planning.visibility import visibility
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.scheme import places_in_use, plan
 
 # Shares for n = 12 from an independent check: row, diagonal, column, random. Those of a random order
 # depend on its seed.
@@ -84,6 +84,15 @@ def test_detectable_size_shrinks_with_sigma():
         assert np.isclose(one.detectable * 2, other.detectable)
     backlash = next(v for v in coarse if v.name == 'table_backlash')
     assert backlash.hidden and backlash.detectable == np.inf
+
+
+def test_balls_that_are_not_in_use_hide_no_effect():
+    """The typical share is that of a ball that is measured: it falls slowly with the number of balls."""
+    names = ('ball_slip', 'ball_creep', 'ball_rattle', 'ball_machine_offset', 'ball_form')
+    full, part = (visibility(planned_run(plan(12, 'random', 1, balls=places_in_use(balls, 12)), 0.1825), names=names)
+                  for balls in ('', '6'))
+    assert [entry.name for entry in part] == list(names)
+    assert all(0.75 * more.typical_share < less.typical_share < more.typical_share for more, less in zip(full, part))
 
 
 def test_advice_recommends_an_order_that_shows_more():

@@ -73,6 +73,9 @@ def _check_choices(run: Run, term: Term) -> None:
             continue
         known = sorted({setting[name] for setting in term.effect.settings(run)})
         if term.fixed[name] not in known:
+            if name == 'ball' and term.fixed[name] in range(1, run.n + 1):
+                raise NotDeterminable(f'{run.source}: {term.name} cannot be judged: ball {term.fixed[name]} was not '
+                                      'measured')
             some = [str(value) for value in known]
             if len(some) > 8:
                 some = [*some[:3], '...', some[-1]]

@@ -27,7 +27,7 @@ class BallSlip(Effect):
     def settings(self, run: Run) -> tuple[Setting, ...]:
         """Try every ball, at moments between its own readings."""
         time = seconds(run)
-        return tuple(Setting(ball=ball, t0=float(t0)) for ball in range(1, run.n + 1)
+        return tuple(Setting(ball=ball, t0=float(t0)) for ball in run.balls
                      for t0 in on.thinned(on.midway(time[run.ball == ball]), 40))
 
     def chances(self, run: Run, settings: Sequence[Setting]) -> list[float]:
@@ -45,7 +45,7 @@ class BallSlip(Effect):
 
     def independent_settings(self, run: Run) -> int:
         """Neighbouring moments of one ball look alike."""
-        return max(1, run.n * min(run.n, 40) // 2)
+        return max(1, len(run.balls) * min(run.n, 40) // 2)
 
     def blocks(self, run: Run, settings: Sequence[Setting]) -> Floats:
         """Return the shifts of many balls and moments, (b, 3, N, 3)."""
@@ -72,12 +72,12 @@ class BallCreep(Effect):
     def settings(self, run: Run) -> tuple[Setting, ...]:
         """Try every ball, from five moments on, from steps to steady creep."""
         end = duration(run)
-        return grid(ball=range(1, run.n + 1), t0=(0.0, *(end * np.arange(1, 5) / 6).tolist()),
+        return grid(ball=run.balls, t0=(0.0, *(end * np.arange(1, 5) / 6).tolist()),
                     tau=(end * np.array([0.05, 0.15, 0.45, 5.0])).tolist())
 
     def independent_settings(self, run: Run) -> int:
         """Neighbouring moments and time constants look alike."""
-        return 16 * run.n
+        return 16 * len(run.balls)
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         t0, tau, end = setting.number('t0'), setting.number('tau'), duration(run)
@@ -109,7 +109,7 @@ class BallRattle(Effect):
         """Try every ball: two or more readings apart, and by the sense of the table where it is known and changes."""
         sense = np.ptp(run.approach) > 0
         out = []
-        for ball in range(1, run.n + 1):
+        for ball in run.balls:
             middle = on.thinned(on.midway(seconds(run)[run.ball == ball]), 14)
             out += [Setting(ball=ball, motion='pulse', t0=float(t0), t1=float(t1)) for place, t0 in enumerate(middle)
                     for t1 in middle[place + 2:]]
@@ -117,11 +117,11 @@ class BallRattle(Effect):
         return tuple(out)
 
     def independent_settings(self, run: Run) -> int:
-        return run.n * min(run.n, 14)**2 // 4
+        return len(run.balls) * min(run.n, 14)**2 // 4
 
     def chances(self, run: Run, settings: Sequence[Setting]) -> list[float]:
         usual = self.independent_settings(run)
-        return [run.n if setting.word('motion') == 'sense' else usual for setting in settings]
+        return [len(run.balls) if setting.word('motion') == 'sense' else usual for setting in settings]
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         if setting.word('motion') == 'sense':
@@ -150,7 +150,7 @@ class BallMachineOffset(Effect):
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         """Try each ball, then all."""
-        return grid(ball=(*range(1, run.n + 1), 0))
+        return grid(ball=(*run.balls, 0))
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
         return tuple(Quantity(f'{one.name}_{ball}', 'm', f'{one.meaning} of ball {ball}')
@@ -178,7 +178,7 @@ class BallSag(Effect):
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         """Try each ball, then all."""
-        return grid(ball=(*range(1, run.n + 1), 0))
+        return grid(ball=(*run.balls, 0))
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
         return tuple(Quantity(f'{one.name}_{ball}', 'm', f'{one.meaning} of ball {ball}')
@@ -209,12 +209,12 @@ class BallForm(Effect):
     def settings(self, run: Run) -> tuple[Setting, ...]:
         """Try each ball with each harmonic and with all, then all balls with each harmonic."""
         harmonics = self._harmonics(run)
-        return (*grid(ball=range(1, run.n + 1), harmonic=[*harmonics, 0], part=('both',)),
+        return (*grid(ball=run.balls, harmonic=[*harmonics, 0], part=('both',)),
                 *grid(ball=(0,), harmonic=harmonics, part=('both', 'xy', 'z')))
 
     def independent_settings(self, run: Run) -> int:
         """Each ball is a chance for each harmonic."""
-        return 5 * run.n
+        return 5 * len(run.balls)
 
     def _harmonics(self, run: Run) -> list[int]:
         return [m for m in (2, 3, 4, 5) if m < run.n]

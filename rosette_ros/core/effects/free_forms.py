@@ -156,7 +156,7 @@ def _time(run: Run, setting: Setting) -> Course:
 def _ball_grid(run: Run) -> Iterable[Setting]:
     tried = {'time': {min(most, run.n - 2) for most in (2, 5, MOST_OF_BALL)}, 'table angle': {min(4, (run.n - 1) // 2)}}
     return (one for of, each in tried.items() for one in grid(
-        ball=range(1, run.n + 1), of=(of,), count=sorted(each),
+        ball=run.balls, of=(of,), count=sorted(each),
         axes=('z', 'plate xy', 'plate xyz') if of == 'time' else ('z', 'xy', 'xyz')))
 
 

@@ -23,6 +23,8 @@ AS_MEASURED = 'as measured'
 """Name of an order that is none of the known ones."""
 BETTER = 0.02
 """An order is advised whose smallest share of what is wanted is larger by more than this."""
+WHOLE = 0.9
+"""Measured share of the cells of its balls from which a run lacks the other balls by plan, not by a break."""
 GOOD_SHARE = 0.3
 """Visible share from which an order shows an effect well."""
 
@@ -59,7 +61,8 @@ class OrderAdvice:
 class Advice:
     """The present order, the recommended next one, and all that were compared.
 
-    weak: effects that the present order hides or shows badly; wanted: those that the next one must show; text: why.
+    weak: effects that the present order hides or shows badly; wanted: those that the next one must show; text: why;
+    balls: those in use in all orders, () where they are all.
     """
 
     present: OrderAdvice
@@ -68,6 +71,7 @@ class Advice:
     weak: tuple[str, ...]
     wanted: tuple[str, ...]
     text: str
+    balls: tuple[int, ...] = ()
 
 
 def planned_run(scheme: Scheme, radius: float, pace: Pace | None = None, rotation: Floats | None = None) -> Run:
@@ -118,10 +122,19 @@ def advise(n: int, order: str = 'diagonal', radius: float = 0.1825, sigma: float
 
 
 def advise_run(run: Run, wanted: Sequence[str] = (), seed: int = 0) -> Advice:
-    """Return the Advice for the cell that measured a run, its own times and senses; arguments as of `advise`."""
+    """Return the Advice for the cell that measured a run, its own times and senses; arguments as of `advise`.
+
+    Orders are compared with the balls that the run has: a plate may have fewer balls than the table has positions.
+    """
     sigma = run.repeatability or 1e-7
     return _advice(advise_order(scheme_of(run), run.radius, sigma, run=run), run.n, run.radius, sigma, wanted, seed,
-                   run.rotation)
+                   run.rotation, _balls_in_use(run))
+
+
+def _balls_in_use(run: Run) -> tuple[int, ...]:
+    """Return the balls of a run that has only some by plan, () for others."""
+    planned = run.n * len(run.balls)
+    return run.balls if len(run.balls) < run.n and run.completeness * run.n**2 >= WHOLE * planned else ()
 
 
 def scheme_of(run: Run) -> Scheme:
@@ -134,19 +147,20 @@ def scheme_of(run: Run) -> Scheme:
 
 
 def _advice(present: OrderAdvice, n: int, radius: float, sigma: float, wanted: Sequence[str], seed: int,
-            rotation: Floats | None = None) -> Advice:
+            rotation: Floats | None = None, balls: tuple[int, ...] = ()) -> Advice:
     judged = [entry for entry in present.visibilities if not entry.reason]
     weak = tuple(entry.name for entry in judged if entry.typical_share < GOOD_SHARE)
     wanted = tuple(wanted) or weak or tuple(entry.name for entry in judged)
-    every = tuple(advise_order(plan(n, name, seed, turning), radius, sigma, wanted, names=wanted, rotation=rotation)
-                  for name, turning in VARIANTS)
+    every = tuple(advise_order(plan(n, name, seed, turning, balls=balls), radius, sigma, wanted, names=wanted,
+                               rotation=rotation) for name, turning in VARIANTS)
     top = max(entry.worst for entry in every)
     best = min((entry for entry in every if entry.worst >= 0.9 * top), key=lambda entry: entry.travel_time)
     if best.worst > min(present.share(name) for name in wanted) + BETTER:
-        best = advise_order(plan(n, best.order, seed, best.turning), radius, sigma, wanted, rotation=rotation)
+        best = advise_order(plan(n, best.order, seed, best.turning, balls=balls), radius, sigma, wanted,
+                            rotation=rotation)
     else:
         best = present
-    return Advice(present, best, every, weak, wanted, _text(present, best, weak, wanted))
+    return Advice(present, best, every, weak, wanted, _text(present, best, weak, wanted), balls)
 
 
 def _text(present: OrderAdvice, best: OrderAdvice, weak: Sequence[str], wanted: Sequence[str]) -> str:
