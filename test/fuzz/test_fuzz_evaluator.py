@@ -40,6 +40,7 @@ class MuteEvaluator(Mute, Evaluator):
             _last='',
             _reported=set(),
             _recalled={},
+            _told={},
             _recorder=SimpleNamespace(is_there=False, tick=lambda now: None),
             _model_out=self,
             _motions_out=self,
