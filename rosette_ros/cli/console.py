@@ -113,10 +113,14 @@ def warn(run: Run) -> None:
 
 def fit_rows(fit: 'Fit') -> list[tuple[str, str]]:
     """Return what was fitted, how well it fits and what is not observable, as rows of `pairs`."""
+    unused = [f'; deviations of {what} {", ".join(map(str, places))}: not measured' for what, used in (
+        ('balls', fit.run.ball), ('the CMM at positions', fit.run.cmm_position))
+        if (places := sorted({*range(1, fit.run.n + 1)} - {*used.tolist()}))]
     return [('Model', f'{escape(" + ".join(fit.model.names) or "nothing")} (rank {fit.rank}, {fit.dof} degrees of '
                       'freedom)'),
             ('Residual', residual_words(fit)), ('Uncertainty', uncertainty_words(fit)),
-            ('Not observable', f'by any three-rosette run, and removed from the curves: {"; ".join(fit.gauge)}')]
+            ('Not observable', f'by any three-rosette run, and removed from the curves: {"; ".join(fit.gauge)}'
+                               f'{"".join(unused)}')]
 
 
 def print_verdict(out: Console, verdict: 'Verdict | Conclusion') -> None:

@@ -24,7 +24,7 @@ def test_result(test: SharingTest, result: JointResult) -> str:
     if test.item == 'sense':
         return 'they differ' if test.is_contradicted else 'no difference shows'
     if test.p is None:
-        return 'used; these readings cannot test it'
+        return 'used; cannot be tested by these readings'
     if not test.is_contradicted:
         return 'used; the readings agree with it'
     if test.is_used:
@@ -38,8 +38,9 @@ def sharing_table(result: JointResult) -> Table:
     return Table('sharing', 'What the runs share', (
         words('shared', 'the same', [ITEMS[test.item] for test in tests]),
         words('declared', 'from', ['declared' if test.item in result.declared else 'the runs' for test in tests]),
-        column('f', 'F', [test.f for test in tests], lambda value: text.fixed(value, 2)),
-        column('dof', 'degrees of freedom', [test.dof for test in tests], str),
+        column('f', 'F', [np.nan if test.p is None else test.f for test in tests], lambda value: text.fixed(value, 2)),
+        column('dof', 'degrees of freedom', [test.dof for test in tests],
+               lambda dof: str(dof) if dof else text.UNKNOWN),
         column('p', text.P_NOISE, [np.nan if test.p is None else test.p for test in tests], text.p_value),
         words('result', 'result', [test_result(test, result) for test in tests])),
         levels=tuple('bad' if test.is_contradicted and test.item != 'sense' else '' for test in tests))

@@ -4,13 +4,16 @@
 import csv
 import io
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from simulated import simulated_run, simulated_table
 
 from rosette_ros.core.axes import axis_rotation
+from rosette_ros.core.joint.joint_evaluation import SharingTest
 from rosette_ros.io.ball_centre_table import write_csv
+from rosette_ros.presentation.joint_results import sharing_table
 
 SHARED = 'schema: rosette-sharing/1\n'
 
@@ -44,6 +47,15 @@ def test_there_and_back_in_words(rosette, back):
     assert 'Reversal: clockwise less counter-clockwise' in out
     assert '198 unknowns, rank 185' in out
     assert 'beyond what one run knows: the reversal of all six curves, with its means' in out
+
+
+def test_what_cannot_be_tested_is_told(rosette, back):
+    """Without F and degrees of freedom; and which deviations one run did not measure."""
+    made = [SharingTest('plate', 0.0, 0, None, True)]
+    table = sharing_table(SimpleNamespace(tests=made, declared=frozenset()))
+    assert [row[2:] for row in table.rows] == [(*3 * ('–',), 'used; cannot be tested by these readings')]
+    out = ' '.join(rosette('evaluate', back).out.split())
+    assert 'deviations of the CMM at positions 3, 5, 7, 8, 11, 12: not measured' in out
 
 
 def test_two_runs_and_a_log(rosette, tmp_path):
