@@ -14,6 +14,7 @@ import scipy.sparse.linalg
 from rosette_ros.analysis import analyse
 from rosette_ros.core.model.least_squares import fit, mean_radius, observed
 from rosette_ros.core.model.model import Model
+from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import plan
 
@@ -24,11 +25,12 @@ MOST_DENSE = 72
 """Larger plates are left out of the dense solution: at 180 balls its columns take 1.5 GB."""
 
 
-def measured(n):
-    """Return a complete run of n balls with white noise."""
-    scheme = plan(n, 'diagonal')
-    noise = 1e-7 * np.random.default_rng(n).standard_normal((n * n, 3))
-    return Run(n, RADIUS, scheme.table_position, scheme.ball, scheme.centres(RADIUS) + noise, approach=scheme.approach)
+def measured(n, order='diagonal', **reduced):
+    """Return a run of n balls with white noise."""
+    scheme = plan(n, order, **reduced)
+    noise = 1e-7 * np.random.default_rng(n).standard_normal((scheme.ball.size, 3))
+    return Run(n, RADIUS, scheme.table_position, scheme.ball, scheme.centres(RADIUS) + noise, approach=scheme.approach,
+               repeats=order == 'there_and_back')
 
 
 def matrix(run, lever):
@@ -93,6 +95,28 @@ def incomplete():
         print(f'  n = {n:3d}: ours {ours:.4f}, peak {peak:.0f} MB; {", ".join(words)}', flush=True)
 
 
+def unequal():
+    """Print times and memory of fits where readings have weights, are repeated, or lack in reduced plans."""
+    print('fit with curve uncertainties, 1 thread (milliseconds, peak MB)')
+    for n in (36, 72, 144):
+        whole, half, rng = measured(n), measured(n, cmm_positions=range(1, n // 2 + 1)), np.random.default_rng(n)
+        back = measured(n, 'there_and_back')
+        wander = np.full(3, 0.3)
+        words = []
+        for name, run, noise in (
+                ('half plan, one lost', half.take(np.arange(1, half.size)), None),
+                ('there and back, one lost', back.take(np.arange(1, back.size)), None),
+                ('ten repeats', whole.replace(repeats=True).take(np.append(np.arange(n * n), np.arange(10))), None),
+                ('weights', whole, Noise(tail='coordinate', tail_dof=4.0, weight=rng.uniform(0.1, 2, (n * n, 3)))),
+                ('frame wanders', whole, Noise(phi=0.9, wander=wander))):
+            took, _ = best_of(lambda run=run, noise=noise: fit(run.replace(), noise=noise), 2)
+            tracemalloc.start()
+            fit(run.replace(), noise=noise)
+            words.append(f'{name} {1e3 * took:.0f} ({tracemalloc.get_traced_memory()[1] / 1e6:.0f} MB)')
+            tracemalloc.stop()
+        print(f'  n = {n:3d}: {", ".join(words)}', flush=True)
+
+
 def main():
     """Print times, ratios and the agreement of the residuals."""
     print('full fit with uncertainties, complete run (seconds, ratio peer / ours)')
@@ -119,6 +143,7 @@ def main():
     tracemalloc.stop()
     print(f'  n = 360: ours {ours:.3f} s, peak {peak:.0f} MB (129 600 ball centres)')
     incomplete()
+    unequal()
 
 
 if __name__ == '__main__':

@@ -6,13 +6,14 @@ import itertools
 import numpy as np
 import pytest
 from closed_form import closed_form
+from dense_space import DenseSpace
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import MICROMETRE, synthetic_run
 
 from rosette_ros.core.diagnosis.parameter_search import choose_settings
 from rosette_ros.core.errors import InvalidModel, NotDeterminable
-from rosette_ros.core.model.base_model import CompleteSpace, DenseSpace
+from rosette_ros.core.model.base_model import CompleteSpace
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import fit, mean_radius, observed
 from rosette_ros.core.model.model import BASE_TERMS, Model

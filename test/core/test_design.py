@@ -6,7 +6,8 @@ import pytest
 
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.model.base_model import CompleteSpace, DenseSpace
+from rosette_ros.core.model.base_model import CompleteSpace
+from rosette_ros.core.model.normal_space import NormalSpace
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import plan
 from rosette_ros.core.sensitive_order import READINGS, SWEEPS, Sweeps, order_from_text, shortest_way
@@ -139,7 +140,7 @@ def test_judge_agrees_with_dense_least_squares(effect, settings, of):
     scheme = plan(7, 'random', 3, 'alternate')
     run, order = run_of(scheme), order_of(scheme)
     judged = Judge(7)(order).hidden[of]
-    space = DenseSpace(run, RADIUS)
+    space = NormalSpace(run, RADIUS)
     # Times a shape of the base model, the mean of t is hidden in any order and does not count, and
     # the mean of a sense or of a wave is hidden and does count; elsewhere the mean is gauge.
     grows = {'table_zero_drift', 'axis_tilt_drift', 'plate_creep', 'plate_expansion', 'plate_warp'}

@@ -3,12 +3,13 @@
 
 import numpy as np
 import pytest
+from dense_space import DenseSpace
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import RADIUS, synthetic_run
 
 from rosette_ros.core.errors import InvalidPlan, NotDeterminable
-from rosette_ros.core.model.base_model import CompleteSpace, DenseSpace
+from rosette_ros.core.model.base_model import CompleteSpace
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.reduced_space import ReducedSpace, Reduction

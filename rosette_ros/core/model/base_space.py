@@ -1,22 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which way of solving the base model a run allows."""
 
-from contextlib import suppress
-
 import numpy as np
 
 from rosette_ros.core.errors import InvalidModel
-from rosette_ros.core.model.base_model import SMALL, BaseSpace, CompleteSpace, DenseSpace
-from rosette_ros.core.model.incomplete_space import IncompleteSpace
+from rosette_ros.core.model.base_model import BaseSpace, CompleteSpace
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Whitening
+from rosette_ros.core.model.normal_space import NormalSpace
 from rosette_ros.core.model.reduced_space import ReducedSpace, Reduction
 from rosette_ros.core.records import Run
 
 
 def base_space(run: Run, lever: float, terms: tuple[str, ...] = BASE_TERMS,
                whitening: Whitening | None = None) -> BaseSpace:
-    """Return the space of the base model on a run: by FFT where its noise is white, else dense.
+    """Return the space of the base model on a run: by FFT or by frequency where it can be, else by normal equations.
 
     lever: radius at which rotations act, m; terms: subset of BASE_TERMS; whitening: of the noise, None where it is
     white and equal; what a space makes of columns stands in white coordinates. Raises NotDeterminable, with what cannot
@@ -32,7 +30,4 @@ def base_space(run: Run, lever: float, terms: tuple[str, ...] = BASE_TERMS,
         reduction = Reduction.of(run)
         if reduction and set(terms) == {*BASE_TERMS}:
             return ReducedSpace(run, lever, reduction, whitening)
-        if run.size > SMALL and np.bincount(run.cells).max() == 1 and set(terms) == {*BASE_TERMS}:
-            with suppress(np.linalg.LinAlgError):  # the dense solution says what is left open
-                return IncompleteSpace(run, lever, whitening)
-    return DenseSpace(run, lever, terms, whitening)
+    return NormalSpace(run, lever, terms, whitening)

@@ -163,9 +163,10 @@ class Whitening:
         factors: Floats = 1 / np.broadcast_to(self.sd, (self.size, 3))
         return factors
 
-    def along(self, axis: int, rows: Floats) -> Floats:
-        """Return W of rows (m, N) along one axis."""
-        return self._filter(axis).apply(rows)
+    def along(self, axis: int, rows: Floats, adjoint: bool = False) -> Floats:
+        """Return W, or W', of rows (m, N) along one axis."""
+        made = self._filter(axis)
+        return made.adjoint(rows) if adjoint else made.apply(rows)
 
     def apply(self, columns: NDArray[Real]) -> NDArray[Real]:
         """Return W of columns (m, N, 3), same shape and precision."""
@@ -244,5 +245,7 @@ class _Filter:
 
 def _banded(band: Floats, rows: Floats, transposed: bytes) -> Floats:
     """Return the solution of a lower triangle of two diagonals for rows (N, m), which it may overwrite."""
+    if not rows.size:  # which dtbtrs does not survive
+        return rows
     out: Floats = lapack.dtbtrs(band, rows, uplo=b'L', trans=transposed, overwrite_b=True)[0]
     return out

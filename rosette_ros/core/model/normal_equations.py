@@ -1,78 +1,175 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Least squares of the two independent parts of the base model, z and (x, y), by normal equations."""
+"""Least squares of the two independent parts of the base model, z and (x, y), by sparse normal equations.
+
+With the sparse design A in white coordinates and Z the combinations of unknowns that no readings see, the unknowns of
+readings y are x = (A'A + Z Z')^-1 A'y. Z is known beforehand: one Cholesky factor is enough, whatever was measured, how
+often, and with which weights. The CMM is eliminated where its own block is diagonal; 4 n and 5 n unknowns are left.
+"""
+
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse
+from numpy.typing import NDArray
 
 from rosette_ros.core.geometry import nominal_angles
 from rosette_ros.core.model.base_entries import Entries, entries
 from rosette_ros.core.model.model import BASE_TERMS
-from rosette_ros.core.model.noise import Whitening
+from rosette_ros.core.model.noise import Real, Whitening
 from rosette_ros.core.records import Bools, Floats, Run
 
 Gauge = tuple[Floats, Floats]
 """Vectors (q, k) that no readings see, and the constraints (k, q) that fix them, of q unknowns."""
-
-
-def base_parts(run: Run, terms: tuple[str, ...], whitening: Whitening | None = None) -> 'tuple[Part, Part]':
-    """Return the least squares of z and of x and y in white coordinates."""
-    z, w = (design.toarray() for design in designs(run, terms))
-    if whitening is not None and not whitening.is_plain:
-        z = whitening.along(2, z.T).T
-        for axis in (0, 1):
-            w[axis::2] = whitening.along(axis, w[axis::2].T).T
-    touched = [np.isin(np.arange(1, run.n + 1), used) for used in (run.ball, run.cmm_position)]
-    in_plane = np.repeat(touched, 2, axis=0).ravel()
-    return Part(z, _z_gauge(run.n), np.concatenate(touched)), Part(w, _w_gauge(run.n), in_plane)
+SINGULAR, DOUBTFUL = 1e-9, 1e-6
+"""Eigenvalue over the largest below which unknowns are open; condition below which eigenvalues are looked at."""
+SMALL = 333
+"""Readings up to which dense arrays are quicker than an FFT or sparse ones."""
+CHUNK = 64
+"""Columns that are whitened at a time where that fills them."""
+PARTS = ((2,), (0, 1))
+"""Axes that are independent of each other in the model."""
 
 
 class Part:
-    """Least squares of one independent part of the base model (z, or x and y together).
+    """Least squares of one independent part of the base model in white coordinates: readings (rows, m).
 
-    rank; basis: (rows, rank) orthonormal columns that span the design; touched: (k,) which of the last unknowns (of
-    balls and CMM positions) readings have.
+    axes: one of PARTS; terms: of the base model; rank: of the design, without `null`, what readings leave open beyond
+    the gauge, (q, some) combinations of the q unknowns.
     """
 
-    def __init__(self, design: Floats, gauge: Gauge, touched: Bools) -> None:
-        value, vector = np.linalg.eigh(design.T @ design)
-        keep = value > 1e-9 * max(value[-1], 1.0)
-        self.rank = int(keep.sum())
-        self._null = vector[:, ~keep]
-        scaled = vector[:, keep] / np.sqrt(value[keep])
-        basis = design @ scaled
-        # One Cholesky step makes the basis orthonormal to rounding.
-        root_factor = np.linalg.cholesky(basis.T @ basis)
-        self.basis: Floats = scipy.linalg.solve_triangular(root_factor, basis.T, lower=True).T
-        # x -> x - G (C G)^-1 C x brings any solution into the gauge C x = 0.
-        used = np.ones(design.shape[1])
-        used[-touched.size:] = touched
-        self._gauge_vectors, constraints = gauge[0] * used[:, None], gauge[1] * used
-        shift = np.eye(design.shape[1]) - self._gauge_vectors @ np.linalg.solve(
-            constraints @ self._gauge_vectors, constraints)
-        self._mix: Floats = shift @ (scaled @ np.linalg.inv(root_factor).T)
+    def __init__(self, run: Run, axes: tuple[int, ...], terms: tuple[str, ...], whitening: Whitening) -> None:
+        n, count = run.n, len(axes)
+        self._axes, self._white = axes, None if whitening.is_diagonal else whitening
+        design: Any = designs(run, terms)[PARTS.index(axes)]
+        if self._white is None and not whitening.is_plain:
+            design = scipy.sparse.diags_array(whitening.factors[:, list(axes)].ravel()) @ design
+        self._design = design.toarray() if run.size <= SMALL else design
+        normal = self._normal()
+        kept = self._kept = normal.shape[0] - (count * n if self._white is None else 0)
+        touched = np.repeat([np.isin(np.arange(1, n + 1), place) for place in (run.ball, run.cmm_position)], count, 0)
+        has = np.concatenate([np.ones(3 * n, dtype=bool), touched.ravel()])
+        vectors, constraints = _z_gauge(n) if count == 1 else _w_gauge(n)
+        self._gauge = vectors * has[:, None], constraints * has
+        absent = np.repeat([term not in terms for term in BASE_TERMS], [3 * n, count * n, count * n])
+        unseen = self._gauge[0] @ scipy.linalg.null_space(self._gauge[0][absent]) if absent.any() else self._gauge[0]
+        used, diagonal = has & ~absent, normal.diagonal()
+        scale = diagonal[used].mean()
+        self.rank, self.null = int(used.sum()) - unseen.shape[1], np.zeros((len(used), 0))
+        fixed = np.linalg.qr(unseen[:kept])[0]
+        self._across, self._own = _dense(normal[:kept, kept:]), np.where(used, diagonal, scale)[kept:]
+        left = _dense(normal[:kept, :kept]) - (self._across / self._own) @ self._across.T
+        left += scale * fixed @ fixed.T
+        left[np.diag_indices(kept)] += scale * ~used[:kept]
+        norm = float(np.abs(left).sum(axis=0).max(initial=0))
+        self._root, failed = scipy.linalg.lapack.dpotrf(left, lower=1, overwrite_a=1)
+        if failed or scipy.linalg.lapack.dpocon(self._root, norm, uplo='L')[0] < DOUBTFUL:
+            value, vector = np.linalg.eigh(_dense(normal))
+            self.rank = int(np.count_nonzero(value > SINGULAR * max(value[-1], 1.0)))
+            self.null = vector[:, :-self.rank]
 
-    def residual(self, rows: Floats) -> Floats:
-        """Return rows (m, rows) freed of the basis, twice for rounding's sake."""
-        for _ in range(2):
-            rows = rows - (rows @ self.basis) @ self.basis.T
-        return rows
+    def _normal(self) -> Any:
+        """Return the normal equations, (q, q), sparse where the design is and whitening keeps it so."""
+        if self._white is None:
+            return self._design.T @ self._design
+        width = self._design.shape[1]
+        return np.hstack([self._back(self._whitened(_dense(self._design[:, start:start + CHUNK])))
+                          for start in range(0, width, CHUNK)])
 
-    def solve(self, rows: Floats) -> Floats:
-        """Return the unknowns (m, q) of rows (m, rows), in the gauge."""
-        return (rows @ self.basis) @ self._mix.T
+    def _whitened(self, rows: NDArray[Any], adjoint: bool = False) -> NDArray[Any]:
+        """Return W, or W', of rows (rows, m), as far as it is not in the design."""
+        if self._white is None:
+            return rows
+        out = np.empty_like(rows)
+        for place, axis in enumerate(self._axes):
+            out[place::len(self._axes)] = self._white.along(axis, rows[place::len(self._axes)].T, adjoint).T
+        return out
 
-    def cofactor(self) -> Floats:
-        """Return the variances of the unknowns for unit variance of a coordinate, (q,)."""
-        return np.asarray(np.sum(self._mix**2, axis=1))
+    def _back(self, rows: NDArray[Real]) -> NDArray[Real]:
+        """Return A' W' of white rows (rows, m): the right sides, (q, m)."""
+        design: Any = self._single[0] if rows.dtype == np.float32 else self._design
+        found: NDArray[Real] = design.T @ self._whitened(rows, adjoint=True)
+        return found
 
-    def undetermined(self) -> Bools:
+    def free(self, rows: NDArray[Real]) -> NDArray[Real]:
+        """Return white rows (rows, m) freed of the design, same precision: in double precision twice."""
+        single = rows.dtype == np.float32
+        design = self._single[0] if single else self._design
+        for _ in range(1 if single else 2):
+            rows = rows - self._whitened(design @ self._solved(self._back(rows)))
+        left: NDArray[Real] = rows
+        return left
+
+    def parameters(self, rows: Floats) -> Floats:
+        """Return the unknowns (q, m) of white rows (rows, m), in the gauge."""
+        found = self._solved(self._back(rows))
+        found += self._solved(self._back(rows - self._whitened(self._design @ found)))
+        vectors, constraints = self._gauge
+        return np.asarray(found - vectors @ np.linalg.solve(constraints @ vectors, constraints @ found))
+
+    def curve_variances(self, n: int) -> Floats:
+        """Return the variances of the first three unknowns of each of n table positions, in the gauge, (3, n)."""
+        rows = self._half(np.eye(self._kept, 3 * n))
+        fixed = self._gauge[1][:, :3 * n]
+        fixed = np.linalg.qr(fixed[np.any(fixed, axis=1)].T)[0]
+        rows -= (rows @ fixed) @ fixed.T
+        return np.asarray(np.sum(rows**2, axis=0).reshape(3, n))
+
+    def variances(self) -> Floats:
+        """Return the variances of all unknowns in the gauge, (q,)."""
+        vectors, constraints = self._gauge
+        shift = np.linalg.solve((constraints @ vectors).T, vectors.T)
+        total = np.zeros(len(vectors))
+        size = self._own.size
+        for rows in (self._half(np.hstack([np.eye(self._kept), -self._across / self._own])),
+                     np.hstack([np.zeros((size, self._kept)), np.eye(size) / np.sqrt(self._own)])):
+            total += np.sum((rows - (rows @ constraints.T) @ shift)**2, axis=0)
+        return total
+
+    def open_unknowns(self) -> Bools:
         """Return which unknowns the readings leave open beyond the gauge, (q,)."""
-        gauge = np.linalg.qr(self._gauge_vectors)[0]
-        beyond = self._null - gauge @ (gauge.T @ self._null)
+        gauge = np.linalg.qr(self._gauge[0])[0]
+        beyond = self.null - gauge @ (gauge.T @ self.null)
         vectors, value, _ = np.linalg.svd(beyond, full_matrices=False)
         share = np.sum(vectors[:, value > 0.5]**2, axis=1)
         return np.asarray(share > max(0.5 * share.max(initial=0), 1e-6))
+
+    def _solved(self, right: NDArray[Real]) -> NDArray[Real]:
+        """Return the solution (q, m) of the normal equations for right sides (q, m)."""
+        root, across, own = self._single[1:] if right.dtype == np.float32 else (self._root, self._across, self._own)
+        last = right[self._kept:] / own[:, None]
+        first = scipy.linalg.cho_solve((root, True), right[:self._kept] - across @ last, check_finite=False)
+        return np.concatenate([first, last - (across.T @ first) / own[:, None]])
+
+    def _half(self, right: Floats) -> Floats:
+        solved: Floats = scipy.linalg.solve_triangular(self._root, right, lower=True, check_finite=False)
+        return solved
+
+    @cached_property
+    def _single(self) -> tuple[Any, ...]:
+        return tuple(one.astype(np.float32) for one in (self._design, self._root, self._across, self._own))
+
+
+def orthonormal_rows(run: Run, terms: tuple[str, ...], whitening: Whitening | None = None) -> tuple[Floats, Floats]:
+    """Return orthonormal rows that span the designs, in white coordinates: z, (r, N), x and y in turn, (r, 2 N)."""
+    out = []
+    for design, axes in zip(designs(run, terms), PARTS):
+        dense = design.toarray()
+        if whitening is not None and not whitening.is_plain:
+            for place, axis in enumerate(axes):
+                dense[place::len(axes)] = whitening.along(axis, dense[place::len(axes)].T).T
+        value, vector = np.linalg.eigh(dense.T @ dense)
+        keep = value > SINGULAR * max(value[-1], 1.0)
+        basis = dense @ (vector[:, keep] / np.sqrt(value[keep]))
+        # one Cholesky step makes the basis orthonormal to rounding
+        out.append(scipy.linalg.solve_triangular(np.linalg.cholesky(basis.T @ basis), basis.T, lower=True))
+    return out[0], out[1]
+
+
+def _dense(matrix: Any) -> Floats:
+    found: Floats = np.array(matrix) if isinstance(matrix, np.ndarray) else matrix.toarray()
+    return found
 
 
 def designs(run: Run, terms: tuple[str, ...] = BASE_TERMS) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]:
@@ -92,11 +189,6 @@ def _sparse(entries: Entries, width: int, axes: int = 1) -> scipy.sparse.csr_arr
     column = np.stack([first + index for first, index, _ in entries], axis=1)
     value = np.stack([values for _, _, values in entries], axis=1)
     return scipy.sparse.csr_array((value.ravel(), (row.ravel(), column.ravel())), shape=(axes * size, width))
-
-
-def gauges(n: int) -> tuple[Gauge, Gauge]:
-    """Return the Gauge of z and of x and y."""
-    return _z_gauge(n), _w_gauge(n)
 
 
 def _rows(*rows: list[Floats]) -> Floats:

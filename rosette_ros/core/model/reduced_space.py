@@ -8,9 +8,9 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.geometry import nominal_angles, rotate_z
 from rosette_ros.core.model.base_model import BaseParameters, BaseSpace
 from rosette_ros.core.model.noise import Real, Whitening
+from rosette_ros.core.model.normal_space import NormalSpace
 from rosette_ros.core.records import Floats, Ints, Run
 from rosette_ros.core.reduced_sets import Complexes, FrequencyBlocks
 
@@ -133,25 +133,9 @@ class ReducedSpace(BaseSpace):
         variance = self._blocks.curve_variance(self.lever, self.reduction.count, turned)
         return np.asarray(variance * np.array([plane, plane, z, z, z, plane]))
 
-
     def deviation_cofactors(self) -> tuple[Floats, Floats]:
-        """Return the variances of plate and CMM for unit variance of a coordinate, (n, 3) each; not measured: NaN.
-
-        Turning the table by one step more changes the names of what moves along the members, and nothing else: what
-        the readings at one table position do to each result is what the others do to the next ones, in turned axes.
-        """
-        first = self._reading.reshape(self.n, self.reduction.members.size, self.reduction.count)[0, :, 0]
-        columns = np.zeros((3 * first.size, self._run.size, 3))
-        columns[np.arange(3 * first.size), np.repeat(first, 3), np.tile(np.arange(3), first.size)] = np.tile(
-            self.whitening.sd, first.size)
-        found = self.parameters(columns)
-
-        def variance(values: Floats, sense: int) -> Floats:
-            moved = (np.roll(np.sum(rotate_z(sense * angle, values)**2, axis=0), sense * step, axis=0)
-                     for step, angle in enumerate(nominal_angles(self.n)))
-            return np.asarray(self.reduction.count * sum(moved))
-
-        return variance(found.plate, 0 if self._by_ball else -1), variance(found.cmm, 1 if self._by_ball else 0)
+        """Return the variances of plate and CMM for unit variance of a coordinate, (n, 3) each; not measured: NaN."""
+        return NormalSpace(self._run, self.lever, whitening=self.whitening).deviation_cofactors()
 
 
 def _stack(w: Complexes, half: int) -> Complexes:
