@@ -51,9 +51,9 @@ class Run:
     from repeated measurements, m, or None; repeatability_dof: its degrees of freedom, None if it is taken as exactly
     known; repeats: whether a (table_position, ball) may stand more than once; session: (N,) 1 and one more after every
     pause (a run that was resumed, a CMM that was started again); source: its name in error messages; remarks: what is
-    wrong with the readings as a whole, notes: how they
-    were read, in words; simulated: whether no real CMM measured it; rotation: (3, 3) of the table frame in the machine
-    frame, its columns are the axes of the table, None where it is not known.
+    wrong with the readings as a whole, notes: how they were read, in words; simulated: whether no real CMM measured it;
+    rotation: (3, 3) of the table frame in the machine frame, its columns are the axes of the table, None where it is
+    not known.
 
     What was not recorded is derived: angles are nominal, times count readings, temperatures are NaN, approach is 0,
     travel and senses follow from angles, approach and places where it is known where table and CMM went, else the

@@ -4,7 +4,7 @@
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from geometry_msgs.msg import TransformStamped
 from rcl_interfaces.msg import Parameter, ParameterType
@@ -56,6 +56,14 @@ def _callback_of(name: str) -> Callable[[Callable[..., None]], Callable[..., Any
     return decorate
 
 
+class _Results(NamedTuple):
+    """What was published last of a run that was evaluated, in this order; published: steady time, s."""
+
+    run_id: str
+    published: float
+    messages: tuple[tuple[Publisher, Any], ...]
+
+
 class Evaluator(CellNode):
     """Evaluates and diagnoses runs under the model in use, which requests may change.
 
@@ -72,8 +80,7 @@ class Evaluator(CellNode):
         self._reported: set[str] = set()
         self._recorder = Recalls(self)
         self._recalled: dict[str, float] = {}
-        self._told: dict[Publisher, Any] = {}  # the last message of each topic
-        self._told_of, self._told_at = '', 0.0
+        self._results = _Results('', 0.0, ())
         self._motions_out = self.create_publisher(ErrorMotions, names.ERROR_MOTIONS, qos.RESULT)
         self._model_out = self.create_publisher(Model, names.MODEL, qos.RESULT)
         self._diagnosis_out = self.create_publisher(Diagnosis, names.DIAGNOSIS, qos.RESULT)
@@ -120,7 +127,7 @@ class Evaluator(CellNode):
             self._recalled.pop(run_id, None)
         elif message.phase == RunState.PHASE_EVALUATION:
             self._runs.expect(run_id, message.done, now)
-            self._tell_again(run_id, now)
+            self._publish_again(run_id, now)
         else:
             self._runs.note_state(run_id, now, message.phase == RunState.PHASE_DONE)
         self._evaluate_ready()
@@ -155,14 +162,16 @@ class Evaluator(CellNode):
 
     def _evaluate_ready(self) -> None:
         for run_id in self._runs.ready(self.seconds(), self.parameters['quiet_s']):
-            self._told.clear()
             try:
                 fit = self._in_use.evaluate(self._runs.to_run(run_id), self._runs.frame(run_id))
             except RosetteError as error:
                 self._report_failure(run_id, str(error))
                 continue
-            self._publish(fit, self._diagnose_after(fit.run))
-            self._told_of, self._told_at = run_id, self.seconds()
+            diagnosis = self._diagnose_after(fit.run)
+            model, motions = self._publish(fit, is_diagnosed=diagnosis is not None)
+            self._results = _Results(run_id, self.seconds(), (
+                *([(self._diagnosis_out, diagnosis)] if diagnosis else ()), (self._model_out, model),
+                (self._motions_out, motions)))
             doubts = ''.join(f'; {remark}' for remark in fit.run.remarks)
             self._level = WARN if doubts else OK
             self._last = plain(f'run {run_id} is evaluated, {fit.run.size} ball centres{doubts}', most=2000)
@@ -171,45 +180,43 @@ class Evaluator(CellNode):
             else:
                 self.get_logger().info(self._last)
 
-    def _diagnose_after(self, run: Run) -> bool:
-        """Publish the diagnosis of a run that was evaluated, where that is wanted; return whether it was published."""
+    def _diagnose_after(self, run: Run) -> Diagnosis | None:
+        """Publish and return the diagnosis of a run that was evaluated; None where it is not wanted or not possible."""
         if not self.parameters['diagnose_after_run']:
-            return False
+            return None
         if run.n > self.parameters['diagnose_most_balls']:
             self.get_logger().info(f'run {run.run_id} has {run.n} balls: it is diagnosed when {names.DIAGNOSE} is '
                                    'called')
-            return False
+            return None
         try:
-            self.get_logger().info(self._diagnose(run.run_id).verdict)
+            diagnosis = self._diagnose(run.run_id)
         except RosetteError as error:
             self.get_logger().warning(f'run {run.run_id} could not be diagnosed: {error}')
-            return False
-        return True
+            return None
+        self.get_logger().info(diagnosis.verdict)
+        return diagnosis
 
-    def _tell(self, publisher: Publisher, message: Any) -> None:
-        publisher.publish(message)
-        self._told[publisher] = message
-
-    def _tell_again(self, run_id: str, now: float) -> None:
+    def _publish_again(self, run_id: str, now: float) -> None:
         """Publish the same results again: nodes do not use what is published before they know who publishes it."""
-        if run_id == self._told_of and self._runs.is_evaluated(run_id) and now - self._told_at >= SETTLING:
-            self._told_at = now
-            for publisher in (self._diagnosis_out, self._model_out, self._motions_out):
-                if publisher in self._told:
-                    publisher.publish(self._told[publisher])
+        last = self._results
+        if run_id == last.run_id and self._runs.is_evaluated(run_id) and now - last.published >= SETTLING:
+            self._results = last._replace(published=now)
+            for publisher, message in last.messages:
+                publisher.publish(message)
 
-    def _publish(self, fit: Fit, is_diagnosed: bool) -> ErrorMotions:
+    def _publish(self, fit: Fit, is_diagnosed: bool) -> tuple[Model, ErrorMotions]:
         """Publish model and error motions; these come last, since they end a run."""
         stamp = self.now().to_msg()
-        self._tell(self._model_out, conversions.model_message(fit.model, stamp, fit))
-        message = conversions.error_motions_message(fit, stamp, TABLE_FRAME)
-        message.diagnosed, message.readings_hash = is_diagnosed, self._runs.readings_hash(fit.run.run_id)
-        self._tell(self._motions_out, message)
-        return message
+        model, motions = (conversions.model_message(fit.model, stamp, fit),
+                          conversions.error_motions_message(fit, stamp, TABLE_FRAME))
+        motions.diagnosed, motions.readings_hash = is_diagnosed, self._runs.readings_hash(fit.run.run_id)
+        self._model_out.publish(model)
+        self._motions_out.publish(motions)
+        return model, motions
 
     def _diagnose(self, run_id: str = '') -> Diagnosis:
         message = conversions.diagnosis_message(*self._in_use.diagnose(run_id), self.now().to_msg())
-        self._tell(self._diagnosis_out, message)
+        self._diagnosis_out.publish(message)
         return message
 
     def _report_failure(self, run_id: str, reason: str) -> None:
@@ -243,7 +250,7 @@ class Evaluator(CellNode):
         stamp = self.now().to_msg()
         response.before = conversions.model_message(change.model_before, stamp, change.before)
         response.after = conversions.model_message(change.after.model, stamp, change.after)
-        response.error_motions = self._publish(change.after, is_diagnosed=False)
+        _, response.error_motions = self._publish(change.after, is_diagnosed=False)
         response.message = change.sentence
         try:
             self._diagnose(change.run.run_id)

@@ -38,6 +38,7 @@ class Retention(Enum):
     NONE = 'it is dropped'
     LATCHED = 'it is valid until the next one and opens every log'
     RECENT = 'it belongs to a request that opens a log, or describes the nodes then: it is at the head of that log'
+    RESULT = 'it may have arrived before the request that it answers: it is at the head of the log of that request'
 
 
 class Message(NamedTuple):
@@ -160,7 +161,7 @@ class LogSession:
             self._latched[message.topic].append(message)
         if self.is_open:
             return self._write(message, message.log_time)
-        if retention is Retention.RECENT:
+        if retention in (Retention.RECENT, Retention.RESULT):
             self._recent.append(message)
         return False
 
@@ -170,11 +171,12 @@ class LogSession:
             self.lost += count
 
     def open(self, directory: Path, run_id: str, now: float, log_time: int, earlier: Iterable[Message] = (),
-             custom_data: Mapping[str, str] | None = None) -> None:
+             custom_data: Mapping[str, str] | None = None, is_follow_up: bool = False) -> None:
         """Open the log of a run; messages of an earlier part, latched and recent ones come first.
 
-        now: steady time, s; log_time: ROS time of what was received before, ns; custom_data: for metadata.yaml. Raises
-        InvalidData where the directory holds a log already, CellError where one is open."""
+        now: steady time, s; log_time: ROS time of what was received before, ns; custom_data: for metadata.yaml;
+        is_follow_up: whether a request to the evaluator opens it. Raises InvalidData where the directory holds a log
+        already, CellError where one is open."""
         if self.is_open:
             raise CellError(f'the log of run {self.run_id} is open; wanted it closed first')
         settings = self._settings()
@@ -190,7 +192,8 @@ class LogSession:
         for message in (*earlier, *(one for kept in self._latched.values() for one in kept)):
             self._write(message, log_time)
         for message in self._recent:
-            if now - message.received <= self._recent_kept:
+            is_of_it = is_follow_up or self._retention[message.topic] is Retention.RECENT
+            if is_of_it and now - message.received <= self._recent_kept:
                 self._write(message, message.log_time)
         self._recent.clear()
 

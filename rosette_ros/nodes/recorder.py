@@ -57,9 +57,9 @@ REQUESTS = ((names.DIAGNOSE, 'rosette_msgs/srv/Diagnose_Event'), (names.ADD_EFFE
 TOPICS = (
     RecordedTopic(names.PROBE_TARGET, 'rosette_msgs/msg/ProbeTarget', profile=qos.RECORD_LATCHED),
     RecordedTopic(names.BALL_CENTRE, 'rosette_msgs/msg/BallCentre'),
-    RecordedTopic(names.ERROR_MOTIONS, 'rosette_msgs/msg/ErrorMotions', profile=qos.RECORD_LATCHED),
-    RecordedTopic(names.DIAGNOSIS, 'rosette_msgs/msg/Diagnosis'),
-    RecordedTopic(names.JOINT_EVALUATION, 'rosette_msgs/msg/JointEvaluation'),
+    RecordedTopic(names.ERROR_MOTIONS, 'rosette_msgs/msg/ErrorMotions', Retention.RESULT, qos.RECORD_LATCHED),
+    RecordedTopic(names.DIAGNOSIS, 'rosette_msgs/msg/Diagnosis', Retention.RESULT),
+    RecordedTopic(names.JOINT_EVALUATION, 'rosette_msgs/msg/JointEvaluation', Retention.RESULT),
     RecordedTopic(names.RUN_STATE, 'rosette_msgs/msg/RunState', profile=qos.RECORD_LATCHED),
     RecordedTopic(names.CALIBRATE_FEEDBACK, 'rosette_msgs/action/Calibrate_FeedbackMessage'),
     RecordedTopic(names.CLOCK, 'rosgraph_msgs/msg/Clock'),
@@ -163,7 +163,7 @@ class Recorder(CellNode):
     def _open_follow_up(self, now: float) -> None:
         try:
             name = free_name(self._last_run, lambda name: self._directory(name).exists())
-            self._session.open(self._directory(name), name, now, self.now().nanoseconds)
+            self._session.open(self._directory(name), name, now, self.now().nanoseconds, is_follow_up=True)
         except RosetteError as error:
             self.get_logger().warning(f'the answer is not recorded: {error}')
         else:

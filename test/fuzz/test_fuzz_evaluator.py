@@ -20,7 +20,7 @@ from rosette_ros.core.records import CURVES
 from rosette_ros.core.scheme import plan
 from rosette_ros.nodes.evaluation import ModelInUse, RunCollection
 from rosette_ros.nodes.evaluator import WANTED as EVALUATOR_WANTED
-from rosette_ros.nodes.evaluator import Evaluator
+from rosette_ros.nodes.evaluator import Evaluator, _Results
 from rosette_ros.simulation import Machine, MachineConfig
 
 # The evaluator ------------------------------------------------------------------------------------
@@ -40,7 +40,7 @@ class MuteEvaluator(Mute, Evaluator):
             _last='',
             _reported=set(),
             _recalled={},
-            _told={},
+            _results=_Results('', 0.0, ()),
             _recorder=SimpleNamespace(is_there=False, tick=lambda now: None),
             _model_out=self,
             _motions_out=self,

@@ -193,13 +193,17 @@ def test_every_change_is_published(story, ask, wait_until):
 
 def test_questions_after_the_run_have_a_log_of_their_own(story, cell, calibrated, wait_until):
     """It holds questions, answers and what was published; the log of the run is not touched."""
-    follow = calibrated.log.with_name(f'{calibrated.run_id}_analysis')
-    wait_until(lambda: f'log of run {follow.name}' in cell.processes['recorder'].text())
-    followers = sorted(calibrated.log.parent.glob(f'{calibrated.run_id}_analysis*'))
-    events = [data for log in followers
-              for data in messages_of(log, 'evaluator/add_effect/_service_event')]
-    assert len(events) == 2 * 3
-    motions = [data for log in followers for data in messages_of(log, 'error_motions')]
-    assert len(motions) == 3
-    assert not read_log(followers[0]).truncated
+    recorder, closed = cell.processes['recorder'], []
+
+    def received(topic):
+        return [data for log in closed for data in messages_of(log, topic)]
+
+    def is_all_there():
+        closed[:] = [log for log in calibrated.log.parent.glob(f'{calibrated.run_id}_analysis*')
+                     if f'log of run {log.name}:' in recorder.text()]
+        return len(received('evaluator/add_effect/_service_event')) == 2 * 3
+
+    wait_until(is_all_there)
+    assert len(received('error_motions')) == 3  # two effects added, one removed
+    assert not any(read_log(log).truncated for log in closed)
     assert len(messages_of(calibrated.log, 'error_motions')) == 1

@@ -51,6 +51,7 @@ def make_session(recent=2.0):
     session.add_topic('/run', BYTE, Retention.NONE)
     session.add_topic('/latched', BYTE, Retention.LATCHED)
     session.add_topic('/request', BYTE, Retention.RECENT)
+    session.add_topic('/result', BYTE, Retention.RESULT)
     return session
 
 
@@ -60,6 +61,17 @@ def message(topic, value, received=0.0, time=1):
 
 def content(path):
     return [(entry.topic, entry.data[-1]) for entry in iter_log(path)]
+
+
+@pytest.mark.parametrize('is_follow_up', [False, True])
+def test_a_result_that_arrived_before_its_request_is_in_the_log(tmp_path, is_follow_up):
+    """Of the request, in the order of arrival; the log of a run that begins then has nothing of it."""
+    session = make_session()
+    session.take(message('/result', 1, received=9.0))
+    session.take(message('/request', 2, received=9.0))
+    session.open(tmp_path / 'a', 'a', now=10.0, log_time=5, is_follow_up=is_follow_up)
+    session.close()
+    assert content(tmp_path / 'a') == [('/result', 1)] * is_follow_up + [('/request', 2)]
 
 
 def test_log_begins_with_what_holds_and_with_the_request(tmp_path):

@@ -137,14 +137,9 @@ class BallRattle(Effect):
         return np.asarray((seat * (run.ball == ball))[:, None, :, None] * np.moveaxis(plate_axes(run), -1, 0))
 
 
-class BallMachineOffset(Effect):
-    name = 'ball_machine_offset'
-    plain = 'offset of a ball fixed in the machine'
-    meaning = 'A ball stands off by an amount that does not turn with the plate: its direction is fixed in the machine.'
-    look = 'The stem of that ball: bending under gravity or probing force; probing from one side, a magnetic ball.'
-    formula = 'd along x and y of the machine for one ball'
-    source = 'physics of stems and probing'
-    quantities: tuple[Quantity, ...] = per_axis('xy', Quantity('d', 'm', "offset along the machine's"))
+class _EachBall(Effect):
+    """An effect of one ball, or of each by its own amounts."""
+
     carries = 'all'
     searched = (Searched('ball', '1', 'number of the ball, 0 for all balls, each by its own amount'),)
 
@@ -156,12 +151,22 @@ class BallMachineOffset(Effect):
         return tuple(Quantity(f'{one.name}_{ball}', 'm', f'{one.meaning} of ball {ball}')
                      for ball in _balls(run, setting) for one in self.quantities)
 
+
+class BallMachineOffset(_EachBall):
+    name = 'ball_machine_offset'
+    plain = 'offset of a ball fixed in the machine'
+    meaning = 'A ball stands off by an amount that does not turn with the plate: its direction is fixed in the machine.'
+    look = 'The stem of that ball: bending under gravity or probing force; probing from one side, a magnetic ball.'
+    formula = 'd along x and y of the machine for one ball'
+    source = 'physics of stems and probing'
+    quantities: tuple[Quantity, ...] = per_axis('xy', Quantity('d', 'm', "offset along the machine's"))
+
     def columns(self, run: Run, setting: Setting) -> Floats:
         own = (run.ball[:, None] == np.array(_balls(run, setting)))[:, None, :, None] * np.eye(3)[:, None, :2]
         return np.asarray(own.reshape(run.size, 3, -1))
 
 
-class BallSag(Effect):
+class BallSag(_EachBall):
     name = 'ball_sag'
     plain = 'sag of the balls'
     meaning = 'Balls sag under gravity as the plate turns about an axis that is not vertical.'
@@ -173,16 +178,6 @@ class BallSag(Effect):
     quantities: tuple[Quantity, ...] = (
         *per_axis('xyz', Quantity('c', 'm', "cosine amplitude along the plate's")),
         *per_axis('xyz', Quantity('s', 'm', "sine amplitude along the plate's")))
-    carries = 'all'
-    searched = (Searched('ball', '1', 'number of the ball, 0 for all balls, each by its own amount'),)
-
-    def settings(self, run: Run) -> tuple[Setting, ...]:
-        """Try each ball, then all."""
-        return grid(ball=(*run.balls, 0))
-
-    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
-        return tuple(Quantity(f'{one.name}_{ball}', 'm', f'{one.meaning} of ball {ball}')
-                     for ball in _balls(run, setting) for one in self.quantities)
 
     def columns(self, run: Run, setting: Setting) -> Floats:
         waves = np.stack([np.cos(run.phi), np.sin(run.phi)])
@@ -249,4 +244,4 @@ class BallForm(Effect):
 
 def _balls(run: Run, setting: Setting) -> Sequence[int]:
     """Return the numbers of the balls of a setting, 0 for all."""
-    return [setting.whole('ball')] if setting.whole('ball') else range(1, run.n + 1)
+    return [setting.whole('ball')] if setting.whole('ball') else run.balls
