@@ -46,12 +46,19 @@ class Terminal:
             assert self._read(), f'wanted {words!r} before the end, got {self.screen[-2000:]}'
         return self.screen[begin:]
 
-    def end(self, timeout=60.0):
-        """Read until the program has ended; return its exit code."""
+    def end(self, keys='', timeout=60.0):
+        """Read until the program has ended; return its exit code.
+
+        keys: pressed until it has, as a person does: a signal that comes between two instructions of Python's input()
+        is seen after the next key only."""
         deadline = time.monotonic() + timeout
-        while time.monotonic() < deadline and self._read():
-            pass
-        return self.process.wait(max(deadline - time.monotonic(), 1.0))
+        while (now := time.monotonic()) < deadline:
+            if keys:
+                self.type(keys)
+            while time.monotonic() < now + 5.0:
+                if not self._read():
+                    return self.process.wait(timeout)
+        raise AssertionError(f'wanted the end within {timeout} s, got {self.screen[-2000:]}')
 
     def _read(self):
         """Return whether the program still has the terminal."""

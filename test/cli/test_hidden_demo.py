@@ -61,8 +61,7 @@ def test_a_key_opens_the_envelope_and_another_leaves_it_shut(tmp_path, module_do
         assert screen.end() == 0
     with Terminal(*demo) as screen:
         screen.wait_for('or Ctrl-C to leave it shut')
-        screen.type('\x03')
-        assert screen.end() == 130
+        assert screen.end('\x03') == 130
     assert 'What was hidden' not in screen.screen and 'Traceback' not in screen.screen
 
 
