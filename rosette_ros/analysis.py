@@ -7,7 +7,7 @@ another run confirms it (`cross_check`), the next measurement (`advise`, `advise
 Several runs give one evaluation (`evaluate_jointly`).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,7 +20,8 @@ from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis, diagnose, fitted_with_noise, judge
 from rosette_ros.core.diagnosis.parameter_search import choose_settings
 from rosette_ros.core.diagnosis.second_run import CrossCheck
-from rosette_ros.core.diagnosis.verdict import Verdict
+from rosette_ros.core.diagnosis.verdict import UNLIKELY, Verdict
+from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
 from rosette_ros.core.joint.joint_evaluation import evaluate_jointly
 from rosette_ros.core.model.least_squares import Fit, fit
 from rosette_ros.core.model.model import Model, Term
@@ -147,6 +148,12 @@ class Summary:
     def verdict(self) -> Verdict:
         """The one verdict."""
         return self.diagnosis.verdict
+
+    def lines(self, tolerances: Mapping[str, float] | None = None) -> tuple[AxisError, ...]:
+        """The six errors in a line each, by the final model; tolerances: of ranges by curve, m and rad."""
+        p = self.final.lack_of_fit_p
+        is_found = bool(self.diagnosis.terms) and p is not None and p >= UNLIKELY and not self.diagnosis.unexplained
+        return fit_lines(self.final, tolerances, '' if is_found else doubt_of(self.verdict))
 
     @cached_property
     def visibilities(self) -> tuple[Visibility, ...]:

@@ -100,7 +100,7 @@ def make_job(request: Request, configured: Mapping[str, Value], taken: Collectio
     changes.pop(settings.RESUME.name, None)
     if recalled is not None:
         return _resumed_job(request, recalled, changes, {**configured, **changes})
-    values = settings.changed_settings(configured, changes)
+    values = settings.with_identity(settings.changed_settings(configured, changes))
     plan = settings.plan_of(values)
     run_id = settings.run_name(datetime.now(UTC), plan.scheme.order, taken)
     return Job(Sequence(run_id, plan, settings.limits_of(values)), request, plan.scheme.order,
@@ -114,7 +114,7 @@ def _resumed_job(request: Request, recalled: Any, changes: Mapping[str, Value], 
     recorded = [event.settings for event in recalled.events if event.settings]
     planned = settings.parse_settings(recorded[-1], f'resume: run {run_id}') if recorded else dict(values)
     refuse_other_plan(changes, planned, run_id)
-    values = {**values, **planned}
+    values = settings.with_identity({**values, **planned})
     plan = settings.plan_of(values)
     earlier = earlier_answers(recalled, plan)
     if earlier.answered == plan.total and recalled.error_motions:

@@ -18,6 +18,7 @@ from rosette_ros.core.axes import taught_frame
 from rosette_ros.core.errors import InvalidConfig
 from rosette_ros.core.joint.readings import Plate
 from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, chosen_places, places_in_use, plan
+from rosette_ros.io.identity_file import format_identity, parse_identity, read_identity
 from rosette_ros.io.plan_file import MOST_BYTES, MeasuringPlan, format_plan, parse_plan, read_plan
 from rosette_ros.io.plate_file import format_plate, parse_plate, read_plate
 from rosette_ros.io.safe_yaml import parse_mapping
@@ -112,6 +113,7 @@ LIMITS = (
     Wanted('limits.distance_m', Limits.distance, 'the same after the alignment, m', 1e-6, 1.0),
     Wanted('limits.angle_rad', Limits.angle, 'how far the table may stand from the commanded angle, rad', 1e-9, 0.5))
 PLACES = ('cmm_positions', 'balls_in_use')
+IDENTITY = Wanted('identity', '', 'identity file (rosette-identity/1), kept in the log of a run: its path, or its text')
 RESUME = Wanted('resume', '', 'the log to continue: the name of its folder, or its path')
 OPTIONS = RUN[2:] + LIMITS[:5] + (RESUME,)  # what the options of a goal may change for one calibration
 PLANNED = PLATE + TABLE + RUN + (PLAN, PLATE_FILE)  # what decides which targets a calibration has
@@ -206,6 +208,15 @@ def parse_options(text: str) -> dict[str, Value]:
     return changes
 
 
+def with_identity(values: Mapping[str, Value]) -> dict[str, Value]:
+    """Return settings with the identity file as its text; raises InvalidData where it is none."""
+    given = str(values.get(IDENTITY.name, ''))
+    if not given:
+        return {**values}
+    found = parse_identity(given.encode(errors='replace')) if '\n' in given else read_identity(given)
+    return {**values, IDENTITY.name: format_identity(found)}
+
+
 def plan_of(values: Mapping[str, Any]) -> CalibrationPlan:
     """Return the CalibrationPlan for settings (name to value, all of PLANNED)."""
     scheme = scheme_of_settings(values)
@@ -243,6 +254,8 @@ def format_settings(values: Mapping[str, Value]) -> str:
     for name, places in zip(PLACES, _places(values)) if not values['plan'] else ():
         plain[name] = ', '.join(map(str, places))
     lists = {name: list(value) for name, value in plain.items() if isinstance(value, tuple)}
+    if values.get(IDENTITY.name):
+        plain[IDENTITY.name] = values[IDENTITY.name]
     return yaml.dump({**plain, **lists}, sort_keys=False, Dumper=getattr(yaml, 'CSafeDumper', yaml.SafeDumper))
 
 
@@ -251,8 +264,9 @@ def parse_settings(text: str, where: str) -> dict[str, Value]:
     given = parse_mapping(text, where, MOST_SETTINGS, 'order: row', InvalidConfig)
     # than the first logs, or left out
     later = ('table.axis', 'touches', *PLACES, 'plate.file', *(BY_PLAN[2:] if 'plan' in given else ('plan',)))
+    known = (*PLANNED, *[IDENTITY] * (IDENTITY.name in given))
     return _of_plan({wanted.name: wanted.check(given.get(wanted.name, wanted.default if wanted.name in later else None),
-                                               where) for wanted in PLANNED}, where=f'{where}: plan')
+                                               where) for wanted in known}, where=f'{where}: plan')
 
 
 def run_name(when: datetime, order: str, taken: Collection[str]) -> str:

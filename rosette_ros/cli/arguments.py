@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from rosette_ros.core.errors import RosetteError
 from rosette_ros.nodes.names import DOMAINS, NAMESPACE
 
+IN_LOG = 'who, what and where (YAML, rosette-identity/1), kept in the log of each run'
 Value = TypeVar('Value', int, float)
 
 
@@ -62,6 +63,8 @@ SHARED: dict[str, dict[str, Any]] = {
     '--run-id': {'metavar': 'ID', 'help': 'which run, where a log holds several (rosette info names them)'},
     '--model': {'metavar': 'FILE', 'help': 'model file (YAML); without it the base model: table motions, '
                                            'plate deviations, CMM deviations'},
+    '--identity': {'metavar': 'FILE', 'help': 'who, what, where and tolerances (YAML, rosette-identity/1), in place of '
+                                              'what the log states'},
     '--json': {'action': 'store_true', 'help': 'print one JSON object and nothing else'},
     '--output': {'metavar': 'DIR', 'default': 'rosette-runs',
                  'help': 'folder of the logs, one folder per run (default rosette-runs)'},

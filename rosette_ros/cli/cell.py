@@ -14,11 +14,13 @@ from rich.console import Console
 from rich.markup import escape
 
 from rosette_ros import command
+from rosette_ros.calibration.settings import IDENTITY
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import CHECK_PERIOD, MODULES, Cell
-from rosette_ros.cli.arguments import add_shared, made_folder
+from rosette_ros.cli.arguments import IN_LOG, add_shared, made_folder
 from rosette_ros.cli.console import console
 from rosette_ros.core.errors import CellError, InvalidConfig
+from rosette_ros.io.identity_file import read_identity
 from rosette_ros.nodes import names
 
 
@@ -29,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--machine', metavar='FILE', help='describes the simulated machine '
                         '(default: the machine.yaml of the package)')
     parser.add_argument('--params', metavar='FILE', help='parameters of the nodes, such as cell.yaml')
+    add_shared(parser, '--identity', help=IN_LOG)
     add_shared(parser, '--output', '--namespace', '--domain')
 
 
@@ -42,10 +45,19 @@ def run(options: argparse.Namespace) -> None:
     out = console()
     nodes = [name for name in MODULES if not (options.no_simulation and name == names.CMM)]
     cell = Cell(options.domain, options.namespace, machine=options.machine, params_file=options.params, nodes=nodes,
-                log_dir=made_folder(options.output), simulated_time=not options.no_simulation)
+                log_dir=made_folder(options.output), params=identity_parameter(options.identity),
+                simulated_time=not options.no_simulation)
     refuse_second_cell(out, cell)
     with started(out, cell):
         keep_running(out, cell)
+
+
+def identity_parameter(path: str | None) -> dict[str, dict[str, str]]:
+    """Return the parameter of the sequencer for an identity file; raises InvalidData where it is none."""
+    if path is None:
+        return {}
+    read_identity(path)
+    return {names.SEQUENCER: {IDENTITY.name: str(Path(path).absolute())}}
 
 
 def keep_running(out: Console, cell: Cell) -> None:

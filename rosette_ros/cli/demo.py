@@ -14,7 +14,7 @@ from rich.markup import escape
 from rosette_ros import command, program
 from rosette_ros.analysis import MOST_BALLS_ADVISED, MOST_BALLS_JUDGED, analyse, judge, summarise
 from rosette_ros.cli import hidden_demo, verification_demo
-from rosette_ros.cli.arguments import UsageError, add_shared, whole
+from rosette_ros.cli.arguments import IN_LOG, UsageError, add_shared, whole
 from rosette_ros.cli.cell import keep_running
 from rosette_ros.cli.console import console, fit_rows, head, pairs, print_parts, print_verdict
 from rosette_ros.cli.demo_cell import MACHINE, compare, demo_cell, shown
@@ -51,6 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='draws machine and noise, and the order random (default 1)')
     parser.add_argument('--axis', metavar=('X', 'Y', 'Z'), type=float, nargs=3, default=(0.0, 0.0, 1.0),
                         help='direction of the table axis in the machine (default 0 0 1; 1 0 0: a table along x)')
+    add_shared(parser, '--identity', help=IN_LOG)
     add_shared(parser, '--output')
     add_shared(parser, '--domain', help='ROS domain (default: a free one)')
     parser.add_argument('--keep', action='store_true', help='leave the cell running afterwards, until Ctrl-C')
@@ -73,7 +74,7 @@ def run(options: argparse.Namespace) -> None:
                                      placement={'axis': options.axis}, **hidden)
     out = console()
     what = f'[bold]A simulated cell[/]: {options.balls} balls, order {order}'
-    with demo_cell(out, what, config, options.domain, options.output) as running:
+    with demo_cell(out, what, config, options.domain, options.output, options.identity) as running:
         if hidden:
             hidden_demo.seal(out, config, options.hidden, running.machine.parent)
         log_path = running.calibrate(order, options.seed, 'turning: forward')

@@ -20,7 +20,7 @@ from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import Cell
 from rosette_ros.cli.arguments import made_folder
 from rosette_ros.cli.calibrate import calibrate
-from rosette_ros.cli.cell import refuse_second_cell, started
+from rosette_ros.cli.cell import identity_parameter, refuse_second_cell, started
 from rosette_ros.core.errors import CellError
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.model.least_squares import Fit
@@ -59,13 +59,14 @@ def write_machine(config: MachineConfig, path: Path) -> None:
     path.write_text(yaml.safe_dump(values, sort_keys=False), encoding='utf-8')
 
 
-def make_cell(config: MachineConfig, machine: Path, domain: int, logs: Path) -> Cell:
+def make_cell(config: MachineConfig, machine: Path, domain: int, logs: Path, identity: str | None = None) -> Cell:
     """Return the cell with the simulated machine of a configuration, written to the file `machine`."""
     place = config.placement
     return Cell(domain, machine=machine, log_dir=logs, params={'sequencer': {
         'plate.balls': config.plate.balls, 'plate.radius_m': config.radius,
         'table.origin_m': [1e-3 * float(x) for x in place.origin_mm],
-        'table.axis': [float(x) for x in place.axis], 'table.azimuth_deg': place.azimuth_deg}})
+        'table.axis': [float(x) for x in place.axis], 'table.azimuth_deg': place.azimuth_deg,
+        **identity_parameter(identity).get('sequencer', {})}})
 
 
 @dataclass(frozen=True)
@@ -94,8 +95,11 @@ class DemoCell:
 
 
 @contextlib.contextmanager
-def demo_cell(out: Console, what: str, config: MachineConfig, domain: int | None, output: str) -> Iterator[DemoCell]:
-    """Start a cell with a simulated machine, end it afterwards; what: printed; domain: None for a free one."""
+def demo_cell(out: Console, what: str, config: MachineConfig, domain: int | None, output: str,
+              identity: str | None = None) -> Iterator[DemoCell]:
+    """Start a cell with a simulated machine, end it afterwards; what: printed; domain: None for a free one.
+
+    identity: path of an identity file."""
     began = time.monotonic()
     is_given, domain = domain is not None, free_domain() if domain is None else domain
     logs = made_folder(output)
@@ -103,7 +107,7 @@ def demo_cell(out: Console, what: str, config: MachineConfig, domain: int | None
     with tempfile.TemporaryDirectory(prefix='rosette_demo_') as folder:
         machine = Path(folder) / MACHINE
         write_machine(config, machine)
-        prepared = make_cell(config, machine, domain, logs)
+        prepared = make_cell(config, machine, domain, logs, identity)
         if is_given:
             refuse_second_cell(out, prepared)
         with started(out, prepared) as cell, CellClient(domain) as client:

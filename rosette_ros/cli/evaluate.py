@@ -3,6 +3,7 @@
 
 import sys
 from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
 
 from rich.markup import escape
 
@@ -12,14 +13,17 @@ from rosette_ros.cli.arguments import add_formats, add_shared
 from rosette_ros.cli.console import console, fit_rows, head, pairs, print_json, print_parts, print_verdict, warn
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
 from rosette_ros.core.diagnosis.verdict import Verdict
+from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.io.model_file import read_model
-from rosette_ros.io.open_readings import open_readings
-from rosette_ros.io.open_run import open_run
+from rosette_ros.io.open_readings import joint_identity, open_readings
+from rosette_ros.io.open_run import open_identified
 from rosette_ros.io.sharing_file import read_sharing
+from rosette_ros.presentation.error_results import errors
 from rosette_ros.presentation.joint_results import (
     joint_csv,
     joint_curves,
+    joint_errors,
     joint_head,
     joint_json,
     joint_rows,
@@ -34,6 +38,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_shared(parser, 'run_path', nargs='+')
     add_shared(parser, '--run-id', '--model')
     add_joint(parser)
+    add_shared(parser, '--identity')
     add_formats(parser, csv='print the six curves as a table with standard uncertainties')
 
 
@@ -42,21 +47,24 @@ def run(options: Namespace) -> None:
     if is_joint(options):
         run_jointly(options)
         return
-    fit = analyse(open_run(options.run_path[0], options.run_id), read_model(options.model))
+    measured, identity, _ = open_identified(options.run_path[0], options.run_id, options.identity)
+    tolerances = identity.limits(measured.rotation)
+    fit = analyse(measured, read_model(options.model))
     verdict = judge(fit.run, fit.model) if fit.run.n <= MOST_BALLS_JUDGED and not options.csv else None
     if verdict is None:
         warn(fit.run)
     if options.csv:
         sys.stdout.write(curves(fit.error_motions).csv())
         return
+    lines = fit_lines(fit, tolerances, doubt_of(verdict))
     if options.json:
-        print_json(evaluation_json(fit, verdict))
+        print_json(evaluation_json(fit, verdict, lines))
     else:
-        show(fit, verdict)
+        show(fit, verdict, lines)
 
 
-def show(fit: Fit, verdict: Verdict | None) -> None:
-    """Print the evaluation; verdict: None where the plate has too many balls to judge it unasked."""
+def show(fit: Fit, verdict: Verdict | None, lines: Sequence[AxisError]) -> None:
+    """Print the evaluation; verdict: None where the plate has too many balls to judge it unasked; lines: of errors."""
     out = console()
     out.print(head(fit.run))
     if verdict:
@@ -67,7 +75,7 @@ def show(fit: Fit, verdict: Verdict | None) -> None:
     else:
         out.print(f'Plates of more than {MOST_BALLS_JUDGED} balls are judged on request: rosette diagnose RUN')
     print_parts(out, [
-        curves(fit.error_motions), deviations(fit), fitted_effects(fit.effects, 'Effects in the model'),
+        errors(lines), curves(fit.error_motions), deviations(fit), fitted_effects(fit.effects, 'Effects in the model'),
         pairs(fit_rows(fit))])
 
 
@@ -75,8 +83,10 @@ def run_jointly(options: Namespace) -> None:
     """Print the joint evaluation of all runs."""
     declared = read_sharing(options.share, len(options.run_path))
     result = evaluate_jointly([open_readings(path, options.run_id) for path in options.run_path], declared)
+    identity = joint_identity(options.run_path, options.run_id, options.identity)[0]
+    tolerances = identity.limits(result.solution.model.runs[0].rotation)
     if options.json:
-        print_json(joint_json(result))
+        print_json(joint_json(result, tolerances))
     elif options.csv:
         sys.stdout.write(joint_csv(result))
     else:
@@ -85,5 +95,5 @@ def run_jointly(options: Namespace) -> None:
             out.print(escape('\n'.join((joint_head(one), *one.notes))))
         for note in result.notes:
             out.print(escape(note), soft_wrap=True)
-        print_parts(out, [sharing_table(result), *joint_curves(result),
+        print_parts(out, [*joint_errors(result, tolerances), sharing_table(result), *joint_curves(result),
                           pairs((name, escape(words)) for name, words in joint_rows(result))])

@@ -13,6 +13,7 @@ from rosette_ros.cli.arguments import UsageError, add_shared
 from rosette_ros.cli.console import console, pairs, print_json, print_parts
 from rosette_ros.core.errors import InvalidData, RosetteError
 from rosette_ros.core.records import Run
+from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_repair import repair_log
 from rosette_ros.io.log_run import RESUMES_KEY, LogRun
@@ -20,6 +21,7 @@ from rosette_ros.io.messages import Phase, phase_name
 from rosette_ros.io.open_run import is_log, open_run
 from rosette_ros.io.reading_checks import remarks_on_answers
 from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.identity_words import identity_rows
 from rosette_ros.presentation.table_format import Table, column, words
 
 
@@ -84,6 +86,7 @@ def _facts(path: Path, kind: str, files: Iterable[Path], runs: list[dict[str, An
 def _logged(log: LogRun, run_id: str) -> dict[str, Any]:
     """Return what a log holds of one run; phases: of the run all n² targets are asked, also if it was broken off."""
     state, answers = {one.run_id: one for one in log.states}.get(run_id), log.runs[run_id]
+    identity = log.identity(run_id)
     first, published = answers.targets[0], [one for one in log.error_motions if one.run_id == run_id]
     planned = {Phase.RUN: max(target.balls for target in answers.targets) ** 2}
     phases = {phase.name.lower(): {'asked': max(asked, planned.get(phase, 0)), 'answered': answered}
@@ -96,7 +99,8 @@ def _logged(log: LogRun, run_id: str) -> dict[str, Any]:
         problem = str(error)
     remarks = [one for one in found.remarks if one != log.damage] if found else remarks_on_answers(answers.counting())
     return _run_facts(run_id, first.balls, first.radius, phases, found, order=state.order if state else None,
-                      unused=unused, remarks=remarks,
+                      unused=unused, remarks=remarks, identity=dict(identity.entries),
+                      tolerances=dict(identity.tolerances),
                       published_curves=len(published), model=published[-1].model_name if published else None,
                       ended=f'{phase_name(state.phase).lower()}: {state.text}' if state else None, problem=problem)
 
@@ -112,7 +116,7 @@ def _run_facts(run_id: str, n: int, radius: float, phases: dict[str, dict[str, i
             'repeatability_dof': found.repeatability_dof if found else None,
             'notes': found.notes if found else (), 'missing': text.missing_words(found) if found else '',
             'remarks': found.remarks if found else (), 'unused': {}, 'published_curves': 0, 'model': None,
-            'ended': None, 'problem': None, **of_log}
+            'ended': None, 'problem': None, 'identity': {}, 'tolerances': {}, **of_log}
 
 
 def show(facts: dict[str, Any]) -> None:
@@ -157,7 +161,8 @@ def run_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
             ('Repeatability', text.repeatability_words(facts['repeatability_m'], facts['repeatability_dof'])),
             ('Published', f'error motions, {facts["published_curves"]}×, model {escape(facts["model"] or "")}'
              if facts['published_curves'] else ''),
-            ('Ended', escape(facts['ended'] or '')),
+            ('Ended', escape(facts['ended'] or '')), *((name, escape(words)) for name, words in (
+                identity_rows(Identity(facts['identity'], facts['tolerances'])) if facts['identity'] else ())),
             *(('Doubtful', f'[yellow]{escape(remark)}[/]') for remark in facts['remarks']),
             ('Problem', f'[red]{escape(facts["problem"])}[/]' if facts['problem'] else '')]
     return [row for row in rows if row[1]]

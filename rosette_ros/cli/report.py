@@ -19,6 +19,7 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.model.model import Model
 from rosette_ros.io.model_file import read_model
+from rosette_ros.io.open_readings import joint_identity
 from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.presentation.plots.plot_style import save
@@ -35,7 +36,7 @@ from rosette_ros.presentation.tables import tables_of
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_shared(parser, 'run_path', nargs='*')
-    add_shared(parser, '--run-id', '--model')
+    add_shared(parser, '--run-id', '--model', '--identity')
     parser.add_argument('-o', '--output', metavar='FILE',
                         help='the page (HTML) to write; by default named after RUN, in this folder')
     parser.add_argument('--overlay', metavar='RUN', nargs='+', default=[],
@@ -75,10 +76,13 @@ def report_jointly(options: Namespace) -> None:
     declared = read_sharing(options.share, len(options.run_path))
     opened = [open_with_files(one, options.run_id) for one in options.run_path]
     result = evaluate_jointly([run for run, _ in opened], declared)
-    files = [one for _, files in opened for one in files] + ([digest(options.share)] if options.share else [])
+    identity, contradictions = joint_identity(options.run_path, options.run_id, options.identity)
+    files = [one for _, files in opened for one in files]
+    files += map(digest, filter(None, (options.share, options.identity)))
     pictures = joint_pictures(result)
-    write_text(path, joint_html(result, files, options.command_line, pictures), options.force)
-    write_parts(options, pictures, joint_tables(result))
+    write_text(path, joint_html(result, files, options.command_line, pictures, identity, contradictions),
+               options.force)
+    write_parts(options, pictures, joint_tables(result, identity))
     print_result(console(), conclude(result), path)
 
 
@@ -86,21 +90,21 @@ def report_run(options: Namespace, place: str) -> None:
     """Write the report of one run."""
     path = output_of(options, Path(place).absolute().stem)
     model = read_model(options.model)
-    measured, source = open_source(place, options.run_id)
+    measured, source = open_source(place, options.run_id, options.identity)
     overlays = []
     for over in options.overlay:
         other, other_source = open_source(over)
         overlays.append(Series(other.run_id or str(over), analyse(other, model).error_motions))
         source = replace(source, files=(*source.files, *other_source.files))
-    if options.model:
-        source = replace(source, files=(*source.files, digest(options.model)))
+    further = tuple(map(digest, filter(None, (options.model, options.identity))))
+    source = replace(source, files=(*source.files, *further))
     out = console()
     with out.status('evaluating') as status:
         summary = summarise(measured, model, lambda step: status.update(f'{step} …'))
         status.update('drawing …')
         pictures = pictures_of(summary, overlays)
         write_text(path, report_html(summary, source, options.command_line, overlays, pictures), options.force)
-        write_parts(options, pictures, tables_of(summary))
+        write_parts(options, pictures, tables_of(summary, source.identity.limits(measured.rotation)))
     out.print(head(measured))
     print_result(out, summary.verdict, path)
 
@@ -108,7 +112,8 @@ def report_run(options: Namespace, place: str) -> None:
 def compare_runs(options: Namespace) -> None:
     """Write the report on runs that must agree."""
     path = output_of(options, 'verification')
-    for name, given in (('--run-id', options.run_id), ('--overlay', options.overlay)):
+    for name, given in (('--run-id', options.run_id), ('--overlay', options.overlay),
+                        ('--identity', options.identity)):
         if given:
             raise InvalidData(f'report: {name} does not go with --compare; leave it out')
     verified = verification_of(options.compare, options.maker, read_model(options.model))

@@ -3,6 +3,7 @@
 
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,7 +15,9 @@ from rosette_ros.core.geometry import Frame
 from rosette_ros.core.records import CURVES, ErrorMotions, Run
 from rosette_ros.io import messages as msg
 from rosette_ros.io.bag_metadata import TopicSummary
+from rosette_ros.io.identity_file import Identity, parse_identity
 from rosette_ros.io.run_assembly import NO_RUN, RunAnswers
+from rosette_ros.io.safe_yaml import parse_mapping
 
 BALL_CENTRE = 'rosette_msgs/msg/BallCentre'
 PROBE_TARGET = 'rosette_msgs/msg/ProbeTarget'
@@ -29,6 +32,9 @@ REPEATABILITY_KEY, DOF_KEY = 'rosette.repeatability_m', 'rosette.repeatability_d
 """Entries of custom_data where the repeatability is known but was not measured in the log."""
 RESUMES_KEY = 'rosette.resumes'  # entry of custom_data, name of the log that a run goes on from
 SIMULATED_KEY = 'rosette.simulated'  # entry of custom_data, `yes` where the imported run was simulated
+
+IDENTITY_KEY = 'identity'  # entry of the settings of a CalibrationEvent
+MOST_SETTINGS = 16 << 20  # longest settings in a log, characters
 
 
 class PublishedMotions(NamedTuple):
@@ -173,6 +179,16 @@ class LogRun:
         if run_id not in (None, *present):
             raise InvalidData(f'{self.path}: wanted run {run_id!r}, got {", ".join(present)}')
         return self.runs[present[0] if run_id is None else run_id]
+
+    def identity(self, run_id: str) -> Identity:
+        """Return the Identity that the sequencer was given for a run, an empty one where there is none."""
+        found = ''
+        for event in self.events:
+            if event.run_id == run_id and f'{IDENTITY_KEY}:' in event.settings:
+                with suppress(InvalidData):  # what the run was planned with counts when it is resumed only
+                    found = parse_mapping(event.settings, 'settings', MOST_SETTINGS, '', InvalidData).get(
+                        IDENTITY_KEY) or found
+        return parse_identity(str(found).encode(), f'{self.path}: identity') if found else Identity()
 
     def latest_error_motions(self, run_id: str | None = None) -> PublishedMotions | None:
         """Return the PublishedMotions that came last (of one run), or None."""

@@ -2,6 +2,7 @@
 """RUN as a joint evaluation takes it: with the table frame of a log, or with the plate file of a table."""
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,9 @@ from rosette_ros.core.geometry import Floats, nominal_angles, rotate_z, wrap
 from rosette_ros.core.joint.readings import Plate, Readings
 from rosette_ros.io.ball_centre_table import MAX_BYTES, check_order, checked_plate, table_angles, to_table_frame
 from rosette_ros.io.csv_parser import CsvTable
+from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.log_reader import read_log
-from rosette_ros.io.open_run import is_log, open_run
+from rosette_ros.io.open_run import is_log, open_run, stated
 from rosette_ros.io.text_file import read_limited
 
 _PLATE_LINE = re.compile(rb'^"?#\s*plate\s*:', re.MULTILINE)
@@ -34,6 +36,23 @@ def open_readings(path: str | Path, run_id: str | None = None) -> Readings:
         return _with_plate(Path(path))
     run = open_run(path, run_id)
     return Readings.of(run, read_log(path).frame_of(run.run_id) if is_log(path) else None)
+
+
+def joint_identity(paths: Sequence[str | Path], run_id: str | None = None, file: str | Path | None = None) -> tuple[
+        Identity, tuple[str, ...]]:
+    """Return what the logs of several runs and a file state together, and contradictions in words.
+
+    Where two logs differ the first one counts, and the others contradict it."""
+    logged, contradictions = Identity(), list[str]()
+    for path in paths:
+        if is_log(path):
+            log = read_log(path)
+            found = log.identity(log.run(run_id).run_id)
+            contradictions += [f'{path}: {key}: {value!r}, {logged[key]!r} in the logs before'
+                               for key, value in found.entries.items() if logged[key] not in ('', value)]
+            logged = Identity({**found.entries, **logged.entries}, logged.tolerances or found.tolerances)
+    identity, changed = stated(logged, file)
+    return identity, (*contradictions, *changed)
 
 
 def _with_plate(path: Path) -> Readings:

@@ -6,7 +6,9 @@ from pathlib import Path
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.records import Run
 from rosette_ros.io.ball_centre_table import read_csv
+from rosette_ros.io.identity_file import Identity, read_identity
 from rosette_ros.io.log_reader import MAGIC, read_log
+from rosette_ros.io.log_run import LogRun
 from rosette_ros.io.text_file import reading
 
 WANTED = 'a log directory, an .mcap file or a CSV table'
@@ -50,12 +52,31 @@ def open_run(path: str | Path, run_id: str | None = None) -> Run:
 
     run_id chooses where a log holds several runs. Raises InvalidData where it is none of them, or a table holds another
     run than the one asked for."""
+    return _open(path, run_id)[0]
+
+
+def open_identified(path: str | Path, run_id: str | None = None, file: str | Path | None = None) -> tuple[
+        Run, Identity, tuple[str, ...]]:
+    """Return a Run, its Identity, and in words what a file states other than its log; raises as open_run.
+
+    file: an identity file, whose entries take the place of those in the log."""
+    run, log = _open(path, run_id)
+    return run, *stated(log.identity(run.run_id) if log else Identity(), file)
+
+
+def stated(logged: Identity, file: str | Path | None) -> tuple[Identity, tuple[str, ...]]:
+    """Return what a log and an identity file state together, and their contradictions in words."""
+    return logged.with_changes(read_identity(file)) if file else (logged, ())
+
+
+def _open(path: str | Path, run_id: str | None) -> tuple[Run, LogRun | None]:
     if is_log(path):
         if Path(path).is_dir() and not next(Path(path).glob('*.mcap'), None) and (inside := runs_in(path)):
             raise InvalidData(f'{path}: wanted a run, got a folder of {len(inside)}: '
                               f'{", ".join(one.name for one in inside)}; name one of them (rosette runs lists them)')
-        return read_log(path).to_run(run_id)
+        log = read_log(path)
+        return log.to_run(run_id), log
     run = read_csv(path)
     if run_id not in (None, run.run_id):
         raise InvalidData(f'{path}: wanted run {run_id!r}, got {run.run_id!r}')
-    return run
+    return run, None

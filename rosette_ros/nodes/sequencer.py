@@ -17,7 +17,7 @@ from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from rosette_ros.calibration.goal import OF_EVENT, Job, Request, make_job
-from rosette_ros.calibration.settings import LIMITS, PLANNED, RESUME, Wanted, goal_changes
+from rosette_ros.calibration.settings import IDENTITY, LIMITS, PLANNED, RESUME, Wanted, goal_changes
 from rosette_ros.calibration.state_machine import Ask, Command, Finish, Locate, PublishState, Remark, Results, Verify
 from rosette_ros.core.errors import CellError, RosetteError, plain
 from rosette_ros.io.messages import MACHINE_FRAME, TABLE_FRAME, Phase, answer_of, nanoseconds
@@ -27,7 +27,7 @@ from rosette_ros.nodes.interfaces import CalibrateServer, introspected_service
 from rosette_ros.nodes.liveliness import SETTLING, CellMonitor
 from rosette_ros.nodes.recorder_client import END_EVENTS, RecorderLink
 
-CALIBRATION = PLANNED + LIMITS
+CALIBRATION = (*PLANNED, *LIMITS, IDENTITY)
 CELL = (
     Wanted('require_recorder', True, 'whether a run without a log is refused'),
     Wanted('recorder_timeout_s', 10.0, 'wall time for opening, verifying or closing a log, s', 0.1, 1e4),

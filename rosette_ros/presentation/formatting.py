@@ -13,6 +13,7 @@ from rosette_ros.core import axes
 from rosette_ros.core.diagnosis.verdict import p_value as p_value
 from rosette_ros.core.diagnosis.verdict import p_words
 from rosette_ros.core.effects.library import BASE_EFFECTS, EFFECTS
+from rosette_ros.core.error_summary import COVERAGE_FACTOR as COVERAGE_FACTOR
 from rosette_ros.core.records import CURVES, Floats, Run
 from rosette_ros.core.scheme import cmm_position
 
@@ -20,8 +21,6 @@ if TYPE_CHECKING:  # plan and info start without the least squares
     from rosette_ros.core.model.least_squares import Fit, Parameter
     from rosette_ros.core.model.model import Model
 
-COVERAGE_FACTOR = 2
-"""k of expanded uncertainties, about 95 % (GUM 6.2)."""
 CURVE_UNITS = tuple('µm' if curve.startswith('ct') else 'µrad' for curve in CURVES)
 MEANINGS = {effect.name: effect for effect in (*BASE_EFFECTS, *EFFECTS.values())}
 """Every name that a diagnosis can give, with what it means."""

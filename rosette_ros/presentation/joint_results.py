@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Several runs as one, for people and programs: tables, words, JSON."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from rosette_ros.core.joint.conclusion import ITEMS
+from rosette_ros.core.error_summary import doubt_of
+from rosette_ros.core.joint.conclusion import ITEMS, conclude
 from rosette_ros.core.joint.joint_evaluation import JointResult, Reversal, SharingTest
 from rosette_ros.core.joint.readings import Readings
+from rosette_ros.core.joint.run_to_run import joint_lines
 from rosette_ros.core.joint.sharing import PARTS
 from rosette_ros.core.model.least_squares import UNLIKELY
 from rosette_ros.core.records import CURVES, ErrorMotions
 from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.error_results import errors, errors_json
 from rosette_ros.presentation.json_output import STANDARD, Json, by_curve, plain
 from rosette_ros.presentation.table_format import Table, column, micrometre_column, words
 from rosette_ros.presentation.tables import EXPANDED, curves
@@ -54,6 +58,13 @@ def joint_curves(result: JointResult) -> list[Table]:
         shown.append(replace(_titled(one.motions, 'Reversal: clockwise less counter-clockwise', 'reversal'),
                              note=_mean_words(one)))
     return shown
+
+
+def joint_errors(result: JointResult, tolerances: Mapping[str, float] | None = None) -> list[Table]:
+    """Return the six errors in a line each, of each table and sense; tolerances: of ranges by curve, m and rad."""
+    every = joint_lines(result, tolerances, doubt_of(conclude(result)))
+    return [errors(lines, f'The six errors of the {one.words} (ISO 230-7)', f'errors{place}' if place else 'errors')
+            for place, (one, _, lines) in enumerate(every)]
 
 
 def reversal_means(result: JointResult) -> list[Table]:
@@ -137,10 +148,10 @@ def joint_head(run: Readings) -> str:
     return f'{run.name}: {run.plate.balls} balls, {used} table positions, {run.size} ball centres'
 
 
-def joint_json(result: JointResult) -> Json:
+def joint_json(result: JointResult, tolerances: Mapping[str, float] | None = None) -> Json:
     """Return the results, schema rosette-joint-evaluation/1; u holds standard uncertainties, SI units."""
     solution, sharing = result.solution, result.sharing
-    model = solution.model
+    model, every = solution.model, joint_lines(result, tolerances, doubt_of(conclude(result)))
     return plain({
         'schema': JOINT,
         'runs': [{'run_id': run.run_id, 'source': run.source, 'readings': run.size, 'balls': run.plate.balls,
@@ -154,7 +165,8 @@ def joint_json(result: JointResult) -> Json:
         'unknowns': model.unknowns, 'rank': solution.rank, 'hidden': solution.hidden.shape[1],
         'hidden_in_curves': solution.hidden_in_curves, 'known': result.knowledge.known,
         'not_known': result.knowledge.hidden,
-        'curves': [{'table': one.name, 'sense': one.sense, **_motions_json(motions)} for one, motions in result.curves],
+        'curves': [{'table': one.name, 'sense': one.sense, **_motions_json(motions), 'iso_230_7': errors_json(lines)}
+                   for one, motions, lines in every],
         'reversal': [{'table': one.table, **_motions_json(one.motions), 'p': one.p,
                       'mean': by_curve(np.where(one.is_known, one.mean, np.nan)),
                       'u_mean': by_curve(np.where(one.is_known, one.u_mean, np.nan))} for one in result.reversals],

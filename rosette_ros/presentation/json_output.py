@@ -18,11 +18,13 @@ from rosette_ros.core.diagnosis.recovered_shape import Shape
 from rosette_ros.core.diagnosis.second_run import CheckedEffect, CrossCheck
 from rosette_ros.core.diagnosis.verdict import Verdict, noise_words
 from rosette_ros.core.effects.effect import Effect, Quantity
+from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
 from rosette_ros.core.model.least_squares import Fit, Parameter
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.advice import Advice, OrderAdvice
 from rosette_ros.core.planning.visibility import Visibility
 from rosette_ros.core.records import CURVES
+from rosette_ros.presentation.error_results import errors_json
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR
 
 EVALUATION, COMPARISON, DIAGNOSIS = 'rosette-evaluation/1', 'rosette-comparison/1', 'rosette-diagnosis/1'
@@ -84,8 +86,8 @@ def by_curve(values: Iterable[object]) -> Json:
     return dict(zip(CURVE_KEYS, values, strict=True))
 
 
-def evaluation_json(fit: Fit, verdict: Verdict | None = None) -> Json:
-    """Return a report, schema rosette-evaluation/1; u holds standard uncertainties.
+def evaluation_json(fit: Fit, verdict: Verdict | None = None, lines: Sequence[AxisError] | None = None) -> Json:
+    """Return a report, schema rosette-evaluation/1; u holds standard uncertainties; lines: None for no tolerances.
 
     An effect that stands twice in the model is named with its fixed parameters.
     """
@@ -103,6 +105,7 @@ def evaluation_json(fit: Fit, verdict: Verdict | None = None) -> Json:
         'simulated': run.simulated, 'rotation': run.rotation,
         'table_axis': None if run.rotation is None else run.rotation[:, 2],
         'fit': fit_json(fit), 'gauge': fit.gauge, **verdict_json(verdict),
+        'iso_230_7': errors_json(fit_lines(fit, doubt=doubt_of(verdict)) if lines is None else lines),
         'effects': {key: parameters_json(one.parameters) for key, one in zip(keys, fit.effects, strict=True)}})
 
 

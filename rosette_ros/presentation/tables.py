@@ -21,6 +21,7 @@ from rosette_ros.core.planning.advice import GOOD_SHARE, Advice
 from rosette_ros.core.planning.visibility import Visibility
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats
 from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.error_results import errors
 from rosette_ros.presentation.table_format import Column, Table, column, micrometre_column, words
 
 FILE_UNITS = tuple(unit.replace('µ', 'u') for unit in text.CURVE_UNITS)
@@ -38,11 +39,11 @@ LEAST_NOISE = 1e-15
 BARS, MOST_BARS = '▁▂▃▄▅▆▇█', 40
 
 
-def tables_of(summary: Summary) -> tuple[Table, ...]:
-    """Return every table of a run, in the order of the report."""
+def tables_of(summary: Summary, tolerances: Mapping[str, float] | None = None) -> tuple[Table, ...]:
+    """Return every table of a run, in the order of the report; tolerances: of ranges by curve, m and rad."""
     comparison, diagnosis, best = summary.comparison, summary.diagnosis, summary.advice.best if summary.advice else None
     final = summary.final
-    return (spans(final.error_motions), curves(final.error_motions), deviations(final), axes(comparison),
+    return (errors(summary.lines(tolerances)), curves(final.error_motions), deviations(final), axes(comparison),
             places(comparison), worst_readings(comparison), waves(comparison), residuals(summary.fit, final),
             groups(comparison), nested_models(summary.ladder), candidates(diagnosis.candidates),
             fitted_effects(final.effects, 'Effects in the final model'),
@@ -84,16 +85,6 @@ def _with_u(values: Floats, expanded: Floats, digits: int, alike: bool) -> tuple
     """Return values as texts, each with its expanded uncertainty where these are not alike."""
     return tuple(text.signed(value, digits) + ('' if alike or np.isnan(value) else f'\n±{text.fixed(spread, digits)}')
                  for value, spread in zip(values, expanded, strict=True))
-
-
-def spans(motions: ErrorMotions) -> Table:
-    """Return peak to valley of the six curves, and the largest U of a point of each."""
-    columns = [words('quantity', '', ('peak to valley', f'U (k = {text.COVERAGE_FACTOR}) of a point'))]
-    for place, (name, unit) in enumerate(zip(text.curve_names(motions.rotation), text.CURVE_UNITS, strict=True)):
-        pair = 1e6 * np.ptp(motions.values[:, place]), 1e6 * text.COVERAGE_FACTOR * motions.u[:, place].max()
-        columns.append(column(f'{CURVES[place]}_{FILE_UNITS[place]}', name, pair,
-                              partial(text.fixed, places=text.decimals(float(pair[1]))), unit))
-    return Table('spans', f'Peak to valley of the six error motions; {EXPANDED}', tuple(columns))
 
 
 def deviations(fit: Fit) -> Table:

@@ -9,6 +9,7 @@ from rosette_ros.analysis import evaluate_jointly
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.scheme import plan
+from rosette_ros.io.identity_file import Identity
 from rosette_ros.presentation.report.joint_page import joint_html, joint_pictures, joint_tables
 from rosette_ros.simulation import Machine, MachineConfig
 
@@ -33,7 +34,7 @@ def test_the_page_shows_curves_reversal_knowledge_and_tests():
                   'once-per-turn part of (ctx, cty): eccentricity', 'p (noise alone)', 'Means of the reversal curves',
                   'table motions', 'readings of all runs are those of a simulated CMM', 'rosette report A B --joint'):
         assert words in page, words
-    tables = {table.name: table for table in joint_tables(result)}
+    tables = {table.name: table for table in joint_tables(result, Identity())}
     assert len(tables['means'].rows) == 6
     mean = [float(value) for value in tables['means'].columns[1].values]
     assert np.allclose(mean, result.reversals[0].mean)

@@ -83,6 +83,11 @@ class Conclusion:
     sentence: str
     action: str
 
+    @property
+    def model_fails(self) -> bool:
+        """Whether the model is refuted."""
+        return self.level is Level.BAD
+
 
 def left_over(final: 'Fit', shapes: str = '') -> str:
     """Return what no named effect explains of a fit, in words, empty where nothing is; shapes: found by the search."""

@@ -18,7 +18,7 @@ from scipy import special
 from rosette_ros.core.effects.effect import Motion, Searched, Setting
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.geometry import TWO_PI
-from rosette_ros.core.model.base_model import GAUGE, BaseSpace, Basis
+from rosette_ros.core.model.base_model import GAUGE, BaseSpace, Basis, CompleteSpace
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise, Real, Whitening
@@ -208,6 +208,21 @@ class JointSpace:
     def curve_cofactor(self) -> Floats:
         """Return variances of the curves per unit variance, (n, 6), effects' share included."""
         return self._with_effects(self.space.curve_cofactor(), 'curves')
+
+    def difference_cofactor(self, high: Sequence[int], low: Sequence[int]) -> Floats:
+        """Return variances of one point less another of each curve per unit variance, (6,); high, low: 0..n-1.
+
+        Of a complete run of equal noise at most the sum of both variances times n / (n - 2), as at most 2 of n waves
+        are removed from a curve; else what no correlation exceeds. The share of the effects is exact."""
+        base, every = self.space.curve_cofactor(), range(6)
+        one, other = base[high, every], base[low, every]
+        is_even = isinstance(self.space, CompleteSpace)
+        out = (one + other) * len(base) / (len(base) - 2) if is_even else (np.sqrt(one) + np.sqrt(other))**2
+        if len(self.every):
+            curves = self.space.parameters(self.every).curves
+            step = curves[:, high, every] - curves[:, low, every]
+            out = out + np.einsum('ac,ab,bc->c', step, self.cofactor, step)
+        return np.asarray(out)
 
     def deviation_cofactors(self) -> tuple[Floats, Floats]:
         """Return variances of plate and CMM per unit variance, (n, 3) each, effects' share included."""

@@ -11,13 +11,16 @@ from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.records import CURVES
+from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.open_readings import has_plate, open_readings
 from rosette_ros.io.open_run import is_log
 from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.identity_words import identity_rows
 from rosette_ros.presentation.joint_results import (
     joint_curves,
     joint_deviations,
+    joint_errors,
     joint_head,
     joint_rows,
     reversal_means,
@@ -39,8 +42,10 @@ def open_with_files(path: Path | str, run_id: str | None = None) -> tuple[Readin
 
 
 def joint_html(result: JointResult, files: Sequence[FileDigest] = (), command: str = '',
-               pictures: Mapping[str, Figure] | None = None) -> str:
+               pictures: Mapping[str, Figure] | None = None, identity: Identity | None = None,
+               contradictions: Sequence[str] = ()) -> str:
     """Return the report of a JointResult as one HTML text; pictures: where they are drawn already."""
+    identity = identity or Identity()
     pictures = pictures or joint_pictures(result)
     runs = result.solution.model.runs
     simulated = [run.name for run in runs if run.simulated]
@@ -49,7 +54,8 @@ def joint_html(result: JointResult, files: Sequence[FileDigest] = (), command: s
         rows=dict(joint_rows(result)), runs=list(map(joint_head, runs)),
         known=result.knowledge.known, hidden=result.knowledge.hidden, files=tuple(dict.fromkeys(files)),
         notes=[*result.notes, *(f'{run.name}: {note}' for run in runs for note in run.notes)], command=command,
-        pictures=inline_svgs(pictures), tables={table.name: table for table in joint_tables(result)},
+        pictures=inline_svgs(pictures), tables={table.name: table for table in joint_tables(result, identity)},
+        identity=identity_rows(identity, contradictions),
         values=[table.name for table in joint_curves(result)], k=text.COVERAGE_FACTOR, software=software(),
         numbers={name: place for place, name in enumerate(pictures, 1)},
         simulated=simulated if len(simulated) < len(runs) else ['all runs'],
@@ -68,6 +74,8 @@ def joint_pictures(result: JointResult) -> dict[str, Figure]:
     return out
 
 
-def joint_tables(result: JointResult) -> tuple[Table, ...]:
-    """Return the tables of a joint evaluation: what is shared, means of reversals, curves, deviations."""
-    return (sharing_table(result), *reversal_means(result), *joint_curves(result), *joint_deviations(result))
+def joint_tables(result: JointResult, identity: Identity) -> tuple[Table, ...]:
+    """Return the tables of a joint evaluation: errors, what is shared, means of reversals, curves, deviations."""
+    tolerances = identity.limits(result.solution.model.runs[0].rotation)
+    return (*joint_errors(result, tolerances), sharing_table(result),
+            *reversal_means(result), *joint_curves(result), *joint_deviations(result))

@@ -3,7 +3,7 @@
 
 import hashlib
 import platform
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
 
@@ -13,8 +13,9 @@ from rosette_ros import __version__
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.planning.advice import scheme_of
 from rosette_ros.core.records import Run
+from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.log_reader import read_log
-from rosette_ros.io.open_run import is_log, open_run
+from rosette_ros.io.open_run import is_log, open_run, stated
 from rosette_ros.presentation.formatting import instant
 
 SOFTWARE = ('numpy', 'scipy', 'matplotlib', 'jinja2', 'mcap', 'rclpy', 'cyclonedds')
@@ -34,19 +35,25 @@ class FileDigest:
 
 @dataclass(frozen=True)
 class Source:
-    """Where a run comes from; begun: first entry of the log; order: as the cell named it; '' if not known."""
+    """Where a run comes from; begun, ended: first and last entry of the log; order: as the cell named it; '' if none.
+
+    identity: who, what and where; contradictions: in words, what a file states other than the log.
+    """
 
     path: str
     files: tuple[FileDigest, ...]
     begun: str = ''
     order: str = ''
     configuration: tuple[tuple[str, str], ...] = ()
+    ended: str = ''
+    identity: Identity = field(default_factory=Identity)
+    contradictions: tuple[str, ...] = ()
 
 
-def open_source(path: Path | str, run_id: str | None = None) -> tuple[Run, Source]:
-    """Return the Run and the Source of a log or a table; raises InvalidData as `open_run` does."""
+def open_source(path: Path | str, run_id: str | None = None, file: Path | str | None = None) -> tuple[Run, Source]:
+    """Return the Run and the Source of a log or a table; file: an identity file; raises InvalidData as `open_run`."""
     if not is_log(path):
-        return open_run(path, run_id), Source(str(path), (digest(path),))
+        return open_run(path, run_id), Source(str(path), (digest(path),), identity=stated(Identity(), file)[0])
     log = read_log(path)
     run = log.to_run(run_id)
     order = next((state.order for state in log.states if state.run_id == run.run_id), '')
@@ -55,7 +62,8 @@ def open_source(path: Path | str, run_id: str | None = None) -> tuple[Run, Sourc
               for name in BESIDE if (folder / name).is_file()]
     entries = '\n'.join(f'{key}: {value}' for key, value in sorted(log.custom_data.items()))
     return run, Source(str(path), tuple(map(digest, log.files)), instant(log.start_ns), order,
-                       (*beside, *([('entries of the log', entries)] if entries else [])))
+                       (*beside, *([('entries of the log', entries)] if entries else [])), instant(log.end_ns),
+                       *stated(log.identity(run.run_id), file))
 
 
 def digest(path: Path | str) -> FileDigest:

@@ -11,9 +11,11 @@ from rosette_ros.analysis import Summary
 from rosette_ros.core.diagnosis.comparison import spectrum
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import ErrorMotions, Run
+from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.model_file import format_model
 from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.identity_words import identity_rows
 from rosette_ros.presentation.plots import comparison_plots, noise_plots, plan_plots, residual_plots, shape_plots
 from rosette_ros.presentation.plots.residual_plots import Residuals, SpectrumRow
 from rosette_ros.presentation.plots.result_plots import Series, deviations, six_curves
@@ -36,15 +38,17 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
                 pictures: Mapping[str, Figure] | None = None) -> str:
     """Return the report of a Summary as one HTML text; pictures: of `pictures_of`, where they are drawn already."""
     pictures = pictures or pictures_of(summary, overlays)
-    run, final = summary.run, summary.final
+    run, identity = summary.run, source.identity if source else Identity()
     return PAGES.get_template('report.html.j2').render(
         summary=summary, source=source, iso=text.iso_range(run.rotation), command=command,
-        sizes=bars(summary), spans=spans(final.error_motions),
+        sizes=bars(summary),
         findings=findings(summary), p_noise=text.P_NOISE, pictures=inline_svgs(pictures), k=text.COVERAGE_FACTOR,
-        changed=len(fits_of(summary)) > 1, cross_validation=text.CROSS_VALIDATION, tables=shown_tables(summary),
+        changed=len(fits_of(summary)) > 1, cross_validation=text.CROSS_VALIDATION,
+        tables=shown_tables(summary, identity),
+        identity=identity_rows(identity, source.contradictions if source else ()),
         measured=conditions(summary, source), unknown=unknowns(summary), labels=[
             model_label(summary, fit) for fit in fits_of(summary)], judged=text.model_words(summary.model),
-        running=f'{run.run_id or run.source}{" (simulated)" * run.simulated}', model=format_model(final.model),
+        running=f'{run.run_id or run.source}{" (simulated)" * run.simulated}', model=format_model(summary.final.model),
         numbers={name: place for place, name in enumerate(pictures, 1)}, software=software(), overlays=overlays,
         others=[one.effect for one in summary.diagnosis.candidates[MOST_CANDIDATES:]])
 
@@ -76,9 +80,9 @@ def pictures_of(summary: Summary, overlays: Sequence[Series] = ()) -> dict[str, 
         'pairs': plan_plots.pairs_in_order(run), 'visibility': _visibility(summary)}
 
 
-def shown_tables(summary: Summary) -> dict[str, Table]:
-    """Return every table by name as it stands on the page: no wider than paper."""
-    tables = {table.name: table for table in tables_of(summary)}
+def shown_tables(summary: Summary, identity: Identity) -> dict[str, Table]:
+    """Return every table by name as it stands on the page: no wider than paper; identity: with tolerances."""
+    tables = {table.name: table for table in tables_of(summary, identity.limits(summary.run.rotation))}
     for name, keys in COLUMNS.items():
         tables[name] = tables[name].select(*keys)
     tables['candidates'] = tables['candidates'].first(MOST_CANDIDATES)

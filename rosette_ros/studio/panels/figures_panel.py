@@ -6,9 +6,16 @@ from collections.abc import Callable
 from nicegui import ui
 
 from rosette_ros.analysis import Change
+from rosette_ros.core.diagnosis.verdict import Verdict
+from rosette_ros.core.error_summary import doubt_of, fit_lines
+from rosette_ros.core.errors import RosetteError
+from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.presentation import tables
+from rosette_ros.presentation.error_results import errors
 from rosette_ros.presentation.formatting import words_of
+from rosette_ros.presentation.identity_words import identity_rows
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE
+from rosette_ros.presentation.report.provenance import Source
 from rosette_ros.studio import figures
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels.widgets import Area, Figure, button, card, marked, plain_table, row, set_words
@@ -39,6 +46,9 @@ class FiguresPanel:
                 self._changes = Area(ui.element('div'))
         with card('Six error motions, with U (k = 2)', 'curves') as self._curves_card:
             self._curves = Figure(430, 'Six error motions against the table angle', least=WIDTH)
+            self._errors = Area(marked(ui.element('div').classes('small'), 'errors'))
+            with ui.expansion('Who, what, where', value=False).props('dense').classes('small'):
+                self._identity = Area(marked(ui.element('div').classes('facts'), 'identity'))
         with card('', 'maps') as self._maps_card:
             with row():
                 ui.html('Residuals by table position and ball', sanitize=False, tag='h2')
@@ -74,6 +84,9 @@ class FiguresPanel:
         after = preview.change.after if preview else None
         shown = after if after is not None and self._switch.value == PREVIEWED else fit
         set_words(self._whose, f'{PREVIEWED}: {preview.name}' if preview and shown is after else PRESENT)
+        verdict = self._controller.session.results.verdict
+        self._errors.show(_show_errors, shown, verdict if shown is fit else None, self._run)
+        self._identity.show(_show_identity, self._run)
         curves = [figures.Curves(PRESENT, fit.error_motions, AFTER if after is None else BEFORE)]
         if after is not None:
             curves.append(figures.Curves(PREVIEWED, after.error_motions, AFTER, 'dot'))
@@ -100,3 +113,25 @@ def preview_words(change: Change) -> str:
     errors = '; '.join(f'{quantity} {before} → {after} {unit}'.strip() for quantity, before, after, unit in rows)
     judged = 'It helps' if change.helps else 'It is worse than without' if change.hurts else 'It does not help'
     return f'{judged}: {errors}.'
+
+
+def _show_errors(fit: Fit, verdict: Verdict | None, opened: OpenedRun | None) -> None:
+    limits, words = dict[str, float](), ''
+    try:
+        limits = _source(opened).identity.limits(fit.run.rotation)
+    except RosetteError as error:
+        words = f'{error}. '
+    found = errors(fit_lines(fit, limits, doubt_of(verdict)))
+    plain_table(found)
+    ui.label(f'{words}{found.note}').classes('soft')
+
+
+def _show_identity(opened: OpenedRun | None) -> None:
+    source = _source(opened)
+    for name, words in identity_rows(source.identity, source.contradictions):
+        ui.label(name).classes('key')
+        ui.label(words)
+
+
+def _source(opened: OpenedRun | None) -> Source:
+    return opened.source if opened and opened.source else Source('', ())

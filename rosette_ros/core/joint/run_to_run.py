@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The six errors of several runs in a line each: what they have in common, and how they scatter (ISO 230-7)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rosette_ros.core.error_summary import AxisError, error_lines, extremes
+from rosette_ros.core.errors import NotDeterminable
+from rosette_ros.core.geometry import Floats, nominal_angles, wrap
+from rosette_ros.core.joint.joint_evaluation import JointResult
+from rosette_ros.core.joint.joint_model import SAME_ANGLE, JointModel, JointSolution, TableSet
+from rosette_ros.core.joint.sharing import Sharing
+from rosette_ros.core.records import ErrorMotions, remove_gauge
+
+
+def joint_lines(result: JointResult, tolerances: Mapping[str, float] | None = None,
+                doubt: str = '') -> list[tuple[TableSet, ErrorMotions, tuple[AxisError, ...]]]:
+    """Return the curves and AxisErrors of each set of table motions; tolerances, doubt: as of error_lines."""
+    model, out = result.solution.model, []
+    scale = np.array([1, 1, 1, *[1 / model.lever] * 3])
+    alone = [_alone(result, place) for place in range(len(model.runs))]
+    for one, motions in result.curves:
+        high, low = extremes(motions)
+        mix = result.solution.mix[one.place].reshape(one.angle.size, 6, -1)
+        u_range = result.sigma * scale * np.linalg.norm(mix[high, range(6)] - mix[low, range(6)], axis=-1)
+        same = [curves for table, curves in zip(model.sharing.table, alone, strict=True) if table == one.name]
+        out.append((one, motions, error_lines(motions, u_range, tolerances, doubt, _widths(one, same))))
+    return out
+
+
+def _alone(result: JointResult, place: int) -> tuple[tuple[TableSet, ErrorMotions], ...]:
+    """Return the curves that one of the runs determines by itself, with the noise of all; () where it cannot."""
+    model = result.solution.model
+    try:
+        single = JointSolution(JointModel([model.runs[place]], Sharing.of(1, by_sense=model.sharing.by_sense)))
+    except NotDeterminable:
+        return ()
+    return replace(result, solution=single).curves
+
+
+def _widths(one: TableSet, runs: Sequence[tuple[tuple[TableSet, ErrorMotions], ...]]) -> tuple[Floats, Floats] | None:
+    """Return the largest width of the curves of runs at an angle, and its u, (6,) each, m and rad.
+
+    Each curve is freed of what one run cannot know. None where fewer than two were measured at all angles of a turn."""
+    if np.abs(wrap(one.angle - nominal_angles(one.angle.size))).max() > SAME_ANGLE:
+        return None
+    found = [motions for curves in runs for other, motions in curves if other.sense == one.sense
+             and other.angle.size == one.angle.size and np.abs(wrap(other.angle - one.angle)).max() <= SAME_ANGLE]
+    if len(found) < 2:
+        return None
+    curves = np.array([remove_gauge(motions.values) for motions in found])
+    largest = np.max([motions.u.max(axis=0) for motions in found], axis=0)
+    return np.ptp(curves, axis=0).max(axis=0), np.sqrt(2) * largest

@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who, what and where of a calibration, which no reading tells: a file in YAML, schema rosette-identity/1."""
+
+import datetime
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rosette_ros.core.axes import iso_names
+from rosette_ros.core.errors import InvalidData, unknown
+from rosette_ros.core.geometry import Floats
+from rosette_ros.core.records import CURVES
+from rosette_ros.io.safe_yaml import parse_yaml
+from rosette_ros.io.text_file import read_limited
+
+SCHEMA = 'rosette-identity/1'
+MOST_BYTES, LONGEST, LONGEST_REMARKS = 65536, 200, 2000
+_ADDRESS = {'name': 'name', 'street': 'street and number', 'postcode': 'post code', 'city': 'city',
+            'country': 'country, two letters of ISO 3166-1', 'email': 'e-mail', 'phone': 'telephone'}
+_DEVICE = {'maker': 'maker', 'model': 'model', 'serial': 'serial number', 'calibration': 'its own calibration',
+           'remarks': 'remarks'}
+DEVICES = {'table': 'rotary table', 'cmm': 'CMM', 'probe': 'probe', 'plate': 'ball plate',
+           'thermometer': 'thermometer'}
+"""What has maker, model and serial number, in words."""
+SECTIONS: dict[str, dict[str, str]] = {
+    'certificate': {'number': 'certificate number', 'date': 'date of issue', 'remarks': 'remarks'},
+    'laboratory': {**_ADDRESS, 'accreditation': 'accreditation'}, 'customer': {**_ADDRESS, 'order': 'order number'},
+    'place': {'name': 'place of the calibration', 'at': 'laboratory, customer or other'},
+    'measured': {'begin': 'first day of measuring', 'end': 'last day of measuring'},
+    'operator': {'name': 'operator'}, 'signer': {'name': 'signer', 'role': 'role of the signer'},
+    **{name: dict(_DEVICE) for name in DEVICES}}
+"""Sections of the file, and the meaning of their entries."""
+REQUIRED = ('certificate.number', 'laboratory.name', 'laboratory.city', 'laboratory.country', 'customer.name',
+            'customer.city', 'place.name', 'operator.name', 'signer.name',
+            *(f'{device}.{entry}' for device in DEVICES for entry in ('maker', 'model', 'serial')))
+"""Entries that a certificate is not complete without, ISO/IEC 17025, 7.8."""
+NAMED = ('place', 'operator', 'signer')
+"""Sections that may be a text alone, the name."""
+AT = ('laboratory', 'customer', 'other')
+UNITS = {**dict.fromkeys(('µm', 'μm', 'um'), 1e-6), 'nm': 1e-9, 'mm': 1e-3, **dict.fromkeys(
+    ('µrad', 'μrad', 'urad'), 1e-6), 'mrad': 1e-3, **dict.fromkeys(('arcsec', '″', '"'), math.pi / 648000)}
+"""Units of tolerances in m and rad."""
+_LENGTHS = ('µm', 'μm', 'um', 'nm', 'mm')
+_TOLERANCE = re.compile(r'(\d+(?:\.\d+)?)\s*(\S+)')
+_EXAMPLE = '"1.5 µm" or "2 µrad" or "0.4 arcsec"'
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Entries by section and name, such as `table.serial`; tolerances: as written, by the name of the error."""
+
+    entries: Mapping[str, str] = field(default_factory=dict)
+    tolerances: Mapping[str, str] = field(default_factory=dict)
+
+    def __getitem__(self, entry: str) -> str:
+        """Return an entry, '' where it is not stated."""
+        return self.entries.get(entry, '')
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """The required entries that are not stated."""
+        return tuple(entry for entry in REQUIRED if not self[entry])
+
+    def with_changes(self, other: 'Identity') -> tuple['Identity', tuple[str, ...]]:
+        """Return this with what another one states instead, and the contradictions in words."""
+        changed = tuple(f'{key}: {self[key]!r} in the log, {value!r} now' for key, value in other.entries.items()
+                        if self[key] not in ('', value))
+        return Identity({**self.entries, **other.entries}, other.tolerances or self.tolerances), changed
+
+    def limits(self, rotation: Floats | None) -> dict[str, float]:
+        """Return the tolerances of a table, m and rad, by curve; rotation: of the table frame, as of Run.
+
+        Raises InvalidData where one belongs to a table about another axis, or stands twice."""
+        curves = {iso.lstrip('-'): curve for curve, iso in iso_names(rotation).items()}
+        found: dict[str, float] = {}
+        for name, words in self.tolerances.items():
+            curve = curves.get(name, name)
+            if curve not in CURVES:
+                raise InvalidData(f'identity: tolerances: {name}: wanted errors of this table, {", ".join(curves)}, '
+                                  'got one of another axis')
+            if curve in found:
+                raise InvalidData(f'identity: tolerances: {name}: wanted each error once, {curve} stands twice')
+            found[curve] = _tolerance(words, curve.startswith('ct'), f'identity: tolerances: {name}')
+        return found
+
+
+def read_identity(path: str | Path) -> Identity:
+    """Return the Identity of a file; raises InvalidData, naming file and entry, where it is none."""
+    return parse_identity(read_limited(path, 'an identity file', MOST_BYTES), str(path))
+
+
+def parse_identity(data: bytes, source: str = 'identity') -> Identity:
+    """Return the Identity of a file's bytes; source: its name in errors."""
+    values = parse_yaml(data, source, InvalidData)
+    if not isinstance(values, dict) or values.get('schema') != SCHEMA:
+        raise InvalidData(f'{source}: wanted a mapping with "schema: {SCHEMA}", got {values!r:.80}')
+    entries: dict[str, str] = {}
+    for section, given in values.items():
+        if section in ('schema', 'tolerances') or given is None:
+            continue
+        if section not in SECTIONS:
+            raise InvalidData(f'{source}: {unknown(f"{section}", (*SECTIONS, "tolerances"))}')
+        if section in NAMED and not isinstance(given, dict):
+            given = {'name': given}
+        if not isinstance(given, dict):
+            raise InvalidData(f'{source}: {section}: wanted a mapping of {", ".join(SECTIONS[section])}, got '
+                              f'{given!r:.80}')
+        for name, value in given.items():
+            if name not in SECTIONS[section]:
+                raise InvalidData(f'{source}: {section}: {unknown(f"{name}", SECTIONS[section])}')
+            if value is not None and value != '':
+                entries[f'{section}.{name}'] = _entry(section, name, value, f'{source}: {section}.{name}')
+    if 'measured.begin' in entries and entries.get('measured.end', '9') < entries['measured.begin']:
+        raise InvalidData(f'{source}: measured: wanted an end after the begin {entries["measured.begin"]}, got '
+                          f'{entries["measured.end"]}')
+    return Identity(entries, _tolerances(values.get('tolerances') or {}, f'{source}: tolerances'))
+
+
+def format_identity(identity: Identity) -> str:
+    """Return an identity as the text of a file, YAML; '' for one without entries."""
+    if not identity.entries and not identity.tolerances:
+        return ''
+    nested: dict[str, Any] = {'schema': SCHEMA}
+    for key, value in identity.entries.items():
+        section, _, name = key.partition('.')
+        nested.setdefault(section, {})[name] = value
+    return yaml.safe_dump({**nested, **({'tolerances': dict(identity.tolerances)} if identity.tolerances else {})},
+                          sort_keys=False, allow_unicode=True)
+
+
+def words_of_entry(entry: str) -> str:
+    """Return an entry in words: `serial number of the rotary table`."""
+    section, _, name = entry.partition('.')
+    words = SECTIONS[section][name]
+    if section in DEVICES:
+        return f'{words} of the {DEVICES[section]}'
+    return f'{words} of the {section}' if section in ('laboratory', 'customer') else words
+
+
+def _entry(section: str, name: str, value: object, where: str) -> str:
+    is_date = name in ('date', 'begin', 'end')
+    if is_date:
+        if type(value) is datetime.date:
+            return value.isoformat()
+        if isinstance(value, str):
+            try:
+                return datetime.date.fromisoformat(value).isoformat()
+            except ValueError:
+                pass
+        raise InvalidData(f'{where}: wanted a date such as 2026-04-12, got {value!r:.40}')
+    if not isinstance(value, str):
+        raise InvalidData(f'{where}: wanted a text in quotes, got {value!r:.40}; without them YAML makes another value '
+                          'of it')
+    text, most = ' '.join(value.split()), LONGEST_REMARKS if name == 'remarks' else LONGEST
+    if len(text) > most or not text.isprintable():
+        raise InvalidData(f'{where}: wanted at most {most} printable characters, got {text!r:.60}')
+    if name == 'country' and not re.fullmatch('[A-Z]{2}', text):
+        raise InvalidData(f'{where}: wanted two capital letters of ISO 3166-1 such as DE, got {text!r:.40}')
+    if (section, name) == ('place', 'at') and text not in AT:
+        raise InvalidData(f'{where}: wanted one of {", ".join(AT)}, got {text!r:.40}')
+    return text
+
+
+def _tolerances(given: object, where: str) -> dict[str, str]:
+    if not isinstance(given, dict):
+        raise InvalidData(f'{where}: wanted a mapping such as "EXC: 1.5 µm", got {given!r:.80}')
+    found = {}
+    for name, words in given.items():
+        is_length = re.fullmatch('ct[xyz]|E[XYZ][ABC]', str(name))
+        if not is_length and not re.fullmatch('cr[xyz]|E[ABC][ABC]', str(name)):
+            raise InvalidData(f'{where}: wanted the name of an error such as EXC or ctx, got {name!r:.40}')
+        _tolerance(words, bool(is_length), f'{where}: {name}')
+        found[name] = ' '.join(words.split())
+    return found
+
+
+def _tolerance(words: object, is_length: bool, where: str) -> float:
+    """Return a tolerance, m or rad."""
+    match = _TOLERANCE.fullmatch(words.strip()) if isinstance(words, str) else None
+    if not match or match[2] not in UNITS or (match[2] in _LENGTHS) != is_length or not float(match[1]) > 0:
+        raise InvalidData(f'{where}: wanted a positive {"length" if is_length else "angle"} with its unit, {_EXAMPLE}, '
+                          f'got {words!r:.40}')
+    return float(match[1]) * UNITS[match[2]]
+
+

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The six errors in a line each, for people and programs: the summary after ISO 230-7."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from rosette_ros.core.error_summary import COVERAGE_FACTOR, DECISION_RULE, AxisError, Conformity
+from rosette_ros.core.records import CURVES
+from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.table_format import Column, Table, words
+
+LEVELS = {Conformity.CONFORMS: 'good', Conformity.FAILS: 'bad', Conformity.UNDECIDED: 'doubtful', None: ''}
+ARC_SECOND = '1″ = 4.848 µrad'
+WHAT_IS_WHAT = (f'Range: peak to valley; U: expanded uncertainty (k = {COVERAGE_FACTOR}) of the range, in brackets of '
+                'a point of the curve; once per turn and the rest: peak to valley of the two parts of the curve.')
+
+
+def errors(lines: Sequence[AxisError], title: str = 'The six errors of the table (ISO 230-7)',
+           name: str = 'errors') -> Table:
+    """Return the table of AxisErrors: what is not stated of any of them has no column."""
+    units = [text.CURVE_UNITS[CURVES.index(line.curve)] for line in lines]
+    digits = [text.decimals(1e6 * line.expanded) for line in lines]
+
+    def shown(value: float | None, place: int) -> str:
+        return '' if value is None else text.fixed(1e6 * value, digits[place])
+
+    def micro(key: str, head: str, values: Sequence[float | None],
+              show: Callable[[float | None, int], str] = shown) -> Column:
+        exact = tuple(None if value is None else 1e6 * value for value in values)
+        return Column(key, head, exact, tuple(show(value, place) for place, value in enumerate(values)))
+
+    several = any(line.asynchronous is not None for line in lines)
+    limited = any(line.tolerance is not None for line in lines)
+    doubts = dict.fromkeys(line.doubt for line in lines if line.doubt and line.tolerance is not None)
+    arc = f' {ARC_SECOND}.' if limited else ''
+    width = (' Asynchronous: the largest width of the curves of the runs at an angle, with its U.' if several else
+             ' The asynchronous part is told by several runs (--joint).')
+    return Table(name, title, (
+        words('error', 'error', [f'{line.curve} ({line.name})'.replace('-', '−') for line in lines]),
+        words('unit', 'unit', units), micro('range_in_unit', 'range', [line.range for line in lines]),
+        micro('U_range_in_unit', 'U', [line.expanded for line in lines], lambda value, place: (
+            f'±{shown(value, place)} ({shown(COVERAGE_FACTOR * lines[place].u_point, place)})')),
+        micro('once_per_turn_in_unit', 'once per turn', [line.once_per_turn for line in lines]),
+        micro('residual_in_unit', 'the rest', [line.residual for line in lines]),
+        *([micro('asynchronous_in_unit', 'asynchronous', [line.asynchronous for line in lines], lambda value, place: (
+            '' if value is None else f'{shown(value, place)} ±{shown(_expanded(lines[place]), place)}'))]
+          if several else ()),
+        *((micro('tolerance_in_unit', 'tolerance', [line.tolerance for line in lines], lambda value, place: (
+            '' if value is None else text.exact(1e6 * value, 3))),
+           words('conformity', 'ISO 14253-1', [line.conformity or '' for line in lines])) if limited else ())),
+        levels=tuple(LEVELS[line.conformity] for line in lines),
+        note=f'{WHAT_IS_WHAT}{width}{arc}' + f' Decision rule: {DECISION_RULE}.' * limited
+        + ''.join(f' Not decided: {doubt}.' for doubt in doubts))
+
+
+def errors_json(lines: Sequence[AxisError]) -> dict[str, Any]:
+    """Return AxisErrors, SI units; U: expanded uncertainties."""
+    return {'coverage_factor': COVERAGE_FACTOR, 'decision_rule': DECISION_RULE, 'errors': [{
+        'curve': line.curve, 'iso_name': line.name, 'unit': 'm' if line.curve.startswith('ct') else 'rad',
+        'range': line.range, 'U_range': line.expanded, 'U_point': COVERAGE_FACTOR * line.u_point,
+        'once_per_turn': line.once_per_turn, 'residual': line.residual, 'asynchronous': line.asynchronous,
+        'U_asynchronous': _expanded(line), 'tolerance': line.tolerance, 'conformity': line.conformity and str(
+            line.conformity), 'doubt': line.doubt} for line in lines]}
+
+
+def _expanded(line: AxisError) -> float | None:
+    return None if line.u_asynchronous is None else COVERAGE_FACTOR * line.u_asynchronous

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who, what and where as people read it: what is stated, and what is missing."""
+
+from collections.abc import Sequence
+
+from rosette_ros.io.identity_file import DEVICES, Identity, words_of_entry
+
+NOT_STATED = 'not stated'
+NOTHING = 'who, what and where: neither the cell nor this command was given an identity file'
+_ADDRESS = ('name', 'street', 'postcode', 'city', 'country')
+
+
+def identity_rows(identity: Identity, contradictions: Sequence[str] = ()) -> list[tuple[str, str]]:
+    """Return what is stated, as (name, text); contradictions: of log and file, in words."""
+    if not identity.entries:
+        return [('Not stated', f'{NOTHING} (--identity FILE)')]
+    rows = [('Certificate', identity['certificate.number']), ('Laboratory', contact(identity, 'laboratory')),
+            ('Accreditation', identity['laboratory.accreditation']), ('Customer', contact(identity, 'customer')),
+            ('Order number', identity['customer.order']), ('Place', identity['place.name']),
+            ('Operator', identity['operator.name']), ('Signer', signer(identity)),
+            *((f'{words[0].upper()}{words[1:]}', device(identity, name)) for name, words in DEVICES.items()),
+            ('Remarks', identity['certificate.remarks']),
+            ('Tolerances', ', '.join(f'{name} {words}' for name, words in identity.tolerances.items())),
+            ('Contradiction', '; '.join(contradictions)), ('Not stated', missing_entries(identity))]
+    return [row for row in rows if row[1]]
+
+
+def contact(identity: Identity, section: str) -> str:
+    """Return name and address of the laboratory or the customer, '' where nothing is stated."""
+    return ', '.join(filter(None, (identity[f'{section}.{entry}'] for entry in _ADDRESS)))
+
+
+def signer(identity: Identity) -> str:
+    """Return name and role of the signer."""
+    return ', '.join(filter(None, (identity['signer.name'], identity['signer.role'])))
+
+
+def device(identity: Identity, name: str) -> str:
+    """Return maker, model, serial number, calibration and remarks of a device."""
+    words = {'serial': 'No. ', 'calibration': 'calibration '}
+    parts = {entry: identity[f'{name}.{entry}'] for entry in ('maker', 'model', 'serial', 'calibration', 'remarks')}
+    return ', '.join(f'{words.get(entry, "")}{value}' for entry, value in parts.items() if value)
+
+
+def missing_entries(identity: Identity) -> str:
+    """Return in words what a certificate lacks (ISO/IEC 17025, 7.8), '' where it is complete."""
+    return ', '.join(map(words_of_entry, identity.missing))

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Identity files: what is read, what is missing, what is refused in which words."""
+
+import numpy as np
+import pytest
+
+from rosette_ros.core.axes import rotation_of
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.io.identity_file import REQUIRED, Identity, format_identity, parse_identity, words_of_entry
+
+HEAD = 'schema: rosette-identity/1\n'
+
+
+def parsed(text):
+    """Return the Identity of a file's lines below the schema."""
+    return parse_identity((HEAD + text).encode(), 'who.yaml')
+
+
+def test_entries_are_texts_by_section():
+    """A section that has a name only may be that text; dates are dates; what is empty is not stated."""
+    found = parsed('operator: A.  B.\n'
+                   'certificate: {number: "7", date: 2026-04-12, remarks: }\ntable: {serial: "012"}\n')
+    assert found.entries == {'operator.name': 'A. B.', 'certificate.number': '7', 'certificate.date': '2026-04-12',
+                             'table.serial': '012'}
+    assert found['cmm.serial'] == ''
+    assert set(found.missing) == {*REQUIRED} - {'operator.name', 'certificate.number', 'table.serial'}
+    assert words_of_entry('table.serial') == 'serial number of the rotary table'
+
+
+def test_what_is_written_is_read_again():
+    """The text in a log is the file without its comments."""
+    found = parsed('customer: {name: Größe & <Söhne>}\ntolerances: {EXC: 1.5 µm, crz: 0.4 arcsec}\n')
+    assert parse_identity(format_identity(found).encode()) == found
+    assert format_identity(Identity()) == ''
+
+
+def test_a_file_takes_the_place_of_the_log_and_contradictions_are_told():
+    """Entry by entry."""
+    logged, later = parsed('table: {serial: A, model: M}'), parsed('table: {serial: B}\nsigner: C')
+    found, changed = logged.with_changes(later)
+    assert found.entries == {'table.serial': 'B', 'table.model': 'M', 'signer.name': 'C'}
+    assert changed == ("table.serial: 'A' in the log, 'B' now",)
+
+
+def test_tolerances_are_lengths_and_angles_of_the_errors_of_the_table():
+    """Names follow the axis; an A axis has no EXC."""
+    found = parsed('tolerances: {EXC: 1.5 µm, cty: 300 nm, ECC: 1 arcsec, EAC: 2 urad}')
+    assert found.limits(None) == pytest.approx({'ctx': 1.5e-6, 'cty': 3e-7, 'crz': np.pi / 648000, 'crx': 2e-6})
+    with pytest.raises(InvalidData, match='tolerances: EXC: wanted errors of this table, EYA, EZA, EXA, EBA, ECA, EAA, '
+                                          'got one of another axis'):
+        found.limits(rotation_of([1, 0, 0]))
+    with pytest.raises(InvalidData, match='wanted each error once, ctx stands twice'):
+        parsed('tolerances: {EXC: 1 um, ctx: 2 um}').limits(None)
+
+
+@pytest.mark.parametrize(('text', 'words'), [
+    ('tabel: {serial: A}', "wanted one of certificate, .*, got 'tabel'; did you mean 'table'?"),
+    ('table: {serail: A}', "table: wanted one of maker, .*, got 'serail'; did you mean 'serial'?"),
+    ('table: RT 400', "table: wanted a mapping of maker, model, serial, calibration, remarks, got 'RT 400'"),
+    ('table: {serial: 0123}', 'table.serial: wanted a text in quotes, got 83; without them YAML makes another value'),
+    ('laboratory: {country: NO}', 'laboratory.country: wanted a text in quotes, got False'),
+    ('laboratory: {country: Germany}', "laboratory.country: wanted two capital letters of ISO 3166-1 such as DE"),
+    ('certificate: {date: 12.4.2026}', "certificate.date: wanted a date such as 2026-04-12, got '12.4.2026'"),
+    ('measured: {begin: 2026-04-12, end: 2026-04-11}', 'measured: wanted an end after the begin 2026-04-12'),
+    ('place: {name: R, at: home}', "place.at: wanted one of laboratory, customer, other, got 'home'"),
+    ('operator: "\\x1b[31m"', 'operator.name: wanted at most 200 printable characters'),
+    (f'operator: {"x" * 201}', 'operator.name: wanted at most 200 printable characters'),
+    ('tolerances: 5', 'tolerances: wanted a mapping such as "EXC: 1.5 µm", got 5'),
+    ('tolerances: {EXX: 1 um}', "tolerances: wanted the name of an error such as EXC or ctx, got 'EXX'"),
+    ('tolerances: {EXC: 1.5}', 'tolerances: EXC: wanted a positive length with its unit, "1.5 µm" .*, got 1.5'),
+    ('tolerances: {EXC: 1 urad}', 'tolerances: EXC: wanted a positive length'),
+    ('tolerances: {EAC: 1 um}', 'tolerances: EAC: wanted a positive angle'),
+    ('tolerances: {EAC: 0 arcsec}', 'tolerances: EAC: wanted a positive angle')])
+def test_what_is_wrong_is_said(text, words):
+    """One line: file, entry, what was wanted, what came."""
+    with pytest.raises(InvalidData, match=f'who.yaml: {words}'):
+        parsed(text)
+
+
+def test_another_file_is_refused():
+    """A mapping without the schema, or none."""
+    for text in ('operator: A', 'just words', ''):
+        with pytest.raises(InvalidData, match='who.yaml: wanted a mapping with "schema: rosette-identity/1"'):
+            parse_identity(text.encode(), 'who.yaml')
