@@ -9,7 +9,7 @@ from rich.markup import escape
 
 from rosette_ros import command
 from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, evaluate_jointly, judge
-from rosette_ros.cli.arguments import add_formats, add_shared
+from rosette_ros.cli.arguments import UsageError, add_formats, add_shared
 from rosette_ros.cli.console import console, fit_rows, head, pairs, print_json, print_parts, print_verdict, warn
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
 from rosette_ros.core.diagnosis.verdict import Verdict
@@ -19,6 +19,7 @@ from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_readings import joint_identity, open_readings
 from rosette_ros.io.open_run import open_identified
 from rosette_ros.io.sharing_file import read_sharing
+from rosette_ros.io.touch_log import open_refitted
 from rosette_ros.presentation.error_results import errors
 from rosette_ros.presentation.joint_results import (
     joint_csv,
@@ -31,6 +32,7 @@ from rosette_ros.presentation.joint_results import (
 )
 from rosette_ros.presentation.json_output import evaluation_json
 from rosette_ros.presentation.tables import curves, deviations, fitted_effects
+from rosette_ros.presentation.touch_results import sphere_rows, sphere_table, spheres_json
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -39,15 +41,21 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_shared(parser, '--run-id', '--model')
     add_joint(parser)
     add_shared(parser, '--identity')
+    parser.add_argument('--refit-spheres', action='store_true', help='recalculate the ball centres from the touches in '
+                        'the log, and print what these show: radii, form of the balls, lobing of the probe')
     add_formats(parser, csv='print the six curves as a table with standard uncertainties')
 
 
 def run(options: Namespace) -> None:
     """Print the evaluation."""
     if is_joint(options):
+        if options.refit_spheres:
+            raise UsageError('--refit-spheres: wanted one run, got several as one; leave --joint out')
         run_jointly(options)
         return
     measured, identity, _ = open_identified(options.run_path[0], options.run_id, options.identity)
+    measured, refit = (open_refitted(options.run_path[0], options.run_id) if options.refit_spheres else
+                       (measured, None))
     tolerances = identity.limits(measured.rotation)
     fit = analyse(measured, read_model(options.model))
     verdict = judge(fit.run, fit.model) if fit.run.n <= MOST_BALLS_JUDGED and not options.csv else None
@@ -58,9 +66,12 @@ def run(options: Namespace) -> None:
         return
     lines = fit_lines(fit, tolerances, doubt_of(verdict))
     if options.json:
-        print_json(evaluation_json(fit, verdict, lines))
+        spheres = {'spheres': spheres_json(refit)} if refit else {}
+        print_json({**evaluation_json(fit, verdict, lines), **spheres})
     else:
         show(fit, verdict, lines)
+        if refit:
+            print_parts(console(), [sphere_table(refit), pairs(sphere_rows(refit))])
 
 
 def show(fit: Fit, verdict: Verdict | None, lines: Sequence[AxisError]) -> None:

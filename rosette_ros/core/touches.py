@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a ball is touched, and how well that determines its centre."""
+"""Where a ball is touched, how well that determines its centre, and the sphere that fits the touches best."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -60,3 +61,45 @@ def sigma_of_touches(touches: int, sigma: float, touch_share: float = 0.8, top: 
     positioning = sigma**2 - (usual * touch)**2
     factors = centre_factors(touch_directions(*circles_of(touches), top, lowest))
     return np.asarray(np.sqrt((factors * touch)**2 + positioning))
+
+
+class Spheres(NamedTuple):
+    """Spheres through the touches of N balls: centre (N, 3); radius (N,); distance of each touch from it, (N, Q); m."""
+
+    centre: Floats
+    radius: Floats
+    distance: Floats
+
+    @property
+    def residual(self) -> Floats:
+        """Of each touch, outwards positive, (N, Q), m."""
+        return np.asarray(self.distance - self.radius[:, None])
+
+    @property
+    def form(self) -> Floats:
+        """Range of the touches' distances from the sphere, (N,), m."""
+        return np.asarray(self.distance.max(axis=-1) - self.distance.min(axis=-1))
+
+
+def fit_spheres(points: Floats, steps: int = 3) -> Spheres:
+    """Return the least-squares spheres of touches (N, Q, 3), m.
+
+    Minimised is the sum of (|p - c| - r)^2, r being the mean distance: Gauss-Newton from the algebraic sphere, with the
+    normal matrix of the touches themselves. After 3 steps 2e-17 m are left for up to 2 um of form, 5e-16 m for 10 um;
+    each step leaves about form / radius of what the one before left.
+    """
+    mean = np.full((1, points.shape[1]), 1.0 / points.shape[1])
+    middle = mean @ points
+    points = points - middle
+    inverse = np.linalg.inv(np.swapaxes(points, 1, 2) @ points)
+    # |p|^2 = 2 c.p + (r^2 - |c|^2) is linear in the centre c, and the touches' mean is zero.
+    centre = (0.5 * np.vecdot(points, points)[:, None, :]) @ points @ inverse
+    for _ in range(steps):
+        off = points - centre
+        distance = np.sqrt(np.vecdot(off, off))[:, None, :]
+        radius = distance @ mean.T
+        # The normals are off / distance, their spread about the mean is points / radius.
+        centre = centre + ((1.0 - radius / distance) @ off) @ inverse * (radius * radius)
+    off = points - centre
+    distance = np.sqrt(np.vecdot(off, off))
+    return Spheres((centre + middle)[:, 0], distance @ mean[0], distance)

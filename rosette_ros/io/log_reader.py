@@ -390,11 +390,11 @@ def read_log(path: str | Path, listing: bag.BagListing | None = None) -> LogRun:
         for message in file.messages(_is_needed):
             schema = (message.type_name, message.channel.schema_text)
             try:
-                decoded = _decoded(message)
+                record = decoded(message)
                 if message.type_name in RECORDS and schema not in checked:
-                    check_version(*schema, decoded)
+                    check_version(*schema, record)
                     checked.add(schema)
-                log.add(message.type_name, decoded)
+                log.add(message.type_name, record)
             except (InvalidData, *BAD_VALUE) as error:
                 words = f'{file.path}: topic {message.topic}: message {message.number}: {error}'
                 if message.type_name in RECORDS:
@@ -420,7 +420,8 @@ def _is_needed(channel: LogChannel) -> bool:
     return channel.type_name in NEEDED and (channel.type_name != TF_MESSAGE or channel.is_static_frames)
 
 
-def _decoded(message: LoggedMessage) -> SimpleNamespace:
+def decoded(message: LoggedMessage) -> SimpleNamespace:
+    """Return the fields of a message; raises InvalidData where it cannot be decoded."""
     channel = message.channel
     if channel.message_encoding != 'cdr' or channel.schema_encoding != 'ros2msg':
         raise InvalidData(f'wanted messages in cdr with a schema in ros2msg, got {channel.message_encoding!r} and '

@@ -14,6 +14,7 @@ from rosette_ros.core.geometry import Floats, Frame
 MACHINE_FRAME = 'machine'
 TABLE_FRAME = 'table'
 STATUS_OK = 0
+TOUCH_ARRAYS = ('x', 'y', 'z', 'i', 'j', 'k', 'time')  # of Touches.msg: point, direction, time of each touch
 UNIT_TOLERANCE = 1e-6  # a quaternion whose norm differs from 1 by more is none
 
 

@@ -6,7 +6,7 @@ so the same messages give the same numbers, bit for bit."""
 
 import hashlib
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -95,6 +95,16 @@ class RunAnswers:
         for answer in (*recorded.answers, *(one for one in self.answers if (one.seq, one.stamp_ns) not in known)):
             merged.add_answer(answer)
         return merged
+
+    def with_centres(self, centres: Mapping[int, tuple[float, float, float]]) -> 'RunAnswers':
+        """Return the run with other centres, by seq, of the answers that count."""
+        changed, counting = RunAnswers(self.run_id, self.frames), {id(answer) for _, answer in self.counting()}
+        for target in self.targets:
+            changed.add_target(target)
+        for answer in self.answers:
+            is_changed = id(answer) in counting and answer.seq in centres
+            changed.add_answer(answer._replace(centre=centres[answer.seq]) if is_changed else answer)
+        return changed
 
     def drop_answers(self, seq: int) -> None:
         """Forget all answers to a target: it will be asked again."""

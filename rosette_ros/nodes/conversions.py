@@ -2,6 +2,7 @@
 """Records to messages and back."""
 
 import math
+from array import array
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,7 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Frame
 from rosette_ros.io.bag_metadata import Qos
 from rosette_ros.io.log_run import PublishedMotions
-from rosette_ros.io.messages import Target
+from rosette_ros.io.messages import TOUCH_ARRAYS, Target
 from rosette_ros.io.model_file import format_entry
 
 if TYPE_CHECKING:  # what fits models imports scipy, which takes a second
@@ -116,6 +117,20 @@ def fill_answer(message: msg.BallCentre, reading: 'BallReading', stamp: Time, fr
     message.table_angle, message.table_travel = reading.table_angle, reading.table_travel
     message.approach, message.centre = int(reading.approach), point(reading.centre)
     message.form_error, message.temperature = reading.form_error, reading.temperature
+
+
+def touches_message(answer: msg.BallCentre, points: records.Floats, normals: records.Floats, times: records.Floats,
+                    tip_radius: float, is_compensated: bool = False) -> msg.Touches:
+    """Return the Touches message of the touches from which the centre in an answer was calculated.
+
+    points: (Q, 3) m, in the frame of the answer, centres of the tip, or of the ball's surface where compensated;
+    normals: (Q, 3) unit vectors out of the material; times: (Q,) s after the answer's stamp; tip_radius: m.
+    """
+    same = ('header', 'run_id', 'seq', 'table_position', 'ball', 'cmm_position', 'table_angle')
+    columns = np.vstack([points.T, normals.T, times])
+    return msg.Touches(
+        **{name: getattr(answer, name) for name in same}, tip_radius=float(tip_radius), is_compensated=is_compensated,
+        **{name: array('d', values.tobytes()) for name, values in zip(TOUCH_ARRAYS, columns, strict=True)})
 
 
 def model_message(model: 'core_model.Model', stamp: Time, fit: 'Fit | None' = None) -> msg.Model:

@@ -19,7 +19,8 @@ from rosette_ros.nodes.interfaces import decoded, interface_class
 _PART = re.compile(r'(?P<run>.+)_part(?P<number>[1-9]\d{0,5})')
 _FIELDS = {'rosette_msgs/msg/ProbeTarget': 'targets', 'rosette_msgs/msg/BallCentre': 'answers',
            'rosette_msgs/msg/CalibrationEvent': 'events', 'rosette_msgs/msg/ErrorMotions': 'error_motions'}
-_COPIED = {'rosette_msgs/msg/ProbeTarget': names.PROBE_TARGET, 'rosette_msgs/msg/BallCentre': names.BALL_CENTRE}
+_COPIED = {'rosette_msgs/msg/ProbeTarget': names.PROBE_TARGET, 'rosette_msgs/msg/BallCentre': names.BALL_CENTRE,
+           'rosette_msgs/msg/Touches': names.TOUCHES}
 """What of an earlier part opens the log that continues it; and its table frames."""
 
 

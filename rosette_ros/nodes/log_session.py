@@ -7,7 +7,16 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
-from rosette_msgs.msg import BallCentre, CalibrationEvent, Diagnosis, ErrorMotions, Model, ProbeTarget, RunState
+from rosette_msgs.msg import (
+    BallCentre,
+    CalibrationEvent,
+    Diagnosis,
+    ErrorMotions,
+    Model,
+    ProbeTarget,
+    RunState,
+    Touches,
+)
 from rosette_msgs.srv import Recorded, StopRecording
 from service_msgs.msg import ServiceEventInfo
 from tf2_msgs.msg import TFMessage
@@ -58,7 +67,8 @@ class RunContents:
         RunState: lambda message: message.phase, CalibrationEvent: lambda message: message.kind,
         Model: lambda message: message.hash, Diagnosis: lambda message: None, StopRecording.Event: lambda message:
         message.info.event_type, ErrorMotions: lambda message: nanoseconds(message.header.stamp)}
-    KINDS = (ProbeTarget, BallCentre, TFMessage, *_IDENTITIES)
+    UNREAD = (Touches,)  # kept as received: nothing that the recorder tells depends on them
+    KINDS = (ProbeTarget, BallCentre, TFMessage, *UNREAD, *_IDENTITIES)
 
     def __init__(self, run_id: str, report: Callable[[str], object] = str) -> None:
         """Start empty; report: called with the words about a message that cannot be decoded."""
@@ -69,7 +79,10 @@ class RunContents:
 
     def receive(self, kind: type, message: Message) -> None:
         """Take a message of one of KINDS; it is decoded when that is needed, since many may arrive."""
-        self._received.append((kind, message))
+        if kind in self.UNREAD:
+            self._kept[message.topic, message.data] = message
+        else:
+            self._received.append((kind, message))
 
     def messages(self) -> list[Message]:
         """Return what was taken of the run, of its states the last: with it the run can go on in another log."""

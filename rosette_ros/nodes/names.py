@@ -9,11 +9,11 @@ NAMESPACE = 'rosette'
 DOMAINS = range(233)
 """ROS domains whose ports DDS can use; another one ends the process."""
 
-PROBE_TARGET, BALL_CENTRE = 'probe_target', 'ball_centre'
+PROBE_TARGET, BALL_CENTRE, TOUCHES = 'probe_target', 'ball_centre', 'touches'
 ERROR_MOTIONS, MODEL, DIAGNOSIS = 'error_motions', 'model', 'diagnosis'
 RUN_STATE, CALIBRATION_EVENT = 'run_state', 'calibration_event'
 
-PUBLISHERS = {PROBE_TARGET: SEQUENCER, RUN_STATE: SEQUENCER, BALL_CENTRE: CMM, ERROR_MOTIONS: EVALUATOR,
+PUBLISHERS = {PROBE_TARGET: SEQUENCER, RUN_STATE: SEQUENCER, BALL_CENTRE: CMM, TOUCHES: CMM, ERROR_MOTIONS: EVALUATOR,
               MODEL: EVALUATOR, DIAGNOSIS: EVALUATOR}
 """The one node that publishes each topic of a run; what another one publishes there is not used."""
 

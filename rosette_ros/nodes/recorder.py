@@ -57,6 +57,7 @@ REQUESTS = ((names.DIAGNOSE, 'rosette_msgs/srv/Diagnose_Event'), (names.ADD_EFFE
 TOPICS = (
     RecordedTopic(names.PROBE_TARGET, 'rosette_msgs/msg/ProbeTarget', profile=qos.RECORD_LATCHED),
     RecordedTopic(names.BALL_CENTRE, 'rosette_msgs/msg/BallCentre'),
+    RecordedTopic(names.TOUCHES, 'rosette_msgs/msg/Touches'),
     RecordedTopic(names.ERROR_MOTIONS, 'rosette_msgs/msg/ErrorMotions', Retention.RESULT, qos.RECORD_LATCHED),
     RecordedTopic(names.DIAGNOSIS, 'rosette_msgs/msg/Diagnosis', Retention.RESULT),
     RecordedTopic(names.JOINT_EVALUATION, 'rosette_msgs/msg/JointEvaluation', Retention.RESULT),
@@ -213,7 +214,11 @@ class Recorder(CellNode):
         """Return the contents of a log that begins with these messages; raises InvalidData."""
         contents = RunContents(run_id, self.get_logger().error)
         for message in messages:
-            contents.add(decoded(message.data, self._kinds[message.topic]), message)
+            kind = self._kinds[message.topic]
+            if kind in contents.UNREAD:
+                contents.receive(kind, message)
+            else:
+                contents.add(decoded(message.data, kind), message)
         return contents
 
     def _replace_damaged(self, is_whole: bool = False) -> bool:

@@ -15,7 +15,7 @@ from ament_index_python.packages import PackageNotFoundError, get_package_share_
 from builtin_interfaces.msg import Time as TimeMessage
 from rclpy.duration import Duration
 from rclpy.time import Time
-from rosette_msgs.msg import BallCentre, ProbeTarget
+from rosette_msgs.msg import BallCentre, ProbeTarget, Touches
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
@@ -45,7 +45,7 @@ class SimulatedCmm(CellNode):
     not depend on the speed of the computer. A change in the file of the machine applies from the next run on, as when
     a person switches a correction off between two runs.
 
-    Topics: subscribes to `probe_target`; publishes `ball_centre` and `/clock`. Parameters: WANTED."""
+    Topics: subscribes to `probe_target`; publishes `ball_centre`, `touches` and `/clock`. Parameters: WANTED."""
 
     def __init__(self) -> None:
         super().__init__(names.CMM, WANTED)
@@ -59,6 +59,7 @@ class SimulatedCmm(CellNode):
         self.on(names.PROBE_TARGET, ProbeTarget, self._on_target, qos.ORDER)
         self._clock_out = self.create_publisher(Clock, names.CLOCK, qos.CLOCK)
         self._answers = self.create_publisher(BallCentre, names.BALL_CENTRE, qos.ANSWER)
+        self._touches = self.create_publisher(Touches, names.TOUCHES, qos.ANSWER)
         self._publish_time()
         self.every(1.0 / self.parameters['clock_rate_hz'], self._publish_time)
 
@@ -66,6 +67,7 @@ class SimulatedCmm(CellNode):
         answer = BallCentre(run_id=target.run_id, seq=target.seq, table_position=target.table_position,
                             ball=target.ball, cmm_position=target.cmm_position)
         struck: Sequence[Strike] = ()
+        touches: Touches | None = None
         try:
             if target.run_id != self._run_id:
                 self._begin_run(target)
@@ -80,8 +82,10 @@ class SimulatedCmm(CellNode):
         else:
             self._measured += 1
             conversions.fill_answer(answer, reading, self._stamp(reading.time), MACHINE_FRAME)
+            touches = conversions.touches_message(answer, reading.touch_point, reading.touch_normal,
+                                                  reading.touch_time - reading.time, self._machine.pattern.tip)
         self._publish_time()
-        self.after(self.parameters['answer_s'], lambda: self._answer(answer, struck))
+        self.after(self.parameters['answer_s'], lambda: self._answer(answer, struck, touches))
 
     def _begin_run(self, target: ProbeTarget) -> None:
         """Set the clock and read the machine's file again at the first target of a run.
@@ -115,8 +119,10 @@ class SimulatedCmm(CellNode):
                                    touches=target.touches, pole=side)
         return machine.measure(target.table_position, target.ball, target.approach, aim, short, target.touches, side)
 
-    def _answer(self, answer: BallCentre, struck: Sequence[Strike]) -> None:
+    def _answer(self, answer: BallCentre, struck: Sequence[Strike], touches: Touches | None) -> None:
         now = self.seconds()
+        if touches is not None:
+            self._touches.publish(touches)
         for message, due in distort(answer, struck, self._last_answer, now):
             self.after(0.0 if due is None else due - now, partial(self._answers.publish, message))
         self._last_answer = answer
@@ -140,7 +146,8 @@ class SimulatedCmm(CellNode):
 
     def finish(self) -> None:
         """End once all subscribers have the answers: nobody could send them again what was lost in transport."""
-        self._answers.wait_for_all_acked(Duration(seconds=5))
+        for publisher in (self._touches, self._answers):
+            publisher.wait_for_all_acked(Duration(seconds=5))
 
     def health(self) -> Health:
         """Return what was measured."""

@@ -16,6 +16,7 @@ from rosette_ros.core.errors import InvalidPlan
 from rosette_ros.core.geometry import TWO_PI, Frame, nominal_angles, rotate_z, rotation_matrix, table_frame
 from rosette_ros.core.records import Floats, Ints, Run
 from rosette_ros.core.scheme import Scheme, nominal_places
+from rosette_ros.core.touches import fit_spheres
 from rosette_ros.simulation import cell_parts, probing
 from rosette_ros.simulation.hidden import Situation, acting, draw_hidden
 from rosette_ros.simulation.machine_config import MachineConfig
@@ -96,14 +97,15 @@ class Machine:
             touches=pattern.size, deadband=1e-3 * self.config.cmm.reversal_deadband_mm,
             free=nearest_axis(self.rough_frame.rotation[:, 2]))
         moment = self._moment(made, table_position, ball, pattern.size)
-        centre, form = self._probe(moment, made.cmm, draws, pattern)
+        centre, form, point = self._probe(moment, made.cmm, draws, pattern)
         self.state = made.last_state(self.state)
         sensor = self.config.climate.sensor_K * draws[:, -4]
         return BallReadings(
             table_position=table_position, ball=ball, time=moment.time.sum(-1) / pattern.size,
             began=made.began, ended=made.ended, table_angle=moment.angle[:, 0] % TWO_PI,
             table_travel=moment.travel[:, 0], approach=made.approach, centre=centre,
-            form_error=form, temperature=self.climate.start + moment.warming[:, -1] + sensor)
+            form_error=form, temperature=self.climate.start + moment.warming[:, -1] + sensor, touch_point=point,
+            touch_normal=np.broadcast_to(pattern.direction @ pattern.axes.T, point.shape), touch_time=moment.time)
 
     def align(self, repeats: int = 10) -> Alignment:
         """Measure ball 1 `repeats` times, then at every table position (the axis), then every ball (the plane)."""
@@ -221,8 +223,8 @@ class Machine:
         return self.true_frame.to_outer(centre) + self._sum('frame_shift', moment)
 
     def _probe(self, moment: Moment, aim: Floats, draws: Floats,
-               pattern: probing.TouchPattern) -> tuple[Floats, Floats]:
-        """Return the found centres (N, 3) and form errors (N,), m."""
+               pattern: probing.TouchPattern) -> tuple[Floats, Floats, Floats]:
+        """Return the found centres (N, 3), form errors (N,) and touches (N, Q, 3), m."""
         centre, aim = self.ball_centres(moment), aim[:, None, :]
         reach = pattern.radius + pattern.tip
         _refuse_far(moment, centre - aim, 0.5 * reach)
@@ -239,9 +241,10 @@ class Machine:
         touch = way + factor * (pattern.touch_noise * draws[:, :pattern.size])
         point = aim + touch[..., None] * direction
         point = point + self.cmm.error(point) + self._sum('probe_shift', moment)
-        found, form = probing.fit_spheres(point)
-        positioning = factor * (pattern.position_noise * draws[:, -3:])
-        return found + np.vecdot(positioning[:, None, :], axes), form
+        found = fit_spheres(point)
+        # The CMM is as far off for all touches of a ball: its centre and its touches move alike.
+        positioning = np.vecdot((factor * (pattern.position_noise * draws[:, -3:]))[:, None, :], axes)
+        return found.centre + positioning, found.form, point + positioning[:, None, :]
 
 
 def _refuse_far(moment: Moment, off: Floats, reach: float) -> None:

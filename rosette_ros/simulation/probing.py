@@ -19,9 +19,6 @@ from rosette_ros.core.records import Floats, Ints
 from rosette_ros.core.touches import TOUCHES, centre_factors, circles_of, touch_directions
 from rosette_ros.simulation.setting_types import NotNegative, Positive, Settings, Share
 
-_GAUSS_NEWTON_STEPS = 3
-"""From the algebraic start: 2e-17 m are left for up to 2 um of form, 5e-16 m for 10 um."""
-
 
 class BallNotFound(CellError):  # noqa: N818
     """The probe went where a ball was expected and touched none."""
@@ -38,7 +35,9 @@ class BallReading(Generic[Whole, Real]):
     table_position, ball: one-based; time: mean of its touches, s since power-on; began, ended: first move and last
     touch, s; table_angle: of the encoder in [0, 2 pi), rad; table_travel: unwrapped since power-on, rad; approach:
     sense of the last table move, 0 before the first; centre: (3,) machine frame, m; form_error: range of the touches
-    about the sphere, m; temperature: of the thermometer, degree Celsius.
+    about the sphere, m; temperature: of the thermometer, degree Celsius; touch_point: (Q, 3) centres of the tip from
+    which the centre follows, machine frame, m; touch_normal: (Q, 3) unit vectors against which it came, away from the
+    ball; touch_time: (Q,) s.
     """
 
     table_position: Whole
@@ -52,10 +51,13 @@ class BallReading(Generic[Whole, Real]):
     centre: Floats
     form_error: Real
     temperature: Real
+    touch_point: Floats
+    touch_normal: Floats
+    touch_time: Floats
 
 
 class BallReadings(BallReading[Ints, Floats]):
-    """N readings in measuring order: the fields of BallReading as arrays (N,), centre (N, 3)."""
+    """N readings in measuring order: the fields of BallReading as arrays (N, ...)."""
 
     @property
     def size(self) -> int:
@@ -64,7 +66,7 @@ class BallReadings(BallReading[Ints, Floats]):
 
     def __getitem__(self, place: int) -> BallReading[int, float]:
         """Return one reading, counted from zero."""
-        return BallReading(**{name: values[place] if name == 'centre' else values[place].item()
+        return BallReading(**{name: values[place].item() if values.ndim == 1 else values[place]
                               for name, values in vars(self).items()})
 
 
@@ -140,26 +142,3 @@ def contact(aim: Floats, direction: Floats, centre: Floats, reach: Floats | floa
     off = centre - aim
     along = np.vecdot(off, direction)
     return along + np.sqrt(along * along - np.vecdot(off, off) + reach * reach)
-
-
-def fit_spheres(points: Floats) -> tuple[Floats, Floats]:
-    """Return the least-squares spheres of touches (N, Q, 3): centres (N, 3) and form (N,), m.
-
-    Minimised is the sum of (|p - c| - r)^2, r being the mean distance: Gauss-Newton from the algebraic sphere, with the
-    normal matrix of the touches themselves. `form` is the range of the touches' distances from the sphere.
-    """
-    mean = np.full((1, points.shape[1]), 1.0 / points.shape[1])
-    middle = mean @ points
-    points = points - middle
-    inverse = np.linalg.inv(np.swapaxes(points, 1, 2) @ points)
-    # |p|^2 = 2 c.p + (r^2 - |c|^2) is linear in the centre c, and the touches' mean is zero.
-    centre = (0.5 * np.vecdot(points, points)[:, None, :]) @ points @ inverse
-    for _ in range(_GAUSS_NEWTON_STEPS):
-        off = points - centre
-        distance = np.sqrt(np.vecdot(off, off))[:, None, :]
-        radius = distance @ mean.T
-        # The normals are off / distance, their spread about the mean is points / radius.
-        centre = centre + ((1.0 - radius / distance) @ off) @ inverse * (radius * radius)
-    off = points - centre
-    distance = np.sqrt(np.vecdot(off, off))
-    return (centre + middle)[:, 0], distance.max(axis=-1) - distance.min(axis=-1)

@@ -23,6 +23,7 @@ from rosette_ros.core.records import remove_gauge
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.messages import Phase
+from rosette_ros.io.touch_log import open_refitted
 from rosette_ros.simulation import Machine, load_machine
 
 N = 4
@@ -30,6 +31,7 @@ TOTAL = 3 + 2 * N + N * N + 1
 HEARD = {
     'probe_target': 'rosette_msgs/msg/ProbeTarget',
     'ball_centre': 'rosette_msgs/msg/BallCentre',
+    'touches': 'rosette_msgs/msg/Touches',
     'run_state': 'rosette_msgs/msg/RunState',
     'error_motions': 'rosette_msgs/msg/ErrorMotions',
     'calibration_event': 'rosette_msgs/msg/CalibrationEvent',
@@ -142,9 +144,17 @@ def test_log_holds_what_a_peer_heard_byte_for_byte(calibrated, topic):
     outcome, _, heard = calibrated
     logged = messages_of(outcome.log, topic if topic.startswith('/') else f'/rosette/{topic}')
     assert logged
-    if topic in ('probe_target', 'ball_centre'):
+    if topic in ('probe_target', 'ball_centre', 'touches'):
         assert len(logged) == TOTAL
     assert logged == heard[topic]
+
+
+def test_spheres_through_the_touches_are_the_balls_that_were_sent(calibrated):
+    """Of every phase, to a picometre."""
+    run, refit = open_refitted(calibrated[0].log)
+    assert refit.radius.size == TOTAL
+    assert refit.moved.max() < 1e-12
+    assert np.abs(run.centre - read_log(calibrated[0].log).to_run().centre).max() < 1e-12
 
 
 def test_log_holds_the_handshake_of_the_recorder(calibrated):

@@ -7,7 +7,16 @@ import shutil
 import pytest
 from builtin_interfaces.msg import Time
 from rclpy.serialization import serialize_message
-from rosette_msgs.msg import BallCentre, CalibrationEvent, Diagnosis, ErrorMotions, Model, ProbeTarget, RunState
+from rosette_msgs.msg import (
+    BallCentre,
+    CalibrationEvent,
+    Diagnosis,
+    ErrorMotions,
+    Model,
+    ProbeTarget,
+    RunState,
+    Touches,
+)
 from rosette_msgs.srv import Diagnose, Recorded, StartRecording, StopRecording
 from service_msgs.msg import ServiceEventInfo
 from std_msgs.msg import Header
@@ -17,6 +26,8 @@ from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_writer import LogWriter
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes import recorder as recorder_module
+from rosette_ros.nodes.interfaces import decoded
+from rosette_ros.nodes.log_recall import iter_copied
 from rosette_ros.nodes.recorder import Recorder
 
 QUESTION = Diagnose.Event(info=ServiceEventInfo(event_type=ServiceEventInfo.REQUEST_RECEIVED))
@@ -131,7 +142,9 @@ def measure(node, *balls):
     for ball in balls:
         common = {'run_id': 'run', 'seq': ball, 'table_position': 1, 'ball': ball}
         receive(node, 'probe_target', ProbeTarget(attempt=1, phase=3, balls=3, radius=0.1, **common))
-        receive(node, 'ball_centre', BallCentre(header=Header(stamp=Time(sec=ball), frame_id='table'), **common))
+        header = Header(stamp=Time(sec=ball), frame_id='table')
+        receive(node, 'touches', Touches(header=header, x=[0.1, 0.2], **common))
+        receive(node, 'ball_centre', BallCentre(header=header, **common))
 
 
 def overwrite(path):
@@ -183,6 +196,8 @@ def test_a_log_that_is_gone_is_continued_in_a_new_one(recorder, tmp_path, damage
     whole = read_log(tmp_path / 'run_part2')
     assert [answer.seq for answer in whole.answers] == [1, 2, *later, 4]
     assert (whole.problems, whole.custom_data['rosette.resumes']) == ((), 'run')
+    copied = [decoded(one.data, Touches) for name, one in iter_copied(tmp_path / 'run_part2') if name == 'touches']
+    assert [(one.seq, *one.x) for one in copied] == [(seq, 0.1, 0.2) for seq in (1, 2, *later, 4)]
 
 
 def test_a_deleted_log_is_noticed_by_the_clock_alone(recorder, tmp_path, capfd):

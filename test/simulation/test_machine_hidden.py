@@ -166,11 +166,12 @@ def test_displacement_is_that_of_physics(name):
 
 def test_every_kind_is_compared_with_physics():
     """No kind of hidden effect is without a formula here or a test of its own below."""
-    own = {'outlier', 'touch_dust', 'uneven_noise', 'ball_sag'}
+    own = {'outlier', 'touch_dust', 'uneven_noise', 'ball_sag', 'ball_lobes', 'probe_lobing'}
+    # lobes of the ball and of the probe: test/core/test_sphere_refit.py
     compared = {name.split()[0] for name in FORMULAS}
     assert sorted(KINDS) == sorted(compared | own)
     assert set(KINDS) - set(NAMED) == {
-        'touch_dust', 'bed_ripple', 'frame_acceleration', 'uneven_noise', 'ball_sag'}
+        'touch_dust', 'ball_lobes', 'probe_lobing', 'bed_ripple', 'frame_acceleration', 'uneven_noise', 'ball_sag'}
     for kind, effect in KINDS.items():
         assert effect.model_fields['kind'].default == kind
 

@@ -10,10 +10,10 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from rosette_ros.core.geometry import rotate_z
-from rosette_ros.core.touches import centre_factors
+from rosette_ros.core.touches import centre_factors, fit_spheres
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.simulation.machine import rotated
-from rosette_ros.simulation.probing import ProbingSettings, TouchPattern, contact, fit_spheres
+from rosette_ros.simulation.probing import ProbingSettings, TouchPattern, contact
 from rosette_ros.simulation.random_streams import standard_normal
 
 small = st.floats(-3, 3)
@@ -37,9 +37,10 @@ def test_sphere_fit_finds_any_sphere(centre, radius, off):
     direction = TouchPattern(ProbingSettings(), 7.5e-3).direction
     aim = (centre + 0.05 * radius * off / 3)[None, None]
     way = contact(aim, direction, centre[None, None], radius)
-    found, form = fit_spheres(aim + way[..., None] * direction)
-    assert np.abs(found[0] - centre).max() < 1e-13 * max(radius, 10)
-    assert form[0] < 1e-13 * max(radius, 10)
+    found = fit_spheres(aim + way[..., None] * direction)
+    assert np.abs(found.centre[0] - centre).max() < 1e-13 * max(radius, 10)
+    assert found.radius[0] == pytest.approx(radius, abs=1e-13 * max(radius, 10))
+    assert found.form[0] < 1e-13 * max(radius, 10)
 
 
 @pytest.mark.parametrize('noise', [1e-7, 1e-5])
@@ -48,7 +49,7 @@ def test_sphere_fit_is_the_geometric_least_squares(noise):
     rng = np.random.default_rng(4)
     direction = TouchPattern(ProbingSettings(), 7.5e-3).direction
     points = (1e-2 + noise * rng.standard_normal((30, 20, 1))) * direction
-    found, form = fit_spheres(points)
+    found = fit_spheres(points)
     for k in range(30):
         def distances(x, touches=1e6 * points[k]):
             return np.linalg.norm(touches - x[:3], axis=1) - x[3]
@@ -60,8 +61,9 @@ def test_sphere_fit_is_the_geometric_least_squares(noise):
 
         best = least_squares(distances, [0, 0, 0, 1e4], slopes, xtol=1e-15, ftol=1e-15, gtol=1e-15)
         # scipy stops where its sum of squares no longer changes: well below 1e-5 of the noise.
-        assert np.abs(found[k] - 1e-6 * best.x[:3]).max() < 1e-5 * noise
-        assert form[k] == pytest.approx(1e-6 * np.ptp(best.fun), abs=1e-5 * noise)
+        assert np.abs(found.centre[k] - 1e-6 * best.x[:3]).max() < 1e-5 * noise
+        assert np.abs(found.residual[k] - 1e-6 * best.fun).max() < 1e-5 * noise
+        assert found.form[k] == pytest.approx(1e-6 * np.ptp(best.fun), abs=1e-5 * noise)
 
 
 def test_sphere_fit_has_converged():
@@ -69,7 +71,7 @@ def test_sphere_fit_has_converged():
     rng = np.random.default_rng(5)
     direction = TouchPattern(ProbingSettings(), 7.5e-3).direction
     points = (1e-2 + 2e-6 * rng.standard_normal((200, 20, 1))) * direction
-    off = points - fit_spheres(points)[0][:, None]
+    off = points - fit_spheres(points).centre[:, None]
     distance = np.linalg.norm(off, axis=-1, keepdims=True)
     gradient = ((1 - distance.mean(axis=1, keepdims=True) / distance) * off).sum(axis=1)
     assert np.abs(gradient).max() < 1e-15
@@ -85,6 +87,23 @@ def test_rotations_are_exact(vector, point, scale):
     about_z = Rotation.from_rotvec([0, 0, vector[2]]).apply(point)
     got = rotate_z(vector[None, None, 2], point[None, None])[0, 0]
     assert np.abs(got - about_z).max() < 1e-14
+
+
+@pytest.mark.parametrize(('touches', 'pole'), [(0, None), (9, (0.1, 0.2, 1.0))])
+def test_touches_of_a_reading_give_its_centre(touches, pole):
+    """The sphere through them is the centre that was sent, noise of the positioning included, to rounding."""
+    machine = Machine(ideal_cell(probing={'repeatability_um': 0.5}))
+    readings = machine.measure_many(*np.array([(1, 1, 1), (2, 3, -1), (5, 2, 1)]).T, touches=touches, pole=pole)
+    found = fit_spheres(readings.touch_point, 12)
+    assert np.abs(found.centre - readings.centre).max() < 1e-15
+    assert np.abs(found.form - readings.form_error).max() < 1e-15
+    assert np.abs(found.radius - machine.pattern.radius - machine.pattern.tip).max() < 1e-6
+    assert readings.touch_time.mean(axis=1) == pytest.approx(readings.time, abs=1e-9)
+    off = readings.touch_point - readings.centre[:, None]
+    assert (np.vecdot(off, readings.touch_normal) > 0.99 * found.radius[:, None]).all()
+    one = readings[1]
+    assert (one.touch_point == readings.touch_point[1]).all()
+    assert one.time == readings.time[1]
 
 
 def test_every_coordinate_repeats_alike():
@@ -115,7 +134,7 @@ def test_centre_factors_of_touches_alone():
     rng = np.random.default_rng(6)
     pattern = TouchPattern(ProbingSettings(), 7.5e-3)
     points = (1e-2 + 1e-8 * rng.standard_normal((20000, 20, 1))) * pattern.direction
-    factors = fit_spheres(points)[0].std(axis=0) / 1e-8
+    factors = fit_spheres(points).centre.std(axis=0) / 1e-8
     assert factors == pytest.approx(centre_factors(pattern.direction), rel=0.025)
     assert factors[2] > 1.5 * factors[0]
 

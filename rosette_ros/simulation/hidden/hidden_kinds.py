@@ -313,6 +313,40 @@ class HiddenTouchDust(HiddenEffect):
         return UM * self.thickness_um * (moment.is_made_at(self.at_h) & (number == self.touch))
 
 
+def lobes(direction: Floats, order: int, phase: Floats | float) -> Floats:
+    """Return lobes of height 1 at the equator, by unit vectors (..., 3), turned by a phase, rad."""
+    azimuth = np.arctan2(direction[..., 1], direction[..., 0]) - phase
+    return np.sqrt(direction[..., 0]**2 + direction[..., 1]**2) * np.cos(order * azimuth)
+
+
+class HiddenBallLobes(HiddenEffect):
+    """One ball is lobed, a true surface: height * cos(order * (azimuth on the plate - phase)), most at its equator."""
+
+    is_named: ClassVar[bool] = False
+    kind: Literal['ball_lobes'] = 'ball_lobes'
+    ball: Annotated[BallNumber, Drawn(Draw.ball)]
+    height_um: Annotated[Number, Drawn(lambda by: by.size_um)]
+    order: Undulations = 2
+    phase_deg: Annotated[Number, Drawn(lambda by: by.between(0, 180))] = 0.0
+
+    def surface(self, moment: Moment, direction: Floats, touches: TouchPattern) -> Floats:
+        height = UM * self.height_um * (moment.ball == self.ball)
+        return height * lobes(direction, self.order, moment.angle + np.deg2rad(self.phase_deg))
+
+
+class HiddenProbeLobing(HiddenEffect):
+    """The probe triggers earlier from some sides, on every ball: height * cos(order * (azimuth - phase))."""
+
+    is_named: ClassVar[bool] = False
+    kind: Literal['probe_lobing'] = 'probe_lobing'
+    height_um: Annotated[Number, Drawn(lambda by: by.size_um)]
+    order: Undulations = 2
+    phase_deg: Annotated[Number, Drawn(lambda by: by.between(0, 180))] = 0.0
+
+    def surface(self, moment: Moment, direction: Floats, touches: TouchPattern) -> Floats:
+        return UM * self.height_um * lobes(direction, self.order, np.deg2rad(self.phase_deg))
+
+
 class HiddenBedRipple(HiddenEffect):
     """The bed swells in ripples around the table: z grows with t * cos(order * alpha) where the ball stands."""
 
