@@ -124,6 +124,36 @@ def test_a_period_is_searched_from_two_cycles_in_the_run_on(order):
             assert turns * (1 - high) >= 2 - 1e-9 or high <= 0.65
 
 
+@pytest.mark.parametrize('order', ['diagonal', 'random'])
+def test_a_cycle_that_changes_its_pace_is_told_as_that(order):
+    """Seven swings ever quicker along x and z: no sum of cycles or motions of the axis, one cycle that is unsteady."""
+    found = diagnose(measured(lambda run: np.sin(2 * np.pi * (5.5 * share(run) + 1.5 * share(run)**2))[:, None]
+                              * np.array([1, 0, 0.8]), order, 40.0))
+    assert found.missing == ()
+    assert found.shapes.startswith('it repeats in time, about every ') and found.shapes.count('in x') == 1
+
+
+def test_what_temperature_may_be_is_said_where_it_is_not_recorded():
+    """A steady drift may follow a temperature that nobody recorded, a step may not."""
+    drift = measured(lambda run: share(run)[:, None] * X, strength=30.0)
+    unknown = np.full(drift.size, np.nan)
+    found = diagnose(drift.replace(temperature=unknown))
+    assert found.missing == ('frame_drift',) and 'frame_temperature' in found.look_alikes
+    assert 'frame_temperature' not in diagnose(drift).look_alikes
+    step = measured(lambda run: (share(run) > 0.4)[:, None] * X, strength=30.0)
+    assert 'frame_temperature' not in diagnose(step.replace(temperature=unknown)).look_alikes
+
+
+def test_where_angle_is_time_both_stories_are_told():
+    """In order row the table turns once: what stretches the plate by cos phi may be a plate that shrinks and grows."""
+    def growth(run):
+        radial = np.stack([np.cos(run.alpha), np.sin(run.alpha), 0 * run.alpha], axis=1)
+        return -np.cos(run.phi)[:, None] * radial
+    found = diagnose(measured(growth, 'row', 12.0))
+    assert found.missing == ('plate_support',) and 'plate_expansion' in found.look_alikes
+    assert 'plate_expansion' not in diagnose(measured(growth, strength=12.0)).look_alikes
+
+
 def test_a_step_is_found_at_its_moment():
     """At 40 sigma a step after reading 50 is found between readings 50 and 51, and nothing beside it."""
     found = diagnose(measured(lambda run: (np.arange(run.size) >= 50)[:, None] * Z, strength=40.0))

@@ -12,12 +12,13 @@ import numpy as np
 from rosette_ros.core.diagnosis.base_terms import f_test, missing_base
 from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, Family, why_not_judged
 from rosette_ros.core.diagnosis.cross_validation import CrossValidation
+from rosette_ros.core.diagnosis.look_alikes import LOOK_ALIKE, look_alikes
 from rosette_ros.core.diagnosis.noise_choice import noise_of_z, noise_problem, under_best_noise
 from rosette_ros.core.diagnosis.noise_search import SEEN, noise_of_rounding
 from rosette_ros.core.diagnosis.parameter_search import RELINEARISED, choose_settings
 from rosette_ros.core.diagnosis.recovered_shape import Shape, recovered_shapes
-from rosette_ros.core.diagnosis.right_shape import free_instead, is_alike, right_shapes
-from rosette_ros.core.diagnosis.search import BRANCHES, Member, Offer, Problem, Selection, searched_count
+from rosette_ros.core.diagnosis.right_shape import free_instead, right_shapes
+from rosette_ros.core.diagnosis.search import BRANCHES, SWAPPED, Member, Offer, Problem, Selection, searched_count
 from rosette_ros.core.diagnosis.verdict import Verdict, decide, left_over
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free_forms import FreeForm
@@ -31,10 +32,6 @@ from rosette_ros.core.records import Floats, Run, resolution_of
 
 CLAIM = 0.002
 """Search-wide probability below which a name is claimed; 5 % is what the users were promised."""
-LOOK_ALIKE = 8.0
-"""Difference of scores (twice the log Bayes factor) below which two effects cannot be distinguished."""
-NEAR = 30.0
-"""The same before all that is searched is found again beside the rival."""
 DRAWS = 300
 COARSE = 1.5
 """Step of the readings, over the residual, above which their noise is mostly that of rounding."""
@@ -167,7 +164,7 @@ class _Search:
         members = self.chosen.members
         named = tuple(member for member in members if member.named)
         missing = tuple(dict.fromkeys([*self.absent, *(member.name for member in named)]))
-        final = self.final_fit(named)
+        final = self._final
         shapes = [member.effect.describe(member.setting) + (f', not as {member.instead}' if member.instead else '')
                   for member in members if isinstance(member.effect, FreeForm)]
         if beneath := [member.name for member in members if member.beneath]:
@@ -201,10 +198,12 @@ class _Search:
         return float(min(0.2, 0.2 * np.exp(-(score - edge) / scale)))
 
     def score_beside(self, selection: Selection, place: int) -> float:
-        """Return the score on the grid (as noise is scored) of one member of a selection beside the others."""
+        """Return the score on the grid (as noise is scored) of one member of a selection beside the others.
+
+        A form that is no part of the search, only set beside claims, has the score by which it is kept."""
         rest = self.problem.select(selection.without(place))
         offers = self.problem.offers([rest], (selection.members[place].name,))[0]
-        return max((offer.score for offer in offers), default=-np.inf)
+        return max((offer.score for offer in offers), default=selection.score - rest.score)
 
     @cached_property
     def chosen(self) -> Selection:
@@ -212,6 +211,8 @@ class _Search:
         if self.noiseless:
             return self.problem.empty
         selection = self._relinearised(self._held(self.problem.grow(self.needed), self.problem.swap))
+        if selection.score < self.needed - SWAPPED:
+            return self._ordered(selection)  # the noise without it is better: what matters is what it leaves
         selection = right_shapes(self.problem, self._above_limit(self.problem.polish(selection)), self._held)
         while vain := [place for place in range(len(selection.members)) if not self._predicts(selection, place)]:
             instead = free_instead(self.problem, selection, vain[:1]) or self.problem.select(selection.without(vain[0]))
@@ -303,18 +304,14 @@ class _Search:
                    self.base.joint.space)
 
     @cached_property
+    def _final(self) -> Fit:
+        """The fit with all that is claimed."""
+        return self.final_fit([member for member in self.chosen.members if member.named])
+
+    @cached_property
     def look_alikes(self) -> dict[int, tuple[str, ...]]:
         """Effects that would look nearly the same, by the place of each named member of the selection."""
-        out = {}
-        for place, member in enumerate(self.chosen.members):
-            if member.named:
-                rest = self.problem.select(self.chosen.without(place))
-                least = self.chosen.score - LOOK_ALIKE
-                near = [rival for rival, score, _ in self.problem.rivals(rest)
-                        if rival.named and rival.name != member.name and rest.score + score > least - NEAR]
-                out[place] = tuple(rival.name for rival in near
-                                   if is_alike(self.problem, self.chosen, rest, rival, least))
-        return out
+        return look_alikes(self.problem, self.chosen, self._final.effects[len(self.base.settings):])
 
     @cached_property
     def unavailable(self) -> tuple[tuple[str, str], ...]:

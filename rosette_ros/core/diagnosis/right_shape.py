@@ -6,15 +6,17 @@ taken back: what is there depends on these variables, but not as the named effec
 variables, takes its place.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
 from scipy import special
 
 from rosette_ros.core.diagnosis.search import Member, Problem, Selection, gain_and_rank, searched_count
 from rosette_ros.core.effects.effect import Effect, Setting, grid
 from rosette_ros.core.effects.free_forms import FREE_FORMS, MOST_OF_BALL, counts
 from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.effects.run_functions import duration, temperature_step
 from rosette_ros.core.records import Run
 
 WRONG_SHAPE = 0.002
@@ -35,14 +37,18 @@ IN_TIME: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
     'plate_slip': ('table angle', (('free_time', 'plate xy'), ('free_time', 'tangential'))),
     'plate_warp': ('ball', (('free_growth', 'z'),))}
 """What else an effect that changes with time depends on, and the free forms beside it with their axes."""
-MOSTLY = 0.9
-"""Share of the square sum that the temperature explains to be alike: no record tells it at the right place."""
 ONE = 12.0
 """By how much the score of several claims must exceed that of one effect in their place."""
 ALONG_TIME = ('free_time', 'free_temperature', 'asynchronous_motion', 'table_warmup')
 """What is a curve in time, or nearly, without being called so."""
 MOTIONS = {'radial': ((0, 'xy'),), 'axial': ((0, 'z'),), 'tilt': ((1, 'z'),), 'all': ((0, 'xyz'), (1, 'z'))}
 """Waves of the CMM position and axes of a motion of the table's axis."""
+PRODUCTS = ('free_growth', 'free_product')
+"""Free forms of two variables."""
+SIMPLER = 15.0
+"""By how much the score of a product of two variables must exceed that of a curve in time."""
+UNSTEADY = (2, 4, 8)
+"""Functions by which the size of a cycle that does not repeat alike changes."""
 PARTS = {'z': ('z',), 'xy': ('xy',), 'both': ('z', 'xy')}
 """Axes of a part of the form of the balls."""
 
@@ -54,6 +60,9 @@ def forms_beside(run: Run, effect: Effect, setting: Setting) -> Iterator[tuple[s
         own = 'z' if name == 'table_warmup' else setting.word('axes', 'xyz')
         every = dict.fromkeys((own, own if name == 'table_warmup' else 'xyz'))
         yield from (('free_time', one) for one in grid(axes=every, count=some))
+    if name == 'frame_cycle':
+        yield from (('free_cycle', one) for one in grid(
+            period=(setting['period'],), count=UNSTEADY, axes=dict.fromkeys((setting.word('axes'), 'xyz'))))
     if name == 'free_time':
         yield name, Setting({**setting, 'axes': 'xyz'})
     if 'temperature' in name or setting.get('driver') == 'temperature':
@@ -73,6 +82,8 @@ def forms_beside(run: Run, effect: Effect, setting: Setting) -> Iterator[tuple[s
         yield from (('free_travel', Setting(nu=setting['nu'], count=3, order=order, axes=axes))
                     for order, axes in MOTIONS[setting.word('motion')])
         yield from (('free_time', one) for one in grid(axes=('z', 'xy', 'xyz'), count=some))
+        yield from (('free_cycle', one) for one in grid(period=(_period(run, setting.number('nu')),), count=UNSTEADY,
+                                                        axes=('z', 'xy', 'xyz')))
     if name == 'encoder_interpolation':
         yield 'free_line', Setting(lines=setting['lines'], count=3, axes='tangential')
     if name == 'plate_support':
@@ -88,6 +99,11 @@ def forms_beside(run: Run, effect: Effect, setting: Setting) -> Iterator[tuple[s
         yield from ((form, one) for form in ('free_sense', 'free_approach') for one in FREE_FORMS[form].settings(run))
 
 
+def _period(run: Run, nu: float) -> float:
+    """Return the mean period, s, of what repeats nu times per turn of travel."""
+    return 2 * np.pi * duration(run) / max(abs(nu) * float(np.ptp(run.table_travel)), 1e-9)
+
+
 def _ball(run: Run, effect: Effect, setting: Setting) -> int:
     """Return the one ball that an effect moves, 0 for none."""
     return int(run.ball[setting.whole('reading') - 1]) if effect.name == 'outlier' else int(setting.get('ball', 0))
@@ -96,8 +112,9 @@ def _ball(run: Run, effect: Effect, setting: Setting) -> int:
 def _groups(run: Run, selection: Selection) -> list[tuple[float, list[int]]]:
     """Return the places of members for which one form may stand, outliers only beside others, and by how much worse.
 
-    Members of one variable, each that changes with time beside a curve in time without a name, as that may be one
-    along all axes, and all together, for which it must explain more.
+    Members of one variable, each that changes with time beside a curve in time without a name, or beside what follows
+    a coarse record of the temperature, as that may be one along all axes, and all together, for which it must explain
+    more; as it must for a claim alone.
     """
     groups: dict[str, list[int]] = {}
     for place, member in enumerate(selection.members):
@@ -108,11 +125,13 @@ def _groups(run: Run, selection: Selection) -> list[tuple[float, list[int]]]:
         groups.setdefault(shared, []).append(place)
     found = [(MERGE * len(group) * (len(group) - 1) / 2, group) for group in groups.values()]
     size = len(selection.members)
-    found += [(MERGE, [place, curve]) for curve, free in enumerate(selection.members) if free.name == 'free_time'
+    curves = ('free_time', *(('frame_temperature', 'frame_temperature_lag') if temperature_step(run) else ()))
+    found += [(MERGE, [place, curve]) for curve, free in enumerate(selection.members) if free.name in curves
               for place, member in enumerate(selection.members) if 'time' in member.effect.depends_on and member.named]
     found.append((MERGE * (size - 1) * (size - 2) / 2, list(range(size))))
-    return [(margin, group) for margin, group in found if len(group) > 1 and any(
-        selection.members[place].named and selection.members[place].name != 'outlier' for place in group)]
+    claims = [place for place, member in enumerate(selection.members) if member.named and member.name != 'outlier']
+    several = [(margin, group) for margin, group in found if len(group) > 1 and not set(claims).isdisjoint(group)]
+    return several + [(0.0, [place]) for place in claims]
 
 
 def _wrong_p(problem: Problem, selection: Selection, member: Member) -> float:
@@ -129,18 +148,21 @@ def _wrong_p(problem: Problem, selection: Selection, member: Member) -> float:
     return min(found) * max(len(found) - 1, 1)
 
 
-def free_instead(problem: Problem, selection: Selection, places: list[int]) -> Selection | None:
-    """Return the selection with the best free form in place of some members, None where none can be seen."""
+def free_instead(problem: Problem, selection: Selection, places: list[int],
+                 searched: Sequence[str] = tuple(FREE_FORMS)) -> Selection | None:
+    """Return the selection with the best free form in place of some members, None where none is seen.
+
+    Tried are those beside the members, and the best of some that are searched."""
     kept = [member for place, member in enumerate(selection.members) if place not in places]
     gone = [selection.members[place] for place in places]
     rest = problem.select(kept)
     tried = {(offer.family.name, offer.setting): offer.family.chances
-             for offer in problem.offers([rest], tuple(FREE_FORMS), allow_repeats=True)[0][:6]}
+             for offer in problem.offers([rest], searched, allow_repeats=True)[0][:6]}
     for member in gone:
         for form in forms_beside(problem.run, member.effect, member.setting):
             tried.setdefault(form, float(FREE_FORMS[form[0]].independent_settings(problem.run)))
     made = [problem.member(FREE_FORMS[name], setting, chances) for (name, setting), chances in tried.items()]
-    words = ' and '.join(sorted({member.name for member in gone if member.named}))
+    words = ' and '.join(sorted({member.name if member.named else member.instead for member in gone} - {''}))
     found = [problem.select((*kept, replace(form, instead=words))) for form in made if form is not None]
     return max(found, key=lambda each: each.score, default=None)
 
@@ -165,22 +187,26 @@ def right_shapes(problem: Problem, selection: Selection,
             better = free_instead(problem, selection, worst[1])
             if better is not None and better.score < selection.score - MERGE:
                 better = None  # far worse than the claim: what the free form has more is chance
-        for margin, group in _groups(problem.run, selection) if better is None else ():
-            for merged, worse in ((_one_instead(problem, selection, group), ONE),
-                                  (free_instead(problem, selection, group), margin)):
+        for margin, group in _groups(problem.run, selection):
+            tried = ((_one_instead(problem, selection, group), ONE), (free_instead(problem, selection, group), margin)
+                     ) if len(group) > 1 else ((free_instead(problem, selection, group, ()), margin),)
+            for merged, worse in tried:
                 if merged is not None and merged.score > max(selection.score - worse, better.score if better else 0.0):
                     better = merged
         if better is None:
-            return selection
+            break
         selection = problem.polish(prune(better))
+    return _of_time_alone(problem, selection)
+
+
+def _of_time_alone(problem: Problem, selection: Selection) -> Selection:
+    """Return the selection with a curve in time in place of a product of two variables that is hardly better.
+
+    In an ordered run angles are times, and their products as well."""
+    curves = [place for place, member in enumerate(selection.members) if member.name == 'free_time']
+    for place, member in enumerate(selection.members):
+        for group in ([place], [place, *curves]) if member.name in PRODUCTS else ():
+            made = free_instead(problem, selection, group, ('free_time',))
+            if made is not None and made.score > selection.score - SIMPLER:
+                return _of_time_alone(problem, made)
     return selection
-
-
-def is_alike(problem: Problem, chosen: Selection, rest: Selection, rival: Member, least: float) -> bool:
-    """Return whether a rival in place of a member fits as well, or, as the temperature, explains most of it.
-
-    rest: what is chosen without that member; least: the score that is as good.
-    """
-    best = problem.polish(problem.select((*rest.members, rival)))
-    return best.score > max(rest.score, least) or (
-        'temperature' in rival.effect.depends_on and rest.rss - best.rss > MOSTLY * (rest.rss - chosen.rss))

@@ -226,6 +226,13 @@ def _travel(run: Run, setting: Setting) -> Course:
                      _wave_carriers(run.alpha, int(setting.get('order', 0)), 'CMM position'))
 
 
+def _unsteady(run: Run, setting: Setting) -> Course:
+    """Return a cycle in time whose size and phase change along curves: about `count` / 2 cycles more or fewer."""
+    time, period = seconds(run), setting.number('period')
+    return Course('time', 's', time, [np.ones(run.size), *curves(time, setting.whole('count'))],
+                  _wave_carriers(2 * np.pi * time / period, 1, 'cycle'))
+
+
 def _lines(run: Run, setting: Setting) -> Course:
     """Return harmonics of the periods of the encoder at the actual angle."""
     return _periodic('phase in a period of the encoder', setting.number('lines') * (run.phi + run.angle_deviation),
@@ -281,6 +288,9 @@ FREE_FORMS: dict[str, FreeForm] = {one.name: one for one in (
     FreeForm('free_travel', 'repeats {nu} times per turn of travel of the table',
              (Searched('nu', '1', 'cycles per turn', 'phase'), _COUNT, _ORDER),
              lambda run: grid(nu=(0.43,), count=(3,), order=(0, 1), axes=('xy', 'z')), _travel, ('table_travel',)),
+    FreeForm('free_cycle', 'repeats in time, about every {period} s, in a size or at intervals that change',
+             (Searched('period', 's', 'period', 'scale'), _COUNT),
+             lambda run: grid(period=(duration(run) / 10,), count=(2,), axes=('xyz',)), _unsteady, ('time',)),
     FreeForm('free_line', 'repeats with every period of the encoder ({lines} per turn)',
              (Searched('lines', '1', 'periods per turn', 'scale'), _COUNT),
              lambda run: grid(lines=(36000.0,), count=(3,), axes=('tangential',)), _lines),
@@ -288,6 +298,6 @@ FREE_FORMS: dict[str, FreeForm] = {one.name: one for one in (
              lambda run: grid(order=range(min(3, (run.n - 1) // 2) + 1), axes=('z', 'radial', 'tangential', 'xy')),
              _each_ball))}
 """By name."""
-BESIDE_CLAIMS = ('free_travel', 'free_line', 'free_balls')
+BESIDE_CLAIMS = ('free_travel', 'free_cycle', 'free_line', 'free_balls')
 """Those that are not searched, only set beside claims."""
 SEARCHED_FORMS = tuple(one for name, one in FREE_FORMS.items() if name not in BESIDE_CLAIMS)

@@ -42,8 +42,8 @@ def temperature_waves(run: Run) -> Floats:
     if not known.any():
         return np.full((1, run.size), np.nan)
     at, change = time[known], run.temperature[known] - run.temperature[known][0]
-    if _is_rounded(change) and np.all(np.diff(at) > 0):
-        change = _smoothest(at, change, float(np.diff(np.unique(change)).min()) / np.sqrt(12))
+    if 0 < (step := temperature_step(run)) < np.inf and np.all(np.diff(at) > 0):
+        change = _smoothest(at, change, step / np.sqrt(12))
     waves = [np.interp(time, at, change - change[0])]
     edges = np.concatenate([time[:1], at, time[-1:]])
     for start, stop in pairwise(edges):
@@ -76,8 +76,16 @@ def temperature_change(run: Run) -> Floats:
     return np.asarray(temperature_waves(run)[0])
 
 
-def _is_rounded(values: Floats) -> bool:
-    return bool(0 < np.count_nonzero(np.diff(values)) < values.size / COARSE)
+def temperature_step(run: Run) -> float:
+    """Return the step of a coarse record of the temperature, each value of which is held for several readings, K, or 0.
+
+    It is infinite where the record says nothing: there is none, or it never changes.
+    """
+    values = run.temperature[np.isfinite(run.temperature)]
+    changes = np.count_nonzero(np.diff(values))
+    if not changes:
+        return np.inf
+    return float(np.diff(np.unique(values)).min()) if changes < values.size / COARSE else 0.0
 
 
 def lagged(time: Floats, driver: Floats, tau: float) -> Floats:

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Look-alikes of a claim: what would look nearly the same in this run, so that one of them is there."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from rosette_ros.core.diagnosis.right_shape import IN_TIME
+from rosette_ros.core.diagnosis.search import UNNAMED_PRIOR, Member, Problem, Selection
+from rosette_ros.core.effects.factored_effect import Curve, Cycle, Drift, Onset, WarmUp
+from rosette_ros.core.effects.free_forms import TURNING
+from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.effects.run_functions import temperature_step
+from rosette_ros.core.model.least_squares import FittedEffect
+from rosette_ros.core.records import Run
+
+LOOK_ALIKE = 8.0
+"""Difference of scores (twice the log Bayes factor) below which two effects cannot be distinguished."""
+NEAR = 30.0
+"""The same before all that is searched is found again beside the rival."""
+MOSTLY = 0.9
+"""Share of the square sum that the temperature explains to be alike: no record tells it at the right place."""
+CURVED_AS = {'radial': 'plate_expansion', 'tangential': 'table_zero_drift', 'plate xy': 'plate_creep'}
+"""What moves along a curve in time in a turning direction; the frame does along its axes."""
+SMOOTH = (Drift, Onset, Curve, WarmUp, Cycle)
+"""Functions of time as temperatures can have them: without jumps."""
+
+
+def look_alikes(problem: Problem, chosen: Selection, claims: Sequence[FittedEffect]) -> dict[int, tuple[str, ...]]:
+    """Return the names of the look-alikes by the place of each named member; claims: these, fitted, in order."""
+    out, fitted, least = {}, iter(claims), chosen.score - LOOK_ALIKE
+    for place, member in enumerate(chosen.members):
+        if member.named:
+            rest = problem.select(chosen.without(place))
+            found = [rival.name for rival, score, _ in problem.rivals(rest)
+                     if rival.named and rival.name != member.name and rest.score + score > least - NEAR
+                     and _is_alike(problem, chosen, rest, rival, least)]
+            found += _alike_curves(problem, rest, member, least)
+            found += _of_temperature(problem.run, next(fitted), claims)
+            out[place] = tuple(dict.fromkeys(name for name in found if name != member.name))
+    return out
+
+
+def _is_alike(problem: Problem, chosen: Selection, rest: Selection, rival: Member, least: float) -> bool:
+    """Return whether a rival in place of a member fits as well, or, as the temperature, explains most of it.
+
+    rest: what is chosen without that member; least: the score that is as good.
+    """
+    best = problem.polish(problem.select((*rest.members, rival)))
+    return best.score > max(rest.score, least) or (
+        'temperature' in rival.effect.depends_on and rest.rss - best.rss > MOSTLY * (rest.rss - chosen.rss))
+
+
+def _alike_curves(problem: Problem, rest: Selection, member: Member, least: float) -> Iterator[str]:
+    """Yield the effects that a curve in time stands for which fits as well as a claim of another direction, or angle.
+
+    rest: what is chosen without it; least: the score that is as good. In an ordered run angles may be times.
+    """
+    if member.name == 'outlier':
+        return
+    own = [axes for _, axes in IN_TIME.get(member.name, ('', ()))[1]]
+    is_of_frame = 'time' in member.effect.depends_on and member.name.startswith('frame_')
+    for offer in problem.offers([rest], ('free_time',), allow_repeats=True)[0]:
+        axes = offer.setting.word('axes')
+        if rest.score + offer.score + UNNAMED_PRIOR > least and axes not in own:
+            if axes in TURNING or not is_of_frame:
+                yield CURVED_AS.get(axes, 'frame_drift_curved')
+
+
+def _of_temperature(run: Run, claim: FittedEffect, claims: Sequence[FittedEffect]) -> Iterator[str]:
+    """Yield what follows the temperature and can be a smooth course of the frame in time, one of all claims.
+
+    That is any where no temperature is known to change; beside a coarse record, what is smaller than a step of it
+    makes.
+    """
+    function = getattr(EFFECTS.get(claim.name), 'function', None)
+    step = temperature_step(run)
+    if not step or not claim.name.startswith('frame_') or not isinstance(function, SMOOTH):
+        return
+    if step == np.inf:
+        yield 'frame_temperature'
+    size = np.abs(claim.displacement - claim.displacement.mean(axis=0)).max(axis=0)
+    for other in claims if np.isfinite(step) else ():
+        if 'temperature' in other.name:
+            rate = np.sqrt(sum(one.value**2 for one in other.parameters if one.name.startswith('d_')))
+            if np.linalg.norm(size) < rate * step:
+                yield other.name
