@@ -222,28 +222,43 @@ class Machine:
             centre = rotated(tilt, centre)
         return self.true_frame.to_outer(centre) + self._sum('frame_shift', moment)
 
+    def touched(self, moment: Moment, centre: Floats, aim: Floats, direction: Floats, draws: Floats,
+                pattern: probing.TouchPattern) -> Floats:
+        """Return what the CMM shows of the tip's centre at each touch, without its positioning noise, (N, Q, 3), m.
+
+        The tip touches on its way inwards along lines aim + s u. centre: those of ball_centres; aim: (N, 1, 3), m;
+        direction: u, (Q, 3); draws: standard normal numbers (N, Q); pattern: which touches these are. NaN where a line
+        misses the ball.
+        """
+        reach = pattern.radius + pattern.tip
+        way = probing.contact(aim, direction, centre, reach)
+        if self._acting['surface']:
+            outward = (aim + way[..., None] * direction - centre) / reach
+            form = sum(act(moment, outward @ pattern.axes, pattern) for act in self._acting['surface'])
+            way = probing.contact(aim, direction, centre, reach + form)
+        touch = way + self._noise_factor(moment) * (pattern.touch_noise * draws)
+        point = aim + touch[..., None] * direction
+        return np.asarray(point + self.cmm.error(point) + self._sum('probe_shift', moment))
+
+    def positioning(self, moment: Moment, draws: Floats, pattern: probing.TouchPattern) -> Floats:
+        """Return the positioning noise of readings, alike for all touches of one, (N, 3), m; draws: (N, 3)."""
+        noise = self._noise_factor(moment) * (pattern.position_noise * draws)
+        return np.asarray(np.vecdot(noise[:, None, :], pattern.axes))
+
+    def _noise_factor(self, moment: Moment) -> Floats:
+        factor = np.ones((1, 1))
+        for act in self._acting['noise_factor']:
+            factor = factor * act(moment)
+        return factor
+
     def _probe(self, moment: Moment, aim: Floats, draws: Floats,
                pattern: probing.TouchPattern) -> tuple[Floats, Floats, Floats]:
         """Return the found centres (N, 3), form errors (N,) and touches (N, Q, 3), m."""
         centre, aim = self.ball_centres(moment), aim[:, None, :]
-        reach = pattern.radius + pattern.tip
-        _refuse_far(moment, centre - aim, 0.5 * reach)
-        axes = pattern.axes
-        direction = pattern.direction @ axes.T
-        way = probing.contact(aim, direction, centre, reach)
-        if self._acting['surface']:
-            outward = (aim + way[..., None] * direction - centre) / reach
-            form = sum(act(moment, outward @ axes, pattern) for act in self._acting['surface'])
-            way = probing.contact(aim, direction, centre, reach + form)
-        factor = np.ones((1, 1))
-        for act in self._acting['noise_factor']:
-            factor = factor * act(moment)
-        touch = way + factor * (pattern.touch_noise * draws[:, :pattern.size])
-        point = aim + touch[..., None] * direction
-        point = point + self.cmm.error(point) + self._sum('probe_shift', moment)
-        found = fit_spheres(point)
-        # The CMM is as far off for all touches of a ball: its centre and its touches move alike.
-        positioning = np.vecdot((factor * (pattern.position_noise * draws[:, -3:]))[:, None, :], axes)
+        _refuse_far(moment, centre - aim, 0.5 * (pattern.radius + pattern.tip))
+        direction = pattern.direction @ pattern.axes.T
+        point = self.touched(moment, centre, aim, direction, draws[:, :pattern.size], pattern)
+        found, positioning = fit_spheres(point), self.positioning(moment, draws[:, -3:], pattern)
         return found.centre + positioning, found.form, point + positioning[:, None, :]
 
 
