@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the documents state about files, modules, commands, options, parameters and messages is true."""
 
+import argparse
 import ast
 import importlib
 import re
@@ -57,10 +58,12 @@ def names_a_module(dotted):
 
 @cache
 def options_of(verb):
-    """Return the options that a verb takes."""
+    """Return the options that a verb takes, those of its own verbs included."""
     parser = Parser()
     importlib.import_module(f'rosette_ros.cli.{VERBS[verb][0]}').add_arguments(parser)
-    return {option for action in parser._actions for option in action.option_strings}
+    inner = [made for action in parser._actions if isinstance(action, argparse._SubParsersAction)
+             for made in action.choices.values()]
+    return {option for one in (parser, *inner) for action in one._actions for option in action.option_strings}
 
 
 @cache

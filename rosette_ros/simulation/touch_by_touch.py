@@ -18,7 +18,7 @@ from rosette_ros.simulation.motion import Moment
 from rosette_ros.simulation.random_streams import standard_normal
 
 
-class Touch(NamedTuple):
+class SingleTouch(NamedTuple):
     """One touch: the ball, one-based; what the CMM shows of the tip's centre, (3,), machine frame, m."""
 
     ball: int
@@ -59,7 +59,7 @@ class TouchByTouch:
         frame = self.machine.true_frame
         return frame.to_outer(rotate_z((travel - self.travel)[:, None], frame.to_inner(centre)))
 
-    def touch(self, aim: Floats, direction: Floats, time: float) -> Touch | None:
+    def touch(self, aim: Floats, direction: Floats, time: float) -> SingleTouch | None:
         """Touch the first ball on the way inwards along the line aim + s u; None where the line meets no ball.
 
         aim: (3,), machine frame, m; direction: u, (3,), unit vector; time: s since power-on, not before the last one.
@@ -80,7 +80,7 @@ class TouchByTouch:
         lines = np.broadcast_to(direction, (self.pattern.size, 3))
         tip = self.machine.touched(moment, self.machine.ball_centres(moment), aim[None, None, :], lines,
                                    draws[:, :self.pattern.size], self.pattern)[0, number]
-        return Touch(ball, tip + self.machine.positioning(moment, draws[:, -3:], self.pattern)[0])
+        return SingleTouch(ball, tip + self.machine.positioning(moment, draws[:, -3:], self.pattern)[0])
 
     def temperature(self, time: float) -> float:
         """Return what the thermometer at the plate shows, degree Celsius."""
