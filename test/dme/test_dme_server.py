@@ -10,10 +10,10 @@ import pytest
 from line_client import LineClient
 
 from rosette_ros.core.errors import CellError
+from rosette_ros.core.touches import fit_spheres
 from rosette_ros.dme.dme_server import check_loopback, serving
 from rosette_ros.dme.serve_settings import ServeSettings
 from rosette_ros.simulation import Machine, MachineConfig
-from rosette_ros.simulation.probing import fit_spheres
 
 CONFIG = MachineConfig().changed(plate={'balls': 6}, probing={'repeatability_um': 0.0})
 
@@ -237,11 +237,11 @@ def test_the_part_is_aligned():
 def test_a_sphere_is_measured(is_compensated, radius):
     with session(compensated=is_compensated) as (client, server):
         points = touch_ball_1(client, server)
-        centre, form = fit_spheres(1e-3 * points[None])
+        sphere = fit_spheres(1e-3 * points[None])
         reading = Machine(CONFIG).measure(1, 1, aim=server.commands.cmm.cell.centres(0.0)[0])
-        np.testing.assert_allclose(centre[0], reading.centre, rtol=0, atol=1e-10)  # lines have 9 decimals
-        assert form[0] == pytest.approx(reading.form_error, abs=1e-10)
-        assert np.linalg.norm(points - 1e3 * centre[0], axis=1) == pytest.approx([radius] * 20, abs=5e-5)
+        np.testing.assert_allclose(sphere.centre[0], reading.centre, rtol=0, atol=1e-10)  # lines have 9 decimals
+        assert sphere.form[0] == pytest.approx(reading.form_error, abs=1e-10)
+        assert 1e3 * sphere.distance[0] == pytest.approx([radius] * 20, abs=5e-5)
 
 
 def test_the_report_holds_what_was_asked_for(served):

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from rosette_ros.core.geometry import TWO_PI
+from rosette_ros.core.touches import fit_spheres
 from rosette_ros.simulation import Machine, MachineConfig
-from rosette_ros.simulation.probing import fit_spheres
 from rosette_ros.simulation.touch_by_touch import TouchByTouch
 
 HIDDEN = (
@@ -37,10 +37,10 @@ def test_it_touches_what_the_machine_measures(machines):
         times = readings.ended[place] - touch_s * np.arange(direction.shape[0])[::-1]
         touches = [by_hand.touch(aim[place], one, time) for one, time in zip(direction, times, strict=True)]
         assert {touch.ball for touch in touches} == {ball[place]}
-        centre, form = fit_spheres(np.array([touch.tip for touch in touches])[None])
+        sphere = fit_spheres(np.array([touch.tip for touch in touches])[None])
         # The machine counts turns by divisions, here they count to where the table stopped: 20 urad of them.
-        np.testing.assert_allclose(centre[0], readings.centre[place], rtol=0, atol=1e-11)
-        assert form[0] == pytest.approx(readings.form_error[place], abs=1e-14)
+        np.testing.assert_allclose(sphere.centre[0], readings.centre[place], rtol=0, atol=1e-11)
+        assert sphere.form[0] == pytest.approx(readings.form_error[place], abs=1e-14)
         assert by_hand.travel % TWO_PI == pytest.approx(readings.table_angle[place], abs=1e-12)
         assert by_hand.temperature(times[-1]) == pytest.approx(readings.temperature[place], abs=1e-9)
 
