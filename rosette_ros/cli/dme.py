@@ -4,7 +4,7 @@
 import argparse
 from collections.abc import Callable
 
-from rosette_ros.cli import dme_serve
+from rosette_ros.cli import dme_client, dme_serve
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,6 +22,11 @@ def run(options: argparse.Namespace) -> None:
 
 
 WHAT: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None], Callable[[argparse.Namespace], None]]] = {
+    'check': ('connect to an I++ server and say what it can do; nothing moves', dme_client.check_arguments,
+              dme_client.check),
+    'path': ('the path around a ball, as table and picture; are all paths safe', dme_client.path_arguments,
+             dme_client.path),
+    'dry-run': ('all moves slowly above the balls, no touch', dme_client.dry_run_arguments, dme_client.dry_run),
     'serve': ('an I++ server with the simulated machine behind it, to try clients', dme_serve.add_arguments,
               dme_serve.run),
 }

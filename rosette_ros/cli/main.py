@@ -30,7 +30,7 @@ VERBS = {
     'plan': ('plan', 'what a plan measures and determines; plans side by side'),
     'cell': ('cell', 'a whole cell on this computer: starts its nodes, restarts failed nodes'),
     'check-cmm': ('check_cmm', 'try a CMM before a calibration: what its node does wrong'),
-    'dme': ('dme', 'a CMM with an I++ DME server; such a server to try clients'),
+    'dme': ('dme', 'a CMM with an I++ DME server: check it, its paths; such a server to try clients'),
     'calibrate': ('calibrate', 'start a calibration in a running cell and wait for the result'),
     'evaluate': ('evaluate', 'the six error motions of a run, with uncertainties'),
     'compare': ('compare', 'a model compared with a run: where it fails, by how much of the noise'),

@@ -1,4 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
 """A CMM through I++ DME: the protocol, safe paths, the table, and the measurement of one ball. No ROS."""
-
-from rosette_ros.dme import wire as wire

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosette dme check, path and dry-run: what an I++ server can do, the path around a ball, all moves above the plate."""
+
+import argparse
+import asyncio
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+
+import numpy as np
+
+from rosette_ros.cli.arguments import UsageError, add_shared, whole
+from rosette_ros.cli.console import console, print_json, print_parts
+from rosette_ros.core.errors import CellError, InvalidPlan
+from rosette_ros.core.geometry import rotate_z
+from rosette_ros.dme.ball_probing import DmeCmm
+from rosette_ros.dme.dme_check import DmeFinding, look_at
+from rosette_ros.dme.dme_session import DmeSession, Patience
+from rosette_ros.dme.dme_settings import DmeSettings, load_dme_settings
+from rosette_ros.dme.probe_path import ball_path, length, lifted, obstacles, refuse_unsafe, refuse_unsafe_plan
+from rosette_ros.dme.wire import PORT
+from rosette_ros.presentation.formatting import duration
+from rosette_ros.presentation.plots import plot_style
+from rosette_ros.presentation.plots.path_plots import probe_path
+from rosette_ros.presentation.table_format import Table, column, words
+
+MARKS = {True: '✓', False: '✗', None: '–'}
+
+
+def check_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what it takes."""
+    parser.epilog = 'Nothing moves. With a settings file the paths of all its balls are checked too.'
+    parser.add_argument('server', metavar='HOST[:PORT]', nargs='?', help=f'where the server listens (port {PORT})')
+    parser.add_argument('--settings', metavar='FILE', help='settings file of the CMM (rosette-dme/1), which names it')
+    parser.add_argument('--trace', action='store_true', help='show every line that is sent and received, on stderr')
+    add_shared(parser, '--json')
+
+
+def check(options: argparse.Namespace) -> None:
+    """Print what the server tells; raises CellError where the machine is not ready."""
+    if bool(options.server) == bool(options.settings):
+        raise UsageError('dme check: wanted HOST[:PORT] or --settings FILE, one of the two')
+    settings = load_dme_settings(options.settings) if options.settings else None
+    host, port = (settings.server.host, settings.server.port) if settings else _address(options.server)
+    trace = (lambda line: print(line, file=sys.stderr)) if options.trace else None
+    found = asyncio.run(_looked(host, port, settings, trace))
+    failed = [one.name for one in found if one.passed is False]
+    if options.json:
+        print_json({'schema': 'rosette-dme-check/1', 'server': f'{host}:{port}', 'passed': not failed,
+                    'checks': [asdict(one) for one in found]})
+    else:
+        print_parts(console(), [Table('dme_check', f'What {host}:{port} says', (
+            words('passed', '', [MARKS[one.passed] for one in found]),
+            words('check', 'asked', [one.name for one in found]),
+            words('found', 'found', [one.text for one in found])),
+            levels=tuple('bad' if one.passed is False else '' for one in found))])
+    if failed:
+        raise CellError(f'dme check: not passed: {", ".join(failed)} (docs/real-cmm.md)')
+
+
+def _address(text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(':') if ':' in text else (text, '', str(PORT))
+    if not host or not port.isdigit() or not 0 < int(port) < 65536:
+        raise UsageError(f'dme check: wanted HOST or HOST:PORT, got {text!r}')
+    return host.strip('[]'), int(port)
+
+
+async def _looked(host: str, port: int, settings: DmeSettings | None,
+                  trace: Callable[[str], None] | None) -> list[DmeFinding]:
+    patience = settings.timeouts.patience if settings else Patience()
+    session = await DmeSession.connect(host, port, patience, trace)
+    try:
+        return [*await look_at(session), *(await _prepared(DmeCmm(session, settings), settings) if settings else ())]
+    finally:
+        await session.end()
+
+
+async def _prepared(cmm: DmeCmm, settings: DmeSettings) -> list[DmeFinding]:
+    """Return whether the machine takes the settings, and whether all paths are safe."""
+    out = []
+    try:
+        await cmm.prepare()
+        out.append(DmeFinding('settings', '; '.join(cmm.remarks) or 'taken as they are', True))
+    except CellError as error:
+        out.append(DmeFinding('settings', str(error), False))
+    try:
+        count = refuse_unsafe_plan(settings, settings.table.balls)
+        out.append(DmeFinding('paths', f'those at {count} places are safe', True))
+    except InvalidPlan as error:
+        out.append(DmeFinding('paths', str(error), False))
+    return out
+
+
+def path_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what it takes."""
+    parser.add_argument('settings', metavar='FILE', help='settings file of the CMM (rosette-dme/1)')
+    parser.add_argument('--ball', metavar='J', type=whole(1, 720), default=1, help='which ball (default 1)')
+    parser.add_argument('--position', metavar='I', type=whole(1, 720), default=1, help='table position (default 1)')
+    parser.add_argument('--figure', metavar='FILE', help='write a picture of it (png, svg, pdf)')
+    parser.add_argument('--force', action='store_true', help='replace the file of the picture')
+    parser.add_argument('--csv', action='store_true', help='print the table as CSV')
+
+
+def path(options: argparse.Namespace) -> None:
+    """Print the way around a ball; raises UnsafePath where one of the plan is not safe."""
+    settings = load_dme_settings(options.settings)
+    table = settings.table
+    angle = 2 * np.pi * (options.position - 1) / table.balls
+    balls = table.frame.to_outer(table.balls_at(angle))
+    if options.ball > len(balls):
+        raise UsageError(f'dme path: --ball: wanted 1 .. {len(balls)}, got {options.ball}')
+    centre = balls[options.ball - 1]
+    steps = ball_path(settings, centre, table.frame.rotation[:, 2])
+    steps = lifted(settings, steps) if settings.dry_run else steps
+    tip = 1e-3 * settings.tool.tip_radius_mm
+    points = 1e3 * np.concatenate([step.ways(tip, 0.0)[-1:] for step in steps])
+    is_touch = np.array([step.normal is not None for step in steps])
+    shown = Table('dme_path', f'The way around ball {options.ball} at table position {options.position}', (
+        column('step', '', range(1, len(steps) + 1), str), words('why', 'step', [step.why for step in steps]),
+        *(column(f'{axis}_mm', axis, points[:, place], lambda value: f'{value:.3f}', 'mm')
+          for place, axis in enumerate('xyz'))), levels=tuple('strong' if one else '' for one in is_touch),
+        note=f'Tip centres in machine coordinates; {1e3 * length(steps, tip):.0f} mm.')
+    if options.csv:
+        sys.stdout.write(shown.csv())
+    else:
+        print_parts(console(), [shown])
+    if options.figure:
+        turned = rotate_z(-np.arctan2(*table.frame.to_inner(centre)[[1, 0]]), table.frame.to_inner(balls))
+        inner = rotate_z(-np.arctan2(*table.frame.to_inner(centre)[[1, 0]]), table.frame.to_inner(1e-3 * points))
+        off = np.delete(turned - turned[options.ball - 1], options.ball - 1, axis=0)
+        plot_style.save(probe_path(1e3 * (inner - turned[options.ball - 1]), is_touch, settings.ball.radius_mm,
+                                   (settings.ball.shaft_radius_mm, settings.ball.shaft_length_mm), 1e3 * off),
+                        options.figure, options.force)
+    refuse_unsafe(settings, steps, obstacles(settings, balls, options.ball - 1))
+    count = refuse_unsafe_plan(settings, table.balls)
+    if not options.csv:
+        console().print(f'The ways at all {count} places are safe.')
+
+
+def dry_run_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what it takes."""
+    parser.epilog = ('The machine moves: slowly, path.clearance_mm higher than it would, without a touch. Stand at the '
+                     'emergency stop.')
+    parser.add_argument('settings', metavar='FILE', help='settings file of the CMM (rosette-dme/1)')
+    parser.add_argument('--balls', metavar='N', type=whole(1, 720), help='the first N balls only')
+    parser.add_argument('--trace', action='store_true', help='show every line that is sent and received, on stderr')
+
+
+def dry_run(options: argparse.Namespace) -> None:
+    """Go around all balls, above them."""
+    settings = load_dme_settings(options.settings).model_copy(update={'dry_run': True})
+    places = refuse_unsafe_plan(settings, settings.table.balls)
+    out = console()
+    out.print(f'The ways at {places} places are safe. Ctrl-C aborts the move.')
+    trace = (lambda line: print(line, file=sys.stderr)) if options.trace else None
+
+    async def went() -> None:
+        cmm = await DmeCmm.start(settings, trace)
+        try:
+            balls = settings.table.frame.to_outer(settings.table.balls_at(0.0))[:options.balls]
+            for number, centre in enumerate(balls, 1):
+                began = time.monotonic()
+                await cmm.go_around(number, centre, 0.0)
+                out.print(f'ball {number}: {duration(time.monotonic() - began)}')
+        except asyncio.CancelledError:
+            await cmm.session.halt()
+            raise
+        finally:
+            await cmm.session.end()
+    asyncio.run(went())

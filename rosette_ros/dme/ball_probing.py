@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A CMM with rotary table behind an I++ DME server that measures balls: turn, move, touch, fit, read the thermometer.
+
+Everything is checked before a move is sent, and nothing moves once it was halted or a person has to look.
+"""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rosette_ros.core.axes import ALONG, words
+from rosette_ros.core.errors import CellError, InvalidPlan, RosetteError
+from rosette_ros.core.geometry import TWO_PI, Floats
+from rosette_ros.core.touches import fit_spheres
+from rosette_ros.dme.dme_session import DmeSession, DmeStopped
+from rosette_ros.dme.dme_settings import DmeSettings
+from rosette_ros.dme.probe_path import (
+    PathStep,
+    ball_path,
+    lift,
+    lifted,
+    obstacles,
+    refuse_to_turn,
+    refuse_unsafe,
+)
+from rosette_ros.dme.rotary_table import TableState, read_table, turn_table, turning_steps
+from rosette_ros.dme.wire import Call, Value, Word, call, numbers
+
+DEFECT = -273.0
+"""A sensor that reads no more than this, degrees Celsius, is defect."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredBall:
+    """One ball as it was touched.
+
+    points: (Q, 3) touches as the server reports them, m; normals: (Q, 3); touch_times: (Q,), s of the system clock;
+    is_compensated: whether the points are on the ball, else they are centres of the tip; centre: (3,) of the
+    least-squares sphere, m; radius: of it, m; form_error: m; table_angle in [0, 2 pi), table_travel unwrapped, rad;
+    approach: sense of the last table move, 0 before the first; temperature: degrees Celsius or NaN."""
+
+    points: Floats
+    normals: Floats
+    touch_times: Floats
+    is_compensated: bool
+    centre: Floats
+    radius: float
+    form_error: float
+    table_angle: float
+    table_travel: float
+    approach: int
+    temperature: float
+
+    @property
+    def time(self) -> float:
+        """When it was measured: the mean of its touches, s."""
+        return float(self.touch_times.mean())
+
+
+class DmeCmm:
+    """The machine behind a session, as configured; remarks: what the server has made of the settings, in sentences."""
+
+    def __init__(self, session: DmeSession, settings: DmeSettings) -> None:
+        self.session, self.settings = session, settings
+        self.table = TableState(0.0)
+        self.remarks: list[str] = []
+        self._has_thermometer = True
+
+    @classmethod
+    async def start(cls, settings: DmeSettings, trace: Callable[[str], None] | None = None) -> 'DmeCmm':
+        """Connect and prepare; raises CellError where the server is not there or the machine is not ready."""
+        server = settings.server
+        session = await DmeSession.connect(server.host, server.port, settings.timeouts.patience, trace)
+        cmm = cls(session, settings)
+        try:
+            await cmm.prepare()
+        except BaseException:
+            await session.end()
+            raise
+        return cmm
+
+    async def prepare(self) -> None:
+        """Bring tool, speeds and reports to what is configured, and read back what came of it; nothing homes."""
+        settings, session = self.settings, self.session
+        homed = await self.session.optional(Call('IsHomed'))
+        if homed and numbers(homed[0], 'IsHomed') == (0.0,):
+            raise CellError(f'{session.where}: wanted a homed machine, got IsHomed(0); home it at the machine')
+        await self.session.request(call('SetCoordSystem', Word('MachineCsy')))
+        if settings.tool.name:
+            await self.session.request(call('ChangeTool' if settings.tool.change else 'SetTool', settings.tool.name))
+        motion, remarks = settings.motion, list[str]()
+        wanted = {'GoToPar.Speed': motion.dry_run_speed_mm_s if settings.dry_run else motion.speed_mm_s,
+                  'PtMeasPar.Speed': motion.touch_speed_mm_s, 'PtMeasPar.Approach': motion.approach_mm,
+                  'PtMeasPar.Search': motion.search_mm, 'PtMeasPar.Retract': motion.retract_mm}
+        for name, value in wanted.items():
+            found = await self._set_property(f'Tool.{name}', value) if value is not None else value
+            if found != value:
+                remarks.append(f'Tool.{name}: asked {value:g}, the server has '
+                               f'{"no such property" if found is None else f"{found:g}"}')
+            most = settings.path.stand_off_mm
+            if found is not None and name.endswith(('Approach', 'Retract')) and found > most:
+                raise CellError(f'{session.where}: Tool.{name}: wanted at most path.stand_off_mm = {most:g}, got '
+                                f'{found:g}, as the server has it')
+        radius = await self.session.property_of('Tool.AvrRadius')
+        if radius is not None and abs(radius - settings.tool.tip_radius_mm) > settings.tool.tip_tolerance_mm:
+            raise CellError(f'{session.where}: wanted a tip radius of {settings.tool.tip_radius_mm:g} mm '
+                            f'(tool.tip_radius_mm), got {radius:g} from the server: is it the right tool?')
+        await self.session.request(call('OnPtMeasReport', *map(Call, 'XYZ')))
+        self.table = TableState(await read_table(self.session.request, settings.table))
+        self.remarks = remarks
+
+    async def _set_property(self, name: str, value: float) -> float | None:
+        if await self.session.optional(call('SetProp', call(name, value))) is None:
+            return None
+        return await self.session.property_of(name)
+
+    async def position(self) -> Floats:
+        """Return where the tip centre is, (3,), m."""
+        values = sum(await self.session.request(call('Get', *map(Call, 'XYZ'))), ())
+        return 1e-3 * np.array([numbers(values, axis)[0] for axis in 'XYZ'])
+
+    async def measure(self, ball: int, centre: ArrayLike, table_angle: float, approach: int = 0,
+                      pole: ArrayLike = (0.0, 0.0, 0.0), touches: int = 0) -> MeasuredBall:
+        """Turn the table, touch a ball and return it; arguments and errors as of `go_around`."""
+        path, points, times = await self.go_around(ball, centre, table_angle, approach, pole, touches)
+        if not times:
+            raise CellError(f'dry run: the way around ball {ball} was made above the plate, nothing was touched')
+        angle = await read_table(self.session.request, self.settings.table, self.table.angle)
+        temperature = await self.temperature()
+        touched = np.array(points)
+        sphere, travel = fit_spheres(touched[None]), float(np.deg2rad(angle))
+        radius = float(sphere.radius[0])
+        return MeasuredBall(
+            touched, np.array([step.normal for step in path if step.normal is not None]), np.array(times),
+            self._is_compensated(radius), sphere.centre[0], radius, float(sphere.form[0]), travel % TWO_PI, travel,
+            self.table.approach, temperature)
+
+    async def go_around(self, ball: int, centre: ArrayLike, table_angle: float, approach: int = 0,
+                        pole: ArrayLike = (0.0, 0.0, 0.0),
+                        touches: int = 0) -> tuple[list[PathStep], list[Floats], list[float]]:
+        """Turn the table and go around a ball; return the steps, the touched points, (3,), m, and their times, s.
+
+        ball: one-based; centre: where it is expected, m; table_angle: rad; approach: sense in which the table gets
+        there, 0 for the shorter way; pole: to the side of the ball that is probed, 0, 0, 0 for the table axis; touches:
+        0 for the usual number. In a dry run all happens higher by the clearance, and nothing is touched. Raises
+        InvalidPlan where the way is not safe, CellError where the machine refuses or finds no ball; the tip then stands
+        in the clearance plane, unless a person has to look.
+        """
+        settings, place = self.settings, np.asarray(centre, dtype=float)
+        balls = self._refuse_target(ball, place, table_angle, np.asarray(pole, dtype=float))
+        path = ball_path(settings, place, settings.table.frame.rotation[:, 2], touches)
+        path = lifted(settings, path) if settings.dry_run else path
+        around = obstacles(settings, balls, ball - 1, place)
+        refuse_unsafe(settings, path, around)
+        position, target = await self._lift(), float(np.rad2deg(table_angle))
+        if turning_steps(settings.table, self.table.angle, target, approach):
+            refuse_to_turn(settings, position)
+            await turn_table(self.session.request, settings.table, self.table, target, approach)
+        refuse_unsafe(settings, path, around, start=position)
+        points, times = list[Floats](), list[float]()
+        try:
+            for step in path:
+                if step.normal is None:
+                    await self.session.request(go_to(step.point))
+                else:
+                    points.append(await self._touch(step, step.normal))
+                    times.append(time.time())
+        except RosetteError as error:
+            if self.session.is_halted or self.session.for_person or isinstance(error, DmeStopped):
+                raise
+            if self.session.stop:
+                await self.session.clear()
+            await self._lift()
+            raise CellError(f'{step.why}: {error}') from error
+        return path, points, times
+
+    def _refuse_target(self, ball: int, centre: Floats, table_angle: float, pole: Floats) -> Floats:
+        """Return where the balls are at the table angle, (n, 3), m; raises InvalidPlan for one elsewhere."""
+        table = self.settings.table
+        balls = table.frame.to_outer(table.balls_at(table_angle))
+        if not 1 <= ball <= len(balls):
+            raise InvalidPlan(f'wanted one of the {len(balls)} balls of the settings (table.balls), got ball {ball}')
+        off = 1e3 * np.linalg.norm(balls[ball - 1] - centre)
+        if not off <= table.search_mm:
+            raise InvalidPlan(f'wanted ball {ball} within {table.search_mm:g} mm of {words(1e3 * balls[ball - 1])} mm, '
+                              f'as the table is taught in the settings, got {words(1e3 * centre)}; make '
+                              'table.origin_mm, axis, azimuth_deg and radius_mm those of the sequencer')
+        if pole.any() and pole @ table.frame.rotation[:, 2] < np.cos(ALONG):
+            raise InvalidPlan(f'wanted the pole along the axis {words(table.frame.rotation[:, 2])} of the settings, '
+                              f'got {words(pole)}; make table.axis that of the sequencer')
+        return balls
+
+    async def _lift(self) -> Floats:
+        """Bring the tip to the clearance plane, unless it is above, and return where it is."""
+        position = await self.position()
+        table = self.settings.table
+        steps, _ = lift(self.settings, position, table.frame.to_outer(table.balls_at(np.deg2rad(self.table.angle))))
+        for step in steps:
+            await self.session.request(go_to(step.point))
+        return steps[-1].point if steps else position
+
+    async def _touch(self, step: PathStep, normal: Floats) -> Floats:
+        """Return a touched point, (3,), m; raises CellError where it cannot be one of the ball."""
+        data = await self.session.request(call('PtMeas', *coordinates(step.point), call('IJK', *normal.tolist())))
+        values = sum(data, ())
+        point = np.array([numbers(values, axis)[0] for axis in 'XYZ'])
+        motion, tip = self.settings.motion, self.settings.tool.tip_radius_mm
+        most = motion.approach_mm + motion.search_mm + 2 * tip
+        if np.linalg.norm(point - 1e3 * step.point) > most:
+            raise CellError(f'wanted a point within {most:g} mm of {words(1e3 * step.point)} mm, got {words(point)}: '
+                            'does the server count in mm and in machine coordinates?')
+        return np.asarray(1e-3 * point)
+
+    def _is_compensated(self, radius: float) -> bool:
+        """Return whether touches on a sphere of a radius, m, are on the ball; raises CellError for no such sphere."""
+        ball, tip, found = self.settings.ball.radius_mm, self.settings.tool.tip_radius_mm, 1e3 * radius
+        off, is_compensated = min((abs(found - ball - tip), False), (abs(found - ball), True))
+        if off > self.settings.ball.radius_tolerance_mm:
+            raise CellError(f'wanted a sphere of radius {ball:g} mm, or {ball + tip:g} with the tip, got {found:.3f}; '
+                            'see ball.radius_mm, tool.tip_radius_mm and the qualification of the tool')
+        return is_compensated
+
+    async def temperature(self) -> float:
+        """Return the temperature at the plate, degrees Celsius; NaN where there is no sensor, or a defect one."""
+        sensor = self.settings.temperature_sensor
+        if self._has_thermometer:
+            wanted = call('ReadTemperatureSensor', sensor) if sensor else Call('ReadAllTemperatures')
+            data = await self.session.optional(wanted)
+            self._has_thermometer = data is not None
+            return next((value for value in _numbers_in(sum(data or [], ())) if value > DEFECT), np.nan)
+        return np.nan
+
+
+def _numbers_in(values: Sequence[Value]) -> Iterator[float]:
+    """Yield the numbers in values, also those in brackets."""
+    for value in values:
+        if isinstance(value, Call):
+            yield from _numbers_in(value.values)
+        elif not isinstance(value, str):
+            yield value
+
+
+def coordinates(point: Floats) -> list[Call]:
+    """Return X(...), Y(...), Z(...) of a point (3,), m."""
+    return [call(axis, value) for axis, value in zip('XYZ', (1e3 * point).tolist())]
+
+
+def go_to(point: Floats) -> Call:
+    """Return the command that moves the tip to (3,), m."""
+    return call('GoTo', *coordinates(point))

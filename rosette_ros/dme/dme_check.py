@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a server tells about itself: version, tools, axes, limits, thermometers, dialect. Nothing moves."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from rosette_ros.dme.dme_session import Data, DmeSession
+from rosette_ros.dme.wire import Call, call, named, shown
+
+SPEEDS = tuple(f'Tool.{group}.{name}' for group in ('GoToPar', 'PtMeasPar') for name in ('Speed', 'Accel'))
+LENGTHS = tuple(f'Tool.PtMeasPar.{name}' for name in ('Approach', 'Search', 'Retract'))
+
+
+@dataclass(frozen=True)
+class DmeFinding:
+    """What was asked and what was found; passed: None for information."""
+
+    name: str
+    text: str
+    passed: bool | None = None
+
+
+async def look_at(session: DmeSession) -> list[DmeFinding]:
+    """Return what the server says; raises CellError where it takes no more commands."""
+    out = list[DmeFinding]()
+
+    async def asked(name: str, *calls: Call, wanted: bool | None = None) -> Data:
+        data: Data = []
+        for one in calls:
+            data += await session.optional(one) or []
+        out.append(DmeFinding(name, '; '.join(map(shown, data)) or 'not supported', wanted and bool(data)))
+        return data
+
+    await asked('version', Call('GetDMEVersion'))
+    await asked('machine', Call('GetMachineClass'))
+    homed = await session.optional(Call('IsHomed'))
+    is_homed = None if not homed else named(homed[0], 'IsHomed') == (1.0,)
+    out.append(DmeFinding('homed', {None: 'not supported', True: 'yes', False: 'no: home it at the machine'}[is_homed],
+                       is_homed))
+    await asked('tools', Call('EnumTools'))
+    await asked('tool in use', call('GetProp', Call('Tool.Name')))
+    await asked('tip', call('GetProp', Call('Tool.AvrRadius')))
+    await asked('position / mm', call('Get', *map(Call, 'XYZ')), wanted=True)
+    await asked('table / deg', call('Get', Call('R')), wanted=True)
+    for name in (*SPEEDS, *LENGTHS):
+        found = {end: await session.property_of(f'{name}{end}') for end in ('', '.Min', '.Max')}
+        known = _words(found.items())
+        out.append(DmeFinding(name, ', '.join(known) or 'not supported'))
+    await asked('temperatures / °C', Call('ReadAllTemperatures'))
+    return out
+
+
+def _words(found: Iterable[tuple[str, float | None]]) -> list[str]:
+    names = {'': '', '.Min': 'least ', '.Max': 'most '}
+    return [f'{names[end]}{value:g}' for end, value in found if value is not None]

@@ -1,0 +1,308 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A client's session with an I++ DME server: one command after the other, errors, abortion, the end of the connection.
+
+Nothing is tried again, cleared, homed or connected anew unless the caller says so. A command may be sent after the Ack
+of the last one; from an error of severity 2 on nothing but ClearAllErrors is sent. Source: I++ DME 1.4.3, 6.2 and 8.
+"""
+
+import asyncio
+import socket
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from rosette_ros.core.errors import CellError
+from rosette_ros.dme.wire import (
+    ACK,
+    DATA,
+    DONE,
+    ERROR,
+    LONGEST,
+    PORT,
+    UNSOLICITED,
+    Call,
+    Command,
+    DmeError,
+    NotDme,
+    Response,
+    Value,
+    encoded,
+    error_of,
+    format_value,
+    named,
+    numbers,
+    parse_response,
+    read_line,
+)
+
+ABORTED, EMERGENCY_STOP, CLAMPED, NOT_HOMED, NO_SURFACE, COLLISION = 6, 500, 504, 1005, 1006, 2504
+OF_A_COMMAND = frozenset((ABORTED, 501, 502, 505, 506, 507, 508, 509, 510, 511, 513, NO_SURFACE, 1008, 1010, 1502,
+                          1503, 2000, 2002, 2500, 2505, 2506))
+"""Errors that concern one command: the machine stands as it is used to. After any other severe one a person looks."""
+_UNSUPPORTED = frozenset((501, 502, 505, 506, 507, 508, 509, 510, 511))
+SEVERE = 2
+"""From this severity on the server takes nothing but ClearAllErrors."""
+
+Data = list[tuple[Value, ...]]
+"""What a command answered: the values of each line of data."""
+
+
+class DmeStopped(CellError):
+    """Nothing is sent any more until a person has looked at the machine."""
+
+
+class DmeLost(DmeStopped):
+    """The connection is gone, or what comes through it cannot be trusted."""
+
+
+class DmeRefused(CellError):
+    """A command that the server did not carry out; error: its number and words."""
+
+    def __init__(self, call: Call, error: DmeError) -> None:
+        super().__init__(f'{format_value(call)}: the server answered {error}')
+        self.error = error
+
+
+@dataclass(frozen=True)
+class Patience:
+    """How long is waited, s: for a connection, an Ack, the end of a command, the end of AbortE."""
+
+    connect: float = 5.0
+    ack: float = 5.0
+    command: float = 60.0
+    abort: float = 2.0
+
+
+@dataclass(eq=False)
+class _Pending:
+    call: Call
+    acked: asyncio.Future[None]
+    done: asyncio.Future[None]
+    data: Data = field(default_factory=list)
+    error: DmeError | None = None
+
+
+class DmeSession:
+    """A connection to a server; every method belongs to the event loop in which it was made.
+
+    stop: why nothing is sent, '' while commands are taken; for_person: whether a person has to look before errors are
+    cleared; is_lost: whether the connection has ended; warnings: errors of severity 0 and 1, the newest last."""
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, where: str,
+                 patience: Patience = Patience(), trace: Callable[[str], None] | None = None) -> None:
+        self._reader, self._writer, self.where, self._patience = reader, writer, where, patience
+        self._trace = trace or (lambda line: None)
+        self._pending: dict[str, _Pending] = {}
+        self._tags = self._events = 0
+        self._turn, self._is_aborting = asyncio.Lock(), False
+        self.stop, self.for_person, self.is_lost, self.is_halted = '', False, False, False
+        self.warnings = deque[str](maxlen=100)
+        self._listener = asyncio.create_task(self._listen())
+
+    @classmethod
+    async def connect(cls, host: str, port: int = PORT, patience: Patience = Patience(),
+                      trace: Callable[[str], None] | None = None) -> 'DmeSession':
+        """Return a session that has sent StartSession; raises DmeLost where nobody answers, DmeRefused."""
+        where = f'{host}:{port}'
+        try:
+            async with asyncio.timeout(patience.connect):
+                reader, writer = await asyncio.open_connection(host, port, limit=LONGEST)
+        except TimeoutError:
+            raise DmeLost(f'{where}: wanted a connection within {patience.connect:g} s, got none; is the I++ server '
+                          'started, and is host:port right?') from None
+        except OSError as error:
+            raise DmeLost(f'{where}: wanted a connection, got {error.strerror or error}; is the I++ server started, '
+                          'and is host:port right?') from None
+        connection = writer.get_extra_info('socket')
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        session = cls(reader, writer, where, patience, trace)
+        try:
+            await session.request(Call('StartSession'))
+        except BaseException:
+            await session.close()
+            raise
+        return session
+
+    async def request(self, call: Call, timeout: float | None = None) -> Data:
+        """Send a command, wait for its end and return its data.
+
+        timeout: for its end, s, None for the usual one; after it the command is aborted. Raises DmeRefused for an error
+        of the command, DmeStopped where nothing may be sent, DmeLost."""
+        clears = call.name in ('ClearAllErrors', 'EndSession')
+        async with self._turn:
+            self._refuse_if_stopped(call.name)
+            self._tags = self._tags % 99999 + 1
+            pending = self._send(f'{self._tags:05d}', call)
+            try:
+                await self._within(self._patience.ack, pending.acked, call, 'Ack')
+            finally:
+                pending.acked.cancel()
+        await self._within(timeout or self._patience.command, pending.done, call, 'end')
+        if self.for_person and not clears:
+            raise DmeStopped(self.stop)
+        if pending.error:
+            raise DmeRefused(call, pending.error)
+        return pending.data
+
+    async def optional(self, call: Call) -> Data | None:
+        """Send a command that a server need not have; None where it has not, and its error is cleared."""
+        try:
+            return await self.request(call)
+        except DmeRefused as error:
+            if error.error.number not in _UNSUPPORTED:
+                raise
+            if self.stop:
+                await self.clear()
+            return None
+
+    async def property_of(self, name: str) -> float | None:
+        """Return a property such as Tool.PtMeasPar.Speed, None where the server has none; raises NotDme."""
+        values = sum(await self.optional(Call('GetProp', (Call(name),))) or [], ())
+        return None if named(values, name) is None else numbers(values, name)[0]
+
+    async def halt(self) -> None:
+        """Send AbortE at once; nothing is sent after that until `resume`. Raises DmeLost."""
+        self.is_halted = True
+        await self.abort()
+
+    async def resume(self) -> None:
+        """Take commands again after `halt`; raises DmeStopped where a person has to look."""
+        self.is_halted = False
+        if self.stop:
+            await self.clear()
+
+    async def abort(self) -> None:
+        """Send AbortE at once and wait for its end; the server then wants ClearAllErrors. Raises DmeLost."""
+        if self.is_lost:
+            raise DmeLost(self.stop)
+        if self._is_aborting:
+            return
+        self._is_aborting = True
+        self._events = self._events % 9999 + 1
+        pending = self._send(f'E{self._events:04d}', Call('AbortE'))
+        try:
+            async with asyncio.timeout(self._patience.abort):
+                await asyncio.shield(pending.done)
+        except TimeoutError:
+            self._lose(f'AbortE was not answered within {self._patience.abort:g} s: the machine may still move, press '
+                       'the emergency stop')
+            raise DmeLost(self.stop) from None
+        finally:
+            self._is_aborting = False
+        self._stop_for(DmeError(SEVERE, ABORTED, text='aborted'))
+
+    async def clear(self, by_person: bool = False) -> None:
+        """Send ClearAllErrors; raises DmeStopped where a person has to look first, unless one has, and DmeRefused."""
+        if self.for_person and not by_person:
+            raise DmeStopped(self.stop)
+        await self.request(Call('ClearAllErrors'))
+        if not self.is_lost:
+            self.stop, self.for_person = '', False
+
+    async def end(self) -> None:
+        """Send EndSession, which a server in an error state may refuse, and close the connection."""
+        try:
+            await self.request(Call('EndSession'), self._patience.ack)
+        except CellError:
+            pass
+        finally:
+            await self.close()
+
+    async def close(self) -> None:
+        """Close the connection."""
+        self._lose('the connection was closed')
+        self._listener.cancel()
+        await asyncio.gather(self._listener, return_exceptions=True)
+
+    def _refuse_if_stopped(self, name: str) -> None:
+        if self.is_lost:
+            raise DmeLost(self.stop)
+        is_stopped = self.is_halted or (self.stop and name != 'ClearAllErrors')
+        if self._is_aborting or (is_stopped and name != 'EndSession'):
+            raise DmeStopped(self.stop or f'{self.where}: aborted')
+
+    def _send(self, tag: str, call: Call) -> _Pending:
+        line = Command(tag, call).line()
+        loop = asyncio.get_running_loop()
+        pending = self._pending[tag] = _Pending(call, loop.create_future(), loop.create_future())
+        self._trace(f'> {line}')
+        self._writer.write(encoded(line))
+        return pending
+
+    async def _within(self, seconds: float, future: 'asyncio.Future[None]', call: Call, what: str) -> None:
+        try:
+            async with asyncio.timeout(seconds):
+                await asyncio.shield(future)
+        except TimeoutError:
+            words = f'{format_value(call)}: wanted its {what} within {seconds:g} s, got none'
+            await self.abort()
+            self._stop(f'{words}; it was aborted', for_person=True)
+            raise DmeStopped(self.stop) from None
+
+    async def _listen(self) -> None:
+        try:
+            while (line := await read_line(self._reader)) is not None:
+                self._trace(f'< {line}')
+                self._take(parse_response(line))
+            words = 'the server closed the connection: it was ended or restarted'
+        except NotDme as error:
+            words = f'the server sent what is no I++ DME: {error}'
+        except OSError as error:
+            words = f'the connection broke: {error.strerror or error}'
+        self._lose(f'{words}; a person has to look at the machine')
+
+    def _take(self, response: Response) -> None:
+        """Sort one line of the server; raises NotDme for a tag that nobody waits for."""
+        if response.tag in UNSOLICITED:
+            if response.kind == ERROR:
+                self._note(error_of(response), None)
+            return
+        pending = self._pending.get(response.tag)
+        if pending is None:
+            raise NotDme(f'wanted answers to {", ".join(self._pending) or "nothing"}, got one with the tag '
+                         f'{response.tag}')
+        if response.kind == ACK and not pending.acked.done():
+            pending.acked.set_result(None)
+        elif response.kind == DATA:
+            pending.data.append(response.values)
+        elif response.kind == ERROR:
+            self._note(error_of(response), pending)
+        elif response.kind == DONE:
+            del self._pending[response.tag]
+            for future in (pending.acked, pending.done):
+                if not future.done():
+                    future.set_result(None)
+
+    def _note(self, error: DmeError, pending: _Pending | None) -> None:
+        if error.severity < SEVERE:
+            what = f'{format_value(pending.call)}: ' if pending else ''
+            self.warnings.append(f'{what}{error}')
+            return
+        if pending and not pending.error:
+            pending.error = error
+        self._stop_for(error)
+        if pending is None:  # what runs has been aborted by the server; its end is not waited for for long
+            asyncio.get_running_loop().call_later(self._patience.abort, self._give_up, tuple(self._pending.values()))
+
+    def _stop_for(self, error: DmeError) -> None:
+        for_person = error.number not in OF_A_COMMAND or error.severity > 3
+        self._stop(f'{error}{"; a person has to look at the machine" if for_person else ""}', for_person)
+
+    def _stop(self, words: str, for_person: bool) -> None:
+        """Remember why nothing may be sent; what a person has to look at is not forgotten for less."""
+        if not self.stop or (for_person and not self.for_person):
+            self.stop, self.for_person = f'{self.where}: {words}', for_person
+
+    def _lose(self, words: str) -> None:
+        if not self.is_lost:
+            self.is_lost, self.for_person = True, True
+            self.stop = f'{self.where}: {words}{f" (before: {self.stop})" if self.stop else ""}'
+            self._writer.close()
+        self._give_up(tuple(self._pending.values()))
+        self._pending.clear()
+
+    def _give_up(self, commands: tuple[_Pending, ...]) -> None:
+        for future in (future for one in commands for future in (one.acked, one.done) if not future.done()):
+            future.set_exception(DmeLost(self.stop) if self.is_lost else DmeStopped(self.stop))
+            future.exception()  # nobody may wait for it

@@ -1,0 +1,353 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What goes wrong between client and server, over TCP: each in words, and nothing moves after a stop."""
+
+import asyncio
+import math
+
+import numpy as np
+import pytest
+from scripted_server import OK, error, measured, run, settings_of, unsolicited
+
+from rosette_ros.core.errors import CellError, InvalidPlan
+from rosette_ros.dme.ball_probing import DmeCmm
+from rosette_ros.dme.dme_session import DmeLost, DmeSession, DmeStopped, Patience
+from rosette_ros.dme.wire import ACK, DATA, DONE, Response, call, encoded
+
+NANOMETRE = 1e-9
+
+
+def at(number, reply):
+    """Return a reply that is given from the `number`-th time on, once, the usual one before and after."""
+    count = iter(range(1, 10_000))
+    return lambda tag, asked: reply(tag, asked) if next(count) == number else OK
+
+
+def no_move_after(server, cmm):
+    """Return what still moves when the machine is asked to: nothing."""
+    before = len(server.moves)
+
+    async def tried():
+        with pytest.raises(CellError) as caught:
+            await measured(cmm)
+        assert len(server.moves) == before
+        return str(caught.value)
+    return tried()
+
+
+def stopped_by(words, settings=None, person=True, **replies):
+    """Measure a ball, which a fault stops; return what is said. Nothing moves then, unless a person clears it."""
+    async def scene(server, cmm):
+        with pytest.raises(CellError, match=words) as caught:
+            await measured(cmm)
+        if person:
+            assert cmm.session.for_person
+            await no_move_after(server, cmm)
+            assert 'ClearAllErrors' not in [one.name for one in server.commands]
+        else:
+            assert server.place[2] == pytest.approx(-240.0)  # the tip has gone up
+            again = await measured(cmm)
+            assert np.linalg.norm(again.centre - [0.5325, 0.26, -0.3]) < NANOMETRE
+        return str(caught.value)
+    return run(scene, settings, **replies)
+
+
+def moved(server, tag, words):
+    """Return the answer to PtMeas with other words in place of the numbers."""
+    return [Response(tag, ACK), encoded(f'{tag} # {words}'), Response(tag, DONE)]
+
+
+@pytest.mark.parametrize(('name', 'severity', 'number', 'person'), [
+    ('PtMeas', 2, 1006, False), ('GoTo', 3, 1008, False), ('GoTo', 3, 2500, False), ('PtMeas', 3, 2000, False),
+    ('PtMeas', 3, 2504, True), ('GoTo', 3, 500, True), ('GoTo', 9, 503, True), ('PtMeas', 3, 1005, True),
+    ('PtMeas', 2, 514, True), ('GoTo', 3, 4711, True),
+])
+def test_errors_of_the_machine(name, severity, number, person):
+    """One of the command: cleared, the tip goes up, the next ball is measured. Any other: a person has to look."""
+    replies = {name: at(4, lambda tag, asked: error(tag, severity, number))}
+    said = stopped_by(f'error {number:04d} \\(severity {severity}\\): words', person=person, **replies)
+    assert ('a person has to look at the machine' in said) == person
+
+
+def test_a_person_clears_a_collision():
+    """After that it goes on."""
+    async def scene(server, cmm):
+        with pytest.raises(DmeStopped, match='error 2504'):
+            await measured(cmm)
+        with pytest.raises(DmeStopped, match='error 2504'):
+            await cmm.session.clear()
+        await cmm.session.clear(by_person=True)
+        return await measured(cmm)
+    found = run(scene, PtMeas=at(3, lambda tag, asked: error(tag, 3, 2504, 'Collision')))
+    assert np.linalg.norm(found.centre - [0.5325, 0.26, -0.3]) < NANOMETRE
+
+
+def test_unsolicited_errors():
+    """A warning is noted; an emergency stop ends what runs, although the server never answers the command."""
+    async def scene(server, cmm):
+        server.send(unsolicited(1, 504, 'clamped'))
+        await measured(cmm)
+        assert [*cmm.session.warnings] == ['error 0504 (severity 1): clamped']
+
+        async def silent(tag, asked):
+            server.send(Response(tag, ACK), unsolicited(3, 500, 'Emergency stop'))
+            return []
+        server.replies['PtMeas'] = silent
+        with pytest.raises(DmeStopped, match='error 0500 .*Emergency stop; a person has to look'):
+            await measured(cmm)
+        await no_move_after(server, cmm)
+    run(scene)
+
+
+def test_reordered_quoted_split_and_joined():
+    """By name, in any order, in any packets, in both dialects."""
+    async def scene(server, cmm):
+        async def pieces(tag, asked):
+            usual = server.usual(tag, asked)
+            x, y, z = (f'{one.name}("{one.values[0]:.12f}")' for one in usual[1].values)
+            data = encoded(f'{tag} &') + encoded(f'{tag} #{z}, {x},IJK(0, 0, 1),{y}') + encoded(f'{tag} %')
+            for start in range(0, len(data), 7):
+                server.send(data[start:start + 7])
+                await asyncio.sleep(0)
+            return []
+        server.replies['PtMeas'] = pieces
+        server.blank = False
+        found = await measured(cmm)
+        assert np.linalg.norm(found.centre - [0.5325, 0.26, -0.3]) < NANOMETRE
+    run(scene)
+
+
+@pytest.mark.parametrize(('words', 'said'), [
+    ('X(nan), Y(1), Z(2)', 'X: wanted a finite number, got nan'),
+    ('X(1), Z(2)', r'wanted Y\(...\) with 1 numbers'),
+    ('X(21.4), Y(10.2), Z(-11.8)', 'within 11 mm of .*does the server count in mm'),  # inches
+    ('X(0.5379), Y(0.26), Z(-0.286)', 'does the server count in mm'),  # metres
+])
+def test_answers_that_make_no_sense(words, said):
+    """The tip goes up, the touch is named, the next ball is measured."""
+    assert 'touch 3: ' in stopped_by(said, person=False, PtMeas=at(3, lambda tag, asked: moved(None, tag, words)))
+
+
+@pytest.mark.parametrize(('packet', 'said'), [
+    (b'HTTP/1.1 400 Bad Request\r\n', 'no I\\+\\+ DME: wanted a tag and one of'),
+    (b'\xff\xfe\x00\r\n', 'printable ASCII'), (encoded('00777 %'), 'got one with the tag 00777'),
+    (encoded('E0000 ! Error(7)'), 'wanted Error'),
+])
+def test_garbage_and_wrong_tags(packet, said):
+    """What comes through such a connection cannot be trusted: it is closed."""
+    stopped_by(said, PtMeas=at(3, lambda tag, asked: [packet]))
+
+
+def test_a_server_that_is_restarted():
+    """Said in words; nothing connects anew by itself."""
+    async def scene(server, cmm):
+        server.replies['PtMeas'] = at(3, lambda tag, asked: server.writers[-1].close() or [])
+        with pytest.raises(DmeLost, match='the server closed the connection: it was ended or restarted'):
+            await measured(cmm)
+        await no_move_after(server, cmm)
+        assert len(server.writers) == 1
+        cmm = await DmeCmm.start(cmm.settings)
+        assert np.linalg.norm((await measured(cmm)).centre - [0.5325, 0.26, -0.3]) < NANOMETRE
+        await cmm.session.close()
+    run(scene)
+
+
+@pytest.mark.parametrize(('reply', 'said'), [
+    (lambda tag, asked: [],
+     'AbortE was not answered within 0.2 s: the machine may still move, press the emergency stop'),
+    (lambda tag, asked: [Response(tag, ACK), Response(tag, DONE)], r'GoTo\(.*wanted its end within 0.5 s'),
+])
+def test_slow_server_and_half_open_connection(reply, said):
+    """A command that does not end is aborted; where that is not answered either, the machine may move."""
+    stopped_by(said, GoTo=at(3, lambda tag, asked: [Response(tag, ACK)]), AbortE=reply)
+
+
+def test_no_ack():
+    """Likewise."""
+    stopped_by('wanted its Ack within 0.3 s', GoTo=at(3, lambda tag, asked: []))
+
+
+def test_the_next_command_waits_for_the_ack():
+    """Two that are asked at once come one after the other."""
+    async def scene(server, cmm):
+        asked = []
+
+        async def late(tag, one):
+            asked.append(one.values[0].values[0])
+            await asyncio.sleep(0.05)
+            assert len(asked) == len(set(asked)) == len([x for x in server.commands if x.name == 'GoTo'])
+            return [Response(tag, ACK), Response(tag, DONE)]
+        server.replies['GoTo'] = late
+        await asyncio.gather(*(cmm.session.request(call('GoTo', X=float(x))) for x in range(3)))
+        assert asked == [0, 1, 2]
+    run(scene)
+
+
+@pytest.mark.parametrize('name', ['GoTo', 'PtMeas'])
+def test_abortion(name):
+    """AbortE is on the wire at once; nothing moves until the machine is told to go on, then the ball is measured."""
+    async def scene(server, cmm):
+        started = asyncio.Event()
+
+        async def slow(tag, asked):
+            if started.is_set():
+                return OK
+            started.set()
+            running.append(tag)
+            return [Response(tag, ACK)]
+
+        running = []
+        server.replies[name] = slow
+        server.replies['AbortE'] = lambda tag, asked: [
+            Response(tag, ACK), *error(running[0], 2, 6, 'aborted')[1:], Response(tag, DONE)]
+        task = asyncio.create_task(measured(cmm))
+        await started.wait()
+        await cmm.session.halt()
+        with pytest.raises(CellError, match=r'error 0006|aborted'):
+            await task
+        assert server.commands[-1].name == 'AbortE'
+        await no_move_after(server, cmm)
+        server.replies.clear()
+        await cmm.session.resume()
+        found = await measured(cmm)
+        assert np.linalg.norm(found.centre - [0.5325, 0.26, -0.3]) < NANOMETRE
+    run(scene)
+
+
+def test_clamped_arguments_are_told():
+    """The server's value counts."""
+    async def scene(server, cmm):
+        assert cmm.remarks == ['Tool.GoToPar.Speed: asked 200, the server has 50']
+
+    def clamps(tag, asked):
+        if asked.values[0].name == 'Tool.GoToPar.Speed':
+            return [*error(tag, 1, 504, 'clamped')[:-1], Response(tag, DONE)]
+        return OK
+    asked = []
+    run(scene, settings_of(motion={'speed_mm_s': 200.0}), SetProp=clamps,
+        GetProp=lambda tag, one: asked.append(one) or (
+            [Response(tag, ACK), Response(tag, DATA, (call('Tool.GoToPar.Speed', 50.0),)), Response(tag, DONE)]
+            if 'GoToPar' in one.values[0].name else OK))
+
+
+@pytest.mark.parametrize(('changes', 'replies', 'said'), [
+    ({}, {'IsHomed': lambda tag, asked: [Response(tag, ACK), encoded(f'{tag} # IsHomed(0)'), Response(tag, DONE)]},
+     'wanted a homed machine'),
+    ({}, {'SetCoordSystem': lambda tag, asked: error(tag, 2, 514, 'Use ClearAllErrors')}, 'error 0514 .*a person has'),
+    ({'tool': {'name': 'P2'}}, {'SetTool': lambda tag, asked: error(tag, 3, 1502, 'Tool not found')},
+     r'SetTool\("P2"\): the server answered error 1502'),
+    ({'tool': {'tip_radius_mm': 1.5}}, {}, r'wanted a tip radius of 1.5 mm \(tool.tip_radius_mm\), got 2.5'),
+    ({}, {'StartSession': lambda tag, asked: error(tag, 3, 508, 'Bad context')}, 'error 0508'),
+])
+def test_a_machine_that_is_not_ready(changes, replies, said):
+    """It is not connected, and nothing has moved."""
+    async def scene(server, cmm):
+        raise AssertionError
+    with pytest.raises(CellError, match=said):
+        run(scene, settings_of(**changes), **replies)
+
+
+def test_an_old_server():
+    """One of 1.4: no temperatures, no properties of the tool, no IsHomed: it measures all the same."""
+    async def scene(server, cmm):
+        found = [await measured(cmm), await measured(cmm)]
+        assert all(math.isnan(one.temperature) for one in found)
+        assert [one.name for one in server.commands].count('ReadAllTemperatures') == 1
+    refused = {name: lambda tag, asked: error(tag, 3, 501, 'Unsupported command')
+               for name in ('IsHomed', 'ReadAllTemperatures', 'GetProp')}
+    run(scene, **refused)
+
+
+def test_tables_that_turn_the_other_way():
+    """R that moves against its command is refused at once."""
+    async def scene(server, cmm):
+        server.turns = -1
+        with pytest.raises(CellError, match='wanted the table at 60.0000 deg, got -60.0000 from R; see table.sign'):
+            await measured(cmm, position=2)
+        assert 'PtMeas' not in [one.name for one in server.commands]
+    run(scene)
+
+
+@pytest.mark.parametrize('changes', [
+    {'sign': -1}, {'zero_deg': 90.0}, {'reading': 'cumulative'}, {'limits_deg': [0, 360]}, {'turn': 'align'},
+    {'sign': -1, 'limits_deg': [-180, 180]}])
+def test_tables_of_all_kinds(changes):
+    """Two turns forward, one back: travel and sense are those that were asked."""
+    settings = settings_of(table=changes)
+
+    async def scene(server, cmm):
+        table = settings.table
+        real = type(server).balls
+
+        def balls(self):  # the ring has six places alike: the angle of R does not matter
+            r, self.r = self.r, (self.r - table.zero_deg) * table.sign
+            try:
+                return real(self)
+            finally:
+                self.r = r
+        server.balls = balls.__get__(server)
+        server.r = table.zero_deg
+        cmm.table.angle = 0.0
+        travel = []
+        for position, sense in [(1, 1), (3, 1), (5, 1), (1, 1), (3, 1), (1, -1), (5, -1)]:
+            found = await measured(cmm, 2, position, sense)
+            travel.append(found.table_travel)
+            assert abs(found.table_angle - np.pi / 3 * (position - 1)) < 1e-6
+            assert found.approach == (sense if len(travel) > 1 else 0)
+        if 'limits_deg' not in changes:
+            assert np.allclose(np.rad2deg(travel), [0, 120, 240, 360, 480, 360, 240])
+        turned = [one.values[0].values[0] for one in server.moves if one.name == 'GoTo' and one.values[0].name == 'R']
+        low, high = changes.get('limits_deg', (-1e9, 1e9))
+        assert all(low <= one <= high for one in turned)
+    run(scene, settings)
+
+
+def test_targets_elsewhere():
+    """Another plate or table than the settings have: refused before anything moves."""
+    async def scene(server, cmm):
+        before = len(server.commands)
+        for arguments, said in [((7, [0.5325, 0.26, -0.3], 0.0, 1), 'wanted one of the 6 balls'),
+                                ((1, [0.6, 0.26, -0.3], 0.0, 1), r'wanted ball 1 within 20 mm of \(532, 260, -300\)'),
+                                ((1, [np.nan, 0.26, -0.3], 0.0, 1), 'wanted ball 1 within'),
+                                ((1, [0.5325, 0.26, -0.3], 0.0, 1, [1, 0, 0]), 'wanted the pole along the axis'),
+                                ((1, [0.5325, 0.26, -0.3], 0.0, 1, [0, 0, 1], 7), 'touches: wanted one of')]:
+            with pytest.raises(InvalidPlan, match=said):
+                await cmm.measure(*arguments)
+        assert len(server.commands) == before
+    run(scene)
+
+
+def test_nobody_there():
+    """Said in words, with what to look at."""
+    async def scene():
+        with pytest.raises(DmeLost, match=r'127.0.0.1:1: wanted a connection, got .*; is the I\+\+ server started'):
+            await DmeSession.connect('127.0.0.1', 1, Patience(connect=1.0))
+    asyncio.run(scene())
+
+
+def test_wrong_ball():
+    """The fitted radius tells."""
+    async def scene(server, cmm):
+        server.settings = settings_of(ball={'radius_mm': 16.0})
+        with pytest.raises(CellError, match=r'wanted a sphere of radius 15 mm, or 17.5 with the tip, got 18.5'):
+            await measured(cmm)
+    run(scene)
+
+
+def test_a_ball_that_is_off_its_place():
+    """By 2 mm: found where it is."""
+    async def scene(server, cmm):
+        server.off = np.array([1.0, -1.5, 0.8])
+        found = await measured(cmm)
+        assert np.linalg.norm(found.centre - [0.5335, 0.2585, -0.2992]) < NANOMETRE
+    run(scene)
+
+
+def test_dry_run():
+    """All moves above the balls, no touch."""
+    async def scene(server, cmm):
+        with pytest.raises(CellError, match='dry run: the way around ball 1 was made above the plate'):
+            await measured(cmm)
+        assert 'PtMeas' not in [one.name for one in server.commands]
+        assert min(one.values[2].values[0] for one in server.moves) > -300 + 15 + 10
+        assert server.properties['Tool.GoToPar.Speed'] == 10.0
+    run(scene, settings_of(dry_run=True))
