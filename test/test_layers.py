@@ -21,8 +21,8 @@ ROS = frozenset(('rclpy', 'rosette_msgs', 'rosgraph_msgs', 'std_msgs', 'std_srvs
                  'diagnostic_msgs', 'action_msgs', 'builtin_interfaces', 'lifecycle_msgs', 'rcl_interfaces',
                  'service_msgs', 'ament_index_python', 'launch', 'launch_ros'))
 SIMULATION_MAY = frozenset(('core.axes', 'core.errors', 'core.geometry', 'core.records', 'core.scheme', 'core.touches',
-                            'core', 'io.safe_yaml', 'io.text_file'))
-"""What the simulated machine shares with the evaluation: records, geometry, reading YAML, writing files, no physics."""
+                            'core', 'core.correction', 'io.correction_file', 'io.safe_yaml', 'io.text_file'))
+"""What the simulated machine shares with the evaluation: records, geometry, correction tables, files, no physics."""
 
 ALLOWED = {
     '__init__': set(),

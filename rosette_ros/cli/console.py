@@ -17,6 +17,7 @@ from rosette_ros.presentation.formatting import missing_words, residual_words, r
 from rosette_ros.presentation.table_format import Column, Table
 
 if TYPE_CHECKING:  # plan and info start without the least squares
+    from rosette_ros.core.correction_check import CorrectionCheck
     from rosette_ros.core.diagnosis.verdict import Conclusion, Verdict
     from rosette_ros.core.model.least_squares import Fit
 
@@ -123,7 +124,7 @@ def fit_rows(fit: 'Fit') -> list[tuple[str, str]]:
                                f'{"".join(unused)}')]
 
 
-def print_verdict(out: Console, verdict: 'Verdict | Conclusion') -> None:
+def print_verdict(out: Console, verdict: 'Verdict | Conclusion | CorrectionCheck') -> None:
     """Print a verdict as it stands: its sentence, and what to do."""
     out.print(f'[{COLOURS[verdict.level]}]{escape(verdict.sentence)}[/]')
     out.print(escape(verdict.action))

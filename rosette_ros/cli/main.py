@@ -42,6 +42,8 @@ VERBS = {
     'report': ('report', 'a run on one page: verdict, curves, residuals, candidates, conditions'),
     'runs': ('runs', 'the runs in a folder, with their verdicts'),
     'studio': ('studio', 'a page in the browser: verdict, curves, maps, what is missing, a running cell'),
+    'correct': ('correct', 'a correction of the table from a run: for ROS, as a table, for LinuxCNC'),
+    'verify': ('verify', 'whether a correction did what it promised, by a run before and one after'),
     'info': ('info', 'what is in a run'),
     'import': ('import_csv', 'convert a ball-centre table (CSV) to a log'),
     'export': ('export_csv', 'convert a run to a ball-centre table (CSV)'),

@@ -16,6 +16,7 @@ from pydantic import Field
 from rosette_ros.core.geometry import TWO_PI, Frame, rotate_z, rotation_matrix
 from rosette_ros.core.records import Floats, Ints
 from rosette_ros.core.scheme import nominal_places
+from rosette_ros.io.correction_file import read_correction
 from rosette_ros.simulation.random_streams import part_generator
 from rosette_ros.simulation.setting_types import NotNegative, Number, Positive, Settings, Share
 
@@ -90,6 +91,7 @@ class TableSettings(Settings):
     angular_correction: bool = True
     angular_raw_urad: NotNegative = Field(2.0, description='peak of the crz correction table')
     positioning_urad: NotNegative = Field(0.0, description='sd of the stopping angle; the encoder shows it')
+    correction_file: str = Field('', description='what the machine takes off (rosette correct), beside this file')
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,10 +127,18 @@ class RotaryTable:
         self.residual = residual
         off = [False, False, not settings.axial_correction, False, False, not settings.angular_correction]
         self.switched_off = np.array(off)
+        self._correction = read_correction(settings.correction_file)[0] if settings.correction_file else None
 
-    def error(self, angle: Floats) -> Floats:
-        """Return (ctx, cty, ctz, crx, cry, crz) of the table as it is set, (..., 6)."""
-        return self.residual(angle) + self.switched_off * self.maker(angle)
+    def error(self, angle: Floats, approach: Ints | None = None) -> Floats:
+        """Return (ctx, cty, ctz, crx, cry, crz) of the table as it is set, (..., 6).
+
+        approach: sense of the last move at each angle; None: positive."""
+        error = self.residual(angle) + self.switched_off * self.maker(angle)
+        if self._correction is not None:
+            flat, back = np.ravel(angle), np.zeros(1) if approach is None else np.ravel(approach) < 0
+            error = error - np.where(np.reshape(back, (-1, 1)), self._correction.errors(flat, -1),
+                                     self._correction.errors(flat)).reshape(error.shape)
+        return error
 
     def curves(self, angle: Floats, true: Frame, frame: Frame) -> Floats:
         """Return the six curves at angles (m,) in a frame, (m, 6), m and rad.

@@ -213,7 +213,7 @@ class Machine:
         if isinstance(plate_turn, np.ndarray):
             centre = rotate_z(plate_turn, centre)
         centre = centre + self._sum('plate_shift', moment)
-        error = self.table.error(moment.angle)
+        error = self.table.error(moment.angle, moment.approach)
         centre = rotate_z(moment.angle + self._sum('table_turn', moment), centre)
         centre = rotated(error[..., 3:] + self._sum('table_tilt', moment), centre)
         centre = centre + error[..., :3] + self._sum('table_shift', moment)

@@ -115,4 +115,7 @@ def machine_config(values: Any, source: str = 'machine configuration') -> Machin
 def load_machine(path: Path | str) -> MachineConfig:
     """Return the configuration of a YAML file, the rest by default; raises InvalidConfig where a setting is wrong."""
     values = read_yaml(path, 'a machine file', MAX_BYTES, InvalidConfig)
-    return machine_config({} if values is None else values, str(path))
+    config = machine_config({} if values is None else values, str(path))
+    if file := config.table.correction_file:
+        config = config.changed(table={'correction_file': str(Path(path).absolute().parent / file)})
+    return config

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosette verify: whether a correction did what it promised, by a run before and one after."""
+
+from argparse import ArgumentParser, Namespace
+
+from rich.markup import escape
+
+from rosette_ros.analysis import analyse
+from rosette_ros.cli.arguments import add_shared
+from rosette_ros.cli.console import console, head, print_json, print_parts, print_verdict, warn
+from rosette_ros.core.correction_check import check_correction
+from rosette_ros.io.correction_file import read_correction
+from rosette_ros.io.model_file import read_model
+from rosette_ros.io.open_run import open_identified
+from rosette_ros.presentation.correction_results import check_json, check_table
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    for when in ('before', 'after'):
+        parser.add_argument(when, metavar=when.upper(), help=f'run {when} the correction: log or table')
+    parser.add_argument('--correction', metavar='FILE', required=True,
+                        help='the correction (rosette correct RUN --for ros)')
+    add_shared(parser, '--model', '--json')
+
+
+def run(options: Namespace) -> None:
+    """Print what became of each error."""
+    correction, serial = read_correction(options.correction)
+    model = read_model(options.model)
+    opened = [open_identified(path) for path in (options.before, options.after)]
+    before, after = (analyse(run, model) for run, _, _ in opened)
+    check = check_correction(before.error_motions, after.error_motions, correction)
+    others = [f'{path}: is of table {identity["table.serial"]}, the correction of table {serial}'
+              for path, (_, identity, _) in zip((options.before, options.after), opened)
+              if serial and identity['table.serial'] not in ('', serial)]
+    if options.json:
+        print_json({**check_json(check, (before.run.run_id, after.run.run_id)), 'remarks': others})
+        return
+    out = console()
+    for fit in (before, after):
+        out.print(head(fit.run))
+        warn(fit.run)
+    print_verdict(out, check)
+    for words in others:
+        out.print(escape(words), soft_wrap=True)
+    print_parts(out, [check_table(check)])

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The error motions of a table as functions of its angle, to be taken off.
+
+At the angle theta a table that was turned by R_z(theta) stands at c + (1 + [r]x) R_z(theta) p, with the translations
+c = (ctx, cty, ctz) and the rotations r = (crx, cry, crz) there. A correction holds c and r as Fourier sums up to the
+harmonics that the run determines, so that it equals the curves at the positions that were measured.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.geometry import TWO_PI, rotate_z
+from rosette_ros.core.records import CURVES, ErrorMotions, Floats
+
+LEAST_ANGLES = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """The errors of a table, to be taken off.
+
+    forward: curves where the table turns to the angle in its positive sense, backward: in the other, the same where
+    only one is known; corrected: which curves are taken off; run_id: of the run; simulated: as of Run. Raises
+    InvalidData where the angles do not determine harmonics.
+    """
+
+    forward: ErrorMotions
+    backward: ErrorMotions
+    corrected: tuple[str, ...] = CURVES
+    run_id: str = ''
+    simulated: bool = False
+
+    def __post_init__(self) -> None:
+        for motions in (self.forward, self.backward):
+            angle = np.sort(motions.angle % TWO_PI)
+            gaps = np.diff(angle, append=angle[:1] + TWO_PI)
+            if angle.size < LEAST_ANGLES or gaps.max() > 1.5 * TWO_PI / angle.size:
+                raise InvalidData(f'correction: wanted error motions at {LEAST_ANGLES} equally spaced angles or more, '
+                                  f'got {angle.size} with gaps up to {np.rad2deg(gaps.max(initial=0)):.0f} deg')
+            if not np.isfinite(motions.values).all():
+                raise InvalidData('correction: wanted finite error motions, got some that are not known')
+
+    @property
+    def harmonics(self) -> int:
+        """The highest harmonic of the table angle."""
+        return self.forward.angle.size // 2
+
+    def errors(self, angle: ArrayLike, sense: int = 1) -> Floats:
+        """Return the six errors at angles (m,), rad, for the sense of the last move, (m, 6); not corrected ones are 0.
+
+            e(theta) = a_0 + sum_k (a_k cos k theta + b_k sin k theta),  k = 1 .. n/2
+        """
+        used = [curve in self.corrected for curve in CURVES]
+        motions, amplitudes = ((self.backward, self._amplitudes[1]) if sense < 0 else
+                               (self.forward, self._amplitudes[0]))
+        return np.asarray(_waves(np.atleast_1d(np.asarray(angle, dtype=float)), motions.angle.size) @ amplitudes * used)
+
+    def curvature(self) -> Floats:
+        """Return bounds of the second derivative of the six errors by the angle, (6,), m/rad^2 and 1/rad."""
+        orders = _orders(self.forward.angle.size)[:, None]**2
+        return np.asarray(max((np.abs(orders * one).sum(axis=0) for one in self._amplitudes), key=np.sum))
+
+    def pose(self, angle: float, sense: int = 1) -> tuple[Floats, Floats]:
+        """Return how a table at an angle stands in the frame that was turned by it: shift (3,), m, rotation (3,), rad.
+
+            shift = R_z(-theta) c,  rotation vector = R_z(-theta) r
+        """
+        error = self.errors(angle, sense)[0]
+        return rotate_z(-angle, error[:3]), rotate_z(-angle, error[3:])
+
+    def point(self, angle: float, point: ArrayLike, sense: int = 1) -> Floats:
+        """Return where a point (3,) of the table's own frame stands in the machine-fixed table frame, (3,), m."""
+        error = self.errors(angle, sense)[0]
+        turned = rotate_z(angle, np.asarray(point, dtype=float))
+        return np.asarray(turned + np.cross(error[3:], turned) + error[:3])
+
+    @cached_property
+    def _amplitudes(self) -> tuple[Floats, Floats]:
+        both = (self.forward, self.backward)
+        return tuple(np.linalg.lstsq(_waves(one.angle, one.angle.size), one.values)[0]  # type: ignore[return-value]
+                     for one in both)
+
+
+def _orders(count: int) -> Floats:
+    """Return the order of each of the waves that `count` angles determine, (count,)."""
+    return np.concatenate([np.arange(count // 2 + 1), np.arange(1, (count + 1) // 2)]).astype(float)
+
+
+def _waves(angle: Floats, count: int) -> Floats:
+    """Return 1, cos and then sin of the multiples of angles (m,) that `count` angles determine, (m, count)."""
+    phase = angle[:, None] * _orders(count)
+    cosines = count // 2 + 1
+    return np.concatenate([np.cos(phase[:, :cosines]), np.sin(phase[:, cosines:])], axis=1)

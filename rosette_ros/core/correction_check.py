@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a correction did what it promised: the errors before it, after it, and what is left of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from scipy import special
+
+from rosette_ros.core.correction import Correction
+from rosette_ros.core.diagnosis.verdict import Level
+from rosette_ros.core.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.geometry import TWO_PI
+from rosette_ros.core.records import CURVES, ErrorMotions, Floats
+
+GAUGED = {'ctx': 2, 'cty': 2, 'crx': 2, 'cry': 2}
+"""Degrees of freedom that the gauge takes of a curve: its mean, and half of a once-per-turn part of two curves."""
+UNLIKELY = 0.05 / len(CURVES)
+"""A curve whose noise alone is larger with less probability is no noise; six curves are looked at."""
+SURE = 4.0
+"""Standard deviations beyond which a sign or a shift is told."""
+SHIFTS = 720
+
+
+class Effectiveness(StrEnum):
+    """What became of an error after its correction."""
+
+    VANISHED = 'vanished within U'
+    REMAINS = 'a part remains'
+    NOT_APPLIED = 'was not taken off'
+    WRONG_SIGN = 'was added instead of taken off'
+    WITHIN_U = 'within U before and after'
+    SAME = 'not corrected, unchanged'
+    CHANGED = 'not corrected, but changed'
+
+
+GOOD = (Effectiveness.VANISHED, Effectiveness.WITHIN_U, Effectiveness.SAME)
+
+
+@dataclass(frozen=True)
+class CorrectedError:
+    """One error before and after a correction; m or rad.
+
+    before, promised, after: peak to valley, as measured before, expected after, and measured after; expanded: U (k = 2)
+    of a point of the curve after, with that of the correction; gain, u_gain: the part of the correction that was taken
+    off, 1 where all of it was, NaN where the curve is not corrected; p: chance that noise alone leaves as much.
+    """
+
+    curve: str
+    before: float
+    promised: float
+    after: float
+    expanded: float
+    gain: float
+    u_gain: float
+    p: float
+    result: Effectiveness
+
+    @property
+    def level(self) -> Level:
+        """How it is emphasised."""
+        return Level.GOOD if self.result in GOOD else Level.BAD
+
+
+@dataclass(frozen=True)
+class CorrectionCheck:
+    """Whether a correction did what it promised.
+
+    shift: angle by which the correction was moved where that explains what remains, rad, else None; p_of_table: chance
+    that the correction describes the table as it was before.
+    """
+
+    errors: tuple[CorrectedError, ...]
+    shift: float | None
+    p_of_table: float
+
+    @property
+    def level(self) -> Level:
+        """Good where every error did what was promised."""
+        every = [one.level for one in self.errors]
+        return Level.GOOD if set(every) <= {Level.GOOD} and self.p_of_table >= UNLIKELY else Level.BAD
+
+    @property
+    def sentence(self) -> str:
+        """What became of the errors."""
+        lacking = [f'{one.curve} ({one.result})' for one in self.errors if one.level is not Level.GOOD]
+        vanished = [one.curve for one in self.errors if one.result is Effectiveness.VANISHED]
+        if self.p_of_table < UNLIKELY:
+            return ('The correction does not describe the table as it was before: it was made of another table, or of '
+                    'another state of it.')
+        if any(one.result is Effectiveness.WRONG_SIGN for one in self.errors):
+            return f'The correction was applied with the wrong sign: {", ".join(lacking)}.'
+        if self.shift is not None:
+            return (f'The correction was applied {np.rad2deg(self.shift):+.2f} deg beside its place: what remains '
+                    'vanishes where the correction is moved by that angle.').replace('-', '−')
+        if lacking:
+            return f'The correction did not do what it promised: {", ".join(lacking)}.'
+        if not vanished:
+            return 'There was nothing to correct: no corrected error was larger than U.'
+        return f'The correction did what it promised: {", ".join(vanished)} vanished within U, the rest is unchanged.'
+
+    @property
+    def action(self) -> str:
+        """What to do."""
+        if self.p_of_table < UNLIKELY:
+            return 'Make the correction of the last run of this table: rosette correct RUN.'
+        if any(one.result is Effectiveness.WRONG_SIGN for one in self.errors):
+            return 'The errors of the file are to be taken off, not added: turn the sign where the table is loaded.'
+        if self.shift is not None:
+            return ('Check the zero of the angle: that of the controller has to be that of the run (table position 1), '
+                    'in the same sense.')
+        if self.level is Level.GOOD:
+            return 'Calibrate again when the table, its bearing or its load has changed.'
+        return 'Compare the model with the run after the correction: rosette diagnose AFTER.'
+
+
+def check_correction(before: ErrorMotions, after: ErrorMotions, correction: Correction) -> CorrectionCheck:
+    """Return the CorrectionCheck of two runs, one before and one after a correction was put to work.
+
+    With the curves b before, a after and c of the correction: a = b - g c, and g = 1 where it did what it promised; the
+    variance of a point is the sum of those of both runs. Raises InvalidData where their angles differ.
+    """
+    if before.angle.size != after.angle.size or np.abs(
+            np.angle(np.exp(1j * (before.angle - after.angle)))).max() > 0.01 * TWO_PI / before.angle.size:
+        raise InvalidData(f'verify: wanted two runs at the same angles of the table, got {before.angle.size} angles '
+                          f'before and {after.angle.size} after, or others')
+    taken = correction.errors(before.angle)
+    variance = before.u**2 + after.u**2
+    same_run = np.abs(taken - before.values)[:, [curve in correction.corrected for curve in CURVES]].max(initial=0)
+    found = tuple(_corrected(place, before.values[:, place], after.values[:, place], taken[:, place],
+                             variance[:, place], curve in correction.corrected)
+                  for place, curve in enumerate(CURVES))
+    differs = [_p(before.values[:, place] - taken[:, place], 2 * before.u[:, place]**2, curve)
+               for place, curve in enumerate(CURVES) if curve in correction.corrected]
+    return CorrectionCheck(found, _shift(before, after, correction, variance, found),
+                           1.0 if same_run < 1e-12 else min(differs, default=1.0))
+
+
+def _corrected(place: int, before: Floats, after: Floats, taken: Floats, variance: Floats,
+               is_corrected: bool) -> CorrectedError:
+    curve = CURVES[place]
+    promised = before - taken
+    expanded = COVERAGE_FACTOR * float(np.sqrt(variance.max()))
+    size = float(np.sum(taken**2 / variance))
+    gain = float(np.sum(taken * (before - after) / variance) / size) if size > 0 else float('nan')
+    u_gain = size**-0.5 if size > 0 else float('nan')
+    p = _p(after - promised, variance, curve)
+    if not is_corrected:
+        result = Effectiveness.SAME if p >= UNLIKELY else Effectiveness.CHANGED
+    elif _p(taken, variance / 2, curve) >= UNLIKELY:
+        result = Effectiveness.WITHIN_U if p >= UNLIKELY else Effectiveness.REMAINS
+    elif p >= UNLIKELY:
+        result = Effectiveness.VANISHED
+    elif gain < -SURE * u_gain:
+        result = Effectiveness.WRONG_SIGN
+    else:
+        result = Effectiveness.NOT_APPLIED if abs(gain) < SURE * u_gain else Effectiveness.REMAINS
+    return CorrectedError(curve, float(np.ptp(before)), float(np.ptp(promised)), float(np.ptp(after)), expanded, gain,
+                          u_gain, p, result)
+
+
+def _p(difference: Floats, variance: Floats, curve: str) -> float:
+    """Return the chance that noise alone makes a curve as large as `difference`, (n,)."""
+    dof = difference.size - GAUGED.get(curve, 1)
+    return float(special.chdtrc(dof, np.sum(difference**2 / variance) * dof / difference.size))
+
+
+def _shift(before: ErrorMotions, after: ErrorMotions, correction: Correction, variance: Floats,
+           found: Sequence[CorrectedError]) -> float | None:
+    """Return the angle by which the correction was moved, None where that explains nothing."""
+    used = [place for place, one in enumerate(found) if one.curve in correction.corrected and one.level is Level.BAD]
+    if not used:
+        return None
+
+    def misfit(shift: float) -> float:
+        left = after.values - before.values + correction.errors(before.angle - shift)
+        return float(np.sum(left[:, used]**2 / variance[:, used]))
+
+    shifts = (np.arange(SHIFTS) - SHIFTS // 2) * TWO_PI / SHIFTS
+    best = min(shifts.tolist(), key=misfit)
+    fine = best + np.linspace(-1, 1, 41) * TWO_PI / SHIFTS
+    best = min(fine.tolist(), key=misfit)
+    size = len(used) * before.angle.size
+    explains = misfit(best) < min(2 * size, 0.5 * misfit(0.0)) and misfit(0.0) - misfit(best) > SURE**2
+    return best if explains else None

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Corrections as files: rosette-correction/1 (YAML), a table (CSV), the compensation file of LinuxCNC."""
+
+import csv
+import io
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from rosette_ros.core.correction import Correction
+from rosette_ros.core.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.errors import InvalidConfig, InvalidData, unknown
+from rosette_ros.core.records import CURVES, ErrorMotions, Floats
+from rosette_ros.io.safe_yaml import read_yaml
+
+SCHEMA = 'rosette-correction/1'
+MOST_BYTES, MOST_ANGLES = 4 << 20, 4000
+MOST_LINES = 256
+"""Lines that LinuxCNC 2.9 reads of a compensation file."""
+_KEYS = ('schema', 'run_id', 'table', 'simulated', 'corrected', 'forward', 'backward')
+_NAMES = ('angle', *CURVES, *(f'u_{curve}' for curve in CURVES))
+
+
+def format_correction(correction: Correction, table: str = '') -> str:
+    """Return the text of a correction file; angles in rad, translations in m, rotations in rad, u: standard; table: its
+    serial number, '' where it is not known."""
+    values: dict[str, Any] = {'schema': SCHEMA, 'run_id': correction.run_id, 'table': table,
+                              'simulated': correction.simulated, 'corrected': [*correction.corrected],
+                              'forward': _lists(correction.forward)}
+    if correction.backward is not correction.forward:
+        values['backward'] = _lists(correction.backward)
+    return ('# Errors of a rotary table at its angles: rad, m (ctx cty ctz), rad (crx cry crz), u standard '
+            'uncertainties.\n# They are what the table does wrong: a controller takes them off.\n'
+            + yaml.safe_dump(values, sort_keys=False, width=120, default_flow_style=None))
+
+
+def read_correction(path: str | Path) -> tuple[Correction, str]:
+    """Return the Correction of a file and the table's serial number; raises InvalidData, naming file and key."""
+    values = read_yaml(path, 'a correction file', MOST_BYTES, InvalidData)
+    if not isinstance(values, dict) or values.get('schema') != SCHEMA:
+        raise InvalidData(f'{path}: wanted a correction file with "schema: {SCHEMA}" (rosette correct RUN --for ros), '
+                          f'got {values!r:.80}')
+    for key in values:
+        if key not in _KEYS:
+            raise InvalidData(f'{path}: {unknown(str(key), _KEYS)}')
+    corrected = values.get('corrected', [*CURVES])
+    if not isinstance(corrected, list) or not corrected or any(one not in CURVES for one in corrected):
+        raise InvalidData(f'{path}: corrected: wanted a list of {", ".join(CURVES)}, got {corrected!r:.80}')
+    for key, kind, words in (('run_id', str, 'a text'), ('table', str, 'a text'),
+                             ('simulated', bool, 'true or false')):
+        if not isinstance(values.get(key, kind()), kind):
+            raise InvalidData(f'{path}: {key}: wanted {words}, got {values[key]!r:.80}')
+    forward = _motions(values.get('forward'), f'{path}: forward')
+    backward = _motions(values['backward'], f'{path}: backward') if 'backward' in values else forward
+    try:
+        return Correction(forward, backward, tuple(corrected), values.get('run_id', ''),
+                          values.get('simulated', False)), values.get('table', '')
+    except InvalidData as error:
+        raise InvalidData(f'{path}: {error}') from None
+
+
+def _lists(motions: ErrorMotions) -> dict[str, list[float]]:
+    columns = (motions.angle, *motions.values.T, *motions.u.T)
+    return {name: one.tolist() for name, one in zip(_NAMES, columns, strict=True)}
+
+
+def _motions(values: object, where: str) -> ErrorMotions:
+    if not isinstance(values, Mapping) or sorted(map(str, values)) != sorted(_NAMES):
+        raise InvalidData(f'{where}: wanted a mapping of {", ".join(_NAMES)}, got {values!r:.80}')
+    columns = []
+    for name in _NAMES:
+        one = values[name]
+        if not isinstance(one, list) or len(one) > MOST_ANGLES or any(
+                type(value) not in (int, float) or not math.isfinite(value) for value in one):
+            raise InvalidData(f'{where}: {name}: wanted a list of at most {MOST_ANGLES} finite numbers, got '
+                              f'{one!r:.80}')
+        columns.append(one)
+    if len({len(one) for one in columns}) > 1:
+        raise InvalidData(f'{where}: wanted as many values of each error as angles, got '
+                          f'{", ".join(f"{name} {len(one)}" for name, one in zip(_NAMES, columns))}')
+    return ErrorMotions.from_curves(columns[0], columns[1:7], columns[7:])
+
+
+def correction_csv(correction: Correction, angles: Floats) -> str:
+    """Return a table of the errors at angles (m,), rad: degrees, µm and µrad, U (k = 2) in the head."""
+    stream = io.StringIO()
+    u = COVERAGE_FACTOR * 1e6 * correction.forward.u.max(axis=0)
+    stream.write(
+        f'# errors of a rotary table, run: {correction.run_id}\n'
+        '# sign: what the table does wrong; a controller takes it off (subtracts it)\n'
+        '# at angle_deg the body that was turned by it stands at c + (1 + [r]x) R_z p, c = (ctx, cty, ctz), '
+        'r = (crx, cry, crz), in the table frame\n'
+        '# forward, backward: sense of the last move of the table\n'
+        f'# harmonics: up to {correction.harmonics} of the angle\n'
+        f'# U (k = {COVERAGE_FACTOR}) of a point: '
+        + ', '.join(f'{curve} {value:.4g} {_unit(curve)}' for curve, value in zip(CURVES, u))
+        + '\n' + '# simulated: the run was measured by the simulated machine\n' * correction.simulated)
+    names = [f'{curve}_{_unit(curve).replace("µ", "u")}' for curve in CURVES]
+    both = correction.backward is not correction.forward
+    writer = csv.writer(stream, lineterminator='\n')
+    writer.writerow(['angle_deg', *(f'{name}_forward' if both else name for name in names),
+                     *(f'{name}_backward' for name in names if both)])
+    rows = [1e6 * correction.errors(angles, sense) for sense in ((1, -1) if both else (1,))]
+    for angle, *values in zip(np.rad2deg(angles), *rows, strict=True):
+        writer.writerow([f'{angle:.9g}', *(f'{value + 0.0:.6f}' for part in values for value in part)])
+    return stream.getvalue()
+
+
+def _unit(curve: str) -> str:
+    return 'µm' if curve.startswith('ct') else 'µrad'
+
+
+def linuxcnc_compensation(correction: Correction, low: float, high: float, step: float) -> str:
+    """Return the text of a compensation file of LinuxCNC (COMP_FILE_TYPE = 1): nominal, forward and reverse trim, deg.
+
+    low, high: MIN_LIMIT and MAX_LIMIT of the axis, which is not taken modulo a turn; step: between lines, deg. The trim
+    is added to the motor: -crz. Raises InvalidConfig where LinuxCNC would not read it, or there is no crz in it.
+    """
+    if 'crz' not in correction.corrected:
+        raise InvalidConfig('correct: wanted crz among the errors to correct, since a compensation file turns the '
+                            f'table only, got {", ".join(correction.corrected)}')
+    if not low < high:
+        raise InvalidConfig(f'correct: --range: wanted MIN below MAX, got {low:g} and {high:g}')
+    lines = math.ceil((high - low) / step - 1e-9) + 1
+    if lines > MOST_LINES:
+        least = math.ceil((high - low) / (MOST_LINES - 1) * 1000) / 1000
+        raise InvalidConfig(f'correct: wanted at most {MOST_LINES} lines, which LinuxCNC reads, got {lines}; take '
+                            f'--step {least:g} or more, or a smaller --range')
+    nominal = np.append(low + step * np.arange(lines - 1), high)
+    trims = [-np.rad2deg(correction.errors(np.deg2rad(nominal), sense)[:, 5]) for sense in (1, -1)]
+    return ''.join(f'{angle:.6f} {forward + 0.0:.9f} {backward + 0.0:.9f}\n'
+                   for angle, forward, backward in zip(nominal, *trims, strict=True))

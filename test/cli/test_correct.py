@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosette correct and verify: from a run to a file for a controller, and the proof that it works."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from rosette_ros.core.scheme import plan
+from rosette_ros.io.ball_centre_table import write_csv
+from rosette_ros.io.correction_file import read_correction
+from rosette_ros.simulation import Machine, load_machine
+from rosette_ros.simulation.machine_config import machine_config
+
+MACHINE = {'seed': 4, 'plate': {'balls': 12},
+           'table': {'translation_um': 1.0, 'rotation_urad': 8.0, 'harmonics': 4}}
+
+
+@pytest.fixture
+def measure(tmp_path):
+    """Return a function that measures with the simulated machine and returns the path of the table."""
+    def run(name, **table):
+        path = tmp_path / f'{name}.yaml'
+        path.write_text(yaml.safe_dump({**MACHINE, 'table': {**MACHINE['table'], **table}}))
+        write_csv(Machine(load_machine(path)).run(plan(12, 'diagonal'), run_id=name), tmp_path / f'{name}.csv')
+        return tmp_path / f'{name}.csv'
+    return run
+
+
+def test_a_table_is_corrected_and_verified(rosette, measure, tmp_path):
+    """The machine takes the file off, beside which it stands; verify confirms what is in the file, and nothing else."""
+    before, file = measure('before'), tmp_path / 'c.yaml'
+    told = rosette('correct', before, '-o', file, '--curves', 'ctz,crz')
+    assert told.code == 0
+    assert 'Harmonics: up to 6 of the table angle' in told.out and 'verify' in told.out
+    after = measure('after', correction_file='c.yaml')
+    shown = rosette('verify', before, after, '--correction', file).out
+    assert 'The correction did what it promised: ctz, crz vanished within U, the rest is unchanged.' in shown
+    told = json.loads(rosette('verify', before, after, '--correction', file, '--json').out)
+    assert (told['level'], told['before'], told['after'], told['shift_rad']) == ('good', 'before', 'after', None)
+    assert {one['curve']: one['result'] for one in told['errors']} == {
+        **dict.fromkeys(('ctx', 'cty', 'crx', 'cry'), 'not corrected, unchanged'),
+        **dict.fromkeys(('ctz', 'crz'), 'vanished within U')}
+    assert 'wrong sign' not in shown
+    again = rosette('verify', before, before, '--correction', file).out
+    assert 'ctz (was not taken off), crz (was not taken off)' in again
+
+
+def test_another_serial_number_is_told(rosette, measure, tmp_path):
+    """Where correction and log name different tables."""
+    before, file, identity = measure('before'), tmp_path / 'c.yaml', tmp_path / 'identity.yaml'
+    identity.write_text('schema: rosette-identity/1\ntable: {maker: A, model: B, serial: RT-1}\n')
+    assert rosette('correct', before, '-o', file, '--identity', identity).code == 0
+    assert yaml.safe_load(file.read_text())['table'] == 'RT-1'
+
+
+@pytest.mark.parametrize(('target', 'lines', 'words'), [
+    ('csv', 7 + 1 + 73, 'miss the curves by at most'), ('linuxcnc', 181, 'miss the curves by at most')])
+def test_tables_say_what_straight_lines_between_cost(rosette, measure, tmp_path, target, lines, words):
+    """And they have the lines that were wanted."""
+    told = rosette('correct', measure('a'), '--for', target, '-o', tmp_path / 'out')
+    assert words in told.out
+    assert len((tmp_path / 'out').read_text().splitlines()) == lines
+
+
+@pytest.mark.parametrize(('words', 'error'), [
+    (['--curves', 'crz,foo'], '--curves: wanted some of ctx,cty,ctz,crx,cry,crz, got'),
+    (['--for', 'linuxcnc', '--step', '1'], 'wanted at most 256 lines, which LinuxCNC reads, got 361'),
+    (['--step', '-3'], 'wanted a positive number')])
+def test_what_cannot_be_is_refused(refused, measure, tmp_path, words, error):
+    """In words; an existing file stays."""
+    run = measure('a')
+    assert error in refused('correct', run, '-o', tmp_path / 'c', *words)
+    (tmp_path / 'c').write_text('mine')
+    assert 'exists already' in refused('correct', run, '-o', tmp_path / 'c')
+    assert (tmp_path / 'c').read_text() == 'mine'
+
+
+def test_a_table_of_ball_centres_is_no_correction(refused, measure):
+    """In words."""
+    run = measure('a')
+    assert 'rosette-correction/1' in refused('verify', run, run, '--correction', run)
+
+
+def test_both_senses_of_turning_get_their_own_curves(rosette, tmp_path):
+    """From two runs of one table, one clockwise, evaluated as one."""
+    config, paths = machine_config(MACHINE), [tmp_path / '1.csv', tmp_path / '2.csv']
+    forward = plan(12, 'diagonal')
+    back = replace(forward, table_position=forward.table_position[::-1], ball=forward.ball[::-1],
+                   approach=-forward.approach)
+    for path, scheme in zip(paths, (forward, back)):
+        write_csv(Machine(config).run(scheme, run_id=path.stem), path)
+    assert rosette('correct', *paths, '--joint', '-o', tmp_path / 'c.yaml').code == 0
+    correction, _ = read_correction(tmp_path / 'c.yaml')
+    assert correction.run_id == '1+2'
+    assert correction.backward is not correction.forward
+    assert np.abs(correction.backward.values - correction.forward.values).max() < 1e-6  # one table without backlash

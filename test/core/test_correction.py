@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Corrections: between the measured angles, taken off by the simulated machine, and whether that is noticed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rosette_ros.analysis import analyse
+from rosette_ros.core.correction import Correction
+from rosette_ros.core.correction_check import Effectiveness, check_correction
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.geometry import TWO_PI, rotate_z, rotation_matrix
+from rosette_ros.core.records import CURVES, ErrorMotions
+from rosette_ros.core.scheme import plan
+from rosette_ros.io.correction_file import format_correction
+from rosette_ros.simulation import Machine, MachineConfig
+
+N = 12
+LARGE = {'translation_um': 1.0, 'rotation_urad': 8.0, 'harmonics': 4}
+
+
+def measured(seed=1, noise=0.1, table=(), **changed):
+    """Return the Machine and the error motions of a run of it."""
+    machine = Machine(MachineConfig().changed(seed=seed, plate={'balls': N}, probing={'repeatability_um': noise},
+                                              table={**LARGE, **dict(table)}, **changed))
+    return machine, analyse(machine.run(plan(N, 'diagonal'))).error_motions
+
+
+def corrected(tmp_path, correction, **settings):
+    """Return the error motions of the machine that takes a correction off."""
+    path = tmp_path / 'correction.yaml'
+    path.write_text(format_correction(correction))
+    return measured(table={'correction_file': str(path)}, **settings)[1]
+
+
+@pytest.fixture(scope='module')
+def before():
+    """Return the error motions of a table before its correction."""
+    return measured()[1]
+
+
+@pytest.mark.parametrize('count', [9, 12])
+def test_the_curves_are_met_and_known_between(count):
+    """At the angles measured exactly; between them too for errors of harmonics below n/2."""
+    rng = np.random.default_rng(count)
+    orders = np.arange(1, (count + 1) // 2)
+    cosine, sine = 1e-6 * rng.standard_normal((2, orders.size, 6))
+
+    def truth(angle):
+        phase = np.multiply.outer(angle, orders)
+        return np.cos(phase) @ cosine + np.sin(phase) @ sine
+
+    angle = TWO_PI * np.arange(count) / count + 1e-5 * rng.standard_normal(count)
+    motions = ErrorMotions(angle, truth(angle), np.full((count, 6), 1e-8))
+    correction = Correction(motions, motions)
+    np.testing.assert_allclose(correction.errors(angle), motions.values, atol=1e-18)
+    fine = np.linspace(-7, 14, 300)
+    np.testing.assert_allclose(correction.errors(fine), truth(fine), atol=1e-15)
+    step = 1e-3
+    bend = (truth(fine + step) - 2 * truth(fine) + truth(fine - step)) / step**2
+    assert (np.abs(bend).max(axis=0) <= 1.001 * correction.curvature()).all()
+
+
+def test_only_what_is_wanted_is_taken_off_in_each_sense(before):
+    """Other errors are 0; a table that knows both senses of turning gives each its own curves."""
+    back = replace(before, values=-before.values)
+    correction = Correction(before, back, ('ctz', 'crz'))
+    got = correction.errors(before.angle)
+    assert np.flatnonzero(np.abs(got).max(axis=0)).tolist() == [2, 5]
+    np.testing.assert_allclose(correction.errors(before.angle, -1), -got, atol=1e-18)
+
+
+def test_pose_and_point_are_one_body(before):
+    """The pose in the turned frame and a point of the table in the fixed one describe the same place."""
+    correction, angle, point = Correction(before, before), 2.1, np.array([0.2, -0.1, 0.05])
+    shift, turn = correction.pose(angle)
+    body = rotate_z(angle, rotation_matrix(turn) @ point + shift)
+    np.testing.assert_allclose(correction.point(angle, point), body, atol=1e-10)
+
+
+def test_angles_that_determine_no_harmonics_are_refused(before):
+    """Too few, or with a gap; values that are not known."""
+    few = ErrorMotions(before.angle[:4], before.values[:4], before.u[:4])
+    gap = ErrorMotions(before.angle[:9], before.values[:9], before.u[:9])
+    unknown = replace(before, values=np.where(before.values == before.values[3], np.nan, before.values))
+    for motions, words in ((few, 'wanted error motions at 5 equally spaced angles or more, got 4 with gaps up to 270'),
+                           (gap, 'got 9 with gaps up to 120 deg'), (unknown, 'wanted finite error motions')):
+        with pytest.raises(InvalidData, match=words):
+            Correction(motions, motions)
+
+
+def test_a_corrected_table_is_error_free_without_noise(tmp_path):
+    """Errors of harmonics that the run determines fall from micrometres to below 2 nm and 0.02 microradian."""
+    first = measured(noise=0.0)[1]
+    after = corrected(tmp_path, Correction(first, first), noise=0.0)
+    assert np.abs(first.values[:, 2]).max() > 0.5e-6
+    assert (np.abs(after.values).max(axis=0) < [2e-9] * 3 + [2e-8] * 3).all()
+
+
+def test_what_was_promised_is_confirmed(tmp_path):
+    """20 machines with noise: every corrected error vanishes within U, no other one changes, in 19 or more."""
+    good = 0
+    for seed in range(20):
+        first = measured(seed)[1]
+        correction = Correction(first, first, ('ctz', 'crz'))
+        check = check_correction(first, corrected(tmp_path, correction, seed=seed), correction)
+        results = {one.curve: one.result for one in check.errors}
+        good += check.level == 'good'
+        assert {results[curve] for curve in ('ctz', 'crz')} <= {Effectiveness.VANISHED, Effectiveness.REMAINS}
+        for one in check.errors:
+            if one.curve in ('ctz', 'crz'):
+                assert abs(one.gain - 1) < 4 * one.u_gain
+    assert good >= 19
+
+
+def test_mistakes_are_told_apart(before, tmp_path):
+    """A wrong sign, a moved origin, a correction that is not applied, one of another table."""
+    correction = Correction(before, before)
+
+    def moved(shift, sign=1):
+        return Correction(*[replace(before, values=sign * correction.errors(before.angle - shift))] * 2)
+
+    def check(applied, promised=correction):
+        return check_correction(before, corrected(tmp_path, applied), promised)
+
+    right = check(correction)
+    assert right.sentence == ('The correction did what it promised: ctx, cty, ctz, crx, cry, crz vanished within U, '
+                              'the rest is unchanged.')
+    wrong_sign = check(moved(0, -1))
+    assert wrong_sign.sentence.startswith('The correction was applied with the wrong sign: ctx (was added instead of')
+    assert {one.result for one in wrong_sign.errors} == {Effectiveness.WRONG_SIGN}
+    beside = check(moved(np.deg2rad(7.5)))
+    assert beside.shift == pytest.approx(np.deg2rad(7.5), abs=np.deg2rad(0.5))
+    assert 'deg beside its place' in beside.sentence
+    not_applied = check_correction(before, measured(seed=1)[1], correction)
+    assert {one.result for one in not_applied.errors} == {Effectiveness.NOT_APPLIED}
+    other = measured(seed=5)[1]
+    foreign = check(Correction(other, other), Correction(other, other))
+    assert foreign.sentence.startswith('The correction does not describe the table as it was before')
+    assert [one.level for one in (wrong_sign, beside, not_applied, foreign)] == ['bad'] * 4
+
+
+def test_an_error_within_its_uncertainty_is_nothing_to_correct():
+    """A table without errors: its curves are noise, before and after."""
+    settings = {'translation_um': 0.0, 'rotation_urad': 0.0}
+    first, second = (measured(seed=3, table=settings, timing={'jitter_s': jitter})[1] for jitter in (0.3, 0.4))
+    correction = Correction(first, first, CURVES)
+    noise = replace(second, values=second.values - correction.errors(second.angle))
+    check = check_correction(first, noise, correction)
+    assert {one.result for one in check.errors} <= {Effectiveness.WITHIN_U, Effectiveness.VANISHED}
+    assert check.sentence.startswith(('There was nothing to correct', 'The correction did what it promised'))
+
+
+def test_other_angles_are_refused(before):
+    """Two runs that do not share their angles cannot be compared."""
+    correction = Correction(before, before)
+    turned = replace(before, angle=before.angle + 0.1)
+    with pytest.raises(InvalidData, match='verify: wanted two runs at the same angles of the table, got 12 angles'):
+        check_correction(before, turned, correction)
