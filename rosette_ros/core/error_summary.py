@@ -103,8 +103,8 @@ def error_lines(motions: ErrorMotions, u_range: Floats | None = None, tolerances
 
 def fit_lines(fit: 'Fit', tolerances: Mapping[str, float] | None = None, doubt: str = '') -> tuple[AxisError, ...]:
     """Return the AxisErrors of a Fit; tolerances, doubt: as of error_lines."""
-    return error_lines(fit.error_motions, fit.sigma * np.sqrt(
-        fit.noise.loss * fit.joint.difference_cofactor(*extremes(fit.error_motions))), tolerances, doubt)
+    return error_lines(fit.error_motions, fit.weighted_sigma * np.sqrt(
+        fit.joint.difference_cofactor(*extremes(fit.error_motions))), tolerances, doubt)
 
 
 def extremes(motions: ErrorMotions) -> tuple[list[int], list[int]]:

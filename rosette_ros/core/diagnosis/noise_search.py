@@ -36,6 +36,8 @@ KINDS = 6
 TAILS = (2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0)
 MEMORIES = (0.3, 0.6, 0.8, 0.9, 0.97, 1.0)
 """phi of the wander that are tried."""
+LONGER = 3.0
+"""By how much -2 L may be larger for the longer memory: too short a one makes slow effects too certain."""
 GROUPS = ('time', 'ball', 'CMM position', 'table position')
 MOST_KINDS = 3
 PARTS = ((2,), (0, 1))
@@ -297,6 +299,9 @@ class NoiseFit:
             if better == place:
                 break
             place = better
+        best = sum(value for value, _ in ratios(MEMORIES[place]))
+        while place + 1 < len(MEMORIES) and sum(value for value, _ in ratios(MEMORIES[place + 1])) < best + LONGER:
+            place += 1
         size, wander, phi = np.ones(3), np.zeros(3), MEMORIES[place]
         for axes, (_, ratio) in zip(PARTS, ratios(phi)):
             white = Whitening(len(sd), sd, phi, np.full(3, ratio))

@@ -118,10 +118,15 @@ class Fit:
         """Displacement D^2 / R, m, below which nothing can be told beside effects that move the plate by D."""
         return sum(one.largest for one in self.effects if one.is_of_plate)**2 / self.run.radius
 
+    @property
+    def weighted_sigma(self) -> float:
+        """Sigma with what is lost as weights are estimated, m: what the square roots of cofactors are multiplied by."""
+        return self.sigma * float(np.sqrt(self.noise.loss(1 - self.dof / (3 * self.run.size))))
+
     @cached_property
     def deviation_u(self) -> tuple[Floats, Floats]:
         """Standard uncertainties of the deviations of plate and CMM, (n, 3) each, m."""
-        plate, cmm = (np.asarray(self.sigma * np.sqrt(one)) for one in self.joint.deviation_cofactors())
+        plate, cmm = (np.asarray(self.weighted_sigma * np.sqrt(one)) for one in self.joint.deviation_cofactors())
         return plate, cmm
 
     @cached_property
@@ -324,7 +329,7 @@ def fit(run: Run, model: Model | None = None, settings: Sequence[Mapping[str, fl
         raise NotDeterminable(f'{run.source}: {3 * run.size} coordinates leave {dof} degrees of freedom for {model}; '
                               'measure more balls or remove an effect')
     sigma, source, chi, p = _noise(run, rss, dof, noise)
-    scale = sigma * np.sqrt(noise.loss)
+    scale = sigma * noise.loss(1 - dof / (3 * run.size))**0.5
     u = scale * np.sqrt(joint.curve_cofactor())
     return Fit(run, model, ErrorMotions(_mean_angles(run), base.curves[0], u, run.rotation), base.plate[0], base.cmm[0],
                space.whitening.inverse(weighted[None])[0], _fitted(run, parts, amplitude, joint, scale),

@@ -64,15 +64,21 @@ class Noise:
             ('axes', np.ptp(self.axes) > 0 and not self.wander.any()), ('by ' + self.by, self.by),
             ('tail ' + self.tail, self.tail), ('wander', self.wander.any())) if has)
 
-    @property
-    def loss(self) -> float:
-        """The variance of what is fitted over that which the weights say: Student's are estimated themselves.
+    def loss(self, share: float) -> float:
+        """Return the variance of what is fitted over that which the weights say: Student's are estimated themselves.
 
-        (dof + p + 2)/(dof + p), p = 3 coordinates with a common weight, else 1: Fisher's information of Student's
-        distribution.
+        (dof + p + 2)/(dof + p) K^2, p = 3 coordinates with a common weight, else 1: Fisher's information of Student's
+        distribution, and K = 1 + share Var(psi')/(E psi')^2 as readings, a share of which are parameters, choose their
+        own weights (Huber 1973). psi' is proportional to (1 - B)(1 - 2 B/p), B has a beta distribution (p/2, dof/2).
         """
+        if not self.tail:
+            return 1.0
         p = 3 if self.tail == 'reading' else 1
-        return 1 + 2 / (self.tail_dof + p)
+        k = np.arange(4)
+        moments = np.cumprod([1.0, *((p / 2 + k) / ((p + self.tail_dof) / 2 + k))])
+        slope = np.array([1, -1 - 2 / p, 2 / p])
+        spread = np.convolve(slope, slope) @ moments / (slope @ moments[:3])**2 - 1
+        return float((1 + 2 / (self.tail_dof + p)) * (1 + share * spread)**2)
 
     def whitening(self, run: Run) -> 'Whitening':
         """Return what makes the noise of a run white."""
