@@ -63,7 +63,7 @@ def repaired(path: Path, options: Namespace) -> Path:
 def table_facts(path: Path) -> dict[str, Any]:
     """Return what a ball-centre table holds, as `log_facts`."""
     found = open_run(path)
-    phases = {'run': {'asked': found.n**2, 'answered': found.size}}
+    phases = {'run': {'asked': text.wanted_size(found), 'answered': found.size}}
     return _facts(path, 'table', [path], [_run_facts(found.run_id, found.n, found.radius, phases, found)])
 
 
@@ -84,11 +84,12 @@ def _facts(path: Path, kind: str, files: Iterable[Path], runs: list[dict[str, An
 
 
 def _logged(log: LogRun, run_id: str) -> dict[str, Any]:
-    """Return what a log holds of one run; phases: of the run all n² targets are asked, also if it was broken off."""
+    """Return what a log holds of one run; phases: of a run that was broken off all n² targets are asked."""
     state, answers = {one.run_id: one for one in log.states}.get(run_id), log.runs[run_id]
     identity = log.identity(run_id)
     first, published = answers.targets[0], [one for one in log.error_motions if one.run_id == run_id]
-    planned = {Phase.RUN: max(target.balls for target in answers.targets) ** 2}
+    is_done = state is not None and state.phase == Phase.DONE
+    planned = {} if is_done else {Phase.RUN: max(target.balls for target in answers.targets) ** 2}
     phases = {phase.name.lower(): {'asked': max(asked, planned.get(phase, 0)), 'answered': answered}
               for phase, (asked, answered) in answers.counts().items()}
     found = problem = None
@@ -108,8 +109,8 @@ def _logged(log: LogRun, run_id: str) -> dict[str, Any]:
 def _run_facts(run_id: str, n: int, radius: float, phases: dict[str, dict[str, int]], found: Run | None,
                **of_log: Any) -> dict[str, Any]:
     known = found.temperature[np.isfinite(found.temperature)] if found else np.array([])
-    return {'run_id': run_id, 'n': n, 'radius_m': radius, 'phases': phases, 'order': None,
-            'completeness': found.completeness if found else 0.0,
+    return {'run_id': run_id, 'n': n, 'balls': np.unique(found.ball).size if found else n, 'radius_m': radius,
+            'phases': phases, 'order': None, 'completeness': found.completeness if found else 0.0,
             'duration_s': float(np.ptp(found.time)) if found else None, 'pauses': text.pauses(found) if found else '',
             'temperature_range_C': [float(known.min()), float(known.max())] if known.size else None,
             'repeatability_m': found.repeatability if found else None,
@@ -148,7 +149,7 @@ def run_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
     """Return what is known of one run as (name, text) rows."""
     degrees = facts['temperature_range_C']
     rows = [('Run', escape(facts['run_id'] or 'without a name')),
-            ('Plate', f'{facts["n"]} balls on R = {text.millimetres(facts["radius_m"])}'),
+            ('Plate', text.plate_words(facts['n'], facts['balls'], facts['radius_m'])),
             ('Measured', ', '.join(f'{name.replace("_", " ")} {phase["answered"]} of {phase["asked"]}'
                                    for name, phase in facts['phases'].items())),
             *(('Note', escape(note)) for note in (facts['missing'], *facts['notes'])),

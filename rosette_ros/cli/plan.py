@@ -18,7 +18,8 @@ from rich.markup import escape
 from rosette_ros import program
 from rosette_ros.cli.arguments import UsageError, add_formats, add_places, made_folder, positive, whole
 from rosette_ros.cli.console import console, pairs, print_json, print_parts
-from rosette_ros.core.errors import InvalidPlan
+from rosette_ros.core import axes
+from rosette_ros.core.errors import InvalidData, InvalidPlan
 from rosette_ros.core.planning.advice import SECONDS_PER_BALL
 from rosette_ros.core.planning.budget import MOST_BALLS as MOST_JUDGED
 from rosette_ros.core.planning.budget import propose
@@ -43,7 +44,7 @@ ENDINGS = {'.csv': False, '.yaml': True, '.yml': True}
 """Endings of plan files, and whether they are YAML."""
 OF_ONE_PLAN = {'output': '--output', 'figures': '--figures', 'cmm_positions': '--cmm-positions or --share',
                'balls_in_use': '--balls-of', 'touches': '--touches', 'seed': '--seed', 'plate': '--plate',
-               'csv': '--csv', 'csv_template': '--csv-template'}
+               'csv': '--csv', 'csv_template': '--csv-template', 'axis': '--axis'}
 """What does not go with --hours: settings of one plan, by their names in the options."""
 
 
@@ -66,6 +67,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         f'{Pace.touch:g} s, else {SECONDS_PER_BALL:g} s a ball)')
     parser.add_argument('--table-move-s', metavar='S', type=positive('s'), help='time of a move of the table (default: '
                         f'with --hours {Pace.table_move:g} s, else at usual speeds)')
+    parser.add_argument('--axis', metavar=('X', 'Y', 'Z'), type=float, nargs=3, help='direction of the table axis in '
+                        'the machine, for what the plan shows of gravity and of the axes of the CMM (default 0 0 1)')
     parser.add_argument('-o', '--output', metavar='FILE', help='write the plan as a file for calibrate --plan, .csv or '
                         '.yaml')
     parser.add_argument('--figures', metavar='DIR', help='write the pictures of the plan, or of the comparison')
@@ -119,8 +122,13 @@ def run(options: argparse.Namespace) -> None:
         return None
     pace = Pace(options.touch_s or Pace.touch, options.table_move_s or Pace.table_move) if (
         options.touch_s or options.table_move_s) else None
+    try:
+        rotation = axes.axis_rotation(options.axis) if options.axis else None
+    except InvalidData as error:
+        raise UsageError(f'--axis: {error}') from None
     names = [Path(word).name if Path(word).is_file() else word for word in words]
-    plans = [outlook(name, one.scheme, one.radius, 1e-6 * options.sigma_um, pace) for name, one in zip(names, made)]
+    plans = [outlook(name, one.scheme, one.radius, 1e-6 * options.sigma_um, pace, rotation=rotation)
+             for name, one in zip(names, made)]
     if options.figures:
         draw(plans, options)
     if options.json:
@@ -222,15 +230,17 @@ def show(made: Outlook, output: str | None = None) -> None:
     """Print a plan for a person: map, list, motion, what it determines and shows; output: the file that holds it."""
     out, scheme, expected, radius_mm = console(), made.scheme, made.expectation, 1e3 * made.radius
     way = scheme.travel(made.radius)
-    out.print(f'[bold]{scheme.ball.size} targets[/]: {scheme.n} balls on a circle of R = {exact(radius_mm, 6)} mm, '
+    balls = np.unique(scheme.ball)
+    out.print(f'[bold]{scheme.ball.size} targets[/]: {balls.size} balls on a circle of R = {exact(radius_mm, 6)} mm, '
               f'{scheme.n} table positions, order {escape(scheme.order)}')
     in_use = [(name, places) for name, places in (('CMM positions', np.unique(scheme.cmm_position)),
-                                                  ('Balls', np.unique(scheme.ball))) if places.size < scheme.n]
+                                                  ('Ball places', balls)) if places.size < scheme.n]
     print_parts(out, [
         results.sequence_map(scheme) if scheme.n <= WIDEST_MAP else None, results.targets(scheme, radius_mm),
         results.uncertainties(made), results.effects(made), pairs([
             *((name, f'{", ".join(map(str, places))} of {scheme.n} in use; deviations of the others are not measured')
               for name, places in in_use),
+            *([] if made.rotation is None else [('Axis', axes.words(made.rotation[:, 2]))]),
             ('Table', f'{way.table_turns:.4g} turns in {way.table_moves} moves'),
             ('CMM', f'{way.cmm_way:.4g} m in {way.cmm_moves} moves (straight from ball to ball)'),
             ('Determines', f'rank {expected.rank} of {expected.full_rank} of a complete run; curves with '

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A measuring plan as a file, schema rosette-plan/1: its readings one by one, CSV, YAML or JSON, or an order, YAML."""
 
-import csv
-import io
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -17,6 +15,7 @@ from rosette_ros.core.geometry import TWO_PI, Ints, nominal_angles, wrap
 from rosette_ros.core.model.base_entries import refuse_undetermined
 from rosette_ros.core.scheme import Scheme, cmm_position, places_in_use, plan
 from rosette_ros.core.touches import TOUCHES
+from rosette_ros.io.keyed_table import is_keyed_table, keyed_table
 from rosette_ros.io.safe_yaml import parse_yaml
 from rosette_ros.io.text_file import read_limited
 
@@ -31,7 +30,6 @@ _COLUMNS = (*_PLACES, 'approach', 'session', 'touches')
 _WRITTEN = ('table_position', 'ball', 'cmm_position', 'approach', 'session', 'touches')
 _TOLD = ('seq', 'x_mm', 'y_mm', 'z_mm', 'centre_m', 'table_angle_rad', 'travel', 'expected')
 """What `rosette plan` prints beside a plan: it follows from the plan and is not read."""
-_IS_CSV = re.compile(rb'^#\s*schema\s*:', re.MULTILINE)
 _WHOLE, _REAL = re.compile(r'[+-]?[0-9]{1,18}'), re.compile(r'[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?')
 LARGE = 1e300  # whole numbers beyond are no float
 _NAME = re.compile(r'[a-z][a-z0-9_]{0,39}')
@@ -52,7 +50,7 @@ def read_plan(path: str | Path) -> MeasuringPlan:
 
 def parse_plan(data: bytes, source: str) -> MeasuringPlan:
     """Return the plan of a file's bytes; errors as of `read_plan`."""
-    values = _from_csv(data, source) if _IS_CSV.search(data) else parse_yaml(data, source, InvalidPlan)
+    values = _from_csv(data, source) if is_keyed_table(data) else parse_yaml(data, source, InvalidPlan)
     if not isinstance(values, dict) or values.get('schema') != SCHEMA:
         raise InvalidPlan(f'{source}: wanted a plan file with "schema: {SCHEMA}", got {values!r:.80}')
     if 'n' in values and 'radius_m' in values:  # as `rosette plan --json` prints it
@@ -206,29 +204,10 @@ def _wholes(values: list[Any], source: str, name: str, low: int, high: int) -> I
 
 
 def _from_csv(data: bytes, source: str) -> dict[str, Any]:
-    """Return what a table says, as the YAML form has it: lines `# key: value`, then a head and the readings."""
-    try:
-        lines = data.decode('utf-8-sig').splitlines()
-    except UnicodeDecodeError as error:
-        raise InvalidPlan(f'{source}: wanted UTF-8 text, got byte {data[error.start]:#04x}') from None
-    values: dict[str, Any] = {}
-    for line in lines:
-        if line.startswith('#'):
-            key, separator, text = (part.strip() for part in line[1:].partition(':'))
-            if separator and key in ('schema', *_HEAD, *_ORDER):
-                values[key] = _value(text)
-    rows = list(csv.reader(io.StringIO('\n'.join(line for line in lines if line.strip() and line[0] != '#'))))
-    if not rows:
-        return values
-    head = [name.strip() for name in rows[0]]
-    for number, row in enumerate(rows[1:], 1):
-        if len(row) != len(head):
-            raise InvalidPlan(f'{source}: row {number}: wanted {len(head)} cells, got {len(row)}')
-    if len({*head}) < len(head):
-        raise InvalidPlan(f'{source}: wanted each column once, got {", ".join(head)}')
-    if len(rows) == 1:
-        raise InvalidPlan(f'{source}: wanted readings below {", ".join(head)}, got none')
-    return {**values, **{name: list(map(_value, column)) for name, column in zip(head, zip(*rows[1:]))}}
+    """Return what a table says, as the YAML form has it."""
+    keys, columns = keyed_table(data, source, InvalidPlan)
+    return {**{name: _value(text) for name, text in keys.items() if name in ('schema', *_HEAD, *_ORDER)},
+            **{name: list(map(_value, column)) for name, column in columns.items()}}
 
 
 def _value(text: str) -> int | float | str:

@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A plate of any pitch, schema rosette-plate/1: nominal or calibrated ball centres, as YAML or CSV."""
 
-import csv
 import math
-import re
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +11,7 @@ import yaml
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Floats
 from rosette_ros.core.joint.readings import Plate
+from rosette_ros.io.keyed_table import is_keyed_table, keyed_table
 from rosette_ros.io.safe_yaml import parse_yaml
 from rosette_ros.io.text_file import read_limited
 
@@ -20,7 +19,6 @@ SCHEMA = 'rosette-plate/1'
 MOST_BYTES, MOST_BALLS = 1 << 20, 720
 _LISTS = ('azimuth_deg', 'radius_mm', 'height_mm')
 _KEYS = ('schema', 'calibrated', *_LISTS)
-_IS_CSV = re.compile(rb'^"?#\s*schema\s*:', re.MULTILINE)
 LEAST_BALLS = 3
 LEAST_PITCH = 1e-3
 """Balls that are nearer to each other, m, are one ball given twice."""
@@ -33,7 +31,7 @@ def read_plate(path: str | Path) -> Plate:
 
 def parse_plate(data: bytes, path: str = 'plate') -> Plate:
     """Return the Plate of a file's bytes; path: its name in errors."""
-    values = _from_csv(data, path) if _IS_CSV.search(data) else parse_yaml(data, path, InvalidData)
+    values = _from_csv(data, path) if is_keyed_table(data) else parse_yaml(data, path, InvalidData)
     if not isinstance(values, dict) or values.get('schema') != SCHEMA:
         raise InvalidData(f'{path}: wanted a mapping with "schema: {SCHEMA}", got {values!r:.80}')
     for key in values:
@@ -85,25 +83,17 @@ def _numbers(value: object, count: int, where: str) -> Floats:
 
 def _from_csv(data: bytes, source: str) -> dict[str, Any]:
     """Return what the columns azimuth_deg, radius_mm and height_mm of a table hold, as the YAML form has it."""
-    try:
-        lines = data.decode('utf-8-sig').splitlines()
-    except UnicodeDecodeError as error:
-        raise InvalidData(f'{source}: wanted UTF-8 text, got byte {data[error.start]:#04x}') from None
-    values: dict[str, Any] = {}
-    for line in lines:
-        if line.startswith('#'):
-            key, _, text = (part.strip() for part in line[1:].partition(':'))
-            if key in _KEYS:
-                values[key] = {'yes': True, 'no': False}.get(text, text)
-    rows = list(csv.DictReader(line for line in lines if line.strip() and not line.startswith('#')))
-    for number, row in enumerate(rows, 1):
-        if row.get('ball', str(number)).strip() != str(number):
-            raise InvalidData(f'{source}: ball: wanted {number} in row {number}, got {row["ball"]!r:.40}')
-        for name in _LISTS:
-            if name in row:
-                try:
-                    values.setdefault(name, []).append(float(row[name]))
-                except (TypeError, ValueError):
-                    raise InvalidData(f'{source}: {name}: ball {number}: wanted a number, got '
-                                      f'{row[name]!r:.40}') from None
+    keys, columns = keyed_table(data, source, InvalidData)
+    for number, ball in enumerate(columns.get('ball', ()), 1):
+        if ball.strip() != str(number):
+            raise InvalidData(f'{source}: ball: wanted {number} in row {number}, got {ball!r:.40}')
+    values: dict[str, Any] = {name: {'yes': True, 'no': False}.get(text, text) for name, text in keys.items()
+                              if name in _KEYS}
+    for name in {*_LISTS} & {*columns}:
+        values[name] = []
+        for number, text in enumerate(columns[name], 1):
+            try:
+                values[name].append(float(text))
+            except ValueError:
+                raise InvalidData(f'{source}: {name}: ball {number}: wanted a number, got {text!r:.40}') from None
     return values

@@ -213,7 +213,7 @@ def _unmeasured(run: Run) -> tuple[str, list[int]]:
     words, wanted = [], np.ones((run.n, run.n), dtype=bool)
     position, ball = np.indices((run.n, run.n)) + 1
     for what, used, place in (('CMM positions', run.cmm_position, cmm_position(run.n, position, ball)),
-                              ('balls', run.ball, ball)):
+                              ('ball places', run.ball, ball)):
         numbers = np.unique(used)
         if numbers.size < run.n:
             words.append(f'only {what} {", ".join(map(str, numbers))} of {run.n} in use, deviations of the others '
@@ -222,11 +222,22 @@ def _unmeasured(run: Run) -> tuple[str, list[int]]:
     return '; '.join(words), np.setdiff1d(np.flatnonzero(wanted), run.cells).tolist()
 
 
+def plate_words(n: int, balls: int, radius: float) -> str:
+    """Return a plate: '12 balls on R = 182.5 mm'; with fewer balls than table positions how many these are, too."""
+    places = f', {n} table positions' if balls < n else ''
+    return f'{balls} balls on R = {millimetres(radius)}{places}'
+
+
+def wanted_size(run: Run) -> int:
+    """Return the number of readings of a run that lacks nothing of the balls and CMM positions in use."""
+    return run.size + len(_unmeasured(run)[1])
+
+
 def run_size(run: Run) -> str:
     """Return what was measured: '12 balls on R = 182.5 mm, 144 ball centres'."""
-    lacking = len(_unmeasured(run)[1])
-    share = f' of {run.size + lacking}' if lacking else ''
-    return f'{run.n} balls on R = {millimetres(run.radius)}, {run.size}{share} ball centres'
+    wanted = wanted_size(run)
+    share = f' of {wanted}' if wanted > run.size else ''
+    return f'{plate_words(run.n, np.unique(run.ball).size, run.radius)}, {run.size}{share} ball centres'
 
 
 def missing_words(run: Run) -> str:

@@ -125,10 +125,15 @@ def _mean_words(one: Reversal) -> str:
     return f'Means: {", ".join(means)}{p}'.replace('= <', '< ').replace('= >', '> ')
 
 
+def nothing_known(result: JointResult) -> str:
+    """Return what is said where the readings tell no more than one run alone."""
+    return 'nothing; the runs test what they share' if len(result.solution.model.runs) > 1 else 'nothing; it is one run'
+
+
 def joint_rows(result: JointResult) -> list[tuple[str, str]]:
     """Return what was fitted, how well it fits, what became known and what did not, as (name, text)."""
     solution, lack = result.solution, result.lack_of_fit_p
-    known = result.knowledge.known or ('nothing; the runs test what they share',)
+    known = result.knowledge.known or (nothing_known(result),)
     fit = '' if lack is None else f'; lack of fit: p = {text.p_value(lack)}'.replace('= <', '< ').replace('= >', '> ')
     if lack is not None and lack < UNLIKELY:
         fit += ', the model does NOT fit: diagnose each run (rosette diagnose RUN)'
@@ -159,8 +164,8 @@ def joint_json(result: JointResult, tolerances: Mapping[str, float] | None = Non
                   'shares': {part: getattr(sharing, part)[place] for part in PARTS}}
                  for place, (run, turn) in enumerate(zip(model.runs, sharing.turn, strict=True))],
         'seat': sharing.seat, 'by_sense': sharing.by_sense, 'cmm_is_calibrated': sharing.cmm_is_calibrated,
-        'tests': [{'item': test.item, 'declared': test.item in result.declared, 'f': test.f, 'dof': test.dof,
-                   'p': test.p, 'used': test.is_used, 'contradicted': test.is_contradicted,
+        'tests': [{'item': test.item, 'declared': test.item in result.declared, 'dof': test.dof, 'p': test.p,
+                   'f': None if test.p is None else test.f, 'used': test.is_used, 'contradicted': test.is_contradicted,
                    'text': test_result(test, result)} for test in result.tests],
         'unknowns': model.unknowns, 'rank': solution.rank, 'hidden': solution.hidden.shape[1],
         'hidden_in_curves': solution.hidden_in_curves, 'known': result.knowledge.known,

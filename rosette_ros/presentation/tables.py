@@ -36,7 +36,7 @@ ALIKE = 0.05
 """Relative range of uncertainties that are told once, by the largest."""
 LEAST_NOISE = 1e-15
 """What stands for the noise of readings that have none, m: nothing is divided by zero."""
-BARS, MOST_BARS = '▁▂▃▄▅▆▇█', 40
+BARS, GAP, MOST_BARS = '▁▂▃▄▅▆▇█', '·', 40
 
 
 def tables_of(summary: Summary, tolerances: Mapping[str, float] | None = None) -> tuple[Table, ...]:
@@ -146,8 +146,8 @@ def places(comparison: Comparison) -> Table:
     """Return, for each grouping of the residuals, a bar for every group and the group with the largest residual."""
     sigma, every = noise_of(comparison.fit)[0], comparison.groupings
     sizes = [np.sqrt(np.mean(one.rms**2, axis=1)) / sigma for one in every]
-    top = max(float(size.max()) for size in sizes)
-    largest = [*(float(size.max()) for size in sizes), float('nan')]
+    largest = [*(float(np.nanmax(size)) for size in sizes), float('nan')]
+    top = max(largest[:-1])
     p = [*(one.p for one in every), comparison.neighbour_p]
     return Table('worst_places', f'Residual by group; a full bar is {text.sigmas(top)}', (
         words('by', 'grouped by', [*(one.label for one in every), 'consecutive readings']),
@@ -160,11 +160,11 @@ def places(comparison: Comparison) -> Table:
 
 
 def bars(sizes: Floats, top: float) -> str:
-    """Return a row of bars, `top` being the highest; more than MOST_BARS are joined by their largest."""
+    """Return a row of bars, `top` being the highest, NaN a gap; more than MOST_BARS are joined by their largest."""
     if sizes.size > MOST_BARS:
-        sizes = np.array([part.max() for part in np.array_split(sizes, MOST_BARS)])
-    share = np.clip(sizes / top, 0, 1) if top > 0 else np.zeros(sizes.size)
-    return ''.join(BARS[min(int(part * len(BARS)), len(BARS) - 1)] for part in share)
+        sizes = np.array([np.fmax.reduce(part) for part in np.array_split(sizes, MOST_BARS)])
+    share = np.clip(sizes / top, 0, 1) if top > 0 else np.where(np.isnan(sizes), np.nan, 0.0)
+    return ''.join(GAP if np.isnan(part) else BARS[min(int(part * len(BARS)), len(BARS) - 1)] for part in share)
 
 
 def _marked(p: Iterable[float]) -> tuple[str, ...]:

@@ -187,6 +187,32 @@ def test_pictures_of_plans(rosette, tmp_path):
     assert 'there_and_back: 48 readings' in (tmp_path / 'pairs_2.svg').read_text()
 
 
+def test_options_may_stand_between_plans(rosette):
+    """As people type them."""
+    apart = rosette('plan', 'row', '--balls', 6, '--radius-mm', 100, 'diagonal')
+    assert apart.out == rosette('plan', 'row', 'diagonal', '--balls', 6, '--radius-mm', 100).out != ''
+
+
+def test_what_a_plan_shows_depends_on_the_axis(rosette, refused):
+    """Balls sag about a horizontal axis only."""
+    plan = ('plan', 'there_and_back', '--balls', 6, '--radius-mm', 100)
+    upright, lying = (json.loads(rosette(*plan, *axis, '--json').out)['expected']['effects']
+                      for axis in ((), ('--axis', 0, 1, 0)))
+    assert 'ball_sag' not in upright
+    assert lying['ball_sag']['typical_visible_fraction'] > 0.3
+    assert '(0, 1, 0)' in rosette(*plan, '--axis', 0, 1, 0).out
+    assert '--axis: wanted 3 numbers that are not all 0, got [0.0' in refused(*plan, '--axis', 0, 0, 0)
+
+
+def test_a_plate_of_fewer_balls_than_positions_is_called_so(rosette, tmp_path):
+    """Balls, places and table positions are told apart."""
+    plate = tmp_path / 'plate.yaml'
+    plate.write_text('schema: rosette-plate/1\nazimuth_deg: [0, 20, 60, 80, 140, 200, 300]\nradius_mm: 100\n')
+    out = rosette('plan', '--plate', plate, '--balls', 18, '--order', 'diagonal').out
+    assert '126 targets: 7 balls on a circle of R = 100 mm, 18 table positions' in out
+    assert 'Ball places' in out and '1, 2, 4, 5, 8, 11, 16 of 18 in use' in out
+
+
 @pytest.mark.parametrize(('words', 'message'), [
     (('row', 'diagonal'), 'plan: wanted --balls and --radius-mm with an order, or a plan file'),
     (('rows', '--balls', 6, '--radius-mm', 100), "order: wanted one of row, diagonal"),
@@ -204,18 +230,10 @@ def test_pictures_of_plans(rosette, tmp_path):
         (('-o', 'plan.csv'), '--output'), (('--figures', 'folder'), '--figures'), (('--touches', 6), '--touches'),
         (('--cmm-positions', 5), '--cmm-positions or --share'), (('--share', 0.5), '--cmm-positions or --share'),
         (('--balls-of', 5), '--balls-of'), (('--seed', 3), '--seed'), (('--plate', 'plate.yaml'), '--plate'),
-        (('--csv',), '--csv'))),
+        (('--csv',), '--csv'), (('--axis', 1, 0, 0), '--axis'))),
     (('--hours', 1, '--balls', 6, '--turning', 'alternate'),
      '--hours proposes plans: wanted no --turning; they turn forward, or there and back'),
     (13 * ('row',), 'plan: wanted at most 12 plans, got 13')])
 def test_what_cannot_be_compared(refused, words, message):
     """One line each."""
     assert message in refused('plan', *words)
-
-
-def test_a_plan_that_is_too_large_is_refused(refused, tmp_path):
-    """Repeats of single pairs on a large plate would fill the memory when the run is evaluated."""
-    path = tmp_path / 'large.csv'
-    rows = '\n'.join(f'{i},{j}' for i in range(1, 401) for j in (*range(1, 401), 1, 1 + i % 400))
-    path.write_text(f'# schema: rosette-plan/1\n# balls: 400\n# radius_mm: 200\ntable_position,ball\n{rows}\n')
-    assert 'too large: wanted at most 125000 readings of 400 balls where pairs' in refused('plan', path)

@@ -79,7 +79,7 @@ SIX = plan(6)
     (HEAD.replace('182.5', '-3'), 'radius_mm: wanted a number in 1..10000, got -3'),
     (HEAD.replace('# radius_mm: 182.5\n', ''), 'radius_mm: wanted a number, but it is missing'),
     (HEAD, 'wanted readings (table_position and ball, or their angles) or an order, got neither'),
-    (HEAD + 'table_position,ball\n', 'wanted readings below table_position, ball, got none'),
+    (HEAD + 'table_position,ball\n', 'wanted rows below table_position, ball, got none'),
     (HEAD + '# order: zigzag\n', 'order: wanted one of row, diagonal'),
     (HEAD + '# order: row\n# cmm_positions: 3\n', '3 of 6 CMM positions or balls do not determine the curves'),
     (rows_of(SIX, lambda rows: [[1, 7], *rows]), 'row 1: ball: wanted a whole number in 1..6, got 7'),

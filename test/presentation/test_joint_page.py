@@ -10,6 +10,7 @@ from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.identity_file import Identity
+from rosette_ros.presentation.joint_results import joint_json, joint_rows
 from rosette_ros.presentation.report.joint_page import joint_html, joint_pictures, joint_tables
 from rosette_ros.simulation import Machine, MachineConfig
 
@@ -49,4 +50,8 @@ def test_the_conclusion_follows_the_tests():
     bad = conclude(joint(first, other, plate=('1', '1'), clamping=('1', '2'), table=('1', '2')))
     assert (bad.level, 'contradict what was declared the same: plate deviations' in bad.sentence) == ('bad', True)
     unknown = conclude(joint(first.replace(repeatability=None)))
+    assert conclude(joint(first)).sentence.startswith('The run fits one model: ')
+    assert dict(joint_rows(joint(first)))['Known'] == 'beyond what one run knows: nothing; it is one run'
+    one = joint_json(joint(first, other, plate=('1', '2')))['tests']
+    assert all((test['f'] is None) == (test['p'] is None) for test in one)
     assert (unknown.level, 'there is no repeatability' in unknown.sentence) == ('doubtful', True)

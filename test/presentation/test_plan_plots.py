@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from rosette_ros.core.planning.plan_comparison import outlook
+from rosette_ros.core.planning.plan_comparison import outlook, point_of
 from rosette_ros.core.scheme import plan
 from rosette_ros.presentation.plots.plan_plots import pairs_in_order, shares_of_plans, uncertainty_by_share
 
@@ -30,7 +30,7 @@ def test_every_reading_has_its_mark(plans):
 
 def test_uncertainty_against_the_share_of_the_readings(plans):
     """A complete run has 1 at 1; the ideal is the root of n² / N; the best sets lie above it."""
-    panel = uncertainty_by_share(plans).axes[0]
+    panel = uncertainty_by_share(plans[0].scheme.n, list(map(point_of, plans))).axes[0]
     sets, ideal, *points = panel.lines
     x, y = ideal.get_data()
     assert y == pytest.approx(x**-0.5)

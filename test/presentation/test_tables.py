@@ -12,7 +12,7 @@ from summaries import summary_of, verification_runs
 from rosette_ros.presentation.json_output import diagnosis_json, evaluation_json
 from rosette_ros.presentation.report.verification import verification_tables, verify
 from rosette_ros.presentation.table_format import Table, column, words
-from rosette_ros.presentation.tables import tables_of
+from rosette_ros.presentation.tables import bars, tables_of
 
 CURVES = {'ctx': 'm', 'cty': 'm', 'ctz': 'm', 'crx': 'rad', 'cry': 'rad', 'crz': 'rad'}
 WITH_UNIT = re.compile(r'_(um|urad|deg|s|C|si|sigma|in_unit|per_um)$')
@@ -102,6 +102,12 @@ def test_what_is_not_known_is_left_empty():
     table = Table('t', 'T', (column('a_um', 'a', [1.5, float('nan'), float('inf'), -0.0]),
                              column('b', 'b', [None, 2, 3, 4], str), words('c', 'c', ['x,y', '"', 'é', ''])))
     assert table.csv() == 'a_um,b,c\n1.5,,"x,y"\n,2,""""\n,3,é\n0.0,4,\n'
+
+
+def test_places_that_were_not_measured_are_gaps_in_bars():
+    """They are not the lowest; of groups that are joined the measured ones count."""
+    assert bars(np.array([np.nan, 0.0, 1.0]), 1.0) == '·▁█'
+    assert bars(np.where(np.arange(80) % 2, 1.0, np.nan), 1.0) == 40 * '█'
 
 
 def test_a_page_shows_what_is_meant_for_it():

@@ -24,7 +24,8 @@ class Grouping:
     """Residuals grouped by one thing.
 
     label: what by; keys: (g,) group names; rms: (g, 3) root mean square per axis, m, scaled so that sigma is expected
-    under the right model; mean: (g, 3), m; p: probability that noise spreads its groups as unevenly.
+    under the right model; mean: (g, 3), m; both NaN where nothing was measured; p: probability that noise spreads its
+    groups as unevenly.
     """
 
     label: str
@@ -36,7 +37,7 @@ class Grouping:
     @property
     def worst(self) -> int:
         """Index of the group with the largest rms."""
-        return int(np.argmax(np.sum(self.rms**2, axis=1)))
+        return int(np.nanargmax(np.sum(self.rms**2, axis=1)))
 
 
 @dataclass(frozen=True)
@@ -118,9 +119,9 @@ def _grouping(label: str, index: Ints, keys: Sequence[str], residual: Floats, no
     count = len(keys)
     squares = _sums(index, count, residual[None]**2)[0]
     wanted = _sums(index, count, expected[None])[0]
-    number = np.maximum(np.bincount(index, minlength=count), 1)[:, None]
-    mean = _sums(index, count, residual[None])[0] / number
-    rms = np.where(wanted > 1e-12, np.sqrt(squares / np.maximum(wanted, 1e-12)), 0.0)
+    number = np.bincount(index, minlength=count)[:, None]
+    mean = np.where(number, _sums(index, count, residual[None])[0] / np.maximum(number, 1), np.nan)
+    rms = np.where(wanted > 1e-12, np.sqrt(squares / np.maximum(wanted, 1e-12)), np.where(number, 0.0, np.nan))
     every = np.concatenate([residual[None], noise])
     total = np.maximum(np.sum(every**2, axis=(1, 2)), NO_RESIDUAL)
     # the most uneven group, each draw in units of its own scatter

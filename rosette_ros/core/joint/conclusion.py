@@ -15,21 +15,21 @@ ITEMS = {'table': 'table motions', 'plate': 'plate deviations', 'clamping': 'pla
 def conclude(result: JointResult) -> Conclusion:
     """Return the Conclusion of a joint evaluation."""
     count, residual = len(result.solution.model.runs), f'residual {1e6 * result.rms:.3g} µm per coordinate'
-    who = f'The {count} runs' if count > 1 else 'The run'
+    who, s, does = (f'The {count} runs', '', 'do') if count > 1 else ('The run', 's', 'does')
     untrue = [ITEMS[test.item] for test in result.tests if test.is_contradicted and test.is_used]
     unused = [ITEMS[test.item] for test in result.tests if test.item != 'sense' and not test.is_used]
     lack = result.lack_of_fit_p
     if untrue:
-        return Conclusion(Level.BAD, f'{who} contradict what was declared the same: {", ".join(untrue)}; {residual}.',
+        return Conclusion(Level.BAD, f'{who} contradict{s} what was declared the same: {", ".join(untrue)}; '
+                          f'{residual}.',
                           'Declare it separate, or measure again.')
     if lack is not None and lack < UNLIKELY:
-        return Conclusion(Level.BAD, f'{who} do not fit one model: {residual}, p = {lack:.1g} beside the '
-                          'repeatability.'.replace('The run do', 'The run does'),
-                          'Diagnose each run: rosette diagnose RUN.')
+        return Conclusion(Level.BAD, f'{who} {does} not fit one model: {residual}, p = {lack:.1g} beside the '
+                          'repeatability.', 'Diagnose each run: rosette diagnose RUN.')
     if unused:
-        return Conclusion(Level.DOUBTFUL, f'{who} fit one model without: {", ".join(unused)}; {residual}.',
+        return Conclusion(Level.DOUBTFUL, f'{who} fit{s} one model without: {", ".join(unused)}; {residual}.',
                           'Find out why it differs between the runs.')
     if lack is None:
         return Conclusion(Level.DOUBTFUL, f'Whether one model fits cannot be said, there is no repeatability; '
                           f'{residual}.', 'Measure the repeatability before the run.')
-    return Conclusion(Level.GOOD, f'{who} fit{"s" * (count == 1)} one model: {residual}.', 'Nothing needs to be done.')
+    return Conclusion(Level.GOOD, f'{who} fit{s} one model: {residual}.', 'Nothing needs to be done.')

@@ -5,18 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rosette_ros.core.errors import InvalidPlan
 from rosette_ros.core.model.base_entries import refuse_undetermined
 from rosette_ros.core.model.base_model import GAUGE, BaseLines
 from rosette_ros.core.model.base_space import base_space
-from rosette_ros.core.model.reduced_space import Reduction
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.records import Floats, Run
 from rosette_ros.core.scheme import Scheme
 from rosette_ros.core.touches import Pace, sigma_of_touches
-
-MOST_DENSE = 50_000_000
-"""Readings times balls of a plan that repeats single pairs, above which its evaluation takes too much memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,31 +38,31 @@ class Expectation:
 def expect(scheme: Scheme, radius: float, pace: Pace | None = None) -> Expectation:
     """Return the Expectation of a scheme; radius: m; pace: of the cell, None for a usual one.
 
-    Raises InvalidPlan where it does not determine the curves, or is too large to be evaluated.
+    Raises InvalidPlan where it does not determine the curves.
     """
     refuse_undetermined(scheme)
     run = planned_run(scheme, radius, pace)
-    if scheme.repeats and Reduction.of(run) is None and run.size * run.n > MOST_DENSE:
-        raise InvalidPlan(f'plan: too large: wanted at most {MOST_DENSE // run.n} readings of {run.n} balls where '
-                          f'pairs of table position and ball are repeated, got {run.size}; repeat whole CMM positions, '
-                          'or none')
     space, n = base_space(run, radius), scheme.n
     number = np.unique(scheme.touches, return_counts=True)
     every = np.array([sigma_of_touches(int(touches), 1.0) if touches else np.ones(3) for touches in number[0]])
     x, _, z = np.sqrt(number[1] @ every**2 / run.size)
     variance = space.curve_cofactor() * np.array([x, x, z, z, z, x])**2
-    plane, axial = (n - 2) / n**2, (n - 1) / n**2
-    complete = np.array([plane, plane, axial, 2 * plane / radius**2, 2 * plane / radius**2, axial / radius**2])
-    relative = float(np.sqrt(np.mean(variance / complete)))
-    return Expectation(space.rank, BaseLines.of(n).rank, np.sqrt(variance), relative,
+    return Expectation(space.rank, BaseLines.of(n).rank, np.sqrt(variance), relative_uncertainty(variance, radius),
                        float(n / np.sqrt(run.size)), float(np.sqrt((2 * x**2 + z**2) / 3)), float(run.time[-1]),
                        _unobservable(run))
+
+
+def relative_uncertainty(variance: Floats, lever: float) -> float:
+    """Return the uncertainty of the curves beside that of a complete run, rms over the curves; variance: (n, 6)."""
+    n, scale = len(variance), np.repeat([1.0, lever**-2], 3)
+    plane, axial = (n - 2) / n**2, (n - 1) / n**2
+    return float(np.sqrt(np.mean(variance / (np.array([plane, plane, axial, 2 * plane, 2 * plane, axial]) * scale))))
 
 
 def _unobservable(run: Run) -> tuple[str, ...]:
     """Return in words what a run leaves open that determines the curves."""
     every, words = np.arange(1, run.n + 1), list(GAUGE)
-    for what, used in (('balls', run.ball), ('the CMM at positions', run.cmm_position)):
+    for what, used in (('ball places', run.ball), ('the CMM at positions', run.cmm_position)):
         if (unused := np.setdiff1d(every, used)).size:
             words.append(f'deviations of {what} {", ".join(map(str, unused))}: not measured')
     return tuple(words)

@@ -11,12 +11,18 @@ from rosette_ros.core.planning.advice import GOOD_SHARE, planned_run
 from rosette_ros.core.planning.budget import MOST_BALLS, propose
 from rosette_ros.core.planning.expectation import Expectation, expect
 from rosette_ros.core.planning.visibility import Visibility, visibility
+from rosette_ros.core.records import Floats
+from rosette_ros.core.reduced_sets import best_members, fewest_members, penalty
 from rosette_ros.core.scheme import Scheme, places_in_use, plan
 from rosette_ros.core.touches import Pace
 
 NOTICED = 0.02
 """Relative differences of uncertainties and times that are not worth a word."""
 LISTED = 8
+SHARES, MOST_SETS = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 1), 36
+"""Shares of the CMM positions, and most balls, for which the best sets are looked for."""
+Point = tuple[str, float, float]
+"""Name, share N / n^2 of the readings of a complete run, uncertainty of the curves relative to it."""
 USUAL_DRIFT = 1e-7
 """Random walk of the frame, m after an hour, that a plan is proposed for where nothing is said."""
 
@@ -25,7 +31,8 @@ USUAL_DRIFT = 1e-7
 class Outlook:
     """A plan by its name, with what it determines; radius: m; sigma: of a coordinate from USUAL touches, m.
 
-    effects: what it shows of each effect of the library, () for plates of more than MOST_BALLS balls.
+    effects: what it shows of each effect of the library, () for plates of more than MOST_BALLS balls; rotation: of the
+    table in the machine, as of Run.
     """
 
     name: str
@@ -34,6 +41,7 @@ class Outlook:
     sigma: float
     expectation: Expectation
     effects: tuple[Visibility, ...]
+    rotation: Floats | None = None
 
     @property
     def shown(self) -> tuple[str, ...]:
@@ -47,15 +55,17 @@ class Outlook:
 
 
 def outlook(name: str, scheme: Scheme, radius: float, sigma: float = 1e-7, pace: Pace | None = None,
-            effects: bool = True) -> Outlook:
+            effects: bool = True, rotation: Floats | None = None) -> Outlook:
     """Return the Outlook of a plan; pace: of the cell, None for a usual one; effects: whether to look at them.
+
+    rotation: of the table in the machine, as of Run: effects of gravity and of the CMM's axes depend on it.
 
     Raises InvalidPlan where the plan does not determine the curves or is too large.
     """
     expected = expect(scheme, radius, pace)
-    seen = visibility(planned_run(scheme, radius, pace), sigma * expected.spread) if (
+    seen = visibility(planned_run(scheme, radius, pace, rotation), sigma * expected.spread) if (
         effects and scheme.n <= MOST_BALLS) else ()
-    return Outlook(name, scheme, radius, sigma, expected, seen)
+    return Outlook(name, scheme, radius, sigma, expected, seen, rotation)
 
 
 def outlook_of_order(n: int, radius: float, pace: Pace | None, order: str, places: str = '',
@@ -75,6 +85,17 @@ def best_outlook(n: int, radius: float, pace: Pace, hours: float) -> Outlook:
     return outlook(scheme.order, scheme, radius, pace=pace)
 
 
+def point_of(plan: Outlook) -> Point:
+    """Return the Point of a plan."""
+    return plan.name, plan.scheme.ball.size / plan.scheme.n**2, plan.expectation.penalty
+
+
+def best_sets(n: int) -> list[tuple[float, float]]:
+    """Return share and relative uncertainty of the best sets of CMM positions of n balls, for some shares."""
+    sizes = sorted({max(fewest_members(n), round(n * share)) for share in SHARES}) if n <= MOST_SETS else []
+    return [(size / n, penalty(n, best_members(n, size))) for size in sizes]
+
+
 def better(plans: Sequence[Outlook]) -> tuple[str, ...]:
     """Return in sentences which of several plans is better in which respect."""
     said = [_best(plans, 'Uncertainty of the curves, relative to a complete run', lambda one: one.expectation.penalty,
@@ -92,7 +113,7 @@ def better(plans: Sequence[Outlook]) -> tuple[str, ...]:
         said += [f'None shows {_listed(nobody)} well.'] if nobody else []
     for one in plans:
         unused = [(what, one.scheme.n - np.unique(used).size) for what, used in (
-            ('ball', one.scheme.ball), ('CMM position', one.scheme.cmm_position))]
+            ('ball place', one.scheme.ball), ('CMM position', one.scheme.cmm_position))]
         said += [f'{one.name} does not measure the deviations of {counted(number, what)}.'
                  for what, number in unused if number]
     return tuple(said)

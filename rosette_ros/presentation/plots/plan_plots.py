@@ -9,9 +9,8 @@ from matplotlib.figure import Figure
 
 from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE
 from rosette_ros.core.planning.advice import GOOD_SHARE
-from rosette_ros.core.planning.plan_comparison import Outlook
+from rosette_ros.core.planning.plan_comparison import Outlook, Point, best_sets, point_of
 from rosette_ros.core.records import Ints, Run
-from rosette_ros.core.reduced_sets import best_members, fewest_members, penalty
 from rosette_ros.core.scheme import Scheme, cmm_position
 from rosette_ros.presentation.formatting import OBSERVABLE, percent
 from rosette_ros.presentation.plots import plot_style as style
@@ -21,8 +20,6 @@ MOST_JOINED = 400
 """Readings up to which a line joins them."""
 MOST_VECTORS = 1500
 """Marks that are drawn one by one in a vector graphic; more are drawn as an image in it."""
-MOST_SETS = 36
-"""Balls up to which the best sets are searched for the picture."""
 LABEL_LENGTH = 26
 
 
@@ -30,7 +27,7 @@ def pictures_of_plans(plans: Sequence[Outlook]) -> dict[str, Figure]:
     """Return the figures of one plan or of several, by name."""
     made = {'pairs' if len(plans) == 1 else f'pairs_{place}': pairs_in_order(plan.scheme, plan.name)
             for place, plan in enumerate(plans, 1)}
-    made['uncertainty'] = uncertainty_by_share(plans)
+    made['uncertainty'] = uncertainty_by_share(plans[0].scheme.n, list(map(point_of, plans)))
     if all(one.effects for one in plans):
         made['shares'] = shares_of_plans(plans)
     return made
@@ -77,34 +74,27 @@ def _draw_pairs(panel: Axes, n: int, table: Ints, column: Ints, size: int) -> No
     panel.set_ylim(n + 0.7, 0.3)
 
 
-def uncertainty_by_share(plans: Sequence[Outlook]) -> Figure:
-    """Return a figure: uncertainty of the curves relative to a complete run against N / n^2.
+def uncertainty_by_share(n: int, points: Sequence[Point]) -> Figure:
+    """Return a figure: uncertainty of the curves of n balls relative to a complete run against N / n^2.
 
-    Beside the plans the best sets of CMM positions of their plate, and the ideal sqrt(n^2 / N).
+    Beside the points the best sets of CMM positions, and the ideal sqrt(n^2 / N).
     """
     made = style.figure(3.0)
     made.subplots_adjust(left=0.08, right=0.98, bottom=0.15, top=0.96)
-    panel, most = style.panels(made)[0, 0], 1.0
-    every = [one.scheme.ball.size / one.scheme.n**2 for one in plans]
-    n = plans[0].scheme.n
-    lines = []
-    if n <= MOST_SETS:
-        sizes = range(fewest_members(n), n + 1)
-        sets = [penalty(n, best_members(n, size)) for size in sizes]
-        lines += panel.plot([size / n for size in sizes], sets, color=style.GREY, marker='.', markersize=4, linewidth=1,
-                            label=f'best sets of CMM positions, {n} balls')
-        most = max(sets)
+    panel, every, sets = style.panels(made)[0, 0], [x for _, x, _ in points], best_sets(n)
+    lines = panel.plot(*zip(*sets), color=style.GREY, marker='.', markersize=4, linewidth=1,
+                       label=f'best sets of CMM positions, {n} balls') if sets else []
     share = np.linspace(min(0.95 * min(every), 0.22), max(1.05, 1.05 * max(every)), 200)
     lines += panel.plot(share, 1 / np.sqrt(share), color=style.INK, linestyle=style.DASHED, linewidth=1.2,
                         label='ideal: √(n²/N)')
-    for place, (one, x) in enumerate(zip(plans, every)):
-        under = sum(abs(x - other) < 0.02 and abs(one.expectation.penalty - before.expectation.penalty) < 0.1
-                    for before, other in zip(plans[:place], every))  # a larger, hollow mark is seen around the others
+    for place, (name, x, y) in enumerate(points):
+        under = sum(abs(x - other) < 0.02 and abs(y - before) < 0.1 for _, other, before in points[:place])
+        # a larger, hollow mark is seen around the others
         look = style.look_of(place) | ({'markerfacecolor': 'none', 'markeredgewidth': 1.5} if under else {})
-        lines += panel.plot([x], [one.expectation.penalty], linestyle='none', markersize=6 + 3 * min(under, 3),
-                            label=style.label_of(one.name), zorder=5, **look)
+        lines += panel.plot([x], [y], linestyle='none', markersize=6 + 3 * min(under, 3),
+                            label=style.label_of(name), zorder=5, **look)
     panel.set_xlim(share[0], share[-1])
-    panel.set_ylim(0, 1.08 * max(most, *(one.expectation.penalty for one in plans)))
+    panel.set_ylim(0, 1.08 * max(y for _, y in [*sets, *((x, y) for _, x, y in points)]))
     style.scale(panel, steps=(8, 6))
     panel.set_xlabel('share of the n² pairs that is measured, N/n²')
     panel.set_ylabel('relative uncertainty of the curves')

@@ -23,6 +23,7 @@ from rosette_ros.presentation.joint_results import (
     joint_errors,
     joint_head,
     joint_rows,
+    nothing_known,
     reversal_means,
     sharing_table,
 )
@@ -52,7 +53,8 @@ def joint_html(result: JointResult, files: Sequence[FileDigest] = (), command: s
     return PAGES.get_template('joint.html.j2').render(
         result=result, iso=text.iso_range(runs[0].rotation), verdict=conclude(result),
         rows=dict(joint_rows(result)), runs=list(map(joint_head, runs)),
-        known=result.knowledge.known, hidden=result.knowledge.hidden, files=tuple(dict.fromkeys(files)),
+        known=result.knowledge.known, nothing=nothing_known(result), hidden=result.knowledge.hidden,
+        files=tuple(dict.fromkeys(files)),
         notes=[*result.notes, *(f'{run.name}: {note}' for run in runs for note in run.notes)], command=command,
         pictures=inline_svgs(pictures), tables={table.name: table for table in joint_tables(result, identity)},
         identity=identity_rows(identity, contradictions),

@@ -9,7 +9,10 @@ from matplotlib.figure import Figure
 
 from rosette_ros.analysis import Summary
 from rosette_ros.core.diagnosis.comparison import spectrum
+from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.planning.expectation import relative_uncertainty
+from rosette_ros.core.planning.plan_comparison import Point
 from rosette_ros.core.records import ErrorMotions, Run
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.model_file import format_model
@@ -77,7 +80,15 @@ def pictures_of(summary: Summary, overlays: Sequence[Series] = ()) -> dict[str, 
         'ladder': comparison_plots.ladder(summary.ladder, run.repeatability, run.repeatability_dof),
         **({'candidates': comparison_plots.candidates(found, run.repeatability)} if found else {}),
         **({'shapes': shape_plots.shapes(shapes)} if (shapes := summary.diagnosis.recovered) else {}),
-        'pairs': plan_plots.pairs_in_order(run), 'visibility': _visibility(summary)}
+        'pairs': plan_plots.pairs_in_order(run),
+        **({} if run.is_complete else {'uncertainty': plan_plots.uncertainty_by_share(run.n, [_point(run)])}),
+        'visibility': _visibility(summary)}
+
+
+def _point(run: Run) -> Point:
+    """Return where a run stands beside a complete one: for noise that is white and equal."""
+    variance = base_space(run, run.radius).curve_cofactor()
+    return 'this run', run.size / run.n**2, relative_uncertainty(variance, run.radius)
 
 
 def shown_tables(summary: Summary, identity: Identity) -> dict[str, Table]:
