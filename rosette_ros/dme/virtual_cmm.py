@@ -26,6 +26,8 @@ RIM = 0.03
 """By which the plate is larger than the circle of its balls, m."""
 STEP = 1e-3
 """A move is looked at in steps of this length, m."""
+START = 0.2
+"""Where the probe stands at first: over the middle of the plate, m."""
 GRAZE = 3e-5
 """What comes closer to a body by less is no collision, m: errors of the CMM, noise, steps."""
 
@@ -99,7 +101,7 @@ class VirtualCmm:
         middle, half = self.machine.rough_frame.origin, 0.5e-3 * config.cmm.volume_mm
         self.limits = middle - half, middle + half
         self.home_place = np.array([self.limits[0][0], self.limits[0][1], self.limits[1][2]])
-        self.parked = self.home_place
+        self.parked = middle + START * self.machine.rough_frame.rotation[:, 2]
         self._under_way: _Motion | None = None
         self._turns = -1.0 if faults.has('turns_other_way') else 1.0
         self._timing = config.timing
@@ -214,7 +216,8 @@ class VirtualCmm:
         probe = np.minimum(share * whole / max(move.probe_s, 1e-9), 1.0)[:, None]
         table = np.minimum(share * whole / max(move.table_s, 1e-9), 1.0)
         point = move.before + probe * (move.after - move.before)
-        centre = self.cell.centres(self.clock.now(), move.travel[0] + table * turn if turn else None)
+        now = self.clock.now()
+        centre = self.cell.centres(now, move.travel[0] + table * turn) if turn else self.cell.seen_centres(now)
         off = point[:, None, :] - centre
         down = np.clip(-(off @ axis), 0.0, HEIGHT * radius)
         stem = np.sqrt(np.square(off + down[..., None] * axis).sum(-1))
@@ -230,3 +233,21 @@ def short_way(angle: float, now: float) -> float:
     """Return the unwrapped angle that is reached from `now` to `angle` by at most half a turn, rad."""
     way = (angle - now) % TWO_PI
     return now + (way if way <= np.pi + 1e-12 else way - TWO_PI)
+
+
+def client_settings(config: MachineConfig, settings: ServeSettings, port: int) -> dict[str, object]:
+    """Return the settings file of a client (rosette-dme/1) that fits a machine and its server, as a mapping."""
+    place, plate, tip = config.placement, config.plate, config.probing.tip_radius_mm
+    half = plate.circle_radius_mm + 100.0
+    low, high = ([value + sign * half for value in place.origin_mm] for sign in (-1.0, 1.0))
+    return {
+        'schema': 'rosette-dme/1', 'server': {'host': '127.0.0.1', 'port': port},
+        'tool': {'name': settings.tool, 'tip_radius_mm': tip},
+        'ball': {'radius_mm': plate.ball_radius_mm, 'shaft_radius_mm': STEM * plate.ball_radius_mm,
+                 'shaft_length_mm': HEIGHT * plate.ball_radius_mm, 'below_pole_mm': config.probing.below_pole_mm,
+                 'below_equator_mm': config.probing.below_equator_mm},
+        'path': {'box_low_mm': low, 'box_high_mm': high,
+                 'clearance_mm': max(60.0, plate.ball_radius_mm + tip + 30.0)},
+        'table': {'origin_mm': list(place.origin_mm), 'axis': list(place.axis), 'azimuth_deg': place.azimuth_deg,
+                  'radius_mm': plate.circle_radius_mm, 'balls': plate.balls, 'sign': settings.sign,
+                  'reading': 'cumulative' if settings.cumulative else 'modulo'}}

@@ -35,6 +35,7 @@ class TouchByTouch:
         self._place: Floats = machine.state.cmm
         self._reading, self._ball, self._touches, self._began, self._last = -1, 0, 0, 0.0, 0.0
         self._every = np.arange(1, machine.n + 1)
+        self._seen: Floats | None = None
 
     @property
     def reach(self) -> float:
@@ -49,15 +50,19 @@ class TouchByTouch:
             self.travel = travel + 1e-6 * self.machine.config.table.positioning_urad * float(draws[0, -5])
             self._turned += abs(way)
             self._approach = 1 if way > 0 else -1
-        self._ball, self._last = 0, time
+        self._ball, self._last, self._seen = 0, time, None
 
     def centres(self, time: float, travel: Floats | None = None) -> Floats:
         """Return the true centres of all balls at a time, (n, 3), or (S, n, 3) at angles of the table (S,), rad; m."""
-        centre = self.machine.ball_centres(self._moment(time, self._every))[:, 0]
+        self._seen = self.machine.ball_centres(self._moment(time, self._every))[:, 0]
         if travel is None:
-            return centre
+            return self._seen
         frame = self.machine.true_frame
-        return frame.to_outer(rotate_z((travel - self.travel)[:, None], frame.to_inner(centre)))
+        return frame.to_outer(rotate_z((travel - self.travel)[:, None], frame.to_inner(self._seen)))
+
+    def seen_centres(self, time: float) -> Floats:
+        """Return where the balls were when it was last asked for, (n, 3), m, or are now if the table has turned."""
+        return self.centres(time) if self._seen is None else self._seen
 
     def touch(self, aim: Floats, direction: Floats, time: float) -> SingleTouch | None:
         """Touch the first ball on the way inwards along the line aim + s u; None where the line meets no ball.

@@ -106,7 +106,7 @@ def test_an_error_has_to_be_cleared():
         assert client.data('GetErrStatusE()') == 'ErrStatus(1)'
         assert client.data('GetXtdErrStatus()') == 'IsHomed(1) IsUserEnabled(1)'
         assert client.ask('ClearAllErrors()') == ['&', '%']
-        assert client.data('Get(X())') == 'X(-150)'
+        assert client.data('Get(X())') == 'X(350)'
 
 
 def test_a_warning_has_not(served):
@@ -156,10 +156,10 @@ def test_answers_come_while_the_machine_moves_and_end_when_it_stands():
     with session(speed=20.0) as (client, _):
         client.ask('SetProp(Tool.GoToPar.Speed(200))')
         began = time.monotonic()
-        move, ask = client.send('GoTo(X(250))'), client.send('Get(X())')
+        move, ask = client.send('GoTo(X(750))'), client.send('Get(X())')
         assert [client.line(), client.line()] == [f'{move} &', f'{ask} &']
         assert client.numbers('GetPropE(Tool.GoToPar.Speed())')['Speed'] == 200
-        assert [client.line() for _ in range(3)] == [f'{move} %', f'{ask} # X(250)', f'{ask} %']
+        assert [client.line() for _ in range(3)] == [f'{move} %', f'{ask} # X(750)', f'{ask} %']
         assert time.monotonic() - began >= (400 / 200 + 200 / 500) / 20
 
 
@@ -180,7 +180,7 @@ def test_abort_stops_the_machine_where_it_is():
         client.until(f'{client.send("ClearAllErrors()")} %')
         client.until(f'{client.send(f"StopDaemon({daemon})")} %')
         place = client.numbers('Get(X(), R())')
-        assert -150 < place['X'] < 850 and 0 < place['R'] < 170
+        assert 350 < place['X'] < 850 and 0 < place['R'] < 170
         assert client.numbers('Get(X(), R())') == place
 
 
@@ -275,8 +275,8 @@ def test_one_client_at_a_time():
 
 def test_the_machine_stays_as_it_was_for_the_next_client():
     with serving(CONFIG) as (port, _):
-        for place in (-100, 100):
+        for before, after in ((350, 100), (100, 0)):
             with LineClient(port) as client:
                 client.ask('StartSession()')
-                assert client.numbers('Get(X())')['X'] == place - 200 + (150 if place < 0 else 0)
-                client.ask(f'GoTo(X({place}))')
+                assert client.numbers('Get(X())')['X'] == before
+                client.ask(f'GoTo(X({after}))')

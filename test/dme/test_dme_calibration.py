@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A whole calibration through the client and the server, touch by touch, beside that of the simulated cell itself."""
+
+import asyncio
+
+import numpy as np
+import pytest
+
+from rosette_ros.analysis import analyse
+from rosette_ros.core.geometry import TWO_PI, table_frame
+from rosette_ros.core.records import Run, remove_gauge
+from rosette_ros.core.scheme import nominal_places, plan
+from rosette_ros.dme.ball_probing import DmeCmm
+from rosette_ros.dme.dme_server import DmeServer
+from rosette_ros.dme.dme_settings import dme_settings
+from rosette_ros.dme.serve_settings import ServeSettings
+from rosette_ros.dme.virtual_cmm import client_settings
+from rosette_ros.simulation import Machine, MachineConfig
+
+N = 6
+SCHEME = plan(N, 'diagonal')
+ONE_NM, FIVE_NRAD = 1e-9, 5e-9
+"""What a noise-free run of the simulated cell differs from the truth by: docs/machine.md."""
+
+
+async def calibrated(config, served, touches):
+    """Return the run and the table frame that a client finds: the axis, the plane, all pairs."""
+    server, machine = DmeServer(config, served), Machine(config)
+    port = await server.start()
+    cmm = await DmeCmm.start(dme_settings(client_settings(config, served, port)))
+    nominal, rough = nominal_places(N, config.radius, 1, np.arange(1, N + 1)), machine.rough_frame
+
+    async def measured(frame, position, ball, approach=1):
+        aim = frame.to_outer(nominal[(position + ball - 2) % N])
+        return await cmm.measure(ball, aim, TWO_PI * (position - 1) / N, approach, rough.rotation[:, 2], touches)
+
+    every = range(1, N + 1)
+    frame = table_frame(np.array([(await measured(rough, one, 1)).centre for one in every]),
+                        np.array([(await measured(rough, 1, one)).centre for one in every]))
+    balls = [await measured(frame, int(position), int(ball), int(approach)) for position, ball, approach
+             in zip(SCHEME.table_position, SCHEME.ball, SCHEME.approach, strict=True)]
+    await cmm.session.end()
+    await server.stop()
+    column = {name: np.array([getattr(ball, name) for ball in balls])
+              for name in ('table_angle', 'time', 'temperature', 'approach', 'table_travel', 'centre')}
+    return Run(n=N, radius=config.radius, table_position=SCHEME.table_position, ball=SCHEME.ball,
+               rotation=frame.rotation, **column | {'centre': frame.to_inner(column['centre'])}), frame
+
+
+@pytest.mark.parametrize('served', [ServeSettings(), ServeSettings(
+    sign=-1, cumulative=True, compensated=True, dialect='2.x')], ids=['1.4', '2.x'])
+def test_without_noise_the_curves_are_the_truth(served):
+    config = MachineConfig().changed(plate={'balls': N}, probing={'repeatability_um': 0.0})
+    run, frame = asyncio.run(calibrated(config, served, 20 if served.sign > 0 else 6))
+    found = analyse(run).error_motions
+    error = found.values - remove_gauge(Machine(config).table_truth(found.angle, frame))
+    assert np.abs(error[:, :3]).max() < ONE_NM
+    assert np.abs(error[:, 3:]).max() < FIVE_NRAD
+    assert np.isfinite(run.temperature).all() == (served.dialect == '2.x')
+
+
+def test_noise_and_what_is_hidden_are_those_of_the_simulated_cell():
+    """Noise and effects that do not depend on time are the same ones; only 1e-12 m of the answers are rounded."""
+    config = MachineConfig().changed(plate={'balls': N}, hidden=[
+        {'kind': 'table_backlash', 'width_urad': 5.0}, {'kind': 'ball_form', 'ball': 2, 'order': 3, 'centre_um': 2.0},
+        {'kind': 'cmm_reversal', 'value_um': [1.0, 1.0, 0.0]}])
+    run, frame = asyncio.run(calibrated(config, ServeSettings(), 20))
+    direct, alignment, _ = Machine(config).calibrate(SCHEME, repeats=0)
+    np.testing.assert_allclose(frame.origin, alignment.frame.origin, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(run.centre, direct.centre, rtol=0, atol=1e-10)
+    np.testing.assert_array_equal(run.approach, direct.approach)
