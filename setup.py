@@ -34,6 +34,7 @@ setup(
             'cmm = rosette_ros.nodes.simulated_cmm:main',
             'evaluator = rosette_ros.nodes.evaluator:main',
             'recorder = rosette_ros.nodes.recorder:main',
+            'table_corrector = rosette_ros.nodes.table_corrector:main',
         ],
     },
 )

@@ -17,8 +17,8 @@ from rosette_ros.cli.main import VERBS
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / 'rosette_ros'
 FILES = sorted(PACKAGE.rglob('*.py'))
-ROS = frozenset(('rclpy', 'rosette_msgs', 'rosgraph_msgs', 'std_msgs', 'std_srvs', 'geometry_msgs', 'tf2_msgs',
-                 'diagnostic_msgs', 'action_msgs', 'builtin_interfaces', 'lifecycle_msgs', 'rcl_interfaces',
+ROS = frozenset(('rclpy', 'rosette_msgs', 'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'geometry_msgs',
+                 'tf2_msgs', 'diagnostic_msgs', 'action_msgs', 'builtin_interfaces', 'lifecycle_msgs', 'rcl_interfaces',
                  'service_msgs', 'ament_index_python', 'launch', 'launch_ros'))
 SIMULATION_MAY = frozenset(('core.axes', 'core.errors', 'core.geometry', 'core.records', 'core.scheme', 'core.touches',
                             'core', 'core.correction', 'io.correction_file', 'io.safe_yaml', 'io.text_file'))
@@ -45,7 +45,7 @@ WITHOUT_ROS = ('core', 'io', 'simulation', 'analysis', 'presentation', 'calibrat
 MCAP_MAY = {'io/log_reader.py', 'io/log_writer.py', 'io/message_decoder.py'}
 """The only files that know the library of the log format."""
 IN_CLI = {f'rosette_ros.cli.{name}' for name, _ in VERBS.values()}
-STARTED_BY_NAME = {'rosette_ros.cli.main', *MODULES.values(), *IN_CLI}
+STARTED_BY_NAME = {'rosette_ros.cli.main', 'rosette_ros.nodes.table_corrector', *MODULES.values(), *IN_CLI}
 """Modules that nobody has to import: commands, nodes, verbs."""
 MOST_LINES = 450
 

@@ -179,7 +179,7 @@ def test_messages_declare_what_they_contain():
 def test_commands_exist():
     """Every command of setup.py is a function in a file of the package."""
     commands = scripts()
-    assert set(commands) == {'rosette', 'sequencer', 'simulated_cmm', 'cmm', 'evaluator', 'recorder'}
+    assert set(commands) == {'rosette', 'sequencer', 'simulated_cmm', 'cmm', 'evaluator', 'recorder', 'table_corrector'}
     for module, function in commands.values():
         tree = ast.parse(ROOT.joinpath(*module.split('.')).with_suffix('.py').read_text(encoding='utf-8'))
         names = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}

@@ -25,11 +25,14 @@ DIAGNOSE, ADD_EFFECT, REMOVE_EFFECT = 'evaluator/diagnose', 'evaluator/add_effec
 EVALUATE_JOINTLY, JOINT_EVALUATION = 'evaluator/evaluate_jointly', 'joint_evaluation'
 SERVICE_EVENT = '/_service_event'
 
+TABLE_CORRECTOR, JOINT_STATES, CORRECT_POINT = 'table_corrector', 'joint_states', 'table_corrector/correct_point'
+"""The node that applies a correction; it runs beside robots and machines, not in the calibration cell."""
+
 ALIVE = 'alive'  # below the name of each node: its heartbeat
 
-TF_STATIC, CLOCK, DIAGNOSTICS = '/tf_static', '/clock', '/diagnostics'
+TF, TF_STATIC, CLOCK, DIAGNOSTICS = '/tf', '/tf_static', '/clock', '/diagnostics'
 ROSOUT, PARAMETER_EVENTS = '/rosout', '/parameter_events'
-OF_A_DOMAIN = ('/tf', TF_STATIC, CLOCK)
+OF_A_DOMAIN = (TF, TF_STATIC, CLOCK)
 """Frames and time: all nodes of a ROS domain share them, unless they are remapped."""
 
 READY = 'ready'  # a node logs this word when its interfaces are created

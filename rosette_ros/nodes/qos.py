@@ -35,6 +35,10 @@ ALIVE = _profile(10, DurabilityPolicy.TRANSIENT_LOCAL, deadline=Duration(seconds
 late. On a topic of their own, so that a CMM with other QoS still fits the cell. Ten deep: in a queue of one, the
 heartbeats of two processes of one name would replace each other."""
 
+TRANSFORMS = _profile(100)
+JOINTS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Joint states: the last one counts, from publishers of both reliabilities."""
+
 COLLECT = _profile(5000)
 COLLECT_LATCHED = _profile(5000, DurabilityPolicy.TRANSIENT_LOCAL)
 """For those who collect all messages: the queue outlasts seconds of a full-speed run."""
