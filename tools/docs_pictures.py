@@ -21,11 +21,13 @@ from rosette_ros.core.joint.readings import Plate
 from rosette_ros.core.planning.plan_comparison import outlook_of_order
 from rosette_ros.core.records import remove_gauge
 from rosette_ros.core.scheme import plan
+from rosette_ros.core.sphere_refit import TouchedBalls, refit_spheres
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.text_file import write_text
 from rosette_ros.presentation.plots.plan_plots import pictures_of_plans
 from rosette_ros.presentation.plots.plot_style import LOOK
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
+from rosette_ros.presentation.plots.touch_plots import touch_directions
 from rosette_ros.presentation.report import Source, open_source, pictures_of, report_html
 from rosette_ros.presentation.report.verification import MakerTable, verification_pictures, verify
 from rosette_ros.simulation import Machine, MachineConfig
@@ -68,6 +70,19 @@ def main():
     keep(verification_pictures(verification())['verification_curves'], 'report-verification.png')
     keep(irregular_plate(), 'plans-irregular-plate.png')
     picture_plans()
+    keep(touch_directions(touches()), 'report-touches.png')
+
+
+def touches():
+    """Return the spheres fitted to the touches of a cell with a lobed ball and a lobed probe."""
+    hidden = [{'kind': 'ball_lobes', 'ball': 3, 'height_um': 0.4, 'order': 2, 'phase_deg': 30},
+              {'kind': 'probe_lobing', 'height_um': 0.15, 'order': 2}]
+    _, alignment, readings = Machine(MachineConfig().changed(hidden=hidden)).calibrate(plan(12, 'random'))
+    count, each = readings.touch_time.shape
+    return refit_spheres(TouchedBalls(
+        np.arange(1, count + 1), readings.table_position, readings.ball, readings.table_angle, readings.centre,
+        np.full(count, 2.5e-3), np.repeat(np.arange(count), each), readings.touch_point.reshape(-1, 3),
+        readings.touch_normal.reshape(-1, 3), readings.touch_time.ravel(), alignment.frame.rotation))
 
 
 def irregular_plate():

@@ -65,6 +65,8 @@ SHARED: dict[str, dict[str, Any]] = {
                                            'plate deviations, CMM deviations'},
     '--identity': {'metavar': 'FILE', 'help': 'who, what, where and tolerances (YAML, rosette-identity/1), in place of '
                                               'what the log states'},
+    '--refit-spheres': {'action': 'store_true', 'help': 'recalculate the ball centres from the touches in the log, and '
+                        'show these: radii, form of the balls, lobing of the probe'},
     '--json': {'action': 'store_true', 'help': 'print one JSON object and nothing else'},
     '--output': {'metavar': 'DIR', 'default': 'rosette-runs',
                  'help': 'folder of the logs, one folder per run (default rosette-runs)'},

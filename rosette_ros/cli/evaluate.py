@@ -9,7 +9,7 @@ from rich.markup import escape
 
 from rosette_ros import command
 from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, evaluate_jointly, judge
-from rosette_ros.cli.arguments import UsageError, add_formats, add_shared
+from rosette_ros.cli.arguments import add_formats, add_shared
 from rosette_ros.cli.console import console, fit_rows, head, pairs, print_json, print_parts, print_verdict, warn
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
 from rosette_ros.core.diagnosis.verdict import Verdict
@@ -40,17 +40,13 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_shared(parser, 'run_path', nargs='+')
     add_shared(parser, '--run-id', '--model')
     add_joint(parser)
-    add_shared(parser, '--identity')
-    parser.add_argument('--refit-spheres', action='store_true', help='recalculate the ball centres from the touches in '
-                        'the log, and print what these show: radii, form of the balls, lobing of the probe')
+    add_shared(parser, '--identity', '--refit-spheres')
     add_formats(parser, csv='print the six curves as a table with standard uncertainties')
 
 
 def run(options: Namespace) -> None:
     """Print the evaluation."""
     if is_joint(options):
-        if options.refit_spheres:
-            raise UsageError('--refit-spheres: wanted one run, got several as one; leave --joint out')
         run_jointly(options)
         return
     measured, identity, _ = open_identified(options.run_path[0], options.run_id, options.identity)

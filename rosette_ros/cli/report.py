@@ -22,15 +22,17 @@ from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_readings import joint_identity
 from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.io.text_file import refuse_existing, write_text
+from rosette_ros.io.touch_log import open_refitted
 from rosette_ros.presentation.plots.plot_style import save
 from rosette_ros.presentation.plots.result_plots import Series
 from rosette_ros.presentation.report import verification
 from rosette_ros.presentation.report.joint_page import joint_html, joint_pictures, joint_tables, open_with_files
 from rosette_ros.presentation.report.provenance import digest, open_source
-from rosette_ros.presentation.report.run_page import pictures_of, report_html
+from rosette_ros.presentation.report.run_page import pictures_of, report_html, touches_of
 from rosette_ros.presentation.report.verification import Verification, read_maker, verify
 from rosette_ros.presentation.table_format import Table
 from rosette_ros.presentation.tables import tables_of
+from rosette_ros.presentation.touch_results import sphere_table
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -46,6 +48,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                         '(iii) CMM correction off, (iv) that and the table axial correction off; two more: table '
                         'angular correction off, and on again')
     add_joint(parser)
+    add_shared(parser, '--refit-spheres')
     parser.add_argument('--maker', metavar='FILE', help="with --compare: the maker's correction tables, CSV "
                         'with the columns table_angle_deg,ctz_um,crz_urad')
     parser.add_argument('--figures', metavar='DIR', help='write every figure as a file of its own, too')
@@ -91,6 +94,8 @@ def report_run(options: Namespace, place: str) -> None:
     path = output_of(options, Path(place).absolute().stem)
     model = read_model(options.model)
     measured, source = open_source(place, options.run_id, options.identity)
+    if options.refit_spheres:
+        measured = open_refitted(place, options.run_id)[0]
     overlays = []
     for over in options.overlay:
         other, other_source = open_source(over)
@@ -102,9 +107,11 @@ def report_run(options: Namespace, place: str) -> None:
     with out.status('evaluating') as status:
         summary = summarise(measured, model, lambda step: status.update(f'{step} …'))
         status.update('drawing …')
-        pictures = pictures_of(summary, overlays)
+        refit = touches_of(source)[0]
+        pictures = pictures_of(summary, overlays, refit)
         write_text(path, report_html(summary, source, options.command_line, overlays, pictures), options.force)
-        write_parts(options, pictures, tables_of(summary, source.identity.limits(measured.rotation)))
+        write_parts(options, pictures, (*tables_of(summary, source.identity.limits(measured.rotation)),
+                                        *([sphere_table(refit)] if refit else [])))
     out.print(head(measured))
     print_result(out, summary.verdict, path)
 
@@ -113,7 +120,7 @@ def compare_runs(options: Namespace) -> None:
     """Write the report on runs that must agree."""
     path = output_of(options, 'verification')
     for name, given in (('--run-id', options.run_id), ('--overlay', options.overlay),
-                        ('--identity', options.identity)):
+                        ('--identity', options.identity), ('--refit-spheres', options.refit_spheres)):
         if given:
             raise InvalidData(f'report: {name} does not go with --compare; leave it out')
     verified = verification_of(options.compare, options.maker, read_model(options.model))

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import special
 
 from rosette_ros.core.geometry import Floats, Ints, rotate_z
-from rosette_ros.core.touches import fit_spheres
+from rosette_ros.core.touches import fit_spheres, sphere_factors
 
 LEAST_TOUCHES = 4
 """A sphere has four unknowns."""
@@ -21,6 +21,8 @@ RING, SECTOR = 12, 15
 """Directions are gathered in fields of so many degrees from the pole and around it."""
 ROUNDING = 1e-12
 """Means that are smaller are none, m."""
+OUTLIER, MOST_OUTLIERS = 6.0, 0.05
+"""An outlier is that far from its sphere, in standard deviations; such a share of the readings may have one."""
 RINGS, SECTORS = 180 // RING, 360 // SECTOR
 
 
@@ -167,6 +169,11 @@ class SphereRefit:
         """Standard deviation of a touch along its normal, m, of all readings."""
         return float(np.sqrt((self.residual**2).sum() / max(self.residual.size - LEAST_TOUCHES * self.radius.size, 1)))
 
+    @property
+    def radius_u(self) -> float:
+        """Standard uncertainty of a radius by the scatter of the touches, m; of the first sphere."""
+        return float(self.sigma * sphere_factors(self.direction[self.touched.owner == 0])[3])
+
     @cached_property
     def direction(self) -> Floats:
         """Unit vectors from the balls' centres to their touches, in the table frame at rest, (T, 3)."""
@@ -185,9 +192,31 @@ class SphereRefit:
         return np.where(np.isfinite(normal), normal, self.direction)
 
     @cached_property
+    def outliers(self) -> Ints:
+        """Of each reading with a touch far off its sphere, the place (0..T-1) of the one that is farthest off.
+
+        Far: in standard deviations of a touch of its ball, as the median tells it.
+        None where so many readings have one that they are no exceptions.
+        """
+        size, ball = np.abs(self.residual), np.searchsorted(self.balls, self.touched.ball[self.touched.owner])
+        usual = np.array([np.median(size[ball == one]) for one in range(self.balls.size)])
+        place = np.flatnonzero(size > OUTLIER * np.maximum(1.4826 * usual, ROUNDING)[ball])
+        place = place[np.argsort(-size[place], kind='stable')]
+        place = place[np.unique(self.touched.owner[place], return_index=True)[1]]
+        return place if place.size <= MOST_OUTLIERS * self.radius.size else place[:0]
+
+    @cached_property
+    def _regular(self) -> Ints:
+        """Places of the touches of readings without an outlier."""
+        return np.flatnonzero(~np.isin(self.touched.owner, self.touched.owner[self.outliers]))
+
+    @cached_property
     def lobing(self) -> DirectionMap:
-        """Mean residual of all balls by the direction against which the probe came: what the probe adds."""
-        return direction_map(self.residual, fields(self.approach))
+        """Mean residual of all balls by the direction against which the probe came: what the probe adds.
+
+        Readings with an outlier are left out.
+        """
+        return direction_map(self.residual[self._regular], fields(self.approach[self._regular]))
 
     @cached_property
     def balls(self) -> Ints:
@@ -200,9 +229,10 @@ class SphereRefit:
 
         The mean of all balls by the direction of the probe (lobing) is taken off before.
         """
-        owner = self.touched.owner
-        own = rotate_z(-self.touched.table_angle[owner], self.direction)
-        left = self.residual - self.lobing.at(fields(self.approach))
+        chosen = self._regular
+        owner = self.touched.owner[chosen]
+        own = rotate_z(-self.touched.table_angle[owner], self.direction[chosen])
+        left = self.residual[chosen] - self.lobing.at(fields(self.approach[chosen]))
         group = np.searchsorted(self.balls, self.touched.ball[owner])
         return direction_map(left, fields(own), group, self.balls.size)
 

@@ -40,13 +40,18 @@ def circles_of(touches: int) -> tuple[int, int]:
     return touches // points, points
 
 
-def centre_factors(direction: Floats) -> Floats:
-    """Return the standard deviations of the centre's coordinates per one of a touch along its normal, (3,).
+def sphere_factors(direction: Floats) -> Floats:
+    """Return the standard deviations of centre and radius per one of a touch along its normal, (4,).
 
     From the linear problem with rows (u, 1) for centre and radius: z follows the radius and is the worst.
     """
     rows = np.column_stack([direction, np.ones(len(direction))])
-    return np.asarray(np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))[:3])
+    return np.asarray(np.sqrt(np.diag(np.linalg.inv(rows.T @ rows))))
+
+
+def centre_factors(direction: Floats) -> Floats:
+    """Return the standard deviations of the centre's coordinates per one of a touch along its normal, (3,)."""
+    return sphere_factors(direction)[:3]
 
 
 def sigma_of_touches(touches: int, sigma: float, touch_share: float = 0.8, top: float = 0.867,

@@ -27,6 +27,7 @@ def sphere_rows(refit: SphereRefit) -> list[tuple[str, str]]:
         ('Radius', _radius_words(refit)),
         ('Touch', f'standard deviation {text.micrometres(refit.sigma)} along its normal; largest residual '
                   f'{text.micrometres(float(np.abs(refit.residual).max()))}'),
+        *([('Touches off', outlier_words(refit))] if refit.outliers.size else []),
         ('Probe lobing', lobing_words(refit)), ('Ball form', form_words(refit))]
 
 
@@ -39,6 +40,16 @@ def _radius_words(refit: SphereRefit) -> str:
     spread = f', standard deviation {text.micrometres(float(np.std(refit.radius)))}'
     tip = f'; the tip of {unknown} is not known and contained' if unknown else ''
     return f'{text.fixed(1e3 * float(refit.radius.mean()), 5)} mm on average{spread}{tip}'
+
+
+def outlier_words(refit: SphereRefit) -> str:
+    """Return which touches are far off their sphere, the largest first, in words."""
+    touched, order = refit.touched, refit.outliers[np.argsort(-np.abs(refit.residual[refit.outliers]))]
+    first = np.concatenate([[0], np.cumsum(touched.touches)[:-1]])
+    found = [f'table position {touched.table_position[row]}, ball {touched.ball[row]}, touch {place - first[row] + 1}: '
+             f'{text.signed(1e6 * float(refit.residual[place]), 2)} µm'
+             for place, row in zip(order[:5], touched.owner[order[:5]], strict=True)]
+    return f'{"; ".join(found)}{f" and {order.size - 5} more" if order.size > 5 else ""} (dust, a bump?)'
 
 
 def lobing_words(refit: SphereRefit) -> str:
@@ -90,6 +101,9 @@ def spheres_json(refit: SphereRefit) -> Json:
     return plain_json({
         'fitted': refit.radius.size, 'touches': refit.residual.size, 'as_sent': dict(touched.left_out),
         'touch_sd_m': refit.sigma, 'moved_max_m': refit.moved.max(), 'radius_m': refit.radius.mean(),
+        'outliers': [{'seq': touched.seq[row], 'touch': int(np.sum(touched.owner[:place] == row)) + 1,
+                      'residual_m': refit.residual[place]}
+                     for place, row in zip(refit.outliers, touched.owner[refit.outliers], strict=True)],
         'lobing': {**_map_json(refit.lobing), 'text': lobing_words(refit)}, 'form_text': form_words(refit),
         'balls': [{'ball': ball, 'systematic_m': systematic, 'p': p}
                   for ball, systematic, p in zip(refit.balls, forms.systematic, forms.p, strict=True)],

@@ -60,6 +60,11 @@ def panels(made: Figure, rows: int = 1, columns: int = 1) -> Any:
         return made.subplots(rows, columns, squeeze=False)
 
 
+def plain_axes(panel: Axes) -> None:
+    """Leave out the upper and the right line of axes that were placed by hand."""
+    panel.spines[['top', 'right']].set_visible(False)
+
+
 def scale(panel: Axes, x: Marks | None = None, y: Marks | None = None, grid: str = 'xy', numbers: str = 'xy',
           steps: tuple[int, int] = (STEPS, STEPS)) -> None:
     """Draw grid and numbers of axes; x, y: {place: text}, None for round numbers with at most `steps` steps."""

@@ -4,6 +4,7 @@
 import hashlib
 import platform
 from dataclasses import dataclass, field
+from functools import cached_property
 from importlib import metadata
 from pathlib import Path
 
@@ -13,9 +14,11 @@ from rosette_ros import __version__
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.planning.advice import scheme_of
 from rosette_ros.core.records import Run
+from rosette_ros.core.sphere_refit import SphereRefit
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.open_run import is_log, open_run, stated
+from rosette_ros.io.touch_log import refit_if_touched
 from rosette_ros.presentation.formatting import instant
 
 SOFTWARE = ('numpy', 'scipy', 'matplotlib', 'jinja2', 'mcap', 'rclpy', 'cyclonedds')
@@ -37,7 +40,7 @@ class FileDigest:
 class Source:
     """Where a run comes from; begun, ended: first and last entry of the log; order: as the cell named it; '' if none.
 
-    identity: who, what and where; contradictions: in words, what a file states other than the log.
+    identity: who, what and where; contradictions: in words, what a file states other than the log; run_id: of the run.
     """
 
     path: str
@@ -48,6 +51,12 @@ class Source:
     ended: str = ''
     identity: Identity = field(default_factory=Identity)
     contradictions: tuple[str, ...] = ()
+    run_id: str | None = None
+
+    @cached_property
+    def spheres(self) -> SphereRefit | None:
+        """The spheres fitted to the touches in the log, read when first asked for; None where there are none."""
+        return refit_if_touched(self.path, self.run_id)
 
 
 def open_source(path: Path | str, run_id: str | None = None, file: Path | str | None = None) -> tuple[Run, Source]:
@@ -63,7 +72,7 @@ def open_source(path: Path | str, run_id: str | None = None, file: Path | str | 
     entries = '\n'.join(f'{key}: {value}' for key, value in sorted(log.custom_data.items()))
     return run, Source(str(path), tuple(map(digest, log.files)), instant(log.start_ns), order,
                        (*beside, *([('entries of the log', entries)] if entries else [])), instant(log.end_ns),
-                       *stated(log.identity(run.run_id), file))
+                       *stated(log.identity(run.run_id), file), run.run_id)
 
 
 def digest(path: Path | str) -> FileDigest:

@@ -9,30 +9,42 @@ from matplotlib.figure import Figure
 
 from rosette_ros.analysis import Summary
 from rosette_ros.core.diagnosis.comparison import spectrum
+from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.planning.expectation import relative_uncertainty
 from rosette_ros.core.planning.plan_comparison import Point
 from rosette_ros.core.records import ErrorMotions, Run
+from rosette_ros.core.sphere_refit import SphereRefit
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.model_file import format_model
 from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.identity_words import identity_rows
-from rosette_ros.presentation.plots import comparison_plots, noise_plots, plan_plots, residual_plots, shape_plots
+from rosette_ros.presentation.plots import (
+    comparison_plots,
+    noise_plots,
+    plan_plots,
+    residual_plots,
+    shape_plots,
+    touch_plots,
+)
 from rosette_ros.presentation.plots.residual_plots import Residuals, SpectrumRow
 from rosette_ros.presentation.plots.result_plots import Series, deviations, six_curves
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
 from rosette_ros.presentation.report.provenance import Source, order_of, software
 from rosette_ros.presentation.table_format import Table
 from rosette_ros.presentation.tables import base_name, tables_of
+from rosette_ros.presentation.touch_results import sphere_rows, sphere_table
 
 MOST_CANDIDATES, MOST_SPECTRA, MOST_SHARES = 8, 3, 5
 COLUMNS = {'candidates': ('effect', 'claimed', 'p', 'size', 'visible_fraction', 'held_out_rms_after_um', 'look_alikes'),
+           'spheres': ('ball', 'readings', 'radius_mm', 'form_um', 'largest_form_um', 'systematic_um', 'p', 'moved_um'),
            'visibility': ('effect', 'typical_visible_fraction', 'visible_fraction', 'detectable_rms_um',
                           'recommended_order_visible_fraction', 'recommended_order_detectable_rms_um', 'remark')}
 """Columns on the page of tables that are wider than paper; the others are in the files of `--tables`."""
 SIMULATED = 'a simulated CMM: no real table was measured'
+NO_TOUCHES = 'Single touches are not recorded (topic touches): form of balls and lobing of the probe are not known.'
 KINDS = {'radial': (0, 2, 'µm'), 'axial': (2, 3, 'µm'), 'tilt': (3, 5, 'µrad'), 'angular positioning': (5, 6, 'µrad')}
 """Columns of the six curves by kind of motion."""
 
@@ -40,16 +52,17 @@ KINDS = {'radial': (0, 2, 'µm'), 'axial': (2, 3, 'µm'), 'tilt': (3, 5, 'µrad'
 def report_html(summary: Summary, source: Source | None = None, command: str = '', overlays: Sequence[Series] = (),
                 pictures: Mapping[str, Figure] | None = None) -> str:
     """Return the report of a Summary as one HTML text; pictures: of `pictures_of`, where they are drawn already."""
-    pictures = pictures or pictures_of(summary, overlays)
+    refit, untouched = touches_of(source)
+    pictures = pictures or pictures_of(summary, overlays, refit)
     run, identity = summary.run, source.identity if source else Identity()
     return PAGES.get_template('report.html.j2').render(
         summary=summary, source=source, iso=text.iso_range(run.rotation), command=command,
         sizes=bars(summary),
         findings=findings(summary), p_noise=text.P_NOISE, pictures=inline_svgs(pictures), k=text.COVERAGE_FACTOR,
         changed=len(fits_of(summary)) > 1, cross_validation=text.CROSS_VALIDATION,
-        tables=shown_tables(summary, identity),
+        tables=shown_tables(summary, identity, refit), spheres=sphere_rows(refit) if refit else (),
         identity=identity_rows(identity, source.contradictions if source else ()),
-        measured=conditions(summary, source), unknown=unknowns(summary), labels=[
+        measured=conditions(summary, source), unknown=[*unknowns(summary), *untouched], labels=[
             model_label(summary, fit) for fit in fits_of(summary)], judged=text.model_words(summary.model),
         running=f'{run.run_id or run.source}{" (simulated)" * run.simulated}', model=format_model(summary.final.model),
         numbers={name: place for place, name in enumerate(pictures, 1)}, software=software(), overlays=overlays,
@@ -63,8 +76,21 @@ def write_report(path: Path | str, summary: Summary, source: Source | None = Non
     write_text(path, report_html(summary, source, command, overlays), force)
 
 
-def pictures_of(summary: Summary, overlays: Sequence[Series] = ()) -> dict[str, Figure]:
-    """Return every figure of a summary by name, in the order of the page; their captions are in the template."""
+def touches_of(source: Source | None) -> tuple[SphereRefit | None, list[str]]:
+    """Return the spheres fitted to the touches of a run, and in sentences why there are none."""
+    try:
+        found = source.spheres if source else None
+    except InvalidData as error:
+        return None, [f'Touches are not shown: {error}.']
+    return found, [NO_TOUCHES] if source and not found else []
+
+
+def pictures_of(summary: Summary, overlays: Sequence[Series] = (),
+                refit: SphereRefit | None = None) -> dict[str, Figure]:
+    """Return every figure of a summary by name, in the order of the page; their captions are in the template.
+
+    refit: the spheres fitted to the touches, where there are any.
+    """
     run, fits, found = summary.run, fits_of(summary), summary.diagnosis.candidates[:MOST_CANDIDATES]
     when = ('before: ', 'after: ') if len(fits) > 1 else ('',)
     rows = [Residuals(f'{word}{model_label(summary, fit)}', run, fit.residual)
@@ -82,7 +108,9 @@ def pictures_of(summary: Summary, overlays: Sequence[Series] = ()) -> dict[str, 
         **({'shapes': shape_plots.shapes(shapes)} if (shapes := summary.diagnosis.recovered) else {}),
         'pairs': plan_plots.pairs_in_order(run),
         **({} if run.is_complete else {'uncertainty': plan_plots.uncertainty_by_share(run.n, [_point(run)])}),
-        'visibility': _visibility(summary)}
+        'visibility': _visibility(summary),
+        **({'touch_residuals': touch_plots.touch_residuals(refit),
+            'touch_directions': touch_plots.touch_directions(refit)} if refit else {})}
 
 
 def _point(run: Run) -> Point:
@@ -91,11 +119,12 @@ def _point(run: Run) -> Point:
     return 'this run', run.size / run.n**2, relative_uncertainty(variance, run.radius)
 
 
-def shown_tables(summary: Summary, identity: Identity) -> dict[str, Table]:
+def shown_tables(summary: Summary, identity: Identity, refit: SphereRefit | None = None) -> dict[str, Table]:
     """Return every table by name as it stands on the page: no wider than paper; identity: with tolerances."""
-    tables = {table.name: table for table in tables_of(summary, identity.limits(summary.run.rotation))}
-    for name, keys in COLUMNS.items():
-        tables[name] = tables[name].select(*keys)
+    tables = {table.name: table for table in (*tables_of(summary, identity.limits(summary.run.rotation)),
+                                              *([sphere_table(refit)] if refit else []))}
+    for name in tables.keys() & COLUMNS:
+        tables[name] = tables[name].select(*COLUMNS[name])
     tables['candidates'] = tables['candidates'].first(MOST_CANDIDATES)
     if summary.advice:
         shares = [f'visible_fraction_{name}' for name in summary.advice.wanted[:MOST_SHARES]]

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Touches: their residuals, the radii of the spheres, and maps of the form of the balls and the lobing of the probe."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+
+from rosette_ros.core.geometry import Floats, Ints
+from rosette_ros.core.sphere_refit import RING, SECTOR, SphereRefit
+from rosette_ros.presentation.formatting import fixed
+from rosette_ros.presentation.plots import plot_style as style
+
+MOST_DOTS = 4000
+"""Of more touches the largest residuals and an even choice of the others are drawn."""
+MOST_BALLS, COLUMNS = 14, 5
+"""Maps of balls in a figure, beside that of the probe; of more balls those with the largest form."""
+CELL, TOP = 1.3, 0.26
+"""Height of a row of maps and of its titles, inch."""
+ARC = np.radians(np.linspace(-0.5, 0.5, 4) * SECTOR)
+
+
+def touch_residuals(refit: SphereRefit) -> Figure:
+    """Return a figure: residual of each touch by its number, azimuth and elevation; radius of each sphere."""
+    made = style.figure(4.6)
+    touched, residual = refit.touched, 1e6 * refit.residual
+    first = np.concatenate([[0], np.cumsum(touched.touches)[:-1]])
+    number = np.arange(residual.size) - first[touched.owner] + 1.0
+    x, y, z = refit.approach.T
+    azimuth = (np.degrees(np.arctan2(y, x)) + 2.5) % 360 - 2.5
+    drawn = _drawn(residual)
+    limit = 1.08 * max(float(np.abs(residual).max()), 1e-9)
+    for place, (label, values, step, marks) in enumerate((
+            ('touch of a ball', number, 1, None),
+            ('azimuth of the probe in °', azimuth, 5, {angle: str(angle) for angle in range(0, 361, 90)}),
+            ('elevation of the probe in °', np.degrees(np.arcsin(np.clip(z, -1, 1))), 4, None))):
+        panel = made.add_axes((0.095 + 0.305 * place, 0.57, 0.285, 0.4))
+        style.plain_axes(panel)
+        panel.axhspan(-2e6 * refit.sigma, 2e6 * refit.sigma, color='#999999', alpha=0.18, linewidth=0)
+        panel.axhline(0, color=style.INK, linewidth=0.8)
+        panel.plot(values[drawn], residual[drawn], '.', color=style.AFTER, markersize=2, alpha=0.35, rasterized=True)
+        where, mean = _means(values, residual, step)
+        panel.plot(where, mean, 'o-', color=style.BEFORE, linewidth=1.2, markersize=3)
+        panel.set(ylim=(-limit, limit), xlabel=label, ylabel='' if place else 'residual in µm')
+        style.scale(panel, marks, numbers='x' if place else 'xy')
+    _radii(made.add_axes((0.095, 0.1, 0.895, 0.32)), refit)
+    return made
+
+
+def _drawn(residual: Floats) -> Ints:
+    """Return the places of the touches that are drawn: all, or the largest and an even choice."""
+    if residual.size <= MOST_DOTS:
+        return np.arange(residual.size)
+    even = np.arange(0, residual.size, -(-2 * residual.size // MOST_DOTS))
+    return np.union1d(even, np.argpartition(-np.abs(residual), MOST_DOTS // 2)[:MOST_DOTS // 2])
+
+
+def _means(values: Floats, residual: Floats, step: int) -> tuple[Floats, Floats]:
+    """Return the places where touches are, gathered within a step, and the mean residual there."""
+    row = np.unique(np.rint(values / step), return_inverse=True)[1]
+    count = np.bincount(row)
+    return np.bincount(row, values) / count, np.bincount(row, residual) / count
+
+
+def _radii(panel: Axes, refit: SphereRefit) -> None:
+    radius, number = 1e6 * (refit.radius - refit.radius.mean()), np.arange(1, refit.radius.size + 1)
+    style.plain_axes(panel)
+    spread = 2e6 * refit.radius_u
+    panel.axhspan(-spread, spread, color='#999999', alpha=0.18, linewidth=0)
+    panel.plot(number, radius, '.', color=style.AFTER, markersize=4 if radius.size < 500 else 2)
+    limit = 1.08 * max(float(np.abs(radius).max()), spread, 1e-9)
+    panel.set(xlim=(0, radius.size + 1), ylim=(-limit, limit), xlabel='ball centre, in the order of measuring',
+              ylabel='radius in µm')
+    style.title(panel, f'radius of each sphere − {fixed(1e3 * float(refit.radius.mean()), 5)} mm')
+    style.scale(panel, steps=(10, 5))
+
+
+def touch_directions(refit: SphereRefit) -> Figure:
+    """Return maps of mean residuals seen from the pole: of the probe (all balls, machine), of each ball (plate)."""
+    lobing, forms = refit.lobing, refit.ball_forms
+    shown = np.sort(np.argsort(-forms.systematic)[:MOST_BALLS])
+    maps = [('probe', lobing.mean, float(lobing.systematic)), *(
+        (f'ball {refit.balls[place]}', forms.mean[place], float(forms.systematic[place])) for place in shown)]
+    limit = 1e6 * max(max(float(np.nanmax(np.abs(mean))) for _, mean, _ in maps), 1e-15)
+    rows = -(-len(maps) // COLUMNS)
+    height = rows * (CELL + TOP) + 0.05
+    made = style.figure(height)
+    reach = RING * (1 + max(int(np.flatnonzero(np.isfinite(mean).any(axis=1)).max()) for _, mean, _ in maps))
+    for place, (name, mean, size) in enumerate(maps):
+        row, column = divmod(place, COLUMNS)
+        bottom = 1 - ((row + 1) * (CELL + TOP)) / height
+        panel = made.add_axes((0.005 + 0.185 * column, bottom, 0.18, CELL / height))
+        _map(panel, 1e6 * mean, limit, reach)
+        style.title(panel, f'{name}: {fixed(1e6 * size, 3)} µm', loc='center', fontsize=style.TEXT, pad=3)
+    style.colour_bar(made.add_axes((0.968, 1 - (CELL + TOP) / height, 0.014, 0.93 * CELL / height)), -limit, limit,
+                     'µm', True)
+    return made
+
+
+def _map(panel: Axes, mean: Floats, limit: float, reach: float) -> None:
+    """Draw a map (RINGS, SECTORS), µm, seen from the pole: the distance from the middle is the angle from it."""
+    ring, sector = np.nonzero(np.isfinite(mean))
+    middle = np.radians(sector * SECTOR)[:, None]
+    outline = np.concatenate([middle + ARC, middle + ARC[::-1]], axis=1)
+    away = np.concatenate([(ring * RING)[:, None] + 0 * ARC, ((ring + 1) * RING)[:, None] + 0 * ARC], axis=1)
+    corners = np.stack([away * np.cos(outline), away * np.sin(outline)], axis=-1)
+    panel.add_collection(PolyCollection(list(corners), array=mean[ring, sector], cmap=style.DIVERGING,
+                                        clim=(-limit, limit), edgecolors='white', linewidths=0.4))
+    x, y = (np.asarray((ring + 0.5) * RING * part(middle[:, 0]), dtype=float) for part in (np.cos, np.sin))
+    style.mark_negative(panel, x, y, mean[ring, sector], limit, 6.0)
+    turn = np.linspace(0, 2 * np.pi, 91)
+    for angle, look in ((30, ':'), (60, ':'), (90, '-')):
+        panel.plot(angle * np.cos(turn), angle * np.sin(turn), look, color=style.GREY, linewidth=0.7)
+    panel.annotate('x', (reach, 0), (reach + 9, 0), fontsize=style.SMALL, color=style.INK, ha='center', va='center')
+    edge = reach + 15
+    panel.set(xlim=(-edge, edge), ylim=(-edge, edge), aspect='equal')
+    panel.set_axis_off()
+
+
