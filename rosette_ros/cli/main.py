@@ -132,7 +132,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
             implementation = _implementation(verb, module)
             implementation.add_arguments(of_verb)
             of_verb.set_defaults(run=implementation.run, command_line=shlex.join(['rosette', *argv]))
-            if verb != 'shell':  # whose command may have options of its own
+            if verb not in ('shell', 'dme'):  # whose commands have options of their own
                 return of_verb.parse_intermixed_args(argv[1:])
     if not asked.startswith('-') and asked not in VERBS:
         raise UsageError(f'verb: {unknown(asked, VERBS)}')

@@ -5,12 +5,11 @@ import asyncio
 
 import numpy as np
 import pytest
+from through_dme import calibrate
 
 from rosette_ros.analysis import analyse
-from rosette_ros.core.geometry import TWO_PI, table_frame
-from rosette_ros.core.records import Run, remove_gauge
-from rosette_ros.core.scheme import nominal_places, plan
-from rosette_ros.dme.ball_probing import DmeCmm
+from rosette_ros.core.records import remove_gauge
+from rosette_ros.core.scheme import plan
 from rosette_ros.dme.dme_server import DmeServer
 from rosette_ros.dme.dme_settings import dme_settings
 from rosette_ros.dme.serve_settings import ServeSettings
@@ -24,27 +23,12 @@ ONE_NM, FIVE_NRAD = 1e-9, 5e-9
 
 
 async def calibrated(config, served, touches):
-    """Return the run and the table frame that a client finds: the axis, the plane, all pairs."""
-    server, machine = DmeServer(config, served), Machine(config)
-    port = await server.start()
-    cmm = await DmeCmm.start(dme_settings(client_settings(config, served, port)))
-    nominal, rough = nominal_places(N, config.radius, 1, np.arange(1, N + 1)), machine.rough_frame
-
-    async def measured(frame, position, ball, approach=1):
-        aim = frame.to_outer(nominal[(position + ball - 2) % N])
-        return await cmm.measure(ball, aim, TWO_PI * (position - 1) / N, approach, rough.rotation[:, 2], touches)
-
-    every = range(1, N + 1)
-    frame = table_frame(np.array([(await measured(rough, one, 1)).centre for one in every]),
-                        np.array([(await measured(rough, 1, one)).centre for one in every]))
-    balls = [await measured(frame, int(position), int(ball), int(approach)) for position, ball, approach
-             in zip(SCHEME.table_position, SCHEME.ball, SCHEME.approach, strict=True)]
-    await cmm.session.end()
+    """Return the run and the table frame that a client finds through the server."""
+    server = DmeServer(config, served)
+    settings = dme_settings(client_settings(config, served, await server.start()))
+    run, frame, _ = await calibrate(settings, SCHEME, touches)
     await server.stop()
-    column = {name: np.array([getattr(ball, name) for ball in balls])
-              for name in ('table_angle', 'time', 'temperature', 'approach', 'table_travel', 'centre')}
-    return Run(n=N, radius=config.radius, table_position=SCHEME.table_position, ball=SCHEME.ball,
-               rotation=frame.rotation, **column | {'centre': frame.to_inner(column['centre'])}), frame
+    return run, frame
 
 
 @pytest.mark.parametrize('served', [ServeSettings(), ServeSettings(

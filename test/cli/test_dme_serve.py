@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosette dme serve: what it refuses, and a server that is started, used and ended as a user does."""
+
+import contextlib
+import re
+import signal
+import socket
+import subprocess
+import sys
+
+import pytest
+
+from rosette_ros.cli.main import main
+from rosette_ros.dme.dme_settings import load_dme_settings
+
+
+@pytest.mark.parametrize('options, complaint', [
+    (['--host', '0.0.0.0'], "host: wanted the loopback address 127.0.0.1, got '0.0.0.0'"),
+    (['--fault', 'spoon'], "fault 'spoon': kind: wanted one of surface_not_found, collision, "),
+    (['--speed', 'slow'], "argument --speed: wanted a positive number \\(times real time\\), got 'slow'"),
+    (['--port', '70000'], "argument --port: wanted a whole number in 0 .. 65535, got '70000'"),
+    (['--machine', 'none.yaml'], 'none.yaml: wanted a machine file that can be read, got No such file')])
+def test_what_is_refused(capsys, options, complaint):
+    assert main(['dme', 'serve', '--port', '0', *options]) == 2
+    assert re.match(f'rosette: {complaint}', capsys.readouterr().err)
+
+
+@pytest.mark.parametrize('number, code', [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_it_serves_until_it_is_ended(tmp_path, number, code):
+    settings = tmp_path / 'dme.yaml'
+    command = [sys.executable, '-m', 'rosette_ros.cli.main', 'dme', 'serve', '--port', '0', '--speed', 'fast',
+               '--trace', '--settings', str(settings)]
+    with contextlib.ExitStack() as stack:
+        server = stack.enter_context(
+            subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
+        stack.callback(server.kill)
+        port = int(re.search(r'127\.0\.0\.1:(\d+): the simulated machine; 12 balls', server.stdout.readline())[1])
+        client = stack.enter_context(socket.create_connection(('127.0.0.1', port), timeout=20))
+        client.sendall(b'00001 StartSession()\r\n')
+        lines = client.makefile('rb')
+        assert [lines.readline(), lines.readline()] == [b'00001 &\r\n', b'00001 %\r\n']
+        assert load_dme_settings(settings).server.port == port
+        server.send_signal(number)
+        out, err = server.communicate(timeout=20)
+        assert server.returncode == code
+        assert '< 00001 StartSession()\n> 00001 &\n> 00001 %\n' in out
+        assert 'Traceback' not in err
