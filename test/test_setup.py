@@ -20,6 +20,7 @@ LOCK = ROOT / 'requirements' / 'requirements.lock'
 
 ROSDEP_KEYS = {
     'jinja2': 'python3-jinja2',
+    'lxml': 'python3-lxml',
     'lz4': 'mcap-ros2-support',
     'markupsafe': 'python3-jinja2',
     'matplotlib': 'python3-matplotlib',
@@ -34,7 +35,7 @@ ROSDEP_KEYS = {
     'zstandard': 'mcap-ros2-support',
 }
 """Imported module to rosdep key; ROS packages are their own keys."""
-WITHOUT_KEY = {'nicegui': 'nicegui', 'starlette': 'nicegui'}
+WITHOUT_KEY = {'nicegui': 'nicegui', 'starlette': 'nicegui', 'reportlab': 'reportlab pypdf', 'pypdf': 'reportlab pypdf'}
 """Imported modules that rosdep does not know, and what installs them; the README says how."""
 
 SCRIPT = re.compile(r"'(\w+) = ([\w.]+):(\w+)'")

@@ -40,6 +40,7 @@ VERBS = {
     'remove': ('remove', 'remove an effect from a model file; with --run, the error before and after'),
     'advise': ('advise', 'what an order of measurement can show, and what to measure next'),
     'report': ('report', 'a run on one page: verdict, curves, residuals, candidates, conditions'),
+    'certificate': ('certificate', 'a calibration certificate (DCC, PDF) of a run, or its check against the run'),
     'runs': ('runs', 'the runs in a folder, with their verdicts'),
     'studio': ('studio', 'a page in the browser: verdict, curves, maps, what is missing, a running cell'),
     'correct': ('correct', 'a correction of the table from a run: for ROS, as a table, for LinuxCNC'),

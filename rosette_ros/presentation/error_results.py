@@ -34,7 +34,7 @@ def errors(lines: Sequence[AxisError], title: str = 'The six errors of the table
     doubts = dict.fromkeys(line.doubt for line in lines if line.doubt and line.tolerance is not None)
     arc = f' {ARC_SECOND}.' if limited else ''
     width = (' Asynchronous: the largest width of the curves of the runs at an angle, with its U.' if several else
-             ' The asynchronous part is told by several runs (--joint).')
+             ' The asynchronous part shows in several runs that are evaluated as one.')
     return Table(name, title, (
         words('error', 'error', [f'{line.curve} ({line.name})'.replace('-', '−') for line in lines]),
         words('unit', 'unit', units), micro('range_in_unit', 'range', [line.range for line in lines]),

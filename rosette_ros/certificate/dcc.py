@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A certificate as a digital calibration certificate, DCC 3.3.0 with D-SI 2.2.1."""
+
+import copy
+import hashlib
+import json
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from lxml import etree
+from lxml.builder import ElementMaker
+
+from rosette_ros.certificate.statements import (
+    DOI,
+    METHOD,
+    PAPER,
+    SIMULATED,
+    Certificate,
+    CurveSet,
+    Inputs,
+    Measured,
+    release,
+)
+from rosette_ros.core.error_summary import COVERAGE_FACTOR, DECISION_RULE, AxisError, Conformity
+from rosette_ros.core.records import CURVES, Floats
+from rosette_ros.io.identity_file import DEVICES, Identity
+from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.identity_words import NOT_STATED
+
+DCC, SI, OWN = 'https://ptb.de/dcc', 'https://ptb.de/si', 'urn:rosette:certificate:1'
+SCHEMA = '3.3.0'
+PROBABILITY = '0.95'
+MICRO = {'µm': r'\micro\metre', 'µrad': r'\micro\radian'}
+STATUS = {Conformity.CONFORMS: 'pass', Conformity.FAILS: 'fail'}
+Element = Any
+"""What lxml makes; it is published without types."""
+_dcc = ElementMaker(namespace=DCC, nsmap={'dcc': DCC, 'si': SI})
+_si = ElementMaker(namespace=SI, nsmap={'dcc': DCC, 'si': SI})
+
+
+def to_xml(certificate: Certificate) -> bytes:
+    """Return the document as UTF-8 bytes."""
+    root = document(certificate)
+    etree.indent(root)
+    return bytes(etree.tostring(root, xml_declaration=True, encoding='UTF-8'))
+
+
+def document(certificate: Certificate) -> Element:
+    """Return the root element, without white space between elements."""
+    root = _dcc('digitalCalibrationCertificate', schemaVersion=SCHEMA)
+    root.append(_administrative(certificate))
+    root.append(_dcc('measurementResults', *(_result(certificate, one) for one in certificate.sets)))
+    comment = etree.SubElement(root, f'{{{DCC}}}comment')
+    etree.SubElement(comment, f'{{{OWN}}}inputs', nsmap={'rosette': OWN}).text = json.dumps(
+        _inputs(certificate.inputs), ensure_ascii=False)
+    etree.SubElement(comment, f'{{{OWN}}}content', nsmap={'rosette': OWN}, sha256=content_digest(root))
+    return root
+
+
+def content_digest(root: Element) -> str:
+    """Return the SHA-256, hex, of a document in canonical form, without the element that states it and white space."""
+    bare = copy.deepcopy(root)
+    for one in bare.findall(f'{{{DCC}}}comment/{{{OWN}}}content'):
+        one.getparent().remove(one)
+    for one in bare.iter():
+        one.text, one.tail = ((words if words and words.strip() else None) for words in (one.text, one.tail))
+    return hashlib.sha256(etree.tostring(bare, method='c14n')).hexdigest()
+
+
+def _inputs(inputs: Inputs) -> dict[str, Any]:
+    """Return what the certificate was made from besides the runs."""
+    return {'identity': dict(inputs.identity.entries), 'tolerances': dict(inputs.identity.tolerances),
+            'issued': inputs.issued, 'model': inputs.model, 'run_id': inputs.run_id, 'joint': inputs.is_joint,
+            'sharing': dict(inputs.sharing), 'programs': inputs.programs}
+
+
+# Who and what -------------------------------------------------------------------------------------
+
+
+def _administrative(one: Certificate) -> Element:
+    identity, core = one.identity, _dcc('coreData')
+    for tag, words in (
+            ('countryCodeISO3166_1', identity['laboratory.country']), ('usedLangCodeISO639_1', 'en'),
+            ('mandatoryLangCodeISO639_1', 'en'), ('uniqueIdentifier', identity['certificate.number']),
+            ('beginPerformanceDate', one.days[0]), ('endPerformanceDate', one.days[1]),
+            ('performanceLocation', identity['place.at'] or 'laboratory'), ('issueDate', one.inputs.issued)):
+        core.append(_dcc(tag, words))
+    if order := identity['customer.order']:
+        core.insert(4, _dcc('identifications', _identification('customer', order, 'order number')))
+    laboratory = _dcc('calibrationLaboratory', _contact('contact', identity, 'laboratory'))
+    if code := identity['laboratory.accreditation']:
+        laboratory.insert(0, _dcc('calibrationLaboratoryCode', code))
+    simulated = ' (SIMULATED)' * one.is_simulated
+    return _dcc(
+        'administrativeData',
+        _dcc('dccSoftware', *_programs(one)), core,
+        _dcc('items', _dcc('item', _named(f'rotary table{simulated}'), *_equipment(identity, 'table', is_item=True))),
+        laboratory, _dcc('respPersons', _person(identity, 'signer', identity['signer.role'] or 'signer', True),
+                         _person(identity, 'operator', 'operator', False)),
+        _contact('customer', identity, 'customer'), _dcc('statements', *_statements(one)))
+
+
+def _programs(one: Certificate) -> list[Element]:
+    return [_dcc('software', _named(name), _dcc('release', release(version)),
+                 _dcc('type', 'application' if name == 'rosette_ros' else 'library'),
+                 _rich('description', f'{name} {version}'))
+            for name, version in one.inputs.programs if version[:1].isdigit()]
+
+
+def _equipment(identity: Identity, name: str, is_item: bool = False) -> list[Element]:
+    """Return description, maker, model and serial number of a device, in the order of an item or of equipment."""
+    further = '; '.join(filter(None, (
+        f'calibration: {words}' if (words := identity[f'{name}.calibration']) else '', identity[f'{name}.remarks'])))
+    maker = _dcc('manufacturer', _named(identity[f'{name}.maker'] or NOT_STATED))
+    return [*([_rich('description', further)] if further else []), maker,
+            _dcc('model', identity[f'{name}.model'] or NOT_STATED),
+            _dcc('identifications', _identification(
+                'manufacturer', identity[f'{name}.serial'] or NOT_STATED, 'serial number'))]
+
+
+def _identification(issuer: str, value: str, name: str) -> Element:
+    return _dcc('identification', _dcc('issuer', issuer), _dcc('value', value), _named(name))
+
+
+def _contact(tag: str, identity: Identity, section: str) -> Element:
+    location = [_dcc(one, words) for one, entry in (
+        ('city', 'city'), ('countryCode', 'country'), ('postCode', 'postcode'), ('street', 'street'))
+        if (words := identity[f'{section}.{entry}'])]
+    ways = [_dcc(one, words) for one, entry in (('eMail', 'email'), ('phone', 'phone'))
+            if (words := identity[f'{section}.{entry}'])]
+    return _dcc(tag, _named(identity[f'{section}.name'] or NOT_STATED), *ways,
+                _dcc('location', *(location or [_rich('further', f'address {NOT_STATED}')])))
+
+
+def _person(identity: Identity, section: str, role: str, signs: bool) -> Element:
+    return _dcc('respPerson', _dcc('person', _named(identity[f'{section}.name'] or NOT_STATED)), _dcc('role', role),
+                _dcc('mainSigner', str(signs).lower()))
+
+
+def _statements(one: Certificate) -> list[Element]:
+    every = [('SIMULATED', SIMULATED)] * one.is_simulated
+    every += [('fit of the model', one.judgement), ('decision rule', f'{DECISION_RULE}.')]
+    every += [('not known', sentence) for sentence in one.unknown]
+    every += [('not stated', f'{words}: {NOT_STATED}.') for words in one.missing]
+    every += [('remarks', words)] if (words := one.identity['certificate.remarks']) else []
+    every += [('place', words)] if (words := one.identity['place.name']) else []
+    return [_dcc('statement', _named(name), *([_dcc('norm', 'ISO 14253-1')] if name == 'decision rule' else []),
+                 _rich('declaration', words)) for name, words in every]
+
+
+# Results ------------------------------------------------------------------------------------------
+
+
+def _result(one: Certificate, curves: CurveSet) -> Element:
+    simulated = 'SIMULATED: ' * one.is_simulated
+    return _dcc(
+        'measurementResult', _named(f'{simulated}error motions of the {curves.words}'),
+        _rich('description', one.judgement),
+        _dcc('usedMethods', _dcc('usedMethod', _named('three-rosette method'), _rich('description', METHOD),
+                                 _dcc('norm', 'ISO 230-7'), _dcc('norm', 'VDI/VDE 2617'), _dcc('reference', PAPER),
+                                 _dcc('link', DOI))),
+        _dcc('usedSoftware', *_programs(one)),
+        _dcc('measuringEquipments', *(_dcc(
+            'measuringEquipment', _named(DEVICES[name]), *_equipment(one.identity, name))
+            for name in DEVICES if name != 'table')),
+        _dcc('influenceConditions', *(condition for run in one.runs for condition in _conditions(run))),
+        _dcc('results', _curves(curves), _dcc(
+            'result', _named('the six errors after ISO 230-7'), _dcc('data', *map(_error, curves.lines)),
+            refType='rosette_iso_230_7')),
+        _dcc('measurementMetaData', *(_dcc('metaData', _named(name), _rich('declaration', words))
+                                      for name, words in one.evaluation),
+             *(_dcc('metaData', _named('measured data'), _dcc('reference', file.path), _dcc('data', _rich(
+                 'text', f'SHA-256 {file.sha256}', refType='rosette_sha256')), refType='rosette_file')
+               for file in one.files)))
+
+
+def _conditions(run: Measured) -> Iterable[Element]:
+    for name, words in run.rows:
+        data = [_rich('text', words)]
+        if name == 'Temperature' and run.temperatures.size:
+            data += [_quantity(f'{which} temperature', f'rosette_temperature_{which}', value, r'\degreecelsius')
+                     for which, value in (('lowest', run.temperatures.min()), ('highest', run.temperatures.max()),
+                                          ('mean', run.temperatures.mean()))]
+        yield _dcc('influenceCondition', _named(f'{name} of {run.name}' if name != 'Run' else 'Run'),
+                   _dcc('data', *data))
+
+
+def _curves(curves: CurveSet) -> Element:
+    motions = curves.motions
+    names = text.curve_names(motions.rotation)
+    listed = [_values('table angle', 'rosette_angle', np.rad2deg(motions.angle), r'\degree')]
+    listed += [_values(names[place], f'rosette_{curve}', 1e6 * motions.values[:, place], MICRO[unit],
+                       1e6 * COVERAGE_FACTOR * motions.u[:, place])
+               for place, (curve, unit) in enumerate(zip(CURVES, text.CURVE_UNITS, strict=True))]
+    return _dcc('result', _named(f'six error motions of the {curves.words}'),
+                _dcc('data', _dcc('list', *listed)), refType='rosette_curves')
+
+
+def _error(line: AxisError) -> Element:
+    """Return one error as a list of quantities, with its conformity."""
+    unit = MICRO['µm' if line.curve.startswith('ct') else 'µrad']
+
+    def quantity(name: str, key: str, value: float | None, expanded: float | None = None) -> list[Element]:
+        return [] if value is None else [_quantity(name, f'rosette_{line.curve}_{key}', 1e6 * value, unit,
+                                                   None if expanded is None else 1e6 * expanded)]
+    wide = None if line.u_asynchronous is None else COVERAGE_FACTOR * line.u_asynchronous
+    ranged = quantity('range, peak to valley (synchronous error)', 'range', line.range, line.expanded)
+    if line.tolerance is not None and line.conformity is not None:
+        within = 'conditionalPass' if line.range <= line.tolerance else 'conditionalFail'
+        [limit] = quantity('tolerance of the range', 'tolerance', line.tolerance)
+        ranged[0].append(_dcc('measurementMetaData', _dcc(
+            'metaData', _named('conformity'), _dcc('norm', 'ISO 14253-1'), _rich('declaration', '. '.join(filter(None, (
+                f'{line.conformity}: {DECISION_RULE}', line.doubt)))),
+            _dcc('conformity', STATUS.get(line.conformity, within)), _dcc('data', limit))))
+    return _dcc('list', _named(f'{line.curve} ({line.name})'), *ranged,
+                *quantity('once-per-turn (fundamental) part, peak to valley', 'once_per_turn', line.once_per_turn),
+                *quantity('residual part, peak to valley', 'residual', line.residual),
+                *quantity('asynchronous part, largest width at an angle', 'asynchronous', line.asynchronous, wide),
+                refType=f'rosette_line_{line.curve}')
+
+
+# Elements -----------------------------------------------------------------------------------------
+
+
+def _content(words: str) -> Element:
+    return _dcc('content', ''.join(one if one.isprintable() else ' ' for one in words), lang='en')
+
+
+def _named(words: str) -> Element:
+    return _dcc('name', _content(words))
+
+
+def _rich(tag: str, words: str, **attributes: str) -> Element:
+    return _dcc(tag, _content(words), **attributes)
+
+
+def _number(value: float) -> str:
+    return repr(float(value) + 0.0)
+
+
+def _quantity(name: str, kind: str, value: float, unit: str, expanded: float | None = None) -> Element:
+    if not math.isfinite(value):
+        return _dcc('quantity', _named(name), _rich('noQuantity', 'not determined'), refType=kind)
+    real = _si('real', _si('value', _number(value)), _si('unit', unit))
+    if expanded is not None and math.isfinite(expanded):
+        real.append(_si('measurementUncertaintyUnivariate', _si(
+            'expandedMU', _si('valueExpandedMU', _number(expanded)), _si('coverageFactor', str(COVERAGE_FACTOR)),
+            _si('coverageProbability', PROBABILITY), _si('distribution', 'normal'))))
+    return _dcc('quantity', _named(name), real, refType=kind)
+
+
+def _values(name: str, kind: str, values: Floats, unit: str, expanded: Floats | None = None) -> Element:
+    listed = _si('realListXMLList', _si('valueXMLList', _list(values)), _si('unitXMLList', unit))
+    if expanded is not None and np.isfinite(expanded).all():
+        listed.append(_si('measurementUncertaintyUnivariateXMLList', _si(
+            'expandedMUXMLList', _si('valueExpandedMUXMLList', _list(expanded)),
+            _si('coverageFactorXMLList', str(COVERAGE_FACTOR)), _si('coverageProbabilityXMLList', PROBABILITY),
+            _si('distributionXMLList', 'normal'))))
+    return _dcc('quantity', _named(name), listed, refType=kind)
+
+
+def _list(values: Floats | Sequence[float]) -> str:
+    return ' '.join(map(_number, values))

@@ -1,0 +1,250 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A certificate for people: two pages of PDF with the XML attached."""
+
+import io
+from collections.abc import Iterable, Sequence
+from functools import cache, partial
+from html import escape
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties, findfont
+from pypdf import PdfReader, PdfWriter, Transformation
+from reportlab.lib import colors
+from reportlab.lib.pagesizes import A4
+from reportlab.lib.styles import ParagraphStyle
+from reportlab.lib.units import mm
+from reportlab.pdfbase import pdfmetrics
+from reportlab.pdfbase.ttfonts import TTFont
+from reportlab.platypus import Flowable, KeepTogether, Paragraph, SimpleDocTemplate, Spacer, Table, TableStyle
+
+from rosette_ros.certificate.statements import DOI, METHOD, PAPER, SIMULATED, Certificate, Measured
+from rosette_ros.core.error_summary import Conformity
+from rosette_ros.io.identity_file import DEVICES
+from rosette_ros.presentation import error_results
+from rosette_ros.presentation.identity_words import NOT_STATED, contact, signer
+from rosette_ros.presentation.plots.plot_style import LOOK
+from rosette_ros.presentation.plots.result_plots import Series, six_curves
+
+PLAIN, BOLD = 'DejaVu Sans', 'DejaVu Sans Bold'
+SIZE, HEAD, TITLE = 8.0, 9.5, 15.0
+SIDE, TOP, FOOT, PADDING = 16 * mm, 17 * mm, 15 * mm, 6
+"""Margins, and what reportlab leaves free within them, points."""
+WIDTH = A4[0] - 2 * SIDE
+INK, SOFT, LINE, RED = (colors.HexColor(one) for one in ('#000000', '#555555', '#bbbbbb', '#a33c00'))
+COLOURS = {Conformity.CONFORMS: '#00694b', Conformity.FAILS: '#a33c00', Conformity.UNDECIDED: '#8a5a00'}
+SHOWN = ('error', 'unit', 'range_in_unit', 'U_range_in_unit', 'once_per_turn_in_unit', 'residual_in_unit',
+         'asynchronous_in_unit', 'tolerance_in_unit', 'conformity')
+UNKNOWN_LETTER = '□'
+OF_RUN = ('Readings', 'Order', 'Table axis', 'Time', 'Duration', 'Pauses', 'Temperature', 'Repeatability')
+"""What is told of a run that is the only one; of several, each has a line with the first and the others of LINE_OF."""
+OF_ONE_OF_SEVERAL = ('Readings', 'Order', 'Time', 'Temperature')
+
+
+class Place(Flowable):  # type: ignore[misc]  # reportlab has no types
+    """Room for a figure; where it came to lie: page from 0, x, y, points."""
+
+    def __init__(self, height: float) -> None:
+        super().__init__()
+        self.width, self.height = WIDTH, height
+        self.page, self.x, self.y = 0, 0.0, 0.0
+
+    def draw(self) -> None:
+        """Remember the place."""
+        self.page = self.canv.getPageNumber() - 1
+        self.x, self.y = self.canv.absolutePosition(0, 0)
+
+
+def to_pdf(certificate: Certificate, data: bytes, name: str) -> bytes:
+    """Return the pages as PDF; data, name: of the XML, which is attached."""
+    _fonts()
+    figures = [six_curves([Series(one.words, one.motions)], '' if len(certificate.sets) == 1 else one.words)
+               for one in certificate.sets]
+    pages = 0
+    for _ in range(2):  # the first time counts the pages
+        places = [Place(WIDTH * figure.get_figheight() / figure.get_figwidth()) for figure in figures]
+        stream = io.BytesIO()
+        made = SimpleDocTemplate(stream, pagesize=A4, leftMargin=SIDE - PADDING, rightMargin=SIDE - PADDING,
+                                 topMargin=TOP, bottomMargin=FOOT, title=f'Certificate {_number(certificate)}',
+                                 author=certificate.identity['laboratory.name'], invariant=1)
+        frame = partial(_frame, certificate=certificate, pages=pages)
+        made.build(_story(certificate, places), onFirstPage=frame, onLaterPages=frame)
+        pages = made.page
+    writer = PdfWriter(clone_from=io.BytesIO(stream.getvalue()))
+    for figure, place in zip(figures, places, strict=True):
+        drawn = PdfReader(io.BytesIO(_drawn(figure))).pages[0]
+        scale = WIDTH / float(drawn.mediabox.width)
+        writer.pages[place.page].merge_transformed_page(
+            drawn, Transformation().scale(scale).translate(place.x, place.y))
+    writer.add_attachment(name, data)
+    out = io.BytesIO()
+    writer.write(out)
+    return out.getvalue()
+
+
+@cache
+def _fonts() -> None:
+    for name, weight in ((PLAIN, 'normal'), (BOLD, 'bold')):
+        pdfmetrics.registerFont(TTFont(name, findfont(FontProperties(family='DejaVu Sans', weight=weight))))
+    pdfmetrics.registerFontFamily(PLAIN, normal=PLAIN, bold=BOLD, italic=PLAIN, boldItalic=BOLD)
+
+
+def _drawn(figure: Figure) -> bytes:
+    stream = io.BytesIO()
+    with mpl.rc_context({**LOOK, 'pdf.fonttype': 42}):
+        figure.savefig(stream, format='pdf', metadata={'CreationDate': None})
+    return stream.getvalue()
+
+
+def _frame(canvas: Any, document: Any, certificate: Certificate, pages: int) -> None:
+    """Draw head and foot of a page."""
+    canvas.setFont(PLAIN, SIZE)
+    canvas.setFillColor(SOFT)
+    foot = f'Calibration certificate {_number(certificate)}'
+    canvas.drawString(SIDE, 8 * mm, _known(foot)[:110])
+    canvas.drawRightString(A4[0] - SIDE, 8 * mm, f'page {document.page} of {pages}')
+    if certificate.is_simulated:
+        canvas.setFillColor(RED)
+        canvas.setFont(BOLD, SIZE + 1)
+        canvas.drawCentredString(A4[0] / 2, A4[1] - 11 * mm, 'SIMULATED: no real table was measured')
+
+
+def _story(one: Certificate, places: Sequence[Place]) -> list[Any]:
+    identity = one.identity
+    story: list[Any] = [
+        _words('Calibration certificate', TITLE, BOLD), Spacer(1, 1.5 * mm),
+        _words(f'<b>No. {_text(_number(one))}</b>, issued {one.inputs.issued}: error motions of a rotary table'),
+        Spacer(1, 2 * mm)]
+    if one.is_simulated:
+        story += [_boxed(SIMULATED), Spacer(1, 2 * mm)]
+    story += [_pairs([
+        ('Laboratory', '; '.join(filter(None, (
+            contact(identity, 'laboratory'), identity['laboratory.email'], identity['laboratory.phone'],
+            identity['laboratory.accreditation'])))),
+        ('Customer', '; '.join(filter(None, (contact(identity, 'customer'), f'order {identity["customer.order"]}'
+                                             if identity['customer.order'] else '')))),
+        ('Place, days', f'{identity["place.name"] or NOT_STATED}; {one.days[0]} to {one.days[1]}'),
+        ('Operator', identity['operator.name'])])]
+    story += [_heading('What was calibrated, with what'), _grid(
+        [('', 'maker', 'model', 'serial number', 'calibration, remarks'), *(
+            (f'<b>{words}</b>', *(_text(identity[f'{name}.{entry}'] or NOT_STATED)
+                                  for entry in ('maker', 'model', 'serial')), _text('; '.join(filter(None, (
+                                      identity[f'{name}.{entry}'] for entry in ('calibration', 'remarks'))))))
+            for name, words in DEVICES.items())], (0.15, 0.2, 0.2, 0.2, 0.25))]
+    story += [_heading('What was measured, and how'), _words(f'{_text(METHOD)} {_text(PAPER)}, '
+                                                             f'<link href="{DOI}">{DOI.partition("org/")[2]}</link>.'),
+              Spacer(1, 1 * mm), _pairs([*_measured(one.runs), *one.evaluation])]
+    story += [_heading('Result: the six errors of the table, ISO 230-7'), _words(f'<b>{_text(one.judgement)}</b>'),
+              Spacer(1, 1 * mm)]
+    for curves in one.sets:
+        table = error_results.errors(curves.lines)
+        known = {column.key for column in table.columns}
+        table = table.select(*(key for key in SHOWN if key in known))
+        if len(one.sets) > 1:
+            story += [_words(f'<b>{_text(curves.words)}</b>')]
+        story += [_grid([tuple(column.head for column in table.shown), *(
+            (*map(_text, row[:-1]), _coloured(row[-1], line.conformity))
+            for row, line in zip(table.rows, curves.lines, strict=True))], _shares(table.shown),
+            [place for place, column in enumerate(table.shown) if column.number])]
+    story += [Spacer(1, 1 * mm), _words(_text(table.note), soft=True)]
+    if words := identity['certificate.remarks']:
+        story += [Spacer(1, 1 * mm), _words(f'<b>Remarks</b>: {_text(words)}')]
+    story += [_heading('The six error motions over the table angle, with the band of U (k = 2)'), *places]
+    story += [_heading('What is not known'), *_bullets(one.unknown)]
+    if one.missing:
+        story += [_heading('Not stated by the laboratory'), _words(_text(', '.join(one.missing)))]
+    story += [_heading('Data and software'), *_bullets(
+        [*(f'{file.path}: SHA-256 {file.sha256}' for file in one.files),
+         ', '.join(f'{name} {version}' for name, version in one.inputs.programs if version[:1].isdigit()),
+         'The digital certificate (DCC, XML) is attached to this file; it counts, these pages are for reading. It has '
+         'the curves in numbers: rosette certificate --verify compares it with the run.'])]
+    return [*story, _signature(one)]
+
+
+def _measured(runs: Sequence[Measured]) -> Iterable[tuple[str, str]]:
+    for run in runs:
+        rows = dict(run.rows)
+        if len(runs) == 1:
+            yield 'Run', run.name
+            yield from ((name, rows[name]) for name in OF_RUN if name in rows)
+        else:
+            yield 'Run', '; '.join([run.name, *(rows[name] for name in OF_ONE_OF_SEVERAL if name in rows)])
+
+
+def _signature(one: Certificate) -> Any:
+    who = signer(one.identity) or NOT_STATED
+    line = '_' * 34
+    return KeepTogether([Spacer(1, 9 * mm), _grid([
+        (line, line, line), ('place, date', 'signature', _text(who))], (0.34, 0.34, 0.32), lines=False)])
+
+
+# Parts --------------------------------------------------------------------------------------------
+
+
+def _number(one: Certificate) -> str:
+    return one.identity['certificate.number']
+
+
+def _known(words: str) -> str:
+    """Return a text in which letters that the font lacks are marked."""
+    _fonts()
+    letters = pdfmetrics.getFont(PLAIN).face.charToGlyph
+    return ''.join(one if ord(one) in letters else UNKNOWN_LETTER for one in words)
+
+
+def _text(words: str) -> str:
+    return escape(_known(words), quote=False)
+
+
+def _words(markup: str, size: float = SIZE, font: str = PLAIN, soft: bool = False, alignment: int = 0) -> Paragraph:
+    style = ParagraphStyle('', fontName=font, fontSize=size, leading=1.25 * size, textColor=SOFT if soft else INK,
+                           alignment=alignment, splitLongWords=1)
+    return Paragraph(markup, style)
+
+
+def _heading(words: str) -> Paragraph:
+    style = ParagraphStyle('', fontName=BOLD, fontSize=HEAD, leading=1.3 * HEAD, spaceBefore=2.4 * mm,
+                           spaceAfter=1 * mm, keepWithNext=1)
+    return Paragraph(_text(words), style)
+
+
+def _boxed(words: str) -> Table:
+    return Table([[_words(f'<font color="{RED.hexval().replace("0x", "#")}"><b>{_text(words)}</b></font>', HEAD)]],
+                 colWidths=[WIDTH], style=TableStyle([('BOX', (0, 0), (-1, -1), 1.4, RED)]))
+
+
+def _bullets(sentences: Iterable[str]) -> list[Paragraph]:
+    style = ParagraphStyle('', fontName=PLAIN, fontSize=SIZE, leading=1.25 * SIZE, leftIndent=8, bulletIndent=0)
+    return [Paragraph(_text(words), style, bulletText='•') for words in sentences]
+
+
+def _pairs(rows: Iterable[tuple[str, str]]) -> Table:
+    return Table([[_words(f'<b>{_text(name)}</b>'), _words(_text(words or NOT_STATED))] for name, words in rows],
+                 colWidths=[0.15 * WIDTH, 0.85 * WIDTH], style=_style(False))
+
+
+def _grid(rows: Sequence[Sequence[str]], shares: Sequence[float], numbers: Sequence[int] = (),
+          lines: bool = True) -> Table:
+    """Return a table of markup, its first row the head; numbers: columns that are aligned right."""
+    made = [[_words(f'<b>{_text(cell)}</b>' if row == 0 and lines else cell, alignment=2 if place in numbers else 0)
+             for place, cell in enumerate(cells)] for row, cells in enumerate(rows)]
+    return Table(made, colWidths=[share * WIDTH for share in shares], style=_style(lines), repeatRows=int(lines))
+
+
+def _style(lines: bool) -> TableStyle:
+    ruled = [('LINEBELOW', (0, 0), (-1, 0), 0.8, SOFT), ('LINEBELOW', (0, 1), (-1, -1), 0.3, LINE)] if lines else []
+    return TableStyle([('VALIGN', (0, 0), (-1, -1), 'TOP'), ('LEFTPADDING', (0, 0), (-1, -1), 0),
+                       ('RIGHTPADDING', (0, 0), (-1, -1), 4), ('TOPPADDING', (0, 0), (-1, -1), 0.8),
+                       ('BOTTOMPADDING', (0, 0), (-1, -1), 1.2), *ruled])
+
+
+def _shares(columns: Sequence[Any]) -> list[float]:
+    """Return the shares of the width: by the longest text of a column."""
+    longest = [max(len(column.head), *map(len, column.shown)) + 2 for column in columns]
+    return [one / sum(longest) for one in longest]
+
+
+def _coloured(words: str, conformity: Conformity | None) -> str:
+    colour = COLOURS.get(conformity) if conformity else None
+    return f'<font color="{colour}"><b>{_text(words)}</b></font>' if colour else _text(words)

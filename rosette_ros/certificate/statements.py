@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a certificate states: identity, curves, summary, conditions, what is not known, where it comes from.
+
+All follows from the files of the runs and from Inputs, so that a certificate can be made again and compared."""
+
+import datetime
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, evaluate_jointly, judge
+from rosette_ros.core.diagnosis.verdict import Conclusion, Verdict
+from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.joint.conclusion import conclude
+from rosette_ros.core.joint.run_to_run import joint_lines
+from rosette_ros.core.model.model import Model
+from rosette_ros.core.records import ErrorMotions, Floats, Run
+from rosette_ros.io.identity_file import Identity, words_of_entry
+from rosette_ros.io.open_readings import has_plate, joint_identity, open_readings
+from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.joint_results import joint_head, joint_rows
+from rosette_ros.presentation.report.joint_page import open_with_files
+from rosette_ros.presentation.report.provenance import FileDigest, Source, open_source, order_of, software
+
+PAPER = ('K. Kniel, M. Franke, F. Härtig, F. Keller, M. Stein: Detecting 6 DoF geometrical errors of rotary tables, '
+         'Measurement (2019)')
+DOI = 'https://doi.org/10.1016/j.measurement.2019.107366'
+METHOD = ('Three-rosette method: each ball of a circular plate is measured at each position of the table; least '
+          'squares separate the deviations of table, ball plate and CMM, none of which has to be calibrated before.')
+SIMULATED = 'SIMULATED: the readings are those of a simulated CMM; no real table was measured.'
+NEEDED = ('certificate.number', 'laboratory.country')
+"""Entries without which there is no document."""
+CONTENT_OF_U = ('U (k = 2, about 95 %) contains the scatter of the readings and the uncertainty of the effects in the '
+                'model; it does not contain effects that are not in the model, nor the scale of the CMM.')
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What a certificate needs besides its runs; issued: the day; sharing: fields of Sharing that are declared.
+
+    files: names by SHA-256; programs: (name, version) of the software."""
+
+    identity: Identity
+    issued: str
+    model: Mapping[str, Any] | None = None
+    run_id: str | None = None
+    is_joint: bool = False
+    sharing: Mapping[str, Any] = field(default_factory=dict)
+    files: Mapping[str, str] = field(default_factory=dict)
+    programs: tuple[tuple[str, str], ...] = field(default_factory=software)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One run: what was measured, in words; days: first and last; temperatures: (N,) °C, known ones only."""
+
+    name: str
+    rows: tuple[tuple[str, str], ...]
+    days: tuple[str, str] | None
+    temperatures: Floats
+    simulated: bool
+
+
+@dataclass(frozen=True, eq=False)
+class CurveSet:
+    """Six curves with their errors in a line each; words: which table, which sense of turning."""
+
+    words: str
+    motions: ErrorMotions
+    lines: tuple[AxisError, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """What a certificate states."""
+
+    inputs: Inputs
+    identity: Identity
+    contradictions: tuple[str, ...]
+    days: tuple[str, str]
+    runs: tuple[Measured, ...]
+    sets: tuple[CurveSet, ...]
+    verdict: Verdict | Conclusion | None
+    evaluation: tuple[tuple[str, str], ...]
+    unknown: tuple[str, ...]
+    files: tuple[FileDigest, ...]
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether any of the runs is."""
+        return any(run.simulated for run in self.runs)
+
+    @property
+    def judgement(self) -> str:
+        """Whether the model fits, in a sentence."""
+        return self.verdict.sentence if self.verdict else 'Whether the model fits was not judged.'
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Required entries that nobody stated, in words."""
+        return tuple(map(words_of_entry, self.identity.missing))
+
+
+def state(paths: Sequence[str | Path], inputs: Inputs) -> Certificate:
+    """Return what a certificate of runs states; raises RosetteError where something that it cannot do without lacks."""
+    return _of_several(paths, inputs) if inputs.is_joint or any(map(has_plate, paths)) else _of_one(paths[0], inputs)
+
+
+def _of_one(path: str | Path, inputs: Inputs) -> Certificate:
+    run, source = open_source(path, inputs.run_id)
+    identity, contradictions = source.identity.with_changes(inputs.identity)
+    limits = identity.limits(run.rotation)
+    fit = analyse(run, Model.from_mapping(dict(inputs.model), 'model') if inputs.model else None)
+    verdict = judge(fit.run, fit.model) if run.n <= MOST_BALLS_JUDGED else None
+    measured = _measured(run, source)
+    missing = text.missing_words(run)
+    unknown = [
+        f'No three-rosette run can know, and the curves are free of: {"; ".join(fit.gauge)}.',
+        f'{missing[0].upper()}{missing[1:]}.' if missing else '',
+        'The repeatability is not known: lack of fit cannot be judged.' if run.repeatability is None else '',
+        *(f'{remark[0].upper()}{remark[1:]}.' for remark in run.remarks),
+        f'Advice: {verdict.action}' if verdict and verdict.action else '']
+    evaluation = (('Model', text.model_words(fit.model)), ('Residual', text.residual_words(fit)),
+                  ('Uncertainty', text.uncertainty_words(fit)))
+    return _stated(inputs, identity, contradictions, [measured], [
+        CurveSet('table', fit.error_motions, fit_lines(fit, limits, doubt_of(verdict)))], verdict, evaluation, unknown,
+        source.files)
+
+
+def _of_several(paths: Sequence[str | Path], inputs: Inputs) -> Certificate:
+    opened = [open_with_files(path, inputs.run_id) for path in paths]
+    logged, contradictions = joint_identity(paths, inputs.run_id)
+    identity, changed = logged.with_changes(inputs.identity)
+    result = evaluate_jointly([run for run, _ in opened], inputs.sharing)
+    verdict = conclude(result)
+    sets = [CurveSet(one.words, motions, lines) for one, motions, lines in joint_lines(
+        result, identity.limits(result.solution.model.runs[0].rotation), doubt_of(verdict))]
+    runs = []
+    for path, readings in zip(paths, result.solution.model.runs, strict=True):
+        if has_plate(path):
+            runs.append(Measured(readings.name, (('Run', joint_head(open_readings(path))),), None, np.array([]),
+                                 readings.simulated))
+        else:
+            runs.append(_measured(*open_source(path, inputs.run_id)))
+    rows = dict(joint_rows(result))
+    evaluation = tuple((name, rows[name]) for name in ('Model', 'Residual', 'Uncertainty', 'Known'))
+    unknown = [f'The readings do not tell, and the curves are free of: {rows["Not known"]}.', *(
+        f'{note[0].upper()}{note[1:]}.' for note in result.notes), f'Advice: {verdict.action}']
+    return _stated(inputs, identity, (*contradictions, *changed), runs, sets, verdict, evaluation, unknown,
+                   tuple(dict.fromkeys(file for _, files in opened for file in files)))
+
+
+def _stated(inputs: Inputs, identity: Identity, contradictions: Sequence[str], runs: Sequence[Measured],
+            sets: Sequence[CurveSet], verdict: Verdict | Conclusion | None, evaluation: tuple[tuple[str, str], ...],
+            unknown: Iterable[str], files: Sequence[FileDigest]) -> Certificate:
+    lacking = [entry for entry in NEEDED if not identity[entry]]
+    known = [run.days for run in runs if run.days]
+    days = _days(identity, known)
+    if days is None:
+        lacking += ['measured.begin', 'measured.end']
+    if lacking or days is None:
+        raise InvalidData(f'certificate: wanted {", ".join(map(words_of_entry, lacking))}, got none; state '
+                          f'{", ".join(lacking)} in the identity file')
+    further = [
+        'The temperature was not recorded.' if not any(run.temperatures.size for run in runs) else '',
+        *(f'Contradiction: {words}.' for words in contradictions), CONTENT_OF_U]
+    paths = {file.path: Path(file.path).name for file in files}
+
+    def bare(sentence: str) -> str:  # a path says where a copy lay, not what was measured
+        for path, name in paths.items():
+            sentence = sentence.replace(str(Path(path).parent) + '/', '').replace(path, name)
+        return sentence
+    return Certificate(
+        inputs, identity, tuple(contradictions), days, tuple(runs), tuple(sets), verdict,
+        tuple((name, bare(words)) for name, words in evaluation),
+        tuple(bare(sentence) for sentence in (*unknown, *further) if sentence),
+        tuple(FileDigest(inputs.files.get(file.sha256, Path(file.path).name), file.size, file.sha256)
+              for file in files))
+
+
+def _days(identity: Identity, known: Sequence[tuple[str, str]]) -> tuple[str, str] | None:
+    """Return the first and the last day, of the runs or else as stated; raises InvalidData where both differ."""
+    stated = identity['measured.begin'], identity['measured.end'] or identity['measured.begin']
+    if not known:
+        return stated if stated[0] else None
+    found = min(begin for begin, _ in known), max(end for _, end in known)
+    day = datetime.timedelta(1)
+    for which, name, one, other in zip((0, 1), ('begin', 'end'), stated, found):
+        if one and abs(datetime.date.fromisoformat(one) - datetime.date.fromisoformat(other)) > day:
+            raise InvalidData(f'certificate: measured.{name}: the log says {found[which]}, the identity file {one}; '
+                              'leave it out of the file')
+    return found
+
+
+def _measured(run: Run, source: Source) -> Measured:
+    days = (source.begun[:10], source.ended[:10]) if source.begun and source.ended else None
+    known = run.temperature[np.isfinite(run.temperature)]
+    degrees = [text.fixed(float(one), 3) for one in (known.min(), known.max())] if known.size else []
+    rows = (
+        ('Run', run.run_id or Path(run.source).name), ('Readings', text.run_size(run)),
+        ('Order', order_of(run, source)), ('Table axis', text.axis_words(run.rotation)),
+        ('Time', f'{source.begun} to {source.ended}' if days else ''),
+        ('Duration', text.duration(float(np.ptp(run.time)))), ('Pauses', text.pauses(run)),
+        ('Temperature', f'{degrees[0]} °C to {degrees[1]} °C' if degrees else 'not recorded'),
+        ('Table angles', f'at most {1e6 * np.abs(run.angle_deviation).max():.3g} µrad off nominal'),
+        ('Repeatability', text.repeatability_words(run.repeatability, run.repeatability_dof)),
+        ('Notes', '; '.join(run.notes)))
+    return Measured(rows[0][1], tuple(row for row in rows if row[1]), days, known, run.simulated)
+
+
+def release(version: str) -> str:
+    """Return a version as a DCC wants a release: v and at most four groups of digits."""
+    found = re.match(r'(\d{1,3}\.){0,3}\d{1,3}(?!\d)', version)
+    return f'v{found[0]}' if found else 'v0'

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosette certificate: a digital calibration certificate of a run, two pages for people, and the check of one."""
+
+import importlib
+from argparse import ArgumentParser, Namespace
+from datetime import date
+from pathlib import Path
+
+from rich.markup import escape
+
+from rosette_ros.certificate.dcc import to_xml
+from rosette_ros.certificate.dcc_check import MOST_BYTES, Verified, verify_certificate
+from rosette_ros.certificate.statements import SIMULATED, Certificate, Inputs, state
+from rosette_ros.cli.arguments import UsageError, add_shared
+from rosette_ros.cli.console import console, print_json, print_parts
+from rosette_ros.cli.joint_arguments import add_joint, is_joint
+from rosette_ros.io.identity_file import Identity, read_identity
+from rosette_ros.io.model_file import read_model
+from rosette_ros.io.sharing_file import read_sharing
+from rosette_ros.io.text_file import read_limited, refuse_existing, write_bytes
+from rosette_ros.presentation.error_results import errors
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    add_shared(parser, 'run_path', nargs='+')
+    add_shared(parser, '--run-id', '--model', '--identity')
+    add_joint(parser)
+    parser.add_argument('-o', '--output', metavar='FILE', help='the certificate to write, XML (default: its number, or '
+                        'the run, in this folder)')
+    parser.add_argument('--pdf', metavar='FILE', help='write it for people, too: two pages, the XML attached')
+    parser.add_argument('--verify', metavar='CERT', help='compare a certificate with its run instead: curves, hash, '
+                        'all that is in it')
+    add_shared(parser, '--json', help='with --verify: print one JSON object and nothing else')
+    parser.add_argument('--force', action='store_true', help='overwrite existing files')
+
+
+def run(options: Namespace) -> None:
+    """Write a certificate, or check one."""
+    if options.verify:
+        check(options)
+    elif options.json:
+        raise UsageError('--json: wanted it with --verify; a certificate is a file, XML')
+    else:
+        make(options)
+
+
+def make(options: Namespace) -> None:
+    """Write the certificate of a run, or of several as one."""
+    path = Path(options.output or f'{Path(options.run_path[0]).absolute().stem}.xml')
+    for one in filter(None, (path, options.pdf)):
+        refuse_existing(one, options.force)
+    identity = read_identity(options.identity) if options.identity else Identity()
+    several = is_joint(options)
+    certificate = state(options.run_path, Inputs(
+        identity, identity['certificate.date'] or date.today().isoformat(),
+        read_model(options.model).to_mapping() if options.model else None, options.run_id, several,
+        read_sharing(options.share, len(options.run_path)) if several else {}))
+    data = to_xml(certificate)
+    write_bytes(path, data, options.force)
+    if options.pdf:
+        write_bytes(options.pdf, pages(certificate, data, path.name), options.force)
+    show(certificate, path, options.pdf)
+
+
+def pages(certificate: Certificate, data: bytes, name: str) -> bytes:
+    """Return the pages for people; raises UsageError where what makes them is not installed."""
+    try:
+        made: bytes = importlib.import_module('rosette_ros.certificate.pages').to_pdf(certificate, data, name)
+    except ModuleNotFoundError as error:
+        raise UsageError(f'--pdf: wanted the Python package {error.name}, got none; pip install reportlab '
+                         'pypdf') from error
+    return made
+
+
+def show(certificate: Certificate, path: Path, pdf: str | None) -> None:
+    """Print what the certificate says, and what it lacks."""
+    out = console()
+    if certificate.is_simulated:
+        out.print(f'[red]{SIMULATED}[/]')
+    out.print(escape(certificate.judgement))
+    print_parts(out, [errors(one.lines, f'The six errors of the {one.words} (ISO 230-7)') for one in certificate.sets])
+    out.print()
+    for words in certificate.contradictions:
+        out.print(f'[yellow]Contradiction: {escape(words)}[/]')
+    if certificate.missing:
+        out.print(f'[yellow]Not stated (an auditor asks for it): {escape(", ".join(certificate.missing))}[/]')
+    out.print(f'[bold]Certificate[/]  {escape(str(path))}', soft_wrap=True)
+    if pdf:
+        out.print(f'[bold]Pages[/]        {escape(pdf)}', soft_wrap=True)
+
+
+def check(options: Namespace) -> None:
+    """Compare a certificate with its run; raises InvalidData where it is another one."""
+    for name in ('output', 'pdf', 'identity', 'model', 'share'):
+        if getattr(options, name):
+            raise UsageError(f'--{name}: does not go with --verify, which takes all from the certificate; leave it out')
+    found = verify_certificate(read_limited(options.verify, 'a certificate', MOST_BYTES), options.verify,
+                               options.run_path)
+    if options.json:
+        print_json({'schema': 'rosette-certificate-check/1', 'verified': True,
+                    'largest_difference': 1e-6 * found.largest, 'signed': found.is_signed, 'programs': found.programs})
+    else:
+        console().print(words_of(found, options), soft_wrap=True)
+
+
+def words_of(found: Verified, options: Namespace) -> str:
+    """Return in words what was compared and what was not."""
+    other = (f' It was made by {found.programs}: only its numbers and the hash are compared.' if found.programs else
+             ' All that is in it follows from the run and from what it states itself.')
+    signature = 'its signature is not checked here' if found.is_signed else 'it carries no signature'
+    return (f'[green]{escape(options.verify)} is the certificate of {escape(", ".join(options.run_path))}[/]: the hash '
+            f'of the data is right, numbers differ by at most {found.largest:.1g} µm or µrad.{other} Not checked: who '
+            f'made it ({signature}), and whether the identity is true.')

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The DCC: valid by PTB's schema, by the rules of its Schematron, and it says what the run says.
+
+The schema is not part of the project: ROSETTE_DCC_XSD names dcc.xsd, else ../shared/dcc beside the project is taken."""
+
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from certificates import FULL, KINDS, made
+from lxml import etree
+
+from rosette_ros.analysis import analyse
+from rosette_ros.certificate.dcc import to_xml
+from rosette_ros.certificate.statements import Inputs, release, state
+from rosette_ros.core.error_summary import Conformity
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.records import CURVES
+from rosette_ros.io.identity_file import parse_identity
+from rosette_ros.io.open_run import open_run
+
+XSD = Path(os.environ.get('ROSETTE_DCC_XSD') or Path(__file__).parents[3] / 'shared' / 'dcc' / 'v3.3.0' / 'dcc.xsd')
+NAMES = {'dcc': 'https://ptb.de/dcc', 'si': 'https://ptb.de/si'}
+LISTS = ('valueXMLList', 'unitXMLList', 'valueExpandedMUXMLList', 'coverageFactorXMLList', 'coverageProbabilityXMLList',
+         'distributionXMLList')
+
+
+def root_of(kind):
+    """Return the document of a kind of run, parsed."""
+    return etree.fromstring(made(kind)[2])
+
+
+def texts(root, path):
+    """Return the texts at an XPath."""
+    return [one if isinstance(one, str) else one.text for one in root.xpath(path, namespaces=NAMES)]
+
+
+@pytest.fixture(scope='module')
+def schema():
+    """Return PTB's schema, read without a network."""
+    if not XSD.is_file():
+        pytest.skip(f'wanted the DCC schema at ROSETTE_DCC_XSD or {XSD}, found none')
+    return etree.XMLSchema(etree.parse(XSD, etree.XMLParser(no_network=True)))
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_it_is_valid(kind, schema):
+    """Clean, two effects, incomplete, joint, simulated, without temperatures, next to nothing stated."""
+    schema.assertValid(root_of(kind))
+
+
+def test_the_schema_sees_what_is_wrong(schema):
+    """A coverage probability above one."""
+    assert not schema.validate(etree.fromstring(made('clean')[2].replace(b'>0.95<', b'>1.2<')))
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_it_obeys_the_rules_beyond_the_schema(kind):
+    """Methods, software and conditions for every result; releases, languages, lists, dates, references."""
+    root = root_of(kind)
+    assert root.get('schemaVersion') == '3.3.0'
+    for result in root.iterfind('.//dcc:measurementResult', NAMES):
+        for part in ('usedMethods', 'usedSoftware', 'influenceConditions', 'measuringEquipments'):
+            assert result.find(f'dcc:{part}', NAMES) is not None
+    assert not root.xpath('//@id') and not root.xpath('//@refId')
+    assert texts(root, '//dcc:usedLangCodeISO639_1') == ['en']
+    assert {*root.xpath('//dcc:content/@lang', namespaces=NAMES)} == {'en'}
+    assert all(len(one.findall('dcc:content', NAMES)) <= 1 for one in root.iter())
+    for one in texts(root, '//dcc:release'):
+        assert re.fullmatch(r'[a-zA-Z]( )?([0-9]{1,3}\.){0,3}([0-9]{1,3})', one)
+    for name in LISTS:
+        for one in texts(root, f'//si:{name}'):
+            assert re.fullmatch(r'(\S+\s)*\S+', one)
+    for one in root.iterfind('.//si:realListXMLList', NAMES):
+        values, spread = (one.findtext(f'.//si:{name}', '', NAMES).split() for name in LISTS[0::2][:2])
+        assert len(spread) in (0, len(values))
+    begin, end = (root.findtext(f'.//dcc:{which}PerformanceDate', None, NAMES) for which in ('begin', 'end'))
+    assert begin <= end
+    assert all(words.strip() == words and words for words in texts(root, '//dcc:content'))
+
+
+@pytest.mark.parametrize('kind', ['clean', 'incomplete', 'simulated'])
+def test_curves_are_those_of_the_run(kind):
+    """Equal to the last bit, with U (k = 2); angles in degrees."""
+    (path,), _, _ = made(kind)
+    motions, root = analyse(open_run(path)).error_motions, root_of(kind)
+    [curves] = root.xpath('//dcc:result[@refType="rosette_curves"]', namespaces=NAMES)
+
+    def numbers(key, name):
+        quantity = curves.find(f'.//dcc:quantity[@refType="rosette_{key}"]', NAMES)
+        return np.array(quantity.findtext(f'.//si:{name}', '', NAMES).split(), dtype=float)
+    assert np.array_equal(numbers('angle', 'valueXMLList'), np.rad2deg(motions.angle))
+    for curve in CURVES:
+        assert np.abs(numbers(curve, 'valueXMLList') * 1e-6 - motions[curve]).max() < 1e-12
+        assert np.abs(numbers(curve, 'valueExpandedMUXMLList') * 1e-6 - 2 * motions.uncertainty(curve)).max() < 1e-12
+
+
+def test_verdicts_are_as_decided():
+    """Conforms, not decidable although beyond the tolerance, no tolerance."""
+    root, (curves,) = root_of('clean'), made('clean')[1].sets
+    wanted = [{Conformity.CONFORMS: 'pass', Conformity.FAILS: 'fail'}.get(
+        line.conformity, 'conditionalPass' if line.range <= line.tolerance else 'conditionalFail')
+        for line in curves.lines if line.tolerance]
+    assert texts(root, '//dcc:conformity') == wanted and {'pass', 'conditionalFail'} <= {*wanted}
+    assert not root.xpath('//dcc:quantity[@refType="rosette_cry_tolerance"]', namespaces=NAMES)
+    assert any('guard band U (k = 2)' in words for words in texts(root, '//dcc:statement//dcc:content'))
+
+
+def test_nothing_is_decided_where_the_model_fails():
+    """The run that lacks an effect: conditional only, and the reason."""
+    root = root_of('incomplete')
+    assert {*texts(root, '//dcc:conformity')} <= {'conditionalPass', 'conditionalFail'}
+    assert any('not decidable' in words and 'does not fit the readings' in words
+               for words in texts(root, '//dcc:metaData//dcc:content'))
+    assert any(words.startswith('3 missing') for words in texts(root, '//dcc:declaration/dcc:content'))
+
+
+def test_who_and_what_stand_where_they_belong():
+    """Laboratory, customer, signer, table, equipment, place, order number; letters of any kind."""
+    root = root_of('clean')
+    for path, words in (
+            ('//dcc:calibrationLaboratory/dcc:contact/dcc:name/dcc:content', 'Messlabor Süd'),
+            ('//dcc:calibrationLaboratoryCode', 'D-K-00000'), ('//dcc:customer/dcc:name/dcc:content', 'Drehtisch AG'),
+            ('//dcc:uniqueIdentifier', '2026-0413'), ('//dcc:issueDate', '2026-04-15'),
+            ('//dcc:respPerson[dcc:mainSigner="true"]/dcc:person/dcc:name/dcc:content', 'B. Leiter'),
+            ('//dcc:item/dcc:identifications/dcc:identification/dcc:value', 'T-0815'),
+            ('//dcc:coreData/dcc:identifications/dcc:identification/dcc:value', '4711'),
+            ('//dcc:measuringEquipment[dcc:model="T5"]/dcc:manufacturer/dcc:name/dcc:content', 'Taster'),
+            ('//dcc:usedMethod/dcc:link', 'https://doi.org/10.1016/j.measurement.2019.107366')):
+        assert texts(root, path)[0] == words, path
+    assert 'Clamped as in use & <tested>.' in texts(root, '//dcc:declaration/dcc:content')
+    assert (texts(root, '//dcc:beginPerformanceDate'), texts(root, '//dcc:endPerformanceDate')) == (
+        ['2026-04-12'], ['2026-04-13'])
+
+
+def test_what_is_missing_is_listed_and_not_made_up():
+    """22 of 24 entries; names and numbers are `not stated`."""
+    root = root_of('bare')
+    stated = texts(root, '//dcc:statement[dcc:name/dcc:content="not stated"]/dcc:declaration/dcc:content')
+    assert len(stated) == 22 and 'serial number of the rotary table: not stated.' in stated
+    assert texts(root, '//dcc:item/dcc:identifications/dcc:identification/dcc:value') == ['not stated']
+    assert texts(root, '//dcc:customer/dcc:location//dcc:content') == ['address not stated']
+
+
+def test_a_real_run_does_not_say_that_it_is_simulated():
+    """A table without that line in its heading."""
+    (path,), certificate, _ = made('clean')
+    real = path.with_name('real.csv')
+    real.write_text('\n'.join(line for line in path.read_text().splitlines() if 'simulated' not in line))
+    assert b'SIMULATED' not in to_xml(state([real], certificate.inputs))
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_simulated_runs_say_so(kind):
+    """In a statement, the name of the table and of the result; a table of a simulated machine tells it, too."""
+    root = root_of(kind)
+    assert made(kind)[1].is_simulated
+    for path in ('//dcc:statement/dcc:name/dcc:content', '//dcc:item/dcc:name/dcc:content',
+                 '//dcc:measurementResult/dcc:name/dcc:content'):
+        assert any('SIMULATED' in words for words in texts(root, path))
+
+
+def test_several_runs_have_one_document():
+    """Curves of both senses of turning, conditions of each run, a hash of each file, the asynchronous part."""
+    paths, certificate, _ = made('joint')
+    root = root_of('joint')
+    assert len(root.findall('.//dcc:measurementResult', NAMES)) == len(certificate.sets) == 2
+    assert texts(root, '//dcc:metaData[@refType="rosette_file"]/dcc:reference')[:2] == [path.name for path in paths]
+    assert root.xpath('//dcc:quantity[@refType="rosette_ctx_asynchronous"]', namespaces=NAMES)
+    assert {'Order of first', 'Order of second'} <= {
+        *texts(root, '//dcc:influenceCondition/dcc:name/dcc:content')}
+
+
+def test_temperatures_are_conditions_or_said_to_be_missing():
+    """Lowest, highest and mean in degrees Celsius, or the words."""
+    assert len(root_of('clean').xpath('//si:unit[text()="\\degreecelsius"]', namespaces=NAMES)) == 3
+    cold = root_of('without_temperatures')
+    assert not cold.xpath('//si:unit[text()="\\degreecelsius"]', namespaces=NAMES)
+    assert 'The temperature was not recorded.' in texts(cold, '//dcc:statement//dcc:content')
+
+
+@pytest.mark.parametrize(('text', 'words'), [
+    ('operator: A', 'certificate: wanted certificate number, country.* of the laboratory, first day of measuring, last '
+                    'day of measuring, got none; state certificate.number, laboratory.country, measured.begin'),
+    ('certificate: {number: X}\nlaboratory: {country: DE}', 'wanted first day of measuring'),
+    ('certificate: {number: X}\ntolerances: {EXA: 1 um}', 'tolerances: EXA: wanted errors of this table')])
+def test_what_no_document_can_do_without_is_asked_for(text, words):
+    """One line, with the entries to state."""
+    with pytest.raises(InvalidData, match=words):
+        state(made('clean')[0], Inputs(parse_identity(f'schema: rosette-identity/1\n{text}\n'.encode()), '2026-04-15'))
+
+
+def test_days_of_the_log_count():
+    """An identity file with another one is refused."""
+    inputs = Inputs(parse_identity((FULL + 'measured: {begin: 2020-01-01}').encode()),
+                    '2026-04-15')
+    with pytest.raises(InvalidData, match='measured.begin: the log says 2026-11-22, the identity file 2020-01-01'):
+        state(made('simulated')[0], inputs)
+
+
+@pytest.mark.parametrize(('version', 'wanted'), [
+    ('2.4.6', 'v2.4.6'), ('2.0.0rc1', 'v2.0.0'), ('11', 'v11'), ('1.2.3.4.5', 'v1.2.3.4'), ('unknown', 'v0')])
+def test_releases_have_their_form(version, wanted):
+    """A letter and at most four groups of digits."""
+    assert release(version) == wanted

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A certificate is compared with its run: sound ones agree, changed ones are refused in one line that says why."""
+
+import functools
+import os
+import random
+import re
+import shutil
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+
+import pytest
+from certificates import KINDS, made
+
+from rosette_ros.certificate import dcc_check
+from rosette_ros.certificate.dcc_check import made_again, parsed, verify_certificate
+from rosette_ros.core.errors import InvalidData
+
+MUTATIONS = int(os.environ.get('FUZZ_EXAMPLES', 300))
+"""So many changed documents; `make fuzz` takes more."""
+
+
+def verified(kind, data=None, paths=None):
+    """Verify a document, that of the kind if no other."""
+    own, _, sound = made(kind)
+    return verify_certificate(sound if data is None else data, 'cert.xml', paths or own)
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_a_sound_certificate_agrees(kind):
+    """Every number to the last bit on the same computer."""
+    assert verified(kind) == dcc_check.Verified(0.0, False, '')
+
+
+def test_it_agrees_wherever_the_data_are_and_whatever_they_are_called(tmp_path):
+    """The name stays as it was when the certificate was made; the hash decides."""
+    (path,), _, data = made('clean')
+    copy = tmp_path / 'other.csv'
+    shutil.copy(path, copy)
+    assert verify_certificate(data, 'cert.xml', [copy]).largest == 0
+    copy.write_text(f'{path.read_text()}\n')
+    with pytest.raises(InvalidData, match='clean.csv: no file of the run has the SHA-256'):
+        verify_certificate(data, 'cert.xml', [copy])
+
+
+def test_white_space_and_a_signature_change_nothing():
+    """A document that was indented anew and signed by another program; that it is signed is said."""
+    signature = b'<ds:Signature xmlns:ds="http://www.w3.org/2000/09/xmldsig#"><a/></ds:Signature>'
+    data = re.sub(rb'>\n *<', b'> <', made('clean')[2])
+    assert verified('clean', data) == dcc_check.Verified(0.0, False, '')
+    signed = data.replace(b'</dcc:digitalCal', signature + b'</dcc:digitalCal')
+    assert verified('clean', signed).is_signed
+
+
+@pytest.mark.parametrize(('old', 'new', 'words'), [
+    (b'>T-0815<', b'>T-0816<', "item/identifications/identification/value: 'T-0816', from the run 'T-0815'"),
+    (b'>pass<', b'>fail<', "conformity: 'fail', from the run 'pass'"),
+    (b'>2026-04-12<', b'>2026-04-11<', "coreData/beginPerformanceDate: '2026-04-11', from the run '2026-04-12'"),
+    (b'<dcc:model>T5</dcc:model>', b'', 'measuringEquipment: has 3 parts, from the run 4'),
+    (b'<si:coverageFactor>2<', b'<si:coverageFactor>3<', "coverageFactor: '3', from the run '2'"),
+    (b'refType="rosette_ctx"', b'refType="rosette_cty"', 'list/rosette_ctx: is another element'),
+    (b'SIMULATED: error', b'error', "name/content: 'error motions of the table', from the run 'SIMULATED: error"),
+    (b'<rosette:inputs', b'<rosette:nothing', 'the element rosette:inputs, from which it is made again, is missing')])
+def test_what_was_changed_is_said(old, new, words):
+    """Identity, conformity, day, equipment, coverage factor, curve, simulated, what it is made again from."""
+    data = made('clean')[2]
+    assert old in data
+    data = data.replace(old, new, 1).replace(b'</rosette:inputs', b'</rosette:nothing' if b'nothing' in new else
+                                             b'</rosette:inputs')
+    with pytest.raises(InvalidData, match=re.escape(words)) as refused:
+        verified('clean', data)
+    assert str(refused.value).startswith(f'cert.xml: wanted the certificate of {made("clean")[0][0]}, got another one: '
+                                         'its content was changed after it was made (its own SHA-256 differs)')
+
+
+def test_a_number_that_was_changed_is_named():
+    """The value, which one of the curve; 1e-12 m are nothing, more is."""
+    data = made('clean')[2]
+    begin = data.index(b'<si:valueXMLList>', data.index(b'refType="rosette_ctz"')) + len(b'<si:valueXMLList>')
+    first = data[begin:data.index(b' ', begin)]
+    for change, is_told in ((0.5e-6, False), (2e-6, True)):
+        wrong = data[:begin] + repr(float(first) + change).encode() + data[begin + len(first):]
+        with pytest.raises(InvalidData) as refused:
+            verified('clean', wrong)
+        assert ('rosette_ctz/realListXMLList/valueXMLList: value 1 is ' in str(refused.value)) == is_told
+
+
+def test_the_certificate_of_another_run_is_refused():
+    """Its hash is told first."""
+    with pytest.raises(InvalidData, match=r'got another one: clean.csv: no file of the run has the SHA-256 \w{12}… '
+                                          'that the certificate states; '):
+        verified('clean', paths=made('without_temperatures')[0])
+
+
+def test_another_version_is_compared_by_its_numbers(monkeypatch):
+    """Words may be others then; the hash and the numbers may not."""
+    monkeypatch.setattr(dcc_check, '__version__', '9.9')
+    assert verified('clean').programs == 'rosette_ros 0.1.0'
+    with pytest.raises(InvalidData, match='its content was changed'):
+        verified('clean', made('clean')[2].replace(b'>T-0815<', b'>T-0816<', 1))
+
+
+@pytest.mark.parametrize(('data', 'words'), [
+    (b'', 'wanted a DCC, got XML that is none: '), (b'<a', 'wanted a DCC, got XML that is none: '),
+    (b'<a/>', "wanted a DCC, got the element 'a'"), (b'\x00\xff', 'wanted a DCC, got XML that is none: '),
+    (b'<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', 'got one with a document type or entities of its own'),
+    (b'<!DOCTYPE a SYSTEM "file:///etc/hostname"><a/>', 'got one with a document type or entities of its own'),
+    (b'<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/hostname">]><a>&b;</a>', 'entities of its own'),
+    (b'<?xml version="1.0" encoding="no-such-thing"?><a/>', 'wanted a DCC, got XML that is none: '),
+    (b'<a>' * 300 + b'</a>' * 300, 'wanted a DCC, got XML that is none: '),
+    (b' ' * ((16 << 20) + 1), 'wanted a DCC of at most 16777216 bytes, got more')])
+def test_what_is_no_certificate_is_refused(data, words):
+    """Nothing is fetched, no entity is replaced, nothing deep or large is read."""
+    with pytest.raises(InvalidData, match=f'cert.xml: {words}|{words}') as refused:
+        parsed(data, 'cert.xml')
+    assert '\n' not in str(refused.value)
+
+
+def test_nothing_stands_beside_the_certificate():
+    """An instruction before it could make a browser show something else."""
+    data = made('clean')[2].replace(b'?>\n<dcc', b'?>\n<?xml-stylesheet href="x.xsl"?>\n<dcc', 1)
+    with pytest.raises(InvalidData, match='wanted nothing before and after the certificate'):
+        parsed(data, 'cert.xml')
+
+
+def mutated(data, rng):
+    """Return a document with one change: bytes, a piece, a tag, a number, an order."""
+    at, more = rng.randrange(len(data)), rng.randrange(1, 40)
+    kind = rng.randrange(7)
+    if kind == 0:
+        return data[:at] + bytes([rng.randrange(256)]) + data[at + 1:]
+    if kind == 1:
+        return data[:at] + data[at + more:]
+    if kind == 2:
+        return data[:at] + data[at:at + more] + data[at:]
+    if kind == 3:
+        return data[:at] + rng.choice([b'<!-- x -->', b'&amp;', b'<a/>', b'\x00', b'0', '−'.encode(), b'<![CDATA[]]>',
+                                       b'&#0;', b'&x;', b'<?x?>', b'9' * 400, b'nan', b'1e999']) + data[at:]
+    if kind == 4:
+        words = [found.span() for found in re.finditer(rb'[\w.+-]+', data)]
+        begin, end = rng.choice(words)
+        return data[:begin] + rng.choice([b'0', b'-1', b'', b'inf', b'x', data[slice(*rng.choice(words))]]) + data[end:]
+    if kind == 5:
+        lines = data.split(b'\n')
+        one, other = rng.randrange(len(lines)), rng.randrange(len(lines))
+        lines[one], lines[other] = lines[other], lines[one]
+        return b'\n'.join(lines)
+    return data[:at]
+
+
+def test_changed_documents_are_refused_in_one_line():
+    """Whatever is changed, and nothing but a RosetteError; what says the same in canonical form is the same."""
+    paths, certificate, sound = made('clean')
+    rng, again = random.Random(1), functools.cache(lambda: made_again(paths, certificate.inputs))
+    same, tried = ET.canonicalize(sound.decode(), strip_text=True), 0
+
+    def make(given, inputs):  # the run is evaluated once, as long as it is to be evaluated alike
+        return again() if replace(inputs, files={}) == certificate.inputs else made_again(given, inputs)
+    for _ in range(MUTATIONS):
+        data = mutated(sound, rng)
+        try:
+            verify_certificate(data, 'cert.xml', paths, make)
+        except InvalidData as refused:
+            tried += 1
+            assert '\n' not in str(refused) and len(str(refused)) < 1500
+        else:
+            assert data == sound or ET.canonicalize(data.decode(), strip_text=True) == same
+    assert tried > 0.95 * MUTATIONS

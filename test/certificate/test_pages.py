@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pages for people: two of them, everything an engineer asks for, the XML attached."""
+
+import io
+
+import pypdfium2
+import pytest
+from certificates import FULL, KINDS, made
+from pypdf import PdfReader
+
+from rosette_ros.certificate.pages import to_pdf
+from rosette_ros.certificate.statements import Inputs, state
+from rosette_ros.io.identity_file import parse_identity
+
+
+def pages_of(data):
+    """Return the text of each page, white space as blanks."""
+    return [' '.join(page.get_textpage().get_text_bounded().split()) for page in pypdfium2.PdfDocument(data)]
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_the_xml_is_attached_to_two_pages(kind):
+    """Byte by byte; several runs with two sets of curves take a page more."""
+    _, certificate, data = made(kind)
+    pdf = to_pdf(certificate, data, 'cert.xml')
+    assert dict(PdfReader(io.BytesIO(pdf)).attachments.items()) == {'cert.xml': [data]}
+    pages = pages_of(pdf)
+    assert len(pages) == len(certificate.sets) + 1
+    for place, words in enumerate(pages, 1):
+        assert f'page {place} of {len(pages)}' in words
+        assert 'SIMULATED: no real table was measured' in words
+
+
+def test_an_engineer_finds_what_is_asked_for():
+    """Identity, what was measured how, six numbers with U and verdicts, what is not known, where to sign."""
+    _, certificate, data = made('clean')
+    first, second = pages_of(to_pdf(certificate, data, 'cert.xml'))
+    for words in ('No. 2026-0413', 'issued 2026-04-15', 'Messlabor Süd, Ring 1, 80331, München, DE', 'order 4711',
+                  'Room 3; 2026-04-12 to 2026-04-13', 'A. Messer', 'Tischbau RT 400 T-0815', '2026-K-113',
+                  'Three-rosette method', '10.1016/j.measurement.2019.107366', 'Order ', 'Temperature 19.',
+                  'The model fits', 'conforms', 'not decidable', 'Decision rule: ISO 14253-1', 'Clamped as in use & <'):
+        assert words in first, words
+    for line in certificate.sets[0].lines:
+        assert f'{line.curve} ({line.name}) {"µm" if line.curve[1] == "t" else "µrad"}' in first
+    for words in ('What is not known', 'means of ctx, cty', 'SHA-256', certificate.files[0].sha256, 'rosette_ros 0.1.0',
+                  'signature', 'B. Leiter, head of laboratory', 'table angle in degrees'):
+        assert words in second, words
+
+
+def test_what_is_missing_stands_on_the_pages():
+    """And in the place where it would stand."""
+    pages = ' '.join(pages_of(to_pdf(*made('bare')[1:], 'cert.xml')))
+    assert 'Not stated by the laboratory' in pages and 'serial number of the rotary table' in pages
+    assert pages.count('not stated') > 15
+
+
+def test_letters_that_the_font_lacks_are_marked():
+    """They stand in the XML; nothing breaks."""
+    paths, _, data = made('clean')
+    assert 'Süd □□' in pages_of(to_pdf(state(paths, Inputs(parse_identity(FULL.replace('Süd', 'Süd 計量').replace(
+        'tolerances', 'measured: {begin: 2026-04-12}\ntolerances').encode()), '2026-04-15')), data, 'cert.xml'))[0]
+
+
+def test_long_entries_are_wrapped():
+    """Two hundred letters without a blank stay within the margins."""
+    paths, _, data = made('clean')
+    long = parse_identity(FULL.replace('Room 3', 'R' * 200).replace('RT 400', 'M' * 200).replace(
+        'tolerances', 'measured: {begin: 2026-04-12}\ntolerances').encode())
+    document = pypdfium2.PdfDocument(to_pdf(state(paths, Inputs(long, '2026-04-15')), data, 'cert.xml'))
+    for page in document:
+        texts = page.get_textpage()
+        assert max(texts.get_charbox(place)[2] for place in range(texts.count_chars())) < page.get_width() - 40

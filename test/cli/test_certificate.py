@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosette certificate: written, checked, refused; nothing is overwritten."""
+
+import json
+
+import pytest
+
+IDENTITY = '''schema: rosette-identity/1
+certificate: {number: "7", date: 2026-04-15}
+laboratory: {name: L, country: DE}
+measured: {begin: 2026-04-12}
+tolerances: {EXC: 500 µm}
+'''
+
+
+@pytest.fixture
+def identity(tmp_path):
+    """Return the path of an identity file."""
+    path = tmp_path / 'identity.yaml'
+    path.write_text(IDENTITY)
+    return path
+
+
+def test_a_certificate_is_written_and_agrees_with_its_run(rosette, refused, make_table, identity, tmp_path):
+    """XML and PDF; what it lacks is said; --verify as words and as JSON; a second time needs --force."""
+    table, xml, pdf = make_table(), tmp_path / 'cert.xml', tmp_path / 'cert.pdf'
+    command = 'certificate', table, '--identity', identity, '-o', xml, '--pdf', pdf
+    answer = rosette(*command)
+    out = ' '.join(answer.out.split())
+    assert answer.code == 0, answer.err
+    for words in ('ctx (EXC) µm', 'Not stated (an auditor asks for it): city of the laboratory, name of the customer',
+                  str(xml), str(pdf)):
+        assert words in out
+    assert pdf.read_bytes().startswith(b'%PDF')
+    assert f'{xml} is the certificate of {table}: the hash of the data is right' in rosette(
+        'certificate', '--verify', xml, table).out
+    found = json.loads(rosette('certificate', '--json', '--verify', xml, table).out)
+    assert found == {'schema': 'rosette-certificate-check/1', 'verified': True, 'largest_difference': 0.0,
+                     'signed': False, 'programs': ''}
+    assert f'{xml}: exists already; take another name or use --force' in refused(*command)
+    assert rosette(*command, '--force').code == 0
+    xml.write_bytes(xml.read_bytes().replace(b'2026-04-15', b'2026-04-16', 1))
+    assert 'got another one: its content was changed after it was made' in refused(
+        'certificate', '--verify', xml, table)
+
+
+def test_what_does_not_go_together_is_refused(refused, make_table, identity, tmp_path):
+    """In one line."""
+    table = make_table()
+    assert '--identity: does not go with --verify' in refused(
+        'certificate', '--verify', 'x.xml', table, '--identity', identity)
+    assert '--json: wanted it with --verify' in refused('certificate', table, '--json')
+    assert 'wanted certificate number, country' in refused('certificate', table, '-o', tmp_path / 'a.xml')
+    assert 'wanted one RUN, got 2; --joint evaluates several as one' in refused(
+        'certificate', table, table, '--identity', identity, '-o', tmp_path / 'a.xml')
+    assert 'wanted a certificate that can be read' in refused('certificate', '--verify', tmp_path / 'none.xml', table)
+    assert not (tmp_path / 'a.xml').exists()
+
+
+def test_evaluate_and_report_take_the_tolerances(rosette, make_table, identity, tmp_path):
+    """The table of the six errors says whether they conform; JSON too; the report says who and what."""
+    table = make_table()
+    assert 'ISO 14253-1' in rosette('evaluate', table, '--identity', identity).out
+    found = json.loads(rosette('evaluate', table, '--identity', identity, '--json').out)['iso_230_7']
+    assert [one['iso_name'] for one in found['errors']] == ['EXC', 'EYC', 'EZC', 'EAC', 'EBC', 'ECC']
+    assert found['errors'][0]['conformity'] and found['errors'][1]['conformity'] is None
+    page = tmp_path / 'page.html'
+    assert rosette('report', table, '--identity', identity, '-o', page).code == 0
+    html = page.read_text()
+    assert 'Who, what, where' in html and 'ISO 14253-1' in html and 'serial number of the rotary table' in html
