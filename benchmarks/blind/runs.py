@@ -71,6 +71,8 @@ def state_repeatability(run: Run, check: Floats) -> Run:
     """Return the run with the repeatability of a check, (M, 3), m, stated; as it is where the check shows none."""
     if not np.ptp(check, axis=0).any():
         return run  # rounded to more than they scatter: nobody could state that as a repeatability
+    square = np.sum((check - check.mean(axis=0))**2, axis=0)
     dof = 3 * (len(check) - 1)
-    return run.replace(repeatability=float(np.sqrt(np.sum((check - check.mean(axis=0))**2) / dof)),
-                       repeatability_dof=dof)
+    by_axis = np.sqrt(3 * square / dof).tolist()
+    return run.replace(repeatability=float(np.sqrt(square.sum() / dof)), repeatability_dof=dof,
+                       repeatability_axes=tuple(by_axis) if min(by_axis) > 0 else None)

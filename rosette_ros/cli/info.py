@@ -115,6 +115,7 @@ def _run_facts(run_id: str, n: int, radius: float, phases: dict[str, dict[str, i
             'temperature_range_C': [float(known.min()), float(known.max())] if known.size else None,
             'repeatability_m': found.repeatability if found else None,
             'repeatability_dof': found.repeatability_dof if found else None,
+            'repeatability_axes_m': found.repeatability_axes if found else None,
             'notes': found.notes if found else (), 'missing': text.missing_words(found) if found else '',
             'remarks': found.remarks if found else (), 'unused': {}, 'published_curves': 0, 'model': None,
             'ended': None, 'problem': None, 'identity': {}, 'tolerances': {}, **of_log}
@@ -159,7 +160,8 @@ def run_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
             ('Pauses', facts['pauses']),
             ('Not used', ', '.join(f'{count} answers {reason}' for reason, count in facts['unused'].items())),
             ('Temperature', f'{" to ".join(text.fixed(one, 3) for one in degrees)} °C' if degrees else ''),
-            ('Repeatability', text.repeatability_words(facts['repeatability_m'], facts['repeatability_dof'])),
+            ('Repeatability', text.repeatability_words(
+                facts['repeatability_m'], facts['repeatability_dof'], facts['repeatability_axes_m'])),
             ('Published', f'error motions, {facts["published_curves"]}×, model {escape(facts["model"] or "")}'
              if facts['published_curves'] else ''),
             ('Ended', escape(facts['ended'] or '')), *((name, escape(words)) for name, words in (

@@ -49,7 +49,8 @@ class Run:
     last move along its own x, y, z, 0 before the first one and along the axis that comes to every ball from one side,
     NaN where it is not known; unrecorded: which of these two are not; repeatability: standard deviation of a coordinate
     from repeated measurements, m, or None; repeatability_dof: its degrees of freedom, None if it is taken as exactly
-    known; repeats: whether a (table_position, ball) may stand more than once; session: (N,) 1 and one more after every
+    known; repeatability_axes: the same along x, y and z by themselves, m, a third of the degrees of freedom each;
+    repeats: whether a (table_position, ball) may stand more than once; session: (N,) 1 and one more after every
     pause (a run that was resumed, a CMM that was started again); source: its name in error messages; remarks: what is
     wrong with the readings as a whole, notes: how they were read, in words; simulated: whether no real CMM measured it;
     rotation: (3, 3) of the table frame in the machine frame, its columns are the axes of the table, None where it is
@@ -85,6 +86,7 @@ class Run:
     notes: tuple[str, ...] = ()
     simulated: bool = False
     rotation: Floats | None = None
+    repeatability_axes: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         _freeze(self, _INTEGERS[:2], np.int64)
@@ -241,6 +243,9 @@ def _check_run(run: Run) -> None:
             raise InvalidData(f'{where}: reading {bad[0] + 1}: {name}: wanted finite numbers, got {values[bad[0]]}')
     if run.repeatability is not None and not (np.isfinite(run.repeatability) and run.repeatability > 0):
         raise InvalidData(f'{where}: repeatability: wanted a positive number of metres, got {run.repeatability}')
+    by_axis = run.repeatability_axes
+    if by_axis is not None and not (len(by_axis) == 3 and np.all(np.isfinite(by_axis)) and min(by_axis) > 0):
+        raise InvalidData(f'{where}: repeatability_axes: wanted 3 positive numbers of metres, got {by_axis}')
     _check_duplicates(run)
     _check_angles(run)
 

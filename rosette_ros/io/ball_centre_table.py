@@ -59,7 +59,8 @@ def parse_csv(data: bytes, source: str = 'table') -> Run:
     run = Run(
         n, table.radius, table.table_position, table.ball, table.centre / 1e3, table_angle=angle,
         time=columns['time_s'].astype(float, copy=False), repeatability=table.repeatability,
-        repeatability_dof=table.repeatability_dof, run_id=table.run_id, repeats=table.repeats, session=table.session,
+        repeatability_dof=table.repeatability_dof, repeatability_axes=table.repeatability_axes,
+        run_id=table.run_id, repeats=table.repeats, session=table.session,
         source=source, notes=tuple(notes), simulated=table.simulated, rotation=table.rotation, **recorded)
     return run.replace(remarks=remarks_on_table(run))
 
@@ -102,6 +103,8 @@ def _heading(run: Run) -> list[str]:
         heading['repeatability_um'] = _shifted(run.repeatability, 6)
         if run.repeatability_dof is not None:
             heading['repeatability_dof'] = repr(float(run.repeatability_dof))
+        if run.repeatability_axes is not None:
+            heading['repeatability_axes_um'] = ', '.join(_shifted(one, 6) for one in run.repeatability_axes)
     if run.repeats:
         heading['repeated_balls'] = 'yes'
     if run.pauses:

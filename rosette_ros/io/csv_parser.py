@@ -24,8 +24,9 @@ WAY_COLUMNS = ('table_travel_deg', 'cmm_sense_x', 'cmm_sense_y', 'cmm_sense_z')
 _OPTIONAL = frozenset(('cmm_position', 'temperature_C', 'approach', *WAY_COLUMNS))
 _INTEGERS = frozenset(('seq', 'table_position', 'ball', 'cmm_position', 'approach'))
 _EMPTY = {'temperature_C': 'nan', 'approach': '0'}  # what an empty cell means
-_KEYS = ('schema', 'radius_mm', 'repeatability_um', 'repeatability_dof', 'run_id', 'balls', 'repeated_balls',
-         'pauses_before', 'frame', 'table_axis', 'table_x', 'simulated', 'note', 'plate', 'table_positions')
+_KEYS = ('schema', 'radius_mm', 'repeatability_um', 'repeatability_dof', 'repeatability_axes_um', 'run_id', 'balls',
+         'repeated_balls', 'pauses_before', 'frame', 'table_axis', 'table_x', 'simulated', 'note', 'plate',
+         'table_positions')
 SEPARATORS = {',': 'commas', ';': 'semicolons', '\t': 'tabs'}
 _PLACE = ('x_mm', 'y_mm', 'z_mm')
 Row = tuple[int, list[str]]
@@ -205,6 +206,8 @@ class CsvTable:
         self.radius = heading.positive('radius_mm', 3) or 0.0
         self.repeatability = heading.positive('repeatability_um', 6)
         self.repeatability_dof = heading.positive('repeatability_dof')
+        self.repeatability_axes = heading.value(
+            'repeatability_axes_um', '3 positive numbers, along x, y and z', _of_axes, None)
         self.run_id = plain(heading.value('run_id', 'a name', str, ''))
         self.balls = heading.value('balls', 'a whole number', _whole, None)
         self.repeats, self.simulated = (heading.value(key, 'yes or no', {'yes': True, 'no': False}.__getitem__, False)
@@ -225,6 +228,11 @@ def _positive(text: str) -> Decimal:
     if not _is_number(text) or not 0 < float(text) < np.inf:
         raise ValueError
     return Decimal(text)
+
+
+def _of_axes(text: str) -> tuple[float, float, float] | None:
+    x, y, z = (float(_positive(cell).scaleb(-6)) for cell in re.split(r'[\s,;]+', text))
+    return x, y, z
 
 
 def _direction(text: str) -> Floats:

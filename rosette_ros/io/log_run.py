@@ -29,6 +29,7 @@ TF_MESSAGE, TF_STATIC = 'tf2_msgs/msg/TFMessage', 'tf_static'
 CLOCK = 'rosgraph_msgs/msg/Clock'
 
 REPEATABILITY_KEY, DOF_KEY = 'rosette.repeatability_m', 'rosette.repeatability_dof'
+AXES_KEY = 'rosette.repeatability_axes_m'
 """Entries of custom_data where the repeatability is known but was not measured in the log."""
 RESUMES_KEY = 'rosette.resumes'  # entry of custom_data, name of the log that a run goes on from
 SIMULATED_KEY = 'rosette.simulated'  # entry of custom_data, `yes` where the imported run was simulated
@@ -217,7 +218,8 @@ class LogRun:
         try:
             sigma = float(self.custom_data[REPEATABILITY_KEY])
             dof = float(self.custom_data[DOF_KEY]) if DOF_KEY in self.custom_data else None
+            x, y, z = map(float, self.custom_data.get(AXES_KEY, '0 0 0').split())
         except ValueError as error:
             raise InvalidData(f'{source}: custom_data: {REPEATABILITY_KEY}: wanted a number, got '
                               f'{self.custom_data[REPEATABILITY_KEY]!r}') from error
-        return run.replace(repeatability=sigma, repeatability_dof=dof)
+        return run.replace(repeatability=sigma, repeatability_dof=dof, repeatability_axes=(x, y, z) if x else None)

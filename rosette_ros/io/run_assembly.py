@@ -255,19 +255,34 @@ class RunAnswers:
 
         Pooled over the balls and the three axes: sigma² = sum (p - mean)² / dof, dof = 3 (m - 1) for m readings of one
         ball. (None, None) where no ball was read twice."""
+        squares, dof = 0.0, 0
+        for left in self._repeated():
+            with np.errstate(over='ignore', invalid='ignore'):  # an infinite sum is refused by Run
+                squares += float(np.sum(left**2))
+            dof += 3 * (len(left) - 1)
+        if not dof or np.sqrt(squares / dof) < MIN_REPEATABILITY:
+            return None, None
+        return float(np.sqrt(squares / dof)), float(dof)
+
+    def _repeatability_axes(self, rotation: Floats | None) -> tuple[float, float, float] | None:
+        """Return the same along x, y and z of the table frame, None where it is not known how that stands."""
+        every = self._repeated()
+        turn = np.eye(3) if self.is_in_table_frame else rotation
+        if not every or turn is None:
+            return None
+        left = np.concatenate(every) @ turn
+        with np.errstate(over='ignore', invalid='ignore'):
+            x, y, z = np.sqrt(np.sum(left**2, axis=0) / max(len(left) - len(every), 1)).tolist()
+        return (x, y, z) if MIN_REPEATABILITY < min(x, y, z) and max(x, y, z) < np.inf else None
+
+    def _repeated(self) -> list[Floats]:
+        """Return the readings of phase REPEATABILITY less their mean, (m, 3) of each ball."""
         places: dict[tuple[int, int], list[tuple[float, float, float]]] = {}
         for target, answer in self.counting():
             if target.phase == Phase.REPEATABILITY:
                 places.setdefault((target.table_position, target.ball), []).append(answer.centre)
-        squares, dof = 0.0, 0
-        for place in sorted(places):
-            centre = np.array(places[place])
-            with np.errstate(over='ignore', invalid='ignore'):  # an infinite sum is refused by Run
-                squares += float(np.sum((centre - centre.mean(axis=0)) ** 2))
-            dof += 3 * (len(centre) - 1)
-        if not dof or np.sqrt(squares / dof) < MIN_REPEATABILITY:
-            return None, None
-        return float(np.sqrt(squares / dof)), float(dof)
+        with np.errstate(over='ignore', invalid='ignore'):
+            return [np.array(places[place]) - np.mean(places[place], axis=0) for place in sorted(places)]
 
     def to_run(self, source: str = 'run') -> Run:
         """Return the Run of the readings of phase RUN, in the order in which they were measured.
@@ -307,7 +322,8 @@ class RunAnswers:
             temperature=np.where(np.isfinite(temperature), temperature, np.nan), approach=approach,
             table_travel=_joined_travel(travel, angle, approach, session, n), **self._way(targets, rotation),
             repeatability=sigma, repeatability_dof=dof, run_id=self.run_id, session=session, source=source,
-            rotation=rotation, repeats=np.unique((table_position - 1) * n + ball).size < ball.size)
+            rotation=rotation, repeatability_axes=self._repeatability_axes(rotation),
+            repeats=np.unique((table_position - 1) * n + ball).size < ball.size)
         return run.replace(remarks=self._rivals() + remarks_on_answers(counting) + remarks_on_radius(run))
 
     def _way(self, targets: Sequence[Target], rotation: Floats | None) -> dict[str, Any]:

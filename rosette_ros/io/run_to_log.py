@@ -12,7 +12,15 @@ from rosette_ros.core.geometry import Floats, Frame, Ints
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import nominal_places
 from rosette_ros.io.bag_metadata import Qos
-from rosette_ros.io.log_run import BALL_CENTRE, DOF_KEY, PROBE_TARGET, REPEATABILITY_KEY, SIMULATED_KEY, TF_MESSAGE
+from rosette_ros.io.log_run import (
+    AXES_KEY,
+    BALL_CENTRE,
+    DOF_KEY,
+    PROBE_TARGET,
+    REPEATABILITY_KEY,
+    SIMULATED_KEY,
+    TF_MESSAGE,
+)
 from rosette_ros.io.log_writer import encode_messages, whole_log
 from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Phase
 from rosette_ros.io.type_definitions import TypeLibrary
@@ -85,4 +93,6 @@ def _known(run: Run) -> dict[str, str]:
         known[REPEATABILITY_KEY] = repr(float(run.repeatability))
         if run.repeatability_dof is not None:
             known[DOF_KEY] = repr(float(run.repeatability_dof))
+        if run.repeatability_axes is not None:
+            known[AXES_KEY] = ' '.join(repr(float(one)) for one in run.repeatability_axes)
     return known

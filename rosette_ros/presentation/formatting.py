@@ -3,7 +3,7 @@
 
 import math
 import re
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -272,12 +272,13 @@ def pauses(run: Run) -> str:
                      for first in run.pauses)
 
 
-def repeatability_words(repeatability: float | None, dof: float | None) -> str:
-    """Return a repeatability, m, and its degrees of freedom."""
+def repeatability_words(repeatability: float | None, dof: float | None, axes: Sequence[float] | None = None) -> str:
+    """Return a repeatability, m, its degrees of freedom, and the same along x, y and z."""
     if repeatability is None:
         return 'not known'
     freedom = '' if dof is None else f', {dof:g} degrees of freedom'
-    return f'{micro(repeatability, 4)} µm per coordinate{freedom}'
+    by_axis = ', '.join(f'{name} {micro(one, 3)}' for name, one in zip('xyz', axes or ()))
+    return f'{micro(repeatability, 4)} µm per coordinate{freedom}{f" ({by_axis} µm)" * bool(by_axis)}'
 
 
 def residual_words(fit: 'Fit') -> str:

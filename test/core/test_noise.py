@@ -257,3 +257,22 @@ def test_u_covers_under_heavy_tails():
     given, own = (Noise(tail='reading', tail_dof=3.0).loss(share) for share in (0.0, 0.3))
     assert given == pytest.approx(8 / 6) and (own / given)**0.5 == pytest.approx(1.14, abs=0.01)
     assert Noise().loss(0.3) == 1
+
+
+def test_repeatability_by_axis_is_pooled_with_the_residuals():
+    """Six balls leave z twelve degrees of freedom: with a check of 15 readings z is told from x and y most times."""
+    told, ratio = {True: 0, False: 0}, []
+    for seed in range(12):
+        run = synthetic_run(6, 'random', seed)[0]
+        rng = np.random.default_rng([seed, 3])
+        noise, check = (SIGMA * rng.standard_normal((size, 3)) * (1, 1, 2) for size in (36, 15))
+        axes = np.std(check, axis=0, ddof=1)
+        run = run.replace(centre=run.centre + noise, repeatability=float(np.sqrt(np.mean(axes**2))),
+                          repeatability_dof=42.0)
+        for with_axes in told:
+            plain = fit(run.replace(repeatability_axes=tuple(axes.tolist()) if with_axes else None))
+            found = estimate(NoiseProblem(plain.run, plain.joint.space.basis, np.zeros((0, 36, 3)), plain.residual))
+            told[with_axes] += found.noise.kinds == ('axes',)
+            ratio += [found.noise.axes[2] / found.noise.axes[0]] if with_axes and found.noise.kinds == ('axes',) else []
+    assert told[True] >= 7 and told[False] <= 4
+    assert np.mean(ratio) == pytest.approx(2, rel=0.25)

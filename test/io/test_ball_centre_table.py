@@ -73,6 +73,7 @@ def runs(draw):
         scheme.centres(radius) + 1e-4 * radius * rng.standard_normal((size, 3)),
         table_angle=angle, time=time, temperature=temperature, approach=scheme.approach,
         repeats=scheme.repeats, repeatability=draw(st.none() | st.floats(1e-9, 1e-5)), repeatability_dof=6.0,
+        repeatability_axes=(1e-7, 1.3e-7, 1 / 3e6),
         run_id=draw(st.sampled_from(['', 'rosette_20250101_diagonal', 'Prüfung 3: µm'])))
     keep = np.sort(rng.permutation(size)[:draw(st.integers(3, size))])
     return run if draw(st.booleans()) else run.take(keep)
@@ -95,6 +96,7 @@ def test_round_trip_changes_nothing_that_can_be_measured(run):
     else:
         assert back.repeatability == pytest.approx(run.repeatability, rel=1e-15)
         assert back.repeatability_dof == 6.0
+        assert back.repeatability_axes == pytest.approx(run.repeatability_axes, rel=1e-15)
     assert parse(format_csv(back)).centre.tobytes() == back.centre.tobytes()
 
 

@@ -399,3 +399,14 @@ def test_times_do_not_fall_over_a_pause():
 
     assert times(-5000).tolist() == list(range(9))
     assert times(5000)[4] - times(5000)[3] == 5001
+
+
+def test_repeatability_by_axis_is_along_the_table_frame():
+    """What the CMM repeats worst along its x is z of a table whose axis lies along x; unknown without the frame."""
+    turn = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # x, y, z of the table are y, z, x of the machine
+    asked = [target(seq, phase=1, table_position=1, ball=1) for seq in (1, 2, 3)]
+    given = [answer(seq, table_position=1, ball=1, centre=(x, y, z), frame_id='machine')
+             for seq, (x, y, z) in enumerate(((3e-6, 1e-6, 0), (-3e-6, 1e-6, 2e-6), (0, -2e-6, 1e-6)), 1)]
+    known = collected(asked, given)
+    assert known._repeatability_axes(turn) == pytest.approx((np.sqrt(3e-12), 1e-6, 3e-6))
+    assert known._repeatability_axes(None) is None

@@ -35,7 +35,8 @@ def make_run(n=4, seed=0, **options):
 @given(n=st.integers(3, 6), seed=st.integers(0, 1000), sigma=st.none() | st.floats(1e-9, 1e-5))
 def test_log_gives_the_run_back_to_the_last_bit(tmp_path_factory, library, n, seed, sigma):
     """Everything is kept; the repeatability goes along though it was not measured there."""
-    run = make_run(n, seed, repeatability=sigma, repeatability_dof=sigma and 27.0)
+    axes = sigma and (1e-7, 1 / 3e6, 2e-7)
+    run = make_run(n, seed, repeatability=sigma, repeatability_dof=sigma and 27.0, repeatability_axes=axes)
     path = write_log(run, tmp_path_factory.mktemp('logs') / 'log', library)
     back = read_log(path).to_run()
     for name in ('table_position', 'ball', 'centre', 'table_angle', 'temperature', 'approach',
@@ -43,7 +44,7 @@ def test_log_gives_the_run_back_to_the_last_bit(tmp_path_factory, library, n, se
         assert getattr(back, name).tobytes() == getattr(run, name).tobytes(), name
     np.testing.assert_allclose(back.time, run.time, rtol=1e-15, atol=1e-12)
     assert (back.n, back.radius, back.run_id) == (run.n, run.radius, run.run_id)
-    assert (back.repeatability, back.repeatability_dof) == (sigma, sigma and 27.0)
+    assert (back.repeatability, back.repeatability_dof, back.repeatability_axes) == (sigma, sigma and 27.0, axes)
 
 
 def test_bare_file_of_the_log_tells_the_repeatability_too(library, tmp_path):

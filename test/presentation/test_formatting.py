@@ -53,7 +53,9 @@ def test_probabilities(p, shown):
     (text.before_after(5.41e-7, 1.03e-7), '0.541 → 0.103'), (text.before_after(math.nan, math.nan), '–'),
     (text.percent(0.834), '83 %'), (text.sigmas(3.14), '3.1 σ'), (text.duration(41), '41 s'),
     (text.duration(6720), '1 h 52 min'), (text.names(['a', 'b', 'c']), 'a, b and c'),
-    (text.repeatability_words(1.079e-7, 27), '0.1079 µm per coordinate, 27 degrees of freedom')])
+    (text.repeatability_words(1.079e-7, 27), '0.1079 µm per coordinate, 27 degrees of freedom'),
+    (text.repeatability_words(1e-7, None, (9e-8, 1e-7, 2.1e-7)),
+     '0.1000 µm per coordinate (x 0.090, y 0.100, z 0.210 µm)')])
 def test_numbers_have_minus_signs_and_units(shown, wanted):
     """Never −0; files keep the hyphen."""
     assert shown == wanted

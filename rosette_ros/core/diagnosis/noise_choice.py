@@ -12,7 +12,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from scipy import special
 
-from rosette_ros.core.diagnosis.noise_search import NO_AXIS, SEEN, NoiseFit, NoiseProblem, estimate
+from rosette_ros.core.diagnosis.noise_search import NO_AXIS, SEEN, NoiseFit, NoiseProblem, check_of, estimate
 from rosette_ros.core.diagnosis.search import MOST_EFFECTS, Member, Problem, Selection
 from rosette_ros.core.model.base_model import BaseLines
 from rosette_ros.core.model.base_space import base_space
@@ -123,16 +123,21 @@ def _is_tailed(beside: NoiseFit, noise: Noise) -> bool:
 
 
 def noise_of_z(fitted: Fit) -> Noise:
-    """Return white noise, or one of z and one of x and y where an F-test of the residuals of a white fit finds two."""
+    """Return white noise, or one of z and one of x and y where an F-test of a white fit's residuals finds two.
+
+    The repeatability by axis counts with its degrees of freedom."""
     square, size = np.sum(fitted.residual**2, axis=0), fitted.run.size
     lines = BaseLines.of(fitted.run.n, fitted.model.base)
     axial = size - int(lines.z.sum())
     plane = fitted.dof - axial
+    dof, check = check_of(fitted.run)
+    square = square + dof * check * square.sum() / fitted.dof
     if min(axial, plane) < 1 or min(square[2], square[:2].sum()) <= NO_AXIS * square.sum():
         return fitted.noise
-    sizes = np.array([square[2], square[:2].sum()]) / [axial, plane]
+    freedom = axial + dof, plane + 2 * dof
+    sizes = np.array([square[2], square[:2].sum()]) / freedom
     ratio = float(sizes[0] / sizes[1])
-    p = 2 * min(float(special.fdtr(axial, plane, ratio)), float(special.fdtrc(axial, plane, ratio)))
+    p = 2 * min(float(special.fdtr(*freedom, ratio)), float(special.fdtrc(*freedom, ratio)))
     return replace(fitted.noise, axes=np.sqrt(sizes[[1, 1, 0]])).scaled() if p < SEEN else fitted.noise
 
 

@@ -36,6 +36,8 @@ KINDS = 6
 TAILS = (2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0)
 MEMORIES = (0.3, 0.6, 0.8, 0.9, 0.97, 1.0)
 """phi of the wander that are tried."""
+EXACT = 3000.0
+"""Degrees of freedom of a repeatability that is known exactly."""
 LONGER = 3.0
 """By how much -2 L may be larger for the longer memory: too short a one makes slow effects too certain."""
 GROUPS = ('time', 'ball', 'CMM position', 'table position')
@@ -77,7 +79,12 @@ class NoiseProblem:
             keep = value > 1e-9 * max(value.max(initial=0), 1e-300)
             self._designs.append(np.hstack([rows.T, extra.T @ (vector[:, keep] / np.sqrt(value[keep]))]))
         self.dof = 3 * run.size - sum(design.shape[1] for design in self._designs)
-        self._draws = np.random.default_rng(seed).standard_normal((DRAWS, run.size, 3))
+        rng = np.random.default_rng(seed)
+        self._draws = rng.standard_normal((DRAWS, run.size, 3))
+        axial = run.size - self._designs[0].shape[1]
+        self.axis_dof: Floats = np.array([self.dof - axial, self.dof - axial, 2 * axial]) / 2
+        self.check_dof, self._checked = check_of(run)
+        self._check = rng.chisquare(self.check_dof, (DRAWS, 3)) if self.check_dof else np.zeros((DRAWS, 3))
         self.start = self.at(Noise())
 
     def at(self, noise: Noise) -> 'NoiseFit':
@@ -95,9 +102,19 @@ class NoiseProblem:
         rss = float(np.sum(left[0]**2))
         return NoiseFit(self, noise, white, left, rss, self.dof * np.log(rss) + log_det, bases)
 
+    def check(self, noise: Noise) -> Floats:
+        """Return the square sums of the repeatability by axis, (1 + DRAWS, 3): of the run, its mean 1 under a noise."""
+        own = self._checked / noise.axes**2
+        return np.concatenate([self.check_dof * own[None] / own.mean(), self._check])
+
     def size(self, axes: tuple[int, ...], white: Whitening) -> float:
         """Return the variance of what is left of some axes in white coordinates."""
         return self._of_part(axes, white)[0]
+
+    def minus_of_check(self, noise: Noise) -> float:
+        """Return -2 L of the repeatability by axis, whose size is its own."""
+        own = self._checked / noise.axes**2
+        return self.check_dof * float(3 * np.log(own.mean()) + 2 * np.sum(np.log(noise.axes)))
 
     def minus_log_likelihood(self, axes: tuple[int, ...], white: Whitening) -> float:
         """Return -2 L of some axes alone, whose size is their own."""
@@ -112,6 +129,15 @@ class NoiseProblem:
         taken = scipy.linalg.solve_triangular(root, design.T @ rows, lower=True, check_finite=False)
         dof = rows.size - len(taken)
         return float(rows @ rows - taken @ taken) / dof, dof, 2 * float(np.sum(np.log(np.diag(root))))
+
+
+def check_of(run: Run) -> tuple[float, Floats]:
+    """Return the degrees of freedom of the repeatability along each axis, 0 where it is not known by axis, and its
+    variances, (3,), of mean 1."""
+    if run.repeatability is None or run.repeatability_axes is None:
+        return 0.0, np.ones(3)
+    square = np.array(run.repeatability_axes)**2
+    return (run.repeatability_dof or EXACT) / 3, square / square.mean()
 
 
 def _whitened(white: Whitening, axes: tuple[int, ...], design: Floats) -> Floats:
@@ -162,7 +188,9 @@ class NoiseFit:
     def _tests(self) -> Iterator[Misfit]:
         run, every = self.problem.run, self.studentised()
         square = every**2
-        by_axis = np.log(np.maximum(np.mean(square, axis=1), 1e-12))  # an axis may have no residual at all
+        size, check = np.maximum(self.problem.axis_dof, 1e-9), self.problem.check(self.noise)
+        pooled = (size * np.mean(square, axis=1) + check) / (size + self.problem.check_dof)
+        by_axis = np.log(np.maximum(pooled, 1e-12))  # an axis may have no residual at all
         yield Misfit('axes', 'z', _two_sided(by_axis[:, 2] - np.log(np.mean(np.exp(by_axis[:, :2]), axis=1))))
         yield Misfit('axes', 'xyz', _two_sided(by_axis[:, 0] - by_axis[:, 1]))
         yield Misfit('tail', 'coordinate', _one_sided(np.sum(square**2, axis=(1, 2))))
@@ -198,13 +226,16 @@ class NoiseFit:
 
     def _with_axes(self, of: str) -> 'NoiseFit':
         noise = self.noise
-        for _ in range(1 if of == 'z' else 3):
+        for _ in range(1 if of == 'z' and not self.problem.check_dof else 3):
             left = self.problem.at(noise).left
             square, wanted = np.sum(left[0]**2, axis=0), np.mean(np.sum(left[1:]**2, axis=1), axis=0)
+            square = square + self.problem.check(noise)[0] * square.sum() / wanted.sum()
+            wanted = wanted + self.problem.check_dof
             if of == 'z':
                 square[:2], wanted[:2] = square[:2].sum(), wanted[:2].sum()
             noise = replace(noise, axes=noise.axes * np.sqrt(square / wanted * wanted.sum() / square.sum()))
-        return self._kept(noise, 1 if of == 'z' else 2)
+        gain = self.problem.minus_of_check(self.noise) - self.problem.minus_of_check(noise)
+        return self._kept(noise, 1 if of == 'z' else 2, gain)
 
     def _with_factors(self, by: str) -> 'NoiseFit':
         """Return the fit with a size for each group, drawn to the common one by what it is known worse than that."""

@@ -224,7 +224,8 @@ def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str
             ('Start of the log', source.begun if source and source.begun else 'not recorded'),
             ('Duration', text.duration(float(np.ptp(run.time)))), ('Pauses', text.pauses(run)),
             ('Temperature', _temperature(run)),
-            ('Repeatability', text.repeatability_words(run.repeatability, run.repeatability_dof)),
+            ('Repeatability', text.repeatability_words(
+                run.repeatability, run.repeatability_dof, run.repeatability_axes)),
             ('Table angles', f'at most {1e6 * np.abs(run.angle_deviation).max():.3g} µrad off nominal'),
             ('Uncertainties', text.uncertainty_words(fit)), ('Model judged', text.model_words(summary.model)),
             ('Model of the results', text.model_words(fit.model)),
