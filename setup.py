@@ -31,6 +31,7 @@ setup(
             'rosette = rosette_ros.cli.main:main',
             'sequencer = rosette_ros.nodes.sequencer:main',
             'simulated_cmm = rosette_ros.nodes.simulated_cmm:main',
+            'dme_cmm = rosette_ros.nodes.dme_cmm:main',
             'cmm = rosette_ros.nodes.simulated_cmm:main',
             'evaluator = rosette_ros.nodes.evaluator:main',
             'recorder = rosette_ros.nodes.recorder:main',

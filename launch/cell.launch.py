@@ -46,6 +46,9 @@ def generate_launch_description() -> LaunchDescription:
             'machine', default_value='',
             description='YAML file that describes the simulated machine; empty: as the config says'),
         DeclareLaunchArgument(
+            'settings', default_value='',
+            description='Settings file of a CMM with an I++ DME server, which then takes part (with simulate:=false)'),
+        DeclareLaunchArgument(
             'use_sim_time', default_value=LaunchConfiguration('simulate'), choices=['true', 'false'],
             description='Whether the nodes follow /clock; by default when the CMM is simulated, which publishes it'),
         DeclareLaunchArgument(
@@ -56,6 +59,8 @@ def generate_launch_description() -> LaunchDescription:
         node('recorder', 'recorder', 'use_sim_time', 'log_dir'),
         node('evaluator', 'evaluator', 'use_sim_time'),
         node('simulated_cmm', 'cmm', 'machine', condition=IfCondition(LaunchConfiguration('simulate'))),
+        node('dme_cmm', 'cmm', 'settings',
+             condition=IfCondition(NotEqualsSubstitution(LaunchConfiguration('settings'), ''))),
         node('sequencer', 'sequencer', 'use_sim_time'),
     ])
 

@@ -22,6 +22,8 @@ from rosette_ros.nodes import names
 MODULES = {names.RECORDER: 'rosette_ros.nodes.recorder', names.EVALUATOR: 'rosette_ros.nodes.evaluator',
            names.CMM: 'rosette_ros.nodes.simulated_cmm', names.SEQUENCER: 'rosette_ros.nodes.sequencer'}
 """The nodes in the order of starting: subscribers come first."""
+DME_CMM = 'rosette_ros.nodes.dme_cmm'
+"""The node that takes the place of the simulated CMM where one with an I++ DME server is there."""
 
 START_TIMEOUT = 60.0
 CHECK_PERIOD = 0.2  # a failed node is restarted within this time, s, unless the cell ends meanwhile
@@ -80,7 +82,8 @@ class Cell:
     """The nodes of one cell as processes; a context manager.
 
     domain_id: ROS domain, None for that of the environment; namespace: of the cell; machine: path of a machine.yaml for
-    the simulated machine, None for the installed one; params: parameter values per node ({'sequencer': {'order': 'row',
+    the simulated machine, None for the installed one; dme: path of the settings file of a CMM with an I++ DME server,
+    which then takes the place of the simulated one; params: parameter values per node ({'sequencer': {'order': 'row',
     'plate.balls': 6}}), in preference to those of `params_file`; log_dir: for the logs of runs; nodes: which to start;
     output_dir: for the output of the nodes, None for a temporary folder that is removed at a clean end; remappings:
     pairs of names, None for frames and time of its own in every namespace but the default.
@@ -91,7 +94,8 @@ class Cell:
                  machine: str | Path | None = None, params: Mapping[str, Mapping[str, Any]] | None = None,
                  params_file: str | Path | None = None, log_dir: str | Path = 'runs',
                  nodes: Collection[str] = tuple(MODULES), output_dir: str | Path | None = None,
-                 simulated_time: bool = True, remappings: Sequence[tuple[str, str]] | None = None) -> None:
+                 simulated_time: bool = True, remappings: Sequence[tuple[str, str]] | None = None,
+                 dme: str | Path | None = None) -> None:
         """Prepare; nothing is started before `start`."""
         if unknown := set(nodes) - set(MODULES):
             raise InvalidConfig(f'cell: nodes: wanted some of {", ".join(MODULES)}, got {min(unknown)!r}')
@@ -101,9 +105,14 @@ class Cell:
         self.machine = None if machine is None else Path(machine)
         self._nodes = [name for name in MODULES if name in nodes]
         self._params_file = params_file
-        defaults: dict[str, dict[str, Any]] = {name: {'use_sim_time': simulated_time} for name in MODULES}
+        self._modules = MODULES if dme is None else {**MODULES, names.CMM: DME_CMM}
+        is_simulated = simulated_time and dme is None
+        defaults: dict[str, dict[str, Any]] = {name: {'use_sim_time': is_simulated} for name in MODULES}
         defaults[names.RECORDER]['log_dir'] = str(self.log_dir)
-        defaults[names.CMM] = {} if machine is None else {'machine': str(machine)}
+        if dme is not None:
+            defaults[names.CMM]['settings'] = str(Path(dme).absolute())
+        else:
+            defaults[names.CMM] = {} if machine is None else {'machine': str(machine)}
         self._params = {name: {**defaults[name], **(params or {}).get(name, {})} for name in self._nodes}
         self._output_dir = output_dir
         self.processes: dict[str, NodeProcess] = {}
@@ -190,7 +199,7 @@ class Cell:
         params = self.output_dir / f'{name}.yaml'
         params.write_text(yaml.safe_dump({'/**': {'ros__parameters': self._params[name]}}), encoding='utf-8')
         files = [str(path) for path in (self._params_file, params) if path is not None]
-        return [sys.executable, '-m', MODULES[name], '--ros-args', '-r', f'__ns:=/{self.namespace}',
+        return [sys.executable, '-m', self._modules[name], '--ros-args', '-r', f'__ns:=/{self.namespace}',
                 *names.remap_arguments(self._remappings), '--enclave', names.enclave(self.namespace, name),
                 *(part for path in files for part in ('--params-file', path))]
 

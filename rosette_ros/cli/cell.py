@@ -17,17 +17,25 @@ from rosette_ros import command
 from rosette_ros.calibration.settings import IDENTITY
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import CHECK_PERIOD, MODULES, Cell
-from rosette_ros.cli.arguments import IN_LOG, add_shared, made_folder
+from rosette_ros.cli.arguments import IN_LOG, UsageError, add_shared, made_folder
 from rosette_ros.cli.console import console
 from rosette_ros.core.errors import CellError, InvalidConfig
+from rosette_ros.dme.dme_settings import sequencer_parameters
 from rosette_ros.io.identity_file import read_identity
 from rosette_ros.nodes import names
+from rosette_ros.nodes.dme_cmm import settings_of
+
+CMMS = ('simulated', 'dme')
+DME = CMMS[1]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.add_argument('--no-simulation', action='store_true',
                         help='without the simulated CMM: a real one answers, in wall time')
+    parser.add_argument('--cmm', choices=CMMS, default=CMMS[0],
+                        help='simulated (default), or one with an I++ DME server, in wall time')
+    parser.add_argument('--settings', metavar='FILE', help='settings file of the CMM with an I++ DME server')
     parser.add_argument('--machine', metavar='FILE', help='describes the simulated machine '
                         '(default: the machine.yaml of the package)')
     parser.add_argument('--params', metavar='FILE', help='parameters of the nodes, such as cell.yaml')
@@ -37,16 +45,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Start the cell, restart failed nodes until Ctrl-C, end it; raise CellError where one fails again and again."""
-    for path in filter(None, (options.machine, options.params)):
+    if (options.cmm == DME) != bool(options.settings):
+        raise UsageError('cell: wanted --cmm dme and --settings FILE together, got one of them')
+    is_real = options.no_simulation or options.cmm == DME
+    for path in filter(None, (options.machine, options.params, options.settings)):
         if not Path(path).is_file():
             raise InvalidConfig(f'{path}: wanted a YAML file, found none; check the path')
-    if options.no_simulation and options.machine:
-        raise InvalidConfig('cell: --machine describes a simulated CMM; remove --no-simulation')
+    if is_real and options.machine:
+        raise InvalidConfig('cell: --machine describes a simulated CMM; remove --no-simulation or --cmm dme')
+    if options.no_simulation and options.cmm == DME:
+        raise UsageError('cell: --cmm dme starts a CMM; remove --no-simulation')
+    taught = sequencer_parameters(settings_of(options.settings)) if options.settings else {}
     out = console()
     nodes = [name for name in MODULES if not (options.no_simulation and name == names.CMM)]
     cell = Cell(options.domain, options.namespace, machine=options.machine, params_file=options.params, nodes=nodes,
-                log_dir=made_folder(options.output), params=identity_parameter(options.identity),
-                simulated_time=not options.no_simulation)
+                log_dir=made_folder(options.output), params={
+                    names.SEQUENCER: identity_parameter(options.identity).get(names.SEQUENCER, {}) | taught},
+                simulated_time=not is_real, dme=options.settings)
     refuse_second_cell(out, cell)
     with started(out, cell):
         keep_running(out, cell)

@@ -187,3 +187,12 @@ def dme_settings(values: Any, source: str = 'settings') -> DmeSettings:
 def load_dme_settings(path: str | Path) -> DmeSettings:
     """Return the settings of a file; raises InvalidConfig where one is wrong or missing."""
     return dme_settings(read_yaml(path, 'a settings file of an I++ CMM', MOST_BYTES, InvalidConfig), str(path))
+
+
+def sequencer_parameters(settings: DmeSettings) -> dict[str, Any]:
+    """Return the parameters of the sequencer that the settings decide: the table as taught, plates of equal pitch."""
+    table = settings.table
+    taught = {'table.origin_m': [1e-3 * value for value in table.origin_mm], 'table.axis': list(table.axis),
+              'table.azimuth_deg': table.azimuth_deg}
+    plate = {'plate.balls': table.balls, 'plate.radius_m': 1e-3 * table.radius_mm}
+    return taught | (plate if table.azimuths_deg is None else {})

@@ -27,6 +27,7 @@ if TYPE_CHECKING:  # what fits models imports scipy, which takes a second
     from rosette_ros.core.diagnosis import diagnosis as core
     from rosette_ros.core.model import model as core_model
     from rosette_ros.core.model.least_squares import Fit, Parameter
+    from rosette_ros.dme.ball_probing import MeasuredBall
     from rosette_ros.simulation.probing import BallReading
 
 POLICIES = {'history': HistoryPolicy.KEEP_ALL, 'reliability': ReliabilityPolicy.BEST_EFFORT,
@@ -111,7 +112,7 @@ def qos_profile(recorded: Sequence[Qos], messages: int) -> QoSProfile:
         for name, policy in POLICIES.items()})
 
 
-def fill_answer(message: msg.BallCentre, reading: 'BallReading', stamp: Time, frame_id: str) -> None:
+def fill_answer(message: msg.BallCentre, reading: 'BallReading | MeasuredBall', stamp: Time, frame_id: str) -> None:
     """Write a machine's Reading into the answer to a target."""
     message.header, message.status = Header(stamp=stamp, frame_id=frame_id), msg.BallCentre.STATUS_OK
     message.table_angle, message.table_travel = reading.table_angle, reading.table_travel

@@ -23,6 +23,7 @@ START_RECORDING, STOP_RECORDING = 'recorder/start_recording', 'recorder/stop_rec
 RECALL, RECORDED = 'recorder/recall', 'recorder/recorded'
 DIAGNOSE, ADD_EFFECT, REMOVE_EFFECT = 'evaluator/diagnose', 'evaluator/add_effect', 'evaluator/remove_effect'
 EVALUATE_JOINTLY, JOINT_EVALUATION = 'evaluator/evaluate_jointly', 'joint_evaluation'
+RECOVER = 'cmm/recover'  # of a CMM that waits for a person
 SERVICE_EVENT = '/_service_event'
 
 TABLE_CORRECTOR, JOINT_STATES, CORRECT_POINT = 'table_corrector', 'joint_states', 'table_corrector/correct_point'

@@ -10,20 +10,18 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from builtin_interfaces.msg import Time as TimeMessage
-from rclpy.duration import Duration
 from rclpy.time import Time
 from rosette_msgs.msg import BallCentre, ProbeTarget, Touches
 from rosgraph_msgs.msg import Clock
-from std_msgs.msg import Header
 
 from rosette_ros.calibration.settings import Wanted
-from rosette_ros.core.errors import CellError, InvalidConfig, InvalidPlan, RosetteError
-from rosette_ros.io.messages import MACHINE_FRAME, nanoseconds, short_frame
+from rosette_ros.core.errors import InvalidConfig, InvalidPlan, RosetteError
+from rosette_ros.io.messages import MACHINE_FRAME, nanoseconds
 from rosette_ros.nodes import conversions, names, qos
-from rosette_ros.nodes.base_node import OK, WARN, CellNode, Health, run_node
+from rosette_ros.nodes.base_node import OK, WARN, Health, run_node
+from rosette_ros.nodes.cmm_node import CmmNode
 from rosette_ros.simulation import Machine, load_machine
 from rosette_ros.simulation.faults import Strike, distort, strikes
 from rosette_ros.simulation.machine import BallReading
@@ -34,11 +32,9 @@ WANTED = (
     Wanted('clock_rate_hz', 4.0, 'how often the simulated time is published while nothing is measured, Hz of wall time',
            0.1, 10.0),
     Wanted('answer_s', 0.0, 'wall time that each answer takes, s; 0: as fast as the computer allows', 0.0, 0.3))
-ROUND = 1e-6  # by which a unit vector may be off
-FARTHEST = 100.0  # a centre that is farther from the origin of the machine is taken for a mistake, m
 
 
-class SimulatedCmm(CellNode):
+class SimulatedCmm(CmmNode):
     """Measures as fast as the computer allows; its clock shows how long a real cell would take.
 
     The simulated time starts at the wall time of the node's start and advances only by measuring, so that a run does
@@ -48,24 +44,21 @@ class SimulatedCmm(CellNode):
     Topics: subscribes to `probe_target`; publishes `ball_centre`, `touches` and `/clock`. Parameters: WANTED."""
 
     def __init__(self) -> None:
-        super().__init__(names.CMM, WANTED)
+        super().__init__(WANTED)
         self._file = Path(self.parameters['machine'] or default_machine())
         self._machine = Machine(load_machine(self._file))
         self._run_id: str | None = None
         self._switched_on = self.system.now().nanoseconds
-        self._measured = self._failed = self._struck = 0
+        self._struck = 0
         self._last_answer: BallCentre | None = None
         self._set_back = 0.0
-        self.on(names.PROBE_TARGET, ProbeTarget, self._on_target, qos.ORDER)
         self._clock_out = self.create_publisher(Clock, names.CLOCK, qos.CLOCK)
-        self._answers = self.create_publisher(BallCentre, names.BALL_CENTRE, qos.ANSWER)
-        self._touches = self.create_publisher(Touches, names.TOUCHES, qos.ANSWER)
         self._publish_time()
         self.every(1.0 / self.parameters['clock_rate_hz'], self._publish_time)
 
-    def _on_target(self, target: ProbeTarget) -> None:
-        answer = BallCentre(run_id=target.run_id, seq=target.seq, table_position=target.table_position,
-                            ball=target.ball, cmm_position=target.cmm_position)
+    def on_target(self, target: ProbeTarget) -> None:
+        """Measure the ball at once; the answer may be held back."""
+        answer = self.answer_to(target)
         struck: Sequence[Strike] = ()
         touches: Touches | None = None
         try:
@@ -75,12 +68,9 @@ class SimulatedCmm(CellNode):
             self._struck += len(struck)
             reading = self._measure(target, struck)
         except RosetteError as error:
-            self._failed += 1
-            self.get_logger().warning(f'seq {target.seq}: {error}')
-            answer.status, answer.text = BallCentre.STATUS_FAILED, str(error)
-            answer.header = Header(stamp=self._stamp(self._machine.time), frame_id=target.header.frame_id)
+            answer = self.refuse(target, error, self._stamp(self._machine.time))
         else:
-            self._measured += 1
+            self.measured += 1
             conversions.fill_answer(answer, reading, self._stamp(reading.time), MACHINE_FRAME)
             touches = conversions.touches_message(answer, reading.touch_point, reading.touch_normal,
                                                   reading.touch_time - reading.time, self._machine.pattern.tip)
@@ -105,13 +95,7 @@ class SimulatedCmm(CellNode):
         if target.balls != machine.n or not math.isclose(target.radius, machine.radius, rel_tol=1e-9):
             raise InvalidPlan(f'wanted a target for {machine.n} balls on a circle of radius {machine.radius:g} m, got '
                               f'{target.balls} balls, {target.radius:g} m')
-        if short_frame(target.header.frame_id) != MACHINE_FRAME:
-            raise CellError(f'wanted a target in the frame {MACHINE_FRAME!r}, got {target.header.frame_id!r}')
-        aim, pole = conversions.point_array(target.centre), conversions.point_array(target.pole)
-        if not (abs(aim) < FARTHEST).all():
-            raise CellError(f'wanted a target within {FARTHEST:g} m, got the centre {tuple(aim.tolist())}')
-        if pole.any() and not abs(np.linalg.norm(pole) - 1) < ROUND:
-            raise CellError(f'wanted a pole of length 1, or 0, 0, 0, got {tuple(pole.tolist())}')
+        aim, pole = self.aim_of(target)
         side = pole if pole.any() else None
         short = sum(1e-6 * strike.fault.short_urad for strike in struck if strike.fault.kind == 'table_short')
         if any(strike.fault.kind == 'neighbour' for strike in struck):
@@ -122,9 +106,9 @@ class SimulatedCmm(CellNode):
     def _answer(self, answer: BallCentre, struck: Sequence[Strike], touches: Touches | None) -> None:
         now = self.seconds()
         if touches is not None:
-            self._touches.publish(touches)
+            self.touches.publish(touches)
         for message, due in distort(answer, struck, self._last_answer, now):
-            self.after(0.0 if due is None else due - now, partial(self._answers.publish, message))
+            self.after(0.0 if due is None else due - now, partial(self.answers.publish, message))
         self._last_answer = answer
         for strike in struck:
             if strike.fault.kind == 'clock_back':
@@ -144,17 +128,12 @@ class SimulatedCmm(CellNode):
         """Return the simulated time: this node is the clock."""
         return Time.from_msg(self._stamp(self._machine.time))
 
-    def finish(self) -> None:
-        """End once all subscribers have the answers: nobody could send them again what was lost in transport."""
-        for publisher in (self._touches, self._answers):
-            publisher.wait_for_all_acked(Duration(seconds=5))
-
     def health(self) -> Health:
         """Return what was measured."""
-        sentence = f'{self._measured} balls measured, {self._failed} targets refused'
+        sentence = f'{self.measured} balls measured, {self.failed} targets refused'
         sentence += f', {self._struck} faults as configured' if self._struck else ''
-        return WARN if self._failed or self._struck else OK, sentence, {
-            'measured': self._measured, 'failed': self._failed, 'simulated_s': f'{self._machine.time:.1f}'}
+        return WARN if self.failed or self._struck else OK, sentence, {
+            'measured': self.measured, 'failed': self.failed, 'simulated_s': f'{self._machine.time:.1f}'}
 
 
 def default_machine() -> Path:

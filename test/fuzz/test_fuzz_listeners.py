@@ -39,13 +39,14 @@ class MuteCmm(Mute, SimulatedCmm):
             _run_id=None,
             _file=Path('/nowhere/machine.yaml'),
             _switched_on=0,
-            _measured=0,
-            _failed=0,
+            measured=0,
+            failed=0,
             _struck=0,
             _last_answer=None,
             _set_back=0.0,
             _clock_out=self,
-            _answers=self,
+            answers=self,
+            touches=self,
         )
 
 
@@ -66,7 +67,7 @@ def test_what_the_simulated_cmm_hears(targets):
     node = MuteCmm(Machine(CMM_CONFIG))
     with bounded():
         for target in targets:
-            node._on_target(target)
+            node.on_target(target)
         node.wake()
         node.health()
     given_back = [one for one in node.published if isinstance(one, BallCentre)]

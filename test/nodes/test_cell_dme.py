@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A cell whose CMM is behind an I++ DME server: curves, touches, cancel, collision, a person, resume, the end."""
+
+import contextlib
+import re
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+import yaml
+
+from rosette_ros.cell.client import CellClient
+from rosette_ros.core.records import remove_gauge
+from rosette_ros.dme.dme_server import serving
+from rosette_ros.dme.dme_settings import load_dme_settings, sequencer_parameters
+from rosette_ros.dme.serve_settings import fault_of
+from rosette_ros.dme.virtual_cmm import MachineClock
+from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.touch_log import open_refitted
+from rosette_ros.nodes import names
+from rosette_ros.nodes.dme_cmm import main
+from rosette_ros.simulation import Machine, MachineConfig
+
+N = 3
+SETTINGS = {
+    'schema': 'rosette-dme/1', 'table': {'balls': N}, 'timeouts': {'abort_s': 1.0},
+    'ball': {'radius_mm': 7.5, 'shaft_radius_mm': 2.7, 'shaft_length_mm': 30.0},
+    'path': {'stand_off_mm': 8.0, 'clearance_mm': 40.0, 'box_low_mm': [-150, -240, -320],
+             'box_high_mm': [850, 760, 200]},
+}
+NANOMETRE, NANORADIAN = 1e-9, 1e-9
+SOON = 0.2
+MOVE = r'< \d+ (GoTo|PtMeas|AlignPart|Home|ChangeTool)'
+
+
+class Served:
+    """A server without noise whose lines are kept, with their times."""
+
+    def __init__(self, folder):
+        self.lines = []
+        self.config = MachineConfig(seed=3).changed(
+            plate={'balls': N}, probing={'repeatability_um': 0.0},
+            cmm={'scale_ppm': 0.0, 'squareness_urad': 0.0, 'straightness_um': 0.0})
+        self._serving = serving(self.config, say=lambda line: self.lines.append((time.monotonic(), line)))
+        port, self.server = self._serving.__enter__()
+        self.settings = folder / 'dme.yaml'
+        self.settings.write_text(yaml.safe_dump({**SETTINGS, 'server': {'port': port}}), encoding='utf-8')
+
+    def close(self):
+        self._serving.__exit__(None, None, None)
+
+    def strikes(self, *faults):
+        """Have faults strike from now on."""
+        self.server.commands.faults.__init__(tuple(map(fault_of, faults)))
+
+    @contextlib.contextmanager
+    def slow(self):
+        """Have moves take a tenth of real time."""
+        cmm = self.server.commands.cmm
+        fast, cmm.clock = cmm.clock, MachineClock(10.0)
+        try:
+            yield
+        finally:
+            cmm.clock = fast
+
+    def when(self, words, since=0.0):
+        """Return when a line with these words came last, None if none did since then."""
+        times = [at for at, line in list(self.lines) if re.search(words, line) and at > since]
+        return times[-1] if times else None
+
+
+@pytest.fixture(scope='module')
+def served(tmp_path_factory):
+    made = Served(tmp_path_factory.mktemp('served'))
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope='module')
+def cell(served, module_domain_id, make_cell, tmp_path_factory):
+    """Yield a cell whose CMM is the node dme_cmm."""
+    taught = sequencer_parameters(load_dme_settings(served.settings))
+    with make_cell(module_domain_id, tmp_path_factory.mktemp('cell'), N, dme=served.settings, sequencer=taught) as made:
+        yield made
+
+
+@pytest.fixture
+def client(cell, module_domain_id):
+    """Yield a client of the cell."""
+    with CellClient(module_domain_id) as made:
+        yield made
+
+
+def test_the_curves_are_those_of_the_machine(cell, client, served):
+    """Touch by touch through the protocol: within 2 nm and 0.02 µrad of the truth; every touch is in the log."""
+    outcome = client.calibrate('row', check=cell.check)
+    assert outcome.success, outcome.message
+    machine = Machine(served.config)
+    true = remove_gauge(machine.table.error(2 * np.pi * np.arange(N) / N))
+    found = remove_gauge(outcome.error_motions.values)
+    assert np.abs(true[:, :3]).max() > 10 * NANOMETRE
+    assert found[:, :3] == pytest.approx(true[:, :3], abs=2 * NANOMETRE)
+    assert found[:, 3:] == pytest.approx(true[:, 3:], abs=20 * NANORADIAN)
+    run, refit = open_refitted(outcome.log)
+    assert refit.residual.size == 20 * (3 + 2 * N + N * N + 1)
+    assert run.size == N * N
+    assert run.table_travel[-1] == pytest.approx(2 * np.pi * (run.table_position[-1] - 1) / N + 2 * np.pi, abs=1e-6)
+    assert np.isnan(run.temperature).all()  # a server of 1.4
+    assert served.when(r'< \d+ Home') is None
+
+
+def test_a_cancelled_run_is_aborted_at_once(cell, client, served, module_domain_id, wait_until, trigger):
+    """AbortE within 0.2 s of the cancel, in the middle of a move; nothing is sent before the next run."""
+    with served.slow(), CellClient(module_domain_id) as other:
+        outcomes, began = [], time.monotonic()
+        thread = threading.Thread(target=lambda: outcomes.append(client.calibrate('row')))
+        thread.start()
+        wait_until(lambda: served.when('< .* PtMeas', began))
+        success, words = trigger(other, names.CANCEL_CALIBRATION)
+        cancelled = time.monotonic()
+        assert success, words
+        wait_until(lambda: served.when('< E.* AbortE', began))
+        assert served.when('< E.* AbortE', began) < cancelled + SOON
+        thread.join()
+        assert outcomes[0].message == 'cancelled on request'
+        assert served.when(MOVE, served.when('< E.* AbortE', began)) is None
+
+
+def test_a_collision_stops_the_run_until_a_person_has_looked(cell, client, served, wait_until, trigger):
+    """The run fails in the server's words, nothing moves, a new run fails too; then it is resumed and complete."""
+    served.strikes('collision:at=600')
+    outcome = client.calibrate('row')
+    assert not outcome.success
+    assert 'error 2504 (severity 3): Collision; a person has to look at the machine' in outcome.message
+    stopped = served.when('2504')
+    assert served.when(MOVE, stopped) is None
+    again = client.calibrate('row')
+    assert not again.success
+    assert 'error 2504' in again.message
+    assert served.when(MOVE, stopped) is None
+    assert trigger(client, names.RECOVER)[0]
+    wait_until(lambda: 'ready' in cell.processes['cmm'].text().rpartition('a person has looked')[2])
+    resumed = client.calibrate(resume=str(outcome.log))
+    assert resumed.success, resumed.message
+    assert read_log(resumed.log).to_run().size == N * N
+
+
+def test_a_server_that_is_restarted(cell, client, served, wait_until, trigger):
+    """The run fails in words; nothing is connected anew before a person says so."""
+    served.strikes('restart:at=200')
+    sessions = served.server.sessions
+    outcome = client.calibrate('row')
+    assert not outcome.success
+    assert 'the server closed the connection: it was ended or restarted; a person has to look' in outcome.message
+    assert served.server.sessions == sessions
+    assert trigger(client, names.RECOVER)[0]
+    wait_until(lambda: served.server.sessions == sessions + 1)
+    wait_until(lambda: 'ready' in cell.processes['cmm'].text().rpartition('a person has looked')[2])
+    resumed = client.calibrate(resume=str(outcome.log))
+    assert resumed.success, resumed.message
+    assert read_log(resumed.log).to_run().size == N * N
+
+
+def test_the_end_of_the_node_aborts(cell, client, served, wait_until):
+    """AbortE within 0.2 s of SIGINT, EndSession after it, exit code 0."""
+    with served.slow():
+        began = time.monotonic()
+        threading.Thread(target=quietly, args=(client.calibrate, 'row'), daemon=True).start()
+        wait_until(lambda: served.when('< .* PtMeas', began))
+        ended = time.monotonic()
+        cell.processes[names.CMM].end(signal.SIGINT)
+        wait_until(lambda: cell.processes[names.CMM].has_ended)
+        aborted = served.when('< E.* AbortE', ended)
+        assert aborted < ended + SOON
+        assert served.when('< .* EndSession', aborted)
+        assert served.when(MOVE, aborted) is None
+        assert cell.processes[names.CMM].popen.returncode == 0
+
+
+def quietly(call, *arguments):
+    """Call what may fail because the cell ends."""
+    with contextlib.suppress(Exception):
+        call(*arguments)
+
+
+@pytest.mark.parametrize(('changes', 'words'), [
+    ({}, 'settings: wanted the path of a settings file (rosette-dme/1), got none'),
+    ({'path': {'stand_off_mm': 8.0, 'clearance_mm': 40.0, 'box_low_mm': [0, 0, 0], 'box_high_mm': [1, 1, 1]}},
+     'table position 1, ball 1: above the ball: wanted a tip within the box')])
+def test_nodes_that_cannot_run(ros, tmp_path, changes, words, capfd):
+    """No settings, or paths that are not safe: one line, exit code 2, nothing is connected."""
+    path = tmp_path / 'dme.yaml'
+    path.write_text(yaml.safe_dump({**SETTINGS, **changes}), encoding='utf-8')
+    assert main(['--ros-args', *(['-p', f'settings:={path}'] if changes else [])]) == 2
+    assert words in capfd.readouterr().err
