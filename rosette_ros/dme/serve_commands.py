@@ -44,7 +44,7 @@ class ToolParameter:
 
 def parameters(cmm_speed: float, is_narrow: bool) -> dict[str, ToolParameter]:
     """Return the parameters of a tool as they are qualified; cmm_speed: mm/s; is_narrow: the limits are narrow."""
-    wide = {'GoToPar.Speed': (1.0, 500.0, cmm_speed), 'GoToPar.Accel': (10.0, 2000.0, 500.0),
+    wide = {'GoToPar.Speed': (1.0, 500.0, cmm_speed), 'GoToPar.Accel': (10.0, 3000.0, 1500.0),
             'PtMeasPar.Speed': (0.1, 20.0, 5.0), 'PtMeasPar.Accel': (10.0, 1000.0, 100.0),
             'PtMeasPar.Approach': (0.5, 20.0, 3.0), 'PtMeasPar.Search': (0.5, 20.0, 5.0),
             'PtMeasPar.Retract': (-1.0, 20.0, 3.0)}

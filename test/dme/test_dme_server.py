@@ -160,7 +160,7 @@ def test_answers_come_while_the_machine_moves_and_end_when_it_stands():
         assert [client.line(), client.line()] == [f'{move} &', f'{ask} &']
         assert client.numbers('GetPropE(Tool.GoToPar.Speed())')['Speed'] == 200
         assert [client.line() for _ in range(3)] == [f'{move} %', f'{ask} # X(750)', f'{ask} %']
-        assert time.monotonic() - began >= (400 / 200 + 200 / 500) / 20
+        assert time.monotonic() - began >= (400 / 200 + 200 / 1500) / 20
 
 
 def test_abort_stops_the_machine_where_it_is():
