@@ -17,6 +17,7 @@ from rosette_ros.analysis import LadderStep
 from rosette_ros.core.diagnosis.recovered_shape import Shape, ShapeCurve, strongest
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import AXES
+from rosette_ros.core.planning.plan_comparison import Point, best_sets
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats, Ints
 from rosette_ros.core.scheme import Scheme
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, iso_name, signed
@@ -38,6 +39,9 @@ MOST_MARKS = 1500
 AXIS = {'zeroline': False, 'fixedrange': True, 'title': {'standoff': 6, 'font': {'size': 12}}}
 HOVER = ('table position %{customdata[0]}, ball %{customdata[1]}, CMM position %{customdata[2]}'
          '<br>%{text} µm<br>rms %{customdata[3]:.1f} × NOISE<br>reading %{customdata[4]}, at %{customdata[5]:.1f} min')
+
+
+SYMBOLS = ('circle', 'square', 'diamond', 'triangle-up', 'cross', 'star')
 
 
 class Curves(NamedTuple):
@@ -252,6 +256,28 @@ def pairs_figure(scheme: Scheme) -> PlotlyFigure:
     ends = {'dtick': _tick(scheme.n), 'tick0': 1}
     layout['xaxis'] = {**ends, 'range': [0.4, scheme.n + 0.6], 'title': {'text': 'CMM position'}}
     layout['yaxis'] = {**ends, 'range': [scheme.n + 0.6, 0.4], 'title': {'text': 'table position'}}
+    return _figure(data, layout)
+
+
+def uncertainty_figure(n: int, points: Sequence[Point]) -> PlotlyFigure:
+    """Return the uncertainty of plans, relative to a complete run of n balls, against N/n²; best sets and the ideal."""
+    sets = best_sets(n)
+    most = max(1.05, *(1.05 * x for _, x, _ in points))
+    share = np.linspace(min(0.22, *(0.95 * x for _, x, _ in points)), most, 100)
+    lines = (('ideal: √(n²/N)', share, 1 / np.sqrt(share), {'color': COLOURS[2], 'width': 2, 'dash': 'dash'}),
+             (f'best sets of CMM positions, {n} balls', *np.array(sets or np.zeros((0, 2))).T,
+              {'color': '#999999', 'width': 1}))
+    data: list[PlotlyFigure] = [{
+        'type': 'scatter', 'mode': 'lines', 'x': _array(x), 'y': _array(y), 'name': name, 'line': line,
+        'hovertemplate': f'%{{y:.2f}}<extra>{name}</extra>'} for name, x, y, line in lines if len(x)]
+    data += [{'type': 'scatter', 'mode': 'markers', 'x': [x], 'y': [y], 'name': name,
+              'marker': {'size': 11, 'color': COLOURS[place % len(COLOURS)], 'symbol': SYMBOLS[place % len(SYMBOLS)]},
+              'hovertemplate': f'%{{y:.2f}} at %{{x:.0%}} of the readings<extra>{name}</extra>'}
+             for place, (name, x, y) in enumerate(points)]
+    layout = _layout(legend=True, margin={'l': 52, 't': 12})
+    layout['legend'] = {'orientation': 'h', 'x': 0, 'y': -0.22}
+    layout['xaxis'] = {'title': {'text': 'share of the n² pairs that is measured, N/n²'}, 'tickformat': '.0%'}
+    layout['yaxis'] = {'title': {'text': 'relative uncertainty of the curves'}, 'rangemode': 'tozero'}
     return _figure(data, layout)
 
 

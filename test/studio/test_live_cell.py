@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page connected to a running cell over DDS: start, progress, done, open the log; cancel; no cell."""
 
+from dataclasses import replace
+
 import pytest
 import yaml
 from playwright.sync_api import expect
 
 from rosette_ros.core.errors import CellError
+from rosette_ros.core.scheme import plan
+from rosette_ros.io.plan_file import MeasuringPlan, format_plan
 from rosette_ros.studio.panels.live_panel import CellWatchers
 
 BALLS = 6
@@ -69,6 +73,14 @@ def test_a_plan_is_chosen_and_started(cell, module_domain_id, studio, page):
     page.get_by_test_id('plan-balls').fill(str(BALLS))
     expect(facts).to_contain_text('48')
     expect(page.get_by_test_id('plan-words')).to_contain_text('effects well')
+    page.get_by_test_id('plan-keep').click()
+    page.get_by_test_id('plan-balls-of').fill('5')
+    table = page.get_by_test_id('plan-table')
+    expect(table).to_contain_text('there_and_back, 5 balls')
+    expect(table).to_contain_text('Uncertainty of the curves, relative to a complete run: best is')
+    page.get_by_test_id('plan-forget').click()
+    expect(table).to_be_hidden()
+    page.get_by_test_id('plan-balls-of').fill('')
     page.get_by_test_id('plan-places').fill('3')
     expect(error).to_contain_text('3 of 6 CMM positions or balls do not determine the curves')
     expect(start).to_be_disabled()
@@ -76,8 +88,12 @@ def test_a_plan_is_chosen_and_started(cell, module_domain_id, studio, page):
     page.get_by_test_id('plan-propose').click()
     expect(error).to_be_hidden()
     expect(page.get_by_test_id('plan-touches')).not_to_have_value('usual')
+    page.locator('[data-testid=plan-file] input[type=file]').set_input_files(
+        {'name': 'mine.csv', 'mimeType': 'text/csv', 'buffer': format_plan(MeasuringPlan(
+            replace(plan(BALLS, 'row'), order='mine'), 0.1825)).encode()})
+    expect(facts).to_contain_text('mine.csv')
     start.click()
-    expect(page.get_by_test_id('phase')).to_contain_text('order row')
+    expect(page.get_by_test_id('phase')).to_contain_text('order mine')
     expect(page.get_by_test_id('live-words')).to_contain_text('Result of run')
     cell.check()
 

@@ -23,6 +23,7 @@ from rosette_ros.studio.figures import (
     pairs_figure,
     shape_figure,
     time_figure,
+    uncertainty_figure,
 )
 from rosette_ros.studio.panels.open_dialog import safe_name
 
@@ -150,6 +151,14 @@ def test_pairs_of_a_plan_in_the_order_of_measuring():
         number, ball, position = numbers(data['customdata']).reshape(-1, 3).T
         assert number.tolist() == list(range(1, scheme.ball.size + 1)) and np.array_equal(ball, scheme.ball)
         assert set(np.round(numbers(data['x']).astype(float) - position, 3).tolist()) == shifts
+
+
+def test_plans_stand_beside_the_best_sets_and_the_ideal():
+    """A complete run has 1 at 1, where the ideal and the best sets end; plans are marks at their places."""
+    ideal, sets, *marks = uncertainty_figure(6, [('one', 1.0, 1.0), ('two', 0.75, 1.2)])['data']
+    assert numbers(ideal['y']) == pytest.approx(numbers(ideal['x'])**-0.5)
+    assert (numbers(sets['x'])[-1], numbers(sets['y'])[-1]) == pytest.approx((1, 1))
+    assert [(mark['name'], mark['x'], mark['y']) for mark in marks] == [('one', [1.0], [1.0]), ('two', [0.75], [1.2])]
 
 
 def test_a_recovered_shape_stands_beside_its_claim():

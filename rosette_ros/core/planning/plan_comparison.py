@@ -23,8 +23,6 @@ SHARES, MOST_SETS = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 1), 36
 """Shares of the CMM positions, and most balls, for which the best sets are looked for."""
 Point = tuple[str, float, float]
 """Name, share N / n^2 of the readings of a complete run, uncertainty of the curves relative to it."""
-USUAL_DRIFT = 1e-7
-"""Random walk of the frame, m after an hour, that a plan is proposed for where nothing is said."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,20 +67,30 @@ def outlook(name: str, scheme: Scheme, radius: float, sigma: float = 1e-7, pace:
 
 
 def outlook_of_order(n: int, radius: float, pace: Pace | None, order: str, places: str = '',
-                     touches: int = 0) -> Outlook:
-    """Return the Outlook of an order; places: CMM positions in use as of `places_in_use`. Raises InvalidPlan."""
-    scheme = plan(n, order, cmm_positions=places_in_use(places, n))
-    return outlook(order, replace(scheme, touches=np.full(scheme.ball.size, touches)), radius, pace=pace)
+                     touches: int = 0, balls: str = '') -> Outlook:
+    """Return the Outlook of an order; places, balls: CMM positions, balls in use as of `places_in_use`.
+
+    Raises InvalidPlan.
+    """
+    scheme = plan(n, order, 0, 'forward', places_in_use(places, n), places_in_use(balls, n, 'balls'))
+    return _named(replace(scheme, touches=np.full(scheme.ball.size, touches)), radius, pace)
 
 
-def best_outlook(n: int, radius: float, pace: Pace, hours: float) -> Outlook:
-    """Return the Outlook of the plan that is best in a time for a frame that wanders by USUAL_DRIFT in an hour.
+def best_outlook(n: int, radius: float, pace: Pace, hours: float, drift: float) -> Outlook:
+    """Return the Outlook of the plan that is best in a time for a frame that wanders by `drift`, m, in an hour.
 
     Raises InvalidPlan where there is none.
     """
-    best = propose(n, radius, hours, drift=USUAL_DRIFT, pace=pace)[0]
-    scheme = replace(best.scheme, touches=np.full(best.scheme.ball.size, best.touches))
-    return outlook(scheme.order, scheme, radius, pace=pace)
+    best = propose(n, radius, hours, drift=drift, pace=pace)[0]
+    return _named(replace(best.scheme, touches=np.full(best.scheme.ball.size, best.touches)), radius, pace)
+
+
+def _named(scheme: Scheme, radius: float, pace: Pace | None) -> Outlook:
+    """Return the Outlook of an order, named so that it differs from others: 'row, 6 CMM positions, 8 touches'."""
+    counts = (np.unique(scheme.cmm_position).size, 'CMM position'), (np.unique(scheme.ball).size, 'ball')
+    words = [scheme.order, *(counted(count, what) for count, what in counts if count < scheme.n)]
+    touches = int(scheme.touches[0])
+    return outlook(', '.join([*words, f'{touches} touches'] if touches else words), scheme, radius, pace=pace)
 
 
 def point_of(plan: Outlook) -> Point:
