@@ -13,7 +13,7 @@ from rich.markup import escape
 
 from rosette_ros import command, program
 from rosette_ros.analysis import MOST_BALLS_ADVISED, MOST_BALLS_JUDGED, analyse, judge, summarise
-from rosette_ros.cli import hidden_demo, verification_demo
+from rosette_ros.cli import circle_demo, hidden_demo, verification_demo
 from rosette_ros.cli.arguments import IN_LOG, UsageError, add_shared, whole
 from rosette_ros.cli.cell import keep_running
 from rosette_ros.cli.console import console, fit_rows, head, pairs, print_parts, print_verdict
@@ -47,6 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'at the end (otherwise on a key press, or by rosette envelope RUN)')
     parser.add_argument('--verification', action='store_true', help="measure the paper's four runs under "
                         'different conditions and two more, and report how well they agree')
+    parser.add_argument('--circle', action='store_true', help='calibrate, find what is missing, add it, correct the '
+                        'table, calibrate again: the error falls to the noise')
     parser.add_argument('--seed', type=whole(0, 2**31), default=1,
                         help='draws machine and noise, and the order random (default 1)')
     parser.add_argument('--axis', metavar=('X', 'Y', 'Z'), type=float, nargs=3, default=(0.0, 0.0, 1.0),
@@ -64,9 +66,14 @@ def run(options: argparse.Namespace) -> None:
             raise InvalidConfig('demo: --verification and --hidden exclude each other; choose one')
         verification_demo.run(options)
         return
+    if options.circle and (options.hidden is not None or options.keep):
+        raise InvalidConfig('demo: --circle excludes --hidden and --keep; choose one')
     if not np.isfinite(options.axis).all() or not np.any(options.axis):
         raise UsageError('--axis: wanted 3 finite numbers that are not all 0, got '
                          f'{" ".join(f"{x:g}" for x in options.axis)}')
+    if options.circle:
+        circle_demo.run(options)
+        return
     hidden = {} if options.hidden is None else {'hidden': {'seed': options.hidden, **hidden_demo.SIZES}}
     order = options.order or ('sensitive' if hidden else 'diagonal')
     plan(options.balls, order, options.seed)  # refuses what cannot be measured

@@ -99,7 +99,8 @@ class CorrectionCheck:
             return f'The correction did not do what it promised: {", ".join(lacking)}.'
         if not vanished:
             return 'There was nothing to correct: no corrected error was larger than U.'
-        return f'The correction did what it promised: {", ".join(vanished)} vanished within U, the rest is unchanged.'
+        rest = ', the rest is unchanged' if len(vanished) < len(self.errors) else ''
+        return f'The correction did what it promised: {", ".join(vanished)} vanished within U{rest}.'
 
     @property
     def action(self) -> str:

@@ -40,7 +40,8 @@ def check_table(check: CorrectionCheck) -> Table:
         words('after', 'after', shown['after']), words('U', 'U', shown['expanded']),
         words('gain', 'taken off', ['' if not np.isfinite(one.gain) else f'{text.percent(one.gain)}' for one in rows]),
         words('result', 'result', [one.result for one in rows])), levels=tuple(one.level for one in rows),
-        note=f'Peak to valley; U (k = {COVERAGE_FACTOR}) of a point of the curve after, with that of the correction.')
+        note=f'Peak to valley; U (k = {COVERAGE_FACTOR}) of a point of the curve after, with that of the correction: '
+             'noise alone spreads a curve of 6 to 36 points over 1.3 to 2.1 U.')
 
 
 def check_json(check: CorrectionCheck, run_ids: tuple[str, str]) -> dict[str, Any]:
