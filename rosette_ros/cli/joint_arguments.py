@@ -23,6 +23,6 @@ def is_joint(options: argparse.Namespace) -> bool:
     if is_wanted and (options.model or (options.run_id and len(options.run_path) > 1)):
         raise UsageError('--joint: wanted no --model and, for several runs, no --run-id, got '
                          f'{"--model" if options.model else "--run-id"}; the base model is fitted to whole logs')
-    if is_wanted and options.refit_spheres:
+    if is_wanted and getattr(options, 'refit_spheres', False):
         raise UsageError('--refit-spheres: wanted one run, got several as one; leave --joint out')
     return bool(is_wanted)
