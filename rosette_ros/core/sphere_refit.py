@@ -15,6 +15,9 @@ LEAST_TOUCHES = 4
 """A sphere has four unknowns."""
 FLAT = 1e-4
 """Touches that span less of a direction than this share of the widest one determine no sphere."""
+SMALLEST, FARTHEST = 1e-5, 1.0
+"""Touches nearer together, or farther from the centre that was sent, m, are none of a ball."""
+UNIT = 0.01  # by which a unit vector may be off
 REFIT_STEPS = 12
 """Of Gauss-Newton: rounding is left for forms of up to 2 % of the radius."""
 RING, SECTOR = 12, 15
@@ -60,7 +63,7 @@ class TouchedBalls:
         kept = np.flatnonzero(np.isin(self.owner, chosen))
         place = np.full(self.seq.size, -1)
         place[chosen] = np.arange(chosen.size)
-        others = {why: self.seq.size - chosen.size} if chosen.size < self.seq.size else {}
+        others = {why: self.seq.size - chosen.size + self.left_out.get(why, 0)} if chosen.size < self.seq.size else {}
         return replace(
             self, seq=self.seq[chosen], table_position=self.table_position[chosen], ball=self.ball[chosen],
             table_angle=self.table_angle[chosen], sent=self.sent[chosen], tip=self.tip[chosen],
@@ -184,12 +187,12 @@ class SphereRefit:
     def approach(self) -> Floats:
         """Unit vectors against which the probe came, in the table frame at rest, (T, 3).
 
-        Where they are unknown, those to the touches.
+        Where they are unknown, or no unit vectors, those to the touches.
         """
-        size = np.linalg.norm(self.touched.normal, axis=1, keepdims=True)
-        with np.errstate(invalid='ignore', divide='ignore'):
+        with np.errstate(all='ignore'):
+            size = np.linalg.norm(self.touched.normal, axis=1, keepdims=True)
             normal = self.touched.normal / size @ self.touched.rotation
-        return np.where(np.isfinite(normal), normal, self.direction)
+        return np.where(np.abs(size - 1) < UNIT, normal, self.direction)
 
     @cached_property
     def outliers(self) -> Ints:
@@ -239,12 +242,20 @@ class SphereRefit:
 
 def refit_spheres(touched: TouchedBalls) -> SphereRefit:
     """Return the SphereRefit of touches; readings whose touches determine no sphere are left out, and counted."""
+    with np.errstate(over='ignore', invalid='ignore'):
+        away = np.linalg.norm(touched.point - touched.sent[touched.owner], axis=1)
+    far = np.unique(touched.owner[~(away < FARTHEST)])
+    touched = touched.select(np.setdiff1d(np.arange(touched.seq.size), far), f'touches over {FARTHEST:g} m off')
     touched = touched.select(np.flatnonzero(touched.touches >= LEAST_TOUCHES), f'fewer than {LEAST_TOUCHES} touches')
     touched = touched.select(_solid(touched), 'touches in a plane')
     centre, radius, residual = np.empty((touched.seq.size, 3)), np.empty(touched.seq.size), np.empty(touched.owner.size)
-    for rows, places in _alike(touched):
-        found = fit_spheres(touched.point[places], REFIT_STEPS)
-        centre[rows], radius[rows], residual[places] = found.centre, found.radius, found.residual
+    with np.errstate(all='ignore'):  # what is on no sphere is left out
+        for rows, places in _alike(touched):
+            found = fit_spheres(touched.point[places], REFIT_STEPS)
+            centre[rows], radius[rows], residual[places] = found.centre, found.radius, found.residual
+    is_sphere = np.isfinite(centre).all(axis=1) & (radius < FARTHEST)
+    if not is_sphere.all():
+        return refit_spheres(touched.select(np.flatnonzero(is_sphere), 'touches on no sphere'))
     return SphereRefit(touched, centre, radius - np.nan_to_num(touched.tip), residual)
 
 
@@ -264,5 +275,5 @@ def _solid(touched: TouchedBalls) -> Ints:
     for rows, places in _alike(touched):
         off = touched.point[places] - touched.point[places].mean(axis=1, keepdims=True)
         spread = np.linalg.svd(off, compute_uv=False)
-        is_solid[rows] = spread[:, -1] > FLAT * spread[:, 0]
+        is_solid[rows] = spread[:, -1] > FLAT * np.maximum(spread[:, 0], SMALLEST)
     return np.flatnonzero(is_solid)

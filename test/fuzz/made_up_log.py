@@ -16,12 +16,13 @@ import numpy as np
 import zstandard
 from geometry_msgs.msg import Point
 from rclpy.serialization import serialize_message
-from rosette_msgs.msg import BallCentre, CalibrationEvent, ErrorMotions, ProbeTarget, RunState
+from rosette_msgs.msg import BallCentre, CalibrationEvent, ErrorMotions, ProbeTarget, RunState, Touches
 from std_msgs.msg import Header
 
 from rosette_ros.calibration.calibration_plan import plan_calibration
 from rosette_ros.core.geometry import Frame, nominal_angles, rotation_matrix
 from rosette_ros.core.scheme import plan
+from rosette_ros.core.touches import touch_directions
 from rosette_ros.io.bag_metadata import Qos
 from rosette_ros.io.log_writer import LogWriter
 from rosette_ros.io.messages import Phase
@@ -37,8 +38,8 @@ RUN_ID = 'run'
 BALLS, RADIUS = 3, 0.1
 FRAME = Frame(rotation_matrix(np.array([0.01, -0.02, 0.3])), np.array([0.35, 0.26, -0.3]))
 TOPICS = {
-    'probe_target': ProbeTarget, 'ball_centre': BallCentre, 'run_state': RunState, 'error_motions': ErrorMotions,
-    'calibration_event': CalibrationEvent, 'tf_static': None,
+    'probe_target': ProbeTarget, 'ball_centre': BallCentre, 'touches': Touches, 'run_state': RunState,
+    'error_motions': ErrorMotions, 'calibration_event': CalibrationEvent, 'tf_static': None,
 }
 TYPES = {'tf_static': 'tf2_msgs/msg/TFMessage'}
 U4, U8 = struct.Struct('<I'), struct.Struct('<Q')
@@ -73,6 +74,17 @@ def calibration():
                 )
             )
         centre = FRAME.to_outer(target.centre + 1e-6 * rng.standard_normal(3))
+        common = {name: getattr(target, name) for name in (
+            'seq', 'table_position', 'ball', 'cmm_position', 'table_angle')}
+        i, j, k = touch_directions(2, 3, 0.8, -0.1).T
+        said.append(
+            ('touches',
+             Touches(
+                 header=Header(stamp=conversions.time_message(stamp + 10_000_000_000), frame_id='machine'),
+                 run_id=RUN_ID, tip_radius=1e-3, x=centre[0] + 1e-2 * i, y=centre[1] + 1e-2 * j,
+                 z=centre[2] + 1e-2 * k, i=i, j=j, k=k, time=np.arange(6.0), **common),
+             stamp + 10_000_000_000)
+        )
         said.append(
             (
                 'probe_target',

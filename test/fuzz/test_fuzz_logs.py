@@ -18,6 +18,8 @@ from rosette_ros.cli.info import log_facts, run_rows
 from rosette_ros.core.errors import RosetteError
 from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.log_repair import repair_log
+from rosette_ros.io.touch_log import refit_of
+from rosette_ros.presentation.touch_results import sphere_rows, sphere_table, spheres_json
 
 DATA = frozenset((FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK))
 
@@ -98,9 +100,27 @@ def check_run(log):
             assert 'some.mcap' in str(error)
             assert '\n' not in str(error)
             continue
+        finally:
+            check_touches(log, run_id)
         assert np.isfinite(run.centre).all()
         assert np.isfinite(run.time).all()
         assert 0 < run.completeness <= 1
+
+
+def check_touches(log, run_id):
+    """Fit the spheres of a run again: finite numbers in every table and text, or refused in one line."""
+    try:
+        with bounded():
+            refit = refit_of(log, run_id)
+    except RosetteError as error:
+        assert 'some.mcap' in str(error)
+        assert '\n' not in str(error)
+        return
+    assert np.isfinite(refit.centre).all()
+    assert np.isfinite(refit.residual).all()
+    assert all('\n' not in text for row in sphere_rows(refit) for text in row)
+    json.dumps(spheres_json(refit), allow_nan=False)
+    sphere_table(refit).csv()
 
 
 def check_repair(path, new, log):

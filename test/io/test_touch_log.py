@@ -12,9 +12,10 @@ from touched_log import write_touched_log
 
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.scheme import plan
+from rosette_ros.io import log_reader
 from rosette_ros.io.ball_centre_table import write_csv
-from rosette_ros.io.log_reader import read_log
-from rosette_ros.io.touch_log import open_refitted, read_touches, refit_if_touched
+from rosette_ros.io.log_reader import decoded, read_log
+from rosette_ros.io.touch_log import TOUCHES, open_refitted, read_touches, refit_if_touched
 from rosette_ros.simulation import Machine, MachineConfig
 
 CELL = MachineConfig().changed(plate={'balls': 4})
@@ -68,8 +69,13 @@ def test_fit_of_the_touches_is_what_was_sent(touched):
     assert run.remarks == sent.remarks
 
 
-def test_touches_are_not_read_where_nobody_asks(touched, tmp_path):
-    """A log reads as one without them, bit by bit."""
+def test_touches_are_not_read_where_nobody_asks(touched, tmp_path, monkeypatch):
+    """None is decoded, and a log reads as one without them, bit by bit."""
+    def watched(message):
+        assert message.type_name != TOUCHES
+        return decoded(message)
+
+    monkeypatch.setattr(log_reader, 'decoded', watched)
     with_touches, without = read_log(touched[0]), read_log(changed_log(tmp_path, lambda answer, touches: None))
     assert with_touches.answers == without.answers
     assert with_touches.to_run().centre.tobytes() == without.to_run().centre.tobytes()
