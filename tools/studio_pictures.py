@@ -76,6 +76,12 @@ def picture_cell(browser, address, folder):
     page.wait_for_timeout(3000)
     page.screenshot(path=folder / 'studio-cell.png')
     page.get_by_test_id('plan').screenshot(path=folder / 'studio-plan.png')
+    page.get_by_test_id('plan-keep').click()
+    for places in ('50 %', '8'):
+        page.get_by_test_id('plan-places').fill(places)
+        page.wait_for_timeout(5000)
+        page.get_by_test_id('plan-keep').click()
+    page.get_by_test_id('plan-comparison').screenshot(path=folder / 'studio-plans.png')
     page.close()
 
 
