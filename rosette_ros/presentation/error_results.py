@@ -11,8 +11,8 @@ from rosette_ros.presentation.table_format import Column, Table, words
 
 LEVELS = {Conformity.CONFORMS: 'good', Conformity.FAILS: 'bad', Conformity.UNDECIDED: 'doubtful', None: ''}
 ARC_SECOND = '1″ = 4.848 µrad'
-WHAT_IS_WHAT = (f'Range: peak to valley; U: expanded uncertainty (k = {COVERAGE_FACTOR}) of the range, in brackets of '
-                'a point of the curve; once per turn and the rest: peak to valley of the two parts of the curve.')
+WHAT_IS_WHAT = (f'Peak to valley, with U (k = {COVERAGE_FACTOR}) of the range, in brackets of a point of the curve; '
+                'once-per-turn part and the rest.')
 
 
 def errors(lines: Sequence[AxisError], title: str = 'The six errors of the table (ISO 230-7)',
@@ -34,7 +34,7 @@ def errors(lines: Sequence[AxisError], title: str = 'The six errors of the table
     doubts = dict.fromkeys(line.doubt for line in lines if line.doubt and line.tolerance is not None)
     arc = f' {ARC_SECOND}.' if limited else ''
     width = (' Asynchronous: the largest width of the curves of the runs at an angle, with its U.' if several else
-             ' The asynchronous part shows in several runs that are evaluated as one.')
+             ' The asynchronous part needs several runs.')
     return Table(name, title, (
         words('error', 'error', [f'{line.curve} ({line.name})'.replace('-', '−') for line in lines]),
         words('unit', 'unit', units), micro('range_in_unit', 'range', [line.range for line in lines]),

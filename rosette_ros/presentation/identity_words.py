@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from rosette_ros.io.identity_file import DEVICES, Identity, words_of_entry
 
 NOT_STATED = 'not stated'
-NOTHING = 'who, what and where: neither the cell nor this command was given an identity file'
+NOTHING = 'Who, what and where are not stated: no identity file (--identity FILE).'
 _ADDRESS = ('name', 'street', 'postcode', 'city', 'country')
 
 
 def identity_rows(identity: Identity, contradictions: Sequence[str] = ()) -> list[tuple[str, str]]:
-    """Return what is stated, as (name, text); contradictions: of log and file, in words."""
+    """Return what is stated, as (name, text), [] where nothing is; contradictions: of log and file, in words."""
     if not identity.entries:
-        return [('Not stated', f'{NOTHING} (--identity FILE)')]
+        return []
     rows = [('Certificate', identity['certificate.number']), ('Laboratory', contact(identity, 'laboratory')),
             ('Accreditation', identity['laboratory.accreditation']), ('Customer', contact(identity, 'customer')),
             ('Order number', identity['customer.order']), ('Place', identity['place.name']),

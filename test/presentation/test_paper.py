@@ -133,7 +133,7 @@ def test_the_first_two_pages_stand_alone(printed):
               *(f'{curve} (' for curve in ('ctx', 'cty', 'ctz', 'crx', 'cry', 'crz'))]
     simulated = 'no real table was measured'
     if kind != 'verification':
-        wanted += ['Judged is the base model', 'peak to valley', 'U (k = 2) of a point', 'Repeatability', 'Temperature',
+        wanted += ['Judged is the base model', 'peak to valley', '(k = 2) of the range', 'Repeatability', 'Temperature',
                    'Uncertainties', 'Start of the log', 'Order', 'Software rosette_ros', 'bands: U (k = 2)']
     wanted += {'verification': [simulated, 'Reproducibility'],
                'drift': [simulated, MEANINGS['frame_drift'].look, 'are of the model with frame_drift'],

@@ -17,7 +17,7 @@ from rosette_ros.presentation.plots.result_plots import Series
 from rosette_ros.presentation.report import Source, open_source, report_html, write_report
 from rosette_ros.presentation.report.verification import verification_html, verify
 
-ORDER = ['verdict', 'measured', 'identity', 'unknown', 'curves', 'values', 'deviations', 'residuals', 'ladder',
+ORDER = ['verdict', 'measured', 'unknown', 'curves', 'values', 'deviations', 'residuals', 'ladder',
          'candidates', 'visibility', 'conditions']
 FIGURES = ['curves', 'deviations', 'residual_maps', 'residuals_against', 'histogram', 'noise', 'spectrum',
            'ladder', 'candidates', 'shapes', 'pairs', 'visibility']

@@ -20,7 +20,7 @@ from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.model_file import format_model
 from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.presentation import formatting as text
-from rosette_ros.presentation.identity_words import identity_rows
+from rosette_ros.presentation.identity_words import NOTHING, identity_rows
 from rosette_ros.presentation.plots import (
     comparison_plots,
     noise_plots,
@@ -62,7 +62,8 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
         changed=len(fits_of(summary)) > 1, cross_validation=text.CROSS_VALIDATION,
         tables=shown_tables(summary, identity, refit), spheres=sphere_rows(refit) if refit else (),
         identity=identity_rows(identity, source.contradictions if source else ()),
-        measured=conditions(summary, source), unknown=[*unknowns(summary), *untouched], labels=[
+        measured=conditions(summary, source), unknown=[
+            *unknowns(summary), *untouched, *([] if identity.entries else [NOTHING])], labels=[
             model_label(summary, fit) for fit in fits_of(summary)], judged=text.model_words(summary.model),
         running=f'{run.run_id or run.source}{" (simulated)" * run.simulated}', model=format_model(summary.final.model),
         numbers={name: place for place, name in enumerate(pictures, 1)}, software=software(), overlays=overlays,

@@ -13,7 +13,7 @@ from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.error_results import errors
 from rosette_ros.presentation.formatting import words_of
-from rosette_ros.presentation.identity_words import identity_rows
+from rosette_ros.presentation.identity_words import NOTHING, identity_rows
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE
 from rosette_ros.presentation.report.provenance import Source
 from rosette_ros.studio import figures
@@ -128,7 +128,7 @@ def _show_errors(fit: Fit, verdict: Verdict | None, opened: OpenedRun | None) ->
 
 def _show_identity(opened: OpenedRun | None) -> None:
     source = _source(opened)
-    for name, words in identity_rows(source.identity, source.contradictions):
+    for name, words in identity_rows(source.identity, source.contradictions) or [('', NOTHING)]:
         ui.label(name).classes('key')
         ui.label(words)
 
