@@ -75,19 +75,23 @@ def covariance(sd, phi, wander):
     return out.reshape(3 * size, 3 * size)
 
 
+@pytest.mark.parametrize('size', [20, 80])
 @pytest.mark.parametrize('phi', [0.3, 0.97, 1.0])
-def test_whitening_makes_white(phi):
-    """W C W' = 1, the adjoint is W', the inverse is W^-1, and the determinant is that of C."""
-    sd, wander = np.random.default_rng(1).uniform(0.5, 2, (20, 3)), np.array([0.5, 0.0, 2.0])
-    white_of = Whitening(20, sd, phi, wander)
-    units = np.eye(60).reshape(60, 20, 3)
-    w, adjoint, inverse = (part(units).reshape(60, 60).T for part in (
+def test_whitening_makes_white(phi, size):
+    """W C W' = 1, the adjoint is W', the inverse is W^-1, and the determinant is that of C; many rows are whitened by
+    blocks."""
+    sd, wander = np.random.default_rng(1).uniform(0.5, 2, (size, 3)), np.array([0.5, 0.0, 2.0])
+    white_of, every = Whitening(size, sd, phi, wander), 3 * size
+    units = np.eye(every).reshape(every, size, 3)
+    w, adjoint, inverse = (part(units).reshape(every, every).T for part in (
         white_of.apply, white_of.adjoint, white_of.inverse))
     wanted = covariance(sd, phi, wander)
-    assert np.abs(w @ wanted @ w.T - np.eye(60)).max() < 1e-12
+    assert np.abs(w @ wanted @ w.T - np.eye(every)).max() < 1e-11
     assert np.abs(adjoint - w.T).max() < 1e-14
-    assert np.abs(w @ inverse - np.eye(60)).max() < 1e-12
+    assert np.abs(w @ inverse - np.eye(every)).max() < 1e-12
     assert white_of.log_det == pytest.approx(np.linalg.slogdet(wanted)[1], abs=1e-10)
+    single = white_of.apply(units.astype(np.float32)).reshape(every, every).T
+    assert single.dtype == np.float32 and np.abs(single - w).max() < 1e-6
 
 
 @pytest.mark.parametrize('noise', [

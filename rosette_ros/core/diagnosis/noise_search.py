@@ -48,11 +48,15 @@ PARTS = ((2,), (0, 1))
 
 @dataclass(frozen=True)
 class Misfit:
-    """A way in which what a fit leaves is not noise as it was taken: its kind, what it is of, and the p of as much."""
+    """A way in which what a fit leaves is not noise as it was taken: its kind, what it is of, and the p of as much.
+
+    phi: memory of the wander that was tested.
+    """
 
     kind: str
     of: str
     p: float
+    phi: float = 0.0
 
     @property
     def words(self) -> str:
@@ -204,7 +208,8 @@ class NoiseFit:
             for axes in PARTS:
                 kept = _remembered(self.left[:, ::-1, axes], phi)
                 size = np.maximum(np.sum(self.left[..., axes]**2, axis=(1, 2)), NO_RESIDUAL)
-                yield Misfit('wander', 'z' if axes == (2,) else 'xy', _one_sided(np.sum(kept**2, axis=(1, 2)) / size))
+                p = _one_sided(np.sum(kept**2, axis=(1, 2)) / size)
+                yield Misfit('wander', 'z' if axes == (2,) else 'xy', p, phi)
 
     def better(self, kinds: Sequence[str] = KINDS_OF_NOISE) -> 'NoiseFit':
         """Return the fit with a kind of noise more where one is seen and pays, else this one."""
@@ -212,9 +217,10 @@ class NoiseFit:
         seen = [one for one in self.misfits() if one.p < SEEN and one.kind in kinds]
         # what is less plain by far is a consequence of the plainest
         seen = [one for one in seen if one.p < max(seen[0].p, 1e-300)**PLAIN]
+        wander = next((one.phi for one in seen if one.kind == 'wander'), 0.0)
         for kind, of in dict.fromkeys((one.kind, '' if one.kind == 'wander' else one.of) for one in seen):
-            made = {'axes': self._with_axes, 'tail': self._with_tail, 'groups': self._with_factors,
-                    'wander': self._with_wander}[kind](of)
+            made = self._with_wander(wander) if kind == 'wander' else {
+                'axes': self._with_axes, 'tail': self._with_tail, 'groups': self._with_factors}[kind](of)
             best = max(best, made, key=lambda one: one.score)
         return best
 
@@ -317,14 +323,17 @@ class NoiseFit:
             out[..., axes] = ((flat @ basis) @ basis.T).reshape(len(rows), -1, len(axes))
         return out
 
-    def _with_wander(self, of: str) -> 'NoiseFit':
-        """Return the fit with a wander, by the best of MEMORIES; its variance and the rest's size for z and x, y."""
+    def _with_wander(self, begin: float) -> 'NoiseFit':
+        """Return the fit with a wander, by the best of MEMORIES; its variance and the rest's size for z and x, y.
+
+        begin: the memory beside which the best is looked for first.
+        """
         if self.noise.wander.any():
             return self
         sd = np.broadcast_to(self.whitening.sd, (self.problem.run.size, 3))
         none = [self.problem.minus_log_likelihood(axes, Whitening(len(sd), sd)) for axes in PARTS]
         ratios = lru_cache(lambda phi: [self._ratio(axes, sd, phi, one) for axes, one in zip(PARTS, none)])
-        place = 2
+        place = int(np.argmin(np.abs(np.array(MEMORIES) - begin)))
         while near := [k for k in (place - 1, place, place + 1) if 0 <= k < len(MEMORIES)]:
             better = min(near, key=lambda k: sum(value for value, _ in ratios(MEMORIES[k])))
             if better == place:

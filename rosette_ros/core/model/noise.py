@@ -26,6 +26,8 @@ from rosette_ros.core.records import Floats, Ints, Run
 AXES = ('x', 'y', 'z')
 CHECK = 10
 SECTIONS = 12
+BLOCK, MANY = 36, 64
+"""Readings of a block, and rows from which on whitening by blocks is the quicker way."""
 SAME = 0.99
 """Share of readings in which two places agree that cannot be distinguished."""
 Real = TypeVar('Real', bound=np.floating[Any])
@@ -221,10 +223,39 @@ class _Filter:
         self._band: Floats = scipy.linalg.cholesky_banded(band, lower=True, check_finite=False)
         self.log_det = 2 * float(np.sum(np.log(self._band[0])) - np.log(self._first))
 
+    @cached_property
+    def _in_blocks(self) -> tuple[Floats, Floats]:
+        """G^-1 D in blocks of BLOCK readings, (b, B, B), and the first columns of G^-1 in each, (b, B)."""
+        size, count = len(self._band[0]), -(-len(self._band[0]) // BLOCK)
+        every = np.zeros((4, count * BLOCK))  # diagonals of G and D, and those below
+        every[0], every[2] = 1.0, 1.0
+        every[0, :size], every[1, 1:size] = self._band[0], self._band[1, :-1]
+        every[2, 0], every[3, 1:] = self._first, -self._phi
+        parts = every.reshape(4, count, BLOCK)
+        both, place = np.zeros((2, count, BLOCK, BLOCK)), np.arange(BLOCK)
+        both[:, :, place, place], both[:, :, place[1:], place[:-1]] = parts[::2], parts[1::2, :, 1:]
+        inverse = np.linalg.inv(both[0])
+        return np.asarray(inverse @ both[1]), inverse[:, :, 0]
+
+    def _apply_to_many(self, rows: NDArray[Any]) -> Floats:
+        """Return the same as `apply` by products of blocks, in a fifth of the time where there are many rows."""
+        inside, first = (one.astype(rows.dtype) for one in self._in_blocks)
+        out = np.empty_like(rows)
+        for block, start in enumerate(range(0, rows.shape[1], BLOCK)):
+            part = slice(start, min(start + BLOCK, rows.shape[1]))
+            width = part.stop - start
+            out[:, part] = rows[:, part] @ inside[block, :width, :width].T
+            if start:
+                before = -self._phi * rows[:, start - 1] - float(self._band[1, start - 1]) * out[:, start - 1]
+                out[:, part] += before[:, None] * first[block, :width]
+        return out
+
     def apply(self, rows: NDArray[Any]) -> Floats:
         if not self._wanders:
             return np.asarray(rows / self._sd)
-        moved = rows.T.astype(float)
+        if len(rows) >= MANY:
+            return self._apply_to_many(rows)
+        moved = rows.T.astype(rows.dtype)
         moved[1:] -= self._phi * rows.T[:-1]
         moved[0] *= self._first
         return _banded(self._band, moved, b'N').T
@@ -232,7 +263,7 @@ class _Filter:
     def adjoint(self, rows: NDArray[Any]) -> Floats:
         if not self._wanders:
             return np.asarray(rows / self._sd)
-        solved = _banded(self._band, rows.T.astype(float), b'T')
+        solved = _banded(self._band, rows.T.astype(rows.dtype), b'T')
         out = solved.copy()
         out[0] *= self._first
         out[:-1] -= self._phi * solved[1:]
@@ -241,7 +272,7 @@ class _Filter:
     def inverse(self, rows: NDArray[Any]) -> Floats:
         if not self._wanders:
             return np.asarray(rows * self._sd)
-        white = rows.T.astype(float)
+        white = rows.T.astype(rows.dtype)
         moved = self._band[0][:, None] * white
         moved[1:] += self._band[1, :-1, None] * white[:-1]
         difference = np.ones((2, len(white)))
@@ -250,8 +281,11 @@ class _Filter:
 
 
 def _banded(band: Floats, rows: Floats, transposed: bytes) -> Floats:
-    """Return the solution of a lower triangle of two diagonals for rows (N, m), which it may overwrite."""
-    if not rows.size:  # which dtbtrs does not survive
+    """Return the solution of a lower triangle of two diagonals for rows (N, m), which it may overwrite.
+
+    Single precision stays, and takes half the time."""
+    if not rows.size:  # which LAPACK does not survive
         return rows
-    out: Floats = lapack.dtbtrs(band, rows, uplo=b'L', trans=transposed, overwrite_b=True)[0]
+    solve = lapack.stbtrs if rows.dtype == np.float32 else lapack.dtbtrs
+    out: Floats = solve(band.astype(rows.dtype), rows, uplo=b'L', trans=transposed, overwrite_b=True)[0]
     return out
