@@ -147,7 +147,8 @@ def _story(one: Certificate, places: Sequence[Place]) -> list[Any]:
             (*map(_text, row[:-1]), _coloured(row[-1], line.conformity))
             for row, line in zip(table.rows, curves.lines, strict=True))], _shares(table.shown),
             [place for place, column in enumerate(table.shown) if column.number])]
-    story += [Spacer(1, 1 * mm), _words(_text(table.note), soft=True)]
+    note = error_results.errors([line for curves in one.sets for line in curves.lines]).note
+    story += [Spacer(1, 1 * mm), _words(_text(note), soft=True)]
     if words := identity['certificate.remarks']:
         story += [Spacer(1, 1 * mm), _words(f'<b>Remarks</b>: {_text(words)}')]
     story += [_heading('The six error motions over the table angle, with the band of U (k = 2)'), *places]
@@ -241,8 +242,9 @@ def _style(lines: bool) -> TableStyle:
 
 def _shares(columns: Sequence[Any]) -> list[float]:
     """Return the shares of the width: by the longest text of a column."""
-    longest = [max(len(column.head), *map(len, column.shown)) + 2 for column in columns]
-    return [one / sum(longest) for one in longest]
+    widest = [max(pdfmetrics.stringWidth(words, BOLD, SIZE) for words in (column.head, *column.shown)) + PADDING
+              for column in columns]
+    return [one / sum(widest) for one in widest]
 
 
 def _coloured(words: str, conformity: Conformity | None) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, evaluate_jointly, judge
-from rosette_ros.core.diagnosis.verdict import Conclusion, Verdict
+from rosette_ros.core.diagnosis.verdict import Conclusion, Level, Verdict
 from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.conclusion import conclude
@@ -150,7 +150,8 @@ def _of_several(paths: Sequence[str | Path], inputs: Inputs) -> Certificate:
     rows = dict(joint_rows(result))
     evaluation = tuple((name, rows[name]) for name in ('Model', 'Residual', 'Uncertainty', 'Known'))
     unknown = [f'The readings do not tell, and the curves are free of: {rows["Not known"]}.', *(
-        f'{note[0].upper()}{note[1:]}.' for note in result.notes), f'Advice: {verdict.action}']
+        f'{note[0].upper()}{note[1:]}.' for note in result.notes),
+        f'Advice: {verdict.action}' if verdict.level is not Level.GOOD else '']
     return _stated(inputs, identity, (*contradictions, *changed), runs, sets, verdict, evaluation, unknown,
                    tuple(dict.fromkeys(file for _, files in opened for file in files)))
 

@@ -4,6 +4,7 @@
 import math
 from dataclasses import replace
 from datetime import UTC, datetime
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,10 +24,13 @@ from rosette_ros.calibration.settings import (
     parse_settings,
     plan_of,
     run_name,
+    with_identity,
 )
 from rosette_ros.calibration.state_machine import Limits
 from rosette_ros.core.errors import InvalidConfig, RosetteError
 from rosette_ros.core.scheme import ORDERS, plan
+from rosette_ros.io.identity_file import Identity
+from rosette_ros.io.log_run import LogRun
 from rosette_ros.io.messages import Phase
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan
 
@@ -255,3 +259,21 @@ def test_a_goal_for_another_plate_leaves_the_configured_file_out():
     values = changed_settings(configured, changes(radius=0.1, balls=8) | {'balls_in_use': ''})
     assert (values['plate.file'], plan_of(values).alignments) == ('', 16)
     assert changed_settings(configured, changes(plan=format_plan(own_plan())))['plate.file'] == ''
+
+
+def test_who_what_and_where_travel_in_the_settings_of_the_log(tmp_path):
+    """The file as it is when the run begins; what the log says stays when the run is resumed; no plan changes by it."""
+    path = tmp_path / 'identity.yaml'
+    path.write_text('schema: rosette-identity/1\ntable: {serial: "T-1"}  # of the customer\n')
+    values = with_identity({**DEFAULTS, 'identity': str(path)})
+    log = LogRun(tmp_path, ())
+    log.events = [SimpleNamespace(run_id='a', settings=format_settings({**DEFAULTS, 'identity': ''})),
+                  SimpleNamespace(run_id='a', settings=format_settings(values)),
+                  SimpleNamespace(run_id='b', settings='identity: [')]
+    assert log.identity('a')['table.serial'] == 'T-1'
+    assert log.identity('b') == log.identity('c') == Identity()
+    path.write_text('schema: rosette-identity/1\ntable: {serial: "T-2"}\n')
+    resumed = with_identity({**DEFAULTS, 'identity': str(path)} | parse_settings(format_settings(values), 'log'))
+    assert resumed == values
+    with pytest.raises(RosetteError, match=r'no.yaml: wanted an identity file that can be read'):
+        with_identity({**DEFAULTS, 'identity': str(tmp_path / 'no.yaml')})
