@@ -21,6 +21,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from rosette_msgs.action import Calibrate
 from rosette_msgs.msg import CalibrationEvent, Diagnosis, RunState
+from std_srvs.srv import Trigger
 
 from rosette_ros import command
 from rosette_ros.calibration.settings import NONE
@@ -137,6 +138,14 @@ class CellClient(GraphClient):
         monitors = [NodeMonitor(self._node, name) for name in names.NODES]
         self._spin_until(lambda: all(monitor.count() for monitor in monitors), patience)
         return [monitor.peer for monitor in monitors if monitor.count()]
+
+    def recover(self) -> str:
+        """Tell a CMM that waits for a person that one has looked, and return its answer; raises CellError."""
+        service = self._node.create_client(Trigger, names.RECOVER)
+        if not self._spin_until(service.service_is_ready, SEARCH):
+            raise CellError(f'cell {self._where}: wanted a CMM with the service {names.RECOVER}, got none; only one '
+                            'through I++ DME has it')
+        return plain(self._await(service.call_async(Trigger.Request()), SEARCH, None).message)
 
     def calibrate(
             self, order: str = '', seed: int = 0, options: str = '',

@@ -5,6 +5,7 @@ import argparse
 import sys
 from dataclasses import asdict
 
+from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.cmm_check import CmmClient, CmmReport
 from rosette_ros.cli.arguments import add_shared, positive, whole
 from rosette_ros.cli.console import console, print_json, print_parts
@@ -31,11 +32,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--repeats', metavar='K', type=whole(2, 1000), default=5,
                         help='readings of the repeatability (default 5)')
     parser.add_argument('--timeout', metavar='S', type=positive('s'), help='wait for an answer no longer')
+    parser.add_argument('--recover', action='store_true', help='tell a CMM that waits for a person (after a collision, '
+                        'an emergency stop, a lost connection) that one has looked at it; nothing else')
     add_shared(parser, '--json', '--namespace', '--domain')
 
 
 def run(options: argparse.Namespace) -> None:
     """Print what was found; raises CellError where a check is not passed."""
+    if options.recover:
+        with CellClient(options.domain, options.namespace) as client:
+            console().print(client.recover())
+        return
     given = {
         'plate.balls': options.balls, 'plate.radius_m': options.radius_mm and 1e-3 * options.radius_mm,
         'table.origin_m': options.origin_mm and [1e-3 * value for value in options.origin_mm],

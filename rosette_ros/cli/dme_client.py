@@ -80,7 +80,7 @@ async def _prepared(cmm: DmeCmm, settings: DmeSettings) -> list[DmeFinding]:
     """Return whether the machine takes the settings, and whether all paths are safe."""
     out = []
     try:
-        await cmm.prepare()
+        await cmm.prepare(may_move=False)
         out.append(DmeFinding('settings', '; '.join(cmm.remarks) or 'taken as they are', True))
     except CellError as error:
         out.append(DmeFinding('settings', str(error), False))

@@ -27,7 +27,7 @@ from rosette_ros.dme.probe_path import (
     refuse_unsafe,
 )
 from rosette_ros.dme.rotary_table import TableState, read_table, turn_table, turning_steps
-from rosette_ros.dme.wire import Call, Value, Word, call, numbers
+from rosette_ros.dme.wire import Call, Value, Word, call, named, number, numbers, shown
 
 DEFECT = -273.0
 """A sensor that reads no more than this, degrees Celsius, is defect."""
@@ -82,15 +82,16 @@ class DmeCmm:
             raise
         return cmm
 
-    async def prepare(self) -> None:
-        """Bring tool, speeds and reports to what is configured, and read back what came of it; nothing homes."""
+    async def prepare(self, may_move: bool = True) -> None:
+        """Bring tool, speeds and reports to what is configured, and read back what came of it; nothing homes.
+
+        may_move: whether a tool that is not in use may be changed for, which moves the machine."""
         settings, session = self.settings, self.session
         homed = await self.session.optional(Call('IsHomed'))
         if homed and numbers(homed[0], 'IsHomed') == (0.0,):
             raise CellError(f'{session.where}: wanted a homed machine, got IsHomed(0); home it at the machine')
         await self.session.request(call('SetCoordSystem', Word('MachineCsy')))
-        if settings.tool.name:
-            await self.session.request(call('ChangeTool' if settings.tool.change else 'SetTool', settings.tool.name))
+        await self._take_tool(may_move)
         motion, remarks = settings.motion, list[str]()
         wanted = {'GoToPar.Speed': motion.dry_run_speed_mm_s if settings.dry_run else motion.speed_mm_s,
                   'PtMeasPar.Speed': motion.touch_speed_mm_s, 'PtMeasPar.Approach': motion.approach_mm,
@@ -111,6 +112,18 @@ class DmeCmm:
         await self.session.request(call('OnPtMeasReport', *map(Call, 'XYZ')))
         self.table = TableState(await read_table(self.session.request, settings.table))
         self.remarks = remarks
+
+    async def _take_tool(self, may_move: bool) -> None:
+        wanted = self.settings.tool.name
+        if wanted and self.settings.tool.change:
+            name = named(sum(await self.session.optional(call('GetProp', Call('Tool.Name'))) or [], ()), 'Tool.Name')
+            if name == (wanted,):
+                return
+            if not may_move:
+                raise CellError(f'{self.session.where}: wanted the tool {wanted!r} in use, got {shown(name or ())}; it '
+                                'is changed for, which moves the machine, when the cell starts')
+        if wanted:
+            await self.session.request(call('ChangeTool' if self.settings.tool.change else 'SetTool', wanted))
 
     async def _set_property(self, name: str, value: float) -> float | None:
         if await self.session.optional(call('SetProp', call(name, value))) is None:
@@ -158,13 +171,13 @@ class DmeCmm:
         path = lifted(settings, path) if settings.dry_run else path
         around = obstacles(settings, balls, ball - 1, place)
         refuse_unsafe(settings, path, around)
-        position, target = await self._lift(), float(np.rad2deg(table_angle))
-        if turning_steps(settings.table, self.table.angle, target, approach):
-            refuse_to_turn(settings, position)
-            await turn_table(self.session.request, settings.table, self.table, target, approach)
-        refuse_unsafe(settings, path, around, start=position)
-        points, times = list[Floats](), list[float]()
+        points, times, step = list[Floats](), list[float](), None
         try:
+            position, target = await self._lift(), float(np.rad2deg(table_angle))
+            if turning_steps(settings.table, self.table.angle, target, approach):
+                refuse_to_turn(settings, position)
+                await turn_table(self.session.request, settings.table, self.table, target, approach)
+            refuse_unsafe(settings, path, around, start=position)
             for step in path:
                 if step.normal is None:
                     await self.session.request(go_to(step.point))
@@ -176,6 +189,8 @@ class DmeCmm:
                 raise
             if self.session.stop:
                 await self.session.clear()
+            if step is None:
+                raise  # the tip has not come down
             await self._lift()
             raise CellError(f'{step.why}: {error}') from error
         return path, points, times
@@ -198,8 +213,8 @@ class DmeCmm:
 
     async def _lift(self) -> Floats:
         """Bring the tip to the clearance plane, unless it is above, and return where it is."""
-        position = await self.position()
-        table = self.settings.table
+        position, table = await self.position(), self.settings.table
+        self.table.angle = await read_table(self.session.request, table, self.table.angle)
         steps, _ = lift(self.settings, position, table.frame.to_outer(table.balls_at(np.deg2rad(self.table.angle))))
         for step in steps:
             await self.session.request(go_to(step.point))
@@ -233,15 +248,16 @@ class DmeCmm:
             wanted = call('ReadTemperatureSensor', sensor) if sensor else Call('ReadAllTemperatures')
             data = await self.session.optional(wanted)
             self._has_thermometer = data is not None
-            return next((value for value in _numbers_in(sum(data or [], ())) if value > DEFECT), np.nan)
+            return next((value for value in _temperatures(sum(data or [], ())) if value > DEFECT), np.nan)
         return np.nan
 
 
-def _numbers_in(values: Sequence[Value]) -> Iterator[float]:
-    """Yield the numbers in values, also those in brackets."""
+def _temperatures(values: Sequence[Value]) -> Iterator[float]:
+    """Yield the numbers in values, also those in brackets, in quotes only where they are called a temperature."""
     for value in values:
         if isinstance(value, Call):
-            yield from _numbers_in(value.values)
+            inner = value.values
+            yield from map(number, inner) if value.name.endswith('Temperature') else _temperatures(inner)
         elif not isinstance(value, str):
             yield value
 

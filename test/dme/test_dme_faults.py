@@ -351,3 +351,48 @@ def test_dry_run():
         assert min(one.values[2].values[0] for one in server.moves) > -300 + 15 + 10
         assert server.properties['Tool.GoToPar.Speed'] == 10.0
     run(scene, settings_of(dry_run=True))
+
+
+def test_an_error_before_the_ball_is_reached():
+    """It is cleared; the next ball is measured."""
+    async def scene(server, cmm):
+        with pytest.raises(CellError, match=r'GoTo\(X\(532.5\), Y\(260\), Z\(-240\)\): the server answered error 2500'):
+            await measured(cmm)
+        assert np.linalg.norm((await measured(cmm)).centre - [0.5325, 0.26, -0.3]) < NANOMETRE
+    run(scene, GoTo=at(1, lambda tag, asked: error(tag, 3, 2500)))
+
+
+def test_a_table_that_was_turned_meanwhile():
+    """By a person, or by a move that was aborted: its angle is read before anything moves."""
+    async def scene(server, cmm):
+        await measured(cmm)
+        server.r = 90.0
+        found = await measured(cmm, position=2)
+        assert np.rad2deg(found.table_travel) == pytest.approx(420)
+        turned = [one.values[0].values[0] for one in server.moves if one.values[0].name == 'R']
+        assert turned == pytest.approx([200, 310, 60])
+    run(scene)
+
+
+def test_changing_the_tool_moves_the_machine():
+    """Only where another one is in use, and never while a server is only looked at."""
+    async def scene(server, cmm):
+        names = [one.name for one in server.commands]
+        assert 'ChangeTool' in names
+        cmm.settings = settings_of(tool={'name': 'P3', 'change': True})
+        with pytest.raises(CellError, match="wanted the tool 'P3' in use, got \"P1\"; it is changed for"):
+            await cmm.prepare(may_move=False)
+        assert names.count('ChangeTool') == 1
+    replies = {'GetProp': lambda tag, asked: [Response(tag, ACK), encoded(f'{tag} # Tool.Name("P1")'),
+                                              Response(tag, DONE)] if asked.values[0].name == 'Tool.Name' else OK}
+    run(scene, settings_of(tool={'name': 'P2', 'change': True}), **replies)
+
+
+@pytest.mark.parametrize(('words', 'found'), [
+    ('Name("1"), Temperature("20.25")', 20.25), ('"Part", 20.25', 20.25), ('T(-273)', math.nan), ('"x"', math.nan)])
+def test_temperatures(words, found):
+    """As servers write them."""
+    async def scene(server, cmm):
+        assert (await measured(cmm)).temperature == pytest.approx(found, nan_ok=True)
+    run(scene, ReadAllTemperatures=lambda tag, asked: [Response(tag, ACK), encoded(f'{tag} # {words}'),
+                                                       Response(tag, DONE)])
