@@ -53,6 +53,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='draws machine and noise, and the order random (default 1)')
     parser.add_argument('--axis', metavar=('X', 'Y', 'Z'), type=float, nargs=3, default=(0.0, 0.0, 1.0),
                         help='direction of the table axis in the machine (default 0 0 1; 1 0 0: a table along x)')
+    parser.add_argument('--dme', action='store_true', help='the machine is behind an I++ DME server and is measured '
+                        'touch by touch, as a real CMM would be')
     add_shared(parser, '--identity', help=IN_LOG)
     add_shared(parser, '--output')
     add_shared(parser, '--domain', help='ROS domain (default: a free one)')
@@ -64,10 +66,15 @@ def run(options: argparse.Namespace) -> None:
     if options.verification:
         if options.hidden is not None:
             raise InvalidConfig('demo: --verification and --hidden exclude each other; choose one')
+        if options.dme:
+            raise InvalidConfig('demo: --verification and --dme exclude each other; choose one')
         verification_demo.run(options)
         return
-    if options.circle and (options.hidden is not None or options.keep):
-        raise InvalidConfig('demo: --circle excludes --hidden and --keep; choose one')
+    if options.circle and (options.hidden is not None or options.keep or options.dme):
+        raise InvalidConfig('demo: --circle excludes --hidden, --keep and --dme; choose one')
+    if options.dme and options.hidden is not None:
+        raise InvalidConfig('demo: --dme and --hidden exclude each other: behind a server what is hidden follows the '
+                            "machine's time, readings have the time of day; choose one")
     if not np.isfinite(options.axis).all() or not np.any(options.axis):
         raise UsageError('--axis: wanted 3 finite numbers that are not all 0, got '
                          f'{" ".join(f"{x:g}" for x in options.axis)}')
@@ -81,20 +88,21 @@ def run(options: argparse.Namespace) -> None:
                                      placement={'axis': options.axis}, **hidden)
     out = console()
     what = f'[bold]A simulated cell[/]: {options.balls} balls, order {order}'
-    with demo_cell(out, what, config, options.domain, options.output, options.identity) as running:
+    with demo_cell(out, what, config, options.domain, options.output, options.identity, options.dme) as running:
         if hidden:
             hidden_demo.seal(out, config, options.hidden, running.machine.parent)
         log_path = running.calibrate(order, options.seed, 'turning: forward')
         if hidden:
             hidden_demo.show(out, config, options.hidden, log_path, running.seconds, options.open)
         else:
-            show(out, config, log_path, running.seconds)
+            server = running.server
+            show(out, config, log_path, running.seconds, None if server is None else server.commands.cmm.clock.now())
         if options.keep:
             keep_running(out, running.cell)
 
 
-def show(out: Console, config: MachineConfig, log_path: Path, seconds: float) -> None:
-    """Print the results beside the truth, write picture and report."""
+def show(out: Console, config: MachineConfig, log_path: Path, seconds: float, machine_s: float | None = None) -> None:
+    """Print the results beside the truth, write picture and report; machine_s: time of the machine behind a server."""
     run, source = open_source(log_path)
     summary = summarise(run) if run.n <= MOST_BALLS_ADVISED else None
     fit = analyse(run) if summary is None else summary.fit
@@ -113,7 +121,8 @@ def show(out: Console, config: MachineConfig, log_path: Path, seconds: float) ->
     # 6 n values, ten of them fixed by the gauge
     out.print(f'\nDifference to the truth: [bold]rms {comparison.rms:.2f}[/] standard uncertainties; 1 ± '
               f'{1 / np.sqrt(2 * (comparison.error.size - 10)):.2f} is expected')
-    out.print(f'Took {seconds:.1f} s; a real cell would have measured for {run.time[-1] / 3600:.1f} h\n')
+    out.print(f'Took {seconds:.1f} s; a real cell would have measured for '
+              f'{(run.time[-1] if machine_s is None else machine_s) / 3600:.1f} h\n')
     if summary is not None:
         where['Report'] = log_path / 'report.html'
         write_report(where['Report'], summary, source, shlex.join(['rosette', 'report', shown(log_path)]))

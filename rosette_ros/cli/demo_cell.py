@@ -25,9 +25,15 @@ from rosette_ros.core.errors import CellError
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import Floats, remove_gauge
+from rosette_ros.dme.dme_server import DmeServer, serving
+from rosette_ros.dme.serve_settings import ServeSettings
+from rosette_ros.dme.virtual_cmm import client_settings
+from rosette_ros.io.bag_metadata import CHECKSUM_KEY, FILE_NAME, TOP_KEY, bag_text
+from rosette_ros.io.log_run import SIMULATED_KEY
+from rosette_ros.io.text_file import replace_file
 from rosette_ros.simulation import Machine, MachineConfig
 
-MACHINE = 'machine.yaml'
+MACHINE, DME_SETTINGS = 'machine.yaml', 'dme.yaml'
 DOMAINS = range(1, 60)
 """Of demonstrations: the ports of domains below 102 lie below those that Linux assigns on its own; tests: 60 to 99."""
 
@@ -59,10 +65,13 @@ def write_machine(config: MachineConfig, path: Path) -> None:
     path.write_text(yaml.safe_dump(values, sort_keys=False), encoding='utf-8')
 
 
-def make_cell(config: MachineConfig, machine: Path, domain: int, logs: Path, identity: str | None = None) -> Cell:
-    """Return the cell with the simulated machine of a configuration, written to the file `machine`."""
+def make_cell(config: MachineConfig, machine: Path, domain: int, logs: Path, identity: str | None = None,
+              dme: Path | None = None) -> Cell:
+    """Return the cell with the simulated machine of a configuration, written to the file `machine`.
+
+    dme: settings file of an I++ server behind which the machine is, None without one."""
     place = config.placement
-    return Cell(domain, machine=machine, log_dir=logs, params={'sequencer': {
+    return Cell(domain, machine=machine, log_dir=logs, dme=dme, params={'sequencer': {
         'plate.balls': config.plate.balls, 'plate.radius_m': config.radius,
         'table.origin_m': [1e-3 * float(x) for x in place.origin_mm],
         'table.axis': [float(x) for x in place.axis], 'table.azimuth_deg': place.azimuth_deg,
@@ -71,13 +80,16 @@ def make_cell(config: MachineConfig, machine: Path, domain: int, logs: Path, ide
 
 @dataclass(frozen=True)
 class DemoCell:
-    """A running cell with a simulated machine: its client, the machine's file, the folder of the logs."""
+    """A running cell with a simulated machine: its client, the machine's file, the folder of the logs.
+
+    server: that of I++ DME behind which the machine is, None without one."""
 
     cell: Cell
     client: CellClient
     machine: Path
     logs: Path
     began: float
+    server: DmeServer | None = None
 
     @property
     def seconds(self) -> float:
@@ -91,29 +103,47 @@ class DemoCell:
             raise CellError('demo: wanted the log of the run, got none; see the output of the recorder')
         for path in self.machine.parent.iterdir():
             shutil.copy(path, outcome.log)
+        if self.server is not None:
+            mark_simulated(outcome.log)
         return outcome.log
 
 
 @contextlib.contextmanager
 def demo_cell(out: Console, what: str, config: MachineConfig, domain: int | None, output: str,
-              identity: str | None = None) -> Iterator[DemoCell]:
+              identity: str | None = None, has_server: bool = False) -> Iterator[DemoCell]:
     """Start a cell with a simulated machine, end it afterwards; what: printed; domain: None for a free one.
 
-    identity: path of an identity file."""
+    identity: path of an identity file; has_server: the machine is behind an I++ DME server."""
     began = time.monotonic()
     is_given, domain = domain is not None, free_domain() if domain is None else domain
     logs = made_folder(output)
     out.print(f'{what}, machine drawn from seed {config.seed}; four ROS 2 nodes in domain {domain}')
-    with tempfile.TemporaryDirectory(prefix='rosette_demo_') as folder:
-        machine = Path(folder) / MACHINE
+    with contextlib.ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='rosette_demo_')))
+        machine, dme, server = folder / MACHINE, None, None
         write_machine(config, machine)
-        prepared = make_cell(config, machine, domain, logs, identity)
+        if has_server:
+            port, server = stack.enter_context(serving(config))
+            dme = folder / DME_SETTINGS
+            dme.write_text(yaml.safe_dump(client_settings(config, ServeSettings(), port), sort_keys=False), 'utf-8')
+            out.print(f'  I++ DME server on 127.0.0.1:{port}, one command per touch and move')
+        prepared = make_cell(config, machine, domain, logs, identity, dme)
         if is_given:
             refuse_second_cell(out, prepared)
         with started(out, prepared) as cell, CellClient(domain) as client:
-            made = DemoCell(cell, client, machine, logs, began)
+            made = DemoCell(cell, client, machine, logs, began, server)
             out.print(f'  nodes are running after     {made.seconds:5.1f} s')
             yield made
+
+
+def mark_simulated(log: Path) -> None:
+    """Have a log say that its run is simulated: behind a server, no simulated clock tells it."""
+    path = log / FILE_NAME
+    values = yaml.safe_load(path.read_text(encoding='utf-8'))
+    said = values[TOP_KEY].get('custom_data') or {}
+    values[TOP_KEY]['custom_data'] = {key: text for key, text in said.items() if key != CHECKSUM_KEY} | {
+        SIMULATED_KEY: 'yes'}
+    replace_file(path, bag_text(values).encode())
 
 
 class TruthComparison(NamedTuple):
