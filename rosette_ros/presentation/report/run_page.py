@@ -9,12 +9,13 @@ from matplotlib.figure import Figure
 
 from rosette_ros.analysis import Summary
 from rosette_ros.core.diagnosis.comparison import spectrum
+from rosette_ros.core.error_summary import fit_lines
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.planning.expectation import relative_uncertainty
 from rosette_ros.core.planning.plan_comparison import Point
-from rosette_ros.core.records import ErrorMotions, Run
+from rosette_ros.core.records import Run
 from rosette_ros.core.sphere_refit import SphereRefit
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.model_file import format_model
@@ -192,15 +193,13 @@ def bars(summary: Summary) -> list[tuple[str, float, str, str]]:
     return [(label, size, text.micrometres(size), kind) for label, size, kind in sizes]
 
 
-def spans(motions: ErrorMotions) -> list[tuple[str, str, str]]:
-    """Return kind, peak to valley and U of the error motions, of the largest curve of each kind."""
+def spans(fit: Fit) -> list[tuple[str, str, str]]:
+    """Return kind, peak to valley and its U of the error motions of a fit, of the largest curve of each kind."""
     out = []
     for kind, (low, high, unit) in KINDS.items():
-        size = 1e6 * np.ptp(motions.values[:, low:high], axis=0)
-        place = int(np.argmax(size))
-        spread = 1e6 * text.COVERAGE_FACTOR * float(motions.u[:, low + place].max())
-        digits = text.decimals(spread)
-        out.append((kind, f'{text.fixed(float(size[place]), digits)} {unit}', f'U {text.fixed(spread, digits)} {unit}'))
+        line = max(fit_lines(fit)[low:high], key=lambda one: one.range)
+        digits = text.decimals(1e6 * line.expanded)
+        out.append((kind, f'{text.micro(line.range, digits)} {unit}', f'U {text.micro(line.expanded, digits)} {unit}'))
     return out
 
 

@@ -103,7 +103,7 @@ class VerdictPanel:
             one.set_visibility(bool(missing) and self._controller.session.preview is None)
             one.set_text(f'{verb} {what}')
         self._meanings.show(self._show_meanings, missing)
-        self._spans.show(self._show_spans, spans(results.fit.error_motions) if results.fit else [])
+        self._spans.show(self._show_spans, spans(results.fit) if results.fit else [])
 
     def _show_meanings(self, missing: list[tuple[str, str, str, str]]) -> None:
         for name, _, meaning, look in missing:

@@ -129,7 +129,7 @@ def _show_errors(fit: Fit, verdict: Verdict | None, opened: OpenedRun | None) ->
 def _show_identity(opened: OpenedRun | None) -> None:
     source = _source(opened)
     for name, words in identity_rows(source.identity, source.contradictions) or [('', NOTHING)]:
-        ui.label(name).classes('key')
+        ui.label(name).classes('soft')
         ui.label(words)
 
 

@@ -7,7 +7,7 @@ from nicegui import ui
 
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.joint_evaluation import JointResult
-from rosette_ros.presentation.joint_results import joint_rows, reversal_means, sharing_table
+from rosette_ros.presentation.joint_results import joint_errors, joint_rows, reversal_means, sharing_table
 from rosette_ros.presentation.plots.plot_style import COLOURS
 from rosette_ros.studio import figures
 from rosette_ros.studio.controller import Controller
@@ -65,6 +65,10 @@ def _fill(result: JointResult | None) -> None:
     for note in result.notes:
         ui.label(note).classes('soft')
     plain_table(sharing_table(result))
+    for table in joint_errors(result):
+        ui.label(table.title).classes('title')
+        plain_table(table)
+        ui.label(table.note).classes('soft')
     _draw('Six error motions of all runs, with U (k = 2)', [
         figures.Curves(one.words, motions, COLOURS[place % len(COLOURS)])
         for place, (one, motions) in enumerate(result.curves)])
