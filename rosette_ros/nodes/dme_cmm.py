@@ -18,6 +18,7 @@ from typing import Any
 from rosette_msgs.msg import ProbeTarget, RunState
 from std_srvs.srv import Trigger
 
+from rosette_ros import command
 from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import CellError, InvalidConfig, RosetteError, one_line
 from rosette_ros.dme.ball_probing import DmeCmm, MeasuredBall
@@ -30,6 +31,7 @@ from rosette_ros.nodes.cmm_node import CmmNode
 
 WANTED = (
     Wanted('settings', '', 'settings file of the CMM (rosette-dme/1)', read_only=True),)
+UNTIL_IT_ENDS = 0.5  # an answer that a stopped machine gives waits so long for the end of the run, s
 END = 3.0  # beyond the time-outs of the settings, in which the session has ended, s
 
 
@@ -93,9 +95,10 @@ class DmeCmmNode(CmmNode):
                 self.get_logger().info('; '.join([f'{self._cmm.session.where}: ready', *self._cmm.remarks]))
 
     def _problem(self) -> str:
-        if self._cmm is None:
-            return self._trouble
-        return self._cmm.session.stop if self._cmm.session.for_person else ''
+        problem = self._trouble
+        if self._cmm is not None:
+            problem = self._cmm.session.stop if self._cmm.session.for_person else ''
+        return f'{problem}; then: {command("check-cmm", "--recover")}' if problem else ''
 
     def _publish_found(self) -> None:
         while not self._found.empty():
@@ -103,7 +106,10 @@ class DmeCmmNode(CmmNode):
             if self._wanted is target:
                 self._wanted = None
             if isinstance(ball, RosetteError):
-                self.answers.publish(self.refuse(target, ball, self.now().to_msg()))
+                problem = self._problem()
+                self.heartbeat.report(problem)  # it ends the run; an answer would only have the sequencer ask again
+                self.after(UNTIL_IT_ENDS if problem else 0.0, partial(
+                    self.answers.publish, self.refuse(target, ball, self.now().to_msg())))
                 continue
             self.measured += 1
             answer = self.answer_to(target)
