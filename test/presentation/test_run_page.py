@@ -19,7 +19,7 @@ from rosette_ros.presentation.report.verification import verification_html, veri
 
 ORDER = ['verdict', 'measured', 'unknown', 'curves', 'values', 'deviations', 'residuals', 'ladder',
          'candidates', 'visibility', 'conditions']
-FIGURES = ['curves', 'deviations', 'residual_maps', 'residuals_against', 'histogram', 'noise', 'spectrum',
+FIGURES = ['curves', 'polar', 'deviations', 'residual_maps', 'residuals_against', 'histogram', 'noise', 'spectrum',
            'ladder', 'candidates', 'shapes', 'pairs', 'visibility']
 
 

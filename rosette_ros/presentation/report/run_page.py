@@ -30,6 +30,7 @@ from rosette_ros.presentation.plots import (
     shape_plots,
     touch_plots,
 )
+from rosette_ros.presentation.plots.polar_plots import polar_motions
 from rosette_ros.presentation.plots.residual_plots import Residuals, SpectrumRow
 from rosette_ros.presentation.plots.result_plots import Series, deviations, six_curves
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
@@ -99,7 +100,8 @@ def pictures_of(summary: Summary, overlays: Sequence[Series] = (),
             for word, fit in zip(when, fits, strict=True)]
     series = [*(Series(model_label(summary, fit), fit.error_motions) for fit in fits[::-1]), *overlays]
     return {
-        'curves': six_curves(series), 'deviations': deviations(summary.final.plate, summary.final.cmm, run.radius),
+        'curves': six_curves(series), 'polar': polar_motions(summary.final.error_motions),
+        'deviations': deviations(summary.final.plate, summary.final.cmm, run.radius),
         'residual_maps': residual_plots.residual_maps(rows),
         'residuals_against': residual_plots.against(rows, run.repeatability),
         'histogram': residual_plots.histogram(rows, run.repeatability, [one.dof for one in fits]),
