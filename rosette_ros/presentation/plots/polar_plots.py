@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Polar plots of radial and tilt motion after ISO 230-7: deviation outwards over the table angle, reference circle."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -23,7 +25,7 @@ def polar_motions(motions: ErrorMotions) -> Figure:
 
     The reference circle is the least-squares one: its offset from the centre is the once-per-turn part of the error,
     the distance of the curve from it the rest."""
-    made, handles = style.figure(2.5), []
+    made, handles = style.figure(2.5), list[Any]()
     for place, curve in enumerate(SHOWN):
         panel = made.add_axes((0.005 + 0.25 * place, 0.1, 0.24, 0.8))
         handles = _panel(panel, 1e6 * motions[curve], COVERAGE_FACTOR * 1e6 * motions.uncertainty(curve), motions.angle,
@@ -34,13 +36,13 @@ def polar_motions(motions: ErrorMotions) -> Figure:
     return made
 
 
-def _panel(panel: Axes, values: Floats, expanded: Floats, angle: Floats, unit: str) -> list[object]:
+def _panel(panel: Axes, values: Floats, expanded: Floats, angle: Floats, unit: str) -> list[Any]:
     """Draw one curve (n,) with its U; return the handles of the legend."""
     top = float(np.max(np.abs(values) + expanded)) or 1.0
     per_unit = LARGEST * BASE / top
     theta = np.append(angle, angle[0] + 2 * np.pi)
     radius, spread = (per_unit * np.append(one, one[0]) for one in (values, expanded))
-    grey = {'color': style.GRID, 'linewidth': 0.6, 'zorder': 0}
+    grey: dict[str, Any] = {'color': style.GRID, 'linewidth': 0.6, 'zorder': 0}
     for degrees in range(0, 360, 60):
         x, y = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
         panel.plot([0, 1.62 * x], [0, 1.62 * y], **grey)
