@@ -3,7 +3,7 @@
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -57,8 +57,11 @@ def verify_certificate(data: bytes, source: str, paths: Sequence[str | Path], ma
         found.append('its content was changed after it was made (its own SHA-256 differs)')
     try:
         inputs = inputs_of(root)
-        found += _other_files(inputs.files, paths)
-        made = make(paths, inputs)
+        hashes, order = {path: _hashes(path) for path in paths}, list(inputs.files)
+        found += [f'{name}: no file of the run has the SHA-256 {one[:12]}… that the certificate states'
+                  for one, name in inputs.files.items() if one not in set().union(*hashes.values())]
+        made = make(sorted(paths, key=lambda path: min(
+            (order.index(one) for one in hashes[path] if one in order), default=len(order))), inputs)
         is_same = dict(inputs.programs).get('rosette_ros') == __version__
         for words, size in _differences(root, made, ''):
             largest = max(largest, size)
@@ -83,7 +86,8 @@ def parsed(data: bytes, source: str) -> Element:
     try:
         root = etree.fromstring(data, parser)
     except (etree.XMLSyntaxError, ValueError, LookupError) as error:
-        raise InvalidData(f'{source}: wanted a DCC, got XML that is none: {one_line(error)}') from None
+        raise InvalidData(f'{source}: wanted a DCC, got XML that is none: '
+                          f'{" ".join(str(getattr(error, "msg", error)).split())}') from None
     if root.getroottree().docinfo.internalDTD is not None or next(root.iter(etree.Entity), None) is not None:
         raise InvalidData(f'{source}: wanted a DCC, got one with a document type or entities of its own')
     if root.tag != f'{{{DCC}}}digitalCalibrationCertificate':
@@ -125,13 +129,10 @@ def _texts(values: Any) -> dict[str, str]:
     return dict(values)
 
 
-def _other_files(wanted: Mapping[str, str], paths: Sequence[str | Path]) -> Iterator[str]:
-    """Yield in words which files, names by SHA-256, are not among the data of runs."""
-    files = [file for path in map(Path, paths) for file in (sorted(path.glob('*.mcap')) if path.is_dir() else [path])]
-    have = {digest(file).sha256 for file in files}
-    yield from (f'{name}: no file of the run has the SHA-256 {one[:12]}… that the certificate states'
-                for one, name in wanted.items() if one not in have)
-    yield from ('it states no SHA-256 of the run' for _ in [0] if not wanted)
+def _hashes(path: str | Path) -> set[str]:
+    """Return the SHA-256 of the files of a run."""
+    files = sorted(Path(path).glob('*.mcap')) if Path(path).is_dir() else [path]
+    return {digest(file).sha256 for file in files}
 
 
 def _differences(one: Element, made: Element, path: str) -> Iterator[tuple[str, float]]:

@@ -14,6 +14,7 @@ from rosette_ros.certificate.statements import SIMULATED, Certificate, Inputs, s
 from rosette_ros.cli.arguments import UsageError, add_shared
 from rosette_ros.cli.console import console, print_json, print_parts
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
+from rosette_ros.core.errors import InvalidData
 from rosette_ros.io.identity_file import Identity, read_identity
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.sharing_file import read_sharing
@@ -48,8 +49,10 @@ def run(options: Namespace) -> None:
 def make(options: Namespace) -> None:
     """Write the certificate of a run, or of several as one."""
     path = Path(options.output or f'{Path(options.run_path[0]).absolute().stem}.xml')
-    for one in filter(None, (path, options.pdf)):
+    for one in map(Path, filter(None, (path, options.pdf))):
         refuse_existing(one, options.force)
+        if not one.parent.is_dir():
+            raise InvalidData(f'{one}: wanted a name in a folder that exists, got none; make {one.parent} first')
     identity = read_identity(options.identity) if options.identity else Identity()
     several = is_joint(options)
     certificate = state(options.run_path, Inputs(
@@ -57,9 +60,10 @@ def make(options: Namespace) -> None:
         read_model(options.model).to_mapping() if options.model else None, options.run_id, several,
         read_sharing(options.share, len(options.run_path)) if several else {}))
     data = to_xml(certificate)
+    made = pages(certificate, data, path.name) if options.pdf else b''
     write_bytes(path, data, options.force)
     if options.pdf:
-        write_bytes(options.pdf, pages(certificate, data, path.name), options.force)
+        write_bytes(options.pdf, made, options.force)
     show(certificate, path, options.pdf)
 
 

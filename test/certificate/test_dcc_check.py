@@ -43,6 +43,12 @@ def test_it_agrees_wherever_the_data_are_and_whatever_they_are_called(tmp_path):
         verify_certificate(data, 'cert.xml', [copy])
 
 
+def test_runs_may_be_named_in_any_order():
+    """The document says which was the first."""
+    paths, _, data = made('joint')
+    assert verify_certificate(data, 'cert.xml', paths[::-1]).largest == 0
+
+
 def test_white_space_and_a_signature_change_nothing():
     """A document that was indented anew and signed by another program; that it is signed is said."""
     signature = b'<ds:Signature xmlns:ds="http://www.w3.org/2000/09/xmldsig#"><a/></ds:Signature>'

@@ -54,6 +54,8 @@ def test_what_does_not_go_together_is_refused(refused, make_table, identity, tmp
     assert 'wanted one RUN, got 2; --joint evaluates several as one' in refused(
         'certificate', table, table, '--identity', identity, '-o', tmp_path / 'a.xml')
     assert 'wanted a certificate that can be read' in refused('certificate', '--verify', tmp_path / 'none.xml', table)
+    assert 'wanted a name in a folder that exists' in refused(
+        'certificate', table, '--identity', identity, '-o', tmp_path / 'a.xml', '--pdf', tmp_path / 'no' / 'a.pdf')
     assert not (tmp_path / 'a.xml').exists()
 
 
