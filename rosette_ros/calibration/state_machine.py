@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rosette_ros.calibration.calibration_plan import CalibrationPlan
-from rosette_ros.core.axes import refuse_other_axis
+from rosette_ros.core.axes import refuse_other_axis, refuse_other_sense
 from rosette_ros.core.errors import RosetteError, counted, plain
 from rosette_ros.core.geometry import Frame, table_frame, wrap
 from rosette_ros.core.scheme import nominal_places
@@ -428,6 +428,7 @@ class Sequence:
         try:
             self._frame = table_frame(centres[:n], centres[n:])
             refuse_other_axis(self._frame, self.plan.taught)
+            refuse_other_sense(self._frame, centres[:n], centres[n:])
         except RosetteError as error:
             return self._finish(Phase.FAILED, f'alignment: {error}')
         return Locate(self._frame), *remarks

@@ -9,13 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rosette_ros.core.errors import InvalidData, NotDeterminable
-from rosette_ros.core.geometry import Floats, Frame, rotation_matrix
+from rosette_ros.core.geometry import Floats, Frame, nominal_angles, rotate_z, rotation_matrix
 
 LETTERS = 'xyz'
 ALONG = np.deg2rad(10.0)
 """A table axis that is off an axis of the machine by no more is called after it, rad."""
 OTHER = np.deg2rad(30.0)
 """A table axis that is off the taught one by more is another one, rad."""
+APART = 5e-6
+"""What is taken for one ball of the plate is no farther from its place, rms, m: table and CMM err by less."""
 UPRIGHT = np.deg2rad(1.0)
 """A table axis that is off the vertical by no more is vertical, rad."""
 ALIGNED = 2e-3
@@ -42,6 +44,27 @@ def refuse_other_axis(found: Frame, taught: Frame) -> None:
     if axis @ wanted < np.cos(OTHER):
         raise NotDeterminable(f'wanted the table to turn counter-clockwise about the taught axis {words(wanted)}, got '
                               f'{words(axis)} from the ball centres; correct table.axis')
+
+
+def refuse_other_sense(found: Frame, axis: ArrayLike, plane: ArrayLike) -> None:
+    """Raise NotDeterminable where the table turns the other way than its angle says.
+
+    found: the table frame; axis: (n, 3) what was found as ball 1 at the n table positions; plane: (n, 3) the balls at
+    table position 1, m. Then a ball of a regular plate stands at every place too, but at table position i ball 1 + 2
+    (i - 1), turned by -phi_i: what was taken for ball 1 is not always at one place of the plate. 3 balls do not tell.
+    """
+    first, balls = found.to_inner(axis), found.to_inner(plane)
+    if len(first) != len(balls):
+        return
+    angle, places = nominal_angles(len(balls)), np.arange(len(balls))
+    same = rotate_z(-angle, first)
+    other = rotate_z(angle, first) - balls[2 * places % len(balls)]
+    apart, left = (float(np.sqrt(np.square(off - off.mean(axis=0)).sum(axis=-1).mean())) for off in (same, other))
+    if apart > APART and left < 0.2 * apart:
+        raise NotDeterminable(
+            f'wanted ball 1 at one place of the plate as the table turns, got places {1e6 * apart:.3g} um apart, and '
+            f'balls to {1e6 * left:.2g} um for a table that turns the other way; correct the sense in which the angle '
+            'of the table counts (I++: table.sign), or table.axis')
 
 
 def nearest_axis(direction: Floats) -> int:

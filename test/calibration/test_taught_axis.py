@@ -10,11 +10,12 @@ from test_state_machine import answer_to, last_ask, moved, nominal
 
 from rosette_ros.calibration.settings import LIMITS, PLANNED, format_settings, limits_of, parse_settings, plan_of
 from rosette_ros.calibration.state_machine import Ask, Finish, Limits, Locate, Sequence
-from rosette_ros.core.axes import taught_frame
-from rosette_ros.core.errors import InvalidConfig
-from rosette_ros.core.geometry import Frame, rotation_matrix
+from rosette_ros.core.axes import refuse_other_sense, taught_frame
+from rosette_ros.core.errors import InvalidConfig, NotDeterminable
+from rosette_ros.core.geometry import Frame, rotation_matrix, table_frame
 from rosette_ros.io.messages import MACHINE_FRAME, Phase
 from rosette_ros.io.run_assembly import RunAnswers
+from rosette_ros.simulation import Machine, MachineConfig
 
 DEFAULTS = {wanted.name: wanted.default for wanted in PLANNED + LIMITS}
 AXIS = next(wanted for wanted in PLANNED if wanted.name == 'table.axis')
@@ -125,3 +126,22 @@ def test_an_outlier_of_the_first_ball_does_not_blame_the_axis():
     end = answered(sequence, taught_frame(ORIGIN, (0, 0, 1), 0.0), each=lambda answer: moved(answer, 1.0, 0, 0))[-1]
     assert 'axis' not in end.text
     assert sequence.answers.last_target(1).frame_id == MACHINE_FRAME
+
+
+@pytest.mark.parametrize('n', [4, 5, 6, 12])
+@pytest.mark.parametrize('correction', [True, False])
+def test_a_table_whose_angle_counts_the_other_way(n, correction):
+    """At every place there is a ball, but another one; a poor CMM or table does not look like that."""
+    machine = Machine(MachineConfig().changed(plate={'balls': n}, cmm={'correction': correction}, table={
+        'translation_um': 1.0, 'rotation_urad': 10.0, 'angular_correction': False, 'axial_correction': False}))
+    every, ones = np.arange(n), np.ones(n, dtype=int)
+    plane = machine.measure_many(ones, every + 1, ones).centre
+    right = machine.measure_many(every + 1, ones, ones).centre
+    wrong = machine.measure_many(-every % n + 1, 2 * every % n + 1, ones).centre
+    refuse_other_sense(table_frame(right, plane), right, plane)
+    refuse_other_sense(table_frame(right, plane), right[:-1], plane)  # not every position: nothing is said
+    with pytest.raises(NotDeterminable, match=(
+            r'wanted ball 1 at one place of the plate as the table turns, got places \d+ um apart, and balls to '
+            r'[\d.e+-]+ um for a table that turns the other way; correct the sense in which the angle of the table '
+            r'counts \(I\+\+: table.sign\), or table.axis')):
+        refuse_other_sense(table_frame(wrong, plane), wrong, plane)
