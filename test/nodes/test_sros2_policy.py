@@ -23,13 +23,15 @@ ENCLAVES = {'sequencer': ('sequencer',), 'cmm': ('cmm',), 'evaluator': ('evaluat
             'operator': ('client_*', 'studio_*', '_ros2cli_*'), 'watcher': ('studio_*', '_ros2cli_*')}
 """Enclave to the nodes that run in it; * stands for what is drawn at the start."""
 BY_HAND = (names.START_CALIBRATION, names.CANCEL_CALIBRATION, names.DIAGNOSE, names.ADD_EFFECT, names.REMOVE_EFFECT,
-           names.EVALUATE_JOINTLY)
+           names.EVALUATE_JOINTLY, names.RECOVER)
 EXTRAS = {
+    'cmm': {(HEAR, 'rt/rosette/run_state'), (HEAR, f'rq/rosette/{names.RECOVER}Request'),
+            (SAY, f'rr/rosette/{names.RECOVER}Reply')},
     'operator': {pair for name in BY_HAND for pair in (
         (SAY, f'rq/rosette/{name}Request'), (HEAR, f'rr/rosette/{name}Reply'))},
     'watcher': {(HEAR, 'rt/rosette/model')},
 }
-"""What a person may do with the command line of ROS, which this test does not use."""
+"""What a person may do with the command line of ROS, and a CMM through I++ DME does; this test uses neither."""
 COMMANDS = {'rt/rosette/probe_target': 'sequencer', 'rt/tf_static': 'sequencer', 'rt/rosette/run_state': 'sequencer',
             'rt/rosette/calibration_event': 'sequencer', 'rt/rosette/ball_centre': 'cmm', 'rt/clock': 'cmm',
             'rt/rosette/error_motions': 'evaluator', 'rt/rosette/model': 'evaluator',
