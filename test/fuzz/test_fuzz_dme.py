@@ -7,8 +7,11 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_up import WORDS, bounded, corpus, mutated, tried
+from made_up import WORDS, bounded, corpus, mutated, trees, tried
 
+from rosette_ros.core.errors import InvalidConfig
+from rosette_ros.dme.dme_settings import dme_settings
+from rosette_ros.dme.probe_path import UnsafePath, refuse_unsafe_plan
 from rosette_ros.dme.wire import (
     ERROR,
     LONGEST,
@@ -101,3 +104,25 @@ def test_streams(lines, cuts):
             return
     with bounded():
         asyncio.run(read())
+
+
+NAMES_OF_SETTINGS = st.sampled_from([
+    'schema', 'rosette-dme/1', 'server', 'host', 'port', 'path', 'box_low_mm', 'box_high_mm', 'table', 'axis',
+    'limits_deg', 'azimuths_deg', 'tool', 'name', 'ball', 'touches', 'motion', 'clearance_mm'])
+
+
+@many
+@given(trees(NAMES_OF_SETTINGS))
+def test_settings(values):
+    """Whatever a settings file says: settings of which all paths can be looked at, or one error that names it."""
+    base = {'schema': 'rosette-dme/1', 'path': {'box_low_mm': [-1e3] * 3, 'box_high_mm': [1e3] * 3}}
+    for made in (values, {**base, **values} if isinstance(values, dict) else base):
+        with bounded():
+            try:
+                settings = dme_settings(made, 'fuzzed.yaml')
+                refuse_unsafe_plan(settings, 3)
+            except InvalidConfig as error:
+                assert str(error).startswith('fuzzed.yaml: ')
+                assert '\n' not in str(error)
+            except UnsafePath:
+                continue

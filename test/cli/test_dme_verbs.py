@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosette dme check, path and dry-run: what they print, and what they refuse."""
+
+import csv
+import io
+import json
+import math
+
+import pytest
+import yaml
+
+from rosette_ros.cli.main import main
+from rosette_ros.dme.dme_server import serving
+from rosette_ros.dme.serve_settings import ServeSettings, fault_of
+from rosette_ros.dme.virtual_cmm import client_settings
+from rosette_ros.simulation import MachineConfig
+
+CONFIG = MachineConfig().changed(plate={'balls': 4})
+
+
+@pytest.fixture
+def settings(tmp_path):
+    """Return a function that writes the settings file for a port, changed in single groups."""
+
+    def write(port=1294, **changes):
+        values = client_settings(CONFIG, ServeSettings(), port)
+        values |= {key: {**values.get(key, {}), **value} for key, value in changes.items()}
+        path = tmp_path / 'dme.yaml'
+        path.write_text(yaml.safe_dump(values), encoding='utf-8')
+        return str(path)
+
+    return write
+
+
+def test_a_server_is_looked_at(settings, capfd):
+    """What it says, as JSON; nothing moves, and nothing is changed."""
+    with serving(CONFIG, ServeSettings(dialect='2.x')) as (port, server):
+        assert main(['dme', 'check', f'localhost:{port}', '--json']) == 0
+        found = json.loads(capfd.readouterr().out)
+        assert found['passed']
+        said = {one['name']: one['text'] for one in found['checks']}
+        assert 'DMEVersion("2.5")' in said['version']
+        assert '"Probe1"' in said['tools']
+        assert said['homed'] == 'yes'
+        assert said['Tool.GoToPar.Speed'] == '60, least 1, most 500'
+        assert 'Temperature(20' in said['temperatures / °C']
+        assert main(['dme', 'check', '--settings', settings(port), '--trace']) == 0
+        out, err = capfd.readouterr()
+        assert 'those at 4 places are safe' in out
+        assert '> 00001 StartSession()\n< 00001 &\n< 00001 %\n' in err
+        assert server.commands.cmm.moved == 0
+
+
+def test_a_machine_that_is_not_ready(settings, capfd):
+    """Exit code 2, with the checks that are not passed."""
+    with serving(CONFIG, ServeSettings(faults=(fault_of('not_homed'),))) as (port, _):
+        path = settings(port, path={'stand_off_mm': 40.0, 'clearance_mm': 80.0})
+        assert main(['dme', 'check', '--settings', path]) == 2
+    out, err = capfd.readouterr()
+    assert 'no: home it at the machine' in out
+    assert 'wanted a homed machine, got IsHomed(0)' in ' '.join(out.split())
+    assert err == 'rosette: dme check: not passed: homed, settings, paths (docs/real-cmm.md)\n'
+
+
+def test_a_dry_run_touches_nothing(settings, capfd):
+    """All balls are gone around, above them."""
+    with serving(CONFIG) as (port, _):
+        assert main(['dme', 'dry-run', settings(port), '--trace']) == 0
+        out, err = capfd.readouterr()
+        assert 'The ways at 4 places are safe' in out
+        assert [line.partition(':')[0] for line in out.splitlines()[1:]] == [f'ball {k}' for k in range(1, 5)]
+        assert 'PtMeas(' not in err
+        assert 'GoTo(' in err
+
+
+def test_the_path_as_table_and_picture(settings, tmp_path, capfd):
+    """20 touches, each as far from the ball centre as ball and tip are large."""
+    picture = tmp_path / 'path.png'
+    assert main(['dme', 'path', settings(), '--csv', '--figure', str(picture)]) == 0
+    rows = list(csv.DictReader(io.StringIO(capfd.readouterr().out)))
+    touched = [row for row in rows if row['why'].startswith('touch ')]
+    assert len(touched) == 20
+    for row in touched:
+        off = [float(row[f'{axis}_mm']) - at for axis, at in zip('xyz', (532.5, 260.0, -300.0))]
+        assert math.hypot(*off) == pytest.approx(10.0, abs=1e-9)
+    assert picture.read_bytes().startswith(b'\x89PNG')
+
+
+@pytest.mark.parametrize(('changes', 'arguments', 'words'), [
+    ({'path': {'stand_off_mm': 40.0, 'clearance_mm': 80.0}}, [], 'wanted at least 20 mm between tip and'),
+    ({}, ['--ball', '9'], 'dme path: --ball: wanted 1 .. 4, got 9'),
+])
+def test_paths_that_are_refused(settings, capfd, changes, arguments, words):
+    """In one line."""
+    assert main(['dme', 'path', settings(**changes), *arguments]) == 2
+    assert words in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(('arguments', 'words'), [
+    ([], 'wanted HOST[:PORT] or --settings FILE, one of the two'),
+    (['a:b:c'], "wanted HOST or HOST:PORT, got 'a:b:c'"),
+    (['127.0.0.1:1'], 'is the I++ server started, and is host:port right?'),
+    (['--settings', '/nowhere.yaml'], '/nowhere.yaml: wanted a settings file of an I++ CMM that can be read'),
+])
+def test_checks_that_are_refused(capfd, arguments, words):
+    """In one line."""
+    assert main(['dme', 'check', *arguments]) == 2
+    assert words in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(('arguments', 'words'), [
+    (['--cmm', 'dme'], 'cell: wanted --cmm dme and --settings FILE together'),
+    (['--settings', 'x.yaml'], 'cell: wanted --cmm dme and --settings FILE together'),
+    (['--cmm', 'dme', '--settings', 'dme.yaml', '--machine', 'dme.yaml'], 'cell: --machine describes a simulated CMM'),
+    (['--cmm', 'dme', '--settings', 'dme.yaml', '--no-simulation'], 'cell: --cmm dme starts a CMM'),
+])
+def test_cells_that_are_refused(settings, tmp_path, monkeypatch, capfd, arguments, words):
+    """Before a node is started."""
+    settings()
+    monkeypatch.chdir(tmp_path)
+    assert main(['cell', *arguments]) == 2
+    assert words in capfd.readouterr().err
