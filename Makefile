@@ -40,7 +40,7 @@ blind: setup
 	@$(VENV_PYTHON) -m benchmarks.blind $(BLIND)
 
 fuzz: setup
-	@FUZZ_EXAMPLES=$(or $(FUZZ),10000) $(VENV_PYTHON) -m pytest -q --timeout 7200 test/fuzz
+	@FUZZ_EXAMPLES=$(or $(FUZZ),10000) $(VENV_PYTHON) -m pytest -q --timeout 7200 test/fuzz test/certificate/test_dcc_check.py
 
 soak: setup
 	@KILLS=30 $(VENV_PYTHON) -m pytest -q --timeout 3600 test/nodes/test_cell_kills.py

@@ -36,7 +36,7 @@ def run(options: Namespace) -> None:
                                      placement={'axis': options.axis})
     order, out, paths = options.order or 'diagonal', console(), []
     what = f'[bold]The verification of the paper[/]: {len(ROLES)} runs of {options.balls} balls, order {order}'
-    with demo_cell(out, what, config, options.domain, options.output) as running:
+    with demo_cell(out, what, config, options.domain, options.output, options.identity) as running:
         for (label, _), changes in zip(ROLES, conditions(options.balls), strict=True):
             write_machine(config.changed(**changes), running.machine)
             out.print(f'[bold]{escape(label)}[/]')

@@ -41,11 +41,21 @@ def start(*words, **settings):
                             env={**os.environ, 'PYTHONUNBUFFERED': '1'}, **settings)
 
 
+IDENTITY = '''schema: rosette-identity/1
+certificate: {number: "C-5"}
+laboratory: {country: DE}
+table: {serial: T-77}
+tolerances: {EXC: 1 µm}
+'''
+
+
 @pytest.fixture(scope='module')
 def demo(tmp_path_factory, module_domain_id):
     """Run `rosette demo` once for all tests of this file."""
     folder = tmp_path_factory.mktemp('demo')
-    with start('demo', '--balls', 5, '--order', 'random', '--seed', 4, '-o', folder / 'runs',
+    (folder / 'who.yaml').write_text(IDENTITY)
+    with start('demo', '--balls', 5, '--order', 'random', '--seed', 4, '-o', folder / 'runs', '--identity',
+               folder / 'who.yaml',
                '--domain', module_domain_id) as process:
         out, err = process.communicate(timeout=TIMEOUT)
     assert process.returncode == 0, err
@@ -71,6 +81,17 @@ def test_demo_prints_every_part(demo):
                   'is expected', f'rosette evaluate {demo.log}'):
         assert words in demo.out
     assert '\x1b' not in demo.out + demo.err
+
+
+def test_the_log_says_who_what_and_where(demo, rosette, tmp_path):
+    """As the cell was told; info, report and certificate show it."""
+    out = rosette('info', demo.log).out
+    assert 'Rotary table' in out and 'No. T-77' in out and 'EXC 1 µm' in out
+    assert 'No. T-77' in (demo.log / 'report.html').read_text(encoding='utf-8')
+    xml = tmp_path / 'cert.xml'
+    assert rosette('certificate', demo.log, '-o', xml).code == 0
+    assert '>T-77<' in xml.read_text(encoding='utf-8') and 'SIMULATED' in xml.read_text(encoding='utf-8')
+    assert rosette('certificate', '--verify', xml, demo.log).code == 0
 
 
 def test_demo_and_evaluate_print_the_same_verdict(demo, rosette):
