@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -22,11 +23,16 @@ from rosette_ros.cli.console import console
 from rosette_ros.core.errors import CellError, InvalidConfig
 from rosette_ros.dme.dme_settings import sequencer_parameters
 from rosette_ros.io.identity_file import read_identity
+from rosette_ros.io.plate_file import read_plate
+from rosette_ros.io.safe_yaml import read_yaml
 from rosette_ros.nodes import names
 from rosette_ros.nodes.dme_cmm import settings_of
+from rosette_ros.simulation.machine_config import MachineConfig, load_machine
 
 CMMS = ('simulated', 'dme')
 DME = CMMS[1]
+MOST_BYTES = 1 << 20
+ROUNDING = 1e-9  # m
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,6 +61,8 @@ def run(options: argparse.Namespace) -> None:
         raise InvalidConfig('cell: --machine describes a simulated CMM; remove --no-simulation or --cmm dme')
     if options.no_simulation and options.cmm == DME:
         raise UsageError('cell: --cmm dme starts a CMM; remove --no-simulation')
+    if options.params and not is_real:
+        refuse_other_plate(options.machine, options.params)
     taught = sequencer_parameters(settings_of(options.settings)) if options.settings else {}
     out = console()
     nodes = [name for name in MODULES if not (options.no_simulation and name == names.CMM)]
@@ -65,6 +73,23 @@ def run(options: argparse.Namespace) -> None:
     refuse_second_cell(out, cell)
     with started(out, cell):
         keep_running(out, cell)
+
+
+def refuse_other_plate(machine: str | None, params: str) -> None:
+    """Raise InvalidConfig where the simulated machine has not the places of the plate file in parameters."""
+    nodes = read_yaml(params, 'a parameter file', MOST_BYTES, InvalidConfig)
+    for name, node in (nodes if isinstance(nodes, dict) else {}).items():
+        given: Any = node if str(name).endswith(names.SEQUENCER) else None
+        for key in ('ros__parameters', 'plate'):
+            given = given.get(key) if isinstance(given, dict) else None
+        if isinstance(given, dict) and given.get('file'):
+            plate, config = read_plate(given['file']), load_machine(machine) if machine else MachineConfig()
+            n = given.get('balls', config.plate.balls)
+            if n != config.plate.balls or abs(plate.circle - config.radius) > ROUNDING:
+                raise InvalidConfig(
+                    f'{machine or "the simulated machine"}: plate: wanted balls: {n} and circle_radius_mm: '
+                    f'{1e3 * plate.circle:.6g}, the places of {given["file"]} in {params}, got '
+                    f'{config.plate.balls} and {config.plate.circle_radius_mm:g}')
 
 
 def identity_parameter(path: str | None) -> dict[str, dict[str, str]]:

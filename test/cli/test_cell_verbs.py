@@ -190,3 +190,14 @@ def test_calibrate_without_a_cell(domain_id, refused):
     """In words, after some seconds."""
     assert 'cell /rosette: wanted a sequencer within' in refused(
         'calibrate', '--domain', domain_id)
+
+
+def test_a_machine_without_the_places_of_the_plate_is_refused(tmp_path, refused):
+    """Before anything is started: 7 balls on 18 places want a machine with 18 places."""
+    plate, machine, params = (tmp_path / name for name in ('plate.yaml', 'machine.yaml', 'cell.yaml'))
+    plate.write_text('schema: rosette-plate/1\nazimuth_deg: [0, 20, 60, 80, 140, 200, 300]\nradius_mm: 100\n')
+    machine.write_text('plate: {balls: 12, circle_radius_mm: 100}\n')
+    params.write_text(f'/**/sequencer: {{ros__parameters: {{plate: {{balls: 18, file: {plate}}}}}}}\n')
+    words = refused('cell', '--machine', machine, '--params', params)
+    assert f'{machine}: plate: wanted balls: 18 and circle_radius_mm: 100, the places of {plate}' in words
+    assert words.strip().endswith('got 12 and 100')

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.candidates import Projection, Reals
+from rosette_ros.core.diagnosis.candidates import Reals
 from rosette_ros.core.diagnosis.parameter_search import effect_problems, search_settings
 from rosette_ros.core.diagnosis.search import Problem
 from rosette_ros.core.effects.effect import Setting
@@ -21,6 +21,8 @@ from rosette_ros.core.records import Floats, Ints, Run
 
 FOLDS = 8
 LARGEST = 100  # readings in a block: keeps the matrices of large runs small
+UNITS = 100
+"""Coordinates of a block that are freed of the model at a time."""
 SAFE = 1e-3
 """Smallest diagonal element of a Cholesky factor that is not taken as singular."""
 IMPUTATIONS = 2
@@ -29,10 +31,10 @@ IMPUTATIONS = 2
 
 @dataclass(frozen=True, eq=False)
 class _Block:
-    """One block: its coordinates, their rows freed of the model, M_ff^-1 or None where it is singular."""
+    """One block: its coordinates, M_ff, M_ff^-1 or None where it is singular."""
 
     index: Ints
-    rows: Floats
+    own: Floats
     inverse: Reals | None
 
     def solve(self, added: Floats, residual: Floats) -> tuple[Reals, int]:
@@ -49,7 +51,7 @@ class _Block:
             small = np.eye(len(part)) - part @ mixed
             if _is_sound(small):
                 return error + mixed @ np.linalg.solve(small, part @ error), len(vector)
-        return _solve(self.rows[:, self.index] - part.T @ part, vector)
+        return _solve(self.own - part.T @ part, vector)
 
 
 class CrossValidation:
@@ -61,30 +63,37 @@ class CrossValidation:
 
     def __init__(self, space: JointSpace, size: int, seed: int = 0) -> None:
         """Draw the blocks of a run of `size` readings and project them off the model."""
-        basis = Projection(space, size).basis.rows()
         order = np.random.default_rng(seed).permutation(size)
-        self.folds = max(2, min(FOLDS, size // 4))
+        self.folds, self._space = max(2, min(FOLDS, size // 4)), space
         self._blocks = []
         for fold in range(self.folds):
             readings = np.sort(order[fold::self.folds][:LARGEST])
             index = (3 * readings[:, None] + np.arange(3)).reshape(-1)
-            units = np.zeros((index.size, 3 * size))
-            units[np.arange(index.size), index] = 1.0
-            rows = units - basis[:, index].T @ basis
-            own = rows[:, index]
-            self._blocks.append(_Block(index, rows, np.linalg.inv(own) if _is_sound(own) else None))
+            own = np.concatenate([self._freed(np.eye(index.size)[start:start + UNITS], index, size)[:, index]
+                                  for start in range(0, index.size, UNITS)])
+            self._blocks.append(_Block(index, own, np.linalg.inv(own) if _is_sound(own) else None))
+
+    def _freed(self, values: Reals, index: Ints, size: int) -> Floats:
+        """Return rows (m, 3 N) that have values (m, f) in a block and 0 elsewhere, freed of the model."""
+        rows = np.zeros((len(values), 3 * size))
+        rows[:, index] = values
+        return self._space.free(rows.reshape(len(rows), size, 3)).reshape(rows.shape)
 
     def training_residuals(self, residual: Floats, rows: Floats) -> Floats:
         """Return residuals of fits without each block, zero in it, (folds, 3 N)."""
-        return np.array([residual - block.solve(rows, residual)[0] @ (block.rows - rows[:, block.index].T @ rows)
-                         for block in self._blocks])
+        out = []
+        for block in self._blocks:
+            error = block.solve(rows, residual)[0]
+            freed = self._freed(error[None], block.index, residual.size // 3)[0]
+            out.append(residual - freed + (rows[:, block.index] @ error) @ rows)
+        return np.array(out)
 
     def imputed(self, residual: Floats, fits: Sequence[tuple[Floats, Floats]]) -> Floats:
         """Return residuals (3 N,) of the model with the prediction by fits in place of each block, (folds, 3 N).
 
         A search in them does without the block: a step of expectation and maximisation.
         """
-        return np.array([residual - block.solve(rows, left)[0] @ block.rows
+        return np.array([residual - self._freed(block.solve(rows, left)[0][None], block.index, residual.size // 3)[0]
                          for block, (left, rows) in zip(self._blocks, fits, strict=True)])
 
     def rms(self, fits: Sequence[tuple[Floats, Floats]]) -> float:
