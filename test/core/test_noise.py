@@ -167,6 +167,9 @@ def test_rounding_is_told_as_rounding():
     assert verdict.outcome == Outcome.SCATTERS
     assert 'the readings are rounded to 1.00 µm' in verdict.sentence
     assert 'more digits' in verdict.action
+    as_much = judge(run.replace(centre=np.round(run.centre, 7)))  # in steps of the noise: no reason to doubt the model
+    assert as_much.outcome == Outcome.FITS
+    assert 'rounded to 0.100 µm, which makes 9 % of the variance' in as_much.sentence
 
 
 def test_an_effect_is_named_in_noisy_axes():
@@ -243,6 +246,9 @@ def test_a_repeatability_is_that_of_its_place():
     assert verdict.outcome == Outcome.NOISE
     assert ' of 12 of the run scatters ' in verdict.sentence and 'that may as well be ball ' in verdict.sentence
     assert found.sigma == found.rms and found.sigma_source == 'residuals (the noise is not equal)'
+    slow = Noise(by='time', factors=np.array([0.8, 1.0, 1.25]))  # the check was made one part before the run
+    assert slow.quietest == pytest.approx(0.8) and Noise(by='ball', factors=slow.factors).quietest == 0.8
+    assert Noise(by='time', factors=np.array([0.8, 1.2, 0.7, 1.5])).quietest < 0.55
 
 
 def test_u_covers_under_heavy_tails():

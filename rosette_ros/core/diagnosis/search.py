@@ -145,7 +145,8 @@ class Problem:
     def on(self, residual: Floats) -> 'Problem':
         """Return the same problem for another residual (N, 3), m; the families are shared."""
         other = copy.copy(self)
-        other.__dict__.pop('empty', None)
+        for made in ('empty', '_offers_to_none'):
+            other.__dict__.pop(made, None)
         other._scale_to(residual)
         return other
 
@@ -200,6 +201,17 @@ class Problem:
 
         names: of the effects to look at, None for all; allow_repeats: offer effects that are in the selection already.
         """
+        if names is None and len(selections) == 1 and selections[0] is self.empty:
+            return [list(self._offers_to_none)]
+        return self._offers(selections, names, allow_repeats)
+
+    @cached_property
+    def _offers_to_none(self) -> list[Offer]:
+        """The offers beside nothing, which are asked for several times."""
+        return self._offers([self.empty], None, True)[0]
+
+    def _offers(self, selections: Sequence[Selection], names: Sequence[str] | None,
+                allow_repeats: bool) -> list[list[Offer]]:
         stacked = np.concatenate([np.vstack([s.residual[None], s.rows]) for s in selections])
         offers: list[list[Offer]] = [[] for _ in selections]
         wanted = [family for family in self.families if names is None or family.name in names]

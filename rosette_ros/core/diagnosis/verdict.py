@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from rosette_ros.core.records import ROUNDED, Run
+from rosette_ros.core.records import ROUNDED, Run, resolution_of
 
 if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit
     from rosette_ros.core.model.least_squares import Fit
@@ -24,6 +24,8 @@ every day; at 1e-6 a repeatability stated a third too small would pass on a plat
 SMALLEST_P = 1e-6
 CERTAIN = 4
 """An effect in the model is there where a parameter is so many times its standard uncertainty: by chance 6e-5."""
+COARSE = 0.5
+"""Step of the readings, over the residual, from which on it is told."""
 WANDERING = 0.85
 """Correlation from reading to reading above which noise is told as a wander of the frame."""
 _LOOK_AT = 'check the probe and the slide of {}; weights follow what was found'
@@ -148,6 +150,12 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = 
         outcome = Outcome.NOISE if outcome == Outcome.FITS else outcome
         sentence += f' The noise is not white and equal: {"; ".join(words for words, _ in noise)}.'
         action += [advice for _, advice in noise]
+    step = resolution_of(final.run.centre)
+    if COARSE * final.rms < step and not final.noise.resolution and not any(
+            remark.startswith(ROUNDED) for remark in final.run.remarks):
+        share = 100 * (step / final.rms)**2 / 12
+        sentence += (f' The readings are rounded to {_um(step)}, which makes {share:.0f} % of the variance of what is '
+                     'left.')
     if misfits and not missing and not shapes:
         outcome = Outcome.NOISE if outcome == Outcome.FITS else outcome
         sentence += f' What is left is no noise of that kind: {"; ".join(misfits)}.'

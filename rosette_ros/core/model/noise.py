@@ -66,6 +66,15 @@ class Noise:
             ('axes', np.ptp(self.axes) > 0 and not self.wander.any()), ('by ' + self.by, self.by),
             ('tail ' + self.tail, self.tail), ('wander', self.wander.any())) if has)
 
+    @property
+    def quietest(self) -> float:
+        """The size, relative to the run's, that the noise of a check made at one place and time has at least.
+
+        A check was made before the run: where the size changes with time, less by as much as neighbouring parts differ.
+        """
+        least = float(self.factors.min())
+        return least * float(np.exp(-np.std(np.diff(np.log(self.factors))))) if self.by == 'time' else least
+
     def loss(self, share: float) -> float:
         """Return the variance of what is fitted over that which the weights say: Student's are estimated themselves.
 
