@@ -280,3 +280,19 @@ def test_the_machine_stays_as_it_was_for_the_next_client():
                 client.ask('StartSession()')
                 assert client.numbers('Get(X())')['X'] == before
                 client.ask(f'GoTo(X({after}))')
+
+
+def test_a_client_that_leaves_stops_the_machine(wait_until):
+    """In the middle of a move; the next client finds it there, in no session, and moves it on."""
+    with serving(CONFIG, ServeSettings(speed=1.0)) as (port, server):
+        with LineClient(port) as client:
+            client.ask('StartSession()')
+            client.until(f'{client.send("GoTo(X(850))")} &')
+            wait_until(lambda: server.commands.cmm.place[0] > 0.351)
+        wait_until(lambda: not server._free.locked())
+        place = server.commands.cmm.place
+        assert 0.351 < place[0] < 0.85
+        with LineClient(port) as client:
+            assert client.error('Get(X())') == 8
+            client.ask('StartSession()')
+            assert client.numbers('Get(X())')['X'] == pytest.approx(1e3 * place[0])
