@@ -191,6 +191,7 @@ class DmeSession:
         finally:
             self._is_aborting = False
         self._stop_for(DmeError(SEVERE, ABORTED, text='aborted'))
+        self._expect_the_end()
 
     async def clear(self, by_person: bool = False) -> None:
         """Send ClearAllErrors; raises DmeStopped where a person has to look first, unless one has, and DmeRefused."""
@@ -282,8 +283,12 @@ class DmeSession:
         if pending and not pending.error:
             pending.error = error
         self._stop_for(error)
-        if pending is None:  # what runs has been aborted by the server; its end is not waited for for long
-            asyncio.get_running_loop().call_later(self._patience.abort, self._give_up, tuple(self._pending.values()))
+        if pending is None:
+            self._expect_the_end()
+
+    def _expect_the_end(self) -> None:
+        """Give up commands that the server has aborted and does not end within the time of AbortE."""
+        asyncio.get_running_loop().call_later(self._patience.abort, self._give_up, tuple(self._pending.values()))
 
     def _stop_for(self, error: DmeError) -> None:
         for_person = error.number not in OF_A_COMMAND or error.severity > 3
@@ -304,5 +309,6 @@ class DmeSession:
 
     def _give_up(self, commands: tuple[_Pending, ...]) -> None:
         for future in (future for one in commands for future in (one.acked, one.done) if not future.done()):
-            future.set_exception(DmeLost(self.stop) if self.is_lost else DmeStopped(self.stop))
+            future.set_exception(DmeLost(self.stop) if self.is_lost else
+                                 DmeStopped(self.stop or f'{self.where}: aborted'))
             future.exception()  # nobody may wait for it

@@ -396,3 +396,16 @@ def test_temperatures(words, found):
         assert (await measured(cmm)).temperature == pytest.approx(found, nan_ok=True)
     run(scene, ReadAllTemperatures=lambda tag, asked: [Response(tag, ACK), encoded(f'{tag} # {words}'),
                                                        Response(tag, DONE)])
+
+
+def test_a_command_that_is_aborted_and_never_ends():
+    """Its end is not waited for for longer than that of AbortE."""
+    async def scene(server, cmm):
+        started = asyncio.Event()
+        server.replies['GoTo'] = lambda tag, asked: started.set() or [Response(tag, ACK)]
+        task = asyncio.create_task(measured(cmm))
+        await started.wait()
+        await cmm.session.halt()
+        with pytest.raises(DmeStopped, match='aborted'):
+            await asyncio.wait_for(task, 2.0)
+    run(scene, settings_of(timeouts={'command_s': 60.0}))
