@@ -85,7 +85,7 @@ def _administrative(one: Certificate) -> Element:
             ('countryCodeISO3166_1', identity['laboratory.country']), ('usedLangCodeISO639_1', 'en'),
             ('mandatoryLangCodeISO639_1', 'en'), ('uniqueIdentifier', identity['certificate.number']),
             ('beginPerformanceDate', one.days[0]), ('endPerformanceDate', one.days[1]),
-            ('performanceLocation', identity['place.at'] or 'laboratory'), ('issueDate', one.inputs.issued)):
+            ('performanceLocation', identity['place.at'] or 'other'), ('issueDate', one.inputs.issued)):
         core.append(_dcc(tag, words))
     if order := identity['customer.order']:
         core.insert(4, _dcc('identifications', _identification('customer', order, 'order number')))

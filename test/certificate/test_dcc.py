@@ -142,6 +142,7 @@ def test_what_is_missing_is_listed_and_not_made_up():
     assert len(stated) == 22 and 'serial number of the rotary table: not stated.' in stated
     assert texts(root, '//dcc:item/dcc:identifications/dcc:identification/dcc:value') == ['not stated']
     assert texts(root, '//dcc:customer/dcc:location//dcc:content') == ['address not stated']
+    assert texts(root, '//dcc:performanceLocation') == ['other']
 
 
 def test_a_real_run_does_not_say_that_it_is_simulated():

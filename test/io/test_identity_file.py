@@ -1,12 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Identity files: what is read, what is missing, what is refused in which words."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import yaml
 
 from rosette_ros.core.axes import rotation_of
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.io.identity_file import REQUIRED, Identity, format_identity, parse_identity, words_of_entry
+from rosette_ros.io.identity_file import (
+    REQUIRED,
+    SECTIONS,
+    Identity,
+    format_identity,
+    parse_identity,
+    read_identity,
+    words_of_entry,
+)
 
 HEAD = 'schema: rosette-identity/1\n'
 
@@ -25,6 +36,13 @@ def test_entries_are_texts_by_section():
     assert found['cmm.serial'] == ''
     assert set(found.missing) == {*REQUIRED} - {'operator.name', 'certificate.number', 'table.serial'}
     assert words_of_entry('table.serial') == 'serial number of the rotary table'
+
+
+def test_the_example_states_nothing():
+    """Whoever copies it and fills in nothing has stated nothing; all of its sections exist."""
+    path = Path(__file__).parents[2] / 'config' / 'identity.yaml'
+    assert read_identity(path) == Identity()
+    assert {*yaml.safe_load(path.read_text())} == {'schema', 'tolerances', *SECTIONS}
 
 
 def test_what_is_written_is_read_again():
