@@ -131,6 +131,7 @@ def test_a_cycle_that_changes_its_pace_is_told_as_that(order):
                               * np.array([1, 0, 0.8]), order, 40.0))
     assert found.missing == ()
     assert found.shapes.startswith('it repeats in time, about every ') and found.shapes.count('in x') == 1
+    assert len(found.shapes.partition('about every ')[2].partition(' s,')[0]) <= 5  # a period of four digits
 
 
 def test_what_temperature_may_be_is_said_where_it_is_not_recorded():

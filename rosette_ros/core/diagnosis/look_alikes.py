@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.right_shape import IN_TIME
+from rosette_ros.core.diagnosis.right_shape import IN_TIME, free_instead
 from rosette_ros.core.diagnosis.search import UNNAMED_PRIOR, Member, Problem, Selection
 from rosette_ros.core.effects.factored_effect import Curve, Cycle, Drift, Onset, WarmUp
 from rosette_ros.core.effects.free_forms import TURNING
@@ -36,6 +36,10 @@ def look_alikes(problem: Problem, chosen: Selection, claims: Sequence[FittedEffe
                      if rival.named and rival.name != member.name and rest.score + score > least - NEAR
                      and _is_alike(problem, chosen, rest, rival, least)]
             found += _alike_curves(problem, rest, member, least)
+            if member.name == 'asynchronous_motion':  # travel is nearly time
+                cycle = free_instead(problem, chosen, [place], ())
+                if cycle and cycle.members[-1].name == 'free_cycle' and cycle.score + UNNAMED_PRIOR > least:
+                    found.append('frame_cycle')
             found += _of_temperature(problem.run, next(fitted), claims)
             out[place] = tuple(dict.fromkeys(name for name in found if name != member.name))
     return out

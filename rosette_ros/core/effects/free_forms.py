@@ -72,7 +72,8 @@ class FreeForm(Effect):
         along = ' and '.join(axes).replace('x and y and z', 'x, y and z')
         where = {'radial': 'in the radial direction', 'tangential': 'in the tangential direction'}.get(
             axes, f"along the plate's {along}" if frame else f'in {along}')
-        words = {name: f'{value:g}' if isinstance(value, float) else value for name, value in setting.items()}
+        words = {name: f'{float(f"{value:.4g}"):g}' if isinstance(value, float) else value
+                 for name, value in setting.items()}
         return f'it {self.words.format(**words)}, {where}'.replace('(-', '(−')
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
@@ -290,7 +291,7 @@ FREE_FORMS: dict[str, FreeForm] = {one.name: one for one in (
              lambda run: grid(nu=(0.43,), count=(3,), order=(0, 1), axes=('xy', 'z')), _travel, ('table_travel',)),
     FreeForm('free_cycle', 'repeats in time, about every {period} s, in a size or at intervals that change',
              (Searched('period', 's', 'period', 'scale'), _COUNT),
-             lambda run: grid(period=(duration(run) / 10,), count=(2,), axes=('xyz',)), _unsteady, ('time',)),
+             lambda run: grid(period=(duration(run) / 10,), count=(2, 4, 8), axes=AXES), _unsteady, ('time',)),
     FreeForm('free_line', 'repeats with every period of the encoder ({lines} per turn)',
              (Searched('lines', '1', 'periods per turn', 'scale'), _COUNT),
              lambda run: grid(lines=(36000.0,), count=(3,), axes=('tangential',)), _lines),
