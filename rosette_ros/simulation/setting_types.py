@@ -8,6 +8,8 @@ from typing import Annotated, Any, get_args
 from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError
 from pydantic_core import ErrorDetails
 
+from rosette_ros.core.errors import plain
+
 Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
 NotNegative = Annotated[float, Strict(), Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Strict(), Field(gt=0, allow_inf_nan=False)]
@@ -34,7 +36,7 @@ def complaint(error: ValidationError, source: str, model: type[BaseModel]) -> st
     found = error.errors(include_url=False)
     # A misspelt key also leaves the right one missing: the misspelling is the cause.
     first = min(found, key=lambda one: one['type'] != 'extra_forbidden')
-    key = _key(first['loc'])
+    key = plain(_key(first['loc']))
     rest = f' (and {len(found) - 1} more)' if len(found) > 1 else ''
     if first['type'] == 'value_error':
         return f'{source}: {key + ": " if key else ""}{first["ctx"]["error"]}{rest}'
@@ -76,7 +78,7 @@ def _fields(model: type[BaseModel], loc: tuple[int | str, ...]) -> set[str]:
                  for found in _models_in(field.annotation)]
         groups = inner or [group for group in groups if 'kind' in group.model_fields
                            and group.model_fields['kind'].default == part]
-    return {name for group in groups for name in group.model_fields}
+    return {field.alias or name for group in groups for name, field in group.model_fields.items()}
 
 
 def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:

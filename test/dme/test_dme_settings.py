@@ -11,6 +11,7 @@ from rosette_ros.dme.dme_settings import dme_settings, load_dme_settings
 @pytest.mark.parametrize(('changes', 'said'), [
     ({'schema': 'x'}, 'settings: wanted a mapping with "schema: rosette-dme/1"'),
     ({'path': {}}, 'settings: path.box_low_mm: wanted a value, got nothing'),
+    ({'line\nfeed': 1}, 'settings: line feed: wanted one of ball, .*, schema, server, .*, got '),
     ({'sever': {}}, "settings: sever: wanted 'server', got 'sever'"),
     ({'server': {'port': 70000}}, 'settings: server.port: wanted less than 65536, got 70000'),
     ({'table': {'limits_deg': [0, 90]}}, 'limits_deg: wanted a whole turn between them, got'),
