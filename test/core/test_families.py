@@ -130,7 +130,7 @@ def test_a_cycle_that_changes_its_pace_is_told_as_that(order):
     found = diagnose(measured(lambda run: np.sin(2 * np.pi * (5.5 * share(run) + 1.5 * share(run)**2))[:, None]
                               * np.array([1, 0, 0.8]), order, 40.0))
     assert found.missing == ()
-    assert found.shapes.startswith('it repeats in time, about every ') and found.shapes.count('in x') == 1
+    assert found.shapes.startswith('it repeats in time, about every ') and ', in x and z' in found.shapes
     assert len(found.shapes.partition('about every ')[2].partition(' s,')[0]) <= 5  # a period of four digits
 
 

@@ -14,7 +14,7 @@ from scipy import special
 
 from rosette_ros.core.diagnosis.search import Member, Problem, Selection, gain_and_rank, searched_count
 from rosette_ros.core.effects.effect import Effect, Setting, grid
-from rosette_ros.core.effects.free_forms import FREE_FORMS, MOST_OF_BALL, counts
+from rosette_ros.core.effects.free_forms import AXES, FREE_FORMS, MOST_OF_BALL, counts
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.effects.run_functions import duration, temperature_step
 from rosette_ros.core.records import Run
@@ -62,7 +62,7 @@ def forms_beside(run: Run, effect: Effect, setting: Setting) -> Iterator[tuple[s
         yield from (('free_time', one) for one in grid(axes=every, count=some))
     if name == 'frame_cycle':
         yield from (('free_cycle', one) for one in grid(
-            period=(setting['period'],), count=UNSTEADY, axes=dict.fromkeys((setting.word('axes'), 'xyz'))))
+            period=(setting['period'],), count=UNSTEADY, axes=AXES))
     if name == 'free_time':
         yield name, Setting({**setting, 'axes': 'xyz'})
     if 'temperature' in name or setting.get('driver') == 'temperature':
@@ -83,7 +83,7 @@ def forms_beside(run: Run, effect: Effect, setting: Setting) -> Iterator[tuple[s
                     for order, axes in MOTIONS[setting.word('motion')])
         yield from (('free_time', one) for one in grid(axes=('z', 'xy', 'xyz'), count=some))
         yield from (('free_cycle', one) for one in grid(period=(_period(run, setting.number('nu')),), count=UNSTEADY,
-                                                        axes=('z', 'xy', 'xyz')))
+                                                        axes=AXES))
     if name == 'encoder_interpolation':
         yield 'free_line', Setting(lines=setting['lines'], count=3, axes='tangential')
     if name == 'plate_support':

@@ -230,8 +230,9 @@ def _travel(run: Run, setting: Setting) -> Course:
 def _unsteady(run: Run, setting: Setting) -> Course:
     """Return a cycle in time whose size and phase change along curves: about `count` / 2 cycles more or fewer."""
     time, period = seconds(run), setting.number('period')
+    angle = 2 * np.pi * time / period
     return Course('time', 's', time, [np.ones(run.size), *curves(time, setting.whole('count'))],
-                  _wave_carriers(2 * np.pi * time / period, 1, 'cycle'))
+                  {'cos of the cycle': np.cos(angle), 'sin of the cycle': np.sin(angle)})
 
 
 def _lines(run: Run, setting: Setting) -> Course:
