@@ -63,12 +63,14 @@ def run(options: argparse.Namespace) -> None:
         raise UsageError('cell: --cmm dme starts a CMM; remove --no-simulation')
     if options.params and not is_real:
         refuse_other_plate(options.machine, options.params)
-    taught = sequencer_parameters(settings_of(options.settings)) if options.settings else {}
+    cmm = settings_of(options.settings) if options.settings else None
     out = console()
     nodes = [name for name in MODULES if not (options.no_simulation and name == names.CMM)]
     cell = Cell(options.domain, options.namespace, machine=options.machine, params_file=options.params, nodes=nodes,
                 log_dir=made_folder(options.output), params={
-                    names.SEQUENCER: identity_parameter(options.identity).get(names.SEQUENCER, {}) | taught},
+                    names.SEQUENCER: identity_parameter(options.identity).get(names.SEQUENCER, {})
+                    | (sequencer_parameters(cmm) if cmm else {}),
+                    names.RECORDER: {'simulated': True} if cmm and cmm.simulated else {}},
                 simulated_time=not is_real, dme=options.settings)
     refuse_second_cell(out, cell)
     with started(out, cell):

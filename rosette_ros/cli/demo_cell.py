@@ -28,9 +28,6 @@ from rosette_ros.core.records import Floats, remove_gauge
 from rosette_ros.dme.dme_server import DmeServer, serving
 from rosette_ros.dme.serve_settings import ServeSettings
 from rosette_ros.dme.virtual_cmm import client_settings
-from rosette_ros.io.bag_metadata import CHECKSUM_KEY, FILE_NAME, TOP_KEY, bag_text
-from rosette_ros.io.log_run import SIMULATED_KEY
-from rosette_ros.io.text_file import replace_file
 from rosette_ros.simulation import Machine, MachineConfig
 
 MACHINE, DME_SETTINGS = 'machine.yaml', 'dme.yaml'
@@ -71,7 +68,7 @@ def make_cell(config: MachineConfig, machine: Path, domain: int, logs: Path, ide
 
     dme: settings file of an I++ server behind which the machine is, None without one."""
     place = config.placement
-    return Cell(domain, machine=machine, log_dir=logs, dme=dme, params={'sequencer': {
+    return Cell(domain, machine=machine, log_dir=logs, dme=dme, params={'recorder': {'simulated': True}, 'sequencer': {
         'plate.balls': config.plate.balls, 'plate.radius_m': config.radius,
         'table.origin_m': [1e-3 * float(x) for x in place.origin_mm],
         'table.axis': [float(x) for x in place.axis], 'table.azimuth_deg': place.azimuth_deg,
@@ -103,8 +100,6 @@ class DemoCell:
             raise CellError('demo: wanted the log of the run, got none; see the output of the recorder')
         for path in self.machine.parent.iterdir():
             shutil.copy(path, outcome.log)
-        if self.server is not None:
-            mark_simulated(outcome.log)
         return outcome.log
 
 
@@ -134,16 +129,6 @@ def demo_cell(out: Console, what: str, config: MachineConfig, domain: int | None
             made = DemoCell(cell, client, machine, logs, began, server)
             out.print(f'  nodes are running after     {made.seconds:5.1f} s')
             yield made
-
-
-def mark_simulated(log: Path) -> None:
-    """Have a log say that its run is simulated: behind a server, no simulated clock tells it."""
-    path = log / FILE_NAME
-    values = yaml.safe_load(path.read_text(encoding='utf-8'))
-    said = values[TOP_KEY].get('custom_data') or {}
-    values[TOP_KEY]['custom_data'] = {key: text for key, text in said.items() if key != CHECKSUM_KEY} | {
-        SIMULATED_KEY: 'yes'}
-    replace_file(path, bag_text(values).encode())
 
 
 class TruthComparison(NamedTuple):

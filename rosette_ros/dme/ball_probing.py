@@ -90,6 +90,10 @@ class DmeCmm:
         homed = await self.session.optional(Call('IsHomed'))
         if homed and numbers(homed[0], 'IsHomed') == (0.0,):
             raise CellError(f'{session.where}: wanted a homed machine, got IsHomed(0); home it at the machine')
+        machine = await session.optional(Call('GetMachineClass'))
+        if not settings.simulated and 'simulated' in str(machine).lower():
+            raise CellError(f'{session.where}: wanted "simulated: true" in the settings, since the server says that '
+                            'its machine is simulated: logs and certificates of its runs have to say so')
         await self.session.request(call('SetCoordSystem', Word('MachineCsy')))
         await self._take_tool(may_move)
         motion, remarks = settings.motion, list[str]()

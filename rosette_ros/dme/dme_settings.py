@@ -152,6 +152,7 @@ class DmeSettings(Settings):
     table: DmeTableSettings = DmeTableSettings()
     temperature_sensor: Name = Field('', description='as the server calls the one at the plate; empty: the first one')
     dry_run: bool = Field(False, description='all moves slowly above the plate, no touch')
+    simulated: bool = Field(False, description='there is no real machine behind the server; the logs say so')
 
     @model_validator(mode='after')
     def _parts_fit(self) -> Self:

@@ -118,7 +118,7 @@ class ServedCommands:
         return [(call('DMEVersion', VERSIONS[self.settings.dialect]),)]
 
     def _machine_class(self, command: Call) -> list[Line]:
-        return [(call('GetMachineClass', Word('CartCMMWithRotaryTable')),)]
+        return [(call('GetMachineClass', Word('SimulatedCartCMMWithRotaryTable')),)]
 
     def _homed(self, command: Call) -> list[Line]:
         return [(call('IsHomed', float(self.cmm.is_homed)),)]

@@ -241,7 +241,7 @@ def client_settings(config: MachineConfig, settings: ServeSettings, port: int) -
     half = plate.circle_radius_mm + 100.0
     low, high = ([value + sign * half for value in place.origin_mm] for sign in (-1.0, 1.0))
     return {
-        'schema': 'rosette-dme/1', 'server': {'host': '127.0.0.1', 'port': port},
+        'schema': 'rosette-dme/1', 'simulated': True, 'server': {'host': '127.0.0.1', 'port': port},
         'tool': {'name': settings.tool, 'tip_radius_mm': tip},
         'ball': {'radius_mm': plate.ball_radius_mm, 'shaft_radius_mm': STEM * plate.ball_radius_mm,
                  'shaft_length_mm': HEIGHT * plate.ball_radius_mm, 'below_pole_mm': config.probing.below_pole_mm,

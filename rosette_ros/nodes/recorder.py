@@ -22,7 +22,7 @@ from service_msgs.msg import ServiceEventInfo
 from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import CellError, InvalidConfig, InvalidData, RosetteError, plain
 from rosette_ros.io.bag_metadata import Qos
-from rosette_ros.io.log_run import RESUMES_KEY
+from rosette_ros.io.log_run import RESUMES_KEY, SIMULATED_KEY
 from rosette_ros.io.messages import nanoseconds
 from rosette_ros.io.type_definitions import TypeLibrary
 from rosette_ros.nodes import conversions, names, qos
@@ -37,7 +37,9 @@ WANTED = (
            0.0, 60.0),
     Wanted('follow_up_s', 10.0, 'requests to the evaluator after a run get a log of their own, closed when nothing was '
            'asked for so long, s of wall time; 0: no such logs', 0.0, 3600.0),
-    Wanted('least_free_mb', 20, 'a log is not begun with less room on the disk, MB', 0, 1_000_000), *LOG)
+    Wanted('least_free_mb', 20, 'a log is not begun with less room on the disk, MB', 0, 1_000_000),
+    Wanted('simulated', False, 'whether logs say that no real CMM measured; on a simulated clock they do anyway',
+           read_only=True), *LOG)
 LAST_MESSAGES = 2.0
 """How long an open log waits for what belongs to its end, and an ending recorder for the sequencer to close it, s."""
 
@@ -97,6 +99,7 @@ class Recorder(CellNode):
         self._contents, self._stop_asked = RunContents('', self.get_logger().error), 0.0
         self._follow_up = FollowUp(self.parameters['follow_up_s'])
         self._not_recorded: set[str] = set()
+        self._said = {SIMULATED_KEY: 'yes'} if self.parameters['simulated'] else {}
         self._is_simulated = self.get_parameter('use_sim_time').value
         self._simulated_now = 0
         self._last, self._last_run = 'no log yet', ''
@@ -164,7 +167,8 @@ class Recorder(CellNode):
     def _open_follow_up(self, now: float) -> None:
         try:
             name = free_name(self._last_run, lambda name: self._directory(name).exists())
-            self._session.open(self._directory(name), name, now, self.now().nanoseconds, is_follow_up=True)
+            self._session.open(self._directory(name), name, now, self.now().nanoseconds, (), self._said,
+                               is_follow_up=True)
         except RosetteError as error:
             self.get_logger().warning(f'the answer is not recorded: {error}')
         else:
@@ -190,10 +194,10 @@ class Recorder(CellNode):
 
     def _on_start(self, request: StartRecording.Request, response: StartRecording.Response) -> StartRecording.Response:
         try:
-            directory, earlier, links = self._directory(request.run_id), [], {}
+            directory, earlier, links = self._directory(request.run_id), [], self._said
             if request.resumes:
                 folder = find_part(self._log_dir, request.resumes)
-                directory, links = next_part(self._log_dir, request.run_id), {RESUMES_KEY: folder.name}
+                directory, links = next_part(self._log_dir, request.run_id), links | {RESUMES_KEY: folder.name}
                 earlier = [Message(self.resolve_topic_name(name), one.data, one.log_time, one.publish_time, 0.0)
                            for name, one in iter_copied(folder)]
             contents = self._contents_of(request.run_id, earlier)  # refused before a log is open
@@ -229,7 +233,8 @@ class Recorder(CellNode):
         if not damage:
             return False
         why, kept = f'the log {session.directory} is damaged: {damage}', self._contents.messages()
-        directory, links = next_part(self._log_dir, session.run_id), {RESUMES_KEY: session.directory.name}
+        directory = next_part(self._log_dir, session.run_id)
+        links = self._said | {RESUMES_KEY: session.directory.name}
         try:
             contents = self._contents_of(session.run_id, kept)
             session.replace(directory, why, self.seconds(), self.now().nanoseconds, kept, links)

@@ -2,7 +2,6 @@
 """rosette dme serve: what it refuses, and a server that is started, used and ended as a user does."""
 
 import contextlib
-import os
 import re
 import signal
 import socket
@@ -11,14 +10,8 @@ import sys
 
 import pytest
 
-from rosette_ros.cli.demo_cell import mark_simulated
 from rosette_ros.cli.main import main
-from rosette_ros.core.scheme import plan
 from rosette_ros.dme.dme_settings import load_dme_settings
-from rosette_ros.io.log_reader import read_log
-from rosette_ros.io.run_to_log import write_log
-from rosette_ros.io.type_definitions import TypeLibrary
-from rosette_ros.simulation import Machine, MachineConfig
 
 
 @pytest.mark.parametrize('options, complaint', [
@@ -57,16 +50,3 @@ def test_it_serves_until_it_is_ended(tmp_path, number, code):
 def test_demo_through_a_server_hides_nothing(capsys):
     assert main(['demo', '--dme', '--hidden', '1']) == 2
     assert 'demo: --dme and --hidden exclude each other: behind a server' in capsys.readouterr().err
-
-
-def test_a_log_that_says_that_it_is_simulated(tmp_path):
-    """What else it says of itself stays."""
-    run = Machine(MachineConfig().changed(plate={'balls': 3})).run(plan(3, 'row')).replace(simulated=False)
-    prefixes = [*filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)), sys.prefix]
-    log = write_log(run, tmp_path / 'log', TypeLibrary(prefixes))
-    before = read_log(log)
-    assert before.custom_data
-    assert not before.simulated
-    mark_simulated(log)
-    assert read_log(log).simulated
-    assert before.custom_data.items() <= read_log(log).custom_data.items()

@@ -233,6 +233,9 @@ def test_clamped_arguments_are_told():
     ({}, {'IsHomed': lambda tag, asked: [Response(tag, ACK), encoded(f'{tag} # IsHomed(0)'), Response(tag, DONE)]},
      'wanted a homed machine'),
     ({}, {'SetCoordSystem': lambda tag, asked: error(tag, 2, 514, 'Use ClearAllErrors')}, 'error 0514 .*a person has'),
+    ({}, {'GetMachineClass': lambda tag, asked: [
+        Response(tag, ACK), encoded(f'{tag} # GetMachineClass(SimulatedCMM)'), Response(tag, DONE)]},
+     'wanted "simulated: true" in the settings, since the server says that its machine is simulated'),
     ({'tool': {'name': 'P2'}}, {'SetTool': lambda tag, asked: error(tag, 3, 1502, 'Tool not found')},
      r'SetTool\("P2"\): the server answered error 1502'),
     ({'tool': {'tip_radius_mm': 1.5}}, {}, r'wanted a tip radius of 1.5 mm \(tool.tip_radius_mm\), got 2.5'),

@@ -119,7 +119,7 @@ def test_a_warning_has_not(served):
 
 def test_what_a_client_asks_first(served):
     assert served.data('GetDMEVersion()') == 'DMEVersion("1.4.3")'
-    assert served.data('GetMachineClass()') == 'GetMachineClass(CartCMMWithRotaryTable)'
+    assert served.data('GetMachineClass()') == 'GetMachineClass(SimulatedCartCMMWithRotaryTable)'
     assert served.data('EnumTools()') == '"RefTool" "NoTool" "Probe1" "Unqualified"'
     assert served.data('GetProp(Tool.Name(), Tool.AvrRadius())') == 'Tool.Name("Probe1"), Tool.AvrRadius(2.5)'
     assert served.data('GetCoordSystem()') == 'CoordSystem(MachineCsy)'
