@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What tests of several folders need: a ROS domain of their own, and small cells; and which files start first."""
 
+import asyncio
 import contextlib
 import functools
 import os
 import random
 import shutil
+import signal
 import socket
 import time
 from pathlib import Path
@@ -18,6 +20,8 @@ from rosette_ros.cell.supervisor import Cell, added_environment
 from rosette_ros.cli.demo_cell import is_free
 
 os.environ.update(added_environment(os.environ))
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # shells do that in the background; our processes inherit it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # How long an example takes says something of the computer, not of the code.
 hypothesis.settings.register_profile('rosette', deadline=None)
@@ -37,6 +41,18 @@ def pytest_collection_modifyitems(items):
     """Put the tests of long files first."""
     place = {Path(__file__).parent / name: rank for rank, name in enumerate(LONG)}
     items.sort(key=lambda item: place.get(item.path, len(LONG)))
+
+
+@pytest.fixture(autouse=True)
+def own_loop(request):
+    """Hide the event loop that the browser of other tests keeps running in this thread: programs start their own."""
+    running = None if 'chromium' in request.fixturenames else asyncio._get_running_loop()
+    if running is None:
+        yield
+        return
+    asyncio._set_running_loop(None)
+    yield
+    asyncio._set_running_loop(running)
 
 
 BROWSERS = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable')

@@ -180,7 +180,8 @@ def test_messages_declare_what_they_contain():
 def test_commands_exist():
     """Every command of setup.py is a function in a file of the package."""
     commands = scripts()
-    assert set(commands) == {'rosette', 'sequencer', 'simulated_cmm', 'cmm', 'evaluator', 'recorder', 'table_corrector'}
+    assert set(commands) == {'rosette', 'sequencer', 'simulated_cmm', 'dme_cmm', 'cmm', 'evaluator', 'recorder',
+                             'table_corrector'}
     for module, function in commands.values():
         tree = ast.parse(ROOT.joinpath(*module.split('.')).with_suffix('.py').read_text(encoding='utf-8'))
         names = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
@@ -193,10 +194,10 @@ def test_launch_file_starts_commands_that_exist():
     """The executables that the launch file names are commands of setup.py, each node under its own name."""
     tree = ast.parse((ROOT / 'launch' / 'cell.launch.py').read_text())
     calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func) == 'node']
-    started = {call.args[1].value: call.args[0].value for call in calls}
-    assert started == {'recorder': 'recorder', 'evaluator': 'evaluator', 'sequencer': 'sequencer',
-                       'cmm': 'simulated_cmm'}
-    assert set(started.values()) <= set(scripts())
+    started = {(call.args[1].value, call.args[0].value) for call in calls}
+    assert started == {('recorder', 'recorder'), ('evaluator', 'evaluator'), ('sequencer', 'sequencer'),
+                       ('cmm', 'simulated_cmm'), ('cmm', 'dme_cmm')}
+    assert {command for _, command in started} <= set(scripts())
 
 
 # What the set-up does

@@ -56,6 +56,7 @@ class MuteRecorder(Mute, Recorder):
             _kinds=KINDS | {topic: interface_class(type_name) for topic, type_name in OTHERS.items()},
             _processes={},
             _is_simulated=True,
+            _said={},
             _simulated_now=0,
             _last='',
             _last_run='',
