@@ -3,10 +3,12 @@
 
 import argparse
 import asyncio
+import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from dataclasses import asdict
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -25,6 +27,7 @@ from rosette_ros.presentation.plots import plot_style
 from rosette_ros.presentation.plots.path_plots import probe_path
 from rosette_ros.presentation.table_format import Table, column, words
 
+Result = TypeVar('Result')
 MARKS = {True: '✓', False: '✗', None: '–'}
 
 
@@ -44,7 +47,7 @@ def check(options: argparse.Namespace) -> None:
     settings = load_dme_settings(options.settings) if options.settings else None
     host, port = (settings.server.host, settings.server.port) if settings else _address(options.server)
     trace = (lambda line: print(line, file=sys.stderr)) if options.trace else None
-    found = asyncio.run(_looked(host, port, settings, trace))
+    found = _run(_looked(host, port, settings, trace))
     failed = [one.name for one in found if one.passed is False]
     if options.json:
         print_json({'schema': 'rosette-dme-check/1', 'server': f'{host}:{port}', 'passed': not failed,
@@ -168,4 +171,33 @@ def dry_run(options: argparse.Namespace) -> None:
             raise
         finally:
             await cmm.session.end()
-    asyncio.run(went())
+    _run(went())
+
+
+def _run(work: Coroutine[Any, Any, Result]) -> Result:
+    """Run work and return what it does; SIGTERM and SIGHUP cancel it as Ctrl-C does.
+
+    They cancel it alone, not what reads the connection: else the answer to AbortE would not be read.
+    Exits with 128 + the number of the signal, as main does."""
+    ended = list[int]()
+
+    async def cancellable() -> Result:
+        task, loop = asyncio.ensure_future(work), asyncio.get_running_loop()
+
+        def end(number: int) -> None:
+            if not ended:  # a second one would cancel the abortion
+                ended.append(number)
+                task.cancel()
+        for number in found:
+            loop.add_signal_handler(number, end, number)
+        return await task
+
+    found = {number: before for number in (signal.SIGTERM, signal.SIGHUP)
+             if (before := signal.getsignal(number)) not in (signal.SIG_IGN, None)}
+    try:
+        return asyncio.run(cancellable())
+    except asyncio.CancelledError:
+        sys.exit(128 + ended[0])
+    finally:
+        for number, before in found.items():
+            signal.signal(number, before)

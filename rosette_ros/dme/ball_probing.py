@@ -4,6 +4,7 @@
 Everything is checked before a move is sent, and nothing moves once it was halted or a person has to look.
 """
 
+import asyncio
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from rosette_ros.core.axes import ALONG, words
 from rosette_ros.core.errors import CellError, InvalidPlan, RosetteError
 from rosette_ros.core.geometry import TWO_PI, Floats
 from rosette_ros.core.touches import fit_spheres
-from rosette_ros.dme.dme_session import DmeSession, DmeStopped
+from rosette_ros.dme.dme_session import CLAMPED, Data, DmeSession, DmeStopped
 from rosette_ros.dme.dme_settings import DmeSettings
 from rosette_ros.dme.probe_path import (
     PathStep,
@@ -27,17 +28,20 @@ from rosette_ros.dme.probe_path import (
     refuse_unsafe,
 )
 from rosette_ros.dme.rotary_table import TableState, read_table, turn_table, turning_steps
-from rosette_ros.dme.wire import Call, Value, Word, call, named, number, numbers, shown
+from rosette_ros.dme.wire import Call, Value, Word, call, format_value, named, number, numbers, shown
 
 DEFECT = -273.0
 """A sensor that reads no more than this, degrees Celsius, is defect."""
+OFF_PLACE = 1e-4
+"""How far from where it was sent the tip may stand after it was lifted, m."""
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredBall:
     """One ball as it was touched.
 
-    points: (Q, 3) centres of the tip, m; normals: (Q, 3); touch_times: (Q,), s of the system clock;
+    points: (Q, 3) centres of the tip, m; normals: (Q, 3); touch_times: (Q,), s of the system clock
+    at the ends of PtMeas: after the retract, later than the contact by its duration;
     is_compensated: whether the points are on the ball: no; centre: (3,) of the
     least-squares sphere, m; radius: of it, m; form_error: m; table_angle in [0, 2 pi), table_travel unwrapped, rad;
     approach: sense of the last table move, 0 before the first; temperature: degrees Celsius or NaN."""
@@ -127,12 +131,29 @@ class DmeCmm:
                 raise CellError(f'{self.session.where}: wanted the tool {wanted!r} in use, got {shown(name or ())}; it '
                                 'is changed for, which moves the machine, when the cell starts')
         if wanted:
-            await self.session.request(call('ChangeTool' if self.settings.tool.change else 'SetTool', wanted))
+            try:
+                await self.session.request(call('ChangeTool' if self.settings.tool.change else 'SetTool', wanted))
+            except asyncio.CancelledError:
+                if self.settings.tool.change:
+                    await self.session.halt()
+                raise
 
     async def _set_property(self, name: str, value: float) -> float | None:
         if await self.session.optional(call('SetProp', call(name, value))) is None:
             return None
         return await self.session.property_of(name)
+
+    async def _moved(self, wanted: Call) -> Data:
+        """Send a command that moves; raises CellError also where the server warns that it has clamped an argument."""
+        before = next(reversed(self.session.warnings), None)
+        data = await self.session.request(wanted)
+        for said in reversed(self.session.warnings):
+            if said is before:
+                break
+            if said.startswith(f'{format_value(wanted)}: error {CLAMPED:04d} '):
+                raise CellError(f'{said}; wanted a place that the machine reaches, it went elsewhere: see '
+                                'path.clearance_mm, path.box_low_mm, path.box_high_mm and the limits of the machine')
+        return data
 
     async def position(self) -> Floats:
         """Return where the tip centre is, (3,), m."""
@@ -180,11 +201,11 @@ class DmeCmm:
             position, target = await self._lift(), float(np.rad2deg(table_angle))
             if turning_steps(settings.table, self.table.angle, target, approach):
                 refuse_to_turn(settings, position)
-                await turn_table(self.session.request, settings.table, self.table, target, approach)
+                await turn_table(self._moved, settings.table, self.table, target, approach)
             refuse_unsafe(settings, path, around, start=position)
             for step in path:
                 if step.normal is None:
-                    await self.session.request(go_to(step.point))
+                    await self._moved(go_to(step.point))
                 else:
                     points.append(await self._touch(step, step.normal))
                     times.append(time.time())
@@ -216,17 +237,25 @@ class DmeCmm:
         return balls
 
     async def _lift(self) -> Floats:
-        """Bring the tip to the clearance plane, unless it is above, and return where it is."""
+        """Bring the tip to the clearance plane, unless it is above; return where it then is as read back, (3,), m.
+
+        Raises CellError where it is not where it was sent."""
         position, table = await self.position(), self.settings.table
         self.table.angle = await read_table(self.session.request, table, self.table.angle)
         steps, _ = lift(self.settings, position, table.frame.to_outer(table.balls_at(np.deg2rad(self.table.angle))))
         for step in steps:
-            await self.session.request(go_to(step.point))
-        return steps[-1].point if steps else position
+            await self._moved(go_to(step.point))
+        if not steps:
+            return position
+        position = await self.position()
+        if not np.linalg.norm(position - steps[-1].point) <= OFF_PLACE:
+            raise CellError(f'lift to the clearance plane: wanted the tip at {words(1e3 * steps[-1].point)} mm, got '
+                            f'{words(1e3 * position)} from X, Y, Z; nothing turns')
+        return position
 
     async def _touch(self, step: PathStep, normal: Floats) -> Floats:
         """Return a touched point, (3,), m; raises CellError where it cannot be one of the ball."""
-        data = await self.session.request(call('PtMeas', *coordinates(step.point), call('IJK', *normal.tolist())))
+        data = await self._moved(call('PtMeas', *coordinates(step.point), call('IJK', *normal.tolist())))
         values = sum(data, ())
         point = np.array([numbers(values, axis)[0] for axis in 'XYZ'])
         motion, tip = self.settings.motion, self.settings.tool.tip_radius_mm

@@ -5,14 +5,19 @@ import csv
 import io
 import json
 import math
+import os
+import signal
 
+import numpy as np
 import pytest
 import yaml
+from matplotlib.patches import Circle
 
 from rosette_ros.cli.main import main
 from rosette_ros.dme.dme_server import serving
 from rosette_ros.dme.serve_settings import ServeSettings, fault_of
 from rosette_ros.dme.virtual_cmm import client_settings
+from rosette_ros.presentation.plots.path_plots import probe_path
 from rosette_ros.simulation import MachineConfig
 
 CONFIG = MachineConfig().changed(plate={'balls': 4})
@@ -73,6 +78,26 @@ def test_a_dry_run_touches_nothing(settings, capfd):
         assert 'GoTo(' in err
 
 
+def test_an_ended_dry_run_aborts_the_move(settings, capfd):
+    """SIGTERM: AbortE is sent and its answer read, without a word of an emergency stop."""
+    lines = []
+
+    def told(line):
+        lines.append(line)
+        if 'GoTo(' in line:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        with serving(CONFIG, ServeSettings(speed=1.0), say=told) as (port, _), pytest.raises(SystemExit) as end:
+            main(['dme', 'dry-run', settings(port)])
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert end.value.code == 128 + signal.SIGTERM
+    assert [line.split()[2] for line in lines if line.startswith('<')][-2:] == ['AbortE()', 'EndSession()']
+    assert not capfd.readouterr().err
+
+
 def test_the_path_as_table_and_picture(settings, tmp_path, capfd):
     """20 touches, each as far from the ball centre as ball and tip are large."""
     picture = tmp_path / 'path.png'
@@ -84,6 +109,27 @@ def test_the_path_as_table_and_picture(settings, tmp_path, capfd):
         off = [float(row[f'{axis}_mm']) - at for axis, at in zip('xyz', (532.5, 260.0, -300.0))]
         assert math.hypot(*off) == pytest.approx(10.0, abs=1e-9)
     assert picture.read_bytes().startswith(b'\x89PNG')
+
+
+@pytest.mark.parametrize('count', [4, 12])
+def test_the_picture_of_a_path_is_true(count):
+    """Both neighbours are wholly in both views, at their places and to one scale; balls behind the ball in none."""
+    angle = 2 * np.pi * np.arange(count) / count
+    balls = 182.5 * np.stack([np.cos(angle) - 1, np.sin(angle), 0 * angle], axis=1)
+    way = np.array([[0, 0, 60.0], [20, 0, 0], [-20, 0, 0], [0, 0, 60]])
+    made = probe_path(way, np.array([False, True, True, False]), 7.5, (2.5, 30.0), balls[1:])
+    for view, up in zip(made.axes, (0, 2), strict=True):
+        circles = [one for one in view.patches if isinstance(one, Circle)]
+        assert np.allclose([one.center for one in circles], [[balls[k, 1], balls[k, up]] for k in (0, -1, 1)])
+        for one in circles:
+            low, high = view.transData.inverted().transform(view.bbox.get_points())
+            assert (np.minimum(low, high) < np.array(one.center) - 7.5).all()
+            assert (np.maximum(low, high) > np.array(one.center) + 7.5).all()
+        wide, tall = np.abs(np.diff(view.transData.transform([[0, 0], [1, 1]]), axis=0)[0])
+        assert wide == pytest.approx(tall, rel=1e-6)
+        assert [one.get_text() for one in view.texts] == [f'{np.linalg.norm(balls[1]):.0f} mm away'] * 2
+    assert [one.get_text() for one in made.legends[0].get_texts()] == [
+        'ball', 'neighbours', 'way of the tip centre', 'touches']
 
 
 @pytest.mark.parametrize(('changes', 'arguments', 'words'), [

@@ -391,6 +391,29 @@ def test_changing_the_tool_moves_the_machine():
     run(scene, settings_of(tool={'name': 'P2', 'change': True}), **replies)
 
 
+@pytest.mark.parametrize('name', ['GoTo', 'PtMeas'])
+def test_a_clamped_move_is_an_error_of_it(name):
+    """In words; the tip goes up, the next ball is measured."""
+    stopped_by(f'touch [0-9]+: {name}.*: error 0504 .*: clamped; wanted a place that the machine reaches', person=False,
+               **{name: at(4, lambda tag, asked: error(tag, 1, 504, 'clamped'))})
+
+
+def test_cancelled_while_the_tool_is_changed():
+    """AbortE is sent before EndSession."""
+    async def scene(server, cmm):
+        started = asyncio.Event()
+        server.replies['ChangeTool'] = lambda tag, asked: started.set() or [Response(tag, ACK)]
+        server.replies['GetProp'] = lambda tag, asked: error(tag, 3, 510) if asked.values[0].name == 'Tool.Name' else OK
+        there = cmm.settings.model_copy(update={'tool': settings_of(tool={'name': 'P2', 'change': True}).tool})
+        task = asyncio.create_task(DmeCmm.start(there))
+        await started.wait()
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        assert [one.name for one in server.commands][-3:] == ['ChangeTool', 'AbortE', 'EndSession']
+    run(scene)
+
+
 @pytest.mark.parametrize(('words', 'found'), [
     ('Name("1"), Temperature("20.25")', 20.25), ('"Part", 20.25', 20.25), ('T(-273)', math.nan), ('"x"', math.nan)])
 def test_temperatures(words, found):

@@ -3,8 +3,9 @@
 
 import numpy as np
 import pytest
-from scripted_server import settings_of
+from scripted_server import error, measured, run, settings_of
 
+from rosette_ros.core.errors import CellError
 from rosette_ros.core.geometry import TWO_PI
 from rosette_ros.dme.probe_path import (
     UnsafePath,
@@ -17,6 +18,7 @@ from rosette_ros.dme.probe_path import (
     refuse_unsafe,
     refuse_unsafe_plan,
 )
+from rosette_ros.dme.wire import ACK, DONE, Response
 
 MICROMETRE = 1e-6
 
@@ -137,3 +139,23 @@ def test_plates_of_any_pitch():
     settings = settings_of(table={'azimuths_deg': [0, 100, 200], 'balls': 3})
     angle = np.arctan2(*settings.table.balls_at(TWO_PI / 4).T[[1, 0]])
     assert np.allclose(np.rad2deg(angle) % 360, [90, 190, 290])
+
+
+def test_a_tip_that_is_not_lifted():
+    """Clamped with a warning, or without a word: the table does not turn, although the command has ended well."""
+    async def scene(server, cmm):
+        for clamped, said in [
+                (lambda tag: [*error(tag, 1, 504, 'Argument clamped')],
+                 r'GoTo\(X\(350\), Y\(260\), Z\(-240\)\): error 0504 \(severity 1\): Argument clamped; wanted a place '
+                 'that the machine reaches, it went elsewhere'),
+                (lambda tag: [Response(tag, ACK), Response(tag, DONE)],
+                 r'lift to the clearance plane: wanted the tip at \(350, 260, -240\) mm, got \(350, 260, -285\)')]:
+            server.place = np.array([350.0, 260.0, -285.0])
+            server.replies['GoTo'] = lambda tag, asked, clamped=clamped: clamped(tag)
+            with pytest.raises(CellError, match=said):
+                await measured(cmm, position=3)
+            assert server.moves[-1].values[0].name == 'X'
+            assert server.r == 0.0
+        server.replies.clear()
+        assert (await measured(cmm, position=3)).table_angle == pytest.approx(2 * np.pi / 3)
+    run(scene)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The path of the tip around a ball, seen from above and from the side."""
+"""The path of the tip around a ball, seen from above and from outside."""
 
 from typing import Any
 
@@ -10,36 +10,61 @@ from matplotlib.patches import Circle, Rectangle
 from rosette_ros.core.records import Bools, Floats
 from rosette_ros.presentation.plots import plot_style as style
 
-_VIEWS = ((0, 1, 'seen against the axis'), (0, 2, 'seen from the side'))
+_HIGHEST = 6.5  # of both views, inch
+_LEFT, _BELOW, _ABOVE, _RIGHT, _LEGEND = 0.62, 0.45, 0.3, 0.08, 0.25  # beside each view and below them, inch
 
 
 def probe_path(points: Floats, is_touch: Bools, radius: float, shaft: tuple[float, float],
                neighbours: Floats) -> Figure:
-    """Return a figure of tip centres (N, 3), which begin and end in the clearance plane.
+    """Return a figure of tip centres (N, 3), which begin and end in the clearance plane, to scale.
 
-    All lengths in mm, coordinates from the centre of the ball, z along the axis. is_touch: (N,); radius: of the ball;
-    shaft: its radius and length; neighbours: (m, 3) centres of the balls beside it."""
-    made = style.figure(3.8)
-    made.subplots_adjust(left=0.08, right=0.99, bottom=0.12, top=0.92, wspace=0.2)
-    reach = 1.15 * np.abs(points[:, :2]).max()
-    for panel, (across, up, words) in zip(style.panels(made, 1, 2)[0], _VIEWS):
-        for place, centre in enumerate((np.zeros(3), *neighbours)):
-            at = centre[across], centre[up]
-            look: dict[str, Any] = {'facecolor': 'none' if place else style.GRID,
-                                    'edgecolor': style.GREY, 'linewidth': 0.6}
+    Along the circle of balls from left to right, as seen from outside: there neighbours lie beside the ball in both
+    views, never before or behind it. All lengths in mm, coordinates from the centre of the ball, x away from the table
+    axis, z along it. is_touch: (N,); radius: of the ball; shaft: its radius and length; neighbours: (m, 3) centres of
+    the other balls, of which the nearest on either side is shown."""
+    balls = np.concatenate([np.zeros((1, 3)), *(_nearest(neighbours[neighbours[:, 1] * side > radius])
+                                                for side in (-1, 1))])
+    low = np.minimum(points.min(0), balls.min(0) - radius)
+    high = np.maximum(points.max(0), balls.max(0) + radius)
+    low[2] = -shaft[1]
+    margin = 0.08 * (high - low).max()
+    low, high = low - [margin, margin, 0.0], high + margin
+    wide, tall = high[1] - low[1], np.array([high[0] - low[0], high[2] - low[2]])
+    scale = min((style.WIDTH - _LEFT - _RIGHT) / wide, _HIGHEST / tall.sum())
+    whole = scale * tall.sum() + 2 * (_BELOW + _ABOVE) + _LEGEND
+    made = style.figure(whole)
+    foot = whole
+    for up, size, words in zip((0, 2), scale * tall, ('seen against the axis', 'seen from outside, towards the axis')):
+        foot -= _ABOVE + size
+        panel = made.add_axes((_LEFT / style.WIDTH, foot / whole, scale * wide / style.WIDTH, size / whole))
+        foot -= _BELOW
+        style.plain_axes(panel)
+        for place, centre in enumerate(balls):
+            at = centre[1], centre[up]
+            look: dict[str, Any] = {'facecolor': 'white' if place else style.GRID, 'edgecolor': style.GREY,
+                                    'linewidth': 0.6}
             if up == 2:
                 panel.add_patch(Rectangle((at[0] - shaft[0], at[1] - shaft[1]), 2 * shaft[0], shaft[1], **look))
-            panel.add_patch(Circle(at, radius, **look))
-        panel.plot(points[:, across], points[:, up], color=style.AFTER, linewidth=0.8, label='way of the tip')
-        panel.plot(*points[is_touch][:, [across, up]].T, linestyle='none', markersize=3.5, marker='o',
+            panel.add_patch(Circle(at, radius, **look,
+                                   label=('ball', 'neighbours')[place] if place < 2 else None))
+            if place:
+                off = -9 - 72 * scale * radius if up == 0 else 5 + 72 * scale * radius
+                panel.annotate(f'{np.linalg.norm(centre):.0f} mm away', at, (0, off), textcoords='offset points',
+                               ha='center', va='center', fontsize=style.SMALL, color=style.INK)
+        panel.plot(points[:, 1], points[:, up], color=style.AFTER, linewidth=0.8, label='way of the tip centre')
+        panel.plot(*points[is_touch][:, [1, up]].T, linestyle='none', markersize=2.5, marker='o',
                    color=style.BEFORE, label='touches')
-        low, high = (-reach, reach) if up == 1 else (-shaft[1], 1.05 * points[:, 2].max())
-        panel.set_xlim(-reach, reach)
-        panel.set_ylim(low, high)
+        panel.set_xlim(low[1], high[1])
+        panel.set_ylim(*((high[0], low[0]) if up == 0 else (low[2], high[2])))  # x downwards: else it is mirrored
         panel.set_aspect('equal')
         style.scale(panel)
-        panel.set_xlabel('x / mm')
-        panel.set_ylabel(f'{"xyz"[up]} / mm')
+        panel.set_xlabel('y / mm, along the circle of balls', fontsize=style.TEXT)
+        panel.set_ylabel('x / mm, away from the axis' if up == 0 else 'z / mm', fontsize=style.TEXT)
         style.title(panel, words, fontsize=style.TEXT)
-    style.legend(made, *panel.get_legend_handles_labels())
+    made.legend(*panel.get_legend_handles_labels(), loc='lower center', ncols=4, frameon=False, fontsize=style.TEXT)
     return made
+
+
+def _nearest(balls: Floats) -> Floats:
+    """Return the ball of (m, 3) that is nearest to the origin, (1, 3), or none, (0, 3)."""
+    return balls[np.argsort(np.linalg.norm(balls, axis=1))[:1]]
