@@ -36,6 +36,7 @@ from rosette_ros.nodes.liveliness import NodeMonitor
 from rosette_ros.nodes.senders import Sender
 
 CANCEL_TIMEOUT = 30.0
+RECOVERY = 40.0  # a CMM that clears its errors or connects anew answers within this time, s
 SEARCH = 3.5  # how long nodes of a cell are searched: one that was not found at once is found within 3 s, s
 RESUME_TIMEOUT = 90.0  # a sequencer has the recorder read in the log of a run before it accepts to resume it, s
 _STEP = 0.1
@@ -140,12 +141,15 @@ class CellClient(GraphClient):
         return [monitor.peer for monitor in monitors if monitor.count()]
 
     def recover(self) -> str:
-        """Tell a CMM that waits for a person that one has looked, and return its answer; raises CellError."""
+        """Tell a CMM that a person has looked, and return its answer; raises CellError where it is not ready."""
         service = self._node.create_client(Trigger, names.RECOVER)
         if not self._spin_until(service.service_is_ready, SEARCH):
             raise CellError(f'cell {self._where}: wanted a CMM with the service {names.RECOVER}, got none; only one '
                             'through I++ DME has it')
-        return plain(self._await(service.call_async(Trigger.Request()), SEARCH, None).message)
+        answer = self._await(service.call_async(Trigger.Request()), RECOVERY, None)
+        if not answer.success:
+            raise CellError(f'cell {self._where}: {plain(answer.message)}')
+        return plain(answer.message)
 
     def calibrate(
             self, order: str = '', seed: int = 0, options: str = '',

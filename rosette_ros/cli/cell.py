@@ -105,8 +105,7 @@ def identity_parameter(path: str | None) -> dict[str, dict[str, str]]:
 def keep_running(out: Console, cell: Cell) -> None:
     """Say how a cell is used; restart failed nodes and show what is new until Ctrl-C."""
     domain = int(os.environ.get('ROS_DOMAIN_ID') or 0) if cell.domain_id is None else cell.domain_id
-    where = ['--domain', domain] * bool(domain)
-    where += ['--namespace', cell.namespace] * (cell.namespace != names.NAMESPACE)
+    where = names.where(domain, cell.namespace)
     out.print(f'\n[bold]The cell is running[/]: {", ".join(cell.processes)} in domain {domain}, namespace '
               f'/{escape(cell.namespace)}; logs are written to {escape(str(cell.log_dir))}', soft_wrap=True)
     if names.CMM not in cell.processes:

@@ -16,7 +16,7 @@ from rosette_ros.core.axes import ALONG, words
 from rosette_ros.core.errors import CellError, InvalidPlan, RosetteError
 from rosette_ros.core.geometry import TWO_PI, Floats
 from rosette_ros.core.touches import fit_spheres
-from rosette_ros.dme.dme_session import CLAMPED, Data, DmeSession, DmeStopped
+from rosette_ros.dme.dme_session import CLAMPED, Data, DmeSession, DmeStopped, ToolNotInUse
 from rosette_ros.dme.dme_settings import DmeSettings
 from rosette_ros.dme.probe_path import (
     PathStep,
@@ -128,8 +128,8 @@ class DmeCmm:
             if name == (wanted,):
                 return
             if not may_move:
-                raise CellError(f'{self.session.where}: wanted the tool {wanted!r} in use, got {shown(name or ())}; it '
-                                'is changed for, which moves the machine, when the cell starts')
+                raise ToolNotInUse(f'{self.session.where}: wanted the tool {wanted!r} in use, got {shown(name or ())}; '
+                                   'it is changed for, which moves the machine, before the first ball')
         if wanted:
             try:
                 await self.session.request(call('ChangeTool' if self.settings.tool.change else 'SetTool', wanted))

@@ -55,6 +55,10 @@ class DmeLost(DmeStopped):
     """The connection is gone, or what comes through it cannot be trusted."""
 
 
+class ToolNotInUse(CellError):
+    """Another tool is in use than the settings want, and the machine may not move to change it."""
+
+
 class DmeRefused(CellError):
     """A command that the server did not carry out; error: its number and words."""
 
@@ -101,8 +105,10 @@ class DmeSession:
 
     @classmethod
     async def connect(cls, host: str, port: int = PORT, patience: Patience = Patience(),
-                      trace: Callable[[str], None] | None = None) -> 'DmeSession':
-        """Return a session that has sent StartSession; raises DmeLost where nobody answers, DmeRefused."""
+                      trace: Callable[[str], None] | None = None, by_person: bool = False) -> 'DmeSession':
+        """Return a session that has sent StartSession; raises DmeLost where nobody answers, DmeStopped, DmeRefused.
+
+        by_person: whether a person has looked at the machine, so that errors which the server keeps are cleared."""
         where = f'{host}:{port}'
         try:
             async with asyncio.timeout(patience.connect):
@@ -118,7 +124,13 @@ class DmeSession:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         session = cls(reader, writer, where, patience, trace)
         try:
-            await session.request(Call('StartSession'))
+            try:
+                await session.request(Call('StartSession'))
+            except DmeStopped:
+                if session.is_lost or not by_person:
+                    raise
+                await session.clear(by_person=True)
+                await session.request(Call('StartSession'))
         except BaseException:
             await session.close()
             raise
@@ -197,6 +209,8 @@ class DmeSession:
         """Send ClearAllErrors; raises DmeStopped where a person has to look first, unless one has, and DmeRefused."""
         if self.for_person and not by_person:
             raise DmeStopped(self.stop)
+        if by_person:
+            self.is_halted = False
         await self.request(Call('ClearAllErrors'))
         if not self.is_lost:
             self.stop, self.for_person = '', False

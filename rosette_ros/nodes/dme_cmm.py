@@ -7,13 +7,14 @@ executor, which publishes it. Neither waits for the other, except when the node 
 """
 
 import asyncio
+import os
 import sys
 import threading
 from collections.abc import Coroutine
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from functools import partial
 from queue import SimpleQueue
-from typing import Any
+from typing import Any, TypeVar
 
 from rosette_msgs.msg import ProbeTarget, RunState
 from std_srvs.srv import Trigger
@@ -22,6 +23,7 @@ from rosette_ros import command
 from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import CellError, InvalidConfig, RosetteError, one_line
 from rosette_ros.dme.ball_probing import DmeCmm, MeasuredBall
+from rosette_ros.dme.dme_session import DmeSession, ToolNotInUse
 from rosette_ros.dme.dme_settings import DmeSettings, load_dme_settings
 from rosette_ros.dme.probe_path import refuse_unsafe_plan
 from rosette_ros.io.messages import MACHINE_FRAME, Phase
@@ -32,23 +34,31 @@ from rosette_ros.nodes.cmm_node import CmmNode
 WANTED = (
     Wanted('settings', '', 'settings file of the CMM (rosette-dme/1)', read_only=True),)
 UNTIL_IT_ENDS = 0.5  # an answer that a stopped machine gives waits so long for the end of the run, s
+RESTARTED = ('the node was restarted after a crash: the machine may have been moving; a person has to look at the '
+             'machine')
+RECOVERY = 30.0  # the service answers within this time, s
 END = 3.0  # beyond the time-outs of the settings, in which the session has ended, s
+
+T = TypeVar('T')
 
 
 class DmeCmmNode(CmmNode):
     """A CMM through I++ DME.
 
     A target is measured as the settings say, or answered as failed with the server's number and words. When a run ends,
-    and when the node ends, what moves is aborted (AbortE). A collision, an emergency stop, a lost connection: the
-    heartbeat says so, by which a run fails, and nothing moves until a person calls the service `cmm/recover`, which
-    clears the errors or connects anew. Parameters: WANTED."""
+    when who asked for the target is gone, and when the node ends, what moves is aborted (AbortE). A collision, an
+    emergency stop, a lost connection, a crash of this node: the heartbeat says so, by which a run fails, and nothing
+    moves until a person calls the service `cmm/recover`, which clears the errors or connects anew. Nothing moves but
+    for a target: a tool is changed before the first ball. Parameters: WANTED."""
 
     def __init__(self) -> None:
         super().__init__(WANTED)
         self._settings = settings_of(str(self.parameters['settings']))
         self._cmm: DmeCmm | None = None
-        self._trouble = 'connecting'
+        self._is_prepared = False
+        self._trouble = RESTARTED if os.environ.get(names.RESTARTED) else 'connecting'
         self._wanted: ProbeTarget | None = None
+        self._askers: set[bytes] = set()
         self._one, self._told = asyncio.Lock(), ''
         self._found: SimpleQueue[tuple[ProbeTarget, MeasuredBall | RosetteError]] = SimpleQueue()
         self._failure: BaseException | None = None
@@ -57,27 +67,43 @@ class DmeCmmNode(CmmNode):
         self._thread.start()
         self.on(names.RUN_STATE, RunState, self._on_state, qos.STATE)
         self.create_service(Trigger, names.RECOVER, self._on_recover)
-        self._do(self._connect())
+        if self._trouble != RESTARTED:
+            self._do(self._get_ready())
 
     def on_target(self, target: ProbeTarget) -> None:
         """Have the ball measured, unless it is just being measured."""
         if self._wanted is None or (self._wanted.run_id, self._wanted.seq) != (target.run_id, target.seq):
-            self._wanted = target
+            self._wanted, self._askers = target, self._all_askers()
             self._do(self._measure(target))
 
     def _on_state(self, state: RunState) -> None:
         """Abort what moves for a run that has ended."""
         if self._wanted is not None and self._wanted.run_id == state.run_id and state.phase in (
                 Phase.CANCELLED, Phase.FAILED):
-            self._wanted = None
-            self._do(self._halt())
+            self._stop_measuring()
+
+    def _stop_measuring(self) -> None:
+        self._wanted = None
+        self._do(self._halt())
+
+    def _all_askers(self) -> set[bytes]:
+        """Return who publishes targets."""
+        topic = self.resolve_topic_name(names.PROBE_TARGET)
+        return {bytes(info.endpoint_gid) for info in self.get_publishers_info_by_topic(topic)}
 
     def _on_recover(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Clear errors, or connect anew, because a person has looked at the machine."""
+        """Clear errors, or connect anew, because a person has looked at the machine; answer what came of it."""
         self.get_logger().info('a person has looked at the machine')
+        if not self._problem():
+            response.success, response.message = True, 'nothing was to be cleared: the machine is ready'
+            return response
         self._wanted = None
-        self._do(self._recover())
-        response.success, response.message = True, 'errors are cleared, or the server is connected anew: /diagnostics'
+        ready, deadline = self._do(self._get_ready(by_person=True)), self.seconds() + RECOVERY
+        while not wait([ready], qos.HEARTBEAT_PERIOD).done and self.seconds() < deadline:
+            self.heartbeat.publish()  # nothing else is called back meanwhile
+        problem = ready.result() if ready.done() else f'not ready within {RECOVERY:g} s: /diagnostics'
+        response.success = not problem
+        response.message = problem or 'errors are cleared, or the server is connected anew: the machine is ready'
         return response
 
     def wake(self) -> None:
@@ -85,20 +111,23 @@ class DmeCmmNode(CmmNode):
         if self._failure is not None:
             raise self._failure
         self._publish_found()
-        problem = self._problem()
+        if self._wanted is not None and not self._askers <= self._all_askers():
+            self.get_logger().warning(f'who asked for ball {self._wanted.ball} is gone; its measurement is aborted')
+            self._stop_measuring()
+        problem, cmm = self._problem(), self._cmm
         self.heartbeat.report(problem)
         if problem != self._told:
             self._told = problem
             if problem:
                 self.get_logger().error(problem)
-            elif self._cmm is not None:
-                self.get_logger().info('; '.join([f'{self._cmm.session.where}: ready', *self._cmm.remarks]))
+            elif cmm is not None:
+                self.get_logger().info('; '.join([f'{cmm.session.where}: ready', *cmm.remarks]))
 
     def _problem(self) -> str:
-        problem = self._trouble
-        if self._cmm is not None:
-            problem = self._cmm.session.stop if self._cmm.session.for_person else ''
-        return f'{problem}; then: {command("check-cmm", "--recover")}' if problem else ''
+        cmm = self._cmm
+        problem = cmm.session.stop if cmm is not None and cmm.session.for_person else self._trouble
+        where = names.where(self.context.get_domain_id(), self.get_namespace())
+        return f'{problem}; then: {command("check-cmm", "--recover", *where)}' if problem else ''
 
     def _publish_found(self) -> None:
         while not self._found.empty():
@@ -119,21 +148,45 @@ class DmeCmmNode(CmmNode):
                 1e-3 * self._settings.tool.tip_radius_mm, ball.is_compensated))
             self.answers.publish(answer)
 
-    def _do(self, work: Coroutine[Any, Any, None]) -> 'Future[None]':
+    def _do(self, work: Coroutine[Any, Any, T]) -> 'Future[T]':
         """Have the loop do something; what fails there unexpectedly ends the node."""
         future = asyncio.run_coroutine_threadsafe(work, self._loop)
         future.add_done_callback(self._look)
         return future
 
-    def _look(self, future: 'Future[None]') -> None:
+    def _look(self, future: 'Future[T]') -> None:
         if not future.cancelled() and (error := future.exception()):
             self._failure = error
 
-    async def _connect(self) -> None:
-        try:
-            self._cmm = await DmeCmm.start(self._settings)
-        except RosetteError as error:
-            self._trouble = one_line(error)
+    async def _get_ready(self, by_person: bool = False) -> str:
+        """Connect, or clear the errors, and prepare the machine without a move; return what is wrong, '' for nothing.
+
+        by_person: whether a person has looked at the machine."""
+        async with self._one:
+            server, patience, self._is_prepared = self._settings.server, self._settings.timeouts.patience, False
+            try:
+                cmm = self._cmm
+                if cmm is None or cmm.session.is_lost:
+                    self._cmm = None
+                    session = await DmeSession.connect(server.host, server.port, patience, by_person=by_person)
+                    self._cmm = cmm = DmeCmm(session, self._settings)
+                else:
+                    await cmm.session.clear(by_person)
+                try:
+                    await self._prepare(cmm, may_move=False)
+                except ToolNotInUse as error:
+                    cmm.remarks = [one_line(error)]
+                self._trouble = ''
+            except RosetteError as error:
+                self._trouble = one_line(error)
+                if self._cmm is not None and not self._cmm.session.for_person:
+                    await self._cmm.session.end()
+                    self._cmm = None
+            return self._trouble
+
+    async def _prepare(self, cmm: DmeCmm, may_move: bool) -> None:
+        await cmm.prepare(may_move)
+        self._is_prepared = True
 
     async def _measure(self, target: ProbeTarget) -> None:
         async with self._one:
@@ -142,12 +195,13 @@ class DmeCmmNode(CmmNode):
                 return  # nobody waits for it any more
             found: MeasuredBall | RosetteError
             try:
-                if self._cmm is None:
+                if (cmm := self._cmm) is None or self._trouble:
                     raise CellError(self._trouble)
                 aim, pole = self.aim_of(target)
-                await self._cmm.session.resume()
-                found = await self._cmm.measure(target.ball, aim, target.table_angle, target.approach, pole,
-                                                target.touches)
+                await cmm.session.resume()
+                if not self._is_prepared:
+                    await self._prepare(cmm, may_move=True)
+                found = await cmm.measure(target.ball, aim, target.table_angle, target.approach, pole, target.touches)
             except RosetteError as error:
                 found = error
             self._found.put((target, found))
@@ -160,22 +214,10 @@ class DmeCmmNode(CmmNode):
             except RosetteError as error:
                 self._trouble = one_line(error)
 
-    async def _recover(self) -> None:
-        async with self._one:
-            try:
-                if self._cmm is not None and not self._cmm.session.is_lost:
-                    await self._cmm.session.clear(by_person=True)
-                    return
-                self._cmm, self._trouble = None, 'connecting'
-            except RosetteError as error:
-                self._trouble = one_line(error)
-                return
-            await self._connect()
-
     async def _leave(self) -> None:
         await self._halt()
-        if self._cmm is not None:
-            await self._cmm.session.end()
+        if (cmm := self._cmm) is not None:
+            await cmm.session.end()
 
     def finish(self) -> None:
         """Abort what moves, end the session, and send the answers that there are."""
@@ -193,14 +235,14 @@ class DmeCmmNode(CmmNode):
 
     def health(self) -> Health:
         """Return the state of the machine."""
-        problem, target = self._problem(), self._wanted
+        problem, target, cmm = self._problem(), self._wanted, self._cmm
         doing = problem or (f'measuring ball {target.ball} at table position {target.table_position}' if target else
                             'ready')
         values: dict[str, object] = {'measured': self.measured, 'failed': self.failed,
                                      'server': f'{self._settings.server.host}:{self._settings.server.port}'}
-        if self._cmm is not None:
-            values |= {'table_angle_deg': f'{self._cmm.table.angle:.4f}', 'remarks': '; '.join(self._cmm.remarks),
-                       'last_warning': next(reversed(self._cmm.session.warnings), '')}
+        if cmm is not None:
+            values |= {'table_angle_deg': f'{cmm.table.angle:.4f}', 'remarks': '; '.join(cmm.remarks),
+                       'last_warning': next(reversed(cmm.session.warnings), '')}
         return (ERROR if problem else WARN if self.failed else OK,
                 f'{doing}; {self.measured} balls measured, {self.failed} targets refused', values)
 

@@ -42,6 +42,14 @@ COMPLETE = 'the cell is complete'
 
 PARENT_PID = 'ROSETTE_CELL_PID'  # environment variable, set by cell.supervisor: a node ends when this process does
 
+RESTARTED = 'ROSETTE_RESTARTED'  # environment variable, set by cell.supervisor where the node before this one crashed
+
+
+def where(domain: int, namespace: str) -> list[str]:
+    """Return the arguments by which a command of `rosette` finds a cell that is not where cells are by default."""
+    space = namespace.strip('/')
+    return ['--domain', str(domain)] * bool(domain) + ['--namespace', space] * (space != NAMESPACE)
+
 
 def remappings(namespace: str) -> tuple[tuple[str, str], ...]:
     """Return the pairs (name, name instead) by which a cell has frames and time of its own.

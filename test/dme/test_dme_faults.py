@@ -81,6 +81,36 @@ def test_a_person_clears_a_collision():
     assert np.linalg.norm(found.centre - [0.5325, 0.26, -0.3]) < NANOMETRE
 
 
+def test_a_person_clears_after_a_halt():
+    """Also where the error came after a cancel: ClearAllErrors is sent, and the next ball is measured."""
+    async def scene(server, cmm):
+        await cmm.session.halt()
+        server.send(unsolicited(3, 500, 'Emergency stop'))
+        while not cmm.session.for_person:
+            await asyncio.sleep(0)
+        with pytest.raises(DmeStopped, match='error 0500'):
+            await cmm.session.resume()
+        await cmm.session.clear(by_person=True)
+        assert server.commands[-1].name == 'ClearAllErrors'
+        assert np.linalg.norm((await measured(cmm)).centre - [0.5325, 0.26, -0.3]) < NANOMETRE
+    run(scene)
+
+
+def test_a_server_in_an_error_state():
+    """StartSession is refused with 0514: a person has to look; then the errors are cleared, and the session begins."""
+    async def scene(server, cmm):
+        await cmm.session.end()
+        server.replies['StartSession'] = lambda tag, asked: OK if 'ClearAllErrors' in [
+            one.name for one in server.commands] else error(tag, 2, 514, 'Use ClearAllErrors')
+        with pytest.raises(DmeStopped, match='error 0514 .*a person has to look'):
+            await DmeSession.connect('127.0.0.1', server.port)
+        session = await DmeSession.connect('127.0.0.1', server.port, by_person=True)
+        names = [one.name for one in server.commands]
+        assert names[-4:] == ['StartSession', 'StartSession', 'ClearAllErrors', 'StartSession']
+        await session.end()
+    run(scene)
+
+
 def test_unsolicited_errors():
     """A warning is noted; an emergency stop ends what runs, although the server never answers the command."""
     async def scene(server, cmm):
@@ -383,7 +413,7 @@ def test_changing_the_tool_moves_the_machine():
         names = [one.name for one in server.commands]
         assert 'ChangeTool' in names
         cmm.settings = settings_of(tool={'name': 'P3', 'change': True})
-        with pytest.raises(CellError, match="wanted the tool 'P3' in use, got \"P1\"; it is changed for"):
+        with pytest.raises(CellError, match="wanted the tool 'P3' in use, got \"P1\"; it .* before the first ball"):
             await cmm.prepare(may_move=False)
         assert names.count('ChangeTool') == 1
     replies = {'GetProp': lambda tag, asked: [Response(tag, ACK), encoded(f'{tag} # Tool.Name("P1")'),

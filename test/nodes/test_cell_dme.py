@@ -12,6 +12,7 @@ import pytest
 import yaml
 
 from rosette_ros.cell.client import CellClient
+from rosette_ros.cell.cmm_check import CmmClient
 from rosette_ros.core.records import remove_gauge
 from rosette_ros.dme.dme_server import serving
 from rosette_ros.dme.dme_settings import load_dme_settings, sequencer_parameters
@@ -26,6 +27,7 @@ from rosette_ros.simulation import Machine, MachineConfig
 N = 3
 SETTINGS = {
     'schema': 'rosette-dme/1', 'simulated': True, 'table': {'balls': N}, 'timeouts': {'abort_s': 1.0},
+    'tool': {'name': 'Probe1', 'change': True},
     'ball': {'radius_mm': 7.5, 'shaft_radius_mm': 2.7, 'shaft_length_mm': 30.0},
     'path': {'stand_off_mm': 8.0, 'clearance_mm': 40.0, 'box_low_mm': [-150, -240, -320],
              'box_high_mm': [850, 760, 200]},
@@ -163,6 +165,58 @@ def test_a_server_that_is_restarted(cell, client, served, wait_until, trigger):
     resumed = client.calibrate(resume=str(outcome.log))
     assert resumed.success, resumed.message
     assert read_log(resumed.log).to_run().size == N * N
+
+
+def test_a_check_that_is_interrupted(cell, served, module_domain_id, wait_until):
+    """Who asked for the ball is gone: AbortE, nothing is sent after it."""
+    class Interrupted(CmmClient):
+        def _is_answered(self, target):
+            if served.when('< .* PtMeas', began):
+                raise KeyboardInterrupt
+            return super()._is_answered(target)
+
+    with served.slow():
+        with pytest.raises(KeyboardInterrupt), Interrupted(module_domain_id) as asking:
+            settings, began = asking.settings({}), time.monotonic()
+            asking.check(settings, 2)
+        gone = time.monotonic()
+        wait_until(lambda: served.when('< E.* AbortE', began))
+        assert served.when('< E.* AbortE', began) < gone + 1.0
+        wait_until(lambda: 'who asked for ball 1 is gone' in cell.processes[names.CMM].text())
+        assert served.when(MOVE, served.when('< E.* AbortE', began)) is None
+
+
+def test_a_node_that_crashed(cell, client, served, module_domain_id, wait_until, trigger):
+    """It connects when a person has looked, and says what is wrong; the tool is changed for a target only."""
+    began, sessions = time.monotonic(), served.server.sessions
+    cell.processes[names.CMM].end(signal.SIGKILL)
+    wait_until(lambda: cell.processes[names.CMM].has_ended)
+    cell.restart_failed()
+    wait_until(lambda: 'restarted after a crash: the machine may have been moving' in cell.processes[names.CMM].text())
+    assert f'check-cmm --recover --domain {module_domain_id}\n' in cell.processes[names.CMM].text()
+    commands = served.server.commands
+    commands.tool, commands.cmm.is_homed = 'RefTool', False
+    success, words = trigger(client, names.RECOVER)
+    assert not success
+    assert 'wanted a homed machine' in words
+    commands.cmm.is_homed = True
+    assert trigger(client, names.RECOVER) == (
+        True, 'errors are cleared, or the server is connected anew: the machine is ready')
+    assert served.server.sessions == sessions + 2
+    wait_until(lambda: "wanted the tool 'Probe1' in use, got \"RefTool\"" in cell.processes[names.CMM].text())
+    assert served.when(MOVE, began) is None
+    with served.slow(), CellClient(module_domain_id) as other:
+        thread = threading.Thread(target=quietly, args=(client.calibrate, 'row'))
+        thread.start()
+        wait_until(lambda: served.when('< .* ChangeTool', began))
+        assert trigger(other, names.CANCEL_CALIBRATION)[0]
+        cancelled = time.monotonic()
+        wait_until(lambda: served.when('< E.* AbortE', began))
+        assert served.when('< E.* AbortE', began) < cancelled + SOON
+        thread.join()
+        assert served.when(MOVE, served.when('< E.* AbortE', began)) is None
+    assert client.calibrate('row').success
+    assert commands.tool == 'Probe1'
 
 
 def test_the_end_of_the_node_aborts(cell, client, served, wait_until):
