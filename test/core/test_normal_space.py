@@ -6,7 +6,7 @@ import tracemalloc
 import numpy as np
 import pytest
 from dense_space import DenseSpace
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from synthetic import MICROMETRE, RADIUS, synthetic_run
 
@@ -43,6 +43,7 @@ def whitening_of(noise, size, rng):
 
 @given(n=st.integers(5, 13), share=st.floats(0.0, 0.3), repeats=st.integers(0, 20), reduced=st.booleans(),
        noise=st.sampled_from(NOISES), terms=st.sampled_from(SUBSETS), seed=st.integers(0, 999))
+@example(n=5, share=0.25, repeats=0, reduced=False, noise='white', terms=BASE_TERMS[:2], seed=2)
 @settings(max_examples=60)
 def test_normal_equations_equal_the_dense_solution(n, share, repeats, reduced, noise, terms, seed):
     """Residuals, parameters, rank and cofactors of gaps, repeats, reduced plans with both, weights and wander."""
@@ -51,19 +52,23 @@ def test_normal_equations_equal_the_dense_solution(n, share, repeats, reduced, n
         run = run.take(np.flatnonzero(np.isin(run.cmm_position - 1, best_members(n, n - 3))))
     run = run.replace(repeats=True).take(np.concatenate([np.arange(run.size), rng.integers(0, run.size, repeats)]))
     white = whitening_of(noise, run.size, rng)
+    whole = DenseSpace(run, RADIUS)
+    is_open = whole.rank < 12 * n - 13 - 3 * (2 * n - len({*run.ball}) - len({*run.cmm_position}))
     try:
         found = NormalSpace(run, RADIUS, terms, white)
     except NotDeterminable:
-        assert DenseSpace(run, RADIUS).rank < 12 * n - 13 - 3 * (2 * n - len({*run.ball}) - len({*run.cmm_position}))
+        assert is_open
         return
     dense = DenseSpace(run, RADIUS, terms, white)
-    if DenseSpace(run, RADIUS).curve_cofactor().max() * RADIUS**2 > 50:
+    if whole.curve_cofactor().max() * RADIUS**2 > 50:
         return  # hardly determined: what is left of rounding is larger
     rows = rng.standard_normal((3, run.size, 3))
     assert found.rank == dense.rank
     size = np.abs(white.apply(rows)).max()
     assert np.abs(found.residual(rows) - dense.residual(rows)).max() < SAME * size
     assert np.abs(found.residual(rows.astype(np.float32)) - dense.residual(rows)).max() < 1e-4 * size
+    if is_open:
+        return  # the reference takes its gauge from the whole model, which has more open than that
     for got, wanted in zip(vars(found.parameters(rows)).values(), vars(dense.parameters(rows)).values()):
         assert np.array_equal(np.isnan(got), np.isnan(wanted))
         assert np.nanmax(np.abs(got - wanted)) < SAME * size / RADIUS * 10
