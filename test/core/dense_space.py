@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The base model by the singular values of one dense matrix, written out from the measurement equation."""
 
+from functools import cached_property
+
 import numpy as np
 
 from rosette_ros.core.geometry import nominal_angles, rotate_z
@@ -43,7 +45,7 @@ class DenseSpace:
 
     def __init__(self, run, lever, terms=BASE_TERMS, whitening=None):
         self.whitening, self.n, self.lever = whitening or Whitening(run.size, np.ones(3)), run.n, lever
-        whole = design(run)
+        self._whole = whole = design(run)
         touched = np.any(whole, axis=(0, 1))
         self._in_use = np.repeat([term in terms for term in BASE_TERMS], np.array([6, 3, 3]) * run.n)
         self._missing = ~touched
@@ -51,12 +53,17 @@ class DenseSpace:
         left, value, right = np.linalg.svd(white * self._in_use, full_matrices=False)
         self.rank = int(np.count_nonzero(value > SINGULAR * value[0]))
         self.rows = left.T[:self.rank]
-        inverse = (right[:self.rank].T / value[:self.rank]) @ self.rows
-        null = np.zeros((12 * run.n, 13))
-        every = np.linalg.svd(whole.reshape(-1, 12 * run.n)[:, touched])[2]
+        self._least = (right[:self.rank].T / value[:self.rank]) @ self.rows
+
+    @cached_property
+    def _inverse(self):
+        """The least squares in the gauge; LinAlgError where the whole model leaves more open than the gauge."""
+        touched = ~self._missing
+        null = np.zeros((12 * self.n, 13))
+        every = np.linalg.svd(self._whole.reshape(-1, 12 * self.n)[:, touched])[2]
         null[touched] = every[len(every) - 13:].T
-        fixed = constraints(run.n) * touched
-        self._inverse = inverse - null @ np.linalg.solve(fixed @ null, fixed @ inverse)
+        fixed = constraints(self.n) * touched
+        return self._least - null @ np.linalg.solve(fixed @ null, fixed @ self._least)
 
     def residual(self, columns):
         """Return what the base model cannot describe of columns."""

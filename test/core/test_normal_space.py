@@ -60,7 +60,7 @@ def test_normal_equations_equal_the_dense_solution(n, share, repeats, reduced, n
         assert is_open
         return
     dense = DenseSpace(run, RADIUS, terms, white)
-    if whole.curve_cofactor().max() * RADIUS**2 > 50:
+    if not is_open and whole.curve_cofactor().max() * RADIUS**2 > 50:
         return  # hardly determined: what is left of rounding is larger
     rows = rng.standard_normal((3, run.size, 3))
     assert found.rank == dense.rank
