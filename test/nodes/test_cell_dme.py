@@ -206,7 +206,11 @@ def test_a_node_that_crashed(cell, client, served, module_domain_id, wait_until,
     wait_until(lambda: "wanted the tool 'Probe1' in use, got \"RefTool\"" in cell.processes[names.CMM].text())
     assert served.when(MOVE, began) is None
     with served.slow(), CellClient(module_domain_id) as other:
-        thread = threading.Thread(target=quietly, args=(client.calibrate, 'row'))
+        def insist():
+            while served.when('< .* ChangeTool', began) is None:  # refused until all have heard that it is well again
+                quietly(client.calibrate, 'row')
+
+        thread = threading.Thread(target=insist)
         thread.start()
         wait_until(lambda: served.when('< .* ChangeTool', began))
         assert trigger(other, names.CANCEL_CALIBRATION)[0]
