@@ -23,7 +23,7 @@ VERIFY_REFUSALS = 20  # a recorder that refuses so often to report what is in th
 PACE_OF, PACE_FROM, TOLD_FROM = 60, 6, 90.0
 """The remaining time follows from the pace of so many answers, at least of so many; a shorter one is not told, s."""
 PAUSE = 'the plan has a pause here, resume the run after it'
-VERIFY_ROUNDS = 3  # so often the answers in the log are verified at the end of a run, and what it lacks is asked again
+VERIFY_ROUNDS = 3  # a run fails where so many verifications in a row find answers that the log lacks
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,8 @@ class Sequence:
         self.session = max(self.earlier.session, session) + 1
         self._asked: Target | None = None
         self._asked_again, self._alignment = list[int](), list[Answer]()
-        self._next_index = self._tries = self._rounds = self._refusals = self._planned_session = 0
+        self._next_index = self._tries = self._losses = self._refusals = self._planned_session = 0
+        self._is_received = self._is_whole = False  # the log: has received since the last pause; holds all answers
         self._results: Results | None = None
         self._held, self._is_gone, self.disturbed = '', True, list[str]()
         self._in_doubt, self._skipped_last = list[tuple[int, int]](), True
@@ -203,7 +204,11 @@ class Sequence:
         self._asked = None
         commands = self._take(target, answer)
         self._pace.append(now)
-        return commands if self.phase.is_end or self._held else (*commands, *self._next(now))
+        if self.phase.is_end or self._held:
+            return commands
+        if self.verifies and not self._is_received:  # one that does not hear the CMM is noticed at once
+            return (*commands, *self._verify())
+        return (*commands, *self._next(now))
 
     def hold(self, words: str, now: float, verify: bool = False, is_gone: bool = True) -> Commands:
         """Ask for nothing more until resume_asking; answers are still taken.
@@ -228,6 +233,7 @@ class Sequence:
         self._held, self._in_doubt = '', []
         self._pace.clear()
         self.session += restarted
+        self._is_received &= not restarted
         remark = Remark('the run continues' + (f' in session {self.session}' if restarted else ''))
         if self._asked is None:
             return (remark, *self._next(now))
@@ -266,14 +272,14 @@ class Sequence:
             if self.phase is Phase.DONE:
                 return (Finish(self.phase, self.text),)
             return (*self._done(), Verify(self.done, self._results, self.phase))
-        self._rounds += 1
         lost = [target.seq for target, taken in self.answers.counting() if (target.seq, taken.stamp_ns) not in recorded]
         if not lost:
-            self._rounds = VERIFY_ROUNDS
+            self._losses, self._is_received, self._is_whole = 0, True, True
             return self._next(now)
-        if self._rounds >= VERIFY_ROUNDS:
+        self._losses += 1
+        if self._losses >= VERIFY_ROUNDS:
             return self._finish(Phase.FAILED, f'{counted(len(lost), "reading is", "readings are")} not in the log, '
-                                f'target and answer, after asking again {counted(self._rounds - 1, "time")}: the '
+                                f'target and answer, after asking again {counted(self._losses - 1, "time")}: the '
                                 'recorder does not receive all messages; check its network and namespace')
         return (*self._drop(lost), *self._next(now))
 
@@ -338,12 +344,15 @@ class Sequence:
             target = self.plan.target(self._asked_again.pop(0) - 1)
             self.phase, self._tries = Phase(target.phase), 1
             return (self._ask(target, now),)
-        if self.verifies and self._rounds < VERIFY_ROUNDS:
-            self.text, self._deadline = 'verifying the log', None
-            return (Verify(self.done),)
+        if self.verifies and not self._is_whole:
+            return self._verify()
         self.phase, self.text = Phase.EVALUATION, 'waiting for the error motions'
         self._deadline = now + self.limits.evaluation_timeout
         return (PublishState(),)
+
+    def _verify(self) -> Commands:
+        self.text, self._deadline = 'verifying the log', None
+        return (Verify(self.done),)
 
     def _drop(self, lost: Collection[int]) -> Commands:
         """Let answers that the log lacks, by seq, not count, and ask for them again after the last target."""
@@ -364,7 +373,7 @@ class Sequence:
     def _take(self, target: Target, answer: Answer) -> Commands:
         """Take a good answer to a target; with the last one of the alignment the table frame is found."""
         self.answers.add_answer(answer)
-        self._skipped_last = False
+        self._skipped_last = self._is_whole = False
         if target.phase == Phase.ALIGNMENT and len(self._alignment) < self.plan.alignments:  # else asked again
             self._alignment.append(answer)
             if len(self._alignment) == self.plan.alignments:

@@ -26,10 +26,11 @@ from rosette_ros.io.log_run import RESUMES_KEY, SIMULATED_KEY
 from rosette_ros.io.messages import nanoseconds
 from rosette_ros.io.type_definitions import TypeLibrary
 from rosette_ros.nodes import conversions, names, qos
-from rosette_ros.nodes.base_node import ERROR, OK, WARN, CellNode, Health, run_node
+from rosette_ros.nodes.base_node import ERROR, OK, WAKE_PERIOD, WARN, CellNode, Health, run_node
 from rosette_ros.nodes.interfaces import decoded, interface_class, introspected_service
 from rosette_ros.nodes.log_recall import find_part, iter_copied, next_part, recall
 from rosette_ros.nodes.log_session import LOG, FollowUp, LogSession, Message, Retention, RunContents, free_name
+from rosette_ros.nodes.recorder_client import Progress
 
 WANTED = (
     Wanted('log_dir', 'runs', 'folder in which every run gets a folder of its own'),
@@ -41,7 +42,8 @@ WANTED = (
     Wanted('simulated', False, 'whether logs say that no real CMM measured; on a simulated clock they do anyway',
            read_only=True), *LOG)
 LAST_MESSAGES = 2.0
-"""How long an open log waits for what belongs to its end, and an ending recorder for the sequencer to close it, s."""
+"""How long an open log waits for what belongs to its end, and an ending recorder for the sequencer to close it, after
+the last answer, s."""
 
 
 class RecordedTopic(NamedTuple):
@@ -96,7 +98,8 @@ class Recorder(CellNode):
         super().__init__(names.RECORDER, WANTED)
         self._library = TypeLibrary.from_environment(os.environ)
         self._session = LogSession(self.parameters['recent_s'], self._offered_qos, lambda: self.parameters.values(LOG))
-        self._contents, self._stop_asked = RunContents('', self.get_logger().error), 0.0
+        self._contents = RunContents('', self.get_logger().error)
+        self._ending: Progress | None = None  # since the log was to be closed
         self._follow_up = FollowUp(self.parameters['follow_up_s'])
         self._not_recorded: set[str] = set()
         self._said = {SIMULATED_KEY: 'yes'} if self.parameters['simulated'] else {}
@@ -205,7 +208,7 @@ class Recorder(CellNode):
             if self._follow_up.is_open:
                 self._close()
             self._session.open(directory, request.run_id, self.seconds(), self.now().nanoseconds, earlier, links)
-            self._contents, self._stop_asked = contents, 0.0
+            self._contents, self._ending = contents, None
         except RosetteError as error:
             self.get_logger().error(f'start_recording refused: {error}')
             response.success, response.message = False, str(error)
@@ -281,12 +284,11 @@ class Recorder(CellNode):
         if not self._is_log_of(request.run_id):
             response.message = f'wanted to close the log of run {plain(request.run_id)}, got {self._open_log}'
             return response
-        now = self.seconds()
-        self._stop_asked = self._stop_asked or now
         self._replace_damaged()
+        self._ending = self._ending or Progress(self.seconds, LAST_MESSAGES)
         response.missing = [] if self._session.failure else self._contents.missing(request)
         missing = f'the log lacks {", ".join(response.missing)}' if response.missing else ''
-        if missing and now - self._stop_asked < LAST_MESSAGES:
+        if missing and self._ending.is_expected(self._contents.answers.answered):
             response.message = missing
             return response
         response.message = self._close() or missing
@@ -346,7 +348,9 @@ class Recorder(CellNode):
 
     def finish(self) -> None:
         """Close an open log once the sequencer, which may be ending too, has asked for it."""
-        self.spin_until(lambda: not self._session.is_open, LAST_MESSAGES)
+        progress = Progress(self.seconds, LAST_MESSAGES)
+        while self._session.is_open and progress.is_expected(self._contents.answers.answered):
+            self.spin_until(lambda: not self._session.is_open, WAKE_PERIOD)
         if self._session.is_open:
             self._close()
 

@@ -3,7 +3,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.client import Client
@@ -13,10 +13,8 @@ from rosette_msgs.srv import Recall, Recorded, StartRecording, StopRecording
 
 from rosette_ros.io.messages import Phase
 from rosette_ros.nodes import names
+from rosette_ros.nodes.base_node import WAKE_PERIOD, CellNode
 from rosette_ros.nodes.interfaces import introspected_client
-
-if TYPE_CHECKING:
-    from rosette_ros.nodes.base_node import CellNode
 
 END_EVENTS: dict[int, int] = {Phase.DONE: CalibrationEvent.SUCCEEDED, Phase.CANCELLED: CalibrationEvent.CANCELLED,
                               Phase.FAILED: CalibrationEvent.FAILED}
@@ -28,17 +26,17 @@ class _Call:
 
     client: Client
     request: Any
-    timeout: float
-    deadline: float  # steady time, s
+    timeout: float  # of each response, s
     done: Callable[[Any], None]
     repeat: Callable[[Any], Any]  # returns the next request on a response that is not final, else None
     future: Future | None = None  # None until it is sent (again)
+    deadline: float = 0.0  # steady time, s
 
 
 class Recalls:
     """Reads the logs of the recorder; every request is answered, by it or, after the timeout, in its place."""
 
-    def __init__(self, node: 'CellNode') -> None:
+    def __init__(self, node: CellNode) -> None:
         self._node = node
         # Not introspected: the response is in a log already. In a group of its own: a coroutine that waits for it
         # holds the group of the node.
@@ -77,11 +75,12 @@ class Recalls:
 
     def _call(self, client: Client, request: Any, timeout: float, done: Callable[[Any], None],
               repeat: Callable[[Any], Any] = lambda response: None) -> None:
-        call = _Call(client, request, timeout, self._node.seconds() + timeout, done, repeat)
+        call = _Call(client, request, timeout, done, repeat)
         self._calls.append(call)
         self._send(call)
 
     def _send(self, call: _Call) -> None:
+        call.deadline = self._node.seconds() + call.timeout
         call.future = call.client.call_async(call.request)
         call.future.add_done_callback(lambda future: self._on_response(call, future))
 
@@ -96,10 +95,30 @@ class Recalls:
         call.done(future.result())
 
 
+class Progress:
+    """Whether a quantity that is looked at every WAKE_PERIOD may still change.
+
+    For `patience` s after it did, and for as many looks as fit into them: a process that stood still meanwhile, waiting
+    for its disk or for a processor, has not yet taken what came."""
+
+    def __init__(self, seconds: Callable[[], float], patience: float) -> None:
+        """Start; seconds: returns the steady time, s."""
+        self._seconds, self._patience = seconds, patience
+        self._value: int | None = None
+        self._since, self._times = 0.0, 0
+
+    def is_expected(self, value: int) -> bool:
+        """Look at it once more; return whether it may still change."""
+        if value != self._value:
+            self._value, self._since, self._times = value, self._seconds(), 0
+        self._times += 1
+        return self._times * WAKE_PERIOD < self._patience or self._seconds() - self._since < self._patience
+
+
 class RecorderLink(Recalls):
     """The sequencer's side of the protocol with the recorder."""
 
-    def __init__(self, node: 'CellNode') -> None:
+    def __init__(self, node: CellNode) -> None:
         super().__init__(node)
         self._start = introspected_client(node, StartRecording, names.START_RECORDING)
         self._stop = introspected_client(node, StopRecording, names.STOP_RECORDING)
@@ -122,11 +141,11 @@ class RecorderLink(Recalls):
 
     def recorded(self, request: Recorded.Request, answers: int, patience: float, timeout: float,
                  done: Callable[[Recorded.Response], None]) -> None:
-        """Request what of a run is in its log; so many answers, and what is named, are waited for, `patience` s."""
-        until = self._node.seconds() + patience
+        """Request what of a run is in its log; so many answers, and what is named, are waited for as in Progress."""
+        progress = Progress(self._node.seconds, patience)
 
         def repeat(response: Recorded.Response) -> Recorded.Request | None:
             is_early = response.success and (len(response.seq) < answers or response.missing)
-            return request if is_early and self._node.seconds() < until else None
+            return request if is_early and progress.is_expected(len(response.seq) - len(response.missing)) else None
 
         self._call(self._recorded, request, timeout, done, repeat)

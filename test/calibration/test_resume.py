@@ -105,46 +105,58 @@ def test_who_does_not_come_back_ends_the_run():
                          'run when it is connected')
 
 
-def verifying(lost, rounds=VERIFY_ROUNDS):
-    """Answer all; say so often that some answers are not in the log; return (sequence, seqs asked again)."""
-    sequence = Sequence(RUN_ID, PLAN, LIMITS, verifies=True)
-    commands, again, checks = list(run_through_verified(sequence)), [], 0
-    while any(isinstance(command, Verify) for command in commands):
-        missing = lost if checks < rounds else ()
-        checks += 1
-        recorded = {(seq, stamp) for seq, stamp in sequence.answers.good_stamps() if seq not in missing}
-        commands = list(sequence.verified(recorded, (), 0.0))
-        ask = last_ask(commands)
-        while ask:
-            again.append((ask.seq, ask.attempt))
-            step = sequence.answer(answer_to(ask, stamp_ns=1000 * checks + ask.seq), 0.0)
-            commands += step
-            ask = last_ask(step)
-    return sequence, again
+def measured(sequence, commands, lost=lambda verification: (), now=0.0):
+    """Answer every target; return the (seq, attempt) that were asked and how often the log was verified.
+
+    lost: returns the stamps of the answers that the log lacks at a verification, by its number."""
+    asked, verifications = [], 0
+    while True:
+        if any(isinstance(command, Verify) for command in commands):
+            verifications += 1
+            there = {(seq, stamp) for seq, stamp in sequence.answers.good_stamps() if stamp not in lost(verifications)}
+            commands = sequence.verified(there, (), now)
+        elif ask := last_ask(commands):
+            asked.append((ask.seq, ask.attempt))
+            commands = sequence.answer(answer_to(ask, stamp_ns=1000 * (ask.attempt - 1) + ask.seq), now)
+        else:
+            return asked, verifications
 
 
-def run_through_verified(sequence):
-    """Answer everything at once, each with a stamp of its own; return the last commands."""
-    step = sequence.begin(0.0)
-    while ask := last_ask(step):
-        step = sequence.answer(answer_to(ask, stamp_ns=ask.seq), 0.0)
-    return step
+def fresh():
+    """Return a Sequence whose log is verified."""
+    return Sequence(RUN_ID, PLAN, LIMITS, verifies=True)
+
+
+def once_each():
+    """Return what is asked in a run in which nothing is lost."""
+    return [(seq, 1) for seq in range(1, PLAN.total + 1)]
 
 
 def test_what_is_not_in_the_log_is_asked_again():
     """The end of a run is verified: three answers never arrived at the recorder, one of the alignment."""
-    sequence, again = verifying((4, 12, 17), rounds=1)
-    assert again == [(4, 2), (12, 2), (17, 2)]
+    sequence = fresh()
+    asked, _ = measured(sequence, sequence.begin(0.0), lambda verification: (4, 12, 17) if verification == 2 else ())
+    assert asked == [*once_each(), (4, 2), (12, 2), (17, 2)]
     assert sequence.phase is Phase.EVALUATION
     assert sequence.done == PLAN.total
 
 
+def test_a_recorder_that_hears_the_cmm_late_loses_one_answer():
+    """The first answer is verified before the second target is asked, and so on until the log holds all."""
+    sequence = fresh()
+    asked, verifications = measured(sequence, sequence.begin(0.0), lambda verification: (1,) * (verification == 1))
+    assert asked == [*once_each(), (1, 2)]
+    assert verifications == 3, 'after the answers 1 and 2, and at the end'
+    assert sequence.phase is Phase.EVALUATION
+
+
 def dead_cmm():
     """Return (sequence, present target): a CMM has ended whose second answer of two never arrived at the recorder."""
-    sequence = Sequence(RUN_ID, PLAN, LIMITS, verifies=True)
+    sequence = fresh()
     ask = last_ask(sequence.begin(0.0))
-    for _ in range(2):
-        ask = last_ask(sequence.answer(answer_to(ask, stamp_ns=ask.seq), 0.0))
+    assert sequence.answer(answer_to(ask, stamp_ns=1), 0.0) == (Verify(1),)
+    ask = last_ask(sequence.verified({(1, 1)}, (), 0.0))
+    ask = last_ask(sequence.answer(answer_to(ask, stamp_ns=2), 0.0))
     assert sequence.hold('the CMM is disconnected', 1.0, verify=True)[-1] == Verify(2)
     return sequence, ask
 
@@ -163,19 +175,14 @@ def test_an_answer_that_a_dead_cmm_did_not_bring_to_the_log_does_not_count():
 @pytest.mark.parametrize('in_time', [True, False])
 def test_the_next_cmm_measures_what_the_dead_one_did_not_bring_to_the_log(in_time):
     """Once, after the last target, whether the recorder has said so while the CMM was away or at the end."""
-    sequence, ask = dead_cmm()
+    sequence, _ = dead_cmm()
     if in_time:
         sequence.verified({(1, 1)}, (), 1.0)
-    commands, asked = sequence.resume_asking(2.0, restarted=True), []
+    commands = sequence.resume_asking(2.0, restarted=True)
     if not in_time:
         assert sequence.verified({(1, 1)}, (), 2.0) == ()
-    while ask := last_ask(commands):
-        asked.append(ask.seq)
-        commands = sequence.answer(answer_to(ask, stamp_ns=100 + ask.seq), 2.0)
-        if commands[-1] == Verify(PLAN.total):
-            there = {(seq, stamp) for seq, stamp in sequence.answers.good_stamps() if stamp != 2}
-            commands = sequence.verified(there, (), 2.0)
-    assert asked == [*range(3, PLAN.total + 1), 2]
+    asked, _ = measured(sequence, commands, lambda verification: (2,), 2.0)
+    assert asked == [(seq, 1 + (seq == 3)) for seq in range(3, PLAN.total + 1)] + [(2, 2)]
     assert sequence.phase is Phase.EVALUATION
     assert sequence.done == PLAN.total
 
@@ -197,17 +204,28 @@ def test_an_answer_during_the_look_into_the_log_counts():
 
 
 def test_a_recorder_that_never_gets_answers_ends_the_run():
-    """Asking again and again would not help."""
-    sequence, again = verifying((5,))
-    assert len(again) == VERIFY_ROUNDS - 1
+    """At the third ball, not after all of them."""
+    sequence = fresh()
+    asked, verifications = measured(sequence, sequence.begin(0.0), lambda verification: range(10_000))
+    assert asked == once_each()[:VERIFY_ROUNDS]
+    assert verifications == VERIFY_ROUNDS
     assert sequence.phase is Phase.FAILED
     assert 'the recorder does not receive all messages' in sequence.text
 
 
-def test_a_whole_log_needs_one_look():
-    """Nothing is missing, nothing is asked."""
-    sequence, again = verifying(())
-    assert again == []
+def test_one_answer_that_never_arrives_ends_the_run():
+    """Asking for it again and again would not help."""
+    sequence = fresh()
+    asked, _ = measured(sequence, sequence.begin(0.0), lambda verification: (5, 1005, 2005))
+    assert asked == [*once_each(), (5, 2), (5, 3)]
+    assert sequence.phase is Phase.FAILED
+    assert '1 reading is not in the log, target and answer, after asking again 2 times' in sequence.text
+
+
+def test_a_whole_log_needs_two_looks():
+    """At the first answer and at the end; nothing is asked again."""
+    sequence = fresh()
+    assert measured(sequence, sequence.begin(0.0)) == (once_each(), 2)
     assert sequence.phase is Phase.EVALUATION
 
 
