@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 import rosette_ros
+from rosette_ros.nodes import names
 
 ROOT = Path(__file__).resolve().parents[1]
 LOCK = ROOT / 'requirements' / 'requirements.lock'
@@ -198,6 +199,13 @@ def test_launch_file_starts_commands_that_exist():
     assert started == {('recorder', 'recorder'), ('evaluator', 'evaluator'), ('sequencer', 'sequencer'),
                        ('cmm', 'simulated_cmm'), ('cmm', 'dme_cmm')}
     assert {command for _, command in started} <= set(scripts())
+
+
+def test_launch_file_of_the_corrector_starts_a_command_that_exists():
+    """With an argument for each parameter of the node, whatever they are."""
+    text = (ROOT / 'launch' / 'table_corrector.launch.py').read_text()
+    assert names.TABLE_CORRECTOR in scripts() and 'executable=names.TABLE_CORRECTOR' in text
+    assert text.count('for one in WANTED') == 2
 
 
 # What the set-up does
