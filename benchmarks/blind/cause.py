@@ -7,6 +7,7 @@ and what would be true of it; and a line of foreign_causes. A name of `right` is
 what noise lets see.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -24,7 +25,7 @@ DRIFTS: Names = ('frame_drift', 'frame_drift_onset', 'frame_drift_curved', 'fram
 
 
 @dataclass(frozen=True)
-class Cause:
+class Cause(ABC):
     """A cause; groups: settings of the machine on which it can be seen; turning: of the plan that shows it.
 
     variables: what it depends on, each alternative a set of keys of answers.VARIABLES; frame: of its directions.
@@ -39,9 +40,9 @@ class Cause:
     frame: ClassVar[str] = 'machine'
 
     @classmethod
+    @abstractmethod
     def draw(cls, by: Draw) -> Self:
         """Draw one that moves the balls by about the size."""
-        raise NotImplementedError
 
     def recorded(self, run: Run) -> Run:
         """Return the run as it is recorded."""

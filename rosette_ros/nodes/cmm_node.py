@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every CMM node of this package has: targets in, answers and touches out, and how many there were."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,7 +21,7 @@ _ROUND = 1e-6  # by which a unit vector may be off
 FARTHEST = 100.0  # a centre that is farther from the origin of the machine is taken for a mistake, m
 
 
-class CmmNode(CellNode):
+class CmmNode(CellNode, ABC):
     """A CMM of the cell. Topics: subscribes to `probe_target`; publishes `ball_centre` and `touches`.
 
     measured, failed: how many targets were answered so."""
@@ -32,9 +33,9 @@ class CmmNode(CellNode):
         self.answers = self.create_publisher(BallCentre, names.BALL_CENTRE, qos.ANSWER)
         self.touches = self.create_publisher(Touches, names.TOUCHES, qos.ANSWER)
 
+    @abstractmethod
     def on_target(self, target: ProbeTarget) -> None:
         """Measure the ball of a target."""
-        raise NotImplementedError
 
     def aim_of(self, target: ProbeTarget) -> tuple[Floats, Floats]:
         """Return where a ball is expected, (3,), m, and its pole, (3,), 0, 0, 0 for none; raises CellError."""
