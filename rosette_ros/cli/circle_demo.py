@@ -8,7 +8,6 @@ between the two runs; machine, clock and noise continue.
 from argparse import Namespace
 from functools import partial
 
-import numpy as np
 from rich.markup import escape
 
 from rosette_ros import command
@@ -18,8 +17,8 @@ from rosette_ros.cli.demo_cell import demo_cell, shown, write_machine
 from rosette_ros.cli.hidden_demo import MODEL, section
 from rosette_ros.core.correction import Correction
 from rosette_ros.core.correction_check import check_correction
+from rosette_ros.core.error_summary import error_lines
 from rosette_ros.core.model.least_squares import Fit
-from rosette_ros.core.records import CURVES
 from rosette_ros.io.correction_file import format_correction
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.model_file import write_model
@@ -86,6 +85,6 @@ def stages(fits: tuple[Fit, Fit, Fit]) -> Table:
     return Table('stages', 'What became of the error', (
         words('stage', 'stage', NUMBERED),
         micrometre_column('residual_um', 'residual', [fit.rms for fit in fits]),
-        *(column(curve, curve, [1e6 * np.ptp(fit.error_motions[curve]) for fit in fits], partial(fixed, places=2), unit)
-          for curve, unit in zip(CURVES, CURVE_UNITS))),
+        *(column(of_all[0].curve, of_all[0].curve, [1e6 * one.range for one in of_all], partial(fixed, places=2), unit)
+          for of_all, unit in zip(zip(*(error_lines(fit.error_motions) for fit in fits)), CURVE_UNITS))),
         note='Residual: standard deviation of a coordinate; errors: peak to valley.')

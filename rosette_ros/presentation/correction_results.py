@@ -7,7 +7,7 @@ import numpy as np
 
 from rosette_ros.core.correction import Correction
 from rosette_ros.core.correction_check import CorrectionCheck
-from rosette_ros.core.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.error_summary import COVERAGE_FACTOR, error_lines
 from rosette_ros.core.records import CURVES
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.table_format import Table, words
@@ -15,8 +15,9 @@ from rosette_ros.presentation.table_format import Table, words
 
 def correction_table(correction: Correction) -> Table:
     """Return what a correction takes off: peak to valley and U of each error."""
-    values = 1e6 * np.ptp(correction.forward.values, axis=0)
-    u = COVERAGE_FACTOR * 1e6 * correction.forward.u.max(axis=0)
+    lines = error_lines(correction.forward)
+    values = [1e6 * line.range for line in lines]
+    u = [COVERAGE_FACTOR * 1e6 * line.u_point for line in lines]
     places = [text.decimals(one) for one in u]
     return Table('correction', 'What is taken off', (
         words('error', 'error', CURVES), words('unit', 'unit', text.CURVE_UNITS),

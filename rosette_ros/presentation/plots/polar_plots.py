@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rosette_ros.core.error_summary import once_per_turn
+from rosette_ros.core.error_summary import AxisError, error_lines, once_per_turn
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, fixed, iso_name
 from rosette_ros.presentation.plots import plot_style as style
@@ -26,17 +26,18 @@ def polar_motions(motions: ErrorMotions) -> Figure:
     The reference circle is the least-squares one: its offset from the centre is the once-per-turn part of the error,
     the distance of the curve from it the rest."""
     made, handles = style.figure(2.5), list[Any]()
+    lines = {line.curve: line for line in error_lines(motions)}
     for place, curve in enumerate(SHOWN):
         panel = made.add_axes((0.005 + 0.25 * place, 0.1, 0.24, 0.8))
         handles = _panel(panel, 1e6 * motions[curve], COVERAGE_FACTOR * 1e6 * motions.uncertainty(curve), motions.angle,
-                         CURVE_UNITS[CURVES.index(curve)])
+                         CURVE_UNITS[CURVES.index(curve)], lines[curve])
         style.title(panel, f'{curve} ({iso_name(curve, motions.rotation)}), {MEANING[curve]}', fontsize=style.TEXT)
     style.legend(made, handles, ['measured', f'U (k = {COVERAGE_FACTOR})', 'no deviation',
                                  'reference circle (least squares)'])
     return made
 
 
-def _panel(panel: Axes, values: Floats, expanded: Floats, angle: Floats, unit: str) -> list[Any]:
+def _panel(panel: Axes, values: Floats, expanded: Floats, angle: Floats, unit: str, line: AxisError) -> list[Any]:
     """Draw one curve (n,) with its U; return the handles of the legend."""
     top = float(np.max(np.abs(values) + expanded)) or 1.0
     per_unit = LARGEST * BASE / top
@@ -57,12 +58,11 @@ def _panel(panel: Axes, values: Floats, expanded: Floats, angle: Floats, unit: s
     mean = BASE + per_unit * float(np.mean(values))
     circle, = panel.plot(per_unit * once.real + mean * np.cos(TURN), per_unit * once.imag + mean * np.sin(TURN),
                          color=style.BEFORE, linewidth=1.1, linestyle=style.DASHED)
-    rest = values - (once * np.exp(-1j * angle)).real
     length = scale_arrow(top)
     panel.plot([-1.8, -1.8 + per_unit * length], [-2.05, -2.05], color=style.INK, linewidth=1.4, marker='|')
-    words = f'range {fixed(float(np.ptp(values)), 2)}, rest {fixed(float(np.ptp(rest)), 2)} {unit}'
-    for x, y, line in ((-1.65 + per_unit * length, -2.05, f'{length:g} {unit}'), (-1.9, -2.42, words)):
-        panel.text(x, y, line, ha='left', va='center', fontsize=style.SMALL, color=style.INK)
+    words = f'range {fixed(1e6 * line.range, 2)}, rest {fixed(1e6 * line.residual, 2)} {unit}'
+    for x, y, text in ((-1.65 + per_unit * length, -2.05, f'{length:g} {unit}'), (-1.9, -2.42, words)):
+        panel.text(x, y, text, ha='left', va='center', fontsize=style.SMALL, color=style.INK)
     panel.set(xlim=(-1.95, 1.95), ylim=(-2.55, 1.9), aspect='equal')
     panel.axis('off')
     return [curve, band, base, circle]
