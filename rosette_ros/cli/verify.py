@@ -43,5 +43,5 @@ def run(options: Namespace) -> None:
         warn(fit.run)
     print_verdict(out, check)
     for words in others:
-        out.print(escape(words), soft_wrap=True)
+        out.print(f'[yellow]{escape(words)}[/]', soft_wrap=True)
     print_parts(out, [check_table(check)])

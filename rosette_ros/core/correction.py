@@ -60,9 +60,9 @@ class Correction:
         return np.asarray(_waves(np.atleast_1d(np.asarray(angle, dtype=float)), motions.angle.size) @ amplitudes * used)
 
     def curvature(self) -> Floats:
-        """Return bounds of the second derivative of the six errors by the angle, (6,), m/rad^2 and 1/rad."""
+        """Return bounds of the second derivative of the six errors by the angle, both senses, (6,), m/rad^2, 1/rad."""
         orders = _orders(self.forward.angle.size)[:, None]**2
-        return np.asarray(max((np.abs(orders * one).sum(axis=0) for one in self._amplitudes), key=np.sum))
+        return np.asarray(np.max([np.abs(orders * one).sum(axis=0) for one in self._amplitudes], axis=0))
 
     def pose(self, angle: float, sense: int = 1) -> tuple[Floats, Floats]:
         """Return how a table at an angle stands in the frame that was turned by it: shift (3,), m, rotation (3,), rad.

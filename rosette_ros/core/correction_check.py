@@ -121,25 +121,26 @@ def check_correction(before: ErrorMotions, after: ErrorMotions, correction: Corr
     """Return the CorrectionCheck of two runs, one before and one after a correction was put to work.
 
     With the curves b before, a after and c of the correction: a = b - g c, and g = 1 where it did what it promised; the
-    variance of a point is the sum of those of both runs. Raises InvalidData where their angles differ.
+    variance of a point of a - (b - c) is u_a^2 + u_b^2 then. The correction is of the table before where b - c is
+    noise of u_b^2 + u_c^2, or 0 (the same run). Raises InvalidData where the angles of the runs differ.
     """
     if before.angle.size != after.angle.size or np.abs(
             np.angle(np.exp(1j * (before.angle - after.angle)))).max() > 0.01 * TWO_PI / before.angle.size:
         raise InvalidData(f'verify: wanted two runs at the same angles of the table, got {before.angle.size} angles '
                           f'before and {after.angle.size} after, or others')
     taken = correction.errors(before.angle)
-    variance = before.u**2 + after.u**2
+    variance, own = before.u**2 + after.u**2, (correction.forward.u**2).mean(axis=0)
     same_run = np.abs(taken - before.values)[:, [curve in correction.corrected for curve in CURVES]].max(initial=0)
     found = tuple(_corrected(place, before.values[:, place], after.values[:, place], taken[:, place],
-                             variance[:, place], curve in correction.corrected)
+                             variance[:, place], float(own[place]), curve in correction.corrected)
                   for place, curve in enumerate(CURVES))
-    differs = [_p(before.values[:, place] - taken[:, place], 2 * before.u[:, place]**2, curve)
+    differs = [_p(before.values[:, place] - taken[:, place], before.u[:, place]**2 + own[place], curve)
                for place, curve in enumerate(CURVES) if curve in correction.corrected]
     return CorrectionCheck(found, _shift(before, after, correction, variance, found),
                            1.0 if same_run < 1e-12 else min(differs, default=1.0))
 
 
-def _corrected(place: int, before: Floats, after: Floats, taken: Floats, variance: Floats,
+def _corrected(place: int, before: Floats, after: Floats, taken: Floats, variance: Floats, own: float,
                is_corrected: bool) -> CorrectedError:
     curve = CURVES[place]
     promised = before - taken
@@ -150,7 +151,7 @@ def _corrected(place: int, before: Floats, after: Floats, taken: Floats, varianc
     p = _p(after - promised, variance, curve)
     if not is_corrected:
         result = Effectiveness.SAME if p >= UNLIKELY else Effectiveness.CHANGED
-    elif _p(taken, variance / 2, curve) >= UNLIKELY:
+    elif _p(taken, np.full(taken.size, own), curve) >= UNLIKELY:
         result = Effectiveness.WITHIN_U if p >= UNLIKELY else Effectiveness.REMAINS
     elif p >= UNLIKELY:
         result = Effectiveness.VANISHED

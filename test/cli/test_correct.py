@@ -3,6 +3,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +12,12 @@ import yaml
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.correction_file import read_correction
+from rosette_ros.io.identity_file import Identity
+from rosette_ros.io.log_run import LogRun
 from rosette_ros.simulation import Machine, load_machine
 from rosette_ros.simulation.machine_config import machine_config
 
+LOG = Path(__file__).parents[1] / 'golden' / 'logs' / 'log_clean_n6_diagonal'
 MACHINE = {'seed': 4, 'plate': {'balls': 12},
            'table': {'translation_um': 1.0, 'rotation_urad': 8.0, 'harmonics': 4}}
 
@@ -48,12 +52,17 @@ def test_a_table_is_corrected_and_verified(rosette, measure, tmp_path):
     assert 'ctz (was not taken off), crz (was not taken off)' in again
 
 
-def test_another_serial_number_is_told(rosette, measure, tmp_path):
+def test_another_serial_number_is_told(rosette, tmp_path, monkeypatch):
     """Where correction and log name different tables."""
-    before, file, identity = measure('before'), tmp_path / 'c.yaml', tmp_path / 'identity.yaml'
+    file, identity = tmp_path / 'c.yaml', tmp_path / 'identity.yaml'
     identity.write_text('schema: rosette-identity/1\ntable: {maker: A, model: B, serial: RT-1}\n')
-    assert rosette('correct', before, '-o', file, '--identity', identity).code == 0
+    assert rosette('correct', LOG, '-o', file, '--identity', identity).code == 0
     assert yaml.safe_load(file.read_text())['table'] == 'RT-1'
+    monkeypatch.setattr(LogRun, 'identity', lambda *_: Identity({'table.serial': 'RT-2'}))
+    shown = rosette('verify', LOG, LOG, '--correction', file).out
+    assert shown.count('is of table RT-2, the correction of table RT-1') == 2
+    told = json.loads(rosette('verify', LOG, LOG, '--correction', file, '--json').out)['remarks']
+    assert told[0] == f'{LOG}: is of table RT-2, the correction of table RT-1'
 
 
 @pytest.mark.parametrize(('target', 'lines', 'words'), [

@@ -71,6 +71,14 @@ def test_only_what_is_wanted_is_taken_off_in_each_sense(before):
     np.testing.assert_allclose(correction.errors(before.angle, -1), -got, atol=1e-18)
 
 
+def test_the_bound_of_the_bend_holds_in_both_senses(before):
+    """Of each error the larger one, whichever sense bends it more; errors of mixed units are not added."""
+    small, large = (replace(before, values=before.values * np.repeat(by, 3)) for by in ((1.0, 9.0), (5.0, 1.0)))
+    alone = [Correction(one, one).curvature() for one in (small, large)]
+    np.testing.assert_allclose(Correction(small, large).curvature(), np.maximum(*alone))
+    assert (alone[0] < alone[1]).tolist() == [True] * 3 + [False] * 3
+
+
 def test_pose_and_point_are_one_body(before):
     """The pose in the turned frame and a point of the table in the fixed one describe the same place."""
     correction, angle, point = Correction(before, before), 2.1, np.array([0.2, -0.1, 0.05])
@@ -149,6 +157,19 @@ def test_an_error_within_its_uncertainty_is_nothing_to_correct():
     check = check_correction(first, noise, correction)
     assert {one.result for one in check.errors} <= {Effectiveness.WITHIN_U, Effectiveness.VANISHED}
     assert check.sentence.startswith(('There was nothing to correct', 'The correction did what it promised'))
+
+
+def test_the_table_of_a_correction_is_told_by_both_uncertainties(before):
+    """A correction of a rough run of the same table is of that table; if it were as precise as the run, not."""
+    rng = np.random.default_rng(4)
+    rough = replace(before, values=before.values + 10 * before.u * rng.standard_normal(before.u.shape),
+                    u=10 * before.u)
+    after = replace(before, values=before.values - rough.values)
+
+    def p_of_table(motions):
+        return check_correction(before, after, Correction(motions, motions)).p_of_table
+    assert p_of_table(rough) > 0.01
+    assert p_of_table(replace(rough, u=before.u)) < 1e-6
 
 
 def test_other_angles_are_refused(before):
