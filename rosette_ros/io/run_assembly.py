@@ -134,6 +134,10 @@ class RunAnswers:
         usable = self._usable(seq)
         return next((one for one in usable if one.stamp_ns >= self._last[seq].stamp_ns), next(iter(usable), None))
 
+    def failed(self) -> list[Target]:
+        """Return the targets that were answered, but by no answer that counts, in order of seq."""
+        return [self._last[seq] for seq in sorted(self._last) if self._by_seq.get(seq) and seq not in self._answered]
+
     def counting(self) -> list[tuple[Target, Answer]]:
         """Return the pairs that count, in order of seq."""
         pairs = ((self._last[seq], self.answer_to(seq)) for seq in sorted(self._last))

@@ -189,6 +189,23 @@ def worst_readings(comparison: Comparison) -> Table:
         column('p', text.P_NOISE, [one.p for one in worst], text.p_value)), levels=_marked(one.p for one in worst))
 
 
+def reading(fit: Fit, place: int) -> Table:
+    """Return one reading with its residual; place: 0..N-1."""
+    run, residual = fit.run, fit.residual[place]
+    minutes, temperature = float(run.time[place] - run.time[0]) / 60, float(run.temperature[place])
+    return Table('reading', f'Reading {place + 1}', (
+        *(column(key, name, [int(value)], str) for key, name, value in (
+            ('reading', 'reading', place + 1), ('table_position', 'table position', run.table_position[place]),
+            ('ball', 'ball', run.ball[place]), ('cmm_position', 'CMM position', run.cmm_position[place]))),
+        column('table_angle_deg', 'table angle', [float(np.rad2deg(run.table_angle[place]))],
+               partial(text.fixed, places=2), '°'),
+        column('time_min', 'time', [minutes], partial(text.fixed, places=1), 'min'),
+        column('temperature_C', 'temperature', [temperature], partial(text.fixed, places=2), '°C'),
+        *(micrometre_column(f'{axis}_um', axis, [size], sign=True) for axis, size in zip(AXES, residual)),
+        column('size_sigma', 'in rms', [float(np.sqrt(np.mean(residual**2))) / noise_of(fit)[0]],
+               partial(text.fixed, places=1))))
+
+
 def waves(comparison: Comparison) -> Table:
     """Return the strongest harmonics of the residual; empty for an incomplete run, which has no spectrum."""
     lines = comparison.harmonics[:WAVES]

@@ -36,6 +36,8 @@ MOST_GAPS = 20
 """Cells of a map of at most so many rows have gaps between them."""
 MOST_MARKS = 1500
 """A line of more points shows the lowest and the highest of each section."""
+CHOSEN = {'color': '#cc79a7', 'width': 3}
+"""Line around or through a chosen reading."""
 AXIS = {'zeroline': False, 'fixedrange': True, 'title': {'standoff': 6, 'font': {'size': 12}}}
 HOVER = ('table position %{customdata[0]}, ball %{customdata[1]}, CMM position %{customdata[2]}'
          '<br>%{text} µm<br>rms %{customdata[3]:.1f} × NOISE<br>reading %{customdata[4]}, at %{customdata[5]:.1f} min')
@@ -53,8 +55,10 @@ class Curves(NamedTuple):
     dash: str = 'solid'
 
 
-def curves_figure(every: Sequence[Curves]) -> PlotlyFigure:
-    """Return six panels of curves against the table angle with bands of U (k = 2)."""
+def curves_figure(every: Sequence[Curves], angle: float | None = None) -> PlotlyFigure:
+    """Return six panels of curves against the table angle with bands of U (k = 2); angle: of a chosen reading, rad."""
+    if not every:
+        return figure_of([], {**layout_of(), 'xaxis': {'visible': False}, 'yaxis': {'visible': False}})
     data, layout = [], _panels(2, 3, gap=(0.2, 0.3), legend=True)
     for place, (curve, unit) in enumerate(zip(CURVES, CURVE_UNITS, strict=True), 1):
         for one in every:
@@ -62,7 +66,9 @@ def curves_figure(every: Sequence[Curves]) -> PlotlyFigure:
         x = {'range': [-8, 368], 'tickvals': [0, 90, 180, 270, 360],
              'title': {'text': 'table angle / °' if place > 3 else ''}}
         _set_panel(layout, place, x, {'zeroline': True}, f'<b>{curve}</b> {MEANING[curve]} / {unit}')
-    return _figure(data, layout)
+        if angle is not None:
+            layout['shapes'].append(_upright(place, float(np.rad2deg(angle) % 360)))
+    return figure_of(data, layout)
 
 
 def _curve(one: Curves, curve: str, unit: str, place: int) -> list[PlotlyFigure]:
@@ -70,8 +76,8 @@ def _curve(one: Curves, curve: str, unit: str, place: int) -> list[PlotlyFigure]
     angle, value = closed(one.motions.angle, one.motions[curve])
     spread = COVERAGE_FACTOR * closed(one.motions.angle, one.motions.uncertainty(curve))[1]
     common = {'type': 'scatter', 'legendgroup': one.name, **_axes(place)}
-    band = {**common, **_band(angle, value, spread, one.colour)}
-    line = {**common, 'x': _array(angle), 'y': _array(value), 'name': one.name, 'customdata': _array(spread),
+    band = {**common, **band_trace(angle, value, spread, one.colour)}
+    line = {**common, 'x': packed(angle), 'y': packed(value), 'name': one.name, 'customdata': packed(spread),
             'mode': 'lines+markers' if value.size <= 80 else 'lines', 'showlegend': place == 1,
             'marker': {'size': 5, 'symbol': 'circle' if one.dash == 'solid' else 'square'},
             'line': {'color': one.colour, 'width': 2, 'dash': one.dash},
@@ -80,11 +86,11 @@ def _curve(one: Curves, curve: str, unit: str, place: int) -> list[PlotlyFigure]
     return [band, line]
 
 
-def _band(x: Floats, value: Floats, spread: Floats, colour: str) -> PlotlyFigure:
+def band_trace(x: Floats, value: Floats, spread: Floats, colour: str) -> PlotlyFigure:
     """Return the area within `spread` of values."""
     red, green, blue = (int(colour[k:k + 2], 16) for k in (1, 3, 5))
-    return {'type': 'scatter', 'x': _array(np.concatenate([x, x[::-1]])),
-            'y': _array(np.concatenate([value + spread, (value - spread)[::-1]])), 'fill': 'toself', 'mode': 'lines',
+    return {'type': 'scatter', 'x': packed(np.concatenate([x, x[::-1]])),
+            'y': packed(np.concatenate([value + spread, (value - spread)[::-1]])), 'fill': 'toself', 'mode': 'lines',
             'fillcolor': f'rgba({red},{green},{blue},0.22)', 'line': {'width': 0}, 'hoverinfo': 'skip',
             'showlegend': False}
 
@@ -101,26 +107,27 @@ def shape_figure(shape: Shape) -> PlotlyFigure:
         carrier = f' × {curve.carrier}' if curve.carrier else ''
         x = {'range': ends, 'title': {'text': title}}
         _set_panel(layout, place, x, {'zeroline': True}, f'<b>{curve.axis}</b>{carrier} / µm')
-    return _figure(data, layout)
+    return figure_of(data, layout)
 
 
 def _shape_curve(curve: ShapeCurve, x: Floats, at: str, place: int) -> list[PlotlyFigure]:
     value, spread = 1e6 * curve.value, 1e6 * COVERAGE_FACTOR * curve.u
-    common = {'type': 'scatter', 'x': _array(x), 'mode': 'lines', 'showlegend': place == 1, **_axes(place)}
-    line = {**common, 'y': _array(value), 'customdata': _array(spread), 'name': 'recovered',
+    common = {'type': 'scatter', 'x': packed(x), 'mode': 'lines', 'showlegend': place == 1, **_axes(place)}
+    line = {**common, 'y': packed(value), 'customdata': packed(spread), 'name': 'recovered',
             'line': {'color': AFTER, 'width': 2},
             'hovertemplate': f'%{{y}} ± %{{customdata:.3f}} µm, U with k = {COVERAGE_FACTOR}<br>{at}'
                              '<extra>recovered</extra>'}
     claimed = [] if curve.claimed is None else [
-        {**common, 'y': _array(1e6 * curve.claimed), 'name': 'claimed', 'line': {'color': BEFORE, 'dash': 'dash'},
+        {**common, 'y': packed(1e6 * curve.claimed), 'name': 'claimed', 'line': {'color': BEFORE, 'dash': 'dash'},
          'hovertemplate': f'%{{y}} µm<br>{at}<extra>claimed</extra>'}]
-    return [{**_band(x, value, spread, AFTER), **_axes(place)}, line, *claimed]
+    return [{**band_trace(x, value, spread, AFTER), **_axes(place)}, line, *claimed]
 
 
-def maps_figure(fit: Fit, scale: Fit | None = None) -> PlotlyFigure:
+def maps_figure(fit: Fit, scale: Fit | None = None, chosen: int | None = None) -> PlotlyFigure:
     """Return three maps of residuals, table position and ball, one per axis; `scale`: its residuals span the colours.
 
-    The size of a reading is the rms over the axes in units of the repeatability, where it is known.
+    The size of a reading is the rms over the axes in units of the repeatability, where it is known; chosen: index of
+    a reading that is framed.
     """
     run, residual, noise = fit.run, 1e6 * fit.residual, noise_of(fit)[1].partition(';')[0]
     step = -(-run.n // MOST_CELLS)
@@ -134,14 +141,25 @@ def maps_figure(fit: Fit, scale: Fit | None = None) -> PlotlyFigure:
     for place, axis in enumerate(AXES, 1):
         values, readings, texts = _cells(fit, residual, place - 1, step)
         data.append({
-            'type': 'heatmap', 'z': _array(values), 'x': _array(centre), 'y': _array(centre), 'zmin': -top, 'zmax': top,
-            'colorscale': DIVERGING, 'customdata': _array(readings), 'text': texts, 'hovertemplate': hover,
+            'type': 'heatmap', 'z': packed(values), 'x': packed(centre), 'y': packed(centre), 'zmin': -top, 'zmax': top,
+            'colorscale': DIVERGING, 'customdata': packed(readings), 'text': texts, 'hovertemplate': hover,
             'xgap': gap, 'ygap': gap, 'showscale': place == 3, **_axes(place),
             'colorbar': {'title': {'text': 'µm', 'side': 'top'}, 'thickness': 12, 'len': 1.02, 'x': 1.01}})
         x = {'title': {'text': 'ball'}, 'dtick': _tick(run.n), 'tickangle': 0}
         y = {'autorange': 'reversed', 'dtick': _tick(run.n), 'title': {'text': 'table position' if place == 1 else ''}}
         _set_panel(layout, place, x, y, f'residual in <b>{axis}</b> / µm')
-    return _figure(data, layout)
+        if chosen is not None:
+            at = [centre[(one[chosen] - 1) // step] for one in (run.ball, run.table_position)]
+            layout['shapes'].append({
+                'type': 'rect', 'xref': f'x{_number(place)}', 'yref': f'y{_number(place)}', 'x0': at[0] - step / 2,
+                'x1': at[0] + step / 2, 'y0': at[1] - step / 2, 'y1': at[1] + step / 2, 'line': CHOSEN})
+    return figure_of(data, layout)
+
+
+def reading_in_map(fit: Fit, axis: int, row: int, column: int) -> int | None:
+    """Return the index of the reading that a cell of a map shows, None where it is empty."""
+    shown = _cells(fit, 1e6 * fit.residual, axis, -(-fit.run.n // MOST_CELLS))[1][row, column, 4]
+    return None if np.isnan(shown) else int(shown) - 1
 
 
 def _tick(n: int) -> int:
@@ -169,8 +187,10 @@ def _cells(fit: Fit, residual: Floats, axis: int, step: int) -> tuple[Floats, Fl
     return values, readings, texts
 
 
-def time_figure(fit: Fit, colour: str = AFTER) -> PlotlyFigure:
-    """Return residuals of x, y, z against time, with lines at twice the repeatability, where it is known."""
+def time_figure(fit: Fit, colour: str = AFTER, chosen: int | None = None) -> PlotlyFigure:
+    """Return residuals of x, y, z against time, with lines at twice the repeatability, where it is known.
+
+    chosen: index of a reading that is marked."""
     run, residual, (noise, name) = fit.run, 1e6 * fit.residual, noise_of(fit)
     minutes, limit = (run.time - run.time[0]) / 60, 2e6 * noise
     data, layout = [], _panels(3, 1, gap=(0.0, 0.08), margin={'t': 24})
@@ -178,7 +198,7 @@ def time_figure(fit: Fit, colour: str = AFTER) -> PlotlyFigure:
         shown = _thinned(residual[:, place - 1])
         data.append({
             'type': 'scatter', 'mode': 'markers' if run.size <= MOST_MARKS else 'lines', 'name': axis,
-            'x': _array(minutes[shown]), 'y': _array(residual[shown, place - 1]), **_axes(place),
+            'x': packed(minutes[shown]), 'y': packed(residual[shown, place - 1]), **_axes(place),
             'marker': {'size': 4, 'color': colour, 'symbol': symbol}, 'showlegend': False,
             'line': {'color': colour, 'width': 1},
             'hovertemplate': f'{axis} %{{y}} µm at %{{x:.1f}} min<extra></extra>'})
@@ -189,7 +209,14 @@ def time_figure(fit: Fit, colour: str = AFTER) -> PlotlyFigure:
             {'type': 'line', 'xref': f'x{_number(place)} domain', 'yref': f'y{_number(place)}', 'x0': 0, 'x1': 1,
              'y0': level, 'y1': level, 'line': {'color': COLOURS[2], 'width': 1.5, 'dash': 'dot'}}
             for level in (-limit, limit)]
-    return _figure(data, layout)
+        if chosen is not None:
+            layout['shapes'].append(_upright(place, float(minutes[chosen])))
+    return figure_of(data, layout)
+
+
+def reading_in_time(fit: Fit, axis: int, point: int) -> int:
+    """Return the index of the reading that a point of a panel of the time series shows."""
+    return int(_thinned(fit.residual[:, axis])[point])
 
 
 def _thinned(values: Floats) -> Ints:
@@ -209,18 +236,18 @@ def ladder_figure(ladder: Sequence[LadderStep], present: int, noise: float | Non
     series = (('fit', [1e6 * step.fit.rms for step in ladder], AFTER, 'circle'),
               ('cross-validation', [1e6 * step.cross_validation for step in ladder], COLOURS[4], 'square'))
     data: list[PlotlyFigure] = [
-        {'type': 'scatter', 'mode': 'lines+markers', 'x': places, 'y': _array(values), 'name': name,
+        {'type': 'scatter', 'mode': 'lines+markers', 'x': places, 'y': packed(values), 'name': name,
          'line': {'color': colour, 'width': 2}, 'marker': {'size': 8, 'symbol': symbol},
          'hovertemplate': f'%{{y}} µm<extra>{name}</extra>'} for name, values, colour, symbol in series]
     if noise is not None:
         data.append({'type': 'scatter', 'mode': 'lines', 'x': ends, 'y': [1e6 * noise] * 2,
                      'name': 'repeatability', 'line': {'color': COLOURS[2], 'width': 2, 'dash': 'dash'},
                      'hovertemplate': 'repeatability %{y} µm<extra></extra>'})
-    layout = _layout(legend=True, margin={'l': 52})
+    layout = layout_of(legend=True, margin={'l': 52})
     layout['xaxis'] = {'tickvals': places, 'ticktext': labels, 'range': ends, 'automargin': True, 'tickangle': 0,
                        'tickfont': {'size': 11 if len(labels) < 4 else 9}}
     layout['yaxis'] = {'title': {'text': 'rms / µm'}, 'rangemode': 'tozero'}
-    return _figure(data, layout)
+    return figure_of(data, layout)
 
 
 def filling_figure(n: int, cells: Mapping[tuple[int, int], float]) -> PlotlyFigure:
@@ -232,10 +259,10 @@ def filling_figure(n: int, cells: Mapping[tuple[int, int], float]) -> PlotlyFigu
     data = [{'type': 'heatmap', 'z': values, 'x': numbers, 'y': numbers, 'colorscale': 'Cividis', 'xgap': 1, 'ygap': 1,
              'colorbar': {'title': {'text': 'µm', 'side': 'top'}, 'thickness': 12},
              'hovertemplate': 'table position %{y}, ball %{x}<br>%{z} µm from its expected place<extra></extra>'}]
-    layout = _layout(margin={'l': 52, 't': 12})
+    layout = layout_of(margin={'l': 52, 't': 12})
     layout['xaxis'] = {'dtick': _tick(n), 'range': [0.5, n + 0.5], 'title': {'text': 'ball'}}
     layout['yaxis'] = {'dtick': _tick(n), 'range': [n + 0.5, 0.5], 'title': {'text': 'table position'}}
-    return _figure(data, layout)
+    return figure_of(data, layout)
 
 
 def pairs_figure(scheme: Scheme) -> PlotlyFigure:
@@ -246,17 +273,17 @@ def pairs_figure(scheme: Scheme) -> PlotlyFigure:
     size = max(3, min(14, 230 // scheme.n))
     data: list[PlotlyFigure] = [{
         'type': 'scattergl' if number.size > MOST_MARKS else 'scatter', 'mode': 'markers',
-        'x': _array(scheme.cmm_position + shift), 'y': _array(scheme.table_position),
-        'customdata': _array(np.column_stack([number, scheme.ball, scheme.cmm_position])), 'showlegend': False,
-        'marker': {'size': size if not again.any() else 0.7 * size, 'color': _array(number), 'colorscale': 'Viridis',
+        'x': packed(scheme.cmm_position + shift), 'y': packed(scheme.table_position),
+        'customdata': packed(np.column_stack([number, scheme.ball, scheme.cmm_position])), 'showlegend': False,
+        'marker': {'size': size if not again.any() else 0.7 * size, 'color': packed(number), 'colorscale': 'Viridis',
                    'symbol': 'square', 'colorbar': {'title': {'text': 'reading', 'side': 'top'}, 'thickness': 12}},
         'hovertemplate': 'reading %{customdata[0]}: table position %{y}, ball %{customdata[1]}, CMM position '
                          '%{customdata[2]}<extra></extra>'}]
-    layout = _layout(margin={'l': 52, 't': 12})
+    layout = layout_of(margin={'l': 52, 't': 12})
     ends = {'dtick': _tick(scheme.n), 'tick0': 1}
     layout['xaxis'] = {**ends, 'range': [0.4, scheme.n + 0.6], 'title': {'text': 'CMM position'}}
     layout['yaxis'] = {**ends, 'range': [scheme.n + 0.6, 0.4], 'title': {'text': 'table position'}}
-    return _figure(data, layout)
+    return figure_of(data, layout)
 
 
 def uncertainty_figure(n: int, points: Sequence[Point]) -> PlotlyFigure:
@@ -268,28 +295,28 @@ def uncertainty_figure(n: int, points: Sequence[Point]) -> PlotlyFigure:
              (f'best sets of CMM positions, {n} balls', *np.array(sets or np.zeros((0, 2))).T,
               {'color': '#999999', 'width': 1}))
     data: list[PlotlyFigure] = [{
-        'type': 'scatter', 'mode': 'lines', 'x': _array(x), 'y': _array(y), 'name': name, 'line': line,
+        'type': 'scatter', 'mode': 'lines', 'x': packed(x), 'y': packed(y), 'name': name, 'line': line,
         'hovertemplate': f'%{{y:.2f}}<extra>{name}</extra>'} for name, x, y, line in lines if len(x)]
     data += [{'type': 'scatter', 'mode': 'markers', 'x': [x], 'y': [y], 'name': name,
               'marker': {'size': 11, 'color': COLOURS[place % len(COLOURS)], 'symbol': SYMBOLS[place % len(SYMBOLS)]},
               'hovertemplate': f'%{{y:.2f}} at %{{x:.0%}} of the readings<extra>{name}</extra>'}
              for place, (name, x, y) in enumerate(points)]
-    layout = _layout(legend=True, margin={'l': 52, 't': 12})
+    layout = layout_of(legend=True, margin={'l': 52, 't': 12})
     layout['legend'] = {'orientation': 'h', 'x': 0, 'y': -0.22}
     layout['xaxis'] = {'title': {'text': 'share of the n² pairs that is measured, N/n²'}, 'tickformat': '.0%'}
     layout['yaxis'] = {'title': {'text': 'relative uncertainty of the curves'}, 'rangemode': 'tozero'}
-    return _figure(data, layout)
+    return figure_of(data, layout)
 
 
 # What all figures have
 
 
-def _figure(data: list[PlotlyFigure], layout: PlotlyFigure) -> PlotlyFigure:
+def figure_of(data: list[PlotlyFigure], layout: PlotlyFigure) -> PlotlyFigure:
     config = {'displaylogo': False, 'responsive': True, 'displayModeBar': False}
     return {'data': data, 'layout': layout, 'config': config}
 
 
-def _layout(legend: bool = False, margin: Mapping[str, int] | None = None) -> PlotlyFigure:
+def layout_of(legend: bool = False, margin: Mapping[str, int] | None = None) -> PlotlyFigure:
     return {'template': {'layout': {'xaxis': AXIS, 'yaxis': {**AXIS, 'hoverformat': '.3f'}}},
             'annotations': [], 'shapes': [], 'paper_bgcolor': 'rgba(0,0,0,0)', 'plot_bgcolor': 'rgba(0,0,0,0)',
             'font': {'size': 12, 'family': FONT},
@@ -302,7 +329,7 @@ def _panels(rows: int, columns: int, gap: tuple[float, float], legend: bool = Fa
             margin: Mapping[str, int] | None = None) -> PlotlyFigure:
     """Return the layout of panels, numbered along the rows from the top left; gap: shares of a panel's size."""
     grid = {'rows': rows, 'columns': columns, 'pattern': 'independent', 'xgap': gap[0], 'ygap': gap[1]}
-    return {**_layout(legend, {'t': 46, **(margin or {})}), 'grid': grid}
+    return {**layout_of(legend, {'t': 46, **(margin or {})}), 'grid': grid}
 
 
 def _set_panel(layout: PlotlyFigure, place: int, x: PlotlyFigure, y: PlotlyFigure, heading: str = '') -> None:
@@ -314,6 +341,12 @@ def _set_panel(layout: PlotlyFigure, place: int, x: PlotlyFigure, y: PlotlyFigur
          'xanchor': 'left', 'yanchor': 'bottom', 'font': {'size': 12}})
 
 
+def _upright(place: int, x: float) -> PlotlyFigure:
+    """Return an upright line through a panel."""
+    return {'type': 'line', 'xref': f'x{_number(place)}', 'yref': f'y{_number(place)} domain', 'x0': x, 'x1': x,
+            'y0': 0, 'y1': 1, 'line': {**CHOSEN, 'width': 2}}
+
+
 def _axes(place: int) -> dict[str, str]:
     return {'xaxis': f'x{_number(place)}', 'yaxis': f'y{_number(place)}'}
 
@@ -322,7 +355,7 @@ def _number(place: int) -> str:
     return '' if place == 1 else str(place)
 
 
-def _array(values: ArrayLike) -> dict[str, str]:
+def packed(values: ArrayLike) -> dict[str, str]:
     """Return numbers as Plotly's typed array: short to send, and quick for the browser."""
     numbers = np.ascontiguousarray(values, dtype='<f4')
     made = {'dtype': 'f4', 'bdata': b64encode(numbers).decode('ascii')}

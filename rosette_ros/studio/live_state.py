@@ -2,6 +2,7 @@
 """What is received of a running cell, as plain values: progress, ball centres, curves, health, warnings. No ROS."""
 
 from collections import deque
+from collections.abc import Iterable
 from enum import StrEnum
 from math import dist
 from typing import NamedTuple
@@ -44,6 +45,29 @@ class Fault(NamedTuple):
     clock: str
     words: str
     level: Health = Health.FAULT
+
+
+class Place(NamedTuple):
+    """Which reading of a run, each 1..n."""
+
+    table_position: int
+    ball: int
+    cmm_position: int
+
+
+class CellView(NamedTuple):
+    """A cell as it is seen from above: the last target, whether it is waited for, what was measured and what failed."""
+
+    balls: int
+    target: Target | None
+    is_waiting: bool
+    done: frozenset[Place]
+    failed: frozenset[Place]
+
+
+def _places(targets: Iterable[Target]) -> frozenset[Place]:
+    return frozenset(Place(one.table_position, one.ball, one.cmm_position) for one in targets
+                     if one.phase == Phase.RUN)
 
 
 class CellState:
@@ -120,6 +144,13 @@ class CellState:
         return {(target.table_position, target.ball): dist(answer.centre, target.centre)
                 for target, answer in self._run.counting()
                 if target.phase == Phase.RUN and target.table_position in numbers and target.ball in numbers}
+
+    def view(self) -> CellView:
+        """Return what a plan view shows; the last target is the current one until it is answered."""
+        last = self._run.targets[-1] if self._run.targets else None
+        counting = [target for target, _ in self._run.counting()]
+        waiting = last is not None and all(target.seq != last.seq for target in counting)
+        return CellView(self.balls, last, waiting, _places(counting), _places(self._run.failed()))
 
     def health(self, now: float) -> list[NodeHealth]:
         """Return the health of every node, silent where it was not received for long; now: steady time, s."""

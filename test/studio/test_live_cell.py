@@ -32,6 +32,11 @@ def connect(page, studio, domain):
     page.get_by_test_id('connect').click()
 
 
+def points(figure, name):
+    """Return how many marks of a name a figure draws."""
+    return figure.evaluate('(made, name) => made.data.flatMap(one => one.name === name && one.text || []).length', name)
+
+
 def test_calibrate_and_cancel_from_the_page(cell, module_domain_id, studio, page):
     """Health of all nodes, start, curves, done; the log opens; the next one is cancelled and ends in order."""
     connect(page, studio, module_domain_id)
@@ -56,6 +61,10 @@ def test_calibrate_and_cancel_from_the_page(cell, module_domain_id, studio, page
     expect(page.get_by_test_id('live-words')).to_contain_text('too few ball centres')
     expect(curves).to_have_count(0)
     expect(page.get_by_test_id('progress-text')).to_contain_text('of 52 ball centres. Run')
+    view = page.get_by_test_id('plan-view-figure')
+    expect(view).to_contain_text('table position')
+    assert points(view, 'current target') == 2  # its ball, and its reading
+    assert 0 < points(view, 'measured') <= BALLS + 20
     page.get_by_test_id('cancel').click()
     expect(page.get_by_test_id('outcome')).to_contain_text('cancelled')
     expect(page.get_by_test_id('start')).to_be_enabled()

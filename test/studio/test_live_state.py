@@ -8,7 +8,7 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.messages import Answer, CalibrationProgress, Phase, Target
 from rosette_ros.simulation import Machine, MachineConfig
-from rosette_ros.studio.live_state import CellState, Fault, Health
+from rosette_ros.studio.live_state import CellState, CellView, Fault, Health, Place
 
 
 def messages(n=4, run_id='a'):
@@ -40,6 +40,22 @@ def test_a_run_grows_with_its_answers(late):
     assert (state.run_id, state.balls, len(state.cells)) == ('a', 4, 16)
     assert list(state.cells.values()) == pytest.approx([5e-6] * 16, rel=1e-3)
     assert np.array_equal(state.part_of_run().centre, run.centre)
+
+
+def test_the_plan_view_fills():
+    """The current target is waited for until its answer counts; an answer without a ball centre is a failure."""
+    _, targets, answers = messages()
+    state = CellState()
+    assert state.view() == CellView(0, None, False, frozenset(), frozenset())
+    for target, answer in zip(targets[:3], (answers[0], answers[1]._replace(status=1))):
+        state.add_target(target)
+        assert state.view().is_waiting
+        state.add_answer(answer)
+    view = state.view()
+    assert (view.balls, view.target, view.is_waiting) == (4, targets[1], True)
+    assert view.done == {Place(1, 1, 1)} and view.failed == {Place(1, 2, 2)}
+    state.add_answer(answers[1])
+    assert state.view() == CellView(4, targets[1], False, frozenset({Place(1, 1, 1), Place(1, 2, 2)}), frozenset())
 
 
 def test_nothing_received_is_no_run():

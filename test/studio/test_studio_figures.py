@@ -9,6 +9,7 @@ import pytest
 from rosette_ros.analysis import analyse, diagnose, ladder
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.scheme import plan
+from rosette_ros.io.messages import Phase, Target
 from rosette_ros.presentation.formatting import signed
 from rosette_ros.presentation.plots.plot_style import AFTER
 from rosette_ros.simulation import Machine, MachineConfig
@@ -21,11 +22,17 @@ from rosette_ros.studio.figures import (
     ladder_figure,
     maps_figure,
     pairs_figure,
+    reading_in_map,
+    reading_in_time,
     shape_figure,
     time_figure,
     uncertainty_figure,
 )
+from rosette_ros.studio.live_state import CellView, Place
 from rosette_ros.studio.panels.open_dialog import safe_name
+from rosette_ros.studio.round_figures import CURRENT, DONE, FAILED, MOST_DOTS, OPEN, plan_view_figure, polar_figure
+
+TARGET = Target('a', 1, 1, 1, Phase.RUN, 5, 0.18, 1, 1, 1, 0.0, 1, (0.0, 0.0, 0.0), 'table', 0)
 
 
 def numbers(array):
@@ -60,6 +67,60 @@ def test_curves_are_the_fit_s(fit):
         assert numbers(band['y']).max() == pytest.approx((value + spread).max(), rel=1e-6)
         assert ('µm' if curve.startswith('ct') else 'µrad') in line['hovertemplate']
     assert [line['showlegend'] for line in lines] == [True] + 5 * [False]
+
+
+def drawn(figure, name, numbered):
+    """Return the readings that the marks of a name stand for: of the balls, or of the dots outside."""
+    [trace] = [one for one in figure['data'] if one['name'] == name and 'text' in one and (
+        one['marker']['size'] > 10) == numbered]
+    return {tuple(row) for row in numbers(trace['customdata']).reshape(-1, 3).astype(int).tolist()}
+
+
+def test_the_cell_is_seen_from_above():
+    """Balls stand at their CMM position, turned with the table; measured, failed and current ones are told apart."""
+    done, failed = frozenset({Place(1, 1, 1), Place(2, 4, 5)}), frozenset({Place(2, 1, 2)})
+    target = TARGET._replace(table_position=2, ball=3, table_angle=2 * np.pi / 5)
+    figure = plan_view_figure(CellView(5, target, True, done, failed))
+    assert drawn(figure, CURRENT, True) == drawn(figure, CURRENT, False) == {(2, 3, 4)}
+    assert drawn(figure, DONE, True) == {(2, 4, 5)} and drawn(figure, DONE, False) == set(done)
+    assert drawn(figure, FAILED, True) == set(failed)
+    assert len(drawn(figure, OPEN, False)) == 25 - 4
+    balls = [one for one in figure['data'] if 'text' in one and one['marker']['size'] > 10]
+    places = {int(row[1]): np.arctan2(y, x) for one in balls for row, x, y in zip(
+        numbers(one['customdata']).reshape(-1, 3), numbers(one['x']), numbers(one['y']))}
+    expected = 2 * np.pi / 5 * np.arange(1, 6)
+    assert [np.exp(1j * places[ball]) for ball in range(1, 6)] == pytest.approx(np.exp(1j * expected), abs=1e-6)
+    answered = plan_view_figure(CellView(5, target, False, done | {Place(2, 3, 4)}, failed))
+    assert drawn(answered, CURRENT, True) == set() and (2, 3, 4) in drawn(answered, DONE, True)
+    large = plan_view_figure(CellView(MOST_DOTS + 1, target, True, done, failed))
+    assert sum(len(one.get('text', ())) for one in large['data']) == MOST_DOTS + 1
+
+
+def test_polar_plots_have_the_reference_circle(fit):
+    """Deviation outwards with U; mean and once-per-turn part of the curve are those of the circle."""
+    figure = polar_figure([Curves('now', fit.error_motions, AFTER)])
+    panel = {one.get('name', 'band'): one for one in figure['data'] if one['subplot'] == 'polar2'}
+    values = 1e6 * fit.error_motions['cty']
+    assert numbers(panel['now']['r'])[:-1] == pytest.approx(values, rel=1e-6)
+    theta, radius = (numbers(panel['reference circle'][key]) for key in ('theta', 'r'))
+    left = values - np.interp(np.rad2deg(fit.error_motions.angle), theta, radius)
+    for wave in (np.ones(values.size), np.cos(fit.error_motions.angle), np.sin(fit.error_motions.angle)):
+        assert abs(left @ wave) < 1e-3
+
+
+@pytest.mark.parametrize('run', ['fit', 'large'])
+def test_a_click_finds_its_reading(run, request):
+    """In the maps, thinned or not, and in the time series: the reading that is shown there, framed in all panels."""
+    found = request.getfixturevalue(run)
+    maps, times = maps_figure(found, chosen=7), time_figure(found, chosen=7)
+    cells = numbers(maps['data'][2]['customdata'])
+    assert reading_in_map(found, 2, 3, 4) == int(cells[3, 4, 4]) - 1
+    minutes = numbers(times['data'][1]['x'])
+    reading = reading_in_time(found, 1, 9)
+    assert (found.run.time[reading] - found.run.time[0]) / 60 == pytest.approx(minutes[9], rel=1e-6)
+    assert [one['type'] for one in maps['layout']['shapes']] == ['rect'] * 3
+    frame = maps['layout']['shapes'][0]
+    assert frame['x0'] < found.run.ball[7] < frame['x1'] and frame['y0'] < found.run.table_position[7] < frame['y1']
 
 
 def test_a_cell_of_the_map_is_its_reading(fit):

@@ -133,6 +133,29 @@ def test_a_second_run_confirms_what_is_found_in_the_first(page, studio, second):
     expect(page.get_by_test_id('check-result')).to_contain_text('frame_drift is confirmed')
 
 
+def test_a_chosen_reading_is_seen_everywhere(page, studio):
+    """By a click into a map or by its number: framed there, a line in time and curves, its values in a table."""
+    page.goto(studio.address)
+    judged(page, 'bad')
+    maps, times, curves = (page.get_by_test_id(f'{name}-figure') for name in ('maps', 'times', 'curves'))
+    expect(curves.locator('.scatterlayer .trace')).to_have_count(12)
+    expect(page.get_by_test_id('polar-figure').locator('.polarlayer .trace')).to_have_count(16)
+    lines, framed = times.locator('.shapelayer path').count(), maps.locator('.shapelayer path')
+    expect(framed).to_have_count(0)
+    maps.locator('.draglayer .nsewdrag').first.click()
+    expect(framed).to_have_count(3)
+    expect(times.locator('.shapelayer path')).to_have_count(lines + 3)
+    expect(curves.locator('.shapelayer path')).to_have_count(6)
+    facts, chosen = page.get_by_test_id('reading-facts'), page.get_by_test_id('reading')
+    expect(facts).to_contain_text('table position')
+    number = chosen.input_value()
+    chosen.fill('36')
+    expect(facts.locator('td').first).to_have_text('36')
+    assert number not in ('', '36')
+    chosen.fill('')
+    expect(framed).to_have_count(0)
+
+
 def test_errors_of_a_custom_term_are_shown_while_it_is_written(page, studio):
     """In the words of the core; a good one can be added; undo and redo by keyboard."""
     page.goto(studio.address)

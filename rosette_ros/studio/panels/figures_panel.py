@@ -18,7 +18,18 @@ from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE
 from rosette_ros.presentation.report.provenance import Source
 from rosette_ros.studio import figures
 from rosette_ros.studio.controller import Controller
-from rosette_ros.studio.panels.widgets import Area, Figure, button, card, marked, plain_table, row, set_words
+from rosette_ros.studio.panels.widgets import (
+    Area,
+    Figure,
+    button,
+    card,
+    input_field,
+    marked,
+    plain_table,
+    row,
+    set_words,
+)
+from rosette_ros.studio.round_figures import polar_figure
 from rosette_ros.studio.studio_session import OpenedRun, Preview
 
 PRESENT, PREVIEWED = 'present model', 'with preview'
@@ -45,8 +56,10 @@ class FiguresPanel:
             with ui.expansion('Change of the curves', value=False).props('dense').classes('small'):
                 self._changes = Area(ui.element('div'))
         with card('Six error motions, with U (k = 2)', 'curves') as self._curves_card:
-            self._curves = Figure(430, 'Six error motions against the table angle', least=WIDTH)
+            self._curves = Figure(430, 'Six error motions against the table angle', 'curves-figure', WIDTH)
             self._errors = Area(marked(ui.element('div').classes('small'), 'errors'))
+            with ui.expansion('Radial and tilt motion, polar', value=True).props('dense').classes('small'):
+                self._polar = Figure(250, 'Polar plots of radial and tilt motion', 'polar-figure', WIDTH)
             with ui.expansion('Who, what, where', value=False).props('dense').classes('small'):
                 self._identity = Area(marked(ui.element('div').classes('facts'), 'identity'))
         with card('', 'maps') as self._maps_card:
@@ -54,8 +67,16 @@ class FiguresPanel:
                 ui.html('Residuals by table position and ball', sanitize=False, tag='h2')
                 self._whose = marked(ui.label('').classes('soft small'), 'maps-model')
             self._maps = Figure(300, 'Residual maps, one per axis', 'maps-figure', least=WIDTH)
+            with row():
+                self._reading = ui.number('reading', value=None, format='%d', on_change=self._draw)
+                input_field(self._reading.props('clearable hide-bottom-space debounce=400'), 'reading', 'width: 150px')
+                ui.label('Click a reading in the maps or against time, or enter its number: it is marked in all '
+                         'figures.').classes('soft small')
+            self._facts = Area(marked(ui.element('div').classes('small'), 'reading-facts'))
         with card('Residuals against time', 'times') as self._times_card:
-            self._times = Figure(340, 'Residuals in x, y, z against time')
+            self._times = Figure(340, 'Residuals in x, y, z against time', 'times-figure')
+        self._maps.on_click(self._choose_in_map)
+        self._times.on_click(self._choose_in_time)
 
     def show(self, opened: OpenedRun) -> None:
         """Show the figures."""
@@ -81,8 +102,7 @@ class FiguresPanel:
         fit, preview = self._controller.session.results.fit, self._controller.session.preview
         if fit is None:
             return
-        after = preview.change.after if preview else None
-        shown = after if after is not None and self._switch.value == PREVIEWED else fit
+        after, shown = preview.change.after if preview else None, self._shown or fit
         set_words(self._whose, f'{PREVIEWED}: {preview.name}' if preview and shown is after else PRESENT)
         verdict = self._controller.session.results.verdict
         self._errors.show(_show_errors, shown, verdict if shown is fit else None, self._run)
@@ -90,10 +110,34 @@ class FiguresPanel:
         curves = [figures.Curves(PRESENT, fit.error_motions, AFTER if after is None else BEFORE)]
         if after is not None:
             curves.append(figures.Curves(PREVIEWED, after.error_motions, AFTER, 'dot'))
-        self._curves.draw((fit, after), figures.curves_figure, curves)
-        self._maps.draw((shown, fit), figures.maps_figure, shown, fit)
-        self._times.draw((shown, after), figures.time_figure, shown,
-                         AFTER if after is None or shown is after else BEFORE)
+        chosen, run = self._chosen(shown), shown.run
+        angle = None if chosen is None else float(run.table_angle[chosen])
+        self._curves.draw((fit, after, angle), figures.curves_figure, curves, angle)
+        self._polar.draw((fit, after), polar_figure, curves)
+        self._maps.draw((shown, fit, chosen), figures.maps_figure, shown, fit, chosen)
+        self._times.draw((shown, after, chosen), figures.time_figure, shown,
+                         AFTER if after is None or shown is after else BEFORE, chosen)
+        self._facts.show(_show_reading, shown, chosen)
+
+    @property
+    def _shown(self) -> Fit | None:
+        """The fit of maps and time series."""
+        fit, preview = self._controller.session.results.fit, self._controller.session.preview
+        return preview.change.after if preview and self._switch.value == PREVIEWED else fit
+
+    def _chosen(self, fit: Fit) -> int | None:
+        """Return the index of the chosen reading."""
+        number = self._reading.value
+        return int(number) - 1 if number is not None and 1 <= number <= fit.run.size else None
+
+    def _choose_in_map(self, axis: int, point: list[int]) -> None:
+        if (fit := self._shown) is not None and len(point) == 2:
+            found = figures.reading_in_map(fit, axis, *point)
+            self._reading.set_value(None if found is None else found + 1)
+
+    def _choose_in_time(self, axis: int, point: list[int]) -> None:
+        if (fit := self._shown) is not None:
+            self._reading.set_value(figures.reading_in_time(fit, axis, point[0]) + 1)
 
     def switch(self) -> None:
         """Show the maps of the other model, where there is a preview."""
@@ -124,6 +168,11 @@ def _show_errors(fit: Fit, verdict: Verdict | None, opened: OpenedRun | None) ->
     found = errors(fit_lines(fit, limits, doubt_of(verdict)))
     plain_table(found)
     ui.label(f'{words}{found.note}').classes('soft')
+
+
+def _show_reading(fit: Fit, chosen: int | None) -> None:
+    if chosen is not None:
+        plain_table(tables.reading(fit, chosen))
 
 
 def _show_identity(opened: OpenedRun | None) -> None:

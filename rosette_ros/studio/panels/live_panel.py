@@ -34,6 +34,7 @@ from rosette_ros.studio.panels.widgets import (
     set_words,
     whole_field,
 )
+from rosette_ros.studio.round_figures import plan_view_figure
 
 if TYPE_CHECKING:
     from rosette_ros.studio.cell_watcher import CellWatcher
@@ -106,10 +107,13 @@ class CellPanel:
                 with card('Six error motions so far, with U (k = 2)', 'live-curves') as self._curves_card:
                     self._curves_words = marked(ui.label('').classes('soft small'), 'live-words')
                     self._curves = Figure(400, 'Curves so far', 'live-figure', WIDTH)
+                with card('The cell from above', 'plan-view') as self._view_card:
+                    self._view = Figure(460, 'Table, balls and CMM positions from above', 'plan-view-figure')
                 with card('Ball centres so far: distance from the expected place', 'filling') as self._filling_card:
                     self._filling = Figure(320, 'Ball centres so far')
                 self._plan.build_picture()
         self._curves_card.set_visibility(False)
+        self._view_card.set_visibility(False)
         ui.timer(0.3, self._update)
 
     def _build_calibration(self) -> None:
@@ -141,6 +145,7 @@ class CellPanel:
             state = self._watcher.state
             progress, verdict, motions, faults = state.progress, state.verdict, state.motions, tuple(state.faults)
             balls, cells, run_id, health = state.balls, state.cells, state.run_id, state.health(time.monotonic())
+            view = state.view()
         self._show_calibration(progress, verdict)
         heard = any(one.name == SEQUENCER and one.level != Health.SILENT for one in health)
         can_start = heard and not (self._watcher.is_calibrating or progress.is_running)
@@ -149,6 +154,9 @@ class CellPanel:
         self._hint.set_visibility(not heard)
         self._health.show(self._show_health, [one._replace(received=0.0) for one in health])
         self._faults.show(self._show_faults, faults)
+        self._view_card.set_visibility(bool(view.balls))
+        if view.balls:
+            self._view.draw((run_id, view), plan_view_figure, view)
         self._filling_card.set_visibility(bool(cells))
         if cells:
             self._filling.draw((run_id, len(cells)), filling_figure, balls, cells)

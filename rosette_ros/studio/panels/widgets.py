@@ -5,12 +5,14 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from nicegui import background_tasks, run, ui
-from nicegui.events import ClickEventArguments, Handler
+from nicegui.events import ClickEventArguments, GenericEventArguments, Handler
 
 from rosette_ros.presentation.formatting import plain_name
 from rosette_ros.presentation.table_format import Table
 from rosette_ros.studio.figures import PlotlyFigure
 
+CLICKED = '(event) => emit([event.points[0].curveNumber, event.points[0].pointNumber])'
+"""What the browser sends of a click into a figure."""
 Element = TypeVar('Element', bound=ui.element)
 
 
@@ -151,6 +153,13 @@ class Figure:
         if key != self._key:
             self._key = key
             background_tasks.create_lazy(self._draw(make, arguments), name=f'figure {id(self)}')
+
+    def on_click(self, chosen: Callable[[int, list[int]], object]) -> None:
+        """Call chosen(number of the trace, indices of the point in it) where a point is clicked."""
+        def clicked(event: GenericEventArguments) -> None:
+            trace, point = event.args
+            chosen(int(trace), [int(one) for one in (point if isinstance(point, list) else [point])])
+        self._plot.on('plotly_click', clicked, js_handler=CLICKED)
 
     async def _draw(self, make: Callable[..., PlotlyFigure], arguments: tuple[object, ...]) -> None:
         content = await run.io_bound(make, *arguments)
