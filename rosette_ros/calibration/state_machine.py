@@ -200,7 +200,7 @@ class Sequence:
             waiting = 'nothing' if target is None else f'seq {target.seq}'
             return (Remark(f'not used: answer to seq {answer.seq}, waiting for {waiting}'),)
         if words := complaint(answer, target, self.limits):
-            return self._again(words, now)
+            return self._again(words, now, answer.is_refused)
         self._asked = None
         commands = self._take(target, answer)
         self._pace.append(now)
@@ -392,14 +392,14 @@ class Sequence:
         self._deadline = now + self.limits.answer_timeout
         return Ask(self._asked)
 
-    def _again(self, words: str, now: float) -> Commands:
-        """Ask the present target again, leave it out, or end the run; words: why."""
+    def _again(self, words: str, now: float, is_refused: bool = False) -> Commands:
+        """Ask the present target again, unless it was refused, leave it out, or end the run; words: why."""
         target = self._asked
         if target is None:
             return ()
         if self._held:
             return (Remark(f'{target}, attempt {target.attempt}: {words}'),)
-        if self._tries < self.limits.attempts:
+        if self._tries < self.limits.attempts and not is_refused:
             self._tries += 1
             return Remark(f'{target}, attempt {target.attempt}: {words}; asking again'), self._ask(target, now)
         times = 'once' if self._tries == 1 else f'{self._tries} times'

@@ -143,14 +143,12 @@ class Cell:
         """Start one node that is not running."""
         if name in self.processes and not self.processes[name].has_ended:
             raise CellError(f'cell: node {name} is running already')
-        has_crashed = name in self.processes and self.processes[name].popen.returncode != 0
         output = self.output_dir / f'{name}.log'
         with open(output, 'ab') as stream:
             begin = stream.tell()
             popen = subprocess.Popen(self._command(name), stdin=subprocess.DEVNULL, stdout=stream,
                                      stderr=subprocess.STDOUT, start_new_session=True,
-                                     env={**cell_environment(self.domain_id), names.PARENT_PID: str(os.getpid()),
-                                          names.RESTARTED: '1' if has_crashed else ''})
+                                     env={**cell_environment(self.domain_id), names.PARENT_PID: str(os.getpid())})
         self.processes[name] = NodeProcess(name, popen, output, begin)
         if wait:
             self._await_output({name: f'{names.READY}\n'})

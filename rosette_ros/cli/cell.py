@@ -63,7 +63,7 @@ def run(options: argparse.Namespace) -> None:
         raise UsageError('cell: --cmm dme starts a CMM; remove --no-simulation')
     if options.params and not is_real:
         refuse_other_plate(options.machine, options.params)
-    cmm = settings_of(options.settings) if options.settings else None
+    cmm = settings_of(options.settings)[0] if options.settings else None
     out = console()
     nodes = [name for name in MODULES if not (options.no_simulation and name == names.CMM)]
     cell = Cell(options.domain, options.namespace, machine=options.machine, params_file=options.params, nodes=nodes,

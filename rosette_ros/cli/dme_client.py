@@ -12,15 +12,18 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from rosette_ros import command
 from rosette_ros.cli.arguments import UsageError, add_shared, whole
 from rosette_ros.cli.console import console, print_json, print_parts
 from rosette_ros.core.errors import CellError, InvalidPlan
 from rosette_ros.core.geometry import rotate_z
 from rosette_ros.dme.ball_probing import DmeCmm
 from rosette_ros.dme.dme_check import DmeFinding, look_at
+from rosette_ros.dme.dme_plan import refuse_unsafe_plan
 from rosette_ros.dme.dme_session import DmeSession, Patience
 from rosette_ros.dme.dme_settings import DmeSettings, load_dme_settings
-from rosette_ros.dme.probe_path import ball_path, length, lifted, obstacles, refuse_unsafe, refuse_unsafe_plan
+from rosette_ros.dme.probe_path import ball_path, length, lifted, obstacles, refuse_unsafe
+from rosette_ros.dme.stop_mark import StopMark
 from rosette_ros.dme.wire import PORT
 from rosette_ros.presentation.formatting import duration
 from rosette_ros.presentation.plots import plot_style
@@ -88,7 +91,7 @@ async def _prepared(cmm: DmeCmm, settings: DmeSettings) -> list[DmeFinding]:
     except CellError as error:
         out.append(DmeFinding('settings', str(error), False))
     try:
-        count = refuse_unsafe_plan(settings, settings.table.balls)
+        count = len(refuse_unsafe_plan(settings))
         out.append(DmeFinding('paths', f'those at {count} places are safe', True))
     except InvalidPlan as error:
         out.append(DmeFinding('paths', str(error), False))
@@ -136,7 +139,7 @@ def path(options: argparse.Namespace) -> None:
                                    (settings.ball.shaft_radius_mm, settings.ball.shaft_length_mm), 1e3 * off),
                         options.figure, options.force)
     refuse_unsafe(settings, steps, obstacles(settings, balls, options.ball - 1))
-    count = refuse_unsafe_plan(settings, table.balls)
+    count = len(refuse_unsafe_plan(settings))
     if not options.csv:
         console().print(f'The ways at all {count} places are safe.')
 
@@ -152,8 +155,12 @@ def dry_run_arguments(parser: argparse.ArgumentParser) -> None:
 
 def dry_run(options: argparse.Namespace) -> None:
     """Go around all balls, above them."""
-    settings = load_dme_settings(options.settings).model_copy(update={'dry_run': True})
-    places = refuse_unsafe_plan(settings, settings.table.balls)
+    mark, settings = StopMark(options.settings), load_dme_settings(options.settings)
+    settings = settings.model_copy(update={'dry_run': True})
+    if why := mark.read():
+        raise CellError(f'dme dry-run: {why}; then: {command("check-cmm", "--recover")} beside the cell, or remove '
+                        f'{mark.path}')
+    places = len(refuse_unsafe_plan(settings))
     out = console()
     out.print(f'The ways at {places} places are safe. Ctrl-C aborts the move.')
     trace = (lambda line: print(line, file=sys.stderr)) if options.trace else None

@@ -5,18 +5,18 @@ Everything is checked before a move is sent, and nothing moves once it was halte
 """
 
 import asyncio
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rosette_ros.core.axes import ALONG, words
-from rosette_ros.core.errors import CellError, InvalidPlan, RosetteError
+from rosette_ros.core.axes import words
+from rosette_ros.core.errors import CellError, RosetteError
 from rosette_ros.core.geometry import TWO_PI, Floats
 from rosette_ros.core.touches import fit_spheres
-from rosette_ros.dme.dme_session import CLAMPED, Data, DmeSession, DmeStopped, ToolNotInUse
+from rosette_ros.dme.dme_plan import PlannedBall, refuse_target
+from rosette_ros.dme.dme_session import CLAMPED, DmeSession, DmeStopped, SentCommand, ToolNotInUse
 from rosette_ros.dme.dme_settings import DmeSettings
 from rosette_ros.dme.probe_path import (
     PathStep,
@@ -40,16 +40,14 @@ OFF_PLACE = 1e-4
 class MeasuredBall:
     """One ball as it was touched.
 
-    points: (Q, 3) centres of the tip, m; normals: (Q, 3); touch_times: (Q,), s of the system clock
-    at the ends of PtMeas: after the retract, later than the contact by its duration;
-    is_compensated: whether the points are on the ball: no; centre: (3,) of the
-    least-squares sphere, m; radius: of it, m; form_error: m; table_angle in [0, 2 pi), table_travel unwrapped, rad;
-    approach: sense of the last table move, 0 before the first; temperature: degrees Celsius or NaN."""
+    points: (Q, 3) centres of the tip, m; normals: (Q, 3); touch_times: (Q,), when the server reported each touch, s of
+    the system clock; centre: (3,) of the least-squares sphere, m; radius: of it, m; form_error: m; table_angle in
+    [0, 2 pi), table_travel unwrapped, rad; approach: sense of the last table move, 0 before the first; temperature:
+    degrees Celsius or NaN."""
 
     points: Floats
     normals: Floats
     touch_times: Floats
-    is_compensated: bool
     centre: Floats
     radius: float
     form_error: float
@@ -143,17 +141,15 @@ class DmeCmm:
             return None
         return await self.session.property_of(name)
 
-    async def _moved(self, wanted: Call) -> Data:
+    async def _moved(self, wanted: Call) -> SentCommand:
         """Send a command that moves; raises CellError also where the server warns that it has clamped an argument."""
-        before = next(reversed(self.session.warnings), None)
-        data = await self.session.request(wanted)
-        for said in reversed(self.session.warnings):
-            if said is before:
-                break
-            if said.startswith(f'{format_value(wanted)}: error {CLAMPED:04d} '):
-                raise CellError(f'{said}; wanted a place that the machine reaches, it went elsewhere: see '
-                                'path.clearance_mm, path.box_low_mm, path.box_high_mm and the limits of the machine')
-        return data
+        sent = await self.session.carry_out(wanted)
+        for warning in sent.warnings:
+            if warning.number == CLAMPED:
+                raise CellError(f'{format_value(wanted)}: {warning}; wanted a place that the machine reaches, it went '
+                                'elsewhere: see path.clearance_mm, path.box_low_mm, path.box_high_mm and the limits '
+                                'of the machine')
+        return sent
 
     async def position(self) -> Floats:
         """Return where the tip centre is, (3,), m."""
@@ -176,7 +172,7 @@ class DmeCmm:
             touched = touched + 1e-3 * self.settings.tool.tip_radius_mm * normals
             sphere = fit_spheres(touched[None])
         return MeasuredBall(
-            touched, normals, np.array(times), False, sphere.centre[0], float(sphere.radius[0]), float(sphere.form[0]),
+            touched, normals, np.array(times), sphere.centre[0], float(sphere.radius[0]), float(sphere.form[0]),
             travel % TWO_PI, travel, self.table.approach, temperature)
 
     async def go_around(self, ball: int, centre: ArrayLike, table_angle: float, approach: int = 0,
@@ -191,24 +187,26 @@ class DmeCmm:
         in the clearance plane, unless a person has to look.
         """
         settings, place = self.settings, np.asarray(centre, dtype=float)
-        balls = self._refuse_target(ball, place, table_angle, np.asarray(pole, dtype=float))
+        balls, own = refuse_target(settings, PlannedBall(
+            settings.table.balls, 0, ball, place, table_angle, approach, np.asarray(pole, dtype=float), touches))
         path = ball_path(settings, place, settings.table.frame.rotation[:, 2], touches)
         path = lifted(settings, path) if settings.dry_run else path
-        around = obstacles(settings, balls, ball - 1, place)
+        around = obstacles(settings, balls, own, place)
         refuse_unsafe(settings, path, around)
         points, times, step = list[Floats](), list[float](), None
         try:
             position, target = await self._lift(), float(np.rad2deg(table_angle))
             if turning_steps(settings.table, self.table.angle, target, approach):
                 refuse_to_turn(settings, position)
-                await turn_table(self._moved, settings.table, self.table, target, approach)
+                await turn_table(self._moved, self.session.request, settings.table, self.table, target, approach)
             refuse_unsafe(settings, path, around, start=position)
             for step in path:
                 if step.normal is None:
                     await self._moved(go_to(step.point))
                 else:
-                    points.append(await self._touch(step, step.normal))
-                    times.append(time.time())
+                    point, moment = await self._touch(step, step.normal)
+                    points.append(point)
+                    times.append(moment)
         except RosetteError as error:
             if self.session.is_halted or self.session.for_person or isinstance(error, DmeStopped):
                 raise
@@ -219,22 +217,6 @@ class DmeCmm:
             await self._lift()
             raise CellError(f'{step.why}: {error}') from error
         return path, points, times
-
-    def _refuse_target(self, ball: int, centre: Floats, table_angle: float, pole: Floats) -> Floats:
-        """Return where the balls are at the table angle, (n, 3), m; raises InvalidPlan for one elsewhere."""
-        table = self.settings.table
-        balls = table.frame.to_outer(table.balls_at(table_angle))
-        if not 1 <= ball <= len(balls):
-            raise InvalidPlan(f'wanted one of the {len(balls)} balls of the settings (table.balls), got ball {ball}')
-        off = 1e3 * np.linalg.norm(balls[ball - 1] - centre)
-        if not off <= table.search_mm:
-            raise InvalidPlan(f'wanted ball {ball} within {table.search_mm:g} mm of {words(1e3 * balls[ball - 1])} mm, '
-                              f'as the table is taught in the settings, got {words(1e3 * centre)}; make '
-                              'table.origin_mm, axis, azimuth_deg and radius_mm those of the sequencer')
-        if pole.any() and pole @ table.frame.rotation[:, 2] < np.cos(ALONG):
-            raise InvalidPlan(f'wanted the pole along the axis {words(table.frame.rotation[:, 2])} of the settings, '
-                              f'got {words(pole)}; make table.axis that of the sequencer')
-        return balls
 
     async def _lift(self) -> Floats:
         """Bring the tip to the clearance plane, unless it is above; return where it then is as read back, (3,), m.
@@ -253,17 +235,17 @@ class DmeCmm:
                             f'{words(1e3 * position)} from X, Y, Z; nothing turns')
         return position
 
-    async def _touch(self, step: PathStep, normal: Floats) -> Floats:
-        """Return a touched point, (3,), m; raises CellError where it cannot be one of the ball."""
-        data = await self._moved(call('PtMeas', *coordinates(step.point), call('IJK', *normal.tolist())))
-        values = sum(data, ())
+    async def _touch(self, step: PathStep, normal: Floats) -> tuple[Floats, float]:
+        """Return a touched point, (3,), m, and when it was reported, s; raises CellError for what is none."""
+        sent = await self._moved(call('PtMeas', *coordinates(step.point), call('IJK', *normal.tolist())))
+        values = sum(sent.data, ())
         point = np.array([numbers(values, axis)[0] for axis in 'XYZ'])
         motion, tip = self.settings.motion, self.settings.tool.tip_radius_mm
         most = motion.approach_mm + motion.search_mm + 2 * tip
         if np.linalg.norm(point - 1e3 * step.point) > most:
             raise CellError(f'wanted a point within {most:g} mm of {words(1e3 * step.point)} mm, got {words(point)}: '
                             'does the server count in mm and in machine coordinates?')
-        return np.asarray(1e-3 * point)
+        return 1e-3 * point, sent.data_time
 
     def _is_compensated(self, radius: float) -> bool:
         """Return whether touches on a sphere of a radius, m, are on the ball; raises CellError for no such sphere."""

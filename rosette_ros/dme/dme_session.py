@@ -6,7 +6,9 @@ of the last one; from an error of severity 2 on nothing but ClearAllErrors is se
 """
 
 import asyncio
+import math
 import socket
+import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -78,11 +80,17 @@ class Patience:
 
 
 @dataclass(eq=False)
-class _Pending:
+class SentCommand:
+    """A command that was sent, and what was answered: data, warnings (severity 0 and 1) and the first error.
+
+    data_time: when the first data came, s of the system clock, NaN before; acked, done: when the answers have come."""
+
     call: Call
     acked: asyncio.Future[None]
     done: asyncio.Future[None]
     data: Data = field(default_factory=list)
+    data_time: float = math.nan
+    warnings: list[DmeError] = field(default_factory=list)
     error: DmeError | None = None
 
 
@@ -96,7 +104,7 @@ class DmeSession:
                  patience: Patience = Patience(), trace: Callable[[str], None] | None = None) -> None:
         self._reader, self._writer, self.where, self._patience = reader, writer, where, patience
         self._trace = trace or (lambda line: None)
-        self._pending: dict[str, _Pending] = {}
+        self._pending: dict[str, SentCommand] = {}
         self._tags = self._events = 0
         self._turn, self._is_aborting = asyncio.Lock(), False
         self.stop, self.for_person, self.is_lost, self.is_halted = '', False, False, False
@@ -137,7 +145,11 @@ class DmeSession:
         return session
 
     async def request(self, call: Call, timeout: float | None = None) -> Data:
-        """Send a command, wait for its end and return its data.
+        """Return the data of a command; arguments and errors as of `carry_out`."""
+        return (await self.carry_out(call, timeout)).data
+
+    async def carry_out(self, call: Call, timeout: float | None = None) -> SentCommand:
+        """Send a command, wait for its end and return what was answered.
 
         timeout: for its end, s, None for the usual one; after it the command is aborted. Raises DmeRefused for an error
         of the command, DmeStopped where nothing may be sent, DmeLost."""
@@ -155,7 +167,7 @@ class DmeSession:
             raise DmeStopped(self.stop)
         if pending.error:
             raise DmeRefused(call, pending.error)
-        return pending.data
+        return pending
 
     async def optional(self, call: Call) -> Data | None:
         """Send a command that a server need not have; None where it has not, and its error is cleared."""
@@ -237,10 +249,10 @@ class DmeSession:
         if self._is_aborting or (is_stopped and name != 'EndSession'):
             raise DmeStopped(self.stop or f'{self.where}: aborted')
 
-    def _send(self, tag: str, call: Call) -> _Pending:
+    def _send(self, tag: str, call: Call) -> SentCommand:
         line = Command(tag, call).line()
         loop = asyncio.get_running_loop()
-        pending = self._pending[tag] = _Pending(call, loop.create_future(), loop.create_future())
+        pending = self._pending[tag] = SentCommand(call, loop.create_future(), loop.create_future())
         self._trace(f'> {line}')
         self._writer.write(encoded(line))
         return pending
@@ -280,6 +292,7 @@ class DmeSession:
         if response.kind == ACK and not pending.acked.done():
             pending.acked.set_result(None)
         elif response.kind == DATA:
+            pending.data_time = pending.data_time if pending.data else time.time()
             pending.data.append(response.values)
         elif response.kind == ERROR:
             self._note(error_of(response), pending)
@@ -289,10 +302,12 @@ class DmeSession:
                 if not future.done():
                     future.set_result(None)
 
-    def _note(self, error: DmeError, pending: _Pending | None) -> None:
+    def _note(self, error: DmeError, pending: SentCommand | None) -> None:
         if error.severity < SEVERE:
             what = f'{format_value(pending.call)}: ' if pending else ''
             self.warnings.append(f'{what}{error}')
+            if pending:
+                pending.warnings.append(error)
             return
         if pending and not pending.error:
             pending.error = error
@@ -321,7 +336,7 @@ class DmeSession:
         self._give_up(tuple(self._pending.values()))
         self._pending.clear()
 
-    def _give_up(self, commands: tuple[_Pending, ...]) -> None:
+    def _give_up(self, commands: tuple[SentCommand, ...]) -> None:
         for future in (future for one in commands for future in (one.acked, one.done) if not future.done()):
             future.set_exception(DmeLost(self.stop) if self.is_lost else
                                  DmeStopped(self.stop or f'{self.where}: aborted'))

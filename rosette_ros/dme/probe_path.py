@@ -193,26 +193,6 @@ def refuse_to_turn(settings: DmeSettings, position: Floats) -> None:
                          f'or {1e3 * ring:g} mm from the axis, got {1e3 * height:.1f} and {1e3 * np.hypot(x, y):.1f}')
 
 
-def refuse_unsafe_plan(settings: DmeSettings, positions: int, touches: int = 0) -> int:
-    """Check the paths of all balls at all table positions, nominal places; return how many different ones there are.
-
-    Raises UnsafePath, naming table position and ball."""
-    frame, seen = settings.table.frame, set[tuple[float, ...]]()
-    for position in range(positions):
-        balls = frame.to_outer(settings.table.balls_at(2 * np.pi * position / positions))
-        for ball, centre in enumerate(balls):
-            place = tuple(np.round(centre, 6).tolist())
-            if place not in seen:
-                seen.add(place)
-                path = ball_path(settings, centre, frame.rotation[:, 2], touches)
-                around = obstacles(settings, balls, ball)
-                try:
-                    refuse_unsafe(settings, lifted(settings, path) if settings.dry_run else path, around)
-                except UnsafePath as error:
-                    raise UnsafePath(f'table position {position + 1}, ball {ball + 1}: {error}') from None
-    return len(seen)
-
-
 def length(steps: Sequence[PathStep], tip: float) -> float:
     """Return how far the tip travels along steps, m."""
     points = np.concatenate([step.ways(tip, 0.0)[-1:] for step in steps])

@@ -18,7 +18,8 @@ from rosette_ros.dme.dme_settings import DmeTableSettings
 from rosette_ros.dme.wire import Call, call, numbers
 
 Request = Callable[[Call], Awaitable[Data]]
-"""Sends a command and returns what it answered."""
+Move = Callable[[Call], Awaitable[object]]
+"""What sends a command that asks, and returns its data; what sends one that moves."""
 LONGEST_STEP = 120.0
 """Degrees that the table is turned by one command."""
 _SAME = 1e-6  # degrees by which two angles of a plan are one
@@ -41,6 +42,8 @@ def turning_steps(settings: DmeTableSettings, now: float, target: float, approac
     forward = (target - now) % 360.0
     if min(forward, 360.0 - forward) <= settings.tolerance_deg:
         return []
+    if settings.turn == 'none':
+        raise InvalidPlan(f'table angle {target:g} deg: wanted a table that can be turned, got table.turn: none')
     sense = approach or (1 if forward <= 180.0 else -1)
     if settings.limits_deg is None:
         return _divided(now, now + (forward if sense > 0 else forward - 360.0))
@@ -86,14 +89,11 @@ async def read_table(request: Request, settings: DmeTableSettings, near: float |
     return unwrapped(settings, reading, (180.0 if starts_again else angle) if near is None else near)
 
 
-async def turn_table(request: Request, settings: DmeTableSettings, state: TableState, target: float,
+async def turn_table(move: Move, request: Request, settings: DmeTableSettings, state: TableState, target: float,
                      approach: int) -> None:
     """Turn the table to an angle, degrees, in a sense, and update its state; raises CellError where it is elsewhere."""
-    steps = turning_steps(settings, state.angle, target, approach)
-    if steps and settings.turn == 'none':
-        raise InvalidPlan(f'table angle {target:g} deg: wanted a table that can be turned, got table.turn: none')
-    for angle in steps:
-        await request(turning_call(settings, angle))
+    for angle in turning_steps(settings, state.angle, target, approach):
+        await move(turning_call(settings, angle))
         found = await read_table(request, settings, angle)
         if abs(found - angle) > settings.tolerance_deg:
             raise CellError(f'wanted the table at {angle:.4f} deg, got {found:.4f} from R; see table.sign, '

@@ -13,7 +13,7 @@ from rosette_ros.core.geometry import Floats, Frame
 
 MACHINE_FRAME = 'machine'
 TABLE_FRAME = 'table'
-STATUS_OK = 0
+STATUS_OK, STATUS_REFUSED = 0, 2
 TOUCH_ARRAYS = ('x', 'y', 'z', 'i', 'j', 'k', 'time')  # of Touches.msg: point, direction, time of each touch
 UNIT_TOLERANCE = 1e-6  # a quaternion whose norm differs from 1 by more is none
 
@@ -124,6 +124,11 @@ class Answer(NamedTuple):
     def is_finite(self) -> bool:
         """Whether centre, angle and travel are numbers."""
         return all(map(isfinite, (*self.centre, self.table_angle, self.table_travel)))
+
+    @property
+    def is_refused(self) -> bool:
+        """Whether its target would be refused again."""
+        return self.status == STATUS_REFUSED
 
     def is_usable_for(self, target: Target) -> bool:
         """Whether it can count as the answer to a target of its seq."""

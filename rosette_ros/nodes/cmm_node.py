@@ -11,7 +11,7 @@ from rosette_msgs.msg import BallCentre, ProbeTarget, Touches
 from std_msgs.msg import Header
 
 from rosette_ros.calibration.settings import Wanted
-from rosette_ros.core.errors import CellError, RosetteError
+from rosette_ros.core.errors import CellError, InvalidPlan, RosetteError
 from rosette_ros.core.geometry import Floats
 from rosette_ros.io.messages import MACHINE_FRAME, short_frame
 from rosette_ros.nodes import conversions, names, qos
@@ -29,9 +29,13 @@ class CmmNode(CellNode, ABC):
     def __init__(self, wanted: Sequence[Wanted]) -> None:
         super().__init__(names.CMM, wanted)
         self.measured = self.failed = 0
+        self.offer()
         self.on(names.PROBE_TARGET, ProbeTarget, self.on_target, qos.ORDER)
         self.answers = self.create_publisher(BallCentre, names.BALL_CENTRE, qos.ANSWER)
         self.touches = self.create_publisher(Touches, names.TOUCHES, qos.ANSWER)
+
+    def offer(self) -> None:
+        """Create services that whoever finds the topics of this CMM has to find, too: DDS announces in this order."""
 
     @abstractmethod
     def on_target(self, target: ProbeTarget) -> None:
@@ -58,7 +62,9 @@ class CmmNode(CellNode, ABC):
         self.failed += 1
         self.get_logger().warning(f'seq {target.seq}: {error}')
         answer = self.answer_to(target)
-        answer.status, answer.text = BallCentre.STATUS_FAILED, str(error)
+        is_final = isinstance(error, InvalidPlan)
+        answer.status = BallCentre.STATUS_REFUSED if is_final else BallCentre.STATUS_FAILED
+        answer.text = str(error)
         answer.header = Header(stamp=stamp, frame_id=target.header.frame_id)
         return answer
 

@@ -7,7 +7,6 @@ executor, which publishes it. Neither waits for the other, except when the node 
 """
 
 import asyncio
-import os
 import sys
 import threading
 from collections.abc import Coroutine
@@ -17,15 +16,17 @@ from queue import SimpleQueue
 from typing import Any, TypeVar
 
 from rosette_msgs.msg import ProbeTarget, RunState
+from rosette_msgs.srv import CheckPlan
 from std_srvs.srv import Trigger
 
 from rosette_ros import command
 from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import CellError, InvalidConfig, RosetteError, one_line
 from rosette_ros.dme.ball_probing import DmeCmm, MeasuredBall
+from rosette_ros.dme.dme_plan import PlannedBall, Way, refuse_plan, refuse_unsafe_plan
 from rosette_ros.dme.dme_session import DmeSession, ToolNotInUse
 from rosette_ros.dme.dme_settings import DmeSettings, load_dme_settings
-from rosette_ros.dme.probe_path import refuse_unsafe_plan
+from rosette_ros.dme.stop_mark import StopMark
 from rosette_ros.io.messages import MACHINE_FRAME, Phase
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, Health, run_node
@@ -34,8 +35,6 @@ from rosette_ros.nodes.cmm_node import CmmNode
 WANTED = (
     Wanted('settings', '', 'settings file of the CMM (rosette-dme/1)', read_only=True),)
 UNTIL_IT_ENDS = 0.5  # an answer that a stopped machine gives waits so long for the end of the run, s
-RESTARTED = ('the node was restarted after a crash: the machine may have been moving; a person has to look at the '
-             'machine')
 RECOVERY = 30.0  # the service answers within this time, s
 END = 3.0  # beyond the time-outs of the settings, in which the session has ended, s
 
@@ -48,15 +47,17 @@ class DmeCmmNode(CmmNode):
     A target is measured as the settings say, or answered as failed with the server's number and words. When a run ends,
     when who asked for the target is gone, and when the node ends, what moves is aborted (AbortE). A collision, an
     emergency stop, a lost connection, a crash of this node: the heartbeat says so, by which a run fails, and nothing
-    moves until a person calls the service `cmm/recover`, which clears the errors or connects anew. Nothing moves but
-    for a target: a tool is changed before the first ball. Parameters: WANTED."""
+    moves until a person calls the service `cmm/recover`, which clears the errors or connects anew; a file beside the
+    settings keeps that over the end of the node. Nothing moves but for a target: a tool is changed before the first
+    ball. The service `cmm/check_plan` says of a whole plan whether it can be measured. Parameters: WANTED."""
 
     def __init__(self) -> None:
         super().__init__(WANTED)
-        self._settings = settings_of(str(self.parameters['settings']))
+        path = str(self.parameters['settings'])
+        (self._settings, self._ways), self._mark = settings_of(path), StopMark(path)
         self._cmm: DmeCmm | None = None
         self._is_prepared = False
-        self._trouble = RESTARTED if os.environ.get(names.RESTARTED) else 'connecting'
+        self._trouble = self._mark.read()
         self._wanted: ProbeTarget | None = None
         self._askers: set[bytes] = set()
         self._one, self._told = asyncio.Lock(), ''
@@ -67,8 +68,26 @@ class DmeCmmNode(CmmNode):
         self._thread.start()
         self.on(names.RUN_STATE, RunState, self._on_state, qos.STATE)
         self.create_service(Trigger, names.RECOVER, self._on_recover)
-        if self._trouble != RESTARTED:
+        if not self._trouble:
             self._do(self._get_ready())
+
+    def offer(self) -> None:
+        self.create_service(CheckPlan, names.CHECK_PLAN, self._on_check_plan)
+
+    def _on_check_plan(self, request: CheckPlan.Request, response: CheckPlan.Response) -> CheckPlan.Response:
+        """Say whether all targets can be measured, as far as the settings know; nothing is asked of the server."""
+        cmm = self._cmm
+        try:
+            plan = []
+            for target in request.targets:
+                aim, pole = self.aim_of(target)
+                plan.append(PlannedBall(target.balls, target.table_position, target.ball, aim, target.table_angle,
+                                        target.approach, pole, target.touches))
+            self._ways |= refuse_plan(self._settings, plan, 0.0 if cmm is None else cmm.table.angle, self._ways)
+        except RosetteError as error:
+            response.message = one_line(error)
+        response.success = not response.message
+        return response
 
     def on_target(self, target: ProbeTarget) -> None:
         """Have the ball measured, unless it is just being measured."""
@@ -103,6 +122,7 @@ class DmeCmmNode(CmmNode):
             self.heartbeat.publish()  # nothing else is called back meanwhile
         problem = ready.result() if ready.done() else f'not ready within {RECOVERY:g} s: /diagnostics'
         response.success = not problem
+        self.wake()  # the next goal shall not be refused for what is over
         response.message = problem or 'errors are cleared, or the server is connected anew: the machine is ready'
         return response
 
@@ -116,14 +136,20 @@ class DmeCmmNode(CmmNode):
             self._stop_measuring()
         problem, cmm = self._problem(), self._cmm
         self.heartbeat.report(problem)
-        if problem != self._told:
-            self._told = problem
+        words = problem or ('; '.join([f'{cmm.session.where}: ready', *cmm.remarks]) if cmm is not None else '')
+        if words != self._told:
+            self._told = words
             if problem:
                 self.get_logger().error(problem)
-            elif cmm is not None:
-                self.get_logger().info('; '.join([f'{cmm.session.where}: ready', *cmm.remarks]))
+                if cmm is not None and cmm.session.for_person:
+                    self._mark.write(cmm.session.stop)
+            elif words:
+                self.get_logger().info(words)
+        if self._mark.complaint:
+            self.get_logger().warning(self._mark.complaint, once=True)
 
     def _problem(self) -> str:
+        """Return what a person has to do something about, '' for nothing, also while the server is connected."""
         cmm = self._cmm
         problem = cmm.session.stop if cmm is not None and cmm.session.for_person else self._trouble
         where = names.where(self.context.get_domain_id(), self.get_namespace())
@@ -132,10 +158,13 @@ class DmeCmmNode(CmmNode):
     def _publish_found(self) -> None:
         while not self._found.empty():
             target, ball = self._found.get()
-            if self._wanted is target:
-                self._wanted = None
+            is_wanted = self._wanted is target
+            self._wanted = None if is_wanted else self._wanted
             if isinstance(ball, RosetteError):
                 problem = self._problem()
+                if not is_wanted:
+                    self.get_logger().info(f'seq {target.seq}: stopped: nobody waits for ball {target.ball} any more')
+                    continue
                 self.heartbeat.report(problem)  # it ends the run; an answer would only have the sequencer ask again
                 self.after(UNTIL_IT_ENDS if problem else 0.0, partial(
                     self.answers.publish, self.refuse(target, ball, self.now().to_msg())))
@@ -145,7 +174,7 @@ class DmeCmmNode(CmmNode):
             conversions.fill_answer(answer, ball, conversions.time_message(round(1e9 * ball.time)), MACHINE_FRAME)
             self.touches.publish(conversions.touches_message(
                 answer, ball.points, ball.normals, ball.touch_times - ball.time,
-                1e-3 * self._settings.tool.tip_radius_mm, ball.is_compensated))
+                1e-3 * self._settings.tool.tip_radius_mm))
             self.answers.publish(answer)
 
     def _do(self, work: Coroutine[Any, Any, T]) -> 'Future[T]':
@@ -177,6 +206,7 @@ class DmeCmmNode(CmmNode):
                 except ToolNotInUse as error:
                     cmm.remarks = [one_line(error)]
                 self._trouble = ''
+                self._mark.clear()
             except RosetteError as error:
                 self._trouble = one_line(error)
                 if self._cmm is not None and not self._cmm.session.for_person:
@@ -197,15 +227,23 @@ class DmeCmmNode(CmmNode):
             try:
                 if (cmm := self._cmm) is None or self._trouble:
                     raise CellError(self._trouble)
-                aim, pole = self.aim_of(target)
-                await cmm.session.resume()
-                if not self._is_prepared:
-                    await self._prepare(cmm, may_move=True)
-                found = await cmm.measure(target.ball, aim, target.table_angle, target.approach, pole, target.touches)
+                found = await self._measured(cmm, target)
             except RosetteError as error:
                 found = error
+            if cmm is not None and not (cmm.session.for_person or self._trouble):
+                self._mark.clear()  # after an error that is no RosetteError it stays
             self._found.put((target, found))
             self.executor.create_task(self._publish_found)
+
+    async def _measured(self, cmm: DmeCmm, target: ProbeTarget) -> MeasuredBall:
+        aim, pole = self.aim_of(target)
+        await cmm.session.resume()
+        self._mark.write(f'the node ended while it measured ball {target.ball} at table position '
+                         f'{target.table_position}: the machine may have been moving; a person has to look at the '
+                         'machine')
+        if not self._is_prepared:
+            await self._prepare(cmm, may_move=True)
+        return await cmm.measure(target.ball, aim, target.table_angle, target.approach, pole, target.touches)
 
     async def _halt(self) -> None:
         if self._cmm is not None and self._one.locked() and not self._cmm.session.is_lost:
@@ -216,8 +254,9 @@ class DmeCmmNode(CmmNode):
 
     async def _leave(self) -> None:
         await self._halt()
-        if (cmm := self._cmm) is not None:
-            await cmm.session.end()
+        async with self._one:  # what was measured has come to its end
+            if self._cmm is not None:
+                await self._cmm.session.end()
 
     def finish(self) -> None:
         """Abort what moves, end the session, and send the answers that there are."""
@@ -236,25 +275,24 @@ class DmeCmmNode(CmmNode):
     def health(self) -> Health:
         """Return the state of the machine."""
         problem, target, cmm = self._problem(), self._wanted, self._cmm
-        doing = problem or (f'measuring ball {target.ball} at table position {target.table_position}' if target else
-                            'ready')
+        doing = problem or ('connecting' if cmm is None else 'ready' if target is None else
+                            f'measuring ball {target.ball} at table position {target.table_position}')
         values: dict[str, object] = {'measured': self.measured, 'failed': self.failed,
                                      'server': f'{self._settings.server.host}:{self._settings.server.port}'}
         if cmm is not None:
             values |= {'table_angle_deg': f'{cmm.table.angle:.4f}', 'remarks': '; '.join(cmm.remarks),
                        'last_warning': next(reversed(cmm.session.warnings), '')}
-        return (ERROR if problem else WARN if self.failed else OK,
+        return (ERROR if problem else WARN if self.failed or cmm is None else OK,
                 f'{doing}; {self.measured} balls measured, {self.failed} targets refused', values)
 
 
-def settings_of(path: str) -> DmeSettings:
-    """Return the settings of a file if all paths of its balls are safe; raises InvalidConfig, UnsafePath."""
+def settings_of(path: str) -> tuple[DmeSettings, set[Way]]:
+    """Return the settings of a file and the ways around its balls, all safe; raises InvalidConfig, UnsafePath."""
     if not path:
         raise InvalidConfig('settings: wanted the path of a settings file (rosette-dme/1), got none; an example is '
                             'config/dme.yaml')
     settings = load_dme_settings(path)
-    refuse_unsafe_plan(settings, settings.table.balls)
-    return settings
+    return settings, refuse_unsafe_plan(settings)
 
 
 main = partial(run_node, names.CMM, DmeCmmNode)

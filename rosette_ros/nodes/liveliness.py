@@ -7,7 +7,7 @@ publishes no heartbeat is judged by its publishers and subscriptions alone."""
 
 import time
 import uuid
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -222,9 +222,10 @@ class CellMonitor:
         """Number of answers that were not used because another node published, too."""
         return self._senders[names.BALL_CENTRE].refused
 
-    def problems(self, processes: dict[str, str]) -> str:
-        """Return why nodes of a run cannot do their work, in their own words; '' where all can."""
-        return '; '.join(self._monitors[name].problem for name in processes if self._monitors[name].problem)
+    def problems(self, nodes: Iterable[str]) -> str:
+        """Return why nodes that are there cannot do their work, in their own words; '' where all can."""
+        return '; '.join(problem for name in nodes if (problem := self._monitors[name].problem)
+                         and not self._is_disconnected(name))
 
     def late(self) -> list[str]:
         """Return the present nodes whose heartbeat is overdue: they hang, or their computer is overloaded."""

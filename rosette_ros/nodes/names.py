@@ -23,7 +23,8 @@ START_RECORDING, STOP_RECORDING = 'recorder/start_recording', 'recorder/stop_rec
 RECALL, RECORDED = 'recorder/recall', 'recorder/recorded'
 DIAGNOSE, ADD_EFFECT, REMOVE_EFFECT = 'evaluator/diagnose', 'evaluator/add_effect', 'evaluator/remove_effect'
 EVALUATE_JOINTLY, JOINT_EVALUATION = 'evaluator/evaluate_jointly', 'joint_evaluation'
-RECOVER = 'cmm/recover'  # of a CMM that waits for a person
+RECOVER, CHECK_PLAN = 'cmm/recover', 'cmm/check_plan'
+"""Of a CMM that waits for a person, and of one that knows what it can measure."""
 SERVICE_EVENT = '/_service_event'
 
 TABLE_CORRECTOR, JOINT_STATES, CORRECT_POINT = 'table_corrector', 'joint_states', 'table_corrector/correct_point'
@@ -41,8 +42,6 @@ COMPLETE = 'the cell is complete'
 """The sequencer logs this sentence when every node that a calibration needs is present."""
 
 PARENT_PID = 'ROSETTE_CELL_PID'  # environment variable, set by cell.supervisor: a node ends when this process does
-
-RESTARTED = 'ROSETTE_RESTARTED'  # environment variable, set by cell.supervisor where the node before this one crashed
 
 
 def where(domain: int, namespace: str) -> list[str]:

@@ -25,6 +25,7 @@ from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, Health, ManagedNode, run_node
 from rosette_ros.nodes.interfaces import CalibrateServer, introspected_service
 from rosette_ros.nodes.liveliness import SETTLING, CellMonitor
+from rosette_ros.nodes.plan_check import PlanCheck
 from rosette_ros.nodes.recorder_client import END_EVENTS, RecorderLink
 
 CALIBRATION = (*PLANNED, *LIMITS, IDENTITY)
@@ -55,7 +56,7 @@ class Sequencer(ManagedNode):
         self.on(names.ERROR_MOTIONS, ErrorMotions, self._on_error_motions, qos.RESULT, from_one=True)
         self.sender(names.ERROR_MOTIONS).on_change = self._on_new_evaluator
         self._recorder = RecorderLink(self)
-        self._cell = CellMonitor(self, self._recorder)
+        self._cell, self._plan_check = CellMonitor(self, self._recorder), PlanCheck(self)
         introspected_service(self, Trigger, names.START_CALIBRATION, self._on_start)
         introspected_service(self, Trigger, names.CANCEL_CALIBRATION, self._on_cancel_service)
         self._action = CalibrateServer(
@@ -137,8 +138,8 @@ class Sequencer(ManagedNode):
                             f'set {self.get_fully_qualified_name()} activate)')
         if self._job is not None:
             raise CellError(f'run {self._job.run_id} is running ({self._job.progress}); wait for its end or cancel it')
-        if missing := self._cell.missing(self.parameters['require_recorder']):
-            raise CellError('; '.join(missing))
+        if lacks := self._lacks:
+            raise CellError(lacks)
         return make_job(request, self.parameters.values(CALIBRATION), self._taken, recalled)
 
     def _accept(self) -> None:
@@ -156,14 +157,18 @@ class Sequencer(ManagedNode):
         self._open_log(job)
 
     def _open_log(self, job: Job) -> None:
-        """Open the log as soon as all nodes have had the time to discover each other."""
+        """Open the log as soon as all nodes have had the time to discover each other, and the CMM takes the plan."""
+        job.is_waiting, now = True, self.seconds()
         lacks_recorder = self.parameters['require_recorder'] and not self._recorder.is_there
-        job.is_waiting = lacks_recorder or not self._cell.is_settled(self.seconds())
-        if job.is_waiting:
+        if lacks_recorder or not self._cell.is_settled(now):
             return
-        if self._recorder.is_there:
+        try:
+            job.is_waiting = not self._plan_check.is_passed(job.sequence, now)
+        except CellError as error:
+            self._do(job, job.sequence.fail(str(error)))
+        if not job.is_waiting and self._recorder.is_there:
             self._recorder.start(job.run_id, job.resumes, self._recorder_timeout, self._on_opened)
-        else:
+        elif not job.is_waiting:
             self._on_opened(StartRecording.Response(success=True))
 
     def _on_opened(self, response: StartRecording.Response) -> None:
@@ -224,7 +229,7 @@ class Sequencer(ManagedNode):
             return
         if job.is_waiting and job.is_over:
             self._on_closed(StopRecording.Response(success=True))
-        elif job.is_waiting and now - job.since > self._recorder_timeout + SETTLING:
+        elif job.is_waiting and now - job.since > self._recorder_timeout + SETTLING and not self._plan_check.is_asking:
             self._do(job, job.sequence.fail(self._cell.status))
         elif job.is_waiting:
             self._open_log(job)
@@ -424,9 +429,13 @@ class Sequencer(ManagedNode):
                 'warnings': '; '.join(job.remarks[-REMARKS:])}
         if not self.is_active:
             return WARN, 'not active: no calibration starts until the node is activated', {}
-        if missing := self._cell.missing(self.parameters['require_recorder']):
-            return WARN, '; '.join(missing), {'last': self._last}
+        if lacks := self._lacks:
+            return WARN, lacks, {'last': self._last}
         return self._last_level, f'ready; {self._last}', {}
+
+    @property
+    def _lacks(self) -> str:
+        return '; '.join(self._cell.missing(self.parameters['require_recorder'])) or self._cell.problems(names.NODES)
 
     @property
     def _recorder_timeout(self) -> float:

@@ -26,7 +26,7 @@ from rosette_ros.calibration.state_machine import (
 )
 from rosette_ros.core.geometry import Frame, rotation_matrix
 from rosette_ros.core.scheme import ORDERS, nominal_places, plan
-from rosette_ros.io.messages import Answer, Phase
+from rosette_ros.io.messages import STATUS_REFUSED, Answer, Phase
 
 RUN_ID = 'run_a'
 TRUE = Frame(rotation_matrix(np.array([2e-4, -1e-4, 3e-4])), np.array([0.1003, 0.2, -0.0002]))
@@ -296,6 +296,20 @@ def test_whatever_comes_every_ball_is_taken_once_and_in_order(n, order, events, 
         assert sequence.done == sequence.plan.total
     else:
         assert not sequence.phase.is_end
+
+
+def test_a_refused_target_is_not_asked_again():
+    """It would be refused again: the run ends at once in the alignment, and leaves it out later."""
+    sequence = make_sequence()
+    ask = last_ask(sequence.begin(0.0))
+    end = sequence.answer(answer_to(ask, status=STATUS_REFUSED, text='too near to ball 2'), 0.1)[-1]
+    assert end.phase is Phase.FAILED
+    assert 'asked once, last: the CMM reports: too near to ball 2; nothing was measured' in end.text
+    sequence = make_sequence(limits=dataclasses.replace(LIMITS, skips=1))
+    ask = until_run(sequence)
+    commands = sequence.answer(answer_to(ask, status=STATUS_REFUSED, text='too near'), 0.2)
+    assert last_ask(commands).seq == ask.seq + 1
+    assert [one.seq for one in sequence.skipped] == [ask.seq]
 
 
 def missed(sequence, ask, now=0.0):

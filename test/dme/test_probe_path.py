@@ -16,7 +16,6 @@ from rosette_ros.dme.probe_path import (
     obstacles,
     refuse_to_turn,
     refuse_unsafe,
-    refuse_unsafe_plan,
 )
 from rosette_ros.dme.wire import ACK, DONE, Response
 
@@ -64,26 +63,6 @@ def test_over_the_top_beyond_70_degrees():
     for number in range(2, 21):
         angle = np.rad2deg(np.arccos(np.clip(touched[number - 2] @ touched[number - 1], -1, 1)))
         assert (number in over) == (angle > 70.5)
-
-
-@pytest.mark.parametrize(('changes', 'said'), [
-    ({'path': {'stand_off_mm': 40.0, 'clearance_mm': 80.0}, 'table': {'balls': 12}},
-     'touch .*: wanted at least 20 mm between tip and '),
-    ({'table': {'balls': 36}}, 'wanted at least 5 mm between tip and ball 2, got 4.8; see path.stand_off_mm'),
-    ({'table': {'radius_mm': 350.0}}, r'table position 1, ball 1: .*wanted a tip within the box \(0, 0, -400\) to'),
-    ({'ball': {'shaft_length_mm': 5.0}}, 'between tip and plate, got .*; see ball.shaft_length_mm'),
-    ({'ball': {'shaft_radius_mm': 16.0}}, 'wanted at least 5 mm between tip and the shaft of the ball, got'),
-])
-def test_plans_that_are_refused(changes, said):
-    """With table position, ball, step and setting."""
-    with pytest.raises(UnsafePath, match=said):
-        refuse_unsafe_plan(settings_of(**changes), 6)
-
-
-def test_every_place_is_checked_once():
-    """Six balls at six table positions are at six places, at twelve positions at twelve."""
-    assert refuse_unsafe_plan(settings_of(), 6) == 6
-    assert refuse_unsafe_plan(settings_of(), 12) == 12
 
 
 @pytest.mark.parametrize(('place', 'steps'), [

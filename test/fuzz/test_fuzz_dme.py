@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from made_up import WORDS, bounded, corpus, mutated, trees, tried
 
 from rosette_ros.core.errors import InvalidConfig
+from rosette_ros.dme.dme_plan import refuse_unsafe_plan
 from rosette_ros.dme.dme_settings import dme_settings
-from rosette_ros.dme.probe_path import UnsafePath, refuse_unsafe_plan
+from rosette_ros.dme.probe_path import UnsafePath
 from rosette_ros.dme.wire import (
     ERROR,
     LONGEST,
@@ -120,7 +121,7 @@ def test_settings(values):
         with bounded():
             try:
                 settings = dme_settings(made, 'fuzzed.yaml')
-                refuse_unsafe_plan(settings, 3)
+                refuse_unsafe_plan(settings)
             except InvalidConfig as error:
                 assert str(error).startswith('fuzzed.yaml: ')
                 assert '\n' not in str(error)

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A cell whose CMM is behind an I++ DME server: curves, touches, cancel, collision, a person, resume, the end."""
+"""A cell whose CMM is behind an I++ DME server: curves, plans, cancel, collision, a person, resume, the end."""
 
 import contextlib
 import re
 import signal
+import subprocess
+import sys
 import threading
 import time
 
@@ -13,12 +15,17 @@ import yaml
 
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.cmm_check import CmmClient
+from rosette_ros.cell.supervisor import DME_CMM, cell_environment
+from rosette_ros.core.diagnosis.verdict import Outcome
+from rosette_ros.core.errors import CellError
 from rosette_ros.core.records import remove_gauge
 from rosette_ros.dme.dme_server import serving
 from rosette_ros.dme.dme_settings import load_dme_settings, sequencer_parameters
 from rosette_ros.dme.serve_settings import fault_of
-from rosette_ros.dme.virtual_cmm import MachineClock
+from rosette_ros.dme.stop_mark import StopMark
+from rosette_ros.dme.virtual_cmm import MachineClock, VirtualCmm
 from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.messages import STATUS_OK
 from rosette_ros.io.touch_log import open_refitted
 from rosette_ros.nodes import names
 from rosette_ros.nodes.dme_cmm import main
@@ -115,6 +122,38 @@ def test_the_curves_are_those_of_the_machine(cell, client, served):
     assert served.when(r'< \d+ Home') is None
 
 
+def test_a_hidden_effect_is_named(cell, client, served):
+    """Backlash of the table, seen by touches alone: three balls, there and back."""
+    commands = served.server.commands
+    whole = commands.cmm
+    commands.cmm = VirtualCmm(served.config.changed(probing={'repeatability_um': 0.2}, hidden=[
+        {'kind': 'table_backlash', 'width_urad': 20.0}]), commands.settings, commands.faults)
+    try:
+        outcome = client.calibrate('there_and_back', check=cell.check)
+    finally:
+        commands.cmm = whole
+    assert outcome.success, outcome.message
+    assert outcome.verdict.outcome is Outcome.NAMED
+    assert 'table_backlash' in outcome.verdict.sentence
+
+
+@pytest.mark.parametrize(('goal', 'words'), [
+    ({'balls': 6}, 'table position 1, ball 1: wanted a plan of 3 balls, as the settings have (table.balls), got one of '
+                   '6'),
+    ({'radius': 0.3}, 'wanted the ball within 20 mm of (532, 260, -300) mm, where the settings have it (table)'),
+])
+def test_a_plan_that_cannot_be_measured(cell, client, served, goal, words):
+    """Before the run begins, for all its balls: nothing moves, there is no log."""
+    began, logs = time.monotonic(), {*cell.log_dir.iterdir()}
+    outcome = client.calibrate('row', **goal)
+    assert not outcome.success
+    assert 'the CMM cannot measure this plan: ' in outcome.message
+    assert words in outcome.message
+    assert outcome.log is None
+    assert {*cell.log_dir.iterdir()} == logs
+    assert served.when('<', began) is None
+
+
 def test_a_cancelled_run_is_aborted_at_once(cell, client, served, module_domain_id, wait_until, trigger):
     """AbortE within 0.2 s of the cancel, in the middle of a move; nothing is sent before the next run."""
     with served.slow(), CellClient(module_domain_id) as other:
@@ -130,25 +169,35 @@ def test_a_cancelled_run_is_aborted_at_once(cell, client, served, module_domain_
         thread.join()
         assert outcomes[0].message == 'cancelled on request'
         assert served.when(MOVE, served.when('< E.* AbortE', began)) is None
+        wait_until(lambda: 'nobody waits for ball' in cell.processes[names.CMM].text())
+        assert 'error 0006' not in cell.processes[names.CMM].text()
+        assert all(one.status == STATUS_OK for one in read_log(outcomes[0].log).answers)
 
 
 def test_a_collision_stops_the_run_until_a_person_has_looked(cell, client, served, wait_until, trigger):
-    """The run fails in the server's words, nothing moves, a new run fails too; then it is resumed and complete."""
+    """The run fails in the server's words, nothing moves, a new one is refused, also after a restart of the node.
+
+    Then a person has looked: the run is resumed and complete."""
     served.strikes('collision:at=600')
     outcome = client.calibrate('row')
     assert not outcome.success
     assert 'error 2504 (severity 3): Collision; a person has to look at the machine' in outcome.message
     stopped = served.when('2504')
+    refused(client, 'error 2504 .*a person has to look .*--recover')
+    cmm = cell.processes[names.CMM]
+    cmm.end(signal.SIGINT)
+    wait_until(lambda: cmm.has_ended)
+    assert cmm.popen.returncode == 0
+    cell.start_node(names.CMM)
+    wait_until(lambda: 'error 2504' in cell.processes[names.CMM].text())
+    refused(client, 'error 2504 .*a person has to look .*--recover')
     assert served.when(MOVE, stopped) is None
-    again = client.calibrate('row')
-    assert not again.success
-    assert 'error 2504' in again.message
-    assert served.when(MOVE, stopped) is None
+    assert StopMark(served.settings).path.exists()
     assert trigger(client, names.RECOVER)[0]
-    wait_until(lambda: 'ready' in cell.processes['cmm'].text().rpartition('a person has looked')[2])
-    resumed = client.calibrate(resume=str(outcome.log))
-    assert resumed.success, resumed.message
-    assert read_log(resumed.log).to_run().size == N * N
+    assert not StopMark(served.settings).path.exists()
+    whole = resumed(client, outcome)
+    assert whole.success, whole.message
+    assert read_log(whole.log).to_run().size == N * N
 
 
 def test_a_server_that_is_restarted(cell, client, served, wait_until, trigger):
@@ -161,10 +210,9 @@ def test_a_server_that_is_restarted(cell, client, served, wait_until, trigger):
     assert served.server.sessions == sessions
     assert trigger(client, names.RECOVER)[0]
     wait_until(lambda: served.server.sessions == sessions + 1)
-    wait_until(lambda: 'ready' in cell.processes['cmm'].text().rpartition('a person has looked')[2])
-    resumed = client.calibrate(resume=str(outcome.log))
-    assert resumed.success, resumed.message
-    assert read_log(resumed.log).to_run().size == N * N
+    whole = resumed(client, outcome)
+    assert whole.success, whole.message
+    assert read_log(whole.log).to_run().size == N * N
 
 
 def test_a_check_that_is_interrupted(cell, served, module_domain_id, wait_until):
@@ -187,13 +235,21 @@ def test_a_check_that_is_interrupted(cell, served, module_domain_id, wait_until)
 
 
 def test_a_node_that_crashed(cell, client, served, module_domain_id, wait_until, trigger):
-    """It connects when a person has looked, and says what is wrong; the tool is changed for a target only."""
+    """While it measured: it connects when a person has looked, and says what is wrong; a tool is changed for a target.
+    """
     began, sessions = time.monotonic(), served.server.sessions
-    cell.processes[names.CMM].end(signal.SIGKILL)
-    wait_until(lambda: cell.processes[names.CMM].has_ended)
-    cell.restart_failed()
-    wait_until(lambda: 'restarted after a crash: the machine may have been moving' in cell.processes[names.CMM].text())
-    assert f'check-cmm --recover --domain {module_domain_id}\n' in cell.processes[names.CMM].text()
+    with served.slow():
+        thread = threading.Thread(target=quietly, args=(client.calibrate, 'row'))
+        thread.start()
+        wait_until(lambda: served.when('< .* PtMeas', began))
+        cell.processes[names.CMM].end(signal.SIGKILL)
+        wait_until(lambda: cell.processes[names.CMM].has_ended)
+        began = time.monotonic()
+        cell.restart_failed()
+        thread.join()
+    said = cell.processes[names.CMM].text()
+    assert 'the node ended while it measured ball 1 at table position 1: the machine may have been moving' in said
+    assert f'check-cmm --recover --domain {module_domain_id}\n' in said
     commands = served.server.commands
     commands.tool, commands.cmm.is_homed = 'RefTool', False
     success, words = trigger(client, names.RECOVER)
@@ -202,7 +258,7 @@ def test_a_node_that_crashed(cell, client, served, module_domain_id, wait_until,
     commands.cmm.is_homed = True
     assert trigger(client, names.RECOVER) == (
         True, 'errors are cleared, or the server is connected anew: the machine is ready')
-    assert served.server.sessions == sessions + 2
+    assert served.server.sessions == sessions + 2  # one for each time that a person has looked
     wait_until(lambda: "wanted the tool 'Probe1' in use, got \"RefTool\"" in cell.processes[names.CMM].text())
     assert served.when(MOVE, began) is None
     with served.slow(), CellClient(module_domain_id) as other:
@@ -239,10 +295,59 @@ def test_the_end_of_the_node_aborts(cell, client, served, wait_until):
         assert cell.processes[names.CMM].popen.returncode == 0
 
 
+def test_a_node_whose_parent_has_ended(served, domain_id, cell, wait_until, tmp_path):
+    """AbortE within 0.2 s of the end of the process that started the node, however it ended; EndSession after it."""
+    wait_until(lambda: cell.processes[names.CMM].has_ended)  # the server has room for one client
+    parent = subprocess.Popen(
+        [sys.executable, '-c', 'import os, subprocess, sys, time\n'
+         f'os.environ[{names.PARENT_PID!r}] = str(os.getpid())\n'
+         'subprocess.Popen(sys.argv[1:])\ntime.sleep(600)', sys.executable, '-m', DME_CMM, '--ros-args', '-r',
+         f'__ns:=/{names.NAMESPACE}', '-p', f'settings:={served.settings}'], env=cell_environment(domain_id))
+
+    class Interrupted(CmmClient):
+        def _is_answered(self, target):
+            if served.when('< .* PtMeas', began):
+                raise KeyboardInterrupt
+            return super()._is_answered(target)
+
+    with served.slow(), Interrupted(domain_id) as asking:
+        began = time.monotonic()
+        wait_until(asking._is_there)
+        with contextlib.suppress(KeyboardInterrupt):
+            asking.check(asking.settings({'plate.balls': N}), 2)
+        ended = time.monotonic()
+        parent.kill()
+        parent.wait()
+        wait_until(lambda: served.when('< E.* AbortE', began))
+        assert ended < served.when('< E.* AbortE', began) < ended + SOON
+        wait_until(lambda: served.when('< .* EndSession', ended))
+        assert served.when(MOVE, served.when('< E.* AbortE', began)) is None
+    assert not StopMark(served.settings).path.exists()
+
+
 def quietly(call, *arguments):
     """Call what may fail because the cell ends."""
     with contextlib.suppress(Exception):
         call(*arguments)
+
+
+def refused(client, words):
+    """Ask until it is refused in these words: of a node that was restarted the sequencer hears a little later."""
+    while True:
+        try:
+            assert not client.calibrate('row').success
+        except CellError as error:
+            if re.search(f'calibration refused: .*{words}', str(error)):
+                return
+
+
+def resumed(client, outcome):
+    """Resume a run when the sequencer has heard that a person has looked."""
+    while True:
+        try:
+            return client.calibrate(resume=str(outcome.log))
+        except CellError as error:
+            assert 'a person has to look' in str(error)
 
 
 @pytest.mark.parametrize(('changes', 'words'), [

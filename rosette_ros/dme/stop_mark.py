@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Why a person has to look at a machine, kept beside its settings file: no restart forgets it."""
+
+from pathlib import Path
+
+from rosette_ros.core.errors import plain
+
+SUFFIX = '.stopped'
+
+
+class StopMark:
+    """The file SETTINGS.stopped; it is there while the machine moves for a target, and until a person has looked.
+
+    complaint: why it could not be written, '' where it could."""
+
+    def __init__(self, settings: str | Path) -> None:
+        self.path, self.complaint, self._kept = Path(f'{settings}{SUFFIX}'), '', ''
+
+    def read(self) -> str:
+        """Return what it says, '' where there is none."""
+        try:
+            return plain(self.path.read_text(encoding='utf-8', errors='replace'), 500) or 'stopped'
+        except FileNotFoundError:
+            return ''
+        except OSError as error:
+            return f'{self.path}: cannot be read: {error.strerror}; a person has to look at the machine'
+
+    def write(self, words: str) -> None:
+        """Keep why; a machine that is stopped is not moved, so a file that cannot be written is no error."""
+        self._change(words)
+
+    def clear(self) -> None:
+        """Remove it: nothing moves, or a person has looked."""
+        self._change('')
+
+    def _change(self, words: str) -> None:
+        try:
+            if words:
+                self.path.write_text(f'{words}\n', encoding='utf-8')
+            else:
+                self.path.unlink(missing_ok=True)
+            self.complaint = ''
+        except OSError as error:
+            self.complaint = (f'{self.path}: cannot be written: {error.strerror}; a restart of the cell would forget '
+                              'that a person has to look at the machine')
