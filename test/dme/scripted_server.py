@@ -27,8 +27,9 @@ from rosette_ros.dme.wire import (
 SETTINGS = {
     'schema': 'rosette-dme/1', 'table': {'balls': 6},
     'path': {'box_low_mm': [0, 0, -400], 'box_high_mm': [700, 600, 100]},
-    'timeouts': {'connect_s': 1.0, 'ack_s': 0.3, 'command_s': 0.5, 'abort_s': 0.2},
 }
+IMPATIENT = {'ack_s': 1.0, 'command_s': 1.5, 'abort_s': 0.5}
+"""Time-outs of tests whose subject is one of them; a busy computer keeps them rarely."""
 MOVING = ('GoTo', 'PtMeas', 'AlignPart', 'Home', 'ChangeTool')
 OK = object()
 
