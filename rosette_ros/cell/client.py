@@ -146,10 +146,13 @@ class CellClient(GraphClient):
         if not self._spin_until(service.service_is_ready, SEARCH):
             raise CellError(f'cell {self._where}: wanted a CMM with the service {names.RECOVER}, got none; only one '
                             'through I++ DME has it')
-        answer = self._await(service.call_async(Trigger.Request()), RECOVERY, None)
-        if not answer.success:
-            raise CellError(f'cell {self._where}: {plain(answer.message)}')
-        return plain(answer.message)
+        answer = service.call_async(Trigger.Request())
+        if not self._spin_until(answer.done, RECOVERY):
+            raise CellError(f'cell {self._where}: wanted an answer of the CMM within {RECOVERY:g} s, got none; see its '
+                            'output and /diagnostics')
+        if not answer.result().success:
+            raise CellError(f'cell {self._where}: {plain(answer.result().message)}')
+        return plain(answer.result().message)
 
     def calibrate(
             self, order: str = '', seed: int = 0, options: str = '',

@@ -3,7 +3,7 @@
 
 import statistics
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -12,13 +12,14 @@ import numpy as np
 from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-from rosette_msgs.msg import BallCentre, ProbeTarget
+from rosette_msgs.msg import BallCentre, ProbeTarget, Touches
 
 from rosette_ros.calibration.calibration_plan import CalibrationPlan
 from rosette_ros.calibration.settings import LIMITS, PLANNED, changed_settings, limits_of, plan_of
 from rosette_ros.calibration.state_machine import complaint
 from rosette_ros.cell.client import CellClient
 from rosette_ros.core.errors import CellError
+from rosette_ros.core.touches import fit_spheres
 from rosette_ros.io.messages import MACHINE_FRAME, Answer, Phase, Target, answer_of
 from rosette_ros.io.reading_checks import check_answers
 from rosette_ros.io.run_assembly import RunAnswers
@@ -28,6 +29,7 @@ from rosette_ros.nodes.liveliness import obeying
 SEARCH, SETTLING, ECHOES = 5.0, 1.0, 0.5  # for the CMM; for all to discover each other; for a second answer, s
 CLOCK_OFF = 2.0  # a stamp so long before its target or after its answer is of another clock, s
 PLAUSIBLE_FORM, PLAUSIBLE_TEMPERATURE = 1e-4, (5.0, 45.0)  # m; °C
+LEAST_TOUCHES, SAME_CENTRE = 4, 1e-6  # of a sphere; by which the sphere through them may be off the answer, m
 HELD = {
     'stamps': 'every answer has a time of its own', 'travel': 'counts on over full turns, forward and backwards',
     'approach': 'the sense of the last move', 'places': 'measured, not repeated from the target',
@@ -68,6 +70,8 @@ class CmmClient(CellClient):
         self.source = 'by default: no sequencer was found'
         self._received: list[tuple[float, int, Answer]] = []
         self._targets = self._node.create_publisher(ProbeTarget, names.PROBE_TARGET, qos.TARGET)
+        self._touches: list[Touches] = []
+        self._node.create_subscription(Touches, names.TOUCHES, self._touches.append, qos.ANSWER)
         self._node.create_subscription(BallCentre, names.BALL_CENTRE, self._on_answer, qos.ANSWER)
 
     def settings(self, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -193,11 +197,33 @@ class CmmClient(CellClient):
         form = [answer.form_error for answer in answers]
         checks.append(Check('form error', all(0 <= one < PLAUSIBLE_FORM for one in form),
                             f'{1e6 * min(form):.3g} to {1e6 * max(form):.3g} µm'))
+        checks.append(self._touch_check(run.run_id, answers))
         warm = np.array([answer.temperature for answer in answers])
         known, (low, high) = warm[np.isfinite(warm)], PLAUSIBLE_TEMPERATURE
         checks.append(Check('temperature', bool(np.all((known > low) & (known < high))) if known.size else None,
                             f'{known.min():.2f} to {known.max():.2f} °C' if known.size else 'not measured (NaN)'))
         return checks
+
+    def _touch_check(self, run_id: str, answers: Sequence[Answer]) -> Check:
+        """Return whether the spheres through the touches, where they are published, are those of the answers."""
+        name, points = 'touches', {one.seq: np.array([one.x, one.y, one.z]).T for one in self._touches
+                                   if one.run_id == run_id}
+        if not points:
+            return Check(name, None, f'none on {names.TOUCHES}: spheres cannot be fitted again from the log')
+        lacking = [answer.seq for answer in answers if len(points.get(answer.seq, ())) < LEAST_TOUCHES]
+        if lacking:
+            return Check(name, False, f'less than {LEAST_TOUCHES} for {len(lacking)} of {len(answers)} answers')
+        try:
+            spheres = [fit_spheres(points[answer.seq][None]) for answer in answers]
+        except np.linalg.LinAlgError:
+            return Check(name, False, 'they lie on no sphere')
+        off = max(float(np.linalg.norm(one.centre[0] - answer.centre)) for one, answer in zip(spheres, answers))
+        radius = [1e3 * float(one.radius[0]) for one in spheres]
+        each = sorted({len(points[answer.seq]) for answer in answers})
+        words = (f'{" or ".join(map(str, each))} a ball, spheres of radius {min(radius):.4f} to {max(radius):.4f} mm, '
+                 f'centres {1e6 * off:.2g} µm from the answers')
+        return Check(name, off <= SAME_CENTRE, words if off <= SAME_CENTRE else
+                     f'{words}; wanted at most {1e6 * SAME_CENTRE:g} µm: are they of the same ball, in metres?')
 
     def _clock_gap(self, target: Target, answer: Answer) -> float:
         """Return how long a stamp lies before its target or after the receipt of the answer, s, 0 between."""

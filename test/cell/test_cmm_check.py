@@ -3,6 +3,7 @@
 
 import json
 import threading
+import time
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,7 +11,8 @@ import pytest
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rosette_msgs.msg import BallCentre, ProbeTarget, RunState
+from rosette_msgs.msg import BallCentre, ProbeTarget, RunState, Touches
+from std_srvs.srv import Trigger
 
 from rosette_ros.cell.cmm_check import CmmClient
 from rosette_ros.cli.main import main
@@ -18,6 +20,7 @@ from rosette_ros.core.errors import CellError
 from rosette_ros.nodes import names, qos
 
 BALLS, TURN = 6, 2 * np.pi
+DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3)])
 
 
 @dataclass
@@ -27,6 +30,7 @@ class Cmm:
     domain: int
     wrong: object = lambda answer, target: answer
     copies: int = 1
+    points: object = None  # of a target: the points that are touched, (Q, 3), m; None: none are published
     travel: float = 0.0
     sense: int = 0
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(1))
@@ -36,6 +40,7 @@ class Cmm:
         self._context.init(domain_id=self.domain)
         self.node = Node('cmm', namespace='/rosette', context=self._context)
         self._answers = self.node.create_publisher(BallCentre, 'ball_centre', 100)
+        self._touched = self.node.create_publisher(Touches, 'touches', 100)
         self.node.create_subscription(ProbeTarget, 'probe_target', self._on_target, 10)
         self.states = self.node.create_publisher(RunState, names.RUN_STATE, qos.STATE)
         self._executor = SingleThreadedExecutor(context=self._context)
@@ -69,6 +74,9 @@ class Cmm:
         noise = self.rng.normal(0, 1e-7, 3) + 1e-5
         answer.centre.x, answer.centre.y, answer.centre.z = (
             float(value) for value in np.array([target.centre.x, target.centre.y, target.centre.z]) + noise)
+        if self.points is not None:
+            x, y, z = self.points([answer.centre.x, answer.centre.y, answer.centre.z]).T.tolist()
+            self._touched.publish(Touches(run_id=target.run_id, seq=target.seq, x=x, y=y, z=z))
         for _ in range(self.copies):
             self._answers.publish(self.wrong(answer, target))
 
@@ -145,6 +153,44 @@ def test_a_mistake_fails_its_check(check, failed, words, mistake):
     assert words in next(one.text for one in report.checks if one.name == failed)
 
 
+@pytest.mark.parametrize(('points', 'passed', 'words'), [
+    (lambda centre: centre + 0.01 * DIRECTIONS, True, '6 a ball, spheres of radius 10.0000 to 10.0000 mm, centres '),
+    (lambda centre: centre + 0.01 * DIRECTIONS + 1e-5, False, 'centres 17 µm from the answers; wanted at most 1 µm'),
+    (lambda centre: (centre + 0.01 * DIRECTIONS)[:3], False, 'less than 4 for 12 of 12 answers'),
+    (lambda centre: np.tile(centre, (6, 1)), False, 'they lie on no sphere'),
+])
+def test_touches_are_those_of_the_answers(cmm, check, points, passed, words):
+    """The spheres through them have the centres that were answered."""
+    cmm.points = points
+    try:
+        report = check()
+    finally:
+        cmm.points = None
+    [found] = [one for one in report.checks if one.name == 'touches']
+    assert found.passed is passed
+    assert words in found.text
+
+
+def test_a_recovery_needs_no_sequencer(module_domain_id, cmm, monkeypatch):
+    """Its answer is waited for, longer than a sequencer may be away: nothing else has to be there."""
+    monkeypatch.setattr('rosette_ros.cell.client._DISCONNECTED', 0.1)
+    answers = [Trigger.Response(success=True, message='the machine is ready'),
+               Trigger.Response(success=False, message='wanted a homed machine')]
+
+    def late(request, response):
+        time.sleep(0.5)
+        return answers.pop(0)
+
+    service = cmm.node.create_service(Trigger, names.RECOVER, late)
+    try:
+        with CmmClient(module_domain_id) as client:
+            assert client.recover() == 'the machine is ready'
+        with CmmClient(module_domain_id) as client, pytest.raises(CellError, match='wanted a homed machine'):
+            client.recover()
+    finally:
+        cmm.node.destroy_service(service)
+
+
 def test_answers_that_come_twice(check):
     """Every target is answered by two messages."""
     report = check(copies=2)
@@ -172,10 +218,11 @@ def test_an_answer_without_run_id_is_no_answer(check):
     assert "no answer within 0.5 s, but answers to run '': repeat run_id and seq" in text
 
 
-def test_two_cmms_are_told(check, module_domain_id):
-    """A second one with the same name."""
-    with Cmm(module_domain_id):
-        report = check()
+def test_two_cmms_are_told(cmm, module_domain_id):
+    """A second one with the same name, as soon as DDS has found it."""
+    with Cmm(module_domain_id), CmmClient(module_domain_id) as client:
+        assert client._spin_until(lambda: client._node.count_publishers(names.BALL_CENTRE) == 2, 30.0)
+        report = client.check(client.settings({'plate.balls': BALLS}))
     assert 'one CMM' in report.failed  # and 'one answer', where it was found before it was asked
 
 
