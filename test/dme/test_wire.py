@@ -2,10 +2,15 @@
 """Lines of I++ DME: those of the specification and of servers, and what is none."""
 
 import asyncio
+import contextlib
 import math
+from collections import Counter
+from random import Random
 
 import pytest
 
+from rosette_ros.core.errors import CellError
+from rosette_ros.dme.dme_session import DmeLost, DmeRefused, DmeSession, DmeStopped
 from rosette_ros.dme.wire import (
     ACK,
     DATA,
@@ -172,3 +177,52 @@ def test_framing_of_what_is_no_line(data, words):
     """Of bounded length, printable, and complete."""
     [error] = lines_of(data)
     assert words in error
+
+
+PIECES = [b'(', b')', b',', b' ', b'"', b'#', b'&', b'!', b'%', b'00001', b'E0000', b'X', b'X(1)', b'Error', b'.', b'-',
+          b'nan', b'1.#IND', b'0513', b'\x00', b'\xff', b'\n', b'\r', b'1e999', b'0006']
+
+
+def made_up(count, seed):
+    """Yield lines of a server, cut, doubled, mixed and strewn with pieces."""
+    random = Random(seed)
+    whole = [f'00001{line[5:]}'.encode() for line, _ in RESPONSES] + [
+        b'00001 ! Error(2, 0006, "GoTo", "aborted")', b'E0000 ! Error(3, 0500, "x", "y")', b'00001 # X(1), Y(2), Z(3)']
+    for _ in range(count):
+        line = bytearray(random.choice(whole))
+        for _ in range(random.randrange(5)):
+            at = random.randrange(len(line) + 1)
+            end = min(at + random.randrange(4), len(line))
+            line[at:end] = random.choice([b'', bytes(line[at:end] * 2), random.choice(PIECES), random.randbytes(2)])
+        yield bytes(line)
+
+
+def test_ten_thousand_made_up_lines():
+    """Through the client: data, the error of the command, or a connection that is given up in one line of words."""
+    class Writer:
+        def write(self, data):
+            """Nobody reads it."""
+
+        def close(self):
+            """Nothing is open."""
+
+    async def heard():
+        ends = Counter()
+        for line in made_up(10_000, seed=1):
+            reader = asyncio.StreamReader(limit=LONGEST)
+            session = DmeSession(reader, Writer(), 'here')
+            reader.feed_data(b'00001 &\r\n' + line + b'\r\n00001 %\r\n')
+            try:
+                values = sum(await session.request(Call('Get')), ())
+                ends['data'] += 1
+                with contextlib.suppress(NotDme):
+                    numbers(values, 'X')
+            except CellError as error:
+                assert str(error).isprintable()
+                ends[type(error)] += 1
+            await session.close()
+        return ends
+
+    ends = asyncio.run(heard())
+    assert ends.total() == 10_000
+    assert min(ends[kind] for kind in ('data', DmeRefused, DmeLost, DmeStopped)) > 100
