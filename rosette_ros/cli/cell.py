@@ -111,8 +111,10 @@ def keep_running(out: Console, cell: Cell) -> None:
     if names.CMM not in cell.processes:
         out.print('It waits for a CMM that answers probe_target with ball_centre (docs/real-cmm.md).')
     out.print(f'In another terminal:\n  {escape(command("calibrate", *where))}\nCtrl-C ends the cell.', soft_wrap=True)
-    cell.news()
     try:
+        for words in cell.news():
+            if not words.startswith(f'{names.SEQUENCER}: '):  # that it is complete is said above
+                out.print(escape(words), soft_wrap=True)
         while True:
             for words in cell.restart_failed().values():
                 print(f'{datetime.now():%H:%M:%S} {words}; restarted', file=sys.stderr, flush=True)

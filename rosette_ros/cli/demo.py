@@ -98,6 +98,7 @@ def run(options: argparse.Namespace) -> None:
             server = running.server
             show(out, config, log_path, running.seconds, None if server is None else server.commands.cmm.clock.now())
         if options.keep:
+            running.cell.news()  # its warnings were shown while it measured
             keep_running(out, running.cell)
 
 

@@ -36,6 +36,8 @@ from rosette_ros.dme.wire import (
 EVENTS = ('AbortE', 'GetErrStatusE', 'GetPropE', 'OnMoveReportE')
 MOST_WAITING = 8
 """Commands that may wait; the next one is acknowledged when there is room."""
+FLOOD = 1000
+"""Commands that a client may send without waiting for an Ack; then nothing more is read, AbortE neither."""
 TICK = 0.1
 """Moves are reported no more often, s."""
 TOGETHER = 0.005
@@ -101,8 +103,9 @@ class ServedConnection:
                 await self._event(command)
             else:
                 async with self._changed:
-                    await self._changed.wait_for(lambda: len(self._waiting) < MOST_WAITING)
-                    self._send(Response(tag, ACK))
+                    await self._changed.wait_for(lambda: len(self._waiting) < FLOOD)
+                    if len(self._waiting) < MOST_WAITING:
+                        self._send(Response(tag, ACK))
                     self._waiting.append(command)
                     self._changed.notify_all()
 
@@ -139,6 +142,8 @@ class ServedConnection:
             async with self._changed:
                 await self._changed.wait_for(lambda: self._waiting)
                 self._current = self._waiting.popleft()
+                if len(self._waiting) >= MOST_WAITING:
+                    self._send(Response(self._waiting[MOST_WAITING - 1].tag, ACK))
                 self._changed.notify_all()
             await self._carry_out(self._current)
             async with self._changed:
@@ -232,10 +237,12 @@ class ServedConnection:
             self._daemons.pop(tag).cancel()
 
     def _abort_waiting(self) -> None:
-        while self._waiting:
-            command = self._waiting.popleft()
+        for place, command in enumerate(self._waiting):
+            if place >= MOST_WAITING:
+                self._send(Response(command.tag, ACK))
             self._fail(command.tag, Refused(6, command.call.name))
             self._send(Response(command.tag, DONE))
+        self._waiting.clear()
 
     def _refuse(self, tag: str, refused: Refused) -> None:
         """Answer what is no command: acknowledged, an error, done."""

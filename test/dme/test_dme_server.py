@@ -184,6 +184,20 @@ def test_abort_stops_the_machine_where_it_is():
         assert client.numbers('Get(X(), R())') == place
 
 
+def test_abort_overtakes_commands_that_are_not_acknowledged():
+    """However many wait: one moves, eight wait, the rest has no Ack yet; all are aborted in their order."""
+    with session(speed=1.0) as (client, server):
+        tags = [client.send('GoTo(X(850))') for _ in range(20)]
+        assert [client.line() for _ in range(9)] == [f'{tag} &' for tag in tags[:9]]
+        tag = client.send('AbortE()')
+        lines = client.until(f'{tag} %')
+        assert lines[0] == f'{tag} &'
+        assert [line[:7] for line in lines if line.endswith('%')] == [f'{one} %' for one in [*tags, tag]]
+        assert [line[:5] for line in lines if line.endswith('&')] == [tag, *tags[9:]]
+        assert sum('Error(2, 0006' in line for line in lines) == 20
+        assert server.commands.cmm.moved == 1
+
+
 def test_what_is_in_the_way_is_hit():
     with session() as (client, server):
         x, y, z = 1e3 * server.commands.cmm.cell.centres(0.0)[0]

@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a cell says at its start."""
+
+import io
+
+from rich.console import Console
+
+from rosette_ros.cli.cell import keep_running
+
+
+class EndedAtOnce:
+    """A cell that is ended as soon as it runs."""
+
+    domain_id, namespace, processes, log_dir = 7, 'rosette', {'cmm': None}, 'runs'
+
+    def news(self):
+        return ['sequencer: the cell is complete', 'cmm: error 2504: a person has to look at the machine']
+
+    def restart_failed(self):
+        raise KeyboardInterrupt
+
+
+def test_what_nodes_warn_of_at_the_start_is_shown():
+    """A machine that waits for a person, a server that is not there: not only after the first run."""
+    out = Console(file=io.StringIO(), width=120)
+    keep_running(out, EndedAtOnce())
+    said = out.file.getvalue()
+    assert 'cmm: error 2504: a person has to look at the machine\n' in said
+    assert 'sequencer' not in said
