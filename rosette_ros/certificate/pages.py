@@ -42,7 +42,7 @@ OF_RUN = ('Readings', 'Order', 'Table axis', 'Time', 'Duration', 'Pauses', 'Temp
 OF_ONE_OF_SEVERAL = ('Readings', 'Order', 'Time', 'Temperature')
 
 
-class Place(Flowable):  # type: ignore[misc]  # reportlab has no types
+class FigurePlace(Flowable):  # type: ignore[misc]  # reportlab has no types
     """Room for a figure; where it came to lie: page from 0, x, y, points."""
 
     def __init__(self, height: float) -> None:
@@ -63,7 +63,7 @@ def to_pdf(certificate: Certificate, data: bytes, name: str) -> bytes:
                for one in certificate.sets]
     pages = 0
     for _ in range(2):  # the first time counts the pages
-        places = [Place(WIDTH * figure.get_figheight() / figure.get_figwidth()) for figure in figures]
+        places = [FigurePlace(WIDTH * figure.get_figheight() / figure.get_figwidth()) for figure in figures]
         stream = io.BytesIO()
         made = SimpleDocTemplate(stream, pagesize=A4, leftMargin=SIDE - PADDING, rightMargin=SIDE - PADDING,
                                  topMargin=TOP, bottomMargin=FOOT, title=f'Certificate {_number(certificate)}',
@@ -110,7 +110,7 @@ def _frame(canvas: Any, document: Any, certificate: Certificate, pages: int) -> 
         canvas.drawCentredString(A4[0] / 2, A4[1] - 11 * mm, 'SIMULATED: no real table was measured')
 
 
-def _story(one: Certificate, places: Sequence[Place]) -> list[Any]:
+def _story(one: Certificate, places: Sequence[FigurePlace]) -> list[Any]:
     identity = one.identity
     story: list[Any] = [
         _words('Calibration certificate', TITLE, BOLD), Spacer(1, 1.5 * mm),
