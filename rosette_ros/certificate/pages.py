@@ -38,7 +38,7 @@ SHOWN = ('error', 'unit', 'range_in_unit', 'U_range_in_unit', 'once_per_turn_in_
          'asynchronous_in_unit', 'tolerance_in_unit', 'conformity')
 UNKNOWN_LETTER = '□'
 OF_RUN = ('Readings', 'Order', 'Table axis', 'Time', 'Duration', 'Pauses', 'Temperature', 'Repeatability')
-"""What is told of a run that is the only one; of several, each has a line with the first and the others of LINE_OF."""
+"""What is told of a run that is the only one; of several, each has a line of OF_ONE_OF_SEVERAL."""
 OF_ONE_OF_SEVERAL = ('Readings', 'Order', 'Time', 'Temperature')
 
 
@@ -174,7 +174,7 @@ def _measured(runs: Sequence[Measured]) -> Iterable[tuple[str, str]]:
 
 
 def _signature(one: Certificate) -> Any:
-    who = signer(one.identity) or NOT_STATED
+    who = signer(one.identity) or f'signer {NOT_STATED}'
     line = '_' * 34
     return KeepTogether([Spacer(1, 9 * mm), _grid([
         (line, line, line), ('place, date', 'signature', _text(who))], (0.34, 0.34, 0.32), lines=False)])
@@ -236,7 +236,7 @@ def _grid(rows: Sequence[Sequence[str]], shares: Sequence[float], numbers: Seque
 def _style(lines: bool) -> TableStyle:
     ruled = [('LINEBELOW', (0, 0), (-1, 0), 0.8, SOFT), ('LINEBELOW', (0, 1), (-1, -1), 0.3, LINE)] if lines else []
     return TableStyle([('VALIGN', (0, 0), (-1, -1), 'TOP'), ('LEFTPADDING', (0, 0), (-1, -1), 0),
-                       ('RIGHTPADDING', (0, 0), (-1, -1), 4), ('TOPPADDING', (0, 0), (-1, -1), 0.8),
+                       ('RIGHTPADDING', (0, 0), (-1, -1), PADDING), ('TOPPADDING', (0, 0), (-1, -1), 0.8),
                        ('BOTTOMPADDING', (0, 0), (-1, -1), 1.2), *ruled])
 
 

@@ -118,13 +118,7 @@ def _of_one(path: str | Path, inputs: Inputs) -> Certificate:
     fit = analyse(run, Model.from_mapping(dict(inputs.model), 'model') if inputs.model else None)
     verdict = judge(fit.run, fit.model) if run.n <= MOST_BALLS_JUDGED else None
     measured = _measured(run, source)
-    missing = text.missing_words(run)
-    unknown = [
-        f'No three-rosette run can know, and the curves are free of: {"; ".join(fit.gauge)}.',
-        f'{missing[0].upper()}{missing[1:]}.' if missing else '',
-        'The repeatability is not known: lack of fit cannot be judged.' if run.repeatability is None else '',
-        *(f'{remark[0].upper()}{remark[1:]}.' for remark in run.remarks),
-        f'Advice: {verdict.action}' if verdict and verdict.action else '']
+    unknown = [*text.not_known(run, fit.gauge), f'Advice: {verdict.action}' if verdict and verdict.action else '']
     evaluation = (('Model', text.model_words(fit.model)), ('Residual', text.residual_words(fit)),
                   ('Uncertainty', text.uncertainty_words(fit)))
     return _stated(inputs, identity, contradictions, [measured], [

@@ -248,6 +248,15 @@ def missing_words(run: Run) -> str:
     return '; '.join(filter(None, (places, missing)))
 
 
+def not_known(run: Run, gauge: Sequence[str]) -> list[str]:
+    """Return what the readings of a run do not tell, in sentences; gauge: combinations that no run tells."""
+    missing = missing_words(run).replace(' ...', ' and more')
+    return [f'No three-rosette run can know, and the curves are free of: {"; ".join(gauge)}.',
+            *([f'{missing[0].upper()}{missing[1:]}.'] if missing else []),
+            *(['The repeatability is not known: lack of fit cannot be judged.'] if run.repeatability is None else []),
+            *(f'{remark[0].upper()}{remark[1:]}.' for remark in run.remarks)]
+
+
 def plain_name(name: str) -> str:
     """Return an effect or a base term in words, '' for one that has none; a setting in brackets is left out."""
     known = MEANINGS.get(name.partition('(')[0])

@@ -27,7 +27,8 @@ def identity_rows(identity: Identity, contradictions: Sequence[str] = ()) -> lis
 
 def contact(identity: Identity, section: str) -> str:
     """Return name and address of the laboratory or the customer, '' where nothing is stated."""
-    return ', '.join(filter(None, (identity[f'{section}.{entry}'] for entry in _ADDRESS)))
+    stated = [words for entry in _ADDRESS if (words := identity[f'{section}.{entry}'])]
+    return ', '.join(stated if identity[f'{section}.name'] or not stated else [f'name {NOT_STATED}', *stated])
 
 
 def signer(identity: Identity) -> str:

@@ -51,7 +51,7 @@ def test_what_is_missing_stands_on_the_pages():
     """And in the place where it would stand."""
     pages = ' '.join(pages_of(to_pdf(*made('bare')[1:], 'cert.xml')))
     assert 'Not stated by the laboratory' in pages and 'serial number of the rotary table' in pages
-    assert pages.count('not stated') > 15
+    assert pages.count('not stated') > 15 and 'name not stated, DE' in pages and 'signer not stated' in pages
 
 
 def test_letters_that_the_font_lacks_are_marked():

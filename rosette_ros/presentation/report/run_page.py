@@ -140,17 +140,14 @@ def shown_tables(summary: Summary, identity: Identity, refit: SphereRefit | None
 def unknowns(summary: Summary) -> list[str]:
     """Return what the results of a run do not tell, in sentences."""
     run, every = summary.run, summary.visibilities
-    missing = text.missing_words(run)
     hidden = [one.name for one in every if not one.reason and one.hidden]
     reasons = [f'{one.name} ({one.reason})' for one in every if one.reason]
-    gauge = f'No three-rosette run can know, and the curves are free of: {"; ".join(summary.fit.gauge)}.'
     return list(filter(None, (
-        gauge, f'Not observable in this order of measurement: {text.names(hidden)}.' if hidden else '',
+        *text.not_known(run, summary.fit.gauge),
+        f'Not observable in this order of measurement: {text.names(hidden)}.' if hidden else '',
         f'Not judged: {"; ".join(reasons)}.' if reasons else '',
-        f'{missing[0].upper()}{missing[1:].replace(" ...", " and more")}.' if missing else '',
-        'The repeatability is not known: lack of fit cannot be judged.' if run.repeatability is None else '',
         'The temperature was not recorded.' if not np.isfinite(run.temperature).any() else '', *(
-            f'{remark[0].upper()}{remark[1:]}.' for remark in (*run.remarks, *run.notes)),
+            f'{note[0].upper()}{note[1:]}.' for note in run.notes),
         'U contains the scatter of the readings and the uncertainty of the effects in the model; it does not contain '
         'effects that are not in the model: what they would add is in Annex F.')))
 
