@@ -47,6 +47,20 @@ def rotation_matrix(vector: ArrayLike) -> Floats:
     return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * half**2 * (cross @ cross))
 
 
+def rigid_motion(displacement: Floats, place: Floats) -> tuple[Floats, Floats]:
+    """Return shift s (3,), m, and rotation r (3,), rad, of the small rigid motion that is nearest to displacements.
+
+        d_j = s + r x p_j,  least squares over the balls j whose d_j is known
+
+    displacement: (n, 3), m, NaN where it is not known; place: (n, 3), m.
+    """
+    known = np.isfinite(displacement).all(axis=1)
+    columns = np.concatenate([np.broadcast_to(np.eye(3), (len(place), 3, 3)),
+                              np.swapaxes(np.cross(np.eye(3)[None], place[:, None]), 1, 2)], axis=2)
+    found = np.linalg.lstsq(columns[known].reshape(-1, 6), displacement[known].ravel())[0]
+    return found[:3], found[3:]
+
+
 @dataclass(frozen=True)
 class Frame:
     """A right-handed frame given in another: p_outer = rotation p_inner + origin.

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.geometry import Frame, rotate_z, rotation_matrix, table_frame, wrap
+from rosette_ros.core.geometry import Frame, rigid_motion, rotate_z, rotation_matrix, table_frame, wrap
 
 NANOMETRE = 1e-9
 component = st.floats(-3, 3)
@@ -31,6 +31,16 @@ def test_frames_go_there_and_back(vector, origin):
     again = Frame.from_quaternion(frame.quaternion(), frame.origin)
     assert np.abs(again.rotation - frame.rotation).max() < 2e-15
     assert frame.quaternion()[3] >= 0
+
+
+@given(st.tuples(component, component, component), st.tuples(component, component, component))
+def test_a_rigid_motion_is_found_from_displacements(turn, shift):
+    """Shift and small rotation of a real motion, a micro of each, also where some places are not known."""
+    places = 0.2 * np.random.default_rng(1).standard_normal((7, 3))
+    moved = Frame(rotation_matrix(1e-6 * np.array(turn)), 1e-6 * np.array(shift)).to_outer(places) - places
+    moved[2] = np.nan
+    found = rigid_motion(moved, places)
+    np.testing.assert_allclose(found, 1e-6 * np.array([shift, turn]), atol=3e-11)
 
 
 @given(st.floats(-50, 50))

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rosette_ros.core.geometry import nominal_angles
+from rosette_ros.core.geometry import nominal_angles, rigid_motion
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats
-from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, iso_name
+from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, fixed, iso_name
 from rosette_ros.presentation.plots import plot_style as style
 
 ANGLES = {angle: str(angle) for angle in range(0, 361, 60)}
@@ -129,18 +129,32 @@ def differences(labels: Sequence[str], angle: Floats, values: Floats, spread: Fl
 
 
 def deviations(plate: Floats, cmm: Floats, radius: float) -> Figure:
-    """Return a figure of the deviations of plate and CMM, (n, 3), m, each at a scale of its own."""
-    made = style.figure(3.95)
-    parts = (('Ball plate: deviation of each ball from its nominal place', 'ball', plate),
+    """Return a figure of the deviations of plate and CMM, (n, 3), m, each at a scale of its own.
+
+    Those of the plate are freed of how it lies on the table, which is told in words."""
+    made = style.figure(4.1)
+    freed, words = freed_plate(plate, radius)
+    parts = (('Ball plate, freed of eccentricity, tilt and turn', 'ball', freed),
              ('CMM: deviation of each position', 'position', cmm))
+    made.text(0.01, 0.012, f'Removed from the plate: {words}', fontsize=style.SMALL, color=style.GREY)
     for place, (heading, what, values) in enumerate(parts):
-        panel = made.add_axes((0.01 + 0.5 * place, 0.13, 0.46, 0.78))
+        panel = made.add_axes((0.01 + 0.5 * place, 0.17, 0.46, 0.75))
         limit = max(1e6 * float(np.nanmax(np.abs(values[:, 2]))), 1e-9)
         _panel(panel, 1e6 * values, 1e3 * radius, limit)
         style.title(panel, heading, fontsize=style.TEXT)
-        style.colour_bar(made.add_axes((0.1 + 0.5 * place, 0.095, 0.28, 0.025)), -limit, limit,
+        style.colour_bar(made.add_axes((0.1 + 0.5 * place, 0.14, 0.28, 0.025)), -limit, limit,
                          f'z of each {what}, µm (▲ positive, ▼ negative)', False)
     return made
+
+
+def freed_plate(plate: Floats, radius: float) -> tuple[Floats, str]:
+    """Return plate deviations (n, 3), m, less the rigid motion in them, and what that is, in words."""
+    beta = nominal_angles(len(plate))
+    place = radius * np.stack([np.cos(beta), np.sin(beta), np.zeros(beta.size)], axis=-1)
+    shift, turn = rigid_motion(plate, place)
+    words = (f'eccentricity {fixed(1e6 * float(np.hypot(*shift[:2])), 2)} µm, height {fixed(1e6 * shift[2], 2)} µm, '
+             f'tilt {fixed(1e6 * float(np.hypot(*turn[:2])), 1)} µrad, turn {fixed(1e6 * turn[2], 1)} µrad')
+    return plate - shift - np.cross(turn, place), words
 
 
 def scale_arrow(longest: float) -> float:
