@@ -47,7 +47,7 @@ class Fault(NamedTuple):
     level: Health = Health.FAULT
 
 
-class Place(NamedTuple):
+class ReadingPlace(NamedTuple):
     """Which reading of a run, each 1..n."""
 
     table_position: int
@@ -61,12 +61,12 @@ class CellView(NamedTuple):
     balls: int
     target: Target | None
     is_waiting: bool
-    done: frozenset[Place]
-    failed: frozenset[Place]
+    done: frozenset[ReadingPlace]
+    failed: frozenset[ReadingPlace]
 
 
-def _places(targets: Iterable[Target]) -> frozenset[Place]:
-    return frozenset(Place(one.table_position, one.ball, one.cmm_position) for one in targets
+def _places(targets: Iterable[Target]) -> frozenset[ReadingPlace]:
+    return frozenset(ReadingPlace(one.table_position, one.ball, one.cmm_position) for one in targets
                      if one.phase == Phase.RUN)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures in the plane of the table: the cell seen from above while it measures, and polar plots of the curves."""
+"""Figures in the plane of the table: the cell seen from above while it measures, its plate, polar plots of curves."""
 
 from collections.abc import Collection, Sequence
 from itertools import product
@@ -14,9 +14,9 @@ from rosette_ros.core.scheme import cmm_position, nominal_places
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, iso_name
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE, COLOURS
 from rosette_ros.presentation.plots.polar_plots import SHOWN
-from rosette_ros.presentation.plots.result_plots import MEANING
-from rosette_ros.studio.figures import Curves, PlotlyFigure, band_trace, figure_of, layout_of, packed
-from rosette_ros.studio.live_state import CellView, Place
+from rosette_ros.presentation.plots.result_plots import LONGEST, MEANING, freed_plate, scale_arrow
+from rosette_ros.studio.figures import DIVERGING, Curves, PlotlyFigure, band_trace, figure_of, layout_of, packed
+from rosette_ros.studio.live_state import CellView, ReadingPlace
 
 DONE, FAILED, CURRENT, OPEN = 'measured', 'failed', 'current target', 'not measured'
 LOOKS: dict[str, dict[str, Any]] = {
@@ -42,14 +42,14 @@ def plan_view_figure(view: CellView) -> PlotlyFigure:
     n, target = view.balls, view.target
     balls, position = np.arange(1, n + 1), target.table_position if target else 1
     places = nominal_places(n, 1.0, position, balls)[:, :2]
-    states = [_state(view, Place(position, int(ball), int(at)))
+    states = [_state(view, ReadingPlace(position, int(ball), int(at)))
               for ball, at in zip(balls, cmm_position(n, position, balls))]
     size, far = max(7.0, min(22.0, 260 / n)), n if n <= MOST_DOTS else 0
     numbers = np.array(list(product(range(1, far + 1), balls)), dtype=int).reshape(-1, 2)
     at = cmm_position(n, numbers[:, 0], numbers[:, 1])
     radius = INNER + (OUTER - INNER) * (numbers[:, 0] - 1) / max(1, n - 1)
     dots = radius[:, None] * np.stack([np.cos(TWO_PI * (at - 1) / n), np.sin(TWO_PI * (at - 1) / n)], axis=-1)
-    kinds = [_state(view, Place(int(i), int(j), int(k))) for (i, j), k in zip(numbers, at)]
+    kinds = [_state(view, ReadingPlace(int(i), int(j), int(k))) for (i, j), k in zip(numbers, at)]
     data: list[PlotlyFigure] = [
         {'type': 'scatter', 'x': [None], 'y': [None], 'mode': 'markers', 'name': name, 'marker': {**look, 'size': 10}}
         for name, look in LOOKS.items()]
@@ -81,7 +81,7 @@ def _words(view: CellView) -> str:
     return f'table position {view.target.table_position}<br>{np.rad2deg(view.target.table_angle) % 360:.1f}°'
 
 
-def _state(view: CellView, place: Place) -> str:
+def _state(view: CellView, place: ReadingPlace) -> str:
     if view.target and view.is_waiting and place[:2] == (view.target.table_position, view.target.ball):
         return CURRENT
     return DONE if place in view.done else FAILED if place in view.failed else OPEN
@@ -102,6 +102,42 @@ def _marks(name: str, places: Floats, states: Collection[str], words: str, size:
 
 def _text(x: float, y: float, words: str) -> PlotlyFigure:
     return {'x': x, 'y': y, 'text': words, 'showarrow': False, 'font': {'size': 12}}
+
+
+def plate_figure(plate: Floats, radius: float) -> PlotlyFigure:
+    """Return the deviations (n, 3), m, of a plate as if it lay true on the table: arrows in x, y, colours in z."""
+    freed, words = freed_plate(plate, radius)
+    known = np.flatnonzero(np.isfinite(freed).all(axis=1))
+    values, beta = 1e6 * freed[known], nominal_angles(len(plate))[known]
+    start = np.stack([np.cos(beta), np.sin(beta)], axis=-1)
+    longest = float(np.hypot(*values[:, :2].T).max(initial=0)) or 1.0
+    ends = start + LONGEST / longest * values[:, :2]
+    lines = np.stack([start, ends, np.full(start.shape, np.nan)], axis=1).reshape(-1, 2)
+    top = float(np.abs(values[:, 2]).max(initial=0)) or 1.0
+    length = scale_arrow(longest)
+    data: list[PlotlyFigure] = [
+        {'type': 'scatter', 'mode': 'lines', 'x': packed(np.cos(CIRCLE)), 'y': packed(np.sin(CIRCLE)),
+         'line': {'color': SOFT, 'width': 1}, 'hoverinfo': 'skip'},
+        {'type': 'scatter', 'mode': 'lines', 'x': packed(lines[:, 0]), 'y': packed(lines[:, 1]),
+         'line': {'color': COLOURS[2], 'width': 2.5}, 'hoverinfo': 'skip'},
+        {'type': 'scatter', 'mode': 'markers+text', 'x': packed(start[:, 0]), 'y': packed(start[:, 1]),
+         'text': [str(one + 1) for one in known], 'textposition': 'bottom center', 'customdata': packed(values),
+         'marker': {'size': 13, 'color': packed(values[:, 2]), 'colorscale': DIVERGING, 'cmin': -top, 'cmax': top,
+                    'symbol': ['triangle-up' if one >= 0 else 'triangle-down' for one in values[:, 2]],
+                    'line': {'width': 1, 'color': '#555555'},
+                    'colorbar': {'title': {'text': 'z / µm', 'side': 'top'}, 'thickness': 12}},
+         'hovertemplate': 'ball %{text}<br>x %{customdata[0]:.3f}, y %{customdata[1]:.3f}, z %{customdata[2]:.3f} µm'
+                          '<extra></extra>'},
+        {'type': 'scatter', 'mode': 'lines', 'x': [-1.9, -1.9 + LONGEST * length / longest], 'y': [-1.35, -1.35],
+         'line': {'color': COLOURS[2], 'width': 2.5}, 'hoverinfo': 'skip'}]
+    layout = layout_of(margin={'l': 4, 'r': 4, 't': 30, 'b': 4})
+    free = {'visible': False, 'fixedrange': True}
+    layout |= {'xaxis': {**free, 'range': [-2, 2]}, 'yaxis': {**free, 'range': [-1.6, 1.5], 'scaleanchor': 'x'}}
+    layout['annotations'] = [
+        {**_text(-1.9, -1.5, f'{length:g} µm'), 'xanchor': 'left'},
+        {**_text(0, 1.02, f'without {words}'), 'xref': 'paper', 'yref': 'paper', 'xanchor': 'left',
+         'yanchor': 'bottom'}]
+    return figure_of(data, layout)
 
 
 def polar_figure(every: Sequence[Curves]) -> PlotlyFigure:
@@ -125,9 +161,9 @@ def polar_figure(every: Sequence[Curves]) -> PlotlyFigure:
             data.append({'type': 'scatterpolar', 'subplot': name, 'mode': 'lines', 'theta': packed(turn),
                          'r': packed(radius), 'name': label, 'legendgroup': label, 'showlegend': place == 0,
                          'line': look, 'hoverinfo': 'skip'})
-        left = 0.03 + 0.25 * place
+        left = 0.04 + 0.25 * place
         layout[name] = {
-            'domain': {'x': [left, left + 0.185], 'y': [0.04, 0.86]}, 'bgcolor': 'rgba(0,0,0,0)',
+            'domain': {'x': [left, left + 0.17], 'y': [0.04, 0.86]}, 'bgcolor': 'rgba(0,0,0,0)',
             'radialaxis': {'range': [-1.9 * top, 1.05 * top], 'nticks': 3, 'gridcolor': SOFT, 'angle': 45,
                            'tickangle': 0, 'tickfont': {'size': 10}, 'linecolor': SOFT, 'fixedrange': True},
             'angularaxis': {'dtick': 90, 'gridcolor': SOFT, 'linecolor': SOFT, 'tickfont': {'size': 10}}}

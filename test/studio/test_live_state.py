@@ -8,7 +8,7 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.messages import Answer, CalibrationProgress, Phase, Target
 from rosette_ros.simulation import Machine, MachineConfig
-from rosette_ros.studio.live_state import CellState, CellView, Fault, Health, Place
+from rosette_ros.studio.live_state import CellState, CellView, Fault, Health, ReadingPlace
 
 
 def messages(n=4, run_id='a'):
@@ -53,9 +53,10 @@ def test_the_plan_view_fills():
         state.add_answer(answer)
     view = state.view()
     assert (view.balls, view.target, view.is_waiting) == (4, targets[1], True)
-    assert view.done == {Place(1, 1, 1)} and view.failed == {Place(1, 2, 2)}
+    assert view.done == {ReadingPlace(1, 1, 1)} and view.failed == {ReadingPlace(1, 2, 2)}
     state.add_answer(answers[1])
-    assert state.view() == CellView(4, targets[1], False, frozenset({Place(1, 1, 1), Place(1, 2, 2)}), frozenset())
+    both = frozenset({ReadingPlace(1, 1, 1), ReadingPlace(1, 2, 2)})
+    assert state.view() == CellView(4, targets[1], False, both, frozenset())
 
 
 def test_nothing_received_is_no_run():

@@ -28,9 +28,18 @@ from rosette_ros.studio.figures import (
     time_figure,
     uncertainty_figure,
 )
-from rosette_ros.studio.live_state import CellView, Place
+from rosette_ros.studio.live_state import CellView, ReadingPlace
 from rosette_ros.studio.panels.open_dialog import safe_name
-from rosette_ros.studio.round_figures import CURRENT, DONE, FAILED, MOST_DOTS, OPEN, plan_view_figure, polar_figure
+from rosette_ros.studio.round_figures import (
+    CURRENT,
+    DONE,
+    FAILED,
+    MOST_DOTS,
+    OPEN,
+    plan_view_figure,
+    plate_figure,
+    polar_figure,
+)
 
 TARGET = Target('a', 1, 1, 1, Phase.RUN, 5, 0.18, 1, 1, 1, 0.0, 1, (0.0, 0.0, 0.0), 'table', 0)
 
@@ -78,7 +87,7 @@ def drawn(figure, name, numbered):
 
 def test_the_cell_is_seen_from_above():
     """Balls stand at their CMM position, turned with the table; measured, failed and current ones are told apart."""
-    done, failed = frozenset({Place(1, 1, 1), Place(2, 4, 5)}), frozenset({Place(2, 1, 2)})
+    done, failed = frozenset({ReadingPlace(1, 1, 1), ReadingPlace(2, 4, 5)}), frozenset({ReadingPlace(2, 1, 2)})
     target = TARGET._replace(table_position=2, ball=3, table_angle=2 * np.pi / 5)
     figure = plan_view_figure(CellView(5, target, True, done, failed))
     assert drawn(figure, CURRENT, True) == drawn(figure, CURRENT, False) == {(2, 3, 4)}
@@ -90,7 +99,7 @@ def test_the_cell_is_seen_from_above():
         numbers(one['customdata']).reshape(-1, 3), numbers(one['x']), numbers(one['y']))}
     expected = 2 * np.pi / 5 * np.arange(1, 6)
     assert [np.exp(1j * places[ball]) for ball in range(1, 6)] == pytest.approx(np.exp(1j * expected), abs=1e-6)
-    answered = plan_view_figure(CellView(5, target, False, done | {Place(2, 3, 4)}, failed))
+    answered = plan_view_figure(CellView(5, target, False, done | {ReadingPlace(2, 3, 4)}, failed))
     assert drawn(answered, CURRENT, True) == set() and (2, 3, 4) in drawn(answered, DONE, True)
     large = plan_view_figure(CellView(MOST_DOTS + 1, target, True, done, failed))
     assert sum(len(one.get('text', ())) for one in large['data']) == MOST_DOTS + 1
@@ -106,6 +115,14 @@ def test_polar_plots_have_the_reference_circle(fit):
     left = values - np.interp(np.rad2deg(fit.error_motions.angle), theta, radius)
     for wave in (np.ones(values.size), np.cos(fit.error_motions.angle), np.sin(fit.error_motions.angle)):
         assert abs(left @ wave) < 1e-3
+
+
+def test_the_plate_lies_true_and_lacks_what_was_not_measured(fit):
+    """Its values are free of shift, tilt and turn; a ball that is not known has no mark."""
+    figure = plate_figure(np.where(np.arange(5)[:, None] == 2, np.nan, fit.plate), fit.run.radius)
+    values = numbers(figure['data'][2]['customdata'])
+    assert figure['data'][2]['text'] == ['1', '2', '4', '5']
+    assert np.abs(values.sum(axis=0)).max() < 1e-3
 
 
 @pytest.mark.parametrize('run', ['fit', 'large'])

@@ -140,6 +140,8 @@ def test_a_chosen_reading_is_seen_everywhere(page, studio):
     maps, times, curves = (page.get_by_test_id(f'{name}-figure') for name in ('maps', 'times', 'curves'))
     expect(curves.locator('.scatterlayer .trace')).to_have_count(12)
     expect(page.get_by_test_id('polar-figure').locator('.polarlayer .trace')).to_have_count(16)
+    page.get_by_text('Ball plate', exact=True).click()
+    expect(page.get_by_test_id('plate-figure')).to_contain_text('without eccentricity')
     lines, framed = times.locator('.shapelayer path').count(), maps.locator('.shapelayer path')
     expect(framed).to_have_count(0)
     maps.locator('.draglayer .nsewdrag').first.click()

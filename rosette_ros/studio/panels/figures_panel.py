@@ -29,7 +29,7 @@ from rosette_ros.studio.panels.widgets import (
     row,
     set_words,
 )
-from rosette_ros.studio.round_figures import polar_figure
+from rosette_ros.studio.round_figures import plate_figure, polar_figure
 from rosette_ros.studio.studio_session import OpenedRun, Preview
 
 PRESENT, PREVIEWED = 'present model', 'with preview'
@@ -60,6 +60,8 @@ class FiguresPanel:
             self._errors = Area(marked(ui.element('div').classes('small'), 'errors'))
             with ui.expansion('Radial and tilt motion, polar', value=True).props('dense').classes('small'):
                 self._polar = Figure(250, 'Polar plots of radial and tilt motion', 'polar-figure', WIDTH)
+            with ui.expansion('Ball plate', value=False).props('dense').classes('small'):
+                self._plate = Figure(320, 'Deviations of the balls of the plate', 'plate-figure')
             with ui.expansion('Who, what, where', value=False).props('dense').classes('small'):
                 self._identity = Area(marked(ui.element('div').classes('facts'), 'identity'))
         with card('', 'maps') as self._maps_card:
@@ -114,6 +116,7 @@ class FiguresPanel:
         angle = None if chosen is None else float(run.table_angle[chosen])
         self._curves.draw((fit, after, angle), figures.curves_figure, curves, angle)
         self._polar.draw((fit, after), polar_figure, curves)
+        self._plate.draw((shown,), plate_figure, shown.plate, run.radius)
         self._maps.draw((shown, fit, chosen), figures.maps_figure, shown, fit, chosen)
         self._times.draw((shown, after, chosen), figures.time_figure, shown,
                          AFTER if after is None or shown is after else BEFORE, chosen)
