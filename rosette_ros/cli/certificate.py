@@ -27,8 +27,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_shared(parser, 'run_path', nargs='+')
     add_shared(parser, '--run-id', '--model', '--identity')
     add_joint(parser)
-    parser.add_argument('-o', '--output', metavar='FILE', help='the certificate to write, XML (default: its number, or '
-                        'the run, in this folder)')
+    parser.add_argument('-o', '--output', metavar='FILE', help='the certificate to write, XML (default: named as the '
+                        'run, in this folder)')
     parser.add_argument('--pdf', metavar='FILE', help='write it for people, too: two pages, the XML attached')
     parser.add_argument('--verify', metavar='CERT', help='compare a certificate with its run instead: curves, hash, '
                         'all that is in it')
