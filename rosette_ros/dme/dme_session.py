@@ -106,7 +106,7 @@ class DmeSession:
         self._trace = trace or (lambda line: None)
         self._pending: dict[str, SentCommand] = {}
         self._tags = self._events = 0
-        self._turn, self._is_aborting = asyncio.Lock(), False
+        self._turn, self._aborting = asyncio.Lock(), asyncio.Lock()
         self.stop, self.for_person, self.is_lost, self.is_halted = '', False, False, False
         self.warnings = deque[str](maxlen=100)
         self._listener = asyncio.create_task(self._listen())
@@ -191,8 +191,9 @@ class DmeSession:
         await self.abort()
 
     async def resume(self) -> None:
-        """Take commands again after `halt`; raises DmeStopped where a person has to look."""
-        self.is_halted = False
+        """Take commands again after `halt`, when AbortE has ended; raises DmeStopped where a person has to look."""
+        async with self._aborting:
+            self.is_halted = False
         if self.stop:
             await self.clear()
 
@@ -200,22 +201,20 @@ class DmeSession:
         """Send AbortE at once and wait for its end; the server then wants ClearAllErrors. Raises DmeLost."""
         if self.is_lost:
             raise DmeLost(self.stop)
-        if self._is_aborting:
+        if self._aborting.locked():
             return
-        self._is_aborting = True
-        self._events = self._events % 9999 + 1
-        pending = self._send(f'E{self._events:04d}', Call('AbortE'))
-        try:
-            async with asyncio.timeout(self._patience.abort):
-                await asyncio.shield(pending.done)
-        except TimeoutError:
-            self._lose(f'AbortE was not answered within {self._patience.abort:g} s: the machine may still move, press '
-                       'the emergency stop')
-            raise DmeLost(self.stop) from None
-        finally:
-            self._is_aborting = False
-        self._stop_for(DmeError(SEVERE, ABORTED, text='aborted'))
-        self._expect_the_end()
+        async with self._aborting:
+            self._events = self._events % 9999 + 1
+            pending = self._send(f'E{self._events:04d}', Call('AbortE'))
+            try:
+                async with asyncio.timeout(self._patience.abort):
+                    await asyncio.shield(pending.done)
+            except TimeoutError:
+                self._lose(f'AbortE was not answered within {self._patience.abort:g} s: the machine may still move, '
+                           'press the emergency stop')
+                raise DmeLost(self.stop) from None
+            self._stop_for(DmeError(SEVERE, ABORTED, text='aborted'))
+            self._expect_the_end()
 
     async def clear(self, by_person: bool = False) -> None:
         """Send ClearAllErrors; raises DmeStopped where a person has to look first, unless one has, and DmeRefused."""
@@ -246,7 +245,7 @@ class DmeSession:
         if self.is_lost:
             raise DmeLost(self.stop)
         is_stopped = self.is_halted or (self.stop and name != 'ClearAllErrors')
-        if self._is_aborting or (is_stopped and name != 'EndSession'):
+        if self._aborting.locked() or (is_stopped and name != 'EndSession'):
             raise DmeStopped(self.stop or f'{self.where}: aborted')
 
     def _send(self, tag: str, call: Call) -> SentCommand:

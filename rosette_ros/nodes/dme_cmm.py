@@ -238,6 +238,9 @@ class DmeCmmNode(CmmNode):
     async def _measured(self, cmm: DmeCmm, target: ProbeTarget) -> MeasuredBall:
         aim, pole = self.aim_of(target)
         await cmm.session.resume()
+        is_wanted = target is self._wanted
+        if not is_wanted:  # it was cancelled, too, before the last AbortE had ended
+            raise CellError(f'nobody waits for ball {target.ball} any more')
         self._mark.write(f'the node ended while it measured ball {target.ball} at table position '
                          f'{target.table_position}: the machine may have been moving; a person has to look at the '
                          'machine')

@@ -242,6 +242,31 @@ def test_abortion(name):
     run(scene)
 
 
+def test_a_new_run_waits_for_the_end_of_abortion():
+    """A target that comes while AbortE is not done yet is measured after it, not refused."""
+    async def scene(server, cmm):
+        ended = asyncio.Event()
+
+        async def late(tag, asked):
+            server.send(Response(tag, ACK))
+            await ended.wait()
+            return [Response(tag, DONE)]
+        server.replies['AbortE'] = late
+        halt = asyncio.create_task(cmm.session.halt())
+        while 'AbortE' not in [one.name for one in server.commands]:
+            await asyncio.sleep(0)
+        resume = asyncio.create_task(cmm.session.resume())
+        await asyncio.sleep(0)
+        with pytest.raises(DmeStopped, match='aborted'):
+            await cmm.position()
+        assert server.commands[-1].name == 'AbortE'
+        ended.set()
+        await asyncio.gather(halt, resume)
+        assert server.commands[-1].name == 'ClearAllErrors'
+        assert np.linalg.norm((await measured(cmm)).centre - [0.5325, 0.26, -0.3]) < NANOMETRE
+    run(scene)
+
+
 def test_nobody_there():
     """Said in words, with what to look at."""
     async def scene():
