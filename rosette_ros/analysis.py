@@ -17,7 +17,7 @@ from rosette_ros.core.diagnosis import comparison as comparison
 from rosette_ros.core.diagnosis import second_run
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
-from rosette_ros.core.diagnosis.diagnosis import Diagnosis, diagnose, fitted_with_noise, judge
+from rosette_ros.core.diagnosis.diagnosis import Diagnosis, diagnose, find, fitted_with_noise, judge
 from rosette_ros.core.diagnosis.parameter_search import choose_settings
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import UNLIKELY, Verdict
@@ -188,4 +188,4 @@ def summarise(run: Run, model: Model | None = None, on_step: Callable[[str], obj
 __all__ = [
     'MOST_BALLS_ADVISED', 'MOST_BALLS_JUDGED', 'STEPS', 'Change', 'LadderStep', 'Summary', 'Verdict', 'advise',
     'advise_run', 'analyse', 'change', 'claimed_model', 'compare', 'cross_check', 'diagnose', 'evaluate_jointly',
-    'judge', 'ladder', 'summarise']
+    'find', 'judge', 'ladder', 'summarise']

@@ -34,15 +34,18 @@ ALLOWED = {
     'dme': {'core', 'io', 'simulation', 'dme'},
     'presentation': {'core', 'io', 'analysis', 'presentation'},
     'certificate': {'core', 'io', 'analysis', 'presentation', 'certificate'},
+    'archive': {'core', 'io', 'analysis', 'presentation', 'archive'},
     'nodes': {'core', 'io', 'simulation', 'analysis', 'calibration', 'dme', 'nodes'},
     'cell': {'core', 'io', 'calibration', 'nodes', 'cell'},
-    'studio': {'core', 'io', 'analysis', 'presentation', 'calibration', 'nodes', 'cell', 'studio'},
-    'cli': {'core', 'io', 'simulation', 'analysis', 'presentation', 'certificate', 'calibration', 'dme', 'nodes',
-            'cell', 'studio', 'cli'},
+    'studio': {'core', 'io', 'analysis', 'presentation', 'archive', 'calibration', 'nodes', 'cell',
+               'studio'},
+    'cli': {'core', 'io', 'simulation', 'analysis', 'presentation', 'certificate', 'archive', 'calibration', 'dme',
+            'nodes', 'cell', 'studio', 'cli'},
 }
 """Layer: the layers it may import. Arrows point one way only."""
 
-WITHOUT_ROS = ('core', 'io', 'simulation', 'analysis', 'presentation', 'certificate', 'calibration', 'dme')
+WITHOUT_ROS = ('core', 'io', 'simulation', 'analysis', 'presentation', 'certificate', 'archive', 'calibration',
+               'dme')
 MCAP_MAY = {'io/log_reader.py', 'io/log_writer.py', 'io/message_decoder.py'}
 """The only files that know the library of the log format."""
 IN_CLI = {f'rosette_ros.cli.{name}' for name, _ in VERBS.values()}

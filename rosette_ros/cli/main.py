@@ -42,6 +42,7 @@ VERBS = {
     'report': ('report', 'a run on one page: verdict, curves, residuals, candidates, conditions'),
     'certificate': ('certificate', 'a calibration certificate (DCC, PDF) of a run, or its check against the run'),
     'runs': ('runs', 'the runs in a folder, with their verdicts'),
+    'archive': ('archive', 'many runs of many cells in an archive: add, ask'),
     'studio': ('studio', 'a page in the browser: verdict, curves, maps, what is missing, a running cell'),
     'correct': ('correct', 'a correction of the table from a run: for ROS, as a table, for LinuxCNC'),
     'verify': ('verify', 'whether a correction did what it promised, by a run before and one after'),
@@ -54,7 +55,9 @@ VERBS = {
 """Verb: (module in rosette_ros.cli, what it does). A new verb is a new module and a line here."""
 
 _SOURCE = 'source the set-up file of ROS 2 and of the workspace'
-INSTALL = {'rclpy': _SOURCE, 'rosette_msgs': _SOURCE, 'nicegui': 'pip install nicegui plotly'}
+_ARCHIVE = 'pip install distributed duckdb fsspec pyarrow'
+INSTALL = {'rclpy': _SOURCE, 'rosette_msgs': _SOURCE, 'nicegui': 'pip install nicegui plotly',
+           **dict.fromkeys(('dask', 'distributed', 'duckdb', 'fsspec', 'pyarrow'), _ARCHIVE)}
 """Package: how it is installed, where that is not its name alone."""
 
 EXIT_OK, EXIT_ERROR, EXIT_INTERRUPTED = 0, 2, 130
@@ -133,7 +136,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
             implementation = _implementation(verb, module)
             implementation.add_arguments(of_verb)
             of_verb.set_defaults(run=implementation.run, command_line=shlex.join(['rosette', *argv]))
-            if verb not in ('shell', 'dme'):  # whose commands have options of their own
+            if verb not in ('shell', 'dme', 'archive'):  # whose commands have options of their own
                 return of_verb.parse_intermixed_args(argv[1:])
     if not asked.startswith('-') and asked not in VERBS:
         raise UsageError(f'verb: {unknown(asked, VERBS)}')

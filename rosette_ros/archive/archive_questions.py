@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Questions to an archive: views for SQL, and the questions that most ask, from words."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import pyarrow as pa
+
+from rosette_ros.archive.run_archive import RunArchive
+from rosette_ros.archive.run_row import AXES
+from rosette_ros.presentation.json_output import CURVE_KEYS
+
+_BOTH = (*CURVE_KEYS, *(f'U_{key}' for key in CURVE_KEYS))
+_DEVIATIONS = tuple(f'{prefix}{what}_{axis}_m' for prefix in ('', 'U_') for what in ('plate', 'cmm') for axis in AXES)
+_OF = 'log_sha256, run_id, model_hash, table_serial, measured_at'
+VIEWS: Mapping[str, str] = {
+    'effects': f'''
+        SELECT {_OF}, e.effect, e.in_model, e.rms_m, e.setting, p.name AS parameter, p.value, p.U, p.unit
+        FROM (SELECT {_OF}, unnest(effects) AS e FROM runs) LEFT JOIN LATERAL (SELECT unnest(e.parameters) AS p) ON true
+    ''',
+    'curves': f'SELECT {_OF}, unnest(range(1, n + 1)) AS position, '
+              f'{", ".join(f"unnest({name}) AS {name}" for name in ("angle_rad", *_BOTH))} FROM runs',
+    'deviations': f'SELECT {_OF}, unnest(range(1, n + 1)) AS place, '
+                  f'{", ".join(f"unnest({name}) AS {name}" for name in _DEVIATIONS)} FROM runs'}
+"""Besides `runs`, in SQL: a row for each parameter of an effect, each angle of the curves, each ball and CMM position.
+"""
+TIMES = ('since', 'until')
+SERIAL = {'table': 'table_serial', 'plate': 'plate_serial', 'cmm': 'cmm_serial', 'cell': 'cell', 'place': 'place',
+          'level': 'level'}
+"""What a ready question may ask for: word, and its column."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """A ready question. equal: values by the word, of SERIAL; since, until: days or times in ISO 8601, UTC; effect: in
+    the model or named by the diagnosis, with its parameters; problems: logs without an evaluation."""
+
+    equal: Mapping[str, str]
+    since: str = ''
+    until: str = ''
+    effect: str = ''
+    problems: bool = False
+
+    def condition(self) -> tuple[str, list[Any]]:
+        """Return the condition in SQL on `runs` and its values."""
+        parts, values = [f"problem {'<>' if self.problems else '='} ''"], list[Any]()
+        for word, value in self.equal.items():
+            parts, values = [*parts, f'{SERIAL[word]} = ?'], [*values, value]
+        for value, sign in ((self.since, '>='), (self.until, '<')):
+            if value:
+                parts, values = [*parts, f'measured_at {sign} CAST(? AS TIMESTAMPTZ)'], [*values, value]
+        if self.effect:
+            parts.append('(list_contains(missing, ?) OR list_contains([e.effect for e in effects], ?))')
+            values += [self.effect] * 2
+        return ' AND '.join(parts), values
+
+    def sql(self) -> tuple[str, list[Any]]:
+        """Return the question in SQL and its values."""
+        condition, values = self.condition()
+        if self.problems:
+            return f'SELECT path, problem FROM runs WHERE {condition} ORDER BY path', values
+        shown = ('measured_at, table_serial AS "table", cell, run_id AS run, n, 1e6 * rms_m AS rms_um, outcome, '
+                 "array_to_string(missing, ' + ') AS lacks")
+        if self.effect:
+            shown += (", list_transform(flatten([e.parameters for e in effects if e.effect = ?]), lambda p: "
+                      "format('{} = {:.4g} ± {:.2g} {}', p.name, p.value, p.U, p.unit)) AS parameters")
+            values = [self.effect, *values]
+        return (f'SELECT {shown} FROM runs WHERE {condition} '
+                'ORDER BY table_serial, measured_at, run_id', values)
+
+
+def ask(archive: RunArchive, sql: str) -> pa.Table:
+    """Return the answer to a question in SQL over `runs` and VIEWS; raises InvalidData where it cannot be answered."""
+    return archive.query(sql, views=VIEWS)
+
+
+def ask_for(archive: RunArchive, question: Question) -> pa.Table:
+    """Return the answer to a ready question; raises InvalidData where a time in it is none."""
+    return archive.query(*question.sql())

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An archive on the disk: a folder of Parquet files that are written whole, never changed, and replaced by larger ones.
+
+    ARCHIVE/rosette-archive.json    what it is, and in which version of the format
+    ARCHIVE/parts/NAME.parquet      some rows each
+
+Several writers need no lock: each writes files of its own, under names that no other has. What counts where a run was
+added twice is decided when rows are read (`ROWS`). A file is removed only after one that holds its rows is on the disk.
+"""
+
+import datetime
+import io
+import json
+import os
+import secrets
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import duckdb
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from rosette_ros.archive.run_row import KEY, SCHEMA, table_of
+from rosette_ros.core.errors import InvalidData, counted
+from rosette_ros.io.text_file import read_limited, reading, write_bytes, write_text
+
+FORMAT = 'rosette-archive/1'
+MARK, PARTS = 'rosette-archive.json', 'parts'
+LARGE = 20_000
+"""Rows of a file that is not joined with others any more: about 60 MB of runs of 12 balls."""
+MOST_SMALL = 64
+"""Smaller files than that are joined where there are more."""
+ROW_GROUP = 1000
+"""Rows that a query reads at least, of one table mostly: joined files are sorted by table and time."""
+ROWS = f'''
+    SELECT * FROM parts
+    QUALIFY row_number() OVER (PARTITION BY {", ".join(KEY)}, CASE WHEN problem <> '' THEN path END
+                               ORDER BY added_at DESC, version DESC) = 1
+        AND (problem = '' OR added_at = max(added_at) OVER (PARTITION BY path, model_hash))'''
+"""The rows that count: of each run under each model the last; a problem until its file could be read."""
+
+
+class RunArchive:
+    """An archive of runs in a folder; raises InvalidData where it is none, or of a newer version of the format."""
+
+    def __init__(self, folder: str | Path, make: bool = False) -> None:
+        """Open an archive; make: where there is none yet, make one."""
+        self.folder = Path(folder)
+        mark = self.folder / MARK
+        if make and not mark.exists():
+            self._make(mark)
+        if not mark.exists():
+            raise InvalidData(f'{folder}: wanted an archive, got {"a folder" if self.folder.is_dir() else "nothing"} '
+                              f'without {MARK}; rosette archive add FOLDER --into {folder} makes one')
+        try:
+            stated = json.loads(read_limited(mark, 'an archive', 65536)).get('schema')
+        except (ValueError, AttributeError) as error:
+            raise InvalidData(f'{mark}: wanted JSON with "schema": "{FORMAT}", got something else') from error
+        if stated != FORMAT:
+            raise InvalidData(f'{folder}: wanted an archive of {FORMAT}, got {stated!r:.60}; use a version of rosette '
+                              'that knows it')
+
+    def _make(self, mark: Path) -> None:
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            if any(path.name not in (MARK, PARTS) and path.suffix != '.part' for path in self.folder.iterdir()):
+                raise InvalidData(f'{self.folder}: wanted an archive or an empty folder, got a folder of other files; '
+                                  'choose another name')
+            (self.folder / PARTS).mkdir(exist_ok=True)
+        except OSError as error:
+            raise InvalidData(f'{self.folder}: an archive cannot be made: {error.strerror}') from error
+        write_text(mark, json.dumps({'schema': FORMAT}) + '\n', force=True)  # two may make it at once
+
+    @property
+    def parts(self) -> list[Path]:
+        """The files with rows."""
+        with reading(self.folder / PARTS, 'the files of an archive'):
+            return sorted(path for path in (self.folder / PARTS).iterdir()
+                          if path.suffix == '.parquet' and not path.name.startswith('.'))
+
+    def add(self, rows: Sequence[Mapping[str, Any]]) -> Path:
+        """Bring rows (see run_row.COLUMNS) to the disk as one more file, and return it; raises InvalidData."""
+        return self._write(table_of(rows))
+
+    def _write(self, table: pa.Table) -> Path:
+        data = io.BytesIO()
+        pq.write_table(table, data, compression='zstd', row_group_size=ROW_GROUP)
+        now = datetime.datetime.now(datetime.UTC)
+        path = self.folder / PARTS / f'{now:%Y%m%dT%H%M%S}-{secrets.token_hex(8)}.parquet'
+        write_bytes(path, data.getvalue())
+        return path
+
+    def query(self, sql: str, values: Sequence[Any] = (), views: Mapping[str, str] | None = None) -> pa.Table:
+        """Return the answer of DuckDB to a question in SQL, in which `runs` are the rows that count.
+
+        values: for the question marks in it; views: further ones by name, which may use those before them. Raises
+        InvalidData where the question cannot be answered."""
+        while True:
+            parts = self.parts
+            try:
+                return self._query(sql, values, {'runs': ROWS, **(views or {})}, parts)
+            except duckdb.Error as error:
+                if all(path.exists() for path in parts):  # else another process has just joined some
+                    raise InvalidData(f'{self.folder}: {" ".join(str(error).split())}') from error
+
+    def _query(self, sql: str, values: Sequence[Any], views: Mapping[str, str], parts: Iterable[Path]) -> pa.Table:
+        with duckdb.connect() as base:
+            base.execute("SET TimeZone = 'UTC'")
+            base.register('parts', SCHEMA.empty_table())
+            if files := [str(path) for path in parts]:
+                base.register('parts', base.read_parquet(files, union_by_name=True))
+            for name, text in views.items():
+                base.execute(f'CREATE TEMP VIEW {name} AS {text}')
+            return base.sql(sql, params=list(values)).to_arrow_table()
+
+    def read_rows(self, columns: Sequence[str] = (), where: str = '', values: Sequence[Any] = ()) -> pa.Table:
+        """Return the rows that count, sorted by table and time, as an Arrow table; `to_pylist` of it gives dicts.
+
+        columns: names of some (run_row.COLUMNS explains them), all if none is named; where: condition in SQL, such as
+        `table_serial = ? AND problem = ''`; values: for its question marks."""
+        names = ', '.join(f'"{name}"' for name in columns) or '*'
+        return self.query(f'SELECT {names} FROM runs {f"WHERE {where}" if where else ""} '
+                          'ORDER BY table_serial, measured_at, added_at, log_sha256, run_id', values)
+
+    def join_small(self) -> str:
+        """Join the small files where there are many of them; return what was done in words, '' for nothing.
+
+        Of several processes that do so at once, one that finds its files gone leaves the rest to the others."""
+        with suppress(FileNotFoundError, duckdb.IOException):
+            return self._join_small()
+        return ''
+
+    def _join_small(self) -> str:
+        small = {path: rows for path in self.parts if (rows := pq.read_metadata(path).num_rows) < LARGE}
+        if len(small) <= MOST_SMALL:
+            return ''
+        group, size = list[Path](), 0
+        for place, (path, rows) in enumerate(small.items(), 1):
+            group, size = [*group, path], size + rows
+            if size >= LARGE or place == len(small):
+                self._write(self._query('SELECT * FROM runs ORDER BY table_serial, measured_at', (), {'runs': ROWS},
+                                        group).cast(SCHEMA))
+                for one in group:
+                    one.unlink(missing_ok=True)  # another process may have joined the same
+                group, size = [], 0
+        return f'{counted(len(small), "file")} joined'
+
+
+def is_writable(folder: Path) -> None:
+    """Raise InvalidData where no file can be written in a folder: better before hours of work than after."""
+    trial = folder / f'.{secrets.token_hex(8)}.part'
+    try:
+        os.close(os.open(trial, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
+        trial.unlink()
+    except OSError as error:
+        raise InvalidData(f'{folder}: wanted an archive that can be written, got: {error.strerror}') from error

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The row that an archive keeps of a run under a model: its columns, and how they follow from an evaluation."""
+
+import datetime
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from rosette_ros import __version__
+from rosette_ros.core.diagnosis.diagnosis import Finding
+from rosette_ros.core.error_summary import COVERAGE_FACTOR, fit_lines
+from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.model.model import Model
+from rosette_ros.core.records import Floats
+from rosette_ros.io.identity_file import Identity, format_identity
+from rosette_ros.presentation.json_output import CURVE_KEYS, verdict_json
+from rosette_ros.presentation.report.provenance import Source, order_of
+
+AXES = 'xyz'
+KEY = ('log_sha256', 'run_id', 'model_hash')
+"""What a row is of: a run of a log under a model. Of several rows with one key the one that was added last counts."""
+SERIALS = ('table', 'plate', 'cmm', 'probe')
+"""Devices of the identity whose serial numbers are columns."""
+
+_TEXT, _REAL, _WHOLE, _REALS = pa.string(), pa.float64(), pa.int32(), pa.list_(pa.float64())
+_TIME = pa.timestamp('us', 'UTC')
+_PARAMETER = pa.struct([('name', _TEXT), ('value', _REAL), ('U', _REAL), ('unit', _TEXT)])
+_EFFECT = pa.struct([('effect', _TEXT), ('in_model', pa.bool_()), ('rms_m', _REAL), ('setting', _TEXT),
+                     ('parameters', pa.list_(_PARAMETER))])
+
+COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
+    ('log_sha256', _TEXT, 'SHA-256 of the content of the log, hex: that of its one file, or of the digests of its '
+                          'files in the order of their names; empty where it could not be read at all'),
+    ('run_id', _TEXT, 'name of the run in the log; empty where a table states none, or with a problem'),
+    ('model_hash', _TEXT, 'SHA-256 of the model, hex, as rosette evaluate shows it'),
+    ('model', _TEXT, 'the model as JSON, rosette-model/1'),
+    ('version', _TEXT, 'version of rosette that evaluated the run'),
+    ('path', _TEXT, 'where the log was found first: absolute path or URL'),
+    ('stamp', _TEXT, 'size and time of the files of the log: while they stay, it is not read again'),
+    ('added_at', _TIME, 'when the row was made'),
+    ('problem', _TEXT, 'why there is no evaluation, in a line; empty where there is one. With a problem all columns '
+                       'below are null'),
+    ('measured_at', _TIME, 'first entry of the log or, where that is not dated, the first day of measuring that the '
+                           'identity states; null where neither is known'),
+    ('ended_at', _TIME, 'last entry of the log, or the last day of measuring; null where neither is known'),
+    ('cell', _TEXT, 'namespace of the cell on the graph; empty for a table'),
+    ('place', _TEXT, 'place of the calibration by the identity; empty where not stated'),
+    *((f'{device}_serial', _TEXT, f'serial number of the {device} by the identity; empty where not stated')
+      for device in SERIALS),
+    ('identity', _TEXT, 'all that the identity states, tolerances too, as YAML, rosette-identity/1; may be empty'),
+    ('simulated', pa.bool_(), 'whether no real CMM measured the run'),
+    ('n', _WHOLE, 'balls of the plate and positions of the table'),
+    ('radius_m', _REAL, 'nominal radius of the circle of ball centres'),
+    ('mean_radius_m', _REAL, 'mean radius as measured'),
+    ('readings', _WHOLE, 'ball centres'),
+    ('completeness', _REAL, 'measured part of the n × n pairs of table position and ball'),
+    ('plan', _TEXT, 'order of measurement in words'),
+    ('temperature_mean_C', _REAL, 'mean temperature of the readings; null where not recorded'),
+    ('temperature_min_C', _REAL, 'lowest temperature; null where not recorded'),
+    ('temperature_max_C', _REAL, 'highest temperature; null where not recorded'),
+    ('repeatability_m', _REAL, 'standard deviation of a coordinate from repeated readings; null where not known'),
+    ('rms_m', _REAL, 'residual under the model, root of the square sum per degree of freedom'),
+    ('sigma_m', _REAL, 'standard deviation of a coordinate on which the uncertainties rest'),
+    ('dof', _WHOLE, 'degrees of freedom of the residual'),
+    ('lack_of_fit_p', _REAL, 'probability that noise of the repeatability leaves as much; null where not known'),
+    ('final_rms_m', _REAL, 'residual with all that the diagnosis names; null where there was none'),
+    ('outcome', _TEXT, 'what the run decides about the model; null on plates too large to be judged unasked'),
+    ('level', _TEXT, 'good, doubtful or bad; null likewise'),
+    ('verdict', _TEXT, 'the verdict in a sentence; null likewise'),
+    ('action', _TEXT, 'what to do next; null likewise'),
+    ('missing', pa.list_(_TEXT), 'effects that the diagnosis names and the model lacks, strongest first'),
+    ('unexplained', _TEXT, 'what is left that no named effect explains, in words; empty where nothing is'),
+    ('effects', pa.list_(_EFFECT), 'effects with their rms and parameters (value, U: k = 2, unit): in_model says '
+                                   'whether it stands in the model or the diagnosis names it'),
+    ('rotation', _REALS, 'of the table frame in the machine frame, 9 values row by row; null where not known'),
+    ('angle_rad', _REALS, 'the n table angles of the curves'),
+    *((key, _REALS, f'error motion at the n angles, {key.partition("_")[0]} (VDI/VDE 2617), under the model')
+      for key in CURVE_KEYS),
+    *((f'U_{key}', _REALS, f'its expanded uncertainty at each angle, k = {COVERAGE_FACTOR}') for key in CURVE_KEYS),
+    *((f'range_{key}', _REAL, 'peak to valley of the curve, the error after ISO 230-7') for key in CURVE_KEYS),
+    *((f'U_range_{key}', _REAL, f'its expanded uncertainty, k = {COVERAGE_FACTOR}') for key in CURVE_KEYS),
+    *((f'{prefix}{what}_{axis}_m', _REALS, f'{words} {axis} at the n {places}, in the order of their numbers')
+      for what, places in (('plate', 'balls'), ('cmm', 'CMM positions'))
+      for prefix, words in (('', f'deviation of the {"plate" if what == "plate" else "CMM"} along'),
+                            ('U_', f'expanded uncertainty, k = {COVERAGE_FACTOR}, of the deviation along'))
+      for axis in AXES),
+)
+"""Name, type and meaning of every column, SI units."""
+SCHEMA = pa.schema([pa.field(name, kind, metadata={'meaning': meaning}) for name, kind, meaning in COLUMNS])
+"""Of the Parquet files."""
+
+Row = dict[str, Any]
+"""A value by the name of each column; a column that is not there is null."""
+
+
+def heading(log_sha256: str, path: str, stamp: str, model: Model, added_at: datetime.datetime, run_id: str = '',
+            problem: str = '') -> Row:
+    """Return what a row says without an evaluation."""
+    return {'log_sha256': log_sha256, 'run_id': run_id, 'model_hash': model.hash,
+            'model': json.dumps(model.to_mapping(), ensure_ascii=False), 'version': __version__, 'path': path,
+            'stamp': stamp, 'added_at': added_at, 'problem': problem}
+
+
+def evaluation_row(fit: Fit, finding: Finding | None = None, source: Source | None = None, cell: str = '',
+                   identity: Identity | None = None) -> Row:
+    """Return what a row says of an evaluation.
+
+    finding: None where the run was not diagnosed; source: of the run, None where it comes from no file; identity: in
+    place of that of the source."""
+    run, motions = fit.run, fit.error_motions
+    known = run.temperature[np.isfinite(run.temperature)]
+    identity = identity or (source.identity if source else Identity())
+    verdict = finding.verdict if finding else None
+    in_model = len(fit.effects)
+    lines = fit_lines(fit)
+    return {
+        'measured_at': _time(source.begun if source else '', identity['measured.begin']),
+        'ended_at': _time(source.ended if source else '', identity['measured.end']), 'cell': cell,
+        'place': identity['place.name'], **{f'{one}_serial': identity[f'{one}.serial'] for one in SERIALS},
+        'identity': format_identity(identity), 'simulated': run.simulated, 'n': run.n, 'radius_m': run.radius,
+        'mean_radius_m': fit.mean_radius, 'readings': run.size, 'completeness': run.completeness,
+        'plan': order_of(run, source),
+        **dict(zip((f'temperature_{name}_C' for name in ('mean', 'min', 'max')),
+                   (float(one) for one in (known.mean(), known.min(), known.max())) if known.size else (None,) * 3)),
+        'repeatability_m': run.repeatability, 'rms_m': fit.rms, 'sigma_m': fit.sigma, 'dof': fit.dof,
+        'lack_of_fit_p': fit.lack_of_fit_p, 'final_rms_m': finding.final.rms if finding else None,
+        **verdict_json(verdict), 'missing': list(finding.missing) if finding else None,
+        'unexplained': finding.unexplained_text if finding else None,
+        'effects': [{
+            'effect': one.name, 'in_model': place < in_model, 'rms_m': one.rms,
+            'setting': json.dumps(one.setting, ensure_ascii=False),
+            'parameters': [{'name': each.name, 'value': each.value, 'U': COVERAGE_FACTOR * each.u, 'unit': each.unit}
+                           for each in one.parameters]}
+            for place, one in enumerate((*fit.effects, *(finding.final.effects[in_model:] if finding else ())))],
+        'rotation': None if run.rotation is None else run.rotation.ravel().tolist(),
+        'angle_rad': motions.angle.tolist(), **_lists('{}', CURVE_KEYS, motions.values),
+        **_lists('U_{}', CURVE_KEYS, COVERAGE_FACTOR * motions.u),
+        **{f'range_{key}': line.range for key, line in zip(CURVE_KEYS, lines, strict=True)},
+        **{f'U_range_{key}': line.expanded for key, line in zip(CURVE_KEYS, lines, strict=True)},
+        **_lists('plate_{}_m', AXES, fit.plate), **_lists('U_plate_{}_m', AXES, COVERAGE_FACTOR * fit.deviation_u[0]),
+        **_lists('cmm_{}_m', AXES, fit.cmm), **_lists('U_cmm_{}_m', AXES, COVERAGE_FACTOR * fit.deviation_u[1])}
+
+
+def table_of(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
+    """Return rows as a table of SCHEMA."""
+    return pa.Table.from_pylist([dict(row) for row in rows], schema=SCHEMA)
+
+
+def _lists(name: str, keys: Sequence[str], values: Floats) -> Row:
+    """Return the columns of an array (n, k) as lists by the names of the k keys."""
+    return {name.format(key): column.tolist() for key, column in zip(keys, values.T, strict=True)}
+
+
+def _time(logged: str, day: str) -> datetime.datetime | None:
+    """Return the time of a log as `instant` writes it, else the beginning of a day, else None."""
+    text = logged.removesuffix(' UTC') or day
+    return datetime.datetime.fromisoformat(text).replace(tzinfo=datetime.UTC) if text else None

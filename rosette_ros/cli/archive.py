@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosette archive: many runs of many cells, a row each."""
+
+import argparse
+from collections.abc import Callable
+
+from rosette_ros.cli import archive_query
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    verbs = parser.add_subparsers(metavar='WHAT', required=True)
+    for name, (text, arguments, implementation) in WHAT.items():
+        made = verbs.add_parser(name, help=text, description=f'{text[0].upper()}{text[1:]}.')
+        arguments(made)
+        made.set_defaults(carry_out=implementation)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Do what was asked for."""
+    options.carry_out(options)
+
+
+WHAT: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None], Callable[[argparse.Namespace], None]]] = {
+    'query': ('what an archive says, by SQL or by ready questions', archive_query.add_arguments, archive_query.run),
+}
+"""Word: what it does, its arguments, its function. Another one is a line here."""

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Archives on the disk: rows come back bit for bit, several writers lose nothing, what is no archive is refused."""
+
+import datetime
+import errno
+import json
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from rosette_ros.analysis import analyse, find
+from rosette_ros.archive import run_archive
+from rosette_ros.archive.run_archive import MARK, RunArchive
+from rosette_ros.archive.run_row import SCHEMA, evaluation_row, heading, table_of
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.model.model import Model
+from rosette_ros.io import text_file
+from rosette_ros.presentation.report.provenance import open_source
+
+LOG = Path(__file__).parents[1] / 'golden' / 'logs' / 'log_left_out_n7_column'
+NOON = datetime.datetime(2026, 4, 12, 12, tzinfo=datetime.UTC)
+
+
+@pytest.fixture(scope='module')
+def row():
+    """Return the row of a golden log."""
+    run, source = open_source(LOG)
+    return {**heading('ab' * 32, '/logs/a', 's', Model(), NOON, run.run_id),
+            **evaluation_row(analyse(run), find(run), source, 'rosette')}
+
+
+@pytest.fixture
+def archive(tmp_path):
+    """Return an empty archive."""
+    return RunArchive(tmp_path / 'archive', make=True)
+
+
+def test_a_row_comes_back_to_the_last_bit(archive, row):
+    """Every column of the schema is filled, and reads as it was written."""
+    assert set(row) == set(SCHEMA.names)
+    archive.add([row])
+    table = archive.read_rows()
+    assert table.equals(table_of([row]))
+    assert {name: value for name, value in table.to_pylist()[0].items() if value != row[name]} == {}
+
+
+def test_an_empty_archive_has_no_rows(archive):
+    """Of the same columns."""
+    assert archive.read_rows(['run_id', 'ctx_m']).to_pydict() == {'run_id': [], 'ctx_m': []}
+
+
+def test_of_two_rows_of_a_run_the_later_counts(archive, row):
+    """Under one model; another model, another run of the same log are further rows."""
+    later = NOON + datetime.timedelta(1)
+    archive.add([{**row, 'added_at': later, 'version': '2'}])
+    archive.add([{**row, 'version': '1'}, {**row, 'model_hash': 'm'}, {**row, 'run_id': 'other'}])
+    found = archive.read_rows(['run_id', 'model_hash', 'version']).to_pylist()
+    assert [(one['run_id'] == 'other', one['model_hash'] == 'm') for one in found].count((False, False)) == 1
+    assert sorted(one['version'] for one in found) == sorted(['2', row['version'], row['version']])
+
+
+def test_a_problem_counts_until_the_file_is_read(archive, row):
+    """A log that was still being written is no problem when it is whole."""
+    bad = heading('cd' * 32, '/logs/a', 's', Model(), NOON, problem='truncated')
+    archive.add([bad])
+    assert archive.read_rows(['problem']).to_pydict() == {'problem': ['truncated']}
+    archive.add([{**row, 'added_at': NOON + datetime.timedelta(1)}])
+    assert archive.read_rows(['problem']).to_pydict() == {'problem': ['']}
+
+
+def test_several_writers_lose_nothing(archive, row, monkeypatch):
+    """Also while one of them joins small files and others read."""
+    monkeypatch.setattr(run_archive, 'MOST_SMALL', 3)
+
+    def write(writer):
+        own = RunArchive(archive.folder, make=True)
+        for count in range(8):
+            own.add([{**row, 'run_id': f'{writer}.{count}'}])
+            own.join_small()
+            assert own.read_rows(['run_id']).num_rows > count
+    with ThreadPoolExecutor(3) as pool:
+        list(pool.map(write, range(3)))
+    assert set(archive.read_rows(['run_id']).column(0).to_pylist()) == {f'{a}.{b}' for a in range(3) for b in range(8)}
+    assert len(archive.parts) <= 8
+
+
+def test_a_join_killed_before_it_removes_files_repeats_no_row(archive, row, monkeypatch):
+    """The joined file and those that it is made of are there."""
+    monkeypatch.setattr(run_archive, 'MOST_SMALL', 1)
+    for count in range(3):
+        archive.add([{**row, 'run_id': f'{count}'}])
+    monkeypatch.setattr(Path, 'unlink', lambda path, missing_ok=False: (_ for _ in ()).throw(KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        archive.join_small()
+    assert archive.read_rows(['run_id']).column(0).to_pylist() == ['0', '1', '2']
+
+
+def test_a_full_disk_leaves_what_was_there(archive, row, monkeypatch):
+    """One line says so, and no part of a file stays."""
+    archive.add([row])
+
+    def full(file):
+        raise OSError(errno.ENOSPC, 'No space left on device')
+    monkeypatch.setattr(text_file.os, 'fsync', full)
+    with pytest.raises(InvalidData, match='cannot be written: No space left on device'):
+        archive.add([{**row, 'run_id': 'other'}])
+    assert archive.read_rows(['run_id']).num_rows == len(list((archive.folder / 'parts').iterdir())) == 1
+
+
+@pytest.mark.parametrize(('text', 'words'), [
+    (json.dumps({'schema': 'rosette-archive/2'}), "wanted an archive of rosette-archive/1, got 'rosette-archive/2'"),
+    ('[]', 'wanted JSON with "schema": "rosette-archive/1"'),
+    (None, f'wanted an archive, got a folder without {MARK}')])
+def test_what_is_no_archive_is_refused(archive, text, words):
+    """Of a newer version, damaged, or something else."""
+    mark = archive.folder / MARK
+    mark.unlink()
+    if text is not None:
+        mark.write_text(text)
+    with pytest.raises(InvalidData) as error:
+        RunArchive(archive.folder)
+    assert words in str(error.value)
+
+
+def test_a_folder_of_other_files_is_not_made_an_archive(tmp_path):
+    """It may be a folder of logs that was named in the wrong place."""
+    (tmp_path / 'run.csv').touch()
+    with pytest.raises(InvalidData, match='wanted an archive or an empty folder, got a folder of other files'):
+        RunArchive(tmp_path, make=True)
