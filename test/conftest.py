@@ -33,7 +33,7 @@ LONG = (
     'nodes/test_cell_kills.py', 'studio/test_live_cell.py', 'presentation/test_run_page.py', 'nodes/test_cell.py',
     'nodes/test_cell_lifecycle.py', 'nodes/test_sros2_policy.py', 'cell/test_environment.py', 'cli/test_hidden_demo.py',
     'nodes/test_cell_other_cmm.py', 'nodes/test_cell_dme.py', 'cli/test_verification_demo.py',
-    'nodes/test_log_session.py')
+    'nodes/test_log_session.py', 'archive/test_run_adding.py')
 """Files that take longest, in the order of starting: all would wait for one that starts last."""
 
 

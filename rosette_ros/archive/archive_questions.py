@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Questions to an archive: views for SQL, and the questions that most ask, from words."""
 
+import datetime
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -9,6 +10,7 @@ import pyarrow as pa
 
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import AXES
+from rosette_ros.core.errors import InvalidData
 from rosette_ros.presentation.json_output import CURVE_KEYS
 
 _BOTH = (*CURVE_KEYS, *(f'U_{key}' for key in CURVE_KEYS))
@@ -25,7 +27,6 @@ VIEWS: Mapping[str, str] = {
                   f'{", ".join(f"unnest({name}) AS {name}" for name in _DEVIATIONS)} FROM runs'}
 """Besides `runs`, in SQL: a row for each parameter of an effect, each angle of the curves, each ball and CMM position.
 """
-TIMES = ('since', 'until')
 SERIAL = {'table': 'table_serial', 'plate': 'plate_serial', 'cmm': 'cmm_serial', 'cell': 'cell', 'place': 'place',
           'level': 'level'}
 """What a ready question may ask for: word, and its column."""
@@ -49,7 +50,7 @@ class Question:
             parts, values = [*parts, f'{SERIAL[word]} = ?'], [*values, value]
         for value, sign in ((self.since, '>='), (self.until, '<')):
             if value:
-                parts, values = [*parts, f'measured_at {sign} CAST(? AS TIMESTAMPTZ)'], [*values, value]
+                parts, values = [*parts, f'measured_at {sign} ?'], [*values, _time(value)]
         if self.effect:
             parts.append('(list_contains(missing, ?) OR list_contains([e.effect for e in effects], ?))')
             values += [self.effect] * 2
@@ -68,6 +69,14 @@ class Question:
             values = [self.effect, *values]
         return (f'SELECT {shown} FROM runs WHERE {condition} '
                 'ORDER BY table_serial, measured_at, run_id', values)
+
+
+def _time(text: str) -> datetime.datetime:
+    try:
+        found = datetime.datetime.fromisoformat(text)
+    except ValueError as error:
+        raise InvalidData(f'wanted a day or a time such as 2026-04-12, got {text!r:.40}') from error
+    return found if found.tzinfo else found.replace(tzinfo=datetime.UTC)
 
 
 def ask(archive: RunArchive, sql: str) -> pa.Table:

@@ -80,6 +80,15 @@ class RunArchive:
             return sorted(path for path in (self.folder / PARTS).iterdir()
                           if path.suffix == '.parquet' and not path.name.startswith('.'))
 
+    def check_writable(self) -> None:
+        """Raise InvalidData where no file can be written: better before hours of work than after."""
+        trial = self.folder / PARTS / f'.{secrets.token_hex(8)}.part'
+        try:
+            os.close(os.open(trial, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
+            trial.unlink()
+        except OSError as error:
+            raise InvalidData(f'{self.folder}: wanted an archive that can be written, got: {error.strerror}') from error
+
     def add(self, rows: Sequence[Mapping[str, Any]]) -> Path:
         """Bring rows (see run_row.COLUMNS) to the disk as one more file, and return it; raises InvalidData."""
         return self._write(table_of(rows))
@@ -107,13 +116,16 @@ class RunArchive:
 
     def _query(self, sql: str, values: Sequence[Any], views: Mapping[str, str], parts: Iterable[Path]) -> pa.Table:
         with duckdb.connect() as base:
-            base.execute("SET TimeZone = 'UTC'")
+            base.execute("SET TimeZone = 'UTC'; SET autoinstall_known_extensions = false")  # nothing from the network
             base.register('parts', SCHEMA.empty_table())
             if files := [str(path) for path in parts]:
                 base.register('parts', base.read_parquet(files, union_by_name=True))
             for name, text in views.items():
                 base.execute(f'CREATE TEMP VIEW {name} AS {text}')
-            return base.sql(sql, params=list(values)).to_arrow_table()
+            answer = base.sql(sql, params=list(values))
+            if answer is None:
+                raise InvalidData(f'{self.folder}: wanted a question (SELECT ...), got {sql!r:.80}')
+            return answer.to_arrow_table()
 
     def read_rows(self, columns: Sequence[str] = (), where: str = '', values: Sequence[Any] = ()) -> pa.Table:
         """Return the rows that count, sorted by table and time, as an Arrow table; `to_pylist` of it gives dicts.
@@ -122,7 +134,7 @@ class RunArchive:
         `table_serial = ? AND problem = ''`; values: for its question marks."""
         names = ', '.join(f'"{name}"' for name in columns) or '*'
         return self.query(f'SELECT {names} FROM runs {f"WHERE {where}" if where else ""} '
-                          'ORDER BY table_serial, measured_at, added_at, log_sha256, run_id', values)
+                          'ORDER BY table_serial, measured_at, run_id, log_sha256, model_hash', values)
 
     def join_small(self) -> str:
         """Join the small files where there are many of them; return what was done in words, '' for nothing.
@@ -146,13 +158,3 @@ class RunArchive:
                     one.unlink(missing_ok=True)  # another process may have joined the same
                 group, size = [], 0
         return f'{counted(len(small), "file")} joined'
-
-
-def is_writable(folder: Path) -> None:
-    """Raise InvalidData where no file can be written in a folder: better before hours of work than after."""
-    trial = folder / f'.{secrets.token_hex(8)}.part'
-    try:
-        os.close(os.open(trial, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
-        trial.unlink()
-    except OSError as error:
-        raise InvalidData(f'{folder}: wanted an archive that can be written, got: {error.strerror}') from error

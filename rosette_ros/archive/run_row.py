@@ -34,7 +34,7 @@ _EFFECT = pa.struct([('effect', _TEXT), ('in_model', pa.bool_()), ('rms_m', _REA
 COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ('log_sha256', _TEXT, 'SHA-256 of the content of the log, hex: that of its one file, or of the digests of its '
                           'files in the order of their names; empty where it could not be read at all'),
-    ('run_id', _TEXT, 'name of the run in the log; empty where a table states none, or with a problem'),
+    ('run_id', _TEXT, 'name of the run in the log; empty where a table states none, or if the log is no good'),
     ('model_hash', _TEXT, 'SHA-256 of the model, hex, as rosette evaluate shows it'),
     ('model', _TEXT, 'the model as JSON, rosette-model/1'),
     ('version', _TEXT, 'version of rosette that evaluated the run'),

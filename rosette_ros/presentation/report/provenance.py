@@ -17,6 +17,7 @@ from rosette_ros.core.records import Run
 from rosette_ros.core.sphere_refit import SphereRefit
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.log_run import LogRun
 from rosette_ros.io.open_run import is_log, open_run, stated
 from rosette_ros.io.touch_log import refit_if_touched
 from rosette_ros.presentation.formatting import instant
@@ -65,14 +66,19 @@ def open_source(path: Path | str, run_id: str | None = None, file: Path | str | 
         return open_run(path, run_id), Source(str(path), (digest(path),), identity=stated(Identity(), file)[0])
     log = read_log(path)
     run = log.to_run(run_id)
+    return run, source_of(path, log, run, file)
+
+
+def source_of(path: Path | str, log: LogRun, run: Run, file: Path | str | None = None) -> Source:
+    """Return the Source of a run in a log that was read; path, file: as of open_source."""
     order = next((state.order for state in log.states if state.run_id == run.run_id), '')
     folder = Path(path) if Path(path).is_dir() else Path(path).parent
     beside = [(name, (folder / name).read_bytes()[:LONGEST].decode('utf-8', errors='replace'))
               for name in BESIDE if (folder / name).is_file()]
     entries = '\n'.join(f'{key}: {value}' for key, value in sorted(log.custom_data.items()))
-    return run, Source(str(path), tuple(map(digest, log.files)), instant(log.start_ns), order,
-                       (*beside, *([('entries of the log', entries)] if entries else [])), instant(log.end_ns),
-                       *stated(log.identity(run.run_id), file), run.run_id)
+    return Source(str(path), tuple(map(digest, log.files)), instant(log.start_ns), order,
+                  (*beside, *([('entries of the log', entries)] if entries else [])), instant(log.end_ns),
+                  *stated(log.identity(run.run_id), file), run.run_id)
 
 
 def digest(path: Path | str) -> FileDigest:

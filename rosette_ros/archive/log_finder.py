@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Logs in folders, on this computer or behind a URL that fsspec knows: where they are, and what is in them."""
+
+import hashlib
+import re
+import tempfile
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import fsspec
+
+from rosette_ros.core.errors import InvalidData
+
+METADATA = 'metadata.yaml'
+SUFFIXES = ('.mcap', '.csv')
+_STAMPED = ('size', 'mtime', 'created', 'LastModified', 'last_modified', 'ETag', 'etag')
+"""What file systems say of a file that changes when its content does."""
+
+
+@dataclass(frozen=True)
+class FoundLog:
+    """A log: path: of its directory or file, absolute, or a URL; files: those with its content, in the order of their
+    names; stamp: their sizes and times."""
+
+    path: str
+    files: tuple[str, ...]
+    stamp: str
+
+    def digest(self) -> str:
+        """Return the SHA-256 of the content, hex: of the one file, else of the digests of all; raises OSError."""
+        each = []
+        for file in self.files:
+            with fsspec.open(file, 'rb') as stream:
+                each.append(hashlib.file_digest(stream, 'sha256'))
+        return each[0].hexdigest() if len(each) == 1 else hashlib.sha256(b''.join(
+            one.digest() for one in each)).hexdigest()
+
+    @contextmanager
+    def local(self) -> Iterator[Path]:
+        """Give the path of the log on this computer: its own, or that of a copy for as long as it is used."""
+        if '://' not in self.path:
+            yield Path(self.path)
+            return
+        system, root = fsspec.url_to_fs(self.path)
+        with tempfile.TemporaryDirectory() as folder:
+            copy = Path(folder, PurePosixPath(root).name)
+            wanted = [fsspec.url_to_fs(file)[1] for file in self.files]
+            if wanted == [root]:
+                system.get_file(root, str(copy))
+            else:
+                copy.mkdir()
+                more = [f'{root}/{METADATA}'] if system.exists(f'{root}/{METADATA}') else []
+                for file in (*wanted, *more):
+                    system.get_file(file, str(copy / PurePosixPath(file).name))
+            yield copy
+
+
+def find_logs(places: Iterable[str]) -> list[FoundLog]:
+    """Return the logs in folders and all that is below them, each once; a place may be a log itself.
+
+    A directory with a metadata.yaml, or with files that are named after it as rosbag2 does, is one log; other .mcap
+    files and all .csv files are one each. Raises InvalidData where nothing is, or a URL needs a driver."""
+    found: dict[str, FoundLog] = {}
+    for place in places:
+        try:
+            system, root = fsspec.url_to_fs(place)
+            files: dict[str, Mapping[str, Any]] = system.find(root, detail=True)
+            if not files and not system.exists(root):
+                raise FileNotFoundError(2, 'no such file or folder')
+        except (OSError, ValueError, ImportError) as error:
+            words = (isinstance(error, OSError) and error.strerror) or ' '.join(str(error).split())
+            raise InvalidData(f'{place}: wanted a folder of logs, or a log, got: {words}') from error
+        is_local = 'file' in ((system.protocol,) if isinstance(system.protocol, str) else system.protocol)
+        for path, inside in _grouped(root, list(files)):
+            names = [file if is_local else system.unstrip_protocol(file) for file in (path, *inside)]
+            stamp = ' '.join(f'{files[file][key]}' for file in inside for key in _STAMPED if key in files[file])
+            found.setdefault(names[0], FoundLog(names[0], tuple(names[1:]), stamp))
+    return list(found.values())
+
+
+def _grouped(root: str, files: list[str]) -> Iterator[tuple[str, list[str]]]:
+    """Yield the path of each log and the files of its content."""
+    if files == [root]:
+        yield root, files
+        return
+    folders = defaultdict[PurePosixPath, list[PurePosixPath]](list)
+    for path in map(PurePosixPath, sorted(files)):
+        folders[path.parent].append(path)
+    for folder, inside in folders.items():
+        logs = [path for path in inside if path.suffix == '.mcap']
+        is_one = any(path.name == METADATA for path in inside) or all(
+            re.fullmatch(rf'{re.escape(folder.name)}_\d+', path.stem) for path in logs)
+        if logs and is_one:
+            yield str(folder), list(map(str, logs))
+        for path in inside:
+            if path.suffix in SUFFIXES and not (is_one and path in logs):
+                yield str(path), [str(path)]

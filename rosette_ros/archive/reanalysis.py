@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All runs of an archive under two models, side by side: where the residual falls, how far the curves move."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+from rosette_ros.archive.log_finder import FoundLog, find_logs
+from rosette_ros.archive.run_archive import RunArchive
+from rosette_ros.core.diagnosis.verdict import CERTAIN
+from rosette_ros.core.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.model.model import Model
+from rosette_ros.core.records import CURVES
+from rosette_ros.presentation.json_output import CURVE_KEYS
+
+_CHANGES = ', '.join(
+    f'list_max(list_transform(list_zip(a.{key}, b.{key}), lambda p: abs(p[2] - p[1]))) AS change_{key}, '
+    f'list_max(list_transform(list_zip(a.{key}, b.{key}, a.U_{key}, b.U_{key}), '
+    f'lambda p: abs(p[2] - p[1]) / greatest(p[3], p[4]))) AS {curve}_of_U'
+    for curve, key in zip(CURVES, CURVE_KEYS, strict=True))
+_SIDE_BY_SIDE = f'''
+    SELECT b.measured_at, b.table_serial, b.cell, b.run_id, b.path, a.rms_m AS before, b.rms_m AS after,
+        a.outcome AS outcome_before, b.outcome AS outcome_after, {_CHANGES},
+        list_sort(list_distinct([e.effect for e in b.effects if e.in_model AND
+            len([p for p in e.parameters if abs(p.value) > {CERTAIN / COVERAGE_FACTOR} * p.U]) > 0])) AS had
+    FROM (SELECT * FROM runs WHERE model_hash = ?) AS a JOIN (SELECT * FROM runs WHERE model_hash = ?) AS b
+        USING (log_sha256, run_id)
+    WHERE a.problem = '' AND b.problem = '' ORDER BY b.table_serial, b.measured_at, b.run_id'''
+
+
+@dataclass(frozen=True)
+class RunChange:
+    """A run under two models.
+
+    before, after: residual, m; change, of_u: largest change of each of CURVES, m and rad, and in units of the larger U
+    (k = 2) of both; had: effects of the model after that the run has for certain."""
+
+    measured_at: Any
+    table_serial: str
+    cell: str
+    run_id: str
+    path: str
+    before: float
+    after: float
+    outcome_before: str | None
+    outcome_after: str | None
+    change: tuple[float, ...]
+    of_u: tuple[float, ...]
+    had: tuple[str, ...]
+
+
+def logs_of(archive: RunArchive) -> tuple[list[FoundLog], list[str]]:
+    """Return the logs of an archive that are still where they were found, and the paths of those that are not."""
+    found, gone = list[FoundLog](), list[str]()
+    for path in dict.fromkeys(archive.read_rows(('path',)).column(0).to_pylist()):
+        try:
+            found += find_logs([path])
+        except InvalidData:
+            gone.append(path)
+    return found, gone
+
+
+def side_by_side(archive: RunArchive, before: Model, after: Model) -> list[RunChange]:
+    """Return the runs that an archive holds under both models, by table and time."""
+    rows = archive.query(_SIDE_BY_SIDE, (before.hash, after.hash)).to_pylist()
+    same = [one.name for one in fields(RunChange) if one.name not in ('change', 'of_u', 'had')]
+    return [RunChange(
+        **{name: row[name] for name in same}, change=tuple(row[f'change_{key}'] for key in CURVE_KEYS),
+        of_u=tuple(row[f'{curve}_of_U'] for curve in CURVES), had=tuple(row['had'] or ())) for row in rows]
+
+
+def conclusion(changes: Sequence[RunChange], names: Sequence[str]) -> tuple[str, ...]:
+    """Return in sentences what the comparison says; names: of the effects that the model after has and before lacks."""
+    if not changes:
+        return ('No run was evaluated under both models.',)
+
+    def share(chosen: Sequence[RunChange]) -> str:
+        return f'{len(chosen)} of {len(changes)} runs'
+    falls = [one for one in changes if one.after < 0.9 * one.before]
+    moved = [one for one in changes if max(one.of_u) > 1]
+    said = [f'The residual falls by more than 10 % in {share(falls)}'
+            + (f', most in {max(falls, key=lambda one: one.before / one.after).run_id}.' if falls else '.'),
+            f'The curves move by more than U (k = 2), the larger one of both models, in {share(moved)}.']
+    for name in names:
+        had = [one for one in changes if name in one.had]
+        dated = [one.measured_at for one in had if one.measured_at]
+        span = f', measured from {min(dated):%Y-%m-%d} to {max(dated):%Y-%m-%d}' if dated else ''
+        said.append(f'{name} is there for certain (a parameter of {CERTAIN} standard uncertainties) in {share(had)}'
+                    f'{span}.')
+    return tuple(said)

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Questions to an archive, by words and by SQL; all runs under two models; what the verb prints."""
+
+import datetime
+import json
+
+import numpy as np
+import pytest
+
+from rosette_ros.archive.archive_questions import Question, ask, ask_for
+from rosette_ros.archive.reanalysis import conclusion, logs_of, side_by_side
+from rosette_ros.archive.run_archive import RunArchive
+from rosette_ros.archive.run_row import SCHEMA, heading
+from rosette_ros.cli.main import main
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.model.model import Model
+from rosette_ros.presentation.json_output import CURVE_KEYS
+
+BASE, CREEP = Model(), Model().with_effect('plate_creep')
+START = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC)
+N, MICROMETRE, U = 4, 1e-6, 0.1e-6
+
+
+def made_row(number, model=BASE, rms=MICROMETRE, move=0.0, creep=None):
+    """Return the row of a run of table T0 or T1, a week after the last one; creep: of the effect, in units of U."""
+    parameters = [{'name': 'd_x', 'value': (creep or 0) * U, 'U': U, 'unit': 'm/s'}]
+    effects = [] if creep is None else [{'effect': 'plate_creep', 'in_model': model is CREEP, 'rms_m': rms,
+                                         'setting': '{}', 'parameters': parameters}]
+    head = heading(f'{number:064}', f'/logs/{number}', 's', model, START, f'r{number}')
+    return {**dict.fromkeys(SCHEMA.names), **head,
+            'measured_at': START + datetime.timedelta(weeks=number), 'table_serial': f'T{number % 2}', 'cell': 'c',
+            'n': N, 'rms_m': rms, 'outcome': 'fits', 'missing': [], 'effects': effects,
+            **{f'U_{key}': [U] * N for key in CURVE_KEYS}, **{key: [0.0, move, 0.0, 0.0] for key in CURVE_KEYS}}
+
+
+@pytest.fixture
+def archive(tmp_path):
+    """Return an archive of six runs, of which the diagnosis named an effect in the last, and one problem."""
+    archive = RunArchive(tmp_path / 'archive', make=True)
+    archive.add([*(made_row(number) for number in range(5)), {**made_row(5, creep=9), 'missing': ['plate_creep']},
+                 heading('f' * 64, '/logs/bad', 's', BASE, START, problem='is empty')])
+    return archive
+
+
+@pytest.mark.parametrize(('question', 'runs'), [
+    (Question({}), ['r0', 'r2', 'r4', 'r1', 'r3', 'r5']),
+    (Question({'table': 'T1'}), ['r1', 'r3', 'r5']),
+    (Question({'table': 'T1'}, since='2026-01-08', until='2026-01-22'), ['r1']),
+    (Question({'cell': 'other'}), []),
+    (Question({}, effect='plate_creep'), ['r5'])])
+def test_ready_questions(archive, question, runs):
+    """By table, time and effect, sorted by table and time."""
+    assert ask_for(archive, question).column('run').to_pylist() == runs
+
+
+def test_an_effect_is_shown_with_its_parameters(archive):
+    """Value and U."""
+    assert ask_for(archive, Question({}, effect='plate_creep')).column('parameters').to_pylist() == [
+        ['d_x = 9e-07 ± 1e-07 m/s']]
+
+
+def test_views_unfold_what_a_row_holds(archive):
+    """A row for each parameter, each angle, each ball."""
+    assert ask(archive, 'SELECT run_id, parameter, value / U AS size FROM effects').to_pylist() == [
+        {'run_id': 'r5', 'parameter': 'd_x', 'size': pytest.approx(9)}]
+    assert ask(archive, 'SELECT count(*), max(position), max(U_ctz_m) FROM curves').to_pydict() == {
+        'count_star()': [6 * N], 'max("position")': [N], 'max(U_ctz_m)': [U]}
+
+
+@pytest.mark.parametrize('question', [Question({}, since='yesterday'), Question({}, until='2026-13-01')])
+def test_what_is_no_time_is_refused(archive, question):
+    """In one line."""
+    with pytest.raises(InvalidData, match='wanted a day or a time such as 2026-04-12, got'):
+        ask_for(archive, question)
+
+
+def test_two_models_side_by_side(archive):
+    """The residual falls, and the curve moves, in the run that had the effect all along, and in no other."""
+    archive.add([made_row(number, CREEP, rms=MICROMETRE / (1 + 9 * (number == 3)), move=3 * U * (number == 3),
+                          creep=5 if number == 3 else 1) for number in range(6)])
+    changes = side_by_side(archive, BASE, CREEP)
+    assert [one.run_id for one in changes] == ['r0', 'r2', 'r4', 'r1', 'r3', 'r5']
+    assert [(one.run_id, one.had) for one in changes if one.had] == [('r3', ('plate_creep',))]
+    found = changes[4]
+    assert (found.before, found.after) == (MICROMETRE, MICROMETRE / 10)
+    assert np.allclose(found.change, 3 * U, rtol=1e-12) and np.allclose(found.of_u, 3, rtol=1e-12)
+    assert conclusion(changes, ['plate_creep']) == (
+        'The residual falls by more than 10 % in 1 of 6 runs, most in r3.',
+        'The curves move by more than U (k = 2), the larger one of both models, in 1 of 6 runs.',
+        'plate_creep is there for certain (a parameter of 4 standard uncertainties) in 1 of 6 runs, measured from '
+        '2026-01-22 to 2026-01-22.')
+    assert conclusion([], []) == ('No run was evaluated under both models.',)
+    assert logs_of(archive) == ([], [f'/logs/{number}' for number in (0, 2, 4, 1, 3, 5)] + ['/logs/bad'])
+
+
+def test_the_verb_answers_in_three_forms(archive, capsys):
+    """Table, CSV and JSON; SQL and words; errors in one line."""
+    words = ['archive', 'query', str(archive.folder)]
+    assert main([*words, '--table', 'T1', '--since', '2026-01-20']) == 0
+    out = capsys.readouterr().out
+    assert 'r3' in out and 'r5' in out and 'r1' not in out
+    assert main([*words, 'SELECT run_id, measured_at FROM runs WHERE n = 4 ORDER BY ALL LIMIT 1', '--csv']) == 0
+    assert capsys.readouterr().out == 'run_id,measured_at\nr0,2026-01-01 00:00:00\n'
+    assert main([*words, 'SELECT ctx_m FROM runs LIMIT 1', '--json']) == 0
+    assert json.loads(capsys.readouterr().out) == {
+        'schema': 'rosette-archive-query/1', 'columns': ['ctx_m'], 'rows': [{'ctx_m': [0.0] * N}]}
+    assert main([*words, '--problems', '--csv']) == 0
+    assert capsys.readouterr().out == 'path,problem\n/logs/bad,is empty\n'
+    for wrong, said in ((['SELECT'], 'Parser Error'), (['SELECT 1', '--table', 'T1'], 'wanted SQL or a ready question'),
+                        (['CREATE TABLE x (a INT)'], 'wanted a question (SELECT ...)')):
+        assert main([*words, *wrong]) == 2
+        err = capsys.readouterr().err
+        assert said in err and err.count('\n') == 1
