@@ -25,7 +25,7 @@ MEGABYTE = 1e6
 
 
 class Watch:
-    """Wall and processor seconds of this process and its children since it was made, and memory of the children."""
+    """Wall and processor seconds of this process and its children until it is stopped, and memory of the children."""
 
     def __init__(self):
         """Begin; children: (CPU seconds, memory in MB at each look) by process."""
@@ -42,15 +42,10 @@ class Watch:
                 continue
             self.children[child.pid] = (cpu, [*self.children.get(child.pid, (0, []))[1], memory])
 
-    @property
-    def wall(self):
-        """Seconds."""
-        return time.perf_counter() - self._began
-
-    @property
-    def cpu(self):
-        """CPU seconds of this process and of its children."""
-        return sum(self._own.cpu_times()[:2]) - self._cpu, sum(cpu for cpu, _ in self.children.values())
+    def stop(self):
+        """Set wall, in seconds, and cpu, the seconds of this process and of its children."""
+        self.wall = time.perf_counter() - self._began
+        self.cpu = sum(self._own.cpu_times()[:2]) - self._cpu, sum(cpu for cpu, _ in self.children.values())
 
 
 def added(archive, logs, engine):
@@ -58,6 +53,8 @@ def added(archive, logs, engine):
     watch = Watch()
     with engine if isinstance(engine, DaskEngine) else tempfile.TemporaryFile():
         done = add_logs(archive, logs, engine, on_progress=watch.look)
+        watch.look()
+    watch.stop()
     if done.problems or done.new != len(logs):
         raise RuntimeError(f'wanted {len(logs)} logs to be evaluated, got {done}')
     return watch
