@@ -190,7 +190,7 @@ class ModelInUse:
             return next(reversed(self._runs.values()))
         if run_id not in self._runs:
             raise InvalidData(f'run_id: wanted one of {", ".join(self._runs)} (the last {RUNS_KEPT} are kept), got '
-                              f'{run_id!r}')
+                              f'{run_id!r}; the logs of older ones are for rosette evaluate (several: --joint)')
         return self._runs[run_id]
 
     def diagnose(self, run_id: str = '') -> tuple[Run, Diagnosis]:

@@ -14,6 +14,7 @@ from ament_index_python.packages import PackageNotFoundError, get_package_share_
 from builtin_interfaces.msg import Time as TimeMessage
 from rclpy.time import Time
 from rosette_msgs.msg import BallCentre, ProbeTarget, Touches
+from rosette_msgs.srv import CheckPlan
 from rosgraph_msgs.msg import Clock
 
 from rosette_ros.calibration.settings import Wanted
@@ -41,7 +42,8 @@ class SimulatedCmm(CmmNode):
     not depend on the speed of the computer. A change in the file of the machine applies from the next run on, as when
     a person switches a correction off between two runs.
 
-    Topics: subscribes to `probe_target`; publishes `ball_centre`, `touches` and `/clock`. Parameters: WANTED."""
+    Topics: subscribes to `probe_target`; publishes `ball_centre`, `touches` and `/clock`. The service
+    `cmm/check_plan` refuses a plan for another plate. Parameters: WANTED."""
 
     def __init__(self) -> None:
         super().__init__(WANTED)
@@ -55,6 +57,20 @@ class SimulatedCmm(CmmNode):
         self._clock_out = self.create_publisher(Clock, names.CLOCK, qos.CLOCK)
         self._publish_time()
         self.every(1.0 / self.parameters['clock_rate_hz'], self._publish_time)
+
+    def offer(self) -> None:
+        self.create_service(CheckPlan, names.CHECK_PLAN, self._on_check_plan)
+
+    def _on_check_plan(self, request: CheckPlan.Request, response: CheckPlan.Response) -> CheckPlan.Response:
+        """Say whether the machine, as its file is when the run begins, has the balls of a plan."""
+        try:
+            config = load_machine(self._file) if self._file.is_file() else self._machine.config
+            for target in request.targets[:1]:
+                _refuse_other_plate(target, config.plate.balls, config.radius)
+        except RosetteError as error:
+            response.message = str(error)
+        response.success = not response.message
+        return response
 
     def on_target(self, target: ProbeTarget) -> None:
         """Measure the ball at once; the answer may be held back."""
@@ -92,9 +108,7 @@ class SimulatedCmm(CmmNode):
 
     def _measure(self, target: ProbeTarget, struck: Sequence[Strike]) -> BallReading[int, float]:
         machine = self._machine
-        if target.balls != machine.n or not math.isclose(target.radius, machine.radius, rel_tol=1e-9):
-            raise InvalidPlan(f'wanted a target for {machine.n} balls on a circle of radius {machine.radius:g} m, got '
-                              f'{target.balls} balls, {target.radius:g} m')
+        _refuse_other_plate(target, machine.n, machine.radius)
         aim, pole = self.aim_of(target)
         side = pole if pole.any() else None
         short = sum(1e-6 * strike.fault.short_urad for strike in struck if strike.fault.kind == 'table_short')
@@ -134,6 +148,12 @@ class SimulatedCmm(CmmNode):
         sentence += f', {self._struck} faults as configured' if self._struck else ''
         return WARN if self.failed or self._struck else OK, sentence, {
             'measured': self.measured, 'failed': self.failed, 'simulated_s': f'{self._machine.time:.1f}'}
+
+
+def _refuse_other_plate(target: ProbeTarget, balls: int, radius: float) -> None:
+    if target.balls != balls or not math.isclose(target.radius, radius, rel_tol=1e-9):
+        raise InvalidPlan(f'wanted a target for {balls} balls on a circle of radius {radius:g} m, got '
+                          f'{target.balls} balls, {target.radius:g} m')
 
 
 def default_machine() -> Path:

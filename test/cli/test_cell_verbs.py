@@ -162,6 +162,11 @@ def test_calibrate_cancel_and_refusal(domain_id, make_cell, tmp_path, rosette, r
         words = ('calibrate', '--domain', domain_id)
         assert 'calibration refused: goal: order: wanted one of row, diagonal' in refused(
             *words, '--order', 'zigzag')
+        plate = tmp_path / 'plate.yaml'
+        plate.write_text('schema: rosette-plate/1\nazimuth_deg: [0, 20, 60, 80, 140, 200, 300]\nradius_mm: 182.5\n')
+        assert ('the CMM cannot measure this plan: wanted a target for 6 balls on a circle of radius 0.1825 m, got 18 '
+                'balls, 0.1825 m') in refused(*words, '--plate', plate, '--balls', 18)
+        assert not cell.log_dir.exists(), 'nothing was begun'
         done = rosette(*words, '--order', 'row', '--options', 'repeats: 4')
         assert done.code == 0
         assert 'U (k=2)' in done.out
