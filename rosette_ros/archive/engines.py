@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from types import TracebackType
 from typing import Any, Protocol, TypeVar
 
+import dask
 from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
 
 from rosette_ros.core.errors import InvalidConfig
@@ -68,6 +69,8 @@ class DaskEngine:
         if self._client is None:
             logging.getLogger('distributed').setLevel(logging.CRITICAL)
             if not self._scheduler:
+                # it looks at the stack each 10 ms, a fifth of the processor time of an evaluation
+                dask.config.set({'distributed.worker.profile.enabled': False})
                 self._cluster = LocalCluster(
                     n_workers=self._workers, threads_per_worker=1, processes=True, host='127.0.0.1',
                     dashboard_address=None, silence_logs=logging.CRITICAL, preload=[__name__])
