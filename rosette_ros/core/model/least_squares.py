@@ -171,8 +171,8 @@ class JointSpace:
         self._flat, self._scale = flat, scale
         self._solve, seen, _ = _pseudo_inverse(flat[:self.q], scale[:self.q])
         self.rank = seen.shape[1]
-        inverse, _, null = _pseudo_inverse(flat, scale)
-        self.cofactor: Floats = inverse @ inverse.T
+        self._solve_every, _, null = _pseudo_inverse(flat, scale)
+        self.cofactor: Floats = self._solve_every @ self._solve_every.T
         self.undetermined = np.abs(null).max(axis=1, initial=0) > 1e-3
 
     def amplitudes(self, observed_perp: Floats) -> Floats:
@@ -210,9 +210,30 @@ class JointSpace:
         rows = (vector[:, keep] / np.sqrt(value[keep])).T @ scaled
         return Basis(base.axial, base.plane, rows.reshape(len(rows), -1, 3))
 
+    def curves(self, rows: Floats) -> Floats:
+        """Return what displacements (m, N, 3), m, do to the curves, (m, n, 6), where all parameters are fitted anew.
+
+        The nonlinear ones follow to first order, by their tangents."""
+        out = self.space.parameters(rows).curves
+        if len(self.every):
+            amplitude = self.space.residual(rows).reshape(len(rows), -1) @ self._solve_every.T
+            out = out - np.tensordot(amplitude, self._bias, axes=1)
+        return np.asarray(out)
+
+    @cached_property
+    def _bias(self) -> Floats:
+        """What effects and tangents would do to the curves, (q + k, n, 6), were they not in the model."""
+        return self.space.parameters(self.every).curves
+
+    def effect_cofactor(self) -> Floats:
+        """Return the effects' share in the variances of the curves per unit variance, (n, 6)."""
+        if not len(self.every):
+            return np.zeros((self.space.n, 6))
+        return np.asarray(np.einsum('anc,ab,bnc->nc', self._bias, self.cofactor, self._bias))
+
     def curve_cofactor(self) -> Floats:
         """Return variances of the curves per unit variance, (n, 6), effects' share included."""
-        return self._with_effects(self.space.curve_cofactor(), 'curves')
+        return np.asarray(self.space.curve_cofactor() + self.effect_cofactor())
 
     def difference_cofactor(self, high: Sequence[int], low: Sequence[int]) -> Floats:
         """Return variances of one point less another of each curve per unit variance, (6,); high, low: 0..n-1.
@@ -224,8 +245,7 @@ class JointSpace:
         is_even = isinstance(self.space, CompleteSpace)
         out = (one + other) * len(base) / (len(base) - 2) if is_even else (np.sqrt(one) + np.sqrt(other))**2
         if len(self.every):
-            curves = self.space.parameters(self.every).curves
-            step = curves[:, high, every] - curves[:, low, every]
+            step = self._bias[:, high, every] - self._bias[:, low, every]
             out = out + np.einsum('ac,ab,bc->c', step, self.cofactor, step)
         return np.asarray(out)
 

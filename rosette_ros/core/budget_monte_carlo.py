@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Monte Carlo of an uncertainty budget (GUM S1, S2): readings drawn anew through exact rigid bodies, fitted again.
+
+It uses no sensitivity of the budget. In each trial balls of random form grow with the temperature and are carried by
+the table with its errors, by rotation matrices, in a frame that moves; each is touched, a sphere is fitted to the
+touches, the centre is seen in a table frame that is off; the least squares of the run gives the curves.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from rosette_ros.core.budget_inputs import drift_course, temperature_course
+from rosette_ros.core.form_field import form_basis, standard_height
+from rosette_ros.core.geometry import nominal_angles, rotate_z, rotation_matrix
+from rosette_ros.core.model.least_squares import observed
+from rosette_ros.core.records import Floats
+from rosette_ros.core.touches import fit_spheres
+from rosette_ros.core.uncertainty_budget import PROBABILITY, Budget, form_directions, root_mean
+
+REACH = 0.01
+"""Distance of the tip's centre from that of the ball when it touches, m: a ball of 15 mm, a tip of 5 mm."""
+CHUNK = 500_000
+"""Numbers that are drawn at once."""
+STEPS = 2
+"""Of the second-order terms: each leaves about 1e-4 of what the one before left."""
+GROUPS = 10
+LEAST_GROUP = 100
+"""The scatter of the end points is that between so many groups, of so many trials at least."""
+SURE = 3
+"""Standard deviations of an end point by which it has to be within the tolerance, or beyond it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """Whether Monte Carlo confirms the budget of one curve (GUM S1, 8).
+
+    expected, found: standard uncertainty, root mean square over the points; low, high: end points of the interval of
+    probability 0.9545 about the curve, from Monte Carlo; scatter: standard deviation of the end points by the number
+    of trials; tolerance: half a unit of the leading digit of `expected`; all m or rad.
+    """
+
+    expected: float
+    found: float
+    low: float
+    high: float
+    scatter: float
+    tolerance: float
+
+    @property
+    def distance(self) -> float:
+        """Largest distance of an end point from k = 2."""
+        return max(abs(self.low + 2 * self.expected), abs(self.high - 2 * self.expected))
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether both end points are within the tolerance; None where there are too few trials to say."""
+        if self.distance + SURE * self.scatter <= self.tolerance:
+            return True
+        return None if self.distance - SURE * self.scatter <= self.tolerance else False
+
+
+@dataclass(frozen=True, eq=False)
+class MonteCarlo:
+    """The scatter of the curves: trials; seed; u: (n, 6) standard deviation at each point; agreements of the curves."""
+
+    trials: int
+    seed: int
+    u: Floats
+    agreements: tuple[Agreement, ...]
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether all curves agree; None where none disagrees but some are undecided."""
+        every = [one.agrees for one in self.agreements]
+        return False if False in every else None if None in every else True
+
+
+def monte_carlo(made: Budget, trials: int, seed: int = 0, on_step: Callable[[int], object] | None = None) -> MonteCarlo:
+    """Return what `trials` repetitions of the run give; on_step: called with how many more are done."""
+    rng, world = np.random.default_rng(seed), _World(made)
+    run = made.fit.run
+    most = max(1, CHUNK // (3 * run.size * (world.touches or 1)))
+    curves = np.empty((trials, run.n, 6))
+    for start in range(0, trials, most):
+        count = min(most, trials - start)
+        curves[start:start + count] = world.refitted(world.readings(rng, count))
+        if on_step:
+            on_step(count)
+    off = curves - made.fit.error_motions.values
+    expected = made.combined(with_bounds=False)
+    return MonteCarlo(trials, seed, off.std(axis=0), tuple(
+        _agreement(off[:, :, place], expected[:, place]) for place in range(6)))
+
+
+def _agreement(off: Floats, expected: Floats) -> Agreement:
+    """Return the Agreement of deviations (M, n) of one curve with its standard uncertainties (n,)."""
+    mean = float(root_mean(expected[:, None])[0])
+    if not mean:
+        return Agreement(0.0, float(off.std()), 0.0, 0.0, 0.0, 0.0)
+    ends, scaled = ((1 - PROBABILITY) / 2, (1 + PROBABILITY) / 2), off / expected * mean
+    groups = np.array_split(scaled, GROUPS)
+    is_enough = len(scaled) >= GROUPS * LEAST_GROUP
+    scatter = np.std([np.quantile(one, ends) for one in groups], axis=0, ddof=1).max() / GROUPS**0.5 if (
+        is_enough) else np.inf
+    low, high = np.quantile(scaled, ends)
+    return Agreement(mean, float(np.sqrt(np.mean(off.var(axis=0)))), float(low), float(high),
+                     float(scatter), float(0.5 * 10.0**np.floor(np.log10(mean))))
+
+
+class _World:
+    """What is drawn, and how readings follow from it; what stays the same in all trials."""
+
+    def __init__(self, made: Budget) -> None:
+        self.made, self.fit, run = made, made.fit, made.fit.run
+        self.inputs, self.run = made.inputs, run
+        self.place = run.centre - self.fit.residual  # where the model has each ball, (N, 3)
+        curves = self.fit.error_motions.values[run.table_position - 1]
+        self.body = rotation_matrix(curves[:, 3:])  # (N, 3, 3)
+        spoke = np.stack([np.cos(run.beta), np.sin(run.beta), np.zeros(run.size)], axis=-1)
+        self.spoke, self.angle = spoke, run.phi + run.angle_deviation
+        self.ball = run.radius * spoke + self.fit.plate[run.ball - 1]
+        course = temperature_course(run)
+        self.is_recorded, self.course = course is not None, drift_course(run) if course is None else course
+        self.basis, self.touches = None, 0
+        is_touched = made.touch is not None and self.fit.joint.whitening.by_axis
+        if is_touched or 'ball_form' in self.inputs:
+            self.direction = form_directions(self.inputs, made.touch)
+            self.touches = len(self.direction)
+            self.basis = form_basis(rotate_z(-run.phi[:, None], self.direction[None]))
+        self.touch_sigma = made.touch.sigma if made.touch and is_touched else 0.0
+        self.rest = np.sqrt(1 - made.touch_share) if self.touch_sigma else np.ones(3)
+        self.nominal = run.centre - observed(run)
+        fit = self.fit
+        self.of_fit = self._beyond(fit.error_motions.values[None], fit.plate[None], fit.cmm[None])
+
+    def readings(self, rng: np.random.Generator, count: int) -> Floats:
+        """Return the ball centres of `count` runs in the table frame as it is found, (B, N, 3), m."""
+        made, run, inputs = self.made, self.run, self.inputs
+        noise = made.sigma * _student(rng, made.dof, count) * self.rest * self.fit.joint.whitening.inverse(
+            rng.standard_normal((count, run.size, 3)))
+        centre = self.place + self._grown(rng, count)
+        if 'frame_expansion' in inputs:
+            motion = inputs.value('frame_expansion', 'u_um_per_K') * _student(
+                rng, inputs.dof.get('frame_expansion', np.inf), count) * rng.standard_normal((count, 1, 3))
+            centre = centre + motion * self._change(rng, count, 'frame_expansion')
+        if self.touches:
+            centre = self._touched(rng, centre, count)
+        return self._seen(rng, centre + noise)
+
+    def _change(self, rng: np.random.Generator, count: int, section: str) -> Floats:
+        """Return the course of the temperature in each trial, (B or 1, N, 1), K."""
+        if self.is_recorded:
+            return self.course[None, :, None]
+        size = self.inputs.value(section, 'range_K')
+        return np.asarray(rng.uniform(-size, size, (count, 1, 1)) * self.course[None, :, None])
+
+    def _grown(self, rng: np.random.Generator, count: int) -> Floats:
+        """Return how growth and another radius of the plate move the balls, (B or 1, N, 3), m.
+
+        The CMM shows the radius that it showed: its radial deviation takes up what the plate has more."""
+        inputs, off = self.inputs, np.zeros((1, self.run.size, 3))
+        if 'plate_expansion' in inputs:
+            known = inputs.value('plate_expansion', 'coefficient_um_per_m_K')
+            each = inputs.value('plate_expansion', 'u_um_per_m_K') * _student(
+                rng, inputs.dof.get('plate_expansion', np.inf), count) * rng.standard_normal((count, 1, 1))
+            each = each + known * (rng.standard_normal((count, 1, 1)) if self.is_recorded else 1.0)
+            grown = each * self._change(rng, count, 'plate_expansion') * (self.ball * np.array([1.0, 1.0, 0.0]))
+            off = off + self._carried(grown)
+        if 'radius' in inputs:
+            more = inputs.value('radius', 'u_um') * _student(
+                rng, inputs.dof.get('radius', np.inf), count) * rng.standard_normal((count, 1, 1))
+            along = np.stack([np.cos(self.run.alpha), np.sin(self.run.alpha), np.zeros(self.run.size)], axis=-1)
+            off = off + self._carried(more * self.spoke) - more * along
+        return off
+
+    def _carried(self, on_plate: Floats) -> Floats:
+        """Return displacements on the plate (B, N, 3) as the turning table with its errors carries them."""
+        return np.asarray(np.einsum('nij,bnj->bni', self.body, rotate_z(self.angle, on_plate)))
+
+    def _touched(self, rng: np.random.Generator, centre: Floats, count: int) -> Floats:
+        """Return the centres of spheres through the touches of balls of random form, (B, N, 3), m."""
+        run = self.run
+        height = np.zeros((count, run.size, self.touches))
+        if 'ball_form' in self.inputs and self.basis is not None:
+            size = standard_height(self.inputs.value('ball_form', 'form_um'))
+            drawn = size * rng.standard_normal((count, run.n, self.basis.shape[-1]))
+            height = np.einsum('nqh,bnh->bnq', self.basis, drawn[:, run.ball - 1])
+        if self.touch_sigma:
+            height = height + self.touch_sigma * rng.standard_normal(height.shape)
+        points = (REACH + height)[..., None] * self.direction
+        found = fit_spheres(points.reshape(-1, self.touches, 3), 1).centre.reshape(count, run.size, 3)
+        return np.asarray(centre + found)
+
+    def _seen(self, rng: np.random.Generator, centre: Floats) -> Floats:
+        """Return centres (B, N, 3) in a table frame whose origin and axes are off: R'(p - o)."""
+        if 'alignment' not in self.inputs:
+            return centre
+        count, value = len(centre), self.inputs.value
+        factor = _student(rng, self.inputs.dof.get('alignment', np.inf), count)[:, 0]
+        size = np.array([value('alignment', name) for name in ('tilt_urad', 'tilt_urad', 'azimuth_urad')])
+        turned = rotation_matrix(factor * size * rng.standard_normal((count, 3)))
+        origin = factor * value('alignment', 'origin_um') * rng.standard_normal((count, 3))
+        return np.asarray((centre - origin[:, None]) @ turned)
+
+    def refitted(self, centre: Floats) -> Floats:
+        """Return the curves of runs (B, N, 3), (B, n, 6): second-order terms included, all parameters fitted anew."""
+        y, fit = centre - self.nominal, self.fit
+        offset = np.broadcast_to(fit.beyond, (len(y), *fit.beyond.shape)) if 'alignment' not in self.inputs else (
+            self._second_order(y))
+        return fit.joint.curves(y - offset)
+
+    def _second_order(self, y: Floats) -> Floats:
+        """Return the second-order terms of displacements (B, N, 3), m: those of the fit, and how they change."""
+        fit, offset = self.fit, np.broadcast_to(self.fit.beyond, y.shape)
+        effects = sum((one.displacement for one in fit.effects), start=np.zeros(3))
+        for _ in range(STEPS):
+            found = fit.joint.space.parameters(y - offset - effects)
+            offset = fit.beyond + self._beyond(found.curves, found.plate, found.cmm) - self.of_fit
+        return offset
+
+    def _beyond(self, curves: Floats, plate: Floats, cmm: Floats) -> Floats:
+        """Return exact places of balls less those of the linear equation, (B, N, 3), m.
+
+            p = R(eps) (R(Theta_i) R_z (b_j + P_j) + T_i),  eps: common tilt of the deviations of the CMM
+
+        curves: (B, n, 6); plate, cmm: (B, n, 3)."""
+        run, lever = self.run, self.fit.mean_radius
+        used = np.unique(run.cmm_position) - 1
+        angle = nominal_angles(run.n)[used]
+        plane = np.linalg.pinv(np.stack([lever * np.sin(angle), -lever * np.cos(angle), np.ones(used.size)], axis=-1))
+        tilt = (cmm[:, used, 2] @ plane.T) * np.array([1.0, 1.0, 0.0])
+        at, table = plate[:, run.ball - 1], run.table_position - 1
+        shift, turn = curves[:, table, :3], curves[:, :, 3:]
+        arm = lever * np.stack([np.cos(run.alpha), np.sin(run.alpha), np.zeros(run.size)], axis=-1)
+        nominal = rotate_z(self.angle, run.radius * self.spoke)
+        body = np.einsum('bnij,bnj->bni', rotation_matrix(turn)[:, table], nominal + rotate_z(self.angle, at)) + shift
+        linear = np.cross(turn[:, table] + tilt[:, None], arm) + shift + rotate_z(run.phi, at) + nominal
+        return np.asarray(body @ np.swapaxes(rotation_matrix(tilt), 1, 2) - linear)
+
+
+def _student(rng: np.random.Generator, dof: float, count: int) -> Floats:
+    """Return factors (B, 1, 1) that make normal numbers those of Student's distribution (GUM S1, 6.4.9)."""
+    if not np.isfinite(dof):
+        return np.ones((count, 1, 1))
+    return np.asarray(np.sqrt(dof / rng.chisquare(dof, (count, 1, 1))))

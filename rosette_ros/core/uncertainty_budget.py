@@ -1,0 +1,388 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The uncertainty budget of a run (GUM): what each influence contributes to each of the six curves.
+
+An influence with the displacements D_m of the readings and the standard uncertainties u_m contributes
+
+    u^2(point) = sum over m of (G D_m)^2 u_m^2
+
+with G the least squares from readings to curves, effects of the model fitted anew. Independent influences add in
+squares; the degrees of freedom follow Welch and Satterthwaite.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy import special
+
+from rosette_ros.core.budget_inputs import BOUNDS, SECTIONS, BudgetInputs, drift_course, temperature_course
+from rosette_ros.core.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.errors import InvalidData, unknown
+from rosette_ros.core.form_field import form_basis, standard_height
+from rosette_ros.core.geometry import rotate_z
+from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.model.noise import AXES
+from rosette_ros.core.planning.advice import GOOD_SHARE
+from rosette_ros.core.planning.visibility import Visibility
+from rosette_ros.core.records import Floats, remove_gauge
+from rosette_ros.core.sphere_refit import LEAST_TOUCHES, SphereRefit
+from rosette_ros.core.touches import USUAL, centre_factors, circles_of, touch_directions
+
+MOST_BALLS = 72
+"""Budgets of larger plates would take minutes."""
+CHUNK = 256
+"""Readings that are propagated together."""
+LEAST_SHARE = 0.25
+"""Of the variance of the residuals at least this part is taken as noise, whatever influences explain."""
+HARMLESS = 0.05
+"""Bias of the curves, as displacement per rms displacement of the balls, below which an effect is left out."""
+PROBABILITY = float(special.erf(COVERAGE_FACTOR / np.sqrt(2)))
+"""That a normal quantity lies within k = 2 of its mean: 0.9545."""
+CIRCLES_AT = (0.867, -0.133)
+"""Heights of the highest and the lowest circle of touches, in radii of a ball, where the log has no touches."""
+
+
+class TouchScatter(NamedTuple):
+    """Scatter of single touches along their normals, m, directions of the touches of a ball (Q, 3), dof, its source."""
+
+    sigma: float
+    direction: Floats
+    dof: float
+    source: str
+
+
+@dataclass(frozen=True, eq=False)
+class Contribution:
+    """One line of a budget.
+
+    name, words: what it is; kind: A by statistics, B by other knowledge (GUM 4.2, 4.3); distribution: of the input;
+    value: standard uncertainty of the input in `unit` (SI); dof: its degrees of freedom; u: (n, 6) of the curves, m and
+    rad; source: whence the value is; is_bound: whether it is a bound, which a Monte Carlo does not repeat; is_noise:
+    whether its size is that of the noise of the readings.
+    """
+
+    name: str
+    words: str
+    kind: str
+    distribution: str
+    value: float
+    unit: str
+    dof: float
+    u: Floats
+    source: str
+    is_bound: bool = False
+    is_noise: bool = False
+
+    @property
+    def mean(self) -> Floats:
+        """Root mean square over the points of each curve, (6,), m and rad: squares of these add up, too."""
+        return root_mean(self.u)
+
+    @property
+    def sensitivity(self) -> Floats:
+        """Mean standard uncertainty of each curve per unit of the input, (6,)."""
+        return self.mean / self.value if self.value else np.zeros(6)
+
+
+@dataclass(frozen=True, eq=False)
+class Budget:
+    """The uncertainty budget of a Fit.
+
+    inputs: as stated; contributions: in order; open: what is not considered, in sentences; sigma: what white noise is
+    multiplied by, m, once what other influences leave in the residuals is taken off; touch: scatter and directions of
+    the touches; touch_share: (3,) part of the variance of a centre that they are.
+    """
+
+    fit: Fit
+    inputs: BudgetInputs
+    contributions: tuple[Contribution, ...]
+    open: tuple[str, ...]
+    sigma: float
+    dof: float
+    touch: TouchScatter | None
+    touch_share: Floats
+
+    def combined(self, with_bounds: bool = True) -> Floats:
+        """Return the combined standard uncertainty of each point of the curves, (n, 6), m and rad (GUM 5.1.2)."""
+        return np.asarray(np.sqrt(sum(one.u**2 for one in self.contributions if with_bounds or not one.is_bound)))
+
+    @property
+    def mean(self) -> Floats:
+        """Combined standard uncertainties, root mean square over the points of each curve, (6,), m and rad."""
+        return root_mean(self.combined())
+
+    @property
+    def effective_dof(self) -> Floats:
+        """Degrees of freedom of the mean of each curve by Welch and Satterthwaite (GUM G.4.1), (6,).
+
+        The lines of the noise share one estimate of its size, and count as one."""
+        noise = sum(one.mean**2 for one in self.contributions if one.is_noise)
+        fourth = noise**2 / self.dof + sum(one.mean**4 / one.dof for one in self.contributions if not one.is_noise)
+        with np.errstate(divide='ignore'):
+            return np.asarray(self.mean**4 / fourth)
+
+    @property
+    def coverage(self) -> Floats:
+        """Factors k for the probability of k = 2 of a normal quantity, by the degrees of freedom, (6,)."""
+        dof = self.effective_dof
+        finite = np.minimum(dof, 1e9)
+        return np.asarray(special.stdtrit(finite, (1 + PROBABILITY) / 2))
+
+
+def root_mean(u: Floats) -> Floats:
+    """Return the root mean square of each column."""
+    return np.asarray(np.sqrt(np.mean(u**2, axis=0)))
+
+
+def budget(fit: Fit, inputs: BudgetInputs | None = None, touch: TouchScatter | None = None,
+           hidden: Sequence[Visibility] | None = None, doubt: str = '') -> Budget:
+    """Return the Budget of a fit.
+
+    inputs: what is stated beside the readings; touch: scatter of the touches in the log; hidden: what the order of the
+    run shows of each effect, where bounds of unnoticed effects shall count; doubt: why the model is refuted, in words.
+    Raises InvalidData where the plate has too many balls or inputs do not fit the run.
+    """
+    run, inputs = fit.run, inputs or BudgetInputs()
+    if run.n > MOST_BALLS:
+        raise InvalidData(f'{run.source}: budget: wanted at most {MOST_BALLS} balls, got {run.n}')
+    if 'table_motions' not in fit.model.base:
+        raise InvalidData(f'{run.source}: budget: wanted a model with table_motions, got {fit.model}')
+    touch = touch or _stated_touch(inputs)
+    displaced = [*_form(fit, inputs, touch), *_temperature(fit, inputs)]
+    left = sum(one.left for one in displaced)
+    sigma = _noise_sigma(fit, left)
+    taken_off = ' without form and temperature' if sigma < fit.sigma else ''
+    variance, spread = _noise_variances(fit)
+    sd, share = sigma * fit_loss(fit) * spread, np.zeros(3)
+    if touch:
+        factors = centre_factors(touch.direction)
+        most = float((sd / factors).min())  # no more than centres scatter
+        if touch.sigma > most:
+            touch = touch._replace(sigma=most, source=f'{touch.source}, limited by the scatter of the centres')
+        share = np.minimum((factors * touch.sigma / sd)**2, 1.0)
+    sigma *= fit_loss(fit)
+    dof = _noise_dof(fit)
+    lines = [Contribution(
+        f'repeatability {axis}', f'scatter of centres{taken_off}{", beyond that of touches" if touch else ""}', 'A',
+        'normal', float(sd[place] * np.sqrt(1 - share[place])), 'm', dof, sigma * np.sqrt(
+            variance[place] * (1 - share[place])), fit.sigma_source, is_noise=True) for place, axis in enumerate(AXES)]
+    if touch:
+        lines.append(Contribution(
+            'touches', f'scatter of single touches, {len(touch.direction)} to a sphere', 'A',
+            'normal', touch.sigma, 'm', touch.dof, sigma * np.sqrt(np.tensordot(share, variance, axes=1)),
+            touch.source, is_noise=True))
+    if fit.effects:
+        u = sigma * np.sqrt(fit.joint.effect_cofactor())
+        names = ', '.join(dict.fromkeys(one.name for one in fit.effects))
+        lines.append(Contribution('effects in the model', f'U of {names}, with all covariances', 'A', 'normal',
+                                  sigma, 'm', dof, u, 'the fit', is_noise=True))
+    lines += [one.line for one in displaced]
+    lines += [*_frame(fit, inputs), *_bounds(fit, inputs, hidden)]
+    return Budget(fit, inputs, tuple(lines), tuple(_open(fit, inputs, touch, hidden, doubt)), sigma, dof, touch, share)
+
+
+def touch_scatter(refit: SphereRefit) -> TouchScatter:
+    """Return what the touches in a log say: their scatter, and where the first ball was touched."""
+    touched = refit.touched
+    dof = max(refit.residual.size - LEAST_TOUCHES * refit.radius.size, 1)
+    return TouchScatter(refit.sigma, refit.direction[touched.owner == 0], float(dof), 'touches in the log')
+
+
+def fit_loss(fit: Fit) -> float:
+    """Return by how much estimated weights widen the uncertainties of a fit."""
+    return fit.weighted_sigma / fit.sigma if fit.sigma else 1.0
+
+
+def _stated_touch(inputs: BudgetInputs) -> TouchScatter | None:
+    if 'touches' not in inputs:
+        return None
+    return TouchScatter(inputs.value('touches', 'u_um'), usual_directions(inputs.value('touches', 'number')),
+                        inputs.dof.get('touches', np.inf), inputs.words.get('touches', 'inputs'))
+
+
+def usual_directions(touches: float) -> Floats:
+    """Return the directions of touches of a ball as a plan has them, (Q, 3)."""
+    return touch_directions(*circles_of(int(touches) or USUAL), *CIRCLES_AT)
+
+
+def _noise_sigma(fit: Fit, left: float) -> float:
+    """Return the standard deviation of noise of size 1, m, freed of what other influences leave in the residuals.
+
+        E(residual square sum) = dof sigma^2 + left
+
+    left: square sum, m^2."""
+    if not left or fit.sigma_source == 'repeatability':
+        return fit.sigma
+    return float(np.sqrt(max(fit.sigma**2 - left / _noise_dof(fit), LEAST_SHARE * fit.sigma**2)))
+
+
+def _noise_dof(fit: Fit) -> float:
+    if fit.sigma_source == 'repeatability':
+        return np.inf
+    return fit.dof + ((fit.run.repeatability_dof or 0.0) if fit.sigma_source == 'residuals and repeatability' else 0.0)
+
+
+def _noise_variances(fit: Fit) -> tuple[Floats, Floats]:
+    """Return the variances of the curves by the noise of each axis, (3, n, 6), and its mean size by axis, (3,).
+
+    Both for white noise of unit variance, effects left out: theirs are in the line of the effects."""
+    size, space = fit.run.size, fit.joint.space
+    out, square = np.zeros((3, fit.run.n, 6)), np.zeros(3)
+    for axis in range(3):
+        for start in range(0, size, CHUNK):
+            here = np.arange(start, min(start + CHUNK, size))
+            rows = np.zeros((here.size, size, 3))
+            rows[np.arange(here.size), here, axis] = 1.0
+            rows = space.whitening.inverse(rows)
+            square[axis] += float(np.sum(rows**2)) / size
+            out[axis] += np.sum(space.parameters(rows).curves**2, axis=0)
+    return out, np.sqrt(square)
+
+
+class _Displaced(NamedTuple):
+    """A contribution of displaced readings, and the square sum that it leaves in the residuals, m^2."""
+
+    line: Contribution
+    left: float
+
+
+def _displaced(fit: Fit, rows: Floats, line: Contribution, scale: float = 1.0) -> _Displaced:
+    """Return the contribution of displacements (m, N, 3) of one standard uncertainty each, and what they leave."""
+    u = np.sqrt(np.sum(fit.joint.curves(rows)**2, axis=0))
+    left = float(np.sum(fit.joint.residual(rows)**2))
+    return _Displaced(replace(line, u=scale * u), scale**2 * left)
+
+
+def _form(fit: Fit, inputs: BudgetInputs, touch: TouchScatter | None) -> list[_Displaced]:
+    if 'ball_form' not in inputs:
+        return []
+    run, height = fit.run, standard_height(inputs.value('ball_form', 'form_um'))
+    direction = form_directions(inputs, touch)
+    sphere = np.linalg.pinv(np.column_stack([direction, np.ones(len(direction))]))[:3]
+    turned = rotate_z(-run.phi[:, None], direction[None])
+    centre = np.swapaxes(sphere @ form_basis(turned), 1, 2)  # (N, 32, 3)
+    out = Contribution('form of the balls', f'{len(direction)} touches on balls that turn', 'B', 'rectangular',
+                       height, 'm', inputs.dof.get('ball_form', np.inf), np.zeros((run.n, 6)),
+                       inputs.words.get('ball_form', 'inputs'))
+    variance, left = np.zeros((run.n, 6)), 0.0
+    for ball in run.balls:
+        own = np.flatnonzero(run.ball == ball)
+        rows = np.zeros((centre.shape[1], run.size, 3))
+        rows[:, own] = height * np.swapaxes(centre[own], 0, 1)
+        one = _displaced(fit, rows, out)
+        variance, left = variance + one.line.u**2, left + one.left
+    return [_Displaced(replace(out, u=np.sqrt(variance)), left)]
+
+
+def form_directions(inputs: BudgetInputs, touch: TouchScatter | None) -> Floats:
+    """Return where balls are touched, (Q, 3): as in the log, else as stated."""
+    return touch.direction if touch else usual_directions(inputs.value('ball_form', 'touches'))
+
+
+def _temperature(fit: Fit, inputs: BudgetInputs) -> list[_Displaced]:
+    run, course, out = fit.run, temperature_course(fit.run), []
+    radial = run.radius * np.stack([np.cos(run.alpha), np.sin(run.alpha), np.zeros(run.size)], axis=-1)
+    empty = np.zeros((run.n, 6))
+    for section in ('plate_expansion', 'frame_expansion'):
+        if section in inputs and course is None and not inputs.value(section, 'range_K'):
+            raise InvalidData(f'{run.source}: budget: {section}: wanted range_K, as no temperature is recorded, got '
+                              'none')
+    for section, key, unit in (('plate_expansion', 'u_um_per_m_K', '1/K'), ('frame_expansion', 'u_um_per_K', 'm/K')):
+        if section not in inputs:
+            continue
+        wave, is_known = (drift_course(run), False) if course is None else (course, True)
+        rows = (wave[:, None] * radial)[None] if section == 'plate_expansion' else np.stack(
+            [wave[:, None] * np.eye(3)[axis] for axis in range(3)])
+        words, dof = inputs.words.get(section, 'inputs'), inputs.dof.get(section, np.inf)
+        value, size = inputs.value(section, key), inputs.value(section, 'range_K') / np.sqrt(3)
+        known = abs(inputs.value(section, 'coefficient_um_per_m_K')) if section == 'plate_expansion' else 0.0
+        what = SECTIONS[section][0]
+        name = f'temperature: {section.split("_")[0]}'
+        if is_known:
+            made = [(name, what, 'normal', value, unit, value)]
+            if known:
+                made.append(('temperature: plate, known', 'expansion that nobody took off; plate_expansion in the '
+                             'model does', 'whole size', known, unit, known))
+        else:
+            made = [(name, f'{what}; steady change of temperature', 'rectangular', size, 'K',
+                     size * float(np.hypot(value, known)))]
+        for title, text, distribution, stated, of_unit, factor in made:
+            line = Contribution(title, text, 'B', distribution, stated, of_unit, dof, empty, words)
+            out.append(_displaced(fit, rows, line, factor))
+    return out
+
+
+def _frame(fit: Fit, inputs: BudgetInputs) -> list[Contribution]:
+    """Return the contributions of the table frame and of the radius: they turn, move and stretch the curves.
+
+        T' = T + Theta x o - delta x T,  Theta' = Theta - delta x Theta,  Theta' = Theta (1 - u(R) / R)
+    """
+    curves, out = fit.error_motions.values, []
+    shift, turn = curves[:, :3], curves[:, 3:]
+
+    def line(section: str, name: str, words: str, entry: str, unit: str, parts: list[Floats]) -> None:
+        value = inputs.value(section, entry)
+        if value:
+            square = sum(remove_gauge(part, fit.error_motions.angle)**2 for part in parts)
+            out.append(Contribution(name, words, 'B', 'normal', value, unit, inputs.dof.get(section, np.inf),
+                                    value * np.sqrt(square), inputs.words.get(section, 'inputs')))
+
+    still = np.zeros_like(turn)
+    line('alignment', 'alignment: origin', 'the curves are those of another point', 'origin_um', 'm',
+         [np.hstack([np.cross(turn, one), still]) for one in np.eye(3)])
+    turned = [np.hstack([-np.cross(one, shift), -np.cross(one, turn)]) for one in np.eye(3)]
+    line('alignment', 'alignment: axis', 'the curves are along other axes', 'tilt_urad', 'rad', turned[:2])
+    line('alignment', 'alignment: azimuth', 'the curves are along other axes', 'azimuth_urad', 'rad', turned[2:])
+    line('radius', 'radius', 'rotations are displacements divided by it', 'u_um', 'm',
+         [np.hstack([still, -turn / fit.mean_radius])])
+    return out
+
+
+def _bounds(fit: Fit, inputs: BudgetInputs, hidden: Sequence[Visibility] | None) -> list[Contribution]:
+    """Return bounds of effects that are not in the model: of stated sizes, and of the worst that stays unnoticed."""
+    if hidden is None:
+        return []
+    present, out, n = {one.name for one in fit.effects}, [], fit.run.n
+    known = {one.name: one for one in hidden}
+    for name, size in inputs.bounds.items():
+        if name not in known:
+            raise InvalidData(f'budget: {BOUNDS}: {unknown(name, tuple(known))}')
+        value = size / np.sqrt(3)
+        out.append(Contribution(f'hidden: {name}', 'an effect of at most the stated size, rms over the readings', 'B',
+                                'rectangular', value, 'm', np.inf, np.tile(value * known[name].bias, (n, 1)),
+                                'inputs', True))
+    noticed = [one for one in hidden if not one.reason and np.isfinite(one.detectable)
+               and one.typical_share < GOOD_SHARE and one.name not in {*present, *inputs.bounds}]
+    if noticed:
+        each = np.array([one.detectable / np.sqrt(3) * one.bias for one in noticed])
+        worst = [noticed[place] for place in each.argmax(axis=0)]
+        names = ', '.join(dict.fromkeys(one.name for one in worst))
+        out.append(Contribution('hidden: any one effect', f'at its detection limit; worst: {names}',
+                                'B', 'rectangular', float(np.median([one.detectable for one in worst]) / np.sqrt(3)),
+                                'm', np.inf, np.tile(each.max(axis=0), (n, 1)), 'the order of measurement', True))
+    return out
+
+
+def _open(fit: Fit, inputs: BudgetInputs, touch: TouchScatter | None,
+          hidden: Sequence[Visibility] | None, doubt: str) -> list[str]:
+    """Return what the budget does not consider, in sentences."""
+    out = [f'What the model lacks: {doubt}.'] if doubt else []
+    out += [f'{words[:1].upper()}{words[1:]}: not stated ({section}).' for section, (words, _) in SECTIONS.items()
+           if section not in inputs and section != 'touches']
+    if touch is None:
+        out.append('Scatter of single touches: not recorded and not stated (touches); it is part of the repeatability.')
+    if hidden is None:
+        out.append('Effects that this order of measurement hides: not asked for (--hidden-effects).')
+    else:
+        harmful = [one.name for one in hidden if not one.reason and not np.isfinite(one.detectable)
+                   and one.name not in inputs.bounds
+                   and np.max(one.bias * np.repeat([1.0, fit.mean_radius], 3)) > HARMLESS]
+        if harmful:
+            out.append('Effects that this order hides altogether and that would change the curves: '
+                       f'{", ".join(harmful)}; state a largest size ({BOUNDS}).')
+        unjudged = [f'{one.name} ({one.reason})' for one in hidden if one.reason]
+        if unjudged:
+            out.append(f'Effects that cannot be judged: {"; ".join(unjudged)}.')
+    out.append(f'Harmonics of the errors above {fit.run.n // 2}: the table positions do not sample them.')
+    return out
