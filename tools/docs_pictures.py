@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the pictures of docs/report.md and docs/plans.md from simulated runs: python tools/docs_pictures.py
+"""Makes the pictures of reports, plans and budgets in docs/ from simulated runs: python tools/docs_pictures.py
 
 With --browser PATH the first screen of the page, light and dark, and its first two pages on paper are taken by a
 headless Chromium, too.
@@ -17,13 +17,20 @@ from playwright.sync_api import sync_playwright
 from pypdfium2 import PdfDocument
 
 from rosette_ros.analysis import analyse, summarise
+from rosette_ros.core.budget_monte_carlo import monte_carlo
 from rosette_ros.core.joint.readings import Plate
+from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.plan_comparison import outlook_of_order
+from rosette_ros.core.planning.visibility import visibility
 from rosette_ros.core.records import remove_gauge
 from rosette_ros.core.scheme import plan
 from rosette_ros.core.sphere_refit import TouchedBalls, refit_spheres
+from rosette_ros.core.uncertainty_budget import budget, touch_scatter
 from rosette_ros.io.ball_centre_table import write_csv
+from rosette_ros.io.budget_file import read_budget
 from rosette_ros.io.text_file import write_text
+from rosette_ros.presentation.budget_results import agreement_words
+from rosette_ros.presentation.plots.budget_plots import budget_bars
 from rosette_ros.presentation.plots.plan_plots import pictures_of_plans
 from rosette_ros.presentation.plots.plot_style import LOOK
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
@@ -70,14 +77,31 @@ def main():
     keep(verification_pictures(verification())['verification_curves'], 'report-verification.png')
     keep(irregular_plate(), 'plans-irregular-plate.png')
     picture_plans()
-    keep(touch_directions(touches()), 'report-touches.png')
+    keep(touch_directions(lobed()), 'report-touches.png')
+    keep(bars(), 'budget.png')
 
 
-def touches():
+def bars(trials=10_000):
+    """Return the uncertainty budget of a simulated run with the inputs of config/budget.yaml, and print its check."""
+    drift = {'kind': 'frame_drift', 'rate_um_per_h': [0.5, 0.3, -0.4]}
+    run, alignment, readings = Machine(MachineConfig().changed(seed=3, hidden=[drift])).calibrate(plan(12, 'random'))
+    fit, refit = analyse(run, Model().with_effect('frame_drift')), touches(alignment, readings)
+    made = budget(fit, read_budget(IMAGES.parents[1] / 'config' / 'budget.yaml'), touch_scatter(refit),
+                  visibility(run, fit.sigma))
+    found = monte_carlo(made, trials)
+    print(agreement_words(found))
+    return budget_bars(made, found)
+
+
+def lobed():
     """Return the spheres fitted to the touches of a cell with a lobed ball and a lobed probe."""
     hidden = [{'kind': 'ball_lobes', 'ball': 3, 'height_um': 0.4, 'order': 2, 'phase_deg': 30},
               {'kind': 'probe_lobing', 'height_um': 0.15, 'order': 2}]
-    _, alignment, readings = Machine(MachineConfig().changed(hidden=hidden)).calibrate(plan(12, 'random'))
+    return touches(*Machine(MachineConfig().changed(hidden=hidden)).calibrate(plan(12, 'random'))[1:])
+
+
+def touches(alignment, readings):
+    """Return the spheres fitted to the touches of a simulated run."""
     count, each = readings.touch_time.shape
     return refit_spheres(TouchedBalls(
         np.arange(1, count + 1), readings.table_position, readings.ball, readings.table_angle, readings.centre,

@@ -39,6 +39,7 @@ VERBS = {
     'add': ('add', 'add an effect to a model file; with --run, the error before and after'),
     'remove': ('remove', 'remove an effect from a model file; with --run, the error before and after'),
     'advise': ('advise', 'what an order of measurement can show, and what to measure next'),
+    'budget': ('uncertainty', 'the uncertainty budget of a run (GUM), confirmed by Monte Carlo'),
     'report': ('report', 'a run on one page: verdict, curves, residuals, candidates, conditions'),
     'certificate': ('certificate', 'a calibration certificate (DCC, PDF) of a run, or its check against the run'),
     'runs': ('runs', 'the runs in a folder, with their verdicts'),

@@ -18,17 +18,19 @@ from rosette_ros.core.diagnosis.verdict import Conclusion, Verdict
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.model.model import Model
+from rosette_ros.io.budget_file import read_budget
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_readings import joint_identity
 from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.io.touch_log import open_refitted
+from rosette_ros.presentation.budget_results import budget_tables
 from rosette_ros.presentation.plots.plot_style import save
 from rosette_ros.presentation.plots.result_plots import Series
 from rosette_ros.presentation.report import verification
 from rosette_ros.presentation.report.joint_page import joint_html, joint_pictures, joint_tables, open_with_files
 from rosette_ros.presentation.report.provenance import digest, open_source
-from rosette_ros.presentation.report.run_page import pictures_of, report_html, touches_of
+from rosette_ros.presentation.report.run_page import budget_of, pictures_of, report_html, touches_of
 from rosette_ros.presentation.report.verification import Verification, read_maker, verify
 from rosette_ros.presentation.table_format import Table
 from rosette_ros.presentation.tables import tables_of
@@ -49,6 +51,8 @@ def add_arguments(parser: ArgumentParser) -> None:
                         'angular correction off, and on again')
     add_joint(parser)
     add_shared(parser, '--refit-spheres')
+    parser.add_argument('--inputs', metavar='FILE', help='of one run: what its uncertainty budget needs besides the '
+                        'readings (YAML, rosette-budget/1)')
     parser.add_argument('--maker', metavar='FILE', help="with --compare: the maker's correction tables, CSV "
                         'with the columns table_angle_deg,ctz_um,crz_urad')
     parser.add_argument('--figures', metavar='DIR', help='write every figure as a file of its own, too')
@@ -63,6 +67,8 @@ def run(options: Namespace) -> None:
         raise InvalidData('report: --maker goes with --compare only; leave it out')
     if bool(options.run_path) == bool(options.compare):
         raise InvalidData('report: wanted either RUN or --compare RUN RUN RUN RUN (see rosette report --help)')
+    if options.inputs and (options.compare or is_joint(options)):
+        raise InvalidData('report: --inputs goes with one RUN only; leave it out')
     if options.compare:
         compare_runs(options)
     elif is_joint(options):
@@ -93,6 +99,7 @@ def report_run(options: Namespace, place: str) -> None:
     """Write the report of one run."""
     path = output_of(options, Path(place).absolute().stem)
     model = read_model(options.model)
+    inputs = read_budget(options.inputs) if options.inputs else None
     measured, source = open_source(place, options.run_id, options.identity)
     if options.refit_spheres:
         measured = open_refitted(place, options.run_id)[0]
@@ -101,17 +108,19 @@ def report_run(options: Namespace, place: str) -> None:
         other, other_source = open_source(over)
         overlays.append(Series(other.run_id or str(over), analyse(other, model).error_motions))
         source = replace(source, files=(*source.files, *other_source.files))
-    further = tuple(map(digest, filter(None, (options.model, options.identity))))
+    further = tuple(map(digest, filter(None, (options.model, options.identity, options.inputs))))
     source = replace(source, files=(*source.files, *further))
     out = console()
     with out.status('evaluating') as status:
         summary = summarise(measured, model, lambda step: status.update(f'{step} …'))
         status.update('drawing …')
         refit = touches_of(source)[0]
-        pictures = pictures_of(summary, overlays, refit)
-        write_text(path, report_html(summary, source, options.command_line, overlays, pictures), options.force)
+        made = budget_of(summary, refit, inputs)
+        pictures = pictures_of(summary, overlays, refit, made)
+        write_text(path, report_html(summary, source, options.command_line, overlays, pictures, inputs), options.force)
         write_parts(options, pictures, (*tables_of(summary, source.identity.limits(measured.rotation)),
-                                        *([sphere_table(refit)] if refit else [])))
+                                        *([sphere_table(refit)] if refit else []),
+                                        *(budget_tables(made) if made else ())))
     out.print(head(measured))
     print_result(out, summary.verdict, path)
 

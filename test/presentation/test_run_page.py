@@ -19,8 +19,8 @@ from rosette_ros.presentation.report.verification import verification_html, veri
 
 ORDER = ['verdict', 'measured', 'unknown', 'curves', 'values', 'deviations', 'residuals', 'ladder',
          'candidates', 'visibility', 'conditions']
-FIGURES = ['curves', 'polar', 'deviations', 'residual_maps', 'residuals_against', 'histogram', 'noise', 'spectrum',
-           'ladder', 'candidates', 'shapes', 'pairs', 'visibility']
+FIGURES = ['curves', 'polar', 'budget', 'deviations', 'residual_maps', 'residuals_against', 'histogram', 'noise',
+           'spectrum', 'ladder', 'candidates', 'shapes', 'pairs', 'visibility']
 
 
 def renamed(summary, run_id):

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rosette_ros.analysis import Summary
+from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.diagnosis.comparison import spectrum
 from rosette_ros.core.error_summary import fit_lines
 from rosette_ros.core.errors import InvalidData
@@ -17,10 +18,12 @@ from rosette_ros.core.planning.expectation import relative_uncertainty
 from rosette_ros.core.planning.plan_comparison import Point
 from rosette_ros.core.records import Run
 from rosette_ros.core.sphere_refit import SphereRefit
+from rosette_ros.core.uncertainty_budget import MOST_BALLS, Budget, budget, touch_scatter
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.model_file import format_model
 from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.budget_results import budget_tables
 from rosette_ros.presentation.identity_words import NOTHING, identity_rows
 from rosette_ros.presentation.plots import (
     comparison_plots,
@@ -30,6 +33,7 @@ from rosette_ros.presentation.plots import (
     shape_plots,
     touch_plots,
 )
+from rosette_ros.presentation.plots.budget_plots import budget_bars
 from rosette_ros.presentation.plots.polar_plots import polar_motions
 from rosette_ros.presentation.plots.residual_plots import Residuals, SpectrumRow
 from rosette_ros.presentation.plots.result_plots import Series, deviations, six_curves
@@ -52,17 +56,20 @@ KINDS = {'radial': (0, 2, 'µm'), 'axial': (2, 3, 'µm'), 'tilt': (3, 5, 'µrad'
 
 
 def report_html(summary: Summary, source: Source | None = None, command: str = '', overlays: Sequence[Series] = (),
-                pictures: Mapping[str, Figure] | None = None) -> str:
-    """Return the report of a Summary as one HTML text; pictures: of `pictures_of`, where they are drawn already."""
+                pictures: Mapping[str, Figure] | None = None, inputs: BudgetInputs | None = None) -> str:
+    """Return the report of a Summary as one HTML text.
+
+    pictures: of `pictures_of`, where they are drawn already; inputs: of the uncertainty budget."""
     refit, untouched = touches_of(source)
-    pictures = pictures or pictures_of(summary, overlays, refit)
+    made = budget_of(summary, refit, inputs)
+    pictures = pictures or pictures_of(summary, overlays, refit, made)
     run, identity = summary.run, source.identity if source else Identity()
     return PAGES.get_template('report.html.j2').render(
         summary=summary, source=source, iso=text.iso_range(run.rotation), command=command,
         sizes=bars(summary),
         findings=findings(summary), p_noise=text.P_NOISE, pictures=inline_svgs(pictures), k=text.COVERAGE_FACTOR,
         changed=len(fits_of(summary)) > 1, cross_validation=text.CROSS_VALIDATION,
-        tables=shown_tables(summary, identity, refit), spheres=sphere_rows(refit) if refit else (),
+        tables=shown_tables(summary, identity, refit, made), budget=made, spheres=sphere_rows(refit) if refit else (),
         identity=identity_rows(identity, source.contradictions if source else ()),
         measured=conditions(summary, source), unknown=[
             *unknowns(summary), *untouched, *([] if identity.entries else [NOTHING])], labels=[
@@ -88,11 +95,20 @@ def touches_of(source: Source | None) -> tuple[SphereRefit | None, list[str]]:
     return found, [NO_TOUCHES] if source and not found else []
 
 
-def pictures_of(summary: Summary, overlays: Sequence[Series] = (),
-                refit: SphereRefit | None = None) -> dict[str, Figure]:
+def budget_of(summary: Summary, refit: SphereRefit | None = None, inputs: BudgetInputs | None = None) -> Budget | None:
+    """Return the uncertainty budget of the final model; None where the plate is too large, or there are no curves."""
+    fit = summary.final
+    if fit.run.n > MOST_BALLS or 'table_motions' not in fit.model.base:
+        return None
+    doubts = {line.doubt for line in summary.lines()}
+    return budget(fit, inputs, touch_scatter(refit) if refit else None, doubt=max(doubts))
+
+
+def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: SphereRefit | None = None,
+                made: Budget | None = None) -> dict[str, Figure]:
     """Return every figure of a summary by name, in the order of the page; their captions are in the template.
 
-    refit: the spheres fitted to the touches, where there are any.
+    refit: the spheres fitted to the touches, where there are any; made: the uncertainty budget, likewise.
     """
     run, fits, found = summary.run, fits_of(summary), summary.diagnosis.candidates[:MOST_CANDIDATES]
     when = ('before: ', 'after: ') if len(fits) > 1 else ('',)
@@ -101,6 +117,7 @@ def pictures_of(summary: Summary, overlays: Sequence[Series] = (),
     series = [*(Series(model_label(summary, fit), fit.error_motions) for fit in fits[::-1]), *overlays]
     return {
         'curves': six_curves(series), 'polar': polar_motions(summary.final.error_motions),
+        **({'budget': budget_bars(made)} if made else {}),
         'deviations': deviations(summary.final.plate, summary.final.cmm, run.radius),
         'residual_maps': residual_plots.residual_maps(rows),
         'residuals_against': residual_plots.against(rows, run.repeatability),
@@ -123,10 +140,12 @@ def _point(run: Run) -> Point:
     return 'this run', run.size / run.n**2, relative_uncertainty(variance, run.radius)
 
 
-def shown_tables(summary: Summary, identity: Identity, refit: SphereRefit | None = None) -> dict[str, Table]:
+def shown_tables(summary: Summary, identity: Identity, refit: SphereRefit | None = None,
+                 made: Budget | None = None) -> dict[str, Table]:
     """Return every table by name as it stands on the page: no wider than paper; identity: with tolerances."""
     tables = {table.name: table for table in (*tables_of(summary, identity.limits(summary.run.rotation)),
-                                              *([sphere_table(refit)] if refit else []))}
+                                              *([sphere_table(refit)] if refit else []),
+                                              *(budget_tables(made) if made else ()))}
     for name in tables.keys() & COLUMNS:
         tables[name] = tables[name].select(*COLUMNS[name])
     tables['candidates'] = tables['candidates'].first(MOST_CANDIDATES)

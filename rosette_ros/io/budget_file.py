@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Inputs of an uncertainty budget, schema rosette-budget/1: YAML with a section for each influence."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+from rosette_ros.core.budget_inputs import BOUNDS, SECTIONS, BudgetInputs, Entry
+from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.errors import InvalidData, plain, unknown
+from rosette_ros.io.safe_yaml import read_yaml
+
+SCHEMA = 'rosette-budget/1'
+MOST_BYTES, LONGEST = 1 << 16, 300
+
+
+def read_budget(path: str | Path) -> BudgetInputs:
+    """Return the BudgetInputs of a file; raises InvalidData, naming file and entry, where it is none."""
+    return budget_inputs(read_yaml(path, 'a file of budget inputs', MOST_BYTES, InvalidData), str(path))
+
+
+def budget_inputs(given: Any, source: str = 'budget inputs') -> BudgetInputs:
+    """Return the BudgetInputs of what YAML says; source: its name in errors."""
+    if not isinstance(given, dict) or given.get('schema') != SCHEMA:
+        raise InvalidData(f'{source}: wanted a mapping with "schema: {SCHEMA}", got {given!r:.80}')
+    values: dict[str, dict[str, float]] = {}
+    words: dict[str, str] = {}
+    dof: dict[str, float] = {}
+    bounds: dict[str, float] = {}
+    for section, entries in given.items():
+        where = f'{source}: {plain(str(section))}'
+        if section == 'schema' or entries is None:
+            continue
+        if section not in SECTIONS and section != BOUNDS:
+            raise InvalidData(f'{source}: {unknown(plain(str(section)), (*SECTIONS, BOUNDS))}')
+        if not isinstance(entries, dict):
+            raise InvalidData(f'{where}: wanted a mapping, got {entries!r:.80}')
+        if section == BOUNDS:
+            bounds = {_known(name, tuple(EFFECTS), where): 1e-6 * _number(size, Entry(''), f'{where}: {name}')
+                      for name, size in entries.items()}
+            continue
+        known = SECTIONS[section][1]
+        for name in entries:
+            _known(name, (*known, 'dof', 'words'), where)
+        values[section] = {name: one.factor * _number(entries[name], one, f'{where}: {name}')
+                           for name, one in known.items() if entries.get(name) is not None}
+        lacking = [name for name, one in known.items() if one.default is None and name not in values[section]]
+        if lacking:
+            raise InvalidData(f'{where}: wanted {lacking[0]} ({known[lacking[0]].words}), got none')
+        if entries.get('dof') is not None:
+            dof[section] = _number(entries['dof'], Entry(''), f'{where}: dof')
+            if dof[section] < 1:
+                raise InvalidData(f'{where}: dof: wanted 1 or more degrees of freedom, got {dof[section]:g}')
+        if entries.get('words') is not None:
+            words[section] = _text(entries['words'], f'{where}: words')
+    return BudgetInputs(values, words, dof, bounds)
+
+
+def _known(name: object, known: tuple[str, ...], where: str) -> str:
+    if name not in known:
+        raise InvalidData(f'{where}: {unknown(plain(str(name)), known)}')
+    return str(name)
+
+
+def _number(value: object, entry: Entry, where: str) -> float:
+    if type(value) not in (int, float) or not math.isfinite(value) or (value < 0 and not entry.signed):  # type: ignore[arg-type, operator]
+        raise InvalidData(f'{where}: wanted a {"" if entry.signed else "positive "}number, got {value!r:.40}')
+    if entry.chosen and value not in entry.chosen:
+        raise InvalidData(f'{where}: wanted one of {", ".join(map(str, entry.chosen))}, got {value!r:.40}')
+    return float(value)  # type: ignore[arg-type]
+
+
+def _text(value: object, where: str) -> str:
+    text = ' '.join(value.split()) if isinstance(value, str) else ''
+    if not text or len(text) > LONGEST or not text.isprintable():
+        raise InvalidData(f'{where}: wanted a text of at most {LONGEST} characters, got {value!r:.40}')
+    return text

@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The uncertainty budget for people and programs: contributions, inputs, Monte Carlo."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from rosette_ros.core.budget_monte_carlo import MonteCarlo
+from rosette_ros.core.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.records import CURVES, Floats
+from rosette_ros.core.uncertainty_budget import PROBABILITY, Budget, Contribution, root_mean
+from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.table_format import Column, Table, column, words
+
+SCHEMA = 'rosette-budget-results/1'
+ROWS = ('combined u', f'U (k = {COVERAGE_FACTOR})', 'U, worst point', 'effective dof')
+NOTE = ('Standard uncertainties of a point, root mean square over the points of a curve: their squares add up. '
+        'Effective degrees of freedom after Welch and Satterthwaite.')
+ALIKE = 0.02
+"""Relative difference up to which U of the worst point is not told by itself."""
+WORST = 2
+UNLIMITED = 1e6
+"""More degrees of freedom are shown as ∞."""
+AGREEMENT = {True: 'yes', False: 'no', None: 'too few trials'}
+
+
+def budget_tables(made: Budget, found: MonteCarlo | None = None) -> tuple[Table, ...]:
+    """Return the tables of a budget: contributions, inputs and, where it was done, Monte Carlo."""
+    return contributions(made), stated_inputs(made), *([monte_carlo_table(made, found)] if found else [])
+
+
+def contributions(made: Budget) -> Table:
+    """Return what each influence contributes to each curve."""
+    lines, names = made.contributions, text.curve_names(made.fit.run.rotation)
+    u, worst = made.mean, made.combined().max(axis=0)
+    is_even = bool(np.all(worst <= (1 + ALIKE) * u))
+    rows = [one for place, one in enumerate(ROWS) if place != WORST or not is_even]
+    columns = [words('contribution', 'contribution', [one.name for one in lines], rows)]
+    for place, (curve, unit) in enumerate(zip(CURVES, text.CURVE_UNITS, strict=True)):
+        digits = _digits(u[place])
+        footer = [text.fixed(1e6 * value, digits) for value in (
+            u[place], COVERAGE_FACTOR * u[place], COVERAGE_FACTOR * worst[place])][:WORST + (not is_even)]
+        columns.append(column(
+            f'u_{curve}_{unit.replace("µ", "u")}', names[place], [1e6 * float(one.mean[place]) for one in lines],
+            _shown(digits), unit, footer=[*footer, shown_dof(float(made.effective_dof[place]))]))
+    for place, curve in enumerate(CURVES):
+        columns.append(column(f'sensitivity_{curve}_si', '', [float(one.sensitivity[place]) for one in lines]))
+    bounds = ' hidden: a bound, not an estimate.' if _has_bounds(made) else ''
+    return Table('budget', 'Uncertainty budget (GUM)', tuple(columns), note=f'{NOTE}{bounds}')
+
+
+def _shown(digits: int) -> Callable[[float], str]:
+    """Return how a contribution is shown: 0 where there is none, else where it would be rounded to 0 its limit."""
+    def show(value: float) -> str:
+        least = 10.0**-digits
+        shown = text.fixed(value, digits) if value >= least / 2 else f'<{text.fixed(least, digits)}'
+        return shown if value else '0'
+    return show
+
+
+def _digits(u: float) -> int:
+    return text.decimals(1e6 * COVERAGE_FACTOR * u, 2) + 1 if u else text.MICRO_DECIMALS
+
+
+def shown_dof(dof: float) -> str:
+    """Return degrees of freedom for people."""
+    return '∞' if not dof < UNLIMITED else f'{dof:.0f}'
+
+
+def stated_inputs(made: Budget) -> Table:
+    """Return the inputs: value with unit, kind of evaluation, distribution, degrees of freedom, whence it is."""
+    lines = made.contributions
+    return Table('budget_inputs', 'Inputs of the budget', (
+        words('contribution', 'contribution', [one.name for one in lines]),
+        column('value_si', '', [one.value for one in lines]), column('unit_si', '', [one.unit for one in lines]),
+        words('input', 'standard uncertainty', [_input(one) for one in lines]),
+        words('kind', 'type', [one.kind for one in lines]),
+        words('distribution', 'distribution', [one.distribution for one in lines]),
+        column('dof', 'dof', [one.dof for one in lines], shown_dof),
+        words('words', 'what it is', [one.words for one in lines]),
+        words('source', 'from', [one.source for one in lines])),
+        note='Type A: by statistics, B: by other knowledge (GUM 4.2, 4.3).')
+
+
+def _input(one: Contribution) -> str:
+    scale = text.scale_of(one.unit)
+    value = scale.factor * one.value
+    return f'{text.fixed(value, text.decimals(value))} {scale.unit}'
+
+
+def monte_carlo_table(made: Budget, found: MonteCarlo) -> Table:
+    """Return the comparison of a budget with Monte Carlo."""
+    every = found.agreements
+    digits = [_digits(one.expected) for one in every]
+
+    def micro(key: str, head: str, values: list[float], extra: int = 0) -> Column:
+        return Column(key, head, tuple(1e6 * value for value in values), tuple(
+            text.fixed(1e6 * value, places + extra) for value, places in zip(values, digits, strict=True)))
+
+    return Table('budget_monte_carlo', f'Monte Carlo, {found.trials} trials, seed {found.seed} (GUM S1)', (
+        words('curve', 'curve', text.curve_names(made.fit.run.rotation)), words('unit', 'unit', text.CURVE_UNITS),
+        micro('u_budget', 'u, budget', [one.expected for one in every]),
+        micro('u_monte_carlo', 'u, Monte Carlo', [one.found for one in every]),
+        micro('k_u', f'± U (k = {COVERAGE_FACTOR})', [COVERAGE_FACTOR * one.expected for one in every]),
+        micro('low', f'{100 * PROBABILITY:.2f} % from', [one.low for one in every]),
+        micro('high', 'to', [one.high for one in every]),
+        micro('tolerance', 'tolerance', [one.tolerance for one in every]),
+        words('agrees', 'agrees', [AGREEMENT[one.agrees] for one in every])),
+        levels=tuple({True: 'good', False: 'bad', None: 'doubtful'}[one.agrees] for one in every),
+        note='Ends of the interval about the curve; tolerance of an end: half a unit of the leading digit of u '
+             f'(GUM S1, 7.9.2, 8.1).{" Bounds of hidden effects are left out on both sides." * _has_bounds(made)}')
+
+
+def _has_bounds(made: Budget) -> bool:
+    return any(one.is_bound for one in made.contributions)
+
+
+def agreement_words(found: MonteCarlo) -> str:
+    """Return whether Monte Carlo confirms a budget, in a sentence."""
+    off = max((abs(one.found / one.expected - 1) for one in found.agreements if one.expected), default=0.0)
+    beside = f'standard uncertainties differ by at most {100 * off:.1f} %'
+    if found.agrees is None:
+        return f'{found.trials} trials are too few to say whether Monte Carlo confirms the budget; {beside}.'
+    if found.agrees:
+        return f'Monte Carlo confirms the budget: all intervals agree within the tolerance; {beside}.'
+    names = text.names([curve for curve, one in zip(CURVES, found.agreements, strict=True) if one.agrees is False])
+    return f'Monte Carlo does not confirm the budget of {names}: take its intervals instead; {beside}.'
+
+
+def budget_json(made: Budget, found: MonteCarlo | None = None) -> dict[str, Any]:
+    """Return a Budget, SI units; curves in their order."""
+    by_curve: Callable[[Floats], dict[str, float | None]] = lambda values: {  # noqa: E731
+        curve: float(value) if np.isfinite(value) else None for curve, value in zip(CURVES, values, strict=True)}
+    run, combined = made.fit.run, made.combined()
+    out: dict[str, Any] = {
+        'schema': SCHEMA, 'run_id': run.run_id, 'coverage_factor': COVERAGE_FACTOR, 'contributions': [{
+            'name': one.name, 'words': one.words, 'type': one.kind, 'distribution': one.distribution,
+            'value': one.value, 'unit': one.unit, 'dof': one.dof if np.isfinite(one.dof) else None,
+            'source': one.source, 'is_bound': one.is_bound, 'u': by_curve(one.mean),
+            'sensitivity': by_curve(one.sensitivity)} for one in made.contributions],
+        'u': by_curve(made.mean), 'U': by_curve(COVERAGE_FACTOR * made.mean),
+        'U_worst_point': by_curve(COVERAGE_FACTOR * combined.max(axis=0)),
+        'effective_dof': by_curve(made.effective_dof), 'coverage_factor_by_dof': by_curve(made.coverage),
+        'table_angle': made.fit.error_motions.angle.tolist(),
+        'u_points': {curve: combined[:, place].tolist() for place, curve in enumerate(CURVES)},
+        'not_considered': list(made.open)}
+    if found:
+        out['monte_carlo'] = {
+            'trials': found.trials, 'seed': found.seed, 'agrees': found.agrees, 'probability': PROBABILITY,
+            'u': by_curve(root_mean(found.u)), 'curves': {curve: {
+                'u_budget': one.expected, 'u': one.found, 'low': one.low, 'high': one.high,
+                'scatter': one.scatter if np.isfinite(one.scatter) else None, 'tolerance': one.tolerance,
+                'agrees': one.agrees}
+                for curve, one in zip(CURVES, found.agreements, strict=True)}}
+    return out
