@@ -41,11 +41,11 @@ def budget_bars(made: Budget, found: MonteCarlo | None = None) -> Figure:
                 panel.barh(row, values[row, place], height=0.72, **LOOKS[kind])
                 digits, gap = text.decimals(float(values[row, place])), 0.05 if found and kind == 'combined' else 0.02
                 panel.text(values[row, place] + gap * top, row, text.fixed(values[row, place], digits), va='center',
-                           fontsize=style.SMALL - 1, color=style.INK)
+                           fontsize=style.SMALL, color=style.INK)
         if found:
             panel.plot([1e6 * found.agreements[place].found], [rows - 1], marker='D', markersize=4.5,
                        markerfacecolor='white', markeredgecolor=style.BEFORE, linestyle='none', zorder=6)
-        panel.set_xlim(0, 1.33 * top)
+        panel.set_xlim(0, 1.4 * top)
         panel.set_ylim(rows - 0.4, -0.6)
         style.scale(panel, None, {row: names[row] for row in range(rows)}, 'x', 'xy' if place % 3 == 0 else 'x', (3, 3))
         style.title(panel, f'{curves[place]} / {text.CURVE_UNITS[place]}', fontsize=style.TEXT)
