@@ -4,7 +4,7 @@
 import argparse
 from collections.abc import Callable
 
-from rosette_ros.cli import archive_add, archive_query, archive_reanalyse
+from rosette_ros.cli import archive_add, archive_query, archive_reanalyse, archive_simulate
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,5 +27,7 @@ WHAT: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None], Callable[[
     'query': ('what an archive says, by SQL or by ready questions', archive_query.add_arguments, archive_query.run),
     'reanalyse': ('evaluate all runs under another model and compare: residuals, curves, which runs had the effect',
                   archive_reanalyse.add_arguments, archive_reanalyse.run),
+    'simulate': ('years of a simulated cell by an ageing script, to try trends', archive_simulate.add_arguments,
+                 archive_simulate.run),
 }
 """Word: what it does, its arguments, its function. Another one is a line here."""

@@ -44,6 +44,7 @@ VERBS = {
     'certificate': ('certificate', 'a calibration certificate (DCC, PDF) of a run, or its check against the run'),
     'runs': ('runs', 'the runs in a folder, with their verdicts'),
     'archive': ('archive', 'many runs of many cells in an archive: add, ask, evaluate under another model'),
+    'trend': ('trend', 'how a table changes over the runs of an archive; when to calibrate again'),
     'studio': ('studio', 'a page in the browser: verdict, curves, maps, what is missing, a running cell'),
     'correct': ('correct', 'a correction of the table from a run: for ROS, as a table, for LinuxCNC'),
     'verify': ('verify', 'whether a correction did what it promised, by a run before and one after'),

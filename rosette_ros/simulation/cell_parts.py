@@ -8,13 +8,13 @@ T and Theta at the origin of the frame asked for:
 """
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
 from rosette_ros.core.geometry import TWO_PI, Frame, rotate_z, rotation_matrix
-from rosette_ros.core.records import Floats, Ints
+from rosette_ros.core.records import CURVES, Floats, Ints
 from rosette_ros.core.scheme import nominal_places
 from rosette_ros.io.correction_file import read_correction
 from rosette_ros.simulation.random_streams import part_generator
@@ -31,6 +31,7 @@ class PlateSettings(Settings):
     circle_radius_mm: Positive = 182.5
     ball_radius_mm: Annotated[float, Field(gt=2.0, le=50.0)] = 7.5
     deviation_um: NotNegative = Field(20.0, description='sd of each ball coordinate')
+    number: Annotated[int, Field(ge=1)] = Field(1, description='another number is another plate of this kind')
 
 
 class ClampingSettings(Settings):
@@ -52,13 +53,13 @@ class BallPlate:
     """
 
     def __init__(self, settings: PlateSettings, clamping: ClampingSettings, seed: int) -> None:
-        n = settings.balls
-        own = 1e-6 * settings.deviation_um * part_generator(seed, 'plate').standard_normal((n, 3))
+        n, another = settings.balls, f' {settings.number}' * (settings.number > 1)
+        own = 1e-6 * settings.deviation_um * part_generator(seed, f'plate{another}').standard_normal((n, 3))
         # The plate was put on turned by whole pitches: its ball m is now counted as ball m + pitches.
         pitches = round(clamping.plate_turn_deg * n / 360)
         deviation = rotate_z(TWO_PI * pitches / n, np.roll(own, pitches, axis=0))
         # Clamped again, it lies elsewhere by the same amounts.
-        rng = part_generator(seed, f'clamping {pitches % n}')
+        rng = part_generator(seed, f'clamping {pitches % n}{another}')
         aside, tilted = rng.uniform(0, TWO_PI, 2)
         tilt = 1e-3 * clamping.tilt_mrad * np.array([np.cos(tilted), np.sin(tilted), 0.0])
         off = clamping.eccentricity_mm
@@ -77,6 +78,15 @@ class BallPlate:
         return centre @ self.attitude.T + self.shift
 
 
+class AddedError(Settings):
+    """A harmonic of one error, as wear or a collision leaves it: amplitude cos(per_turn angle - phase)."""
+
+    error: Literal['ctx', 'cty', 'ctz', 'crx', 'cry', 'crz']
+    per_turn: Annotated[int, Field(ge=1, le=10000)]
+    amplitude: Number = Field(description='of ctx, cty, ctz in um, of crx, cry, crz in urad')
+    phase_deg: Number = 0.0
+
+
 class TableSettings(Settings):
     """The rotary table: peak values of its six smooth error curves, and its correction tables."""
 
@@ -86,6 +96,7 @@ class TableSettings(Settings):
     fine_orders: Annotated[tuple[Annotated[int, Field(ge=1, le=10000)], ...],
                            Field(strict=False, description='extra harmonics, e.g. above n/2')] = ()
     fine_share: Share = Field(0.2, description='amplitude of each extra harmonic as a share of the peak')
+    added_errors: Annotated[tuple[AddedError, ...], Field(strict=False)] = ()
     axial_correction: bool = True
     axial_raw_um: NotNegative = Field(0.5, description='peak of the ctz correction table')
     angular_correction: bool = True
@@ -124,6 +135,12 @@ class RotaryTable:
             residual = PeriodicCurves(np.concatenate([residual.orders, orders]),
                                       np.concatenate([residual.cosine, size * np.cos(phase)]),
                                       np.concatenate([residual.sine, size * np.sin(phase)]))
+        if settings.added_errors:
+            added = [1e-6 * one.amplitude * np.exp(1j * np.deg2rad(one.phase_deg)) *
+                     (np.array(CURVES) == one.error) for one in settings.added_errors]
+            residual = PeriodicCurves(
+                np.concatenate([residual.orders, [one.per_turn for one in settings.added_errors]]),
+                np.concatenate([residual.cosine, np.real(added)]), np.concatenate([residual.sine, np.imag(added)]))
         self.residual = residual
         off = [False, False, not settings.axial_correction, False, False, not settings.angular_correction]
         self.switched_off = np.array(off)

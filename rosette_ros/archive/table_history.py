@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The runs of one table in an archive as a history: the quantities whose changes are looked for, and what changed."""
+
+import datetime
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rosette_ros.archive.run_archive import RunArchive
+from rosette_ros.archive.run_row import AXES, SERIALS
+from rosette_ros.core.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.records import CURVES, Floats
+from rosette_ros.core.trend import LEAST_RUNS, Event, Forecast, TimeSeries, find_events, forecast, harmonics
+from rosette_ros.io.identity_file import parse_identity
+from rosette_ros.presentation.json_output import CURVE_KEYS
+
+DAY = 86400.0
+LEAST_SHARE = 1e-3
+"""A harmonic that is smaller than this share of its u in every run is zero by convention, not by measurement."""
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """Runs of a table in the order of time.
+
+    dates, runs: when measured, run_id; days: (m,) since the first; range, U: (m, 6) of the errors, m and rad;
+    tolerances: by curve, of the last run that states any; temperature: (m,); quantities: what is looked at; serials: of
+    each run by device; missing: effects that the diagnosis of each run names."""
+
+    serial: str
+    model_hash: str
+    dates: tuple[datetime.datetime, ...]
+    runs: tuple[str, ...]
+    days: Floats
+    range: Floats
+    U: Floats
+    tolerances: Mapping[str, float]
+    temperature: Floats
+    quantities: tuple[TimeSeries, ...]
+    serials: tuple[Mapping[str, str], ...]
+    missing: tuple[tuple[str, ...], ...]
+
+    def events(self) -> tuple[Event, ...]:
+        """Return the changes, in the order of time."""
+        return find_events(self.days, self.quantities, self.temperature)
+
+    def exchanged(self, run: int) -> dict[str, tuple[str, str]]:
+        """Return the devices whose serial number is another one from a run on: before and after."""
+        before, after = self.serials[run - 1], self.serials[run]
+        return {one: (before[one], after[one]) for one in SERIALS if before[one] != after[one]}
+
+    def forecasts(self, events: Sequence[Event]) -> dict[str, Forecast]:
+        """Return when each error with a tolerance reaches it, its U being the guard band, from the runs since the last
+        change of its curve."""
+        found = {}
+        for place, curve in enumerate(CURVES):
+            since = max((event.run for event in events if any(step.series.name.startswith(curve)
+                                                              for step in event.steps)), default=0)
+            if curve in self.tolerances and len(self.days) - since >= 3:
+                u = self.U[since:, place] / COVERAGE_FACTOR
+                limit = self.tolerances[curve] - float(np.median(self.U[since:, place]))
+                found[curve] = forecast(self.days[since:], self.range[since:, place], u, limit)
+        return found
+
+
+def read_history(archive: RunArchive, table: str, model: str = '') -> History:
+    """Return the history of a table by its serial number ('': of runs that state none); raises InvalidData.
+
+    model: hash of the model, or its beginning; '': that of most runs."""
+    where, values = "problem = '' AND table_serial = ? AND measured_at IS NOT NULL", [table]
+    if model:
+        where, values = f'{where} AND starts_with(model_hash, ?)', [*values, model]
+    rows = archive.read_rows(where=where, values=values).to_pylist()
+    hashes = Counter(row['model_hash'] for row in rows)
+    if not rows:
+        known = [row['table_serial'] for row in archive.query(
+            "SELECT DISTINCT table_serial FROM runs WHERE problem = '' ORDER BY 1").to_pylist()]
+        raise InvalidData(f'{archive.folder}: wanted dated runs of table {table!r}, got none; it has tables '
+                          f'{", ".join(map(repr, known)) or "none"}')
+    best = hashes.most_common(1)[0][0]
+    return history_of([row for row in rows if row['model_hash'] == best], table)
+
+
+def history_of(rows: Sequence[Mapping[str, Any]], serial: str = '') -> History:
+    """Return the history of rows (run_row.COLUMNS) under one model, sorted by time; raises InvalidData for few."""
+    rows = sorted(rows, key=lambda row: row['measured_at'])
+    if len(rows) < LEAST_RUNS:
+        raise InvalidData(f'trend of table {serial!r}: wanted at least {LEAST_RUNS} dated runs, got {len(rows)}')
+    dates = tuple(row['measured_at'] for row in rows)
+    days = np.array([(date - dates[0]).total_seconds() / DAY for date in dates])
+    stated = next((row for row in reversed(rows) if 'tolerances' in row['identity']), None)
+    rotation = None if stated is None or stated['rotation'] is None else np.reshape(stated['rotation'], (3, 3))
+    return History(
+        serial, rows[0]['model_hash'], dates, tuple(row['run_id'] for row in rows), days,
+        np.array([[row[f'range_{key}'] for key in CURVE_KEYS] for row in rows]),
+        np.array([[row[f'U_range_{key}'] for key in CURVE_KEYS] for row in rows]),
+        parse_identity(stated['identity'].encode()).limits(rotation) if stated else {},
+        np.array([np.nan if row['temperature_mean_C'] is None else row['temperature_mean_C'] for row in rows]),
+        (*_table(rows), *_places(rows, 'plate', 'ball'), *_places(rows, 'cmm', 'position'), *_effects(rows),
+         _residual(rows)),
+        tuple({one: row[f'{one}_serial'] for one in SERIALS} for row in rows),
+        tuple(tuple(row['missing'] or ()) for row in rows))
+
+
+def _table(rows: Sequence[Mapping[str, Any]]) -> list[TimeSeries]:
+    """Return the harmonics of the six curves that all runs determine."""
+    most = (min(row['n'] for row in rows) - 1) // 2
+    found = []
+    for curve, key in zip(CURVES, CURVE_KEYS, strict=True):
+        parts = [harmonics(np.array(row['angle_rad']), np.array(row[key]), np.array(row[f'U_{key}']) / COVERAGE_FACTOR)
+                 for row in rows]
+        values, u = (np.array([part[one][:most] for part in parts]) for one in (0, 1))
+        found += [TimeSeries('table', f'{curve}, {order + 1} per turn', values[:, order], u[:, order])
+                  for order in range(most) if np.any(np.abs(values[:, order]) > LEAST_SHARE * u[:, order])]
+    return found
+
+
+def _places(rows: Sequence[Mapping[str, Any]], what: str, word: str) -> list[TimeSeries]:
+    """Return the deviation of every ball or CMM position, along x, y, z, in the runs with as many as the last one."""
+    n = rows[-1]['n']
+    values, u = (np.array([np.column_stack([row[f'{prefix}{what}_{axis}_m'] for axis in AXES]) if row['n'] == n
+                           else np.full((n, 3), np.nan) for row in rows]) for prefix in ('', 'U_'))
+    owner = 'CMM' if what == 'cmm' else what
+    return [TimeSeries(owner, f'{owner} {word} {place + 1}', values[:, place], u[:, place] / COVERAGE_FACTOR)
+            for place in range(n)]
+
+
+def _effects(rows: Sequence[Mapping[str, Any]]) -> list[TimeSeries]:
+    """Return the parameters of the effects in the model."""
+    series: dict[tuple[str, str], dict[int, tuple[float, float]]] = {}
+    for place, row in enumerate(rows):
+        for effect in row['effects'] or ():
+            for one in effect['parameters'] if effect['in_model'] else ():
+                series.setdefault((effect['effect'], one['name']), {})[place] = one['value'], one['U'] / COVERAGE_FACTOR
+    found = []
+    for (effect, name), known in series.items():
+        pair = np.array([known.get(place, (np.nan, np.nan)) for place in range(len(rows))])
+        found.append(TimeSeries(effect, f'{effect} {name}', pair[:, :1], pair[:, 1:]))
+    return found
+
+
+def _residual(rows: Sequence[Mapping[str, Any]]) -> TimeSeries:
+    rms = np.array([[row['rms_m']] for row in rows])
+    return TimeSeries('residual', 'residual, rms', rms, rms / np.sqrt(2.0 * np.array([[row['dof']] for row in rows])))

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosette archive simulate: years of a simulated cell by an ageing script, evaluated into an archive."""
+
+import datetime
+import hashlib
+import sys
+from argparse import ArgumentParser, Namespace
+from collections.abc import Iterable
+
+from rich.progress import track
+
+from rosette_ros.analysis import analyse
+from rosette_ros.archive.run_archive import RunArchive
+from rosette_ros.archive.run_row import Row, evaluation_row, heading
+from rosette_ros.cli.arguments import UsageError, add_shared
+from rosette_ros.cli.console import console
+from rosette_ros.core.errors import counted
+from rosette_ros.core.model.model import Model
+from rosette_ros.core.records import Run
+from rosette_ros.io.identity_file import Identity, read_identity
+from rosette_ros.io.model_file import read_model
+from rosette_ros.simulation.ageing import read_ageing
+
+BEGIN = '2024-01-01'
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    parser.add_argument('script', metavar='SCRIPT', help='ageing script (YAML): interval, seasons, changes of the '
+                        'machine (docs/archive.md)')
+    parser.add_argument('--into', metavar='ARCHIVE', required=True, help='folder of the archive; made where there is '
+                        'none')
+    parser.add_argument('--begin', metavar='DAY', default=BEGIN, help=f'day of the first run (default: {BEGIN})')
+    add_shared(parser, '--model', '--identity')
+
+
+def run(options: Namespace) -> None:
+    """Measure, evaluate, and keep a row of each run."""
+    script, model = read_ageing(options.script), read_model(options.model)
+    identity = read_identity(options.identity) if options.identity else Identity({'table.serial': 'SIMULATED'})
+    try:
+        begin = datetime.datetime.fromisoformat(options.begin).replace(tzinfo=datetime.UTC)
+    except ValueError as error:
+        raise UsageError(f'--begin: wanted a day such as {BEGIN}, got {options.begin!r}') from error
+    archive = RunArchive(options.into, make=True)
+    out = console(sys.stderr)
+    runs = track(script.iter_runs(), 'measuring', script.runs, console=out, transient=True,
+                 disable=not out.is_terminal)
+    archive.add(simulated_rows(runs, begin, identity, model))
+    console().print(f'{counted(script.runs, "run")} of {(script.days[-1]) / 365.25:.1f} years in {options.into}; next: '
+                    f'rosette trend {options.into} --table {identity["table.serial"]}')
+
+
+def simulated_rows(runs: Iterable[tuple[float, Run]], begin: datetime.datetime, identity: Identity,
+                   model: Model) -> list[Row]:
+    """Return a row of every (day, Run), curves evaluated and nothing diagnosed."""
+    rows = []
+    for day, measured in runs:
+        date = begin + datetime.timedelta(days=day)
+        rows.append({**heading(_digest(measured), f'simulated:{measured.run_id}', '', model,
+                               datetime.datetime.now(datetime.UTC), measured.run_id),
+                     **evaluation_row(analyse(measured, model), identity=identity), 'measured_at': date,
+                     'ended_at': date + datetime.timedelta(seconds=float(measured.time[-1]))})
+    return rows
+
+
+def _digest(measured: Run) -> str:
+    return hashlib.sha256(measured.centre.tobytes()).hexdigest()

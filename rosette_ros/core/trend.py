@@ -1,0 +1,331 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How what was measured changes from run to run: change points, control charts, when a tolerance is reached.
+
+A quantity y (m runs, c components) is modelled as
+
+    y_i = a + b t_i + g (T_i - mean T) + sum over steps s_k [i >= k] + noise of sigma_i = kappa u_i
+
+with the standard uncertainties u of the runs and the run-to-run scatter kappa, from the differences of neighbours.
+A step before run k is judged by the fall of the weighted sum of squares: fall / c has an F distribution of c degrees of
+freedom and those of kappa where there is none. The probability counts all places and all quantities (Bonferroni): at
+one look, FALSE_EVENTS of the histories show a false change, however many curves, balls and runs there are.
+
+Sources: Siegmund, Sequential Analysis (1985), for the average run length of a CUSUM; ISO 7870-4 and -6 for the charts;
+ILAC-G24 / OIML D 10, method 2 (control chart), for intervals.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import optimize, special
+
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.records import Floats, Ints
+
+FALSE_EVENTS = 0.002
+"""Probability that a history without a change shows one, at one look."""
+LEAST_RUNS = 8
+"""Fewer runs show no change: slope and scatter are not known."""
+MOST_EVENTS = 30
+ALLOWANCE = 1.0
+"""Allowance of the CUSUM, in standard deviations: it finds steps of twice that soonest."""
+SMOOTHING = 0.2
+"""Weight of the newest run in the EWMA."""
+EFFICIENCY = 0.37
+"""Degrees of freedom of the scatter for each component of a run: it is found by a median (Rousseeuw and Croux 1993)."""
+LEAST_SCATTER = 0.3
+"""Run-to-run scatter is taken to be at least so many times the stated uncertainty: few runs may agree by chance."""
+
+
+@dataclass(frozen=True, eq=False)
+class TimeSeries:
+    """One quantity over the runs.
+
+    owner: what it belongs to (table, plate, CMM, an effect, the residual); name: in words; values: (m, c), SI, NaN
+    where a run does not have it; u: (m, c) standard uncertainties."""
+
+    owner: str
+    name: str
+    values: Floats
+    u: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Shift:
+    """A change of one quantity at an event. size: (c,) new minus old, SI, with u; p: counts all quantities and runs."""
+
+    series: TimeSeries
+    size: Floats
+    u: Floats
+    p: float
+
+    @property
+    def strength(self) -> float:
+        """Norm of the step in its standard uncertainties."""
+        return float(np.sqrt(np.sum((self.size / self.u) ** 2)))
+
+
+@dataclass(frozen=True)
+class Event:
+    """A change between two runs. run: index of the first run after it; earliest, latest: where else it may lie, by the
+    runs before which the sum of squares is less than 4 higher; steps: strongest first."""
+
+    run: int
+    earliest: int
+    latest: int
+    steps: tuple[Shift, ...]
+
+    @property
+    def owners(self) -> tuple[str, ...]:
+        """What has changed, that with the greatest sum of squares first."""
+        total: dict[str, float] = {}
+        for step in self.steps:
+            total[step.series.owner] = total.get(step.series.owner, 0.0) + step.strength ** 2
+        return tuple(sorted(total, key=lambda owner: -total[owner]))
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """EWMA and CUSUM of one component.
+
+    z: deviations from the mean of the runs before in standard deviations; ewma: with its limits ± ewma_limit; high,
+    low: the CUSUM of both senses, limit cusum_limit; alarms: runs at which a chart leaves its limits."""
+
+    z: Floats
+    ewma: Floats
+    ewma_limit: Floats
+    high: Floats
+    low: Floats
+    cusum_limit: float
+    alarms: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """When a figure reaches a limit.
+
+    slope: per day, with slope_u; expected, soonest: days from the last run (soonest: 95 %, one-sided), infinite where
+    it does not move there; interval: proposed days to the next run."""
+
+    slope: float
+    slope_u: float
+    expected: float
+    soonest: float
+    interval: float
+
+
+@dataclass(eq=False)
+class _Fit:
+    """A quantity in the runs that have it: weights from u and scatter, design of the steps that are known."""
+
+    series: TimeSeries
+    runs: Ints  # indices
+    y: Floats
+    base: Floats
+    scatter: float = 1.0
+    dof: float = 1.0
+    steps: list[int] = field(default_factory=list)
+
+    @property
+    def weight(self) -> Floats:
+        return np.asarray(1.0 / (self.scatter * self.series.u[self.runs]))
+
+    def scan(self, places: Ints) -> Floats:
+        """Return the fall of the weighted sum of squares by a step before each run of `places`, (places,)."""
+        fall = np.zeros(len(places))
+        step = (self.runs[:, None] >= places).astype(float)
+        for component, weight in enumerate(self.weight.T):
+            q = np.linalg.qr(weight[:, None] * self._design())[0]
+            columns = weight[:, None] * step
+            columns = columns - q @ (q.T @ columns)
+            rest = weight * self.y[:, component]
+            rest = rest - q @ (q.T @ rest)
+            norm = np.sum(columns**2, axis=0)
+            known = norm > 0.05 * np.maximum(np.sum((weight[:, None] * step) ** 2, axis=0).clip(max=1.0), 1e-12)
+            fall[known] += (columns.T @ rest)[known] ** 2 / norm[known]
+            fall[~known] = 0.0
+        return fall
+
+    def probability(self, fall: Floats) -> Floats:
+        """Return the probability of such a fall at one place without a step."""
+        count = self.y.shape[1]
+        return np.asarray(special.fdtrc(count, self.dof, fall / count))
+
+    def _design(self) -> Floats:
+        return np.column_stack([self.base, *(self.runs >= place for place in self.steps)])
+
+    def step(self, place: int) -> tuple[Floats, Floats]:
+        """Return size and standard uncertainty of the step before a run, (c,)."""
+        size, u = [], []
+        design = self._design()
+        column = self.base.shape[1] + self.steps.index(place)
+        for component, weight in enumerate(self.weight.T):
+            inverse = np.linalg.pinv(weight[:, None] * design)
+            size.append(inverse[column] @ (weight * self.y[:, component]))
+            u.append(np.linalg.norm(inverse[column]))
+        return np.array(size), np.array(u)
+
+
+def find_events(days: Floats, quantities: Sequence[TimeSeries], temperature: Floats | None = None,
+                false_events: float = FALSE_EVENTS) -> tuple[Event, ...]:
+    """Return the changes in a history of runs, in the order of time.
+
+    days: (m,) increasing; temperature: (m,) mean of each run, K or °C, NaN or None where not known. Raises InvalidData
+    where the days do not increase."""
+    if np.any(np.diff(days) < 0):
+        raise InvalidData('trend: wanted the runs in the order of time')
+    fits = _fits(days, quantities, temperature)
+    if not fits:
+        return ()
+    places = np.arange(1, len(days))
+    tests = len(fits) * len(places)
+    falls = [fit.scan(places) for fit in fits]
+    found = dict[int, list[_Fit]]()
+    while sum(map(len, found.values())) < MOST_EVENTS * len(fits):
+        p = np.array([fit.probability(fall) for fit, fall in zip(fits, falls, strict=True)])
+        best, place = np.unravel_index(np.argmin(p), p.shape)
+        if p[best, place] * tests > false_events or (len(found) >= MOST_EVENTS and places[place] not in found):
+            break
+        fit, run = fits[int(best)], int(places[place])
+        run = _same_event(found, run, falls[int(best)])
+        found.setdefault(run, []).append(fit)
+        fit.steps.append(run)
+        falls[int(best)] = fit.scan(places)
+    return tuple(_event(run, owners, tests, places) for run, owners in sorted(found.items()))
+
+
+def _same_event(found: dict[int, list[_Fit]], run: int, fall: Floats) -> int:
+    """Return the run of an event that this quantity does not tell from its own best place, else that place."""
+    for known in sorted(found, key=lambda other: abs(other - run)):
+        if fall[known - 1] > fall[run - 1] - 4.0:
+            return known
+    return run
+
+
+def _event(run: int, fits: Sequence[_Fit], tests: int, places: Ints) -> Event:
+    steps, total = list[Shift](), np.zeros(len(places))
+    for fit in fits:
+        size, u = fit.step(run)
+        fit.steps.remove(run)
+        fall = fit.scan(places)
+        fit.steps.append(run)
+        total += fall
+        steps.append(Shift(fit.series, size, u, min(1.0, tests * float(fit.probability(fall[run - 1])))))
+    likely = places[total > total[run - 1] - 4.0]
+    near = [place for place in likely if abs(place - run) <= len(likely)]
+    return Event(run, int(min(near)), int(max(near)), tuple(sorted(steps, key=lambda step: -step.strength)))
+
+
+def _fits(days: Floats, quantities: Sequence[TimeSeries], temperature: Floats | None) -> list[_Fit]:
+    """Return the quantities that at least LEAST_RUNS runs have, with their run-to-run scatter."""
+    fits = []
+    for quantity in quantities:
+        runs = np.flatnonzero(np.all(np.isfinite(quantity.values) & (quantity.u > 0), axis=1))
+        if len(runs) >= LEAST_RUNS:
+            fits.append(_Fit(quantity, runs, quantity.values[runs], _base(days[runs], temperature, runs)))
+    own = [_scatter(fit) for fit in fits]
+    for owner in {fit.series.owner for fit in fits}:
+        mine = [(fit, one) for fit, one in zip(fits, own, strict=True) if fit.series.owner == owner]
+        common = float(np.median([one for _, one in mine]))
+        for fit, one in mine:  # one that seems to scatter less than its like does so by chance
+            fit.scatter, fit.dof = max(common, one, LEAST_SCATTER), EFFICIENCY * sum(each.y.size for each, _ in mine)
+    return fits
+
+
+def _base(days: Floats, temperature: Floats | None, runs: Ints) -> Floats:
+    """Return the columns that every quantity has: constant, time, temperature where it is known and varies."""
+    span = float(np.ptp(days)) or 1.0
+    columns = [np.ones(len(days)), (days - days.mean()) / span]
+    if temperature is not None and np.all(np.isfinite(temperature[runs])) and np.ptp(temperature[runs]) > 0.1:
+        columns.append(temperature[runs] - temperature[runs].mean())
+    return np.column_stack(columns)
+
+
+def _scatter(fit: _Fit) -> float:
+    """Return the scatter between neighbouring runs in units of u: the median of differences, robust to steps."""
+    u = fit.series.u[fit.runs]
+    differences = np.diff(fit.y, axis=0) / np.hypot(u[1:], u[:-1])
+    return float(np.median(np.abs(differences)) / special.ndtri(0.75))
+
+
+def control_chart(values: Floats, u: Floats, tests: int, scatter: float = 1.0,
+                  false_events: float = FALSE_EVENTS) -> Chart:
+    """Return the charts of one component, (m,) values with standard uncertainties, self-starting.
+
+    z_i = (y_i - mean of the runs before) / (scatter sqrt(u_i^2 + u_mean^2)): independent, whatever the mean is. tests:
+    number of components and runs that are watched together; the limits hold for all of them. Raises InvalidData where
+    there are fewer than LEAST_RUNS runs. Source: Hawkins, self-starting CUSUM charts (1987)."""
+    if len(values) < LEAST_RUNS:
+        raise InvalidData(f'control chart: wanted at least {LEAST_RUNS} runs, got {len(values)}')
+    weight = np.cumsum(1.0 / u**2)[:-1]
+    mean = np.cumsum(values / u**2)[:-1] / weight
+    z = np.concatenate([[0.0], (values[1:] - mean) / (scatter * np.hypot(u[1:], 1.0 / np.sqrt(weight)))])
+    ewma, high, low = np.zeros(len(z)), np.zeros(len(z)), np.zeros(len(z))
+    smooth = up = down = 0.0
+    for place, one in enumerate(z):
+        smooth = SMOOTHING * one + (1 - SMOOTHING) * smooth
+        up, down = max(0.0, up + one - ALLOWANCE), max(0.0, down - one - ALLOWANCE)
+        ewma[place], high[place], low[place] = smooth, up, down
+    rate = false_events / tests
+    growth = 1 - (1 - SMOOTHING) ** (2 * np.arange(1, len(z) + 1))
+    limit = -special.ndtri(rate / 2) * np.sqrt(SMOOTHING / (2 - SMOOTHING) * growth)
+    cusum = _cusum_limit(1.0 / rate)
+    alarms = np.flatnonzero((np.abs(ewma) > limit) | (np.maximum(high, low) > cusum))
+    return Chart(z, ewma, limit, high, low, cusum, tuple(alarms.tolist()))
+
+
+def _cusum_limit(run_length: float) -> float:
+    """Return the limit h at which a CUSUM of allowance k has an average run length L without a change.
+
+    L = (exp(2 k b) - 2 k b - 1) / (2 k^2) with b = h + 1.166, one-sided; half of it for both senses (Siegmund)."""
+    def excess(limit: float) -> float:
+        exponent = 2 * ALLOWANCE * (limit + 1.166)
+        return float(np.log((np.expm1(exponent) - exponent) / (4 * ALLOWANCE**2) / run_length))
+
+    return float(optimize.brentq(excess, 0.1, 100.0))
+
+
+def forecast(days: Floats, values: Floats, u: Floats, limit: float) -> Forecast:
+    """Return when a figure that runs show since its last change, (m,), reaches a limit.
+
+    A straight line by weighted least squares. The proposed interval ends before the 95 % bound of the line passes the
+    limit, and is between half and twice the mean interval until now (ILAC-G24, a control chart with automatic
+    adjustment). Raises InvalidData where there are fewer than three runs at different times."""
+    if len(days) < 3 or np.ptp(days) <= 0:
+        raise InvalidData(f'forecast: wanted at least 3 runs at different times, got {len(days)}')
+    since = days - days[-1]
+    design = np.column_stack([np.ones(len(days)), since]) / u[:, None]
+    covariance = np.linalg.inv(design.T @ design)
+    level, slope = covariance @ (design.T @ (values / u))
+    dof = len(days) - 2
+    rest = float(np.sum((values / u - design @ np.array([level, slope])) ** 2)) / dof
+    covariance = covariance * max(1.0, rest)
+    factor = special.stdtrit(dof, 0.95) if rest > 1 else special.ndtri(0.95)
+    expected = (limit - level) / slope if slope > 0 else np.inf
+    present = float(np.ptp(days)) / (len(days) - 1)
+
+    def bound(ahead: float) -> float:
+        row = np.array([1.0, ahead])
+        return float(row @ np.array([level, slope]) + factor * np.sqrt(row @ covariance @ row) - limit)
+
+    horizon = 1000.0 * present
+    if bound(0.0) >= 0:
+        soonest = 0.0
+    else:
+        soonest = float(optimize.brentq(bound, 0.0, horizon)) if bound(horizon) > 0 else np.inf
+    interval = float(np.clip(soonest, 0.5 * present, 2.0 * present))
+    return Forecast(float(slope), float(np.sqrt(covariance[1, 1])), float(max(expected, 0.0)), soonest, interval)
+
+
+def harmonics(angle: Floats, curve: Floats, u: Floats) -> tuple[Floats, Floats]:
+    """Return the cosine and sine amplitudes of a curve at n equally spaced angles and their standard uncertainties.
+
+    curve, u: (m, n) or (n,). Returns two arrays (..., K, 2) for 1..K = (n - 1) // 2 per turn: 2/n sum y cos k phi and
+    2/n sum y sin k phi; u as of independent points."""
+    n = len(angle)
+    orders = np.arange(1, (n - 1) // 2 + 1)
+    basis = np.stack([np.cos(np.outer(orders, angle)), np.sin(np.outer(orders, angle))], axis=-1)
+    values = 2.0 / n * np.einsum('...n,knc->...kc', curve, basis)
+    spread = 2.0 / n * np.sqrt(np.einsum('...n,knc->...kc', u**2, basis**2))
+    return values, spread

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Trends for people and programs: changes with their dates, when tolerances are reached, the next calibration."""
+
+import datetime
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from rosette_ros.core.records import CURVES, Floats
+from rosette_ros.core.trend import Event, Forecast, Shift
+from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.json_output import CURVE_KEYS
+from rosette_ros.presentation.table_format import Table, words
+
+SCHEMA = 'rosette-trend/1'
+Dates = Sequence[datetime.datetime]
+MOST_TOLD = 4
+"""Quantities of a change that the table names."""
+
+
+def events_table(events: Sequence[Event], dates: Dates, runs: Sequence[str],
+                 exchanged: Sequence[Mapping[str, tuple[str, str]]]) -> Table:
+    """Return the changes: between which runs, what has changed, by how much.
+
+    exchanged: for each change the devices with another serial number from then on."""
+    return Table('events', 'Changes' if events else 'No change', (
+        words('between', 'between', [f'{dates[event.earliest - 1]:%Y-%m-%d} and {dates[event.latest]:%Y-%m-%d}'
+                                     for event in events]),
+        words('run', 'first run after it', [runs[event.run] for event in events]),
+        words('what', 'what', [text.names(event.owners) for event in events]),
+        words('exchanged', 'serial number', ['; '.join(f'{device}: {old or "-"} → {new or "-"}'
+                                                       for device, (old, new) in one.items()) for one in exchanged]),
+        words('by', 'by (new − old)', [_told(event) for event in events])),
+        note='Size in units of its expanded uncertainty U (k = 2); that scatter alone shows a change has a probability '
+             'of at most 0.2 %, counting all quantities and runs.' if events else '')
+
+
+def _told(event: Event) -> str:
+    told = [f'{step.series.name} {step.strength / 2:.1f} U' for step in event.steps[:MOST_TOLD]]
+    rest = len(event.steps) - MOST_TOLD
+    return ', '.join(told) + (f' and {rest} more' if rest > 0 else '')
+
+
+def forecast_table(forecasts: Mapping[str, Forecast], last: datetime.datetime) -> Table:
+    """Return when each error reaches its tolerance, and the proposed interval."""
+    curves = list(forecasts)
+    made = [forecasts[curve] for curve in curves]
+    return Table('forecast', 'When tolerances are reached', (
+        words('error', 'error', curves),
+        words('slope', 'per year', [f'{1e6 * 365.25 * one.slope:+.3f} ± {2e6 * 365.25 * one.slope_u:.3f} '
+                                    f'{text.CURVE_UNITS[CURVES.index(curve)]}' for curve, one in zip(curves, made)]),
+        words('expected', 'expected', [_date(last, one.expected) for one in made]),
+        words('soonest', 'not before (95 %)', [_date(last, one.soonest) for one in made]),
+        words('interval', 'next calibration within', [f'{one.interval:.0f} d' for one in made])),
+        note='The tolerance less U (guard band, ISO 14253-1), by a straight line through the runs since the last '
+             'change of the curve; the interval is between half and twice the present one (ILAC-G24, control chart).')
+
+
+def _date(last: datetime.datetime, ahead: float) -> str:
+    if ahead <= 0:
+        return 'reached'
+    return 'not in sight' if ahead > 36525 else f'{last + datetime.timedelta(days=ahead):%Y-%m-%d}'
+
+
+def trend_json(serial: str, model_hash: str, dates: Dates, runs: Sequence[str], ranges: tuple[Floats, Floats],
+               events: Sequence[Event], exchanged: Sequence[Mapping[str, tuple[str, str]]],
+               forecasts: Mapping[str, Forecast]) -> dict[str, Any]:
+    """Return a trend as rosette-trend/1; ranges: (m, 6) of the errors and their U."""
+    names = dict(zip(CURVES, CURVE_KEYS, strict=True))
+    return {
+        'schema': SCHEMA, 'table': serial, 'model_hash': model_hash,
+        'runs': [{'run_id': run, 'measured_at': date.isoformat()} for run, date in zip(runs, dates, strict=True)],
+        'ranges': {key: {'value': value.tolist(), 'U': spread.tolist()}
+                   for key, value, spread in zip(CURVE_KEYS, ranges[0].T, ranges[1].T, strict=True)},
+        'events': [{
+            'run_id': runs[event.run], 'not_before': dates[event.earliest - 1].isoformat(),
+            'not_after': dates[event.latest].isoformat(), 'owners': list(event.owners),
+            'exchanged': {device: list(pair) for device, pair in changed.items()},
+            'steps': [_step_json(step) for step in event.steps]} for event, changed in zip(events, exchanged)],
+        'forecasts': {names[curve]: {
+            'per_day': one.slope, 'u_per_day': one.slope_u, 'interval_d': one.interval,
+            **{key: value if np.isfinite(value) else None
+               for key, value in (('expected_d', one.expected), ('soonest_d', one.soonest))}}
+            for curve, one in forecasts.items()}}
+
+
+def _step_json(step: Shift) -> dict[str, Any]:
+    return {'quantity': step.series.name, 'owner': step.series.owner, 'size': step.size.tolist(),
+            'U': (2 * step.u).tolist(), 'p': step.p}

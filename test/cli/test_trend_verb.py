@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosette archive simulate and rosette trend: a simulated year with a known change, as a user sees it."""
+
+import datetime
+import json
+
+import numpy as np
+import pytest
+
+from rosette_ros.analysis import analyse
+from rosette_ros.archive.run_row import evaluation_row, heading
+from rosette_ros.archive.table_history import history_of
+from rosette_ros.cli.main import main
+from rosette_ros.core.errors import InvalidConfig, InvalidData
+from rosette_ros.core.model.model import Model
+from rosette_ros.io.identity_file import parse_identity
+from rosette_ros.simulation.ageing import AgeingScript, MachineChange, read_ageing
+
+SCRIPT = '''
+machine: {plate: {balls: 5}, probing: {repeatability_um: 0.1}}
+every_days: 30
+runs: 16
+seasons_K: 2
+changes:
+- {day: 0, until_day: 480, set: {table: {translation_um: 0.1}}}
+- {day: 300, set: {table: {added_errors: [{error: crz, per_turn: 2, amplitude: 3.0}]}}}
+'''
+IDENTITY = 'schema: rosette-identity/1\ntable: {serial: RT-7}\ntolerances: {crz: 20 µrad, ctz: 5 µm}\n'
+START = datetime.datetime(2024, 1, 1, tzinfo=datetime.UTC)
+
+
+@pytest.fixture(scope='module')
+def archive(tmp_path_factory):
+    """Return the folder of an archive of SCRIPT."""
+    folder = tmp_path_factory.mktemp('years')
+    (folder / 'ageing.yaml').write_text(SCRIPT)
+    (folder / 'identity.yaml').write_text(IDENTITY, encoding='utf-8')
+    assert main(['archive', 'simulate', str(folder / 'ageing.yaml'), '--into', str(folder / 'plant'), '--identity',
+                 str(folder / 'identity.yaml')]) == 0
+    return folder / 'plant'
+
+
+def test_a_change_is_found_with_its_date_and_owner(archive, rosette, tmp_path):
+    """crz twice per turn by 3 µrad between the tenth and the eleventh run; wear and seasons are none."""
+    found = json.loads(rosette('trend', archive, '--table', 'RT-7', '--json').out)
+    assert found['schema'] == 'rosette-trend/1'
+    assert len(found['runs']) == 16
+    [event] = found['events']
+    assert event['run_id'] == 'day_0300.0'
+    assert event['owners'] == ['table']
+    step = event['steps'][0]
+    assert step['quantity'] == 'crz, 2 per turn'
+    off = np.abs(np.array(step['size']) - [3e-6, 0.0])
+    assert np.all(off < 1.5 * np.array(step['U'])), 'three standard uncertainties'
+    assert set(found['forecasts']) == {'crz_rad', 'ctz_m'}
+    text = rosette('trend', archive, '--table', 'RT-7', '--figures', tmp_path).out
+    assert 'crz, 2 per turn' in text
+    assert 'When tolerances are reached' in text
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['trend_control_chart.png', 'trend_ranges.png']
+
+
+def test_an_unknown_table_is_one_line(archive, refused):
+    """With those that there are."""
+    assert refused('trend', archive, '--table', 'RT-8') == (
+        f"rosette: {archive}: wanted dated runs of table 'RT-8', got none; it has tables 'RT-7'\n")
+
+
+def test_few_runs_have_no_trend():
+    """In words."""
+    with pytest.raises(InvalidData, match="trend of table 'a': wanted at least 8 dated runs, got 3"):
+        history_of(rows_of(AgeingScript(machine={'plate': {'balls': 3}}, runs=3)), 'a')
+
+
+def rows_of(script):
+    """Return the rows of a script."""
+    identity = parse_identity(IDENTITY.encode())
+    return [{**heading(f'{day}', 'here', '', Model(), START, run.run_id),
+             **evaluation_row(analyse(run), identity=identity), 'measured_at': START + datetime.timedelta(days=day)}
+            for day, run in script.iter_runs()]
+
+
+def test_another_plate_is_a_change_of_the_plate():
+    """Its balls, and not the table."""
+    script = AgeingScript(machine={'plate': {'balls': 3}}, runs=14,
+                          changes=(MachineChange(day=56, set={'plate': {'number': 2}}),))
+    [event] = history_of(rows_of(script), 'RT-7').events()
+    assert event.run == 8
+    assert event.owners[0] == 'plate'
+
+
+@pytest.mark.parametrize(('text', 'words'), [
+    ('changes: [{day: 3, until_day: 2, set: {}}]', 'changes.1: until_day: wanted a day after 3, got 2'),
+    ('changes: [{day: 3, set: {plate: {ball: 7}}}]', 'changes.1.set: plate.ball: wanted'),
+    ('runs: 0', 'runs: wanted'),
+    ('[]', 'wanted a mapping of settings'),
+])
+def test_a_wrong_script_is_one_line(tmp_path, text, words):
+    """Where, wanted, got."""
+    path = tmp_path / 'ageing.yaml'
+    path.write_text(text)
+    with pytest.raises(InvalidConfig) as caught:
+        read_ageing(path)
+    assert words in str(caught.value)
+    assert '\n' not in str(caught.value)

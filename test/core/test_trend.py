@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Trends: changes of known date and size are found, histories without one show none, charts and forecasts are right."""
+
+import numpy as np
+import pytest
+
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.geometry import nominal_angles
+from rosette_ros.core.trend import LEAST_RUNS, TimeSeries, control_chart, find_events, forecast, harmonics
+
+WEEK = 7.0
+
+
+def history(seed, runs=80, changes=(), many=24, season=2.0, wear=3.0, scatter=1.0):
+    """Return (days, series, temperature) with u = 1: seasons by temperature, wear, changes of (series, run, size)."""
+    rng = np.random.default_rng(seed)
+    days = WEEK * np.arange(runs)
+    temperature = 20 + season * np.sin(2 * np.pi * days / 365) + 0.05 * rng.standard_normal(runs)
+    made = []
+    for place in range(many):
+        values = scatter * rng.standard_normal((runs, 2)) + 0.5 * (temperature[:, None] - 20)
+        values += wear * days[:, None] / days[-1]
+        for which, run, size in changes:
+            if which == place:
+                values[run:] += size * np.array([0.6, 0.8])
+        owner = 'table' if place < many // 2 else 'plate'
+        made.append(TimeSeries(owner, f'series {place}', values, np.ones((runs, 2))))
+    return days, made, temperature
+
+
+def cut(series, runs):
+    """Return the series as they were known after so many runs."""
+    return [TimeSeries(one.owner, one.name, one.values[:runs], one.u[:runs]) for one in series]
+
+
+def test_wear_and_seasons_are_no_change():
+    """20 histories with a slope of three standard uncertainties and 2 K of seasons."""
+    assert sum(len(find_events(*history(seed))) for seed in range(20)) == 0
+
+
+def test_a_change_of_3_u_is_found_within_three_runs():
+    """U has k = 2, so 6 standard uncertainties: date and owner, of at least 19 in 20."""
+    found = 0
+    for seed in range(20):
+        at = 20 + 3 * seed
+        days, series, temperature = history(seed, changes=[(3, at, 6.0)])
+        events = find_events(days[:at + 3], cut(series, at + 3), temperature[:at + 3])
+        found += len(events) == 1 and abs(events[0].run - at) <= 1 and events[0].owners == ('table',)
+    assert found >= 19
+
+
+def test_what_changes_together_is_one_event():
+    """Of two owners, the stronger first; size and uncertainty are those of the change."""
+    changes = [(place, 40, 12.0) for place in (15, 16, 17)] + [(2, 40, 8.0)]
+    [event] = find_events(*history(1, changes=changes))
+    assert event.run == 40
+    assert event.earliest <= 40 <= event.latest
+    assert event.owners == ('plate', 'table')
+    assert [step.series.name for step in event.steps][-1] == 'series 2'
+    for step, size in zip(event.steps, (12.0, 12.0, 12.0, 8.0), strict=True):
+        assert np.all(np.abs(step.size - size * np.array([0.6, 0.8])) < 4 * step.u)
+        assert step.p < 0.002
+
+
+def test_two_changes_of_one_series_are_two_events():
+    """There and back."""
+    events = find_events(*history(2, changes=[(5, 30, 9.0), (5, 55, -9.0)]))
+    assert [event.run for event in events] == [30, 55]
+
+
+def test_scatter_beyond_u_is_no_change():
+    """Runs that scatter three times as much as they state: limits follow the scatter."""
+    assert sum(len(find_events(*history(seed, scatter=3.0))) for seed in range(10)) == 0
+
+
+def test_few_or_unsorted_runs():
+    """Nothing is said of fewer than LEAST_RUNS; the order of time is wanted."""
+    days, series, temperature = history(3, runs=LEAST_RUNS - 1, changes=[(0, 4, 100.0)])
+    assert find_events(days, series, temperature) == ()
+    with pytest.raises(InvalidData, match='wanted the runs in the order of time'):
+        find_events(days[::-1], series, temperature)
+
+
+def test_runs_without_a_value_are_left_out():
+    """An effect that was in the model later."""
+    days, series, temperature = history(4, changes=[(0, 50, 9.0)], many=2)
+    series[0].values[:25] = np.nan
+    [event] = find_events(days, series, temperature)
+    assert event.run == 50
+
+
+def test_control_charts_hold_and_alarm():
+    """No alarm in 40 histories of 200 runs; a step of 6 standard deviations is one after at most three runs."""
+    rng = np.random.default_rng(7)
+    for _ in range(40):
+        assert control_chart(rng.standard_normal(200), np.ones(200), 200).alarms == ()
+    values = rng.standard_normal(60)
+    values[40:] += 6
+    first = control_chart(values, np.ones(60), 60 * 48).alarms[0]
+    assert 40 <= first <= 42
+    with pytest.raises(InvalidData, match='wanted at least 8 runs, got 7'):
+        control_chart(values[:7], np.ones(7), 7)
+
+
+def test_the_cusum_limit_gives_its_run_length():
+    """Both senses of an allowance of one standard deviation: mean run length 200, by simulation, within 10 %."""
+    limit = control_chart(np.zeros(8), np.ones(8), 1, false_events=1 / 200).cusum_limit
+    rng = np.random.default_rng(8)
+    length, up, down = np.zeros(4000), np.zeros(4000), np.zeros(4000)
+    running = np.ones(4000, dtype=bool)
+    while running.any():
+        z = rng.standard_normal(4000)
+        up, down = np.maximum(0, up + z - 1), np.maximum(0, down - z - 1)
+        length += running
+        running &= np.maximum(up, down) <= limit
+    assert abs(length.mean() / 200 - 1) < 0.1
+
+
+def test_a_tolerance_is_reached_when_the_line_says():
+    """1 µm in 100 days from 2 µm to 5 µm; the interval is at most twice the present one, at least half of it."""
+    days = 10.0 * np.arange(11)
+    values = 2e-6 + 1e-8 * days
+    made = forecast(days, values, np.full(11, 1e-9), 5e-6)
+    assert abs(made.expected - 200.0) < 1e-6
+    assert 190 < made.soonest < 200
+    assert made.interval == 20.0
+    assert forecast(days, values, np.full(11, 1e-9), 2.9e-6).interval == 5.0
+    assert forecast(days, values[::-1], np.full(11, 1e-9), 5e-6).expected == np.inf
+    with pytest.raises(InvalidData, match='wanted at least 3 runs at different times, got 2'):
+        forecast(days[:2], values[:2], np.ones(2), 1.0)
+
+
+def test_harmonics_of_a_known_curve():
+    """Amplitudes return; u as a Monte Carlo of 4000 draws gives it, within 5 %."""
+    angle = nominal_angles(12)
+    curve = 3.0 * np.cos(2 * angle) - 2.0 * np.sin(5 * angle)
+    values, u = harmonics(angle, curve, np.full(12, 0.5))
+    wanted = np.zeros((5, 2))
+    wanted[1, 0], wanted[4, 1] = 3.0, -2.0
+    assert np.allclose(values, wanted, atol=1e-12)
+    rng = np.random.default_rng(9)
+    drawn = harmonics(angle, curve + 0.5 * rng.standard_normal((4000, 12)), np.full(12, 0.5))[0]
+    assert np.allclose(drawn.std(axis=0) / u, 1.0, atol=0.05)
