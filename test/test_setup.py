@@ -36,7 +36,9 @@ ROSDEP_KEYS = {
     'zstandard': 'mcap-ros2-support',
 }
 """Imported module to rosdep key; ROS packages are their own keys."""
-WITHOUT_KEY = {'nicegui': 'nicegui', 'starlette': 'nicegui', 'reportlab': 'reportlab pypdf', 'pypdf': 'reportlab pypdf'}
+ARCHIVE = 'distributed duckdb fsspec pyarrow'
+WITHOUT_KEY = {'nicegui': 'nicegui', 'starlette': 'nicegui', 'reportlab': 'reportlab pypdf', 'pypdf': 'reportlab pypdf',
+               **dict.fromkeys(('dask', 'distributed', 'duckdb', 'fsspec', 'pyarrow'), ARCHIVE)}
 """Imported modules that rosdep does not know, and what installs them; the README says how."""
 
 SCRIPT = re.compile(r"'(\w+) = ([\w.]+):(\w+)'")

@@ -114,13 +114,13 @@ class Budget:
 
     @property
     def effective_dof(self) -> Floats:
-        """Degrees of freedom of the mean of each curve by Welch and Satterthwaite (GUM G.4.1), (6,).
+        """Degrees of freedom of the mean of each curve by Welch and Satterthwaite (GUM G.4.1), (6,); inf without any.
 
         The lines of the noise share one estimate of its size, and count as one."""
         noise = sum(one.mean**2 for one in self.contributions if one.is_noise)
         fourth = noise**2 / self.dof + sum(one.mean**4 / one.dof for one in self.contributions if not one.is_noise)
-        with np.errstate(divide='ignore'):
-            return np.asarray(self.mean**4 / fourth)
+        whole = np.broadcast_to(fourth, self.mean.shape)
+        return np.divide(self.mean**4, whole, out=np.full(self.mean.shape, np.inf), where=whole > 0)
 
     @property
     def coverage(self) -> Floats:

@@ -2,6 +2,7 @@
 """Runs that a fault stops, over TCP: nothing moves until a person has looked, then the rest is measured and no more."""
 
 import asyncio
+import functools
 import re
 
 import numpy as np
@@ -95,9 +96,15 @@ async def interrupted(*faults, **timeouts):
     return words, asked, places(sequence)
 
 
-@pytest.fixture(scope='module')
+@pytest.fixture
 def undisturbed():
     """Return the ball centres of a run that nothing stops."""
+    return centres_of_an_undisturbed_run()
+
+
+@functools.cache
+def centres_of_an_undisturbed_run():
+    """Measure once; not as a fixture of the module, which would start in the event loop of another module's browser."""
     words, asked, centres = asyncio.run(interrupted())
     assert not words
     assert len(asked[0]) == len(centres) == 1 + 2 * N + N * N + 1

@@ -123,7 +123,12 @@ def test_histogram_counts_every_coordinate_and_draws_the_noise(run):
 def test_arrows_have_the_scale_that_is_written_beside_them():
     """The scale arrow is as long as its number says, in the same data units as the others."""
     rng = np.random.default_rng(2)
-    plate, cmm = 2e-5 * rng.standard_normal((8, 3)), 1e-6 * rng.standard_normal((8, 3))
+    cmm, angle = 1e-6 * rng.standard_normal((8, 3)), 2 * np.pi * np.arange(8) / 8
+    place = 0.1825 * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(8)])
+    moves = np.stack([*(np.broadcast_to(one, (8, 3)) for one in np.eye(3)), *np.cross(np.eye(3)[:, None], place)])
+    moves = moves.reshape(6, -1).T  # of the whole plate: eccentricity, height, tilt, turn
+    plate = 2e-5 * rng.standard_normal(24)
+    plate = (plate - moves @ np.linalg.lstsq(moves, plate)[0]).reshape(8, 3)
     made = deviations(plate, cmm, 0.1825)
     for panel, values in zip((made.axes[0], made.axes[2]), (plate, cmm), strict=True):
         arrows = [one for one in panel.collections if isinstance(one, Quiver)]
