@@ -120,7 +120,8 @@ class Budget:
         noise = sum(one.mean**2 for one in self.contributions if one.is_noise)
         fourth = noise**2 / self.dof + sum(one.mean**4 / one.dof for one in self.contributions if not one.is_noise)
         whole = np.broadcast_to(fourth, self.mean.shape)
-        return np.divide(self.mean**4, whole, out=np.full(self.mean.shape, np.inf), where=whole > 0)
+        dof: Floats = np.divide(self.mean**4, whole, out=np.full(self.mean.shape, np.inf), where=whole > 0)
+        return dof
 
     @property
     def coverage(self) -> Floats:
