@@ -14,6 +14,7 @@ from rosette_ros.dme.serve_settings import DmeFaults, ServeSettings
 from rosette_ros.dme.virtual_cmm import MovePace, TouchParameters, VirtualCmm, short_way
 from rosette_ros.dme.wire import Call, Value, Word, call
 from rosette_ros.simulation import MachineConfig
+from rosette_ros.simulation.touch_by_touch import SingleTouch
 
 Line: TypeAlias = tuple[Value, ...]
 AXES, INCH = ('X', 'Y', 'Z'), 25.4
@@ -76,11 +77,16 @@ class ServedCommands:
         self.at_once: Mapping[str, Callable[[Call], list[Line]]] = plain | (
             modern if settings.dialect == '2.x' else {})
         self.moving: Mapping[str, Callable[[Call], Awaitable[list[Line]]]] = {
-            'Home': self._home, 'GoTo': self._go_to, 'PtMeas': self._pt_meas, 'ChangeTool': self._change_tool,
-            'AlignPart': self._align_part}
+            'Home': self._home, 'GoTo': self._go_to, 'ChangeTool': self._change_tool, 'AlignPart': self._align_part}
 
-    async def carry_out(self, command: Call) -> list[Line]:
-        """Return the data that a command answers, once it is done; raises Refused."""
+    async def carry_out(self, command: Call, on_contact: Callable[[Line], None]) -> list[Line]:
+        """Return the data that a command answers, once it is done; raises Refused.
+
+        on_contact: called with the data of PtMeas as soon as it has touched; the retract follows."""
+        if command.name == 'PtMeas':
+            self.is_user_enabled = False
+            await self._pt_meas(command, on_contact)
+            return []
         if command.name not in self.moving:
             return self.answer(command)
         self.is_user_enabled = False
@@ -286,7 +292,7 @@ class ServedCommands:
         await self.cmm.go_to(place, angle, self._pace('GoToPar'), command.name)
         return []
 
-    async def _pt_meas(self, command: Call) -> list[Line]:
+    async def _pt_meas(self, command: Call, on_contact: Callable[[Line], None]) -> None:
         if self.tool == NONE:
             raise Refused(1503, command.name)
         if self.tool == UNQUALIFIED:
@@ -304,14 +310,18 @@ class ServedCommands:
             raise Refused(1010, command.name)
         outwards = outwards / length
         tool = {name.removeprefix('PtMeasPar.'): one.act for name, one in self.tools[self.tool].items()}
-        touch = await self.cmm.measure(place, outwards, self._pace('GoToPar'), TouchParameters(
-            self._pace('PtMeasPar'), 1e-3 * tool['Approach'], 1e-3 * tool['Search'], 1e-3 * tool['Retract']))
+        await self.cmm.measure(place, outwards, self._pace('GoToPar'), TouchParameters(
+            self._pace('PtMeasPar'), 1e-3 * tool['Approach'], 1e-3 * tool['Search'], 1e-3 * tool['Retract']),
+            lambda touch: on_contact(self._touched(touch, outwards)))
+
+    def _touched(self, touch: SingleTouch, outwards: Floats) -> Line:
+        """Return what is reported of a touch."""
         tip = self.cmm.cell.pattern.tip
         point = 1e3 * (touch.tip - tip * outwards if self.settings.compensated else touch.tip)
         values = {name: (self._length(point[axis]),) for axis, name in enumerate(AXES)}
         values |= {'IJK': tuple(round(one, 9) for one in outwards.tolist()), 'ER': (self._length(1e3 * tip),),
                    'Q': (0.0,), 'R': (self._shown_angle(),)}
-        return [tuple(call(name, *values[name]) for name in self.report)]
+        return tuple(call(name, *values[name]) for name in self.report)
 
     async def _align_part(self, command: Call) -> list[Line]:
         """Turn the table so that a direction of the part, given as at R = 0, points along one of the machine."""

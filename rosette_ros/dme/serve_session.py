@@ -10,6 +10,7 @@ import asyncio
 import re
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -154,7 +155,7 @@ class ServedConnection:
         """Carry out a command and answer it to its end."""
         tag, name = command.tag, command.call.name
         try:
-            self._work = asyncio.create_task(self._result(command.call))
+            self._work = asyncio.create_task(self._result(command))
             await asyncio.wait([self._work])
             if self._work.cancelled():
                 raise Refused(6, name)
@@ -165,19 +166,19 @@ class ServedConnection:
                 refused = Refused(6, name)
             self._fail(tag, refused)
         else:
-            if name == 'PtMeas':
-                self._spoil(tag, lines)
-            else:
-                self._answer(tag, lines)
+            self._answer(tag, lines)
+            if name == 'PtMeas' and self.faults.strike('unsolicited'):
+                self._fail('E0000', Refused(1009, 'HealthCheck'))
         finally:
             self._work = None
         self._send(Response(tag, DONE))
         if self.commands.wants_clear:
             self._abort_waiting()
 
-    async def _result(self, command: Call) -> list[Line]:
-        """Return what a command answers, in the state that the session is in; raises Refused."""
-        name, commands = command.name, self.commands
+    async def _result(self, sent: Command) -> list[Line]:
+        """Return what a command answers at its end, in the state that the session is in; raises Refused."""
+        command, commands = sent.call, self.commands
+        name = command.name
         if not self._is_open and name != 'StartSession':
             if name == 'EndSession':
                 return []
@@ -203,7 +204,7 @@ class ServedConnection:
                 raise Refused(512, name)
             self._stop_daemons(*self._daemons)
         else:
-            return await commands.carry_out(command)
+            return await commands.carry_out(command, partial(self._touched, sent.tag))
         if command.values and name != 'StopDaemon':
             raise Refused(502, name)
         return []
@@ -260,8 +261,8 @@ class ServedConnection:
         for values in lines:
             self._send(Response(tag, DATA, values))
 
-    def _spoil(self, tag: str, lines: list[Line]) -> None:
-        """Answer a touch, with the faults that strike it."""
+    def _touched(self, tag: str, values: Line) -> None:
+        """Answer a touch when it is made, with the faults that strike it."""
         strike = self.faults.strike
         if strike('restart'):
             self._writer.transport.abort()
@@ -272,11 +273,9 @@ class ServedConnection:
         if strike('wrong_tag'):
             tag = f'{int(tag) % 99999 + 1:05d}'
         if strike('nan'):
-            lines = [tuple(Call(one.name, (Word('nan'),)) if isinstance(one, Call) and one.name == 'X' else one
-                           for one in values) for values in lines]
-        self._answer(tag, lines)
-        if strike('unsolicited'):
-            self._fail('E0000', Refused(1009, 'HealthCheck'))
+            values = tuple(Call(one.name, (Word('nan'),)) if isinstance(one, Call) and one.name == 'X' else one
+                           for one in values)
+        self._answer(tag, [values])
 
     def _send(self, response: Response) -> None:
         values: tuple[Value, ...] = response.values

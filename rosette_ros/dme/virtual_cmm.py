@@ -6,6 +6,7 @@ Metres and radians, machine frame. Where a ball is and what a touch shows is ask
 
 import asyncio
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -133,8 +134,10 @@ class VirtualCmm:
             raise Refused(2504, what)
         await self._go(place, self.cell.travel if angle is None else self._turns * angle, pace, what=what)
 
-    async def measure(self, nominal: Floats, outwards: Floats, pace: MovePace, probing: TouchParameters) -> SingleTouch:
-        """Measure a point of a surface; outwards: unit vector (3,) out of the material. Raises Refused."""
+    async def measure(self, nominal: Floats, outwards: Floats, pace: MovePace, probing: TouchParameters,
+                      on_contact: Callable[[SingleTouch], None]) -> None:
+        """Measure a point of a surface; outwards: unit vector (3,) out of the material; on_contact: called before the
+        retract. Raises Refused."""
         what = 'PtMeas'
         self._may_move(what)
         if self.faults.has('not_qualified'):
@@ -152,9 +155,9 @@ class VirtualCmm:
             await self._go(near, self.cell.travel, pace, check=False)
             raise Refused(1006, what)
         await self._go(touch.tip, self.cell.travel, probing.pace, what=what)
+        on_contact(touch)
         away = near if probing.retract < 0 else touch.tip + probing.retract * outwards
         await self._go(away, self.cell.travel, pace, what=what)
-        return touch
 
     def stop(self) -> None:
         """Stop where it is."""

@@ -258,6 +258,24 @@ def test_a_sphere_is_measured(is_compensated, radius):
         assert 1e3 * sphere.distance[0] == pytest.approx([radius] * 20, abs=5e-5)
 
 
+def test_a_touch_is_reported_before_the_retract():
+    """I++ DME 1.4.3, 6.3.2.13: the place is latched and reported, then the tip goes back; only then all is done."""
+    with session(speed=1.0) as (client, server):
+        x, y, z = 1e3 * server.commands.cmm.cell.centres(0.0)[0]
+        server.commands.cmm.parked = 1e-3 * np.array([x, y, z + 16.0])
+        client.ask('SetProp(Tool.PtMeasPar.Approach(4), Tool.PtMeasPar.Retract(4))')
+        touch = f'PtMeas(Z({z + 7.5:.3f}), IJK(0, 0, 1))'
+        latched = client.numbers(touch)['Z']
+        assert client.numbers('Get(Z())')['Z'] == pytest.approx(latched + 4.0, abs=1e-3)
+        client.ask('SetProp(Tool.GoToPar.Speed(1))')  # the retract takes 4 s
+        tag = client.send(touch)
+        client.until(f'{tag} #')
+        abort = client.send('AbortE()')
+        assert [line[:7] for line in client.until(f'{abort} %')] == [f'{abort} &', f'{tag} !', f'{tag} %', f'{abort} %']
+        client.ask('ClearAllErrors()')
+        assert client.numbers('Get(Z())')['Z'] < latched + 3.0
+
+
 def test_the_report_holds_what_was_asked_for(served):
     assert served.data('OnPtMeasReport(R(), IJK(), Z(), ER(), Q())') == ''
     served.ask('GoTo(X(532.8), Y(259.7), Z(-250))')
