@@ -15,12 +15,12 @@ import numpy as np
 from rosette_ros import command
 from rosette_ros.cli.arguments import UsageError, add_shared, whole
 from rosette_ros.cli.console import console, print_json, print_parts
-from rosette_ros.core.errors import CellError, InvalidPlan
+from rosette_ros.core.errors import CellError, InvalidPlan, RosetteError
 from rosette_ros.core.geometry import rotate_z
 from rosette_ros.dme.ball_probing import DmeCmm
 from rosette_ros.dme.dme_check import DmeFinding, look_at
 from rosette_ros.dme.dme_plan import refuse_unsafe_plan
-from rosette_ros.dme.dme_session import DmeSession, Patience
+from rosette_ros.dme.dme_session import DmeSession, DmeStopped, Patience, ToolNotInUse
 from rosette_ros.dme.dme_settings import DmeSettings, load_dme_settings
 from rosette_ros.dme.probe_path import ball_path, length, lifted, obstacles, refuse_unsafe
 from rosette_ros.dme.stop_mark import StopMark
@@ -88,6 +88,8 @@ async def _prepared(cmm: DmeCmm, settings: DmeSettings) -> list[DmeFinding]:
     try:
         await cmm.prepare(may_move=False)
         out.append(DmeFinding('settings', '; '.join(cmm.remarks) or 'taken as they are', True))
+    except ToolNotInUse as error:
+        out.append(DmeFinding('settings', str(error), None))
     except CellError as error:
         out.append(DmeFinding('settings', str(error), False))
     try:
@@ -154,31 +156,59 @@ def dry_run_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def dry_run(options: argparse.Namespace) -> None:
-    """Go around all balls, above them."""
+    """Go around all balls, above them; what a person has to look at is kept beside the settings file."""
     mark, settings = StopMark(options.settings), load_dme_settings(options.settings)
     settings = settings.model_copy(update={'dry_run': True})
     if why := mark.read():
-        raise CellError(f'dme dry-run: {why}; then: {command("check-cmm", "--recover")} beside the cell, or remove '
-                        f'{mark.path}')
+        raise CellError(f'dme dry-run: {why}{_then(mark)}')
     places = len(refuse_unsafe_plan(settings))
     out = console()
     out.print(f'The ways at {places} places are safe. Ctrl-C aborts the move.')
     trace = (lambda line: print(line, file=sys.stderr)) if options.trace else None
 
-    async def went() -> None:
-        cmm = await DmeCmm.start(settings, trace)
+    try:
+        _run(_gone_around(settings, mark, options.balls, trace))
+    except DmeStopped as error:
+        if not mark.read():  # nothing has moved
+            raise
+        raise CellError(f'dme dry-run: {error}{_then(mark)}') from error
+
+
+async def _gone_around(settings: DmeSettings, mark: StopMark, count: int | None,
+                       trace: Callable[[str], None] | None) -> None:
+    """Go around the first balls above them; the mark stays where a person has to look at the machine."""
+    out, there = console(), settings.server
+    try:
+        session = await DmeSession.connect(there.host, there.port, settings.timeouts.patience, trace)
+    except DmeStopped as error:
+        mark.keep_refusal(error)
+        raise
+    mark.write('the dry run ended in the middle of a move: the machine may have been moving; a person has to look at '
+               'the machine')
+    if mark.complaint:
+        out.print(f'Warning: {mark.complaint}.')
+    cmm = DmeCmm(session, settings)
+    try:
         try:
-            balls = settings.table.frame.to_outer(settings.table.balls_at(0.0))[:options.balls]
-            for number, centre in enumerate(balls, 1):
+            await cmm.prepare()
+            for number, centre in enumerate(settings.table.frame.to_outer(settings.table.balls_at(0.0))[:count], 1):
                 began = time.monotonic()
                 await cmm.go_around(number, centre, 0.0)
                 out.print(f'ball {number}: {duration(time.monotonic() - began)}')
         except asyncio.CancelledError:
-            await cmm.session.halt()
+            await session.halt()
             raise
-        finally:
-            await cmm.session.end()
-    _run(went())
+    except (RosetteError, asyncio.CancelledError):
+        mark.settle(session)
+        raise
+    else:
+        mark.settle(session)
+    finally:
+        await session.end()
+
+
+def _then(mark: StopMark) -> str:
+    return f'; then: {command("check-cmm", "--recover")} beside the cell, or remove {mark.path}'
 
 
 def _run(work: Coroutine[Any, Any, Result]) -> Result:

@@ -3,7 +3,8 @@
 
 from pathlib import Path
 
-from rosette_ros.core.errors import plain
+from rosette_ros.core.errors import RosetteError, one_line, plain
+from rosette_ros.dme.dme_session import DmeLost, DmeSession, DmeStopped
 
 SUFFIX = '.stopped'
 
@@ -28,6 +29,15 @@ class StopMark:
     def write(self, words: str) -> None:
         """Keep why; a machine that is stopped is not moved, so a file that cannot be written is no error."""
         self._change(words)
+
+    def settle(self, session: DmeSession) -> None:
+        """Keep why a session has stopped where a person has to look; else remove the file: nothing moves any more."""
+        self._change(session.stop if session.for_person else '')
+
+    def keep_refusal(self, error: RosetteError) -> None:
+        """Keep that a server in an error state refused the session; nobody there is no stop, as nothing has moved."""
+        if isinstance(error, DmeStopped) and not isinstance(error, DmeLost):
+            self._change(one_line(error))
 
     def clear(self) -> None:
         """Remove it: nothing moves, or a person has looked."""

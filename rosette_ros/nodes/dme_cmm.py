@@ -209,6 +209,7 @@ class DmeCmmNode(CmmNode):
                 self._mark.clear()
             except RosetteError as error:
                 self._trouble = one_line(error)
+                self._mark.keep_refusal(error)
                 if self._cmm is not None and not self._cmm.session.for_person:
                     await self._cmm.session.end()
                     self._cmm = None
@@ -230,8 +231,8 @@ class DmeCmmNode(CmmNode):
                 found = await self._measured(cmm, target)
             except RosetteError as error:
                 found = error
-            if cmm is not None and not (cmm.session.for_person or self._trouble):
-                self._mark.clear()  # after an error that is no RosetteError it stays
+            if cmm is not None and not self._trouble:
+                self._mark.settle(cmm.session)  # after an error that is no RosetteError it stays
             self._found.put((target, found))
             self.executor.create_task(self._publish_found)
 

@@ -16,6 +16,7 @@ from matplotlib.patches import Circle
 from rosette_ros.cli.main import main
 from rosette_ros.dme.dme_server import serving
 from rosette_ros.dme.serve_settings import ServeSettings, fault_of
+from rosette_ros.dme.stop_mark import StopMark
 from rosette_ros.dme.virtual_cmm import client_settings
 from rosette_ros.presentation.plots.path_plots import probe_path
 from rosette_ros.simulation import MachineConfig
@@ -67,10 +68,20 @@ def test_a_machine_that_is_not_ready(settings, capfd):
     assert err == 'rosette: dme check: not passed: homed, settings, paths (docs/real-cmm.md)\n'
 
 
+def test_a_tool_that_will_be_changed_for(settings, capfd):
+    """That is no reason not to pass: it is said when it is done."""
+    with serving(CONFIG) as (port, server):
+        server.commands.tool = 'RefTool'
+        assert main(['dme', 'check', '--settings', settings(port, tool={'change': True})]) == 0
+        assert 'before the first ball' in ' '.join(capfd.readouterr().out.split())
+        assert server.commands.cmm.moved == 0
+
+
 def test_a_dry_run_touches_nothing(settings, capfd):
-    """All balls are gone around, above them."""
+    """All balls are gone around, above them; no mark is left."""
     with serving(CONFIG) as (port, _):
         assert main(['dme', 'dry-run', settings(port), '--trace']) == 0
+        assert not StopMark(settings(port)).path.exists()
         out, err = capfd.readouterr()
         assert 'The ways at 4 places are safe' in out
         assert [line.partition(':')[0] for line in out.splitlines()[1:]] == [f'ball {k}' for k in range(1, 5)]
@@ -96,6 +107,42 @@ def test_an_ended_dry_run_aborts_the_move(settings, capfd):
     assert end.value.code == 128 + signal.SIGTERM
     assert [line.split()[2] for line in lines if line.startswith('<')][-2:] == ['AbortE()', 'EndSession()']
     assert not capfd.readouterr().err
+    assert not StopMark(settings()).path.exists()
+
+
+@pytest.mark.parametrize(('fault', 'words', 'more'), [
+    ('collision:at=8', 'error 2504 (severity 3): Collision; a person has to look', ()),
+    ('emergency_stop:at=8', 'error 0500 (severity 3): Emergency stop; a person has to look', ()),
+    ('abort_ignored', 'AbortE was not answered within 0.5 s: the machine may still move', ('GoTo(',)),
+])
+def test_a_dry_run_that_is_stopped(settings, capfd, fault, words, more):
+    """A person is wanted, over the end of the program: neither dry run nor cell moves before the mark is removed."""
+    def told(line):
+        if line.startswith('<') and any(word in line for word in more):
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        with serving(CONFIG, ServeSettings(speed=1000.0, faults=(fault_of(fault),)), say=told) as (port, server):
+            path = settings(port, timeouts={'abort_s': 0.5})
+            assert main(['dme', 'dry-run', path]) == 2
+            said = capfd.readouterr().err
+            assert words in said
+            assert f'check-cmm --recover beside the cell, or remove {path}.stopped' in said
+            assert words in StopMark(path).read()
+            moved = server.commands.cmm.moved
+            assert main(['dme', 'dry-run', path]) == 2
+            assert words in capfd.readouterr().err
+            assert server.commands.cmm.moved == moved
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def test_a_dry_run_that_does_not_begin(settings, capfd):
+    """Nobody listens: said in one line; nothing has moved, so no person is wanted."""
+    assert main(['dme', 'dry-run', settings(1)]) == 2
+    assert 'is the I++ server started' in capfd.readouterr().err
+    assert not StopMark(settings()).path.exists()
 
 
 def test_the_path_as_table_and_picture(settings, tmp_path, capfd):

@@ -1,6 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The file that keeps that a person is wanted."""
 
+import asyncio
+
+import pytest
+from scripted_server import OK, error, run, settings_of, unsolicited
+
+from rosette_ros.core.errors import CellError
+from rosette_ros.dme.ball_probing import DmeCmm
 from rosette_ros.dme.stop_mark import StopMark
 
 
@@ -29,3 +36,37 @@ def test_files_that_are_not_as_written(tmp_path):
     assert 'cannot be read: Is a directory; a person has to look' in mark.read()
     mark.write('x')
     assert 'cannot be written: Is a directory; a restart of the cell would forget' in mark.complaint
+
+
+@pytest.mark.parametrize(('number', 'words'), [(514, 'error 0514'), (500, 'error 0500'), (None, '')])
+def test_a_session_that_is_refused(tmp_path, number, words):
+    """By a server in an error state: a person has to look. Nobody there: nothing has moved."""
+    async def scene(server, cmm):
+        await cmm.session.end()
+        server.replies['StartSession'] = lambda tag, asked: error(tag, 3, number) if number else OK
+        if not number:
+            server.server.close()
+        mark = StopMark(tmp_path / 'dme.yaml')
+        with pytest.raises(CellError) as caught:
+            await DmeCmm.start(cmm.settings)
+        mark.keep_refusal(caught.value)
+        assert words in mark.read()
+        assert bool(mark.read()) == bool(number)
+    run(scene, settings_of(timeouts={'connect_s': 2.0}))
+
+
+def test_how_a_session_came_to_rest(tmp_path):
+    """What a person has to look at is kept; an error of a command is not."""
+    async def scene(server, cmm):
+        mark = StopMark(tmp_path / 'dme.yaml')
+        mark.write('in the middle of a move')
+        mark.settle(cmm.session)
+        assert not mark.read()
+        for number, kept in ((1006, ''), (2504, 'error 2504')):
+            server.send(unsolicited(3, number))
+            while f'error {number}' not in cmm.session.stop:
+                await asyncio.sleep(0)
+            mark.settle(cmm.session)
+            assert bool(kept) == bool(mark.read())
+            assert kept in mark.read()
+    run(scene)
