@@ -13,6 +13,7 @@ from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import AXES, SERIALS
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.geometry import TWO_PI, wrap
 from rosette_ros.core.records import CURVES, Floats
 from rosette_ros.core.trend import LEAST_RUNS, Event, Forecast, TimeSeries, find_events, forecast, harmonics
 from rosette_ros.io.identity_file import parse_identity
@@ -88,6 +89,10 @@ def read_history(archive: RunArchive, table: str, model: str = '') -> History:
 def history_of(rows: Sequence[Mapping[str, Any]], serial: str = '') -> History:
     """Return the history of rows (run_row.COLUMNS) under one model, sorted by time; raises InvalidData for few."""
     rows = sorted(rows, key=lambda row: row['measured_at'])
+    for row in rows:
+        if abs(offset := float(wrap(row['angle_rad'][0]))) > 0.1 * TWO_PI / row['n']:
+            raise InvalidData(f'run {row["run_id"]}: wanted runs whose table position 1 is at angle 0, got '
+                              f'{np.rad2deg(offset):.6g} deg; leave runs at half pitches out of the archive')
     if len(rows) < LEAST_RUNS:
         raise InvalidData(f'trend of table {serial!r}: wanted at least {LEAST_RUNS} dated runs, got {len(rows)}')
     dates = tuple(row['measured_at'] for row in rows)

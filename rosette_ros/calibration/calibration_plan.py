@@ -9,7 +9,7 @@ import numpy as np
 from rosette_ros.core.axes import words
 from rosette_ros.core.geometry import Frame, nominal_angles
 from rosette_ros.core.records import Ints
-from rosette_ros.core.scheme import Scheme, cmm_position, nominal_places
+from rosette_ros.core.scheme import Scheme, cmm_position
 from rosette_ros.io.messages import TABLE_FRAME, Phase, Target
 
 
@@ -35,8 +35,7 @@ class CalibrationPlan:
         """Return a target in the machine frame, where the table frame is, or in the table frame.
 
         Its pole, from which the ball is probed, is on the free side of the plate: the table axis, as taught."""
-        x, y, z = frame.to_outer(
-            nominal_places(target.balls, target.radius, target.table_position, target.ball)).tolist()
+        x, y, z = frame.to_outer(target.place).tolist()
         a, b, c = (np.eye(3) if frame_id == TABLE_FRAME else self.taught.rotation)[:, 2].tolist()
         return target._replace(centre=(x, y, z), frame_id=frame_id, pole=(a, b, c))
 
@@ -61,12 +60,14 @@ class CalibrationPlan:
         """Return the target at 0..N-1, seq is index + 1, with its nominal centre, before it is asked (attempt 0)."""
         n = self.scheme.n
         position, ball = int(self.table_position[index]), int(self.ball[index])
-        x, y, z = nominal_places(n, self.radius, position, ball).tolist()
-        return Target(
+        made = Target(
             run_id='', seq=index + 1, attempt=0, session=0, phase=Phase(int(self.phase[index])), balls=n,
             radius=self.radius, table_position=position, ball=ball, cmm_position=int(cmm_position(n, position, ball)),
-            table_angle=float(nominal_angles(n)[position - 1]), approach=int(self.approach[index]), centre=(x, y, z),
-            frame_id=TABLE_FRAME, stamp_ns=0, touches=int(self.touches[index]))
+            table_angle=float(nominal_angles(n)[position - 1] + self.scheme.table_offset),
+            approach=int(self.approach[index]), centre=(0.0, 0.0, 0.0), frame_id=TABLE_FRAME, stamp_ns=0,
+            touches=int(self.touches[index]))
+        x, y, z = made.place.tolist()
+        return made._replace(centre=(x, y, z))
 
     def place_in_phase(self, index: int) -> tuple[int, int]:
         """Return (place, size): the place of a target in its phase, one-based, and the size of the phase."""

@@ -93,6 +93,8 @@ RUN = (
     Wanted('cmm_positions', '', 'CMM positions in use: how many ("6", the best ones), a share ("50 %") or which '
            '("1, 4, 6, 9"); "": all, half of them in order there_and_back'),
     Wanted('balls_in_use', '', 'balls in use, likewise; not together with cmm_positions'),
+    Wanted('table_offset_deg', 0.0, 'table angle of table position 1, degrees, below one step of the table: half of it '
+           'for a run at half pitches', 0.0, 360.0),
     Wanted('touches', 0, 'touches of each ball, 0: as the CMM usually does', 0, 1000),
     Wanted('repeats', 10, 'readings of the repeatability check, 0: none', 0, 10_000),
     Wanted('drift_check', True, 'whether the first ball is measured again after the run'))
@@ -120,11 +122,11 @@ PLANNED = PLATE + TABLE + RUN + (PLAN, PLATE_FILE)  # what decides which targets
 FIELDS = {'order': 'order', 'balls': 'plate.balls', 'radius': 'plate.radius_m', 'turning': 'turning',
           'cmm_positions': 'cmm_positions', 'balls_in_use': 'balls_in_use', 'touches': 'touches', 'repeats': 'repeats',
           'drift_check': 'drift_check', 'attempts': 'limits.attempts', 'skips': 'limits.skips',
-          'resume': 'resume', 'plan': 'plan', 'plate': 'plate.file'}
+          'resume': 'resume', 'plan': 'plan', 'plate': 'plate.file', 'table_offset': 'table_offset_deg'}
 """Fields of a goal by the setting that each changes."""
 NONE: dict[str, dict[int, Value]] = {'repeats': {-1: 0}, 'skips': {-1: 0}, 'drift_check': {-1: False, 1: True}}
 """What the constants of Calibrate.action stand for."""
-BY_PLAN = ('plate.balls', 'plate.radius_m', 'order', 'seed', 'turning', *PLACES, 'plate.file')
+BY_PLAN = ('plate.balls', 'plate.radius_m', 'order', 'seed', 'turning', *PLACES, 'plate.file', 'table_offset_deg')
 """What a plan file decides."""
 BY_PLATE = ('plate.radius_m', 'balls_in_use')
 """What a plate file decides."""
@@ -136,7 +138,9 @@ def goal_changes(goal: Mapping[str, Any]) -> dict[str, Value]:
     changes = {}
     for field, value in goal.items():
         if field in FIELDS:
-            changes[FIELDS[field]] = known[FIELDS[field]].check(NONE.get(field, {}).get(value, value), 'goal')
+            given = round(float(np.rad2deg(value)), 12) if field == 'table_offset' else (
+                NONE.get(field, {}).get(value, value))
+            changes[FIELDS[field]] = known[FIELDS[field]].check(given, 'goal')
     if 'order' in goal or 'seed' in goal:
         changes['seed'] = known['seed'].check(goal.get('seed', 0), 'goal')
     options = parse_options(goal.get('options', ''))
@@ -230,7 +234,8 @@ def scheme_of_settings(values: Mapping[str, Any]) -> Scheme:
     """Return the Scheme for settings (name to value, all of PLATE and RUN, a plan as its text)."""
     if values['plan']:
         return parse_plan(values['plan'].encode(), 'plan').scheme
-    return plan(values['plate.balls'], values['order'], values['seed'], values['turning'], *_places(values))
+    made = plan(values['plate.balls'], values['order'], values['seed'], values['turning'], *_places(values))
+    return made.shifted(values['table_offset_deg'])
 
 
 def _places(values: Mapping[str, Any]) -> tuple[tuple[int, ...], ...]:
@@ -263,7 +268,8 @@ def parse_settings(text: str, where: str) -> dict[str, Value]:
     """Return the settings that format_settings wrote, name to value; raises InvalidConfig in words."""
     given = parse_mapping(text, where, MOST_SETTINGS, 'order: row', InvalidConfig)
     # than the first logs, or left out
-    later = ('table.axis', 'touches', *PLACES, 'plate.file', *(BY_PLAN[2:] if 'plan' in given else ('plan',)))
+    later = ('table.axis', 'touches', 'table_offset_deg', *PLACES, 'plate.file',
+             *(BY_PLAN[2:] if 'plan' in given else ('plan',)))
     known = (*PLANNED, *[IDENTITY] * (IDENTITY.name in given))
     return _of_plan({wanted.name: wanted.check(given.get(wanted.name, wanted.default if wanted.name in later else None),
                                                where) for wanted in known}, where=f'{where}: plan')

@@ -14,7 +14,6 @@ from rosette_ros.calibration.calibration_plan import CalibrationPlan
 from rosette_ros.core.axes import refuse_other_axis, refuse_other_sense
 from rosette_ros.core.errors import RosetteError, counted, plain
 from rosette_ros.core.geometry import Frame, table_frame, wrap
-from rosette_ros.core.scheme import nominal_places
 from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Answer, Phase, Target, short_frame
 from rosette_ros.io.reading_checks import remarks_on_answers
 from rosette_ros.io.run_assembly import RunAnswers
@@ -118,8 +117,7 @@ def complaint(answer: Answer, target: Target, limits: Limits) -> str:
         return (f'wanted the table within {limits.angle:g} rad of {target.table_angle:.6f} rad, got '
                 f'{answer.table_angle:.6f} rad{"; that is degrees, give radians" * degrees}')
     limit = limits.search if target.phase in (Phase.REPEATABILITY, Phase.ALIGNMENT) else limits.distance
-    expected = target.centre if frame == asked else nominal_places(
-        target.balls, target.radius, target.table_position, target.ball)
+    expected = target.centre if frame == asked else target.place
     away = float(np.linalg.norm(np.subtract(answer.centre, expected)))
     millimetres = float(np.linalg.norm(np.multiply(answer.centre, 1e-3) - np.asarray(expected))) <= limit
     return (f'wanted a ball within {1e3 * limit:g} mm of the target, got {1e3 * away:.3f} mm'
@@ -435,7 +433,8 @@ class Sequence:
             return self._finish(Phase.FAILED, f'alignment: wanted all centres in one frame, got '
                                 f'{", ".join(sorted(frames))}')
         try:
-            self._frame = table_frame(centres[:n], centres[n:])
+            # Ball 1 was seen at the first table position; x is where it is at table angle 0.
+            self._frame = table_frame(centres[:n], centres[n:]).turned(-self.plan.scheme.table_offset)
             refuse_other_axis(self._frame, self.plan.taught)
             refuse_other_sense(self._frame, centres[:n], centres[n:])
         except RosetteError as error:

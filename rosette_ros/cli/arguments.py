@@ -94,6 +94,12 @@ def add_places(parser: argparse.ArgumentParser) -> None:
                        'positions, such as 0.5', type=_share)
 
 
+def add_table_offset(parser: argparse.ArgumentParser) -> None:
+    """Add --table-offset-deg."""
+    parser.add_argument('--table-offset-deg', metavar='DEG', type=positive('deg'), help='table angle of table position '
+                        '1, below one step of the table: half a step for a run at half pitches (default 0)')
+
+
 def _share(text: str) -> str:
     part = _reader(float, lambda value: 0 < value <= 1, 'a part of the CMM positions, above 0 and at most 1')
     return f'{100 * part(text):g} %'

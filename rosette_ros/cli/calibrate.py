@@ -2,6 +2,7 @@
 """rosette calibrate: requests a calibration of a running cell and ends with its result."""
 
 import argparse
+import math
 import sys
 import time
 from dataclasses import replace
@@ -14,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn
 from rosette_ros.calibration.settings import FIELDS, LIMITS, OPTIONS, PLATE, RUN
 from rosette_ros.calibration.state_machine import PAUSE
 from rosette_ros.cell.client import CalibrationOutcome, CellClient
-from rosette_ros.cli.arguments import UsageError, add_places, add_shared, positive, whole
+from rosette_ros.cli.arguments import UsageError, add_places, add_shared, add_table_offset, positive, whole
 from rosette_ros.cli.console import console, print_parts, print_verdict
 from rosette_ros.core.errors import CellError
 from rosette_ros.core.scheme import ORDERS
@@ -42,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                                 {'type': whole(int(wanted.low), int(wanted.high))})
         parser.add_argument(f'--{field.replace("_", "-")}', help=wanted.text, **kind)
     add_places(parser)
+    add_table_offset(parser)
     parser.add_argument('--plan', metavar='FILE', help='measure a plan file (rosette plan --output FILE) instead of '
                         'an order')
     parser.add_argument('--plate', metavar='FILE', help='plate file (rosette-plate/1) of balls at other places than an '
@@ -67,6 +69,7 @@ def run(options: argparse.Namespace) -> None:
             client, order=options.order, seed=options.seed, options=options.options, resume=resume, plan=plan,
             plate=format_plate(read_plate(options.plate)) if options.plate else '',
             radius=options.radius_mm and 1e-3 * options.radius_mm,
+            table_offset=options.table_offset_deg and math.radians(options.table_offset_deg),
             **{field: getattr(options, field) for field in (*AS_CONFIGURED, 'cmm_positions', 'balls_in_use')})
     out = console()
     out.print(f'[bold]{escape(outcome.run_id)}[/]')

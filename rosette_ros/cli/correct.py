@@ -96,6 +96,9 @@ def _correction(options: Namespace, corrected: tuple[str, ...]) -> tuple[Correct
         return (Correction(known[0], known[-1], corrected, '+'.join(one.run_id for one in runs),
                            any(one.simulated for one in runs)), identity['table.serial'], None)
     run, identity, _ = open_identified(options.run_path[0], options.run_id, options.identity)
+    if run.table_offset:
+        raise UsageError(f'{options.run_path[0]}: wanted a run whose table position 1 is at angle 0, got '
+                         f'{np.rad2deg(run.table_offset):.6g} deg; with --joint its curves are in the axes of angle 0')
     fit = analyse(run, read_model(options.model))
     verdict = judge(fit.run, fit.model) if run.n <= MOST_BALLS_JUDGED else None
     motions = fit.error_motions

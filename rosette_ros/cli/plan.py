@@ -16,7 +16,15 @@ import numpy as np
 from rich.markup import escape
 
 from rosette_ros import program
-from rosette_ros.cli.arguments import UsageError, add_formats, add_places, made_folder, positive, whole
+from rosette_ros.cli.arguments import (
+    UsageError,
+    add_formats,
+    add_places,
+    add_table_offset,
+    made_folder,
+    positive,
+    whole,
+)
 from rosette_ros.cli.console import console, pairs, print_json, print_parts
 from rosette_ros.core import axes
 from rosette_ros.core.errors import InvalidData, InvalidPlan
@@ -25,7 +33,7 @@ from rosette_ros.core.planning.budget import MOST_BALLS as MOST_JUDGED
 from rosette_ros.core.planning.budget import propose
 from rosette_ros.core.planning.plan_comparison import Outlook, better, outlook
 from rosette_ros.core.records import CURVES
-from rosette_ros.core.scheme import ORDERS, TURNINGS, places_in_use, plan
+from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, places_in_use, plan
 from rosette_ros.core.touches import TOUCHES, Pace
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan, read_plan
 from rosette_ros.io.plate_file import read_plate
@@ -44,7 +52,8 @@ ENDINGS = {'.csv': False, '.yaml': True, '.yml': True}
 """Endings of plan files, and whether they are YAML."""
 OF_ONE_PLAN = {'output': '--output', 'figures': '--figures', 'cmm_positions': '--cmm-positions or --share',
                'balls_in_use': '--balls-of', 'touches': '--touches', 'seed': '--seed', 'plate': '--plate',
-               'csv': '--csv', 'csv_template': '--csv-template', 'axis': '--axis'}
+               'table_offset_deg': '--table-offset-deg', 'csv': '--csv', 'csv_template': '--csv-template',
+               'axis': '--axis'}
 """What does not go with --hours: settings of one plan, by their names in the options."""
 
 
@@ -54,6 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'order may name its CMM positions as in there_and_back:8, diagonal:50%% or row:1,4,6,9')
     add_plan(parser, MOST_BALLS)
     add_places(parser)
+    add_table_offset(parser)
     parser.add_argument('--plate', metavar='FILE', help='plate file (rosette-plate/1) of balls at other places than an '
                         'equal pitch; --balls is then the number of table positions')
     parser.add_argument('--touches', type=int, choices=TOUCHES, help='touches of each ball (default: as the CMM '
@@ -171,7 +181,7 @@ def chosen(words: Sequence[str], options: argparse.Namespace) -> list[MeasuringP
         else:
             in_use = (places_in_use(text, n, what) for text, what in (
                 (places or options.cmm_positions, 'CMM positions'), (options.balls_in_use, 'balls')))
-            scheme = plan(n, order, options.seed, options.turning, *in_use)
+            scheme = plan(n, order, options.seed, options.turning, *in_use).shifted(options.table_offset_deg or 0.0)
             touches = np.full(scheme.ball.size, options.touches or 0)
             every.append(MeasuringPlan(replace(scheme, touches=touches), radius))
     return every
@@ -232,7 +242,7 @@ def show(made: Outlook, output: str | None = None) -> None:
     way = scheme.travel(made.radius)
     balls = np.unique(scheme.ball)
     out.print(f'[bold]{scheme.ball.size} targets[/]: {balls.size} balls on a circle of R = {exact(radius_mm, 6)} mm, '
-              f'{scheme.n} table positions, order {escape(scheme.order)}')
+              f'{scheme.n} table positions{_from(scheme)}, order {escape(scheme.order)}')
     in_use = [(name, places) for name, places in (('CMM positions', np.unique(scheme.cmm_position)),
                                                   ('Ball places', balls)) if places.size < scheme.n]
     print_parts(out, [
@@ -253,6 +263,10 @@ def show(made: Outlook, output: str | None = None) -> None:
     if output:
         out.print(f'\nWritten to {escape(output)}. Measure with: {program()} calibrate --plan {escape(output)}',
                   soft_wrap=True)
+
+
+def _from(scheme: Scheme) -> str:
+    return f' from {np.rad2deg(scheme.table_offset):g}° on' if scheme.table_offset else ''
 
 
 def show_comparison(plans: Sequence[Outlook]) -> None:

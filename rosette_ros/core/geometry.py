@@ -35,6 +35,16 @@ def rotate_z(angle: ArrayLike, vector: ArrayLike) -> Floats:
     return np.stack([c * x - s * y, s * x + c * y, z], axis=-1)
 
 
+def turned_frame(angle: float, points: Floats, rotation: Floats | None) -> tuple[Floats, Floats | None]:
+    """Return points (N, 3) of a frame, and its rotation in another one where known, once it is turned about its z.
+
+    angle: by which it is turned, rad; 0 changes no bit.
+    """
+    if angle == 0:
+        return points, rotation
+    return rotate_z(-angle, points), None if rotation is None else rotation @ rotation_matrix([0.0, 0.0, angle])
+
+
 def rotation_matrix(vector: ArrayLike) -> Floats:
     """Return the exact rotation matrix (..., 3, 3) of a rotation vector (..., 3), rad (Rodrigues)."""
     vector = np.asarray(vector, dtype=float)
@@ -83,6 +93,10 @@ class Frame:
     def to_inner(self, points: ArrayLike) -> Floats:
         """Return points (..., 3) of the outer frame in the inner one, m."""
         return np.asarray((np.asarray(points) - self.origin) @ self.rotation)
+
+    def turned(self, angle: float) -> 'Frame':
+        """Return the frame turned about its own z by an angle, rad."""
+        return Frame(self.rotation @ rotation_matrix([0.0, 0.0, angle]), self.origin) if angle else self
 
     def quaternion(self) -> Floats:
         """Return the unit quaternion (x, y, z, w) of the rotation, w >= 0."""

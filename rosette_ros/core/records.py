@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from rosette_ros.core.axes import iso_names
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import Bools, Floats, Ints, nominal_angles, wrap
+from rosette_ros.core.geometry import Bools, Floats, Ints, nominal_angles, turned_frame, wrap
 from rosette_ros.core.scheme import Way, cmm_position, unknown_sense, unwrap_travel
 
 CURVES = ('ctx', 'cty', 'ctz', 'crx', 'cry', 'crz')
@@ -54,7 +54,8 @@ class Run:
     pause (a run that was resumed, a CMM that was started again); source: its name in error messages; remarks: what is
     wrong with the readings as a whole, notes: how they were read, in words; simulated: whether no real CMM measured it;
     rotation: (3, 3) of the table frame in the machine frame, its columns are the axes of the table, None where it is
-    not known.
+    not known; table_offset: table angle of table position 1, rad. From there table_angle counts, and there ball 1 is on
+    the x axis of centre and rotation: a run between the steps of the table looks like any other one.
 
     What was not recorded is derived: angles are nominal, times count readings, temperatures are NaN, approach is 0,
     travel and senses follow from angles, approach and places where it is known where table and CMM went, else the
@@ -87,6 +88,7 @@ class Run:
     simulated: bool = False
     rotation: Floats | None = None
     repeatability_axes: tuple[float, float, float] | None = None
+    table_offset: float = 0.0
 
     def __post_init__(self) -> None:
         _freeze(self, _INTEGERS[:2], np.int64)
@@ -195,6 +197,10 @@ class Run:
         """(N,) number of the pair of table position and ball, 0..n*n-1."""
         return (self.table_position - 1) * self.n + self.ball - 1
 
+    def from_angle_zero(self) -> tuple[Floats, Floats | None]:
+        """Return centres (N, 3) and rotation in the table frame with ball 1 on x at table angle 0."""
+        return turned_frame(-self.table_offset, self.centre, self.rotation)
+
     def replace(self, **changes: Any) -> 'Run':
         """Return a copy with other values of some fields; the CMM's senses of other readings are derived anew."""
         derived_of = {'table_position', 'ball', 'rotation'} & changes.keys()
@@ -241,6 +247,8 @@ def _check_run(run: Run) -> None:
         bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
         if bad.size:
             raise InvalidData(f'{where}: reading {bad[0] + 1}: {name}: wanted finite numbers, got {values[bad[0]]}')
+    if not np.isfinite(run.table_offset):
+        raise InvalidData(f'{where}: table_offset: wanted a finite angle, got {run.table_offset}')
     if run.repeatability is not None and not (np.isfinite(run.repeatability) and run.repeatability > 0):
         raise InvalidData(f'{where}: repeatability: wanted a positive number of metres, got {run.repeatability}')
     by_axis = run.repeatability_axes

@@ -6,7 +6,7 @@ k = (i + j - 2) mod n + 1. Source: Kniel et al. (2019), section 2.2 and Table 1.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from rosette_ros.core.axes import ALIGNED, cmm_axes, moving_axes
 from rosette_ros.core.errors import InvalidPlan
-from rosette_ros.core.geometry import TWO_PI, Floats, Ints, nominal_angles, wrap
+from rosette_ros.core.geometry import TWO_PI, Floats, Ints, nominal_angles, rotate_z, wrap
 from rosette_ros.core.reduced_sets import best_members, fewest_members, penalty
 from rosette_ros.core.sensitive_order import sensitive
 
@@ -43,7 +43,8 @@ class Scheme:
 
     n: number of balls and of table positions; order: its name; seed: of a drawn order; table_position, ball: (N,)
     one-based; approach: (N,) +1 or -1, sense in which the table turns (last turned) to get there; touches: (N,) of each
-    ball, 0 as the CMM usually does; session: (N,) 1 and one more after every pause that is planned.
+    ball, 0 as the CMM usually does; session: (N,) 1 and one more after every pause that is planned; table_offset: table
+    angle of table position 1, rad, below one step of the table. Raises InvalidPlan for another one.
     """
 
     n: int
@@ -54,11 +55,20 @@ class Scheme:
     approach: Ints
     touches: Ints = _DERIVED
     session: Ints = _DERIVED
+    table_offset: float = 0.0
 
     def __post_init__(self) -> None:
+        step = 360 / self.n
+        if not 0 <= self.table_offset < np.deg2rad(step) * (1 - 1e-9):
+            raise InvalidPlan(f'table offset: wanted 0 to below {step:.6g} deg, the step of {self.n} table positions, '
+                              f'got {np.rad2deg(self.table_offset):.6g} deg')
         for name, usual in (('touches', 0), ('session', 1)):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.full(self.ball.size, usual))
+
+    def shifted(self, degrees: float) -> 'Scheme':
+        """Return the same readings with table position 1 at an angle in degrees; raises InvalidPlan as Scheme does."""
+        return replace(self, table_offset=float(np.deg2rad(degrees))) if degrees else self
 
     @property
     def cmm_position(self) -> Ints:
@@ -73,11 +83,11 @@ class Scheme:
     @property
     def table_angle(self) -> Floats:
         """(N,) nominal table angle in [0, 2 pi), rad."""
-        return nominal_angles(self.n)[self.table_position - 1]
+        return nominal_angles(self.n)[self.table_position - 1] + self.table_offset
 
     def centres(self, radius: float) -> Floats:
         """Return the nominal ball centres in the table frame for a circle radius [m], (N, 3), m."""
-        return nominal_places(self.n, radius, self.table_position, self.ball)
+        return rotate_z(self.table_offset, nominal_places(self.n, radius, self.table_position, self.ball))
 
     def travel(self, radius: float) -> Travel:
         """Return the motion that the scheme takes for a circle radius [m]."""

@@ -14,13 +14,13 @@ import numpy as np
 
 from rosette_ros.core.axes import ALONG, moving_axes, words
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import TWO_PI, Bools, Floats, fitted_frame, nominal_angles
+from rosette_ros.core.geometry import TWO_PI, Bools, Floats, fitted_frame, nominal_angles, rotate_z, turned_frame
 from rosette_ros.core.joint.readings import Plate
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import cmm_position, nominal_places
 from rosette_ros.io.csv_parser import COLUMNS, SCHEMA, WAY_COLUMNS, CsvTable
 from rosette_ros.io.plate_file import plate_of_table
-from rosette_ros.io.reading_checks import remarks_on_table
+from rosette_ros.io.reading_checks import note_on_offset, remarks_on_table
 from rosette_ros.io.run_assembly import MAX_BALLS, misplaced
 from rosette_ros.io.text_file import read_limited, write_text
 
@@ -43,10 +43,11 @@ def parse_csv(data: bytes, source: str = 'table') -> Run:
     _check_rows(table, n)
     angle = table_angles(table, n)
     if table.in_machine:
-        places = nominal_places(n, 1e3 * table.radius, table.table_position, table.ball)
+        places = rotate_z(table.table_offset, nominal_places(n, 1e3 * table.radius, table.table_position, table.ball))
         axis = ', '.join(f'{round(value, 3) + 0.0:.3f}' for value in to_table_frame(table, places))
         notes.append(f'the table frame was fitted to all readings; its axis, about which positions and balls are '
                      f'counted counter-clockwise, is ({axis}) in the machine frame')
+    table.centre, table.rotation = turned_frame(table.table_offset, table.centre, table.rotation)
     _check_places(table, n)
     columns = table.columns
     recorded: dict[str, Any] = {'temperature': columns.get('temperature_C'), 'approach': columns.get('approach')}
@@ -61,7 +62,8 @@ def parse_csv(data: bytes, source: str = 'table') -> Run:
         time=columns['time_s'].astype(float, copy=False), repeatability=table.repeatability,
         repeatability_dof=table.repeatability_dof, repeatability_axes=table.repeatability_axes,
         run_id=table.run_id, repeats=table.repeats, session=table.session,
-        source=source, notes=tuple(notes), simulated=table.simulated, rotation=table.rotation, **recorded)
+        source=source, notes=(*notes, *note_on_offset(table.table_offset)), simulated=table.simulated,
+        rotation=table.rotation, table_offset=table.table_offset, **recorded)
     return run.replace(remarks=remarks_on_table(run))
 
 
@@ -75,12 +77,12 @@ def format_csv(run: Run) -> str:
 
     Coordinates in mm with 12 decimals (1e-15 m); everything else such that reading it gives the same number, or one
     that differs by the last bit."""
-    names = list(COLUMNS)
+    names, (centre, _) = list(COLUMNS), run.from_angle_zero()
     integers = {'seq': np.arange(1, run.size + 1), 'table_position': run.table_position, 'ball': run.ball,
                 'cmm_position': run.cmm_position, 'approach': run.approach}
     cells: dict[str, Iterable[str]] = {
         **{name: map(str, values.tolist()) for name, values in integers.items()},
-        **{f'{axis}_mm': map('{:.12f}'.format, values) for axis, values in zip('xyz', (run.centre.T * 1e3).tolist())},
+        **{f'{axis}_mm': map('{:.12f}'.format, values) for axis, values in zip('xyz', (centre.T * 1e3).tolist())},
         'table_angle_deg': _angle_cells(run), 'time_s': map(repr, run.time.tolist()),
         'temperature_C': ['' if value != value else repr(value) for value in run.temperature.tolist()]}
     bare = run.replace(table_travel=None, cmm_sense=None, unrecorded=None)
@@ -111,9 +113,11 @@ def _heading(run: Run) -> list[str]:
         heading['pauses_before'] = ', '.join(str(first + 1) for first in run.pauses)
     if run.run_id.split():
         heading['run_id'] = ' '.join(run.run_id.split())  # a line break would end the line
-    if run.rotation is not None:
+    if run.table_offset:
+        heading['table_offset_deg'] = repr(float(np.rad2deg(run.table_offset)))
+    if (rotation := run.from_angle_zero()[1]) is not None:
         for key, column in (('table_axis', 2), ('table_x', 0)):
-            heading[key] = ', '.join(map(repr, run.rotation[:, column].tolist()))
+            heading[key] = ', '.join(map(repr, rotation[:, column].tolist()))
     if run.simulated:
         heading['simulated'] = 'yes'
     return [f'# {key}: {value}' for key, value in heading.items()]
@@ -147,9 +151,10 @@ def _shifted(value: float, digits: int) -> str:
 def _angle_cells(run: Run) -> list[str]:
     """Return the table angles in degrees: short where nominal, else with decimals to the end."""
     nominal = run.table_angle == nominal_angles(run.n)[run.table_position - 1]
-    exact = (360.0 * (run.table_position - 1) / run.n).tolist()
+    exact = (360.0 * (run.table_position - 1) / run.n + float(np.rad2deg(run.table_offset))).tolist()
+    angle = np.rad2deg(run.table_angle + run.table_offset).tolist()
     return [repr(short) if is_nominal else f'{value:.15f}'
-            for is_nominal, short, value in zip(nominal.tolist(), exact, np.rad2deg(run.table_angle).tolist())]
+            for is_nominal, short, value in zip(nominal.tolist(), exact, angle)]
 
 
 def checked_plate(table: CsvTable) -> tuple[Plate, int]:
@@ -235,14 +240,16 @@ def _check_rows(table: CsvTable, n: int) -> None:
 
 
 def table_angles(table: CsvTable, n: int) -> Floats:
-    """Return the table angles, nominal where the cell says no more than that, (N,), rad."""
-    angle = table.columns['table_angle_deg'].astype(float, copy=False)
+    """Return the table angles from that of position 1, nominal where the cell says no more than that, (N,), rad."""
+    offset = float(np.rad2deg(table.table_offset))
+    angle = table.columns['table_angle_deg'].astype(float, copy=False) - offset
     position = table.table_position - 1
     nominal = 360.0 * position / n
     deviation = _wrapped(angle - nominal)
     for row in np.flatnonzero(np.abs(deviation) > 180.0 / n):
-        raise table.wrong(row, 'table_angle_deg', f'about {nominal[row]:.6g} for table_position {position[row] + 1} '
-                          f'of {n}', table.angle_cells[row].strip(), _angle_advice(angle, nominal, n))
+        raise table.wrong(row, 'table_angle_deg', f'about {nominal[row] + offset:.6g} for table_position '
+                          f'{position[row] + 1} of {n}', table.angle_cells[row].strip(),
+                          _angle_advice(angle, nominal, n))
     turns = np.rint((angle - nominal) / 360.0)
     exact = TWO_PI * position / n
     exact = np.where(turns == 0, exact, exact + TWO_PI * turns)

@@ -26,7 +26,7 @@ _INTEGERS = frozenset(('seq', 'table_position', 'ball', 'cmm_position', 'approac
 _EMPTY = {'temperature_C': 'nan', 'approach': '0'}  # what an empty cell means
 _KEYS = ('schema', 'radius_mm', 'repeatability_um', 'repeatability_dof', 'repeatability_axes_um', 'run_id', 'balls',
          'repeated_balls', 'pauses_before', 'frame', 'table_axis', 'table_x', 'simulated', 'note', 'plate',
-         'table_positions')
+         'table_positions', 'table_offset_deg')
 SEPARATORS = {',': 'commas', ';': 'semicolons', '\t': 'tabs'}
 _PLACE = ('x_mm', 'y_mm', 'z_mm')
 Row = tuple[int, list[str]]
@@ -186,7 +186,8 @@ class CsvTable:
     table_angle_deg; lines: line of each row; radius, repeatability: m; balls: as the heading says, or None; session:
     (N,) 1 and one more from each row of `pauses_before` on; in_machine: whether the coordinates are in the machine
     frame; rotation: as of Run; plate, positions: the plate file, '' where the pitch is equal, and how many steps a turn
-    of the table has, or None; notes: how the table was read, in words."""
+    of the table has, or None; table_offset: table angle of table position 1, rad; notes: how the table was read, in
+    words."""
 
     def __init__(self, data: bytes, source: str) -> None:
         above, sheet, self.notes = _read_sheet(_lines(data, source), source)
@@ -218,6 +219,7 @@ class CsvTable:
         self.session = heading.session(len(rows))
         self.plate = heading.value('plate', 'a file', str, '')
         self.positions = heading.value('table_positions', 'a whole number', _whole, None)
+        self.table_offset = heading.value('table_offset_deg', 'an angle in degrees', _angle, 0.0)
 
     def wrong(self, row: int | np.integer, column: str, wanted: str, got: object, advice: str = '') -> InvalidData:
         """Return the InvalidData for one cell."""
@@ -250,6 +252,14 @@ def _whole(text: str) -> int | None:
     if value != int(value):
         raise ValueError
     return int(value)
+
+
+def _angle(text: str) -> float:
+    """Return an angle in degrees as radians, to the picoradian."""
+    value = float(text)
+    if not abs(value) <= 360:
+        raise ValueError
+    return round(float(np.deg2rad(value)), 12)
 
 
 def _check_names(names: list[str], source: str, line: int) -> None:

@@ -2,14 +2,15 @@
 """Targets, answers and table frames as records, from messages of rclpy or decoded from a log."""
 
 from enum import IntEnum
-from math import isfinite
+from math import isfinite, nan
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
 from rosette_ros.core.errors import InvalidData, plain
-from rosette_ros.core.geometry import Floats, Frame
+from rosette_ros.core.geometry import TWO_PI, Floats, Frame, rotate_z, wrap
+from rosette_ros.core.scheme import nominal_places
 
 MACHINE_FRAME = 'machine'
 TABLE_FRAME = 'table'
@@ -88,6 +89,18 @@ class Target(NamedTuple):
     stamp_ns: int
     touches: int = 0
     pole: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+    @property
+    def table_offset(self) -> float:
+        """Table angle of table position 1 by which this one is where it is, to the picoradian; NaN where it is none."""
+        if not (isfinite(self.table_angle) and self.balls):
+            return nan
+        return round(float(wrap(self.table_angle - TWO_PI * (self.table_position - 1) / self.balls)), 12)
+
+    @property
+    def place(self) -> Floats:
+        """Nominal place of its ball in the table frame, (3,), m."""
+        return rotate_z(self.table_offset, nominal_places(self.balls, self.radius, self.table_position, self.ball))
 
     def __str__(self) -> str:
         return f'target {self.seq} (table position {self.table_position}, ball {self.ball})'

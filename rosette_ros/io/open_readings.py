@@ -60,15 +60,17 @@ def _with_plate(path: Path) -> Readings:
     plate, positions = checked_plate(table)
     check_order(table)
     angle = table_angles(table, positions)
-    nominal = nominal_angles(positions)[table.table_position - 1]
+    every = nominal_angles(positions) + table.table_offset
+    nominal = every[table.table_position - 1]
     places = 1e3 * rotate_z(nominal, plate.centres[table.ball - 1])
     notes = [table.notes] if table.notes else []
     if table.in_machine:
         to_table_frame(table, places)
         notes.append('the table frame was fitted to all readings')
     _check_distance(table, plate, table.centre - places)
-    return Readings(plate, nominal_angles(positions), table.table_position, table.ball, table.centre / 1e3,
-                    wrap(angle - nominal), table.columns.get('approach', np.zeros(table.ball.size)).astype(np.int64),
+    return Readings(plate, every, table.table_position, table.ball, table.centre / 1e3,
+                    wrap(angle + table.table_offset - nominal),
+                    table.columns.get('approach', np.zeros(table.ball.size)).astype(np.int64),
                     table.repeatability, table.repeatability_dof, None, table.run_id, str(path), tuple(notes),
                     table.simulated, table.rotation)
 

@@ -23,7 +23,7 @@ SCHEMA = 'rosette-plan/1'
 MOST_BYTES, MOST_READINGS, MOST_BALLS = 16 << 20, 200_000, 1000
 OWN_NAME = 'plan'
 """Name of an order that has none."""
-_HEAD = ('balls', 'radius_mm', 'order', 'touches')
+_HEAD = ('balls', 'radius_mm', 'order', 'touches', 'table_offset_deg')
 _ORDER = ('seed', 'turning', 'cmm_positions', 'balls_in_use')
 _PLACES = ('table_position', 'table_angle_deg', 'ball', 'cmm_position', 'cmm_azimuth_deg')
 _COLUMNS = (*_PLACES, 'approach', 'session', 'touches')
@@ -56,6 +56,9 @@ def parse_plan(data: bytes, source: str) -> MeasuringPlan:
     if 'n' in values and 'radius_m' in values:  # as `rosette plan --json` prints it
         values = {'balls': values.pop('n'), 'radius_mm': _number(values.pop('radius_m'), source, 'radius_m') * 1e3,
                   **values}
+    if 'table_offset_rad' in values:  # likewise
+        radians = _number(values.pop('table_offset_rad'), source, 'table_offset_rad')
+        values = {'table_offset_deg': float(np.rad2deg(radians)), **values}
     known = ('schema', *_HEAD, *_ORDER, *_COLUMNS)
     for key in values:
         if key not in known and key not in _TOLD:
@@ -66,7 +69,12 @@ def parse_plan(data: bytes, source: str) -> MeasuringPlan:
     if not 1 <= radius <= 1e4:
         raise InvalidPlan(f'{source}: radius_mm: wanted a number in 1..10000, got {radius:g}')
     made = _of_rows if any(name in values for name in _PLACES) else _of_order
+    offset = _number(values.get('table_offset_deg', 0.0), source, 'table_offset_deg')
     scheme = made(n, values, source)
+    try:
+        scheme = scheme.shifted(offset)
+    except InvalidPlan as error:
+        raise InvalidPlan(f'{source}: {error}') from None
     refuse_undetermined(scheme, source)
     return MeasuringPlan(scheme, 1e-3 * radius)
 
@@ -75,6 +83,8 @@ def format_plan(made: MeasuringPlan, as_yaml: bool = False) -> str:
     """Return a plan as the text of a file, reading by reading."""
     scheme = made.scheme
     head = {'schema': SCHEMA, 'balls': scheme.n, 'radius_mm': round(1e3 * made.radius, 9), 'order': scheme.order}
+    if scheme.table_offset:
+        head['table_offset_deg'] = round(float(np.rad2deg(scheme.table_offset)), 12)
     columns = {name: getattr(scheme, name) for name in _WRITTEN}
     if as_yaml:
         return yaml.dump({**head, **{name: values.tolist() for name, values in columns.items()}}, sort_keys=False,
@@ -114,7 +124,8 @@ def _of_rows(n: int, values: Mapping[str, Any], source: str) -> Scheme:
     for name, one in columns.items():
         if len(one) != size:
             raise InvalidPlan(f'{source}: {name}: wanted a value for each of {size} readings, got {len(one)}')
-    table, on = (_places(n, columns, source, *names) for names in (
+    offset = _number(values.get('table_offset_deg', 0.0), source, 'table_offset_deg')
+    table, on = (_places(n, columns, source, offset, *names) for names in (
         ('table_position', 'table_angle_deg'), ('cmm_position', 'cmm_azimuth_deg')))
     ball = _wholes(columns['ball'], source, 'ball', 1, n) if 'ball' in columns else None
     pairs = _pairs(n, table, ball, on)
@@ -141,17 +152,20 @@ def _of_rows(n: int, values: Mapping[str, Any], source: str) -> Scheme:
                   _senses(n, table, approach), touches, session)
 
 
-def _places(n: int, columns: Mapping[str, Any], source: str, name: str, angle: str) -> Ints | None:
-    """Return positions 1..n from the column of their numbers, of their angles, or of both, which must agree."""
+def _places(n: int, columns: Mapping[str, Any], source: str, offset: float, name: str, angle: str) -> Ints | None:
+    """Return positions 1..n from the column of their numbers, of their angles, or of both, which must agree.
+
+    offset: angle of position 1, degrees.
+    """
     numbers = _wholes(columns[name], source, name, 1, n) if name in columns else None
     if angle not in columns:
         return numbers
     degrees = np.array([_number(one, source, f'row {row}: {angle}') for row, one in enumerate(columns[angle], 1)])
-    turns = degrees * n / 360
+    turns = (degrees - offset) * n / 360
     found = np.rint(turns).astype(int) % n + 1
     for row in np.flatnonzero(np.abs(turns - np.rint(turns)) > 1e-6 * n)[:1]:
-        raise InvalidPlan(f'{source}: row {row + 1}: {angle}: wanted a multiple of 360°/{n} = {360 / n:.6g}°, got '
-                          f'{degrees[row]:.9g}')
+        raise InvalidPlan(f'{source}: row {row + 1}: {angle}: wanted a multiple of 360°/{n} = {360 / n:.6g}°'
+                          f'{f" from table_offset_deg {offset:g} on" * bool(offset)}, got {degrees[row]:.9g}')
     if numbers is not None and not np.array_equal(found, numbers):
         row = int(np.flatnonzero(found != numbers)[0])
         raise InvalidPlan(f'{source}: row {row + 1} contradicts itself: {name} {numbers[row]} and {angle} '

@@ -48,6 +48,13 @@ def remarks_on_table(run: Run) -> tuple[str, ...]:
     return (*filter(None, found), *remarks_on_radius(run))
 
 
+def note_on_offset(offset: float) -> tuple[str, ...]:
+    """Return where the positions of a table that do not begin at angle 0 are, in words; offset: rad."""
+    degrees = f'{np.rad2deg(offset):.6g} deg'
+    return (f'table position 1 is at {degrees}; x and y, of the curves too, are turned by {degrees} against a run from '
+            'angle 0, and evaluated with such a run (--joint) are those of angle 0',) if offset else ()
+
+
 def remarks_on_radius(run: Run) -> tuple[str, ...]:
     """Return that the stated radius is not that of the circle of ball centres, in words; nothing where it is."""
     lies = float(np.mean(np.hypot(run.centre[:, 0], run.centre[:, 1])))

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.core.errors import InvalidData, counted
-from rosette_ros.core.geometry import Frame, fitted_frame
+from rosette_ros.core.geometry import Frame, fitted_frame, rotate_z, turned_frame
 from rosette_ros.core.records import Floats, Ints, Run
 from rosette_ros.core.scheme import Way, nominal_places, unwrap_travel
 from rosette_ros.io.messages import (
@@ -25,7 +25,7 @@ from rosette_ros.io.messages import (
     Target,
     short_frame,
 )
-from rosette_ros.io.reading_checks import remarks_on_answers, remarks_on_radius
+from rosette_ros.io.reading_checks import note_on_offset, remarks_on_answers, remarks_on_radius
 
 MOST_EARLY, MOST_ANSWERS = 10_000, 100  # kept of a run: answers to no target so far, answers to one target
 MAX_BALLS = 10_000  # more balls than this are taken for a mistake
@@ -33,6 +33,8 @@ MIN_REPEATABILITY = 1e-12  # repeated readings that differ by less, m, show roun
 NO_RUN = 'wanted probe targets of phase RUN, got none; the calibration ended before its run began'
 LEAST_TAUGHT, FARTHEST, SAME_PLACE = 6, 1e3, 1e-6
 """The taught pose follows from so many targets of the alignment, less far than this, m, and exact to this, m."""
+SAME_OFFSET = 1e-9
+"""Angles of table positions are steps of one table if they agree to this, rad."""
 SAME_FRAME = 1e-12
 """Frames whose axes (as numbers) and origins (m) differ by no more are one frame that was published twice."""
 
@@ -223,6 +225,8 @@ class RunAnswers:
                 n, radius = asked[0].balls, asked[0].radius
                 position, ball = np.array([(one.table_position, one.ball) for one in asked]).T
                 places, centres = nominal_places(n, radius, position, ball), np.array([one.centre for one in asked])
+                with np.errstate(over='ignore', invalid='ignore'):  # absurd numbers are no pose
+                    places = rotate_z(asked[0].table_offset, places)
                 if np.abs(places).max() < FARTHEST and np.abs(centres).max() < FARTHEST:
                     frame = fitted_frame(centres, places)
                     if np.abs(frame.to_outer(places) - centres).max() < SAME_PLACE:
@@ -268,13 +272,15 @@ class RunAnswers:
             return None, None
         return float(np.sqrt(squares / dof)), float(dof)
 
-    def _repeatability_axes(self, rotation: Floats | None) -> tuple[float, float, float] | None:
-        """Return the same along x, y and z of the table frame, None where it is not known how that stands."""
+    def _repeatability_axes(self, rotation: Floats | None,
+                            offset: float = 0.0) -> tuple[float, float, float] | None:
+        """Return the same along x, y and z of the table frame, turned by the table's offset, rad; None where it is not
+        known how that stands."""
         every = self._repeated()
         turn = np.eye(3) if self.is_in_table_frame else rotation
         if not every or turn is None:
             return None
-        left = np.concatenate(every) @ turn
+        left, _ = turned_frame(offset, np.concatenate(every) @ turn, None)
         with np.errstate(over='ignore', invalid='ignore'):
             x, y, z = np.sqrt(np.sum(left**2, axis=0) / max(len(left) - len(every), 1)).tolist()
         return (x, y, z) if MIN_REPEATABILITY < min(x, y, z) and max(x, y, z) < np.inf else None
@@ -311,7 +317,11 @@ class RunAnswers:
         stamp, approach = np.array([(answer.stamp_ns, answer.approach) for answer in answers], dtype=np.int64).T
         angle, travel, temperature = np.array(
             [(answer.table_angle, answer.table_travel, answer.temperature) for answer in answers], dtype=float).T
-        centre = self._in_table_frame(answers, source)
+        offset = self._table_offset(targets, source)
+        rotation = self.rotation(source)
+        repeated = self._repeatability_axes(rotation, offset)
+        centre, rotation = turned_frame(offset, self._in_table_frame(answers, source), rotation)
+        angle = angle - offset
         for row in misplaced(n, radius, table_position, ball, centre) if n >= 3 and radius > 0 else ():
             i, j, got = table_position[row], ball[row], ', '.join(f'{1e3 * value:.6g}' for value in centre[row])
             x, y, _ = 1e3 * nominal_places(n, radius, i, j)
@@ -319,14 +329,14 @@ class RunAnswers:
                               f'{y:.3f}, 0) mm in the table frame for table position {i}, ball {j}, got ({got}); was '
                               'another ball measured, or is the table frame wrong?')
         sigma, dof = self.repeatability()
-        rotation = self.rotation(source)
         run = Run(
             n=n, radius=radius, table_position=table_position, ball=ball, centre=centre, table_angle=angle,
             time=_joined_time((stamp - stamp[0]) * 1e-9, session),
             temperature=np.where(np.isfinite(temperature), temperature, np.nan), approach=approach,
             table_travel=_joined_travel(travel, angle, approach, session, n), **self._way(targets, rotation),
             repeatability=sigma, repeatability_dof=dof, run_id=self.run_id, session=session, source=source,
-            rotation=rotation, repeatability_axes=self._repeatability_axes(rotation),
+            rotation=rotation, repeatability_axes=repeated, table_offset=offset,
+            notes=note_on_offset(offset),
             repeats=np.unique((table_position - 1) * n + ball).size < ball.size)
         return run.replace(remarks=self._rivals() + remarks_on_answers(counting) + remarks_on_radius(run))
 
@@ -355,6 +365,16 @@ class RunAnswers:
                     for seq, target in self._last.items())
         return (f'{counted(twice, "target has", "targets have")} two answers that differ, of which the first counts; '
                 'did a second node answer? Measure again with one CMM',) if twice else ()
+
+    def _table_offset(self, targets: Sequence[Target], source: str) -> float:
+        """Return the table angle of table position 1, rad, on which all targets agree."""
+        offsets = np.array([one.table_offset for one in targets])
+        if not np.ptp(offsets) < SAME_OFFSET:
+            got = ', '.join(f'{np.rad2deg(one.table_angle):.6g} for position {one.table_position}'
+                            for one in targets[:5])
+            raise InvalidData(f'{source}: run {self.run_id!r}: table_angle: wanted targets at steps of 360 deg / '
+                              f'{targets[0].balls}, got {got}')
+        return float(offsets.min())
 
     def _plate(self, source: str) -> tuple[int, float]:
         """Return (n, radius) on which all targets of phase RUN agree."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import Floats, Frame, Ints
+from rosette_ros.core.geometry import Floats, Frame, Ints, rotate_z
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import nominal_places
 from rosette_ros.io.bag_metadata import Qos
@@ -52,10 +52,10 @@ def write_log(run: Run, directory: str | Path, library: TypeLibrary, name: str |
             definition = library.definition(type_name)
             writer.add_topic(topic, definition, (qos,))
             messages[topic] = encode_messages(definition, rows)
-        if run.rotation is not None:
+        if (rotation := run.from_angle_zero()[1]) is not None:
             definition = library.definition(TF_MESSAGE)
             writer.add_topic(FRAME_TOPIC, definition, (LATCHED,))
-            writer.write(FRAME_TOPIC, encode_messages(definition, [_frame_message(run.rotation)])[0], 0, 0)
+            writer.write(FRAME_TOPIC, encode_messages(definition, [_frame_message(rotation)])[0], 0, 0)
         for row, time in enumerate(stamp.tolist()):
             for topic, data in messages.items():
                 writer.write(topic, data[row], time, time)
@@ -63,7 +63,8 @@ def write_log(run: Run, directory: str | Path, library: TypeLibrary, name: str |
 
 
 def _messages(run: Run, run_id: str, stamp: Ints) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
-    expected = nominal_places(run.n, run.radius, run.table_position, run.ball)
+    expected = rotate_z(run.table_offset, nominal_places(run.n, run.radius, run.table_position, run.ball))
+    centre, _ = run.from_angle_zero()
     for row in range(run.size):
         seconds, rest = divmod(int(stamp[row]), 10**9)
         common = {
@@ -72,9 +73,11 @@ def _messages(run: Run, run_id: str, stamp: Ints) -> Iterator[tuple[dict[str, An
             'cmm_position': run.cmm_position[row], 'approach': run.approach[row]}
         yield (
             {**common, 'attempt': 1, 'session': run.session[row], 'phase': Phase.RUN, 'balls': run.n,
-             'radius': run.radius, 'table_angle': run.phi[row], 'centre': dict(zip('xyz', expected[row], strict=True))},
-            {**common, 'status': STATUS_OK, 'table_angle': run.table_angle[row], 'table_travel': run.table_travel[row],
-             'temperature': run.temperature[row], 'centre': dict(zip('xyz', run.centre[row], strict=True))})
+             'radius': run.radius, 'table_angle': run.phi[row] + run.table_offset,
+             'centre': dict(zip('xyz', expected[row], strict=True))},
+            {**common, 'status': STATUS_OK, 'table_angle': run.table_angle[row] + run.table_offset,
+             'table_travel': run.table_travel[row], 'temperature': run.temperature[row],
+             'centre': dict(zip('xyz', centre[row], strict=True))})
 
 
 def _frame_message(rotation: Floats) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from rosgraph_msgs.msg import Clock
 
 from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import InvalidConfig, InvalidPlan, RosetteError
-from rosette_ros.io.messages import MACHINE_FRAME, nanoseconds
+from rosette_ros.io.messages import MACHINE_FRAME, nanoseconds, target_of
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import OK, WARN, Health, run_node
 from rosette_ros.nodes.cmm_node import CmmNode
@@ -111,11 +111,15 @@ class SimulatedCmm(CmmNode):
         _refuse_other_plate(target, machine.n, machine.radius)
         aim, pole = self.aim_of(target)
         side = pole if pole.any() else None
+        offset = target_of(target).table_offset
+        if not math.isfinite(offset):
+            raise InvalidPlan(f'table_angle: wanted a finite angle, got {target.table_angle}')
         short = sum(1e-6 * strike.fault.short_urad for strike in struck if strike.fault.kind == 'table_short')
         if any(strike.fault.kind == 'neighbour' for strike in struck):
             return machine.measure(target.table_position, target.ball % machine.n + 1, target.approach, short=short,
-                                   touches=target.touches, pole=side)
-        return machine.measure(target.table_position, target.ball, target.approach, aim, short, target.touches, side)
+                                   touches=target.touches, pole=side, table_offset=offset)
+        return machine.measure(target.table_position, target.ball, target.approach, aim, short, target.touches, side,
+                               offset)
 
     def _answer(self, answer: BallCentre, struck: Sequence[Strike], touches: Touches | None) -> None:
         now = self.seconds()

@@ -30,12 +30,14 @@ def rows(scheme: Scheme, radius_mm: float) -> Iterator[tuple[str, ...]]:
     for seq, (k, i, j, centre) in enumerate(zip(
             scheme.cmm_position, scheme.table_position, scheme.ball, centres, strict=True), 1):
         yield (str(seq), str(k), str(i), str(j), *(text.plain(float(value), 2) for value in centre),
-               text.exact(360 * (int(i) - 1) / scheme.n, ANGLE_PLACES))
+               text.exact(360 * (int(i) - 1) / scheme.n + float(np.rad2deg(scheme.table_offset)), ANGLE_PLACES))
 
 
 def template(scheme: Scheme, radius_mm: float) -> str:
     """Return a ball-centre table whose coordinates, times and temperatures are to be filled in."""
-    lines = [f'# schema: {TABLE_SCHEMA}', f'# radius_mm: {radius_mm!r}', f'# balls: {scheme.n}', ','.join(COLUMNS)]
+    offset = [f'# table_offset_deg: {float(np.rad2deg(scheme.table_offset))!r}'] if scheme.table_offset else []
+    lines = [f'# schema: {TABLE_SCHEMA}', f'# radius_mm: {radius_mm!r}', f'# balls: {scheme.n}', *offset,
+             ','.join(COLUMNS)]
     for (seq, k, i, j, *_, angle), approach in zip(rows(scheme, radius_mm), scheme.approach.tolist(), strict=True):
         given = {'seq': seq, 'table_position': i, 'ball': j, 'cmm_position': k, 'table_angle_deg': angle,
                  'approach': str(approach)}
@@ -129,6 +131,7 @@ def plan_json(plan: Outlook) -> dict[str, Any]:
         'schema': SCHEMA, 'n': scheme.n, 'radius_m': plan.radius, 'order': scheme.order, 'seed': scheme.seed,
         **{name: getattr(scheme, name).tolist() for name in (
             'cmm_position', 'table_position', 'ball', 'approach', 'touches', 'session')},
+        **({'table_offset_rad': scheme.table_offset} if scheme.table_offset else {}),
         'table_angle_rad': scheme.table_angle.tolist(), 'centre_m': scheme.centres(plan.radius).tolist(),
         'travel': {'table_rad': way.table_angle, 'table_moves': way.table_moves,
                    'cmm_m': way.cmm_way, 'cmm_moves': way.cmm_moves},

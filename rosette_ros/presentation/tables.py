@@ -197,7 +197,7 @@ def reading(fit: Fit, place: int) -> Table:
         *(column(key, name, [int(value)], str) for key, name, value in (
             ('reading', 'reading', place + 1), ('table_position', 'table position', run.table_position[place]),
             ('ball', 'ball', run.ball[place]), ('cmm_position', 'CMM position', run.cmm_position[place]))),
-        column('table_angle_deg', 'table angle', [float(np.rad2deg(run.table_angle[place]))],
+        column('table_angle_deg', 'table angle', [float(np.rad2deg(run.table_angle[place] + run.table_offset))],
                partial(text.fixed, places=2), '°'),
         column('time_min', 'time', [minutes], partial(text.fixed, places=1), 'min'),
         column('temperature_C', 'temperature', [temperature], partial(text.fixed, places=2), '°C'),
@@ -223,7 +223,7 @@ def residuals(before: Fit, after: Fit) -> Table:
     run = before.run
     numbers = [('reading', np.arange(1, run.size + 1)), ('table_position', run.table_position),
                ('ball', run.ball), ('cmm_position', run.cmm_position), ('time_s', run.time),
-               ('table_angle_deg', np.rad2deg(run.table_angle)), ('temperature_C', run.temperature)]
+               ('table_angle_deg', np.rad2deg(run.table_angle + run.table_offset)), ('temperature_C', run.temperature)]
     numbers += [(f'{when}_{axis}_um', 1e6 * fit.residual[:, place])
                 for when, fit in (('before', before), ('after', after)) for place, axis in enumerate(AXES)]
     return Table('residuals', 'Residuals', tuple(column(key, key, values) for key, values in numbers))

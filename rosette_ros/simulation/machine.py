@@ -64,39 +64,44 @@ class Machine:
         return self.state.time
 
     def measure(self, table_position: int, ball: int, approach: int = 1, aim: ArrayLike | None = None,
-                short: float = 0.0, touches: int = 0, pole: ArrayLike | None = None) -> BallReading[int, float]:
+                short: float = 0.0, touches: int = 0, pole: ArrayLike | None = None,
+                table_offset: float = 0.0) -> BallReading[int, float]:
         """Measure one ball now and return its reading; the simulated time advances.
 
         table_position, ball: one-based; approach: sense in which the table turns to get there, +1 or -1, 0 is taken as
         +1; aim: (3,) where the ball is expected, machine frame, m (default: the nominal place by the roughly known
         origin); short: angle by which the table, if it moves, stops before its place, rad; touches: of the ball, one of
         TOUCHES, 0 as configured; pole: (3,) direction in the machine from which the ball is probed (default: the table
-        axis as roughly known). Raises InvalidPlan for indices out of range or other touches, and BallNotFound where
-        the aim is off or the plate is in the way; then the state stays as it was.
+        axis as roughly known); table_offset: angle of table position 1, rad. Raises InvalidPlan for indices out of
+        range or other touches, and BallNotFound where the aim is off or the plate is in the way; then the state stays
+        as it was.
         """
         aims = None if aim is None else np.asarray(aim, dtype=float)[None, :]
-        return self.measure_many([table_position], [ball], [approach], aims, short, touches, pole)[0]
+        return self.measure_many([table_position], [ball], [approach], aims, short, touches, pole,
+                                 table_offset)[0]
 
     def measure_many(self, table_position: ArrayLike, ball: ArrayLike, approach: ArrayLike, aim: Floats | None = None,
-                     short: float = 0.0, touches: int = 0, pole: ArrayLike | None = None) -> BallReadings:
+                     short: float = 0.0, touches: int = 0, pole: ArrayLike | None = None,
+                     table_offset: float = 0.0) -> BallReadings:
         """Measure N balls in order and return their readings, equal to N calls of `measure` bit by bit.
 
-        table_position, ball, approach: (N,); aim: (N, 3) machine frame, m; short, touches, pole: as `measure`. Raises
-        as `measure`.
+        table_position, ball, approach: (N,); aim: (N, 3) machine frame, m; short, touches, pole, table_offset: as
+        `measure`. Raises as `measure`.
         """
         table_position, ball = self._checked(table_position, 'table position'), self._checked(ball, 'ball')
         if aim is None:
-            aim = self.rough_frame.to_outer(self._nominal[(table_position + ball - 2) % self.n])
+            aim = self.rough_frame.turned(table_offset).to_outer(self._nominal[(table_position + ball - 2) % self.n])
         pattern = self.pattern.of(touches).towards(self._reachable(pole))
         draws = standard_normal(self.config.seed, self.state.readings + np.arange(ball.size), pattern.size + 6)
         timing, approach = self.config.timing, np.asarray(approach)
         made = moves(
-            self.state, timing, self.n, table_position, approach, np.asarray(aim),
+            self.state, timing, self.n, np.asarray(table_position - 1 + table_offset * self.n / TWO_PI, dtype=float),
+            approach, np.asarray(aim),
             wait=timing.jitter_s * np.abs(draws[:, -6]),
             stop=1e-6 * self.config.table.positioning_urad * draws[:, -5] - short * np.where(approach < 0, -1, 1),
             touches=pattern.size, deadband=1e-3 * self.config.cmm.reversal_deadband_mm,
             free=nearest_axis(self.rough_frame.rotation[:, 2]))
-        moment = self._moment(made, table_position, ball, pattern.size)
+        moment = self._moment(made, table_position, ball, pattern.size, table_offset)
         centre, form, point = self._probe(moment, made.cmm, draws, pattern)
         self.state = made.last_state(self.state)
         sensor = self.config.climate.sensor_K * draws[:, -4]
@@ -107,11 +112,12 @@ class Machine:
             form_error=form, temperature=self.climate.start + moment.warming[:, -1] + sensor, touch_point=point,
             touch_normal=np.broadcast_to(pattern.direction @ pattern.axes.T, point.shape), touch_time=moment.time)
 
-    def align(self, repeats: int = 10) -> Alignment:
+    def align(self, repeats: int = 10, table_offset: float = 0.0) -> Alignment:
         """Measure ball 1 `repeats` times, then at every table position (the axis), then every ball (the plane)."""
         one, every = np.ones(self.n, dtype=int), np.arange(1, self.n + 1)
-        sigma, dof = self._repeat(repeats)
-        axis, plane = self.measure_many(every, one, one), self.measure_many(one, every, one)
+        sigma, dof = self._repeat(repeats, table_offset)
+        axis, plane = (self.measure_many(at, ball, one, table_offset=table_offset) for at, ball in (
+            (every, one), (one, every)))
         return Alignment(table_frame(axis.centre, plane.centre), sigma, dof)
 
     def run(self, scheme: Scheme, repeats: int = 10, align: bool = True, run_id: str = '') -> Run:
@@ -128,15 +134,18 @@ class Machine:
         """Return what `run` returns, the alignment, and the readings in the machine frame."""
         if scheme.n != self.n:
             raise InvalidPlan(f'scheme: wanted one for the {self.n} balls of this plate, got one for {scheme.n}')
-        alignment = self.align(repeats) if align else Alignment(self.true_frame, *self._repeat(repeats))
-        aim = alignment.frame.to_outer(scheme.centres(self.radius))
-        readings = self.measure_many(scheme.table_position, scheme.ball, scheme.approach, aim)
+        offset = scheme.table_offset
+        alignment = self.align(repeats, offset) if align else Alignment(
+            self.true_frame.turned(offset), *self._repeat(repeats, offset))
+        aim = alignment.frame.to_outer(nominal_places(self.n, self.radius, scheme.table_position, scheme.ball))
+        readings = self.measure_many(scheme.table_position, scheme.ball, scheme.approach, aim, table_offset=offset)
         run = Run(
             n=self.n, radius=self.radius, table_position=readings.table_position, ball=readings.ball,
-            centre=alignment.frame.to_inner(readings.centre), table_angle=readings.table_angle,
+            centre=alignment.frame.to_inner(readings.centre), table_angle=readings.table_angle - offset,
             time=readings.time - readings.time[0], temperature=readings.temperature, approach=readings.approach,
             table_travel=readings.table_travel, repeatability=alignment.repeatability, repeatability_dof=alignment.dof,
-            run_id=run_id, repeats=scheme.repeats, simulated=True, rotation=alignment.frame.rotation)
+            run_id=run_id, repeats=scheme.repeats, simulated=True, rotation=alignment.frame.rotation,
+            table_offset=offset)
         return run, alignment, readings
 
     def table_truth(self, angle: ArrayLike | None = None, frame: Frame | None = None) -> Floats:
@@ -161,12 +170,12 @@ class Machine:
         frame = frame or self.true_frame
         return self.cmm.error(frame.to_outer(self._nominal)) @ frame.rotation
 
-    def _repeat(self, repeats: int) -> tuple[float, int] | tuple[None, None]:
+    def _repeat(self, repeats: int, table_offset: float) -> tuple[float, int] | tuple[None, None]:
         """Return sigma and degrees of freedom of `repeats` readings of ball 1, or None twice."""
         if repeats < 1:
             return None, None
         one = np.ones(repeats, dtype=int)
-        centre = self.measure_many(one, one, one).centre
+        centre = self.measure_many(one, one, one, table_offset=table_offset).centre
         if repeats < 2 or self.config.probing.repeatability_um == 0:
             return None, None
         dof = 3 * (repeats - 1)
@@ -190,13 +199,13 @@ class Machine:
                                f'{words(pole)}; check the axis of the table (table.axis)')
         return pole
 
-    def _moment(self, made: Moves, table_position: Ints, ball: Ints, touches: int) -> Moment:
+    def _moment(self, made: Moves, table_position: Ints, ball: Ints, touches: int, table_offset: float) -> Moment:
         touch = self.config.timing.touch_s * np.arange(1, touches + 1)
         time = made.arrived[:, None] + touch
         return Moment(
             time=time, began=made.began[:, None], ended=made.ended[:, None], warming=self.climate.warming(time),
             table_position=table_position[:, None], ball=ball[:, None], azimuth=self._angles[ball - 1][:, None],
-            angle=(self._angles[table_position - 1] + made.stop)[:, None],
+            angle=(self._angles[table_position - 1] + table_offset + made.stop)[:, None],
             travel=(made.steps * (TWO_PI / self.n) + made.stop)[:, None],
             turned=np.multiply(made.turned, TWO_PI / self.n)[:, None], approach=made.approach[:, None],
             cmm_sense=made.cmm_sense[:, None, :], gravity=-self.true_frame.rotation[2])

@@ -29,14 +29,14 @@ class TimingSettings(Settings):
 class MachineState:
     """Where the machine stands after its last reading.
 
-    time: s since power-on; steps: unwrapped table position in table divisions; turned: divisions turned in any sense;
+    time: s since power-on; steps: unwrapped table angle in table divisions; turned: divisions turned in any sense;
     approach: sense of the last table move, 0 before the first; stop: rad, by which the table stopped off its division;
     cmm: (3,) last aim, m; cmm_sense: (3,) sense of the last CMM moves, 0 before the first; readings: number made.
     """
 
     time: float
-    steps: int
-    turned: int
+    steps: float
+    turned: float
     approach: int
     stop: float
     cmm: Floats
@@ -51,8 +51,8 @@ class Moves:
     began: when the move began; arrived: when probing began; ended: when it was done.
     """
 
-    steps: Ints
-    turned: Ints
+    steps: Floats
+    turned: Floats
     approach: Ints
     stop: Floats
     cmm: Floats
@@ -63,20 +63,22 @@ class Moves:
 
     def last_state(self, state: MachineState) -> MachineState:
         """Return the state after all readings, which began at `state`."""
-        return MachineState(float(self.ended[-1]), int(self.steps[-1]), int(self.turned[-1]), int(self.approach[-1]),
-                            float(self.stop[-1]), self.cmm[-1], self.cmm_sense[-1], state.readings + self.steps.size)
+        return MachineState(float(self.ended[-1]), float(self.steps[-1]), float(self.turned[-1]),
+                            int(self.approach[-1]), float(self.stop[-1]), self.cmm[-1], self.cmm_sense[-1],
+                            state.readings + self.steps.size)
 
 
-def moves(state: MachineState, timing: TimingSettings, n: int, table_position: Ints, approach: Ints, aim: Floats,
+def moves(state: MachineState, timing: TimingSettings, n: int, division: Floats, approach: Ints, aim: Floats,
           wait: Floats, stop: Floats, touches: int, deadband: float, free: int) -> Moves:
     """Return the moves from `state` through N targets.
 
-    approach: (N,) sense in which the table shall turn, 0 is taken as +1; aim: (N, 3) m; wait: (N,) s before each ball;
+    division: (N,) where the table shall stand, in table divisions from angle 0; approach: (N,) sense in which it shall
+    turn, 0 is taken as +1; aim: (N, 3) m; wait: (N,) s before each ball;
     stop: (N,) rad by which the table would stop off, if it moves; touches: Q per ball; deadband: m;
     free: axis of the CMM, 0..2, along which it comes to every ball from the free side of the plate: no sense changes.
     """
-    before = np.concatenate([[state.steps % n + 1], table_position[:-1]])
-    forward = (table_position - before) % n
+    before = np.concatenate([[state.steps], division[:-1]])
+    forward = np.round((division - before) % n, 12) % n
     move = np.where((approach < 0) & (forward > 0), forward - n, forward)
     turned = np.abs(move)
     way = aim - np.concatenate([state.cmm[None, :], aim[:-1]])
@@ -97,7 +99,7 @@ def moves(state: MachineState, timing: TimingSettings, n: int, table_position: I
     held = np.maximum.accumulate(np.where(moved, np.arange(len(moved))[:, None], -1))
     return Moves(
         steps=state.steps + move.cumsum(), turned=state.turned + turned.cumsum(),
-        approach=_held(np.sign(move), held[:, 0], state.approach),
+        approach=_held(np.sign(move).astype(np.int64), held[:, 0], state.approach),
         stop=_held(stop, held[:, 0], state.stop), cmm=aim,
         cmm_sense=_held(np.sign(way), held[:, 1:], state.cmm_sense, np.arange(3)),
         began=clock[:-1:2], arrived=clock[1::2], ended=clock[2::2])

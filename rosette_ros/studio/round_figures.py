@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.core.error_summary import once_per_turn
-from rosette_ros.core.geometry import TWO_PI, nominal_angles
+from rosette_ros.core.geometry import TWO_PI, nominal_angles, rotate_z
 from rosette_ros.core.records import CURVES, Floats
 from rosette_ros.core.scheme import cmm_position, nominal_places
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, iso_name
@@ -41,14 +41,16 @@ def plan_view_figure(view: CellView) -> PlotlyFigure:
     """
     n, target = view.balls, view.target
     balls, position = np.arange(1, n + 1), target.table_position if target else 1
-    places = nominal_places(n, 1.0, position, balls)[:, :2]
+    offset = target.table_offset if target else 0.0
+    places = rotate_z(offset, nominal_places(n, 1.0, position, balls))[:, :2]
     states = [_state(view, ReadingPlace(position, int(ball), int(at)))
               for ball, at in zip(balls, cmm_position(n, position, balls))]
     size, far = max(7.0, min(22.0, 260 / n)), n if n <= MOST_DOTS else 0
     numbers = np.array(list(product(range(1, far + 1), balls)), dtype=int).reshape(-1, 2)
     at = cmm_position(n, numbers[:, 0], numbers[:, 1])
     radius = INNER + (OUTER - INNER) * (numbers[:, 0] - 1) / max(1, n - 1)
-    dots = radius[:, None] * np.stack([np.cos(TWO_PI * (at - 1) / n), np.sin(TWO_PI * (at - 1) / n)], axis=-1)
+    spoke = TWO_PI * (at - 1) / n + offset
+    dots = radius[:, None] * np.stack([np.cos(spoke), np.sin(spoke)], axis=-1)
     kinds = [_state(view, ReadingPlace(int(i), int(j), int(k))) for (i, j), k in zip(numbers, at)]
     data: list[PlotlyFigure] = [
         {'type': 'scatter', 'x': [None], 'y': [None], 'mode': 'markers', 'name': name, 'marker': {**look, 'size': 10}}
@@ -68,7 +70,7 @@ def plan_view_figure(view: CellView) -> PlotlyFigure:
          'line': {'color': SOFT, 'width': 2}}]
     layout['annotations'] = [_text(0, -0.25 if np.sin(turned) > -0.2 else 0.25, _words(view))]
     layout['annotations'] += [_text(NAMES * np.cos(angle), NAMES * np.sin(angle), str(number))
-                              for number, angle in enumerate(nominal_angles(n), 1)
+                              for number, angle in enumerate(nominal_angles(n) + offset, 1)
                               if n <= MOST_DOTS and (n <= 18 or number % 3 == 1)]
     free = {'visible': False, 'fixedrange': True}
     layout |= {'xaxis': {**free, 'range': [-2.6, 2.6]}, 'yaxis': {**free, 'range': [-2.6, 2.6], 'scaleanchor': 'x'}}

@@ -386,7 +386,8 @@ def test_the_travel_continues_where_the_table_counts_from_0_again(after, wanted)
     answers = [one._replace(**place, table_angle=TURNED[place['table_position'] - 1], table_travel=travel[one.seq - 1],
                             centre=nominal(place['table_position'], place['ball']))
                for one, place in zip(ANSWERS, places)]
-    targets = [one._replace(**place) for one, place in zip(in_sessions(6), places)]
+    targets = [one._replace(**place, table_angle=TURNED[place['table_position'] - 1])
+               for one, place in zip(in_sessions(6), places)]
     run = collected(targets, answers).to_run()
     assert run.table_travel == pytest.approx(np.concatenate([TURNED[:5], wanted]), abs=1e-12)
 

@@ -117,10 +117,10 @@ class Readings:
     @staticmethod
     def of(run: Run, frame: Frame | None = None) -> 'Readings':
         """Return the readings of a Run; frame: its table frame in the machine frame where that is known."""
-        return Readings(Plate.regular(run.n, run.radius), nominal_angles(run.n), run.table_position, run.ball,
-                        run.centre, run.angle_deviation, run.approach, run.repeatability, run.repeatability_dof, frame,
-                        run.run_id, run.source, (*run.notes, *run.remarks), run.simulated,
-                        run.rotation)
+        centre, rotation = run.from_angle_zero()
+        return Readings(Plate.regular(run.n, run.radius), nominal_angles(run.n) + run.table_offset, run.table_position,
+                        run.ball, centre, run.angle_deviation, run.approach, run.repeatability, run.repeatability_dof,
+                        frame, run.run_id, run.source, (*run.notes, *run.remarks), run.simulated, rotation)
 
     @property
     def size(self) -> int:

@@ -351,7 +351,8 @@ def fit(run: Run, model: Model | None = None, settings: Sequence[Mapping[str, fl
     sigma, source, chi, p = _noise(run, rss, dof, noise)
     scale = sigma * noise.loss(1 - dof / (3 * run.size))**0.5
     u = scale * np.sqrt(joint.curve_cofactor())
-    return Fit(run, model, ErrorMotions(_mean_angles(run), base.curves[0], u, run.rotation), base.plate[0], base.cmm[0],
+    motions = ErrorMotions(_mean_angles(run) + run.table_offset, base.curves[0], u, run.rotation)
+    return Fit(run, model, motions, base.plate[0], base.cmm[0],
                space.whitening.inverse(weighted[None])[0], _fitted(run, parts, amplitude, joint, scale),
                space.rank + joint.rank, dof, float(np.sqrt(rss / dof)), sigma, source, chi, p, lever, joint, noise,
                offset)

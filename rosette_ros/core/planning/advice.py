@@ -9,7 +9,7 @@ import numpy as np
 from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE
 from rosette_ros.core.planning.visibility import Visibility, visibility
 from rosette_ros.core.records import Floats, Run
-from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, plan, unwrap_travel
+from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, nominal_places, plan, unwrap_travel
 from rosette_ros.core.touches import USUAL, Pace
 
 SECONDS_PER_BALL = 30.0   # s, 20 touches and the move down and up
@@ -81,7 +81,7 @@ def planned_run(scheme: Scheme, radius: float, pace: Pace | None = None, rotatio
     half a sine, so that what follows the temperature is not the same as what follows the time.
     """
     travel = unwrap_travel(scheme.table_angle, scheme.approach, scheme.n)
-    centres = scheme.centres(radius)
+    centres = nominal_places(scheme.n, radius, scheme.table_position, scheme.ball)
     turn = np.abs(np.diff(travel, prepend=travel[:1])) / TABLE_SPEED
     move = np.linalg.norm(np.diff(centres, axis=0, prepend=centres[:1]), axis=1) / CMM_SPEED
     touches = np.where(scheme.touches > 0, scheme.touches, USUAL)
@@ -91,7 +91,7 @@ def planned_run(scheme: Scheme, radius: float, pace: Pace | None = None, rotatio
     temperature = 20 + 0.1 * np.sin(0.5 * np.pi * time / time[-1])
     return Run(scheme.n, radius, scheme.table_position, scheme.ball, centres, time=time, temperature=temperature,
                approach=scheme.approach, repeats=scheme.repeats, session=scheme.session,
-               source=f'planned run, order {scheme.order}', rotation=rotation)
+               source=f'planned run, order {scheme.order}', rotation=rotation, table_offset=scheme.table_offset)
 
 
 def advise_order(scheme: Scheme, radius: float, sigma: float, wanted: Sequence[str] = (), names: Sequence[str] = (),

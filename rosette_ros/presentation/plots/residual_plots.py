@@ -126,7 +126,7 @@ def _places(run: Run) -> list[tuple[str, Floats, dict[int, str] | None, int]]:
     hours = (run.time - run.time[0]) / 3600
     unit, time = ('hours', hours) if hours.max() > 1.5 else ('minutes', 60 * hours)
     out = [(f'time in {unit}', time, None, sections),
-           ('table angle in degrees', np.rad2deg(run.table_angle), ANGLES, run.n)]
+           ('table angle in degrees', np.rad2deg(run.table_angle + run.table_offset), ANGLES, run.n)]
     known = run.temperature[np.isfinite(run.temperature)]
     if known.size and np.ptp(known) > 0:
         out.append(('temperature in °C', run.temperature, None, sections))

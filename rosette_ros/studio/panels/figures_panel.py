@@ -113,7 +113,7 @@ class FiguresPanel:
         if after is not None:
             curves.append(figures.Curves(PREVIEWED, after.error_motions, AFTER, 'dot'))
         chosen, run = self._chosen(shown), shown.run
-        angle = None if chosen is None else float(run.table_angle[chosen])
+        angle = None if chosen is None else float(run.table_angle[chosen] + run.table_offset)
         self._curves.draw((fit, after, angle), figures.curves_figure, curves, angle)
         self._polar.draw((fit, after), polar_figure, curves)
         self._plate.draw((shown,), plate_figure, shown.plate, run.radius)
