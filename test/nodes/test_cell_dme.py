@@ -12,6 +12,7 @@ import time
 import numpy as np
 import pytest
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
 
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.cmm_check import CmmClient
@@ -27,7 +28,8 @@ from rosette_ros.dme.virtual_cmm import MachineClock, VirtualCmm
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.messages import STATUS_OK
 from rosette_ros.io.touch_log import open_refitted
-from rosette_ros.nodes import names
+from rosette_ros.nodes import names, qos
+from rosette_ros.nodes.base_node import ERROR
 from rosette_ros.nodes.dme_cmm import main
 from rosette_ros.simulation import Machine, MachineConfig
 
@@ -175,7 +177,8 @@ def test_a_cancelled_run_is_aborted_at_once(cell, client, served, module_domain_
 
 
 def test_a_collision_stops_the_run_until_a_person_has_looked(cell, client, served, wait_until, trigger):
-    """The run fails in the server's words, nothing moves, a new one is refused, also after a restart of the node.
+    """The run fails in the server's words, which are on the screen and in /diagnostics; nothing moves, a new one is
+    refused, also after a restart of the node.
 
     Then a person has looked: the run is resumed and complete."""
     served.strikes('collision:at=600')
@@ -183,8 +186,15 @@ def test_a_collision_stops_the_run_until_a_person_has_looked(cell, client, serve
     assert not outcome.success
     assert 'error 2504 (severity 3): Collision; a person has to look at the machine' in outcome.message
     stopped = served.when('2504')
+    heard = {}
+    health = client._node.create_subscription(DiagnosticArray, names.DIAGNOSTICS, lambda array: heard.update(
+        (one.message, one.level) for one in array.status), qos.HEALTH)
+    assert client._spin_until(lambda: any('error 2504' in words and level == ERROR for words, level in heard.items()),
+                              30.0), heard
+    client._node.destroy_subscription(health)
     refused(client, 'error 2504 .*a person has to look .*--recover')
     cmm = cell.processes[names.CMM]
+    assert 'error 2504 (severity 3): Collision; a person has to look at the machine' in cmm.text()  # on the screen
     cmm.end(signal.SIGINT)
     wait_until(lambda: cmm.has_ended)
     assert cmm.popen.returncode == 0
