@@ -10,6 +10,7 @@ from rosette_ros.analysis import analyse
 from rosette_ros.calibration.state_machine import PAUSE
 from rosette_ros.cell.client import CellClient
 from rosette_ros.core.errors import CellError
+from rosette_ros.core.planning.expectation import relative_uncertainty
 from rosette_ros.core.records import remove_gauge
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.log_reader import read_log
@@ -100,3 +101,13 @@ def test_a_plate_of_another_pitch(client):
     assert away[:, :3].max() < 1e-9 and away[:, 3:].max() < 1e-8
     with pytest.raises(CellError, match='ball 2: wanted it within 1 mm of a multiple of 60 deg, the step of 6 table'):
         client.calibrate(plate=PLATE.replace('60', '50'), balls=N)
+
+
+def test_penalties_of_good_sets(domain_id, cell_of):
+    """12 balls at 8, 6 and 4 CMM positions: uncertainty of the curves relative to a complete run, within 1 %."""
+    with cell_of(12), CellClient(domain_id) as client:
+        for places, wanted in (('1, 2, 4, 5, 7, 8, 10, 11', 1.26), ('1, 2, 4, 6, 9, 10', 1.52), ('1, 5, 7, 10', 2.27)):
+            outcome = client.calibrate(order='diagonal', cmm_positions=places)
+            fit = analyse(read_log(outcome.log).to_run())
+            variance = (outcome.error_motions.u / fit.sigma)**2
+            assert relative_uncertainty(variance, fit.mean_radius) == pytest.approx(wanted, rel=0.01)
