@@ -114,7 +114,7 @@ def _heading(run: Run) -> list[str]:
     if run.run_id.split():
         heading['run_id'] = ' '.join(run.run_id.split())  # a line break would end the line
     if run.table_offset:
-        heading['table_offset_deg'] = repr(float(np.rad2deg(run.table_offset)))
+        heading['table_offset_deg'] = repr(_offset_deg(run))
     if (rotation := run.from_angle_zero()[1]) is not None:
         for key, column in (('table_axis', 2), ('table_x', 0)):
             heading[key] = ', '.join(map(repr, rotation[:, column].tolist()))
@@ -151,10 +151,15 @@ def _shifted(value: float, digits: int) -> str:
 def _angle_cells(run: Run) -> list[str]:
     """Return the table angles in degrees: short where nominal, else with decimals to the end."""
     nominal = run.table_angle == nominal_angles(run.n)[run.table_position - 1]
-    exact = (360.0 * (run.table_position - 1) / run.n + float(np.rad2deg(run.table_offset))).tolist()
+    exact = (360.0 * (run.table_position - 1) / run.n + _offset_deg(run)).tolist()
     angle = np.rad2deg(run.table_angle + run.table_offset).tolist()
     return [repr(short) if is_nominal else f'{value:.15f}'
             for is_nominal, short, value in zip(nominal.tolist(), exact, angle)]
+
+
+def _offset_deg(run: Run) -> float:
+    """Return the table angle of table position 1, degrees, with no more digits than targets in a log have."""
+    return round(float(np.rad2deg(run.table_offset)), 10)
 
 
 def checked_plate(table: CsvTable) -> tuple[Plate, int]:

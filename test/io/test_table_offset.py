@@ -94,6 +94,7 @@ def test_tables_and_logs_keep_the_offset(tmp_path, library):
     run, alignment, read = cell().calibrate(plan(N, 'diagonal').shifted(20.0), run_id='half')
     text = format_csv(run)
     assert '# table_offset_deg: 20.0\n' in text
+    assert '# table_offset_deg: 20.0\n' in format_csv(run.replace(table_offset=round(run.table_offset, 12)))
     table = parse_csv(text.encode())
     again = read_log(write_log(run, tmp_path / 'half', library)).to_run()
     wanted = fit(run).error_motions
