@@ -7,11 +7,13 @@ from typing import Any
 
 from rosette_ros.archive.log_finder import FoundLog, find_logs
 from rosette_ros.archive.run_archive import RunArchive
+from rosette_ros.archive.table_history import History, read_history
 from rosette_ros.core.diagnosis.verdict import CERTAIN
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.errors import InvalidData, counted
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import CURVES
+from rosette_ros.core.trend import LEAST_RUNS, Event, Forecast
 from rosette_ros.presentation.json_output import CURVE_KEYS
 
 _CHANGES = ', '.join(
@@ -50,6 +52,22 @@ class RunChange:
     had: tuple[str, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class TrendComparison:
+    """The trend of a table under two models. before, after: its runs under each; events: changes under one, the other
+    or both models, None where a model shows none; slopes: of each of CURVES under both, since its last change there."""
+
+    before: History
+    after: History
+    events: tuple[tuple[Event | None, Event | None], ...]
+    slopes: dict[str, tuple[Forecast, Forecast]]
+
+    def altered(self, curve: str) -> float:
+        """Return by how much the slope of a curve alters, in units of the larger U (k = 2) of both models."""
+        before, after = self.slopes[curve]
+        return abs(after.slope - before.slope) / (COVERAGE_FACTOR * max(before.slope_u, after.slope_u))
+
+
 def logs_of(archive: RunArchive) -> tuple[list[FoundLog], list[str]]:
     """Return the logs of an archive that are still where they were found, and the paths of those that are not."""
     found, gone = list[FoundLog](), list[str]()
@@ -68,6 +86,49 @@ def side_by_side(archive: RunArchive, before: Model, after: Model) -> list[RunCh
     return [RunChange(
         **{name: row[name] for name in same}, change=tuple(row[f'change_{key}'] for key in CURVE_KEYS),
         of_u=tuple(row[f'{curve}_of_U'] for curve in CURVES), had=tuple(row['had'] or ())) for row in rows]
+
+
+def trends_side_by_side(archive: RunArchive, before: Model, after: Model) -> list[TrendComparison]:
+    """Return the trend of every table that has at least LEAST_RUNS dated runs under both models."""
+    tables = archive.query(
+        "SELECT table_serial FROM runs WHERE problem = '' AND measured_at IS NOT NULL AND model_hash IN (?, ?) "
+        'GROUP BY table_serial HAVING count(*) FILTER (model_hash = ?) >= ? AND count(*) FILTER (model_hash = ?) >= ? '
+        'ORDER BY 1', (before.hash, after.hash, before.hash, LEAST_RUNS, after.hash, LEAST_RUNS)).to_pylist()
+    found = []
+    for row in tables:
+        one, other = (read_history(archive, row['table_serial'], model.hash) for model in (before, after))
+        events = one.events(), other.events()
+        first, second = one.slopes(events[0]), other.slopes(events[1])
+        found.append(TrendComparison(one, other, _paired((one, other), events), {
+            curve: (first[curve], second[curve]) for curve in CURVES if curve in first and curve in second}))
+    return found
+
+
+def _paired(histories: Sequence[History], events: Sequence[Sequence[Event]]) -> tuple[
+        tuple[Event | None, Event | None], ...]:
+    """Return the changes under both models, those that may lie between the same runs together, by time."""
+    spans = [[(history.dates[event.earliest - 1], history.dates[event.latest]) for event in some]
+             for history, some in zip(histories, events, strict=True)]
+    left = dict(enumerate(events[1]))
+    pairs: list[tuple[Any, Event | None, Event | None]] = []
+    for event, (begin, end) in zip(events[0], spans[0], strict=True):
+        same = next((place for place in left if spans[1][place][0] < end and begin < spans[1][place][1]), None)
+        pairs.append((begin, event, None if same is None else left.pop(same)))
+    pairs += [(spans[1][place][0], None, event) for place, event in left.items()]
+    return tuple((one, other) for _, one, other in sorted(pairs, key=lambda pair: pair[0]))
+
+
+def trend_conclusion(trends: Sequence[TrendComparison]) -> tuple[str, ...]:
+    """Return in sentences how changes and slopes alter."""
+    if not trends:
+        return (f'No table has {LEAST_RUNS} dated runs under both models: trends are not compared.',)
+    pairs = [pair for one in trends for pair in one.events]
+    kept, gone = sum(None not in pair for pair in pairs), sum(pair[1] is None for pair in pairs)
+    slopes = [one.altered(curve) for one in trends for curve in one.slopes]
+    return (f'Of the trends of {counted(len(trends), "table")}: {counted(kept, "change")} under both models, {gone} '
+            f'under the first alone, {len(pairs) - kept - gone} under the second alone.',
+            f'The slope of an error in time alters by more than U in {sum(one > 1 for one in slopes)} of '
+            f'{len(slopes)} curves.')
 
 
 def conclusion(changes: Sequence[RunChange], names: Sequence[str]) -> tuple[str, ...]:

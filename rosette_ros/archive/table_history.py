@@ -13,15 +13,37 @@ from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import AXES, SERIALS
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import TWO_PI, wrap
+from rosette_ros.core.geometry import TWO_PI, nominal_angles, wrap
 from rosette_ros.core.records import CURVES, Floats
-from rosette_ros.core.trend import LEAST_RUNS, Event, Forecast, TimeSeries, find_events, forecast, harmonics
+from rosette_ros.core.trend import (
+    LEAST_RUNS,
+    LEAST_SCATTER,
+    Chart,
+    Event,
+    Forecast,
+    TimeSeries,
+    control_chart,
+    find_events,
+    forecast,
+    harmonics,
+    run_to_run,
+)
 from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.presentation.json_output import CURVE_KEYS
 
 DAY = 86400.0
+PEAK_TO_VALLEY = 'peak to valley'
 LEAST_SHARE = 1e-3
 """A harmonic that is smaller than this share of its u in every run is zero by convention, not by measurement."""
+
+
+@dataclass(frozen=True, eq=False)
+class ChartedQuantity:
+    """A quantity with the control chart of one of its components: of a harmonic cos, then sin."""
+
+    name: str
+    component: int
+    chart: Chart
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +52,7 @@ class History:
 
     dates, runs: when measured, run_id; days: (m,) since the first; range, U: (m, 6) of the errors, m and rad;
     tolerances: by curve, of the last run that states any; temperature: (m,); quantities: what is looked at; serials: of
-    each run by device; missing: effects that the diagnosis of each run names."""
+    each run by device; missing: effects that the diagnosis of each run names; simulated: whether one is."""
 
     serial: str
     model_hash: str
@@ -44,10 +66,23 @@ class History:
     quantities: tuple[TimeSeries, ...]
     serials: tuple[Mapping[str, str], ...]
     missing: tuple[tuple[str, ...], ...]
+    simulated: bool
 
     def events(self) -> tuple[Event, ...]:
         """Return the changes, in the order of time."""
         return find_events(self.days, self.quantities, self.temperature)
+
+    def charts(self) -> tuple[ChartedQuantity, ...]:
+        """Return the control charts of each harmonic of the curves, each error (peak to valley) and the residual.
+
+        Their limits are those of the stated uncertainty times the run-to-run scatter, and hold for all of them."""
+        errors = [TimeSeries('table', f'{curve}, {PEAK_TO_VALLEY}', self.range[:, [place]],
+                             self.U[:, [place]] / COVERAGE_FACTOR) for place, curve in enumerate(CURVES)]
+        series = [*errors, *(one for one in self.quantities if one.owner in ('table', 'residual'))]
+        tests = len(self.days) * sum(one.values.shape[1] for one in series)
+        return tuple(ChartedQuantity(one.name, part, control_chart(
+            one.values[:, part], one.u[:, part], tests, max(run_to_run(one.values, one.u), LEAST_SCATTER)))
+            for one in series for part in range(one.values.shape[1]))
 
     def exchanged(self, run: int) -> dict[str, tuple[str, str]]:
         """Return the devices whose serial number is another one from a run on: before and after."""
@@ -57,22 +92,30 @@ class History:
     def forecasts(self, events: Sequence[Event]) -> dict[str, Forecast]:
         """Return when each error with a tolerance reaches it, its U being the guard band, from the runs since the last
         change of its curve."""
+        return {curve: found for curve, found in self.slopes(events).items() if curve in self.tolerances}
+
+    def slopes(self, events: Sequence[Event]) -> dict[str, Forecast]:
+        """Return how each error moves since the last change of its curve; one without a tolerance never reaches it."""
         found = {}
         for place, curve in enumerate(CURVES):
             since = max((event.run for event in events if any(step.series.name.startswith(curve)
                                                               for step in event.steps)), default=0)
-            if curve in self.tolerances and len(self.days) - since >= 3:
+            if len(self.days) - since >= 3 and np.ptp(self.days[since:]) > 0:
                 u = self.U[since:, place] / COVERAGE_FACTOR
-                limit = self.tolerances[curve] - float(np.median(self.U[since:, place]))
+                limit = self.tolerances.get(curve, np.inf) - float(np.median(self.U[since:, place]))
                 found[curve] = forecast(self.days[since:], self.range[since:, place], u, limit)
         return found
 
 
-def read_history(archive: RunArchive, table: str, model: str = '') -> History:
+def read_history(archive: RunArchive, table: str, model: str = '', cell: str = '',
+                 least: int = LEAST_RUNS) -> History:
     """Return the history of a table by its serial number ('': of runs that state none); raises InvalidData.
 
-    model: hash of the model, or its beginning; '': that of most runs."""
+    model: hash of the model, or its beginning; '': that of most runs; cell: whose runs count where the table has no
+    serial number, '': of all; least: as in history_of."""
     where, values = "problem = '' AND table_serial = ? AND measured_at IS NOT NULL", [table]
+    if cell and not table:
+        where, values = f'{where} AND cell = ?', [*values, cell]
     if model:
         where, values = f'{where} AND starts_with(model_hash, ?)', [*values, model]
     rows = archive.read_rows(where=where, values=values).to_pylist()
@@ -83,18 +126,20 @@ def read_history(archive: RunArchive, table: str, model: str = '') -> History:
         raise InvalidData(f'{archive.folder}: wanted dated runs of table {table!r}, got none; it has tables '
                           f'{", ".join(map(repr, known)) or "none"}')
     best = hashes.most_common(1)[0][0]
-    return history_of([row for row in rows if row['model_hash'] == best], table)
+    return history_of([row for row in rows if row['model_hash'] == best], table, least)
 
 
-def history_of(rows: Sequence[Mapping[str, Any]], serial: str = '') -> History:
-    """Return the history of rows (run_row.COLUMNS) under one model, sorted by time; raises InvalidData for few."""
+def history_of(rows: Sequence[Mapping[str, Any]], serial: str = '', least: int = LEAST_RUNS) -> History:
+    """Return the history of rows (run_row.COLUMNS) under one model, sorted by time.
+
+    least: raises InvalidData where there are fewer; below LEAST_RUNS no change is found."""
     rows = sorted(rows, key=lambda row: row['measured_at'])
     for row in rows:
         if abs(offset := float(wrap(row['angle_rad'][0]))) > 0.1 * TWO_PI / row['n']:
             raise InvalidData(f'run {row["run_id"]}: wanted runs whose table position 1 is at angle 0, got '
                               f'{np.rad2deg(offset):.6g} deg; leave runs at half pitches out of the archive')
-    if len(rows) < LEAST_RUNS:
-        raise InvalidData(f'trend of table {serial!r}: wanted at least {LEAST_RUNS} dated runs, got {len(rows)}')
+    if len(rows) < least:
+        raise InvalidData(f'trend of table {serial!r}: wanted at least {least} dated runs, got {len(rows)}')
     dates = tuple(row['measured_at'] for row in rows)
     days = np.array([(date - dates[0]).total_seconds() / DAY for date in dates])
     stated = next((row for row in reversed(rows) if 'tolerances' in row['identity']), None)
@@ -108,7 +153,7 @@ def history_of(rows: Sequence[Mapping[str, Any]], serial: str = '') -> History:
         (*_table(rows), *_places(rows, 'plate', 'ball'), *_places(rows, 'cmm', 'position'), *_effects(rows),
          _residual(rows)),
         tuple({one: row[f'{one}_serial'] for one in SERIALS} for row in rows),
-        tuple(tuple(row['missing'] or ()) for row in rows))
+        tuple(tuple(row['missing'] or ()) for row in rows), any(row['simulated'] for row in rows))
 
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> list[TimeSeries]:
@@ -125,13 +170,20 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> list[TimeSeries]:
 
 
 def _places(rows: Sequence[Mapping[str, Any]], what: str, word: str) -> list[TimeSeries]:
-    """Return the deviation of every ball or CMM position, along x, y, z, in the runs with as many as the last one."""
+    """Return the deviation of every ball or CMM position, along x, y, z, and its harmonics over their numbers, in the
+    runs with as many as the last one; once per turn is how it lies and its size."""
     n = rows[-1]['n']
     values, u = (np.array([np.column_stack([row[f'{prefix}{what}_{axis}_m'] for axis in AXES]) if row['n'] == n
                            else np.full((n, 3), np.nan) for row in rows]) for prefix in ('', 'U_'))
     owner = 'CMM' if what == 'cmm' else what
-    return [TimeSeries(owner, f'{owner} {word} {place + 1}', values[:, place], u[:, place] / COVERAGE_FACTOR)
-            for place in range(n)]
+    found = [TimeSeries(owner, f'{owner} {word} {place + 1}', values[:, place], u[:, place] / COVERAGE_FACTOR)
+             for place in range(n)]
+    for place, axis in enumerate(AXES):
+        waves = harmonics(nominal_angles(n), values[..., place], u[..., place] / COVERAGE_FACTOR)
+        found += [TimeSeries(owner, f'{owner} {axis}, {order + 1} per turn', waves[0][:, order], waves[1][:, order])
+                  for order in range(1, (n - 1) // 2)
+                  if np.any(np.abs(waves[0][:, order]) > LEAST_SHARE * waves[1][:, order])]
+    return found
 
 
 def _effects(rows: Sequence[Mapping[str, Any]]) -> list[TimeSeries]:

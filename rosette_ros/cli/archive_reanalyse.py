@@ -5,20 +5,32 @@ import sys
 from argparse import ArgumentParser, Namespace
 
 from rosette_ros.archive.engines import DaskEngine
-from rosette_ros.archive.reanalysis import RunChange, conclusion, logs_of, side_by_side
+from rosette_ros.archive.reanalysis import (
+    RunChange,
+    TrendComparison,
+    conclusion,
+    logs_of,
+    side_by_side,
+    trend_conclusion,
+    trends_side_by_side,
+)
 from rosette_ros.archive.run_adding import add_logs
 from rosette_ros.archive.run_archive import RunArchive
+from rosette_ros.archive.table_history import History
 from rosette_ros.cli.archive_add import add_engine, progress
 from rosette_ros.cli.arguments import UsageError, add_formats, add_shared
 from rosette_ros.cli.console import console, print_json, print_parts
+from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.errors import counted
 from rosette_ros.core.records import CURVES
+from rosette_ros.core.trend import Event, Forecast
 from rosette_ros.io.model_file import read_model
-from rosette_ros.presentation.formatting import fixed
+from rosette_ros.presentation.formatting import CURVE_UNITS, fixed, names
 from rosette_ros.presentation.json_output import by_curve, plain
 from rosette_ros.presentation.table_format import Table, column, micrometre_column, words
 
 SCHEMA = 'rosette-archive-reanalysis/1'
+YEAR = 365.25
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -41,10 +53,12 @@ def run(options: Namespace) -> None:
         for model in (before, after):
             add_logs(archive, logs, engine, model, on_progress=show)
     changes = side_by_side(archive, before, after)
-    said = conclusion(changes, [name for name in after.names if name not in before.names])
+    trends = trends_side_by_side(archive, before, after)
+    said = (*conclusion(changes, [name for name in after.names if name not in before.names]), *trend_conclusion(trends))
     if options.json:
         print_json({'schema': SCHEMA, 'before': before.to_mapping(), 'after': after.to_mapping(), 'conclusion': said,
-                    'gone': gone, 'runs': [_json(one) for one in changes]})
+                    'gone': gone, 'runs': [_json(one) for one in changes],
+                    'trends': [_trend_json(one) for one in trends]})
         return
     table = _table(changes)
     if options.csv:
@@ -55,7 +69,7 @@ def run(options: Namespace) -> None:
         out.print(f'{counted(len(gone), "log")} no longer where it was found, such as {gone[0]}', markup=False)
     for sentence in said:
         out.print(sentence, markup=False)
-    print_parts(out, [table])
+    print_parts(out, [table, *_trend_tables(trends)])
 
 
 def _table(changes: list[RunChange]) -> Table:
@@ -70,6 +84,56 @@ def _table(changes: list[RunChange]) -> Table:
         words('had', 'had', [' + '.join(one.had) for one in changes])),
         levels=tuple('strong' if one.had else '' for one in changes),
         note='before, after: residual; had: effects of the model after that are there for certain')
+
+
+def _trend_tables(trends: list[TrendComparison]) -> list[Table]:
+    """Return the changes under both models, and the slopes that alter."""
+    changes = [(one, *pair) for one in trends for pair in one.events]
+    slopes = [(one, curve) for one in trends for curve in one.slopes if one.altered(curve) > 1]
+    tables = [Table('changes', 'Changes of the tables, before and after', (
+        words('table', 'table', [one.before.serial for one, *_ in changes]),
+        words('between', 'between', [_between(one.before, first) or _between(one.after, second)
+                                     for one, first, second in changes]),
+        words('before', 'before', [_told(first) for _, first, _ in changes]),
+        words('after', 'after', [_told(second) for *_, second in changes])),
+        note='Size of what moved most, in units of its U (k = 2); –: no change under this model')] if changes else []
+    if slopes:
+        tables.append(Table('slopes', 'Slopes that alter by more than U', (
+            words('table', 'table', [one.before.serial for one, _ in slopes]),
+            words('error', 'error', [curve for _, curve in slopes]),
+            words('before', 'before, per year', [_slope(one.slopes[curve][0], curve) for one, curve in slopes]),
+            words('after', 'after, per year', [_slope(one.slopes[curve][1], curve) for one, curve in slopes]))))
+    return tables
+
+
+def _between(history: History, event: Event | None) -> str:
+    if event is None:
+        return ''
+    return f'{history.dates[event.earliest - 1]:%Y-%m-%d} and {history.dates[event.latest]:%Y-%m-%d}'
+
+
+def _told(event: Event | None) -> str:
+    if event is None:
+        return '–'
+    return f'{names(event.owners)}: {event.steps[0].series.name} {event.steps[0].strength / COVERAGE_FACTOR:.1f} U'
+
+
+def _slope(one: Forecast, curve: str) -> str:
+    year = 1e6 * YEAR
+    return (f'{year * one.slope:+.3f} ± {COVERAGE_FACTOR * year * one.slope_u:.3f} '
+            f'{CURVE_UNITS[CURVES.index(curve)]}')
+
+
+def _trend_json(one: TrendComparison) -> dict[str, object]:
+    return {'table': one.before.serial, 'runs': len(one.before.runs),
+            'changes': [{name: event and {'between': _between(history, event), 'run_id': history.runs[event.run],
+                                          'owners': list(event.owners), 'quantity': event.steps[0].series.name,
+                                          'size_in_U': event.steps[0].strength / COVERAGE_FACTOR}
+                         for name, history, event in zip(('before', 'after'), (one.before, one.after), pair)}
+                        for pair in one.events],
+            'slopes': {curve: {name: {'per_day': found.slope, 'u_per_day': found.slope_u}
+                               for name, found in zip(('before', 'after'), pair)}
+                       for curve, pair in one.slopes.items()}}
 
 
 def _json(one: RunChange) -> dict[str, object]:

@@ -27,6 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         '127.0.0.1: this computer alone); any other one needs a token')
     parser.add_argument('--token', metavar='T', help=f'token that the page asks for at sign-in, at '
                         f'least {SHORTEST_TOKEN} characters (default: {TOKEN_VARIABLE} of the environment)')
+    parser.add_argument('--archive', metavar='ARCHIVE', default='', help='show the runs of this archive first')
     add_shared(parser, '--namespace', '--domain')
     parser.add_argument('--no-browser', action='store_true', help='print the address and open no browser')
 
@@ -48,7 +49,7 @@ def studio_options(options: argparse.Namespace, environment: Mapping[str, str]) 
         raise InvalidConfig(f'--host {options.host}: others can reach this address; wanted a token with it '
                             f'(--token T or {TOKEN_VARIABLE}), got none')
     return StudioOptions(tuple(options.runs), suggestions(options.runs), options.host, options.port, token,
-                         options.domain, not options.no_browser, options.namespace)
+                         options.domain, not options.no_browser, options.namespace, options.archive)
 
 
 def suggestions(given: Sequence[str]) -> tuple[str, ...]:

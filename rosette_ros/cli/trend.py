@@ -3,14 +3,18 @@
 
 from argparse import ArgumentParser, Namespace
 
+from matplotlib.figure import Figure
+
 from rosette_ros.archive.run_archive import RunArchive
-from rosette_ros.archive.table_history import History, read_history
+from rosette_ros.archive.table_history import PEAK_TO_VALLEY, History, read_history
 from rosette_ros.cli.arguments import add_shared, made_folder
 from rosette_ros.cli.console import console, print_json, print_parts
 from rosette_ros.core.errors import counted
 from rosette_ros.core.trend import Event, control_chart
+from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.presentation.plots import plot_style, trend_plots
-from rosette_ros.presentation.trend_results import events_table, forecast_table, trend_json
+from rosette_ros.presentation.report.trend_page import trend_html
+from rosette_ros.presentation.trend_results import Charts, charts_table, events_table, forecast_table, trend_json
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -20,46 +24,70 @@ def add_arguments(parser: ArgumentParser) -> None:
                         'state none)')
     parser.add_argument('--model', metavar='HASH', default='', help='hash of the model, or its beginning (default: '
                         'that of most runs)')
-    parser.add_argument('--figures', metavar='DIR', help='write the pictures: errors over time, control chart')
-    parser.add_argument('--force', action='store_true', help='replace pictures that are there')
+    parser.add_argument('-o', '--output', metavar='FILE', help='write the trend as a page (HTML)')
+    parser.add_argument('--figures', metavar='DIR', help='write the pictures (PNG): errors over time, control charts')
+    parser.add_argument('--force', action='store_true', help='replace a page and pictures that are there')
     add_shared(parser, '--json')
 
 
 def run(options: Namespace) -> None:
     """Print the trend."""
+    if options.output:
+        refuse_existing(options.output, options.force)
     history = read_history(RunArchive(options.archive), options.table, options.model)
     events = history.events()
     exchanged = [history.exchanged(event.run) for event in events]
     forecasts = history.forecasts(events)
-    paths = _draw(history, events, options) if options.figures else []
+    charts = [(one.name, one.component, one.chart) for one in history.charts()]
+    pictures = _pictures(history, events, charts) if options.figures or options.output else {}
+    paths = _save(pictures, options) if options.figures else []
+    said = [f'Table {history.serial or "without serial number"}: {counted(len(history.runs), "run")} from '
+            f'{history.dates[0]:%Y-%m-%d} to {history.dates[-1]:%Y-%m-%d}, model {history.model_hash[:12]}']
+    tables = [events_table(events, history.dates, history.runs, exchanged)] if events else []
+    if not events:
+        said.append('No change beyond the scatter of the runs: curves, plate, CMM, effects and residual; slopes in '
+                    'time and temperature are no changes.')
+    tables += [forecast_table(forecasts, history.dates[-1])] if forecasts else []
+    if not forecasts:
+        said.append('No tolerances are stated (identity file, tolerances): nothing to forecast.')
+    if options.output:
+        write_text(options.output, trend_html(
+            history.serial, history.model_hash, history.dates, said[1:],
+            [*tables, charts_table(charts, history.dates)], pictures, options.command_line, history.simulated),
+            options.force)
     if options.json:
         print_json(trend_json(history.serial, history.model_hash, history.dates, history.runs,
-                              (history.range, history.U), events, exchanged, forecasts))
+                              (history.range, history.U), events, exchanged, forecasts, charts))
         return
     out = console()
-    out.print(f'Table {history.serial or "without serial number"}: {counted(len(history.runs), "run")} from '
-              f'{history.dates[0]:%Y-%m-%d} to {history.dates[-1]:%Y-%m-%d}, model {history.model_hash[:12]}')
-    unlimited = [] if forecasts else ['No tolerances are stated (identity file, tolerances): nothing to forecast.']
-    if events:
-        print_parts(out, [events_table(events, history.dates, history.runs, exchanged)])
-    else:
-        out.print('No change beyond the scatter of the runs: curves, plate, CMM, effects and residual; slopes in time '
-                  'and temperature are no changes.', soft_wrap=True)
-    print_parts(out, [forecast_table(forecasts, history.dates[-1])] if forecasts else unlimited)
+    for words in said:
+        out.print(words, markup=False, soft_wrap=True)
+    print_parts(out, tables)
     for path in paths:
-        out.print(f'Picture: {path}', markup=False)
+        out.print(f'Picture: {path}', markup=False, soft_wrap=True)
+    if options.output:
+        out.print(f'Page: {options.output}', markup=False, soft_wrap=True)
 
 
-def _draw(history: History, events: tuple[Event, ...], options: Namespace) -> list[str]:
-    """Write the pictures; return their paths."""
+def _pictures(history: History, events: tuple[Event, ...], charts: Charts) -> dict[str, Figure]:
+    """Return the pictures by name."""
     moved = events[-1].steps[0].series if events else history.quantities[0]
     tests = len(history.runs) * sum(one.values.shape[1] for one in history.quantities)
     part = int(abs(moved.values[-1] - moved.values[0]).argmax())
     chart = control_chart(moved.values[:, part], moved.u[:, part], tests)
-    made = {'ranges': trend_plots.ranges_over_time(history.dates, history.range, history.U, history.tolerances, events,
+    every = [(name, one) for name, _, one in charts]
+    summary = [one for one in every if PEAK_TO_VALLEY in one[0] or one[0].startswith('residual')]
+    harmonics = [one for one in every if one not in summary]
+    return {'ranges': trend_plots.ranges_over_time(history.dates, history.range, history.U, history.tolerances, events,
                                                    history.forecasts(events)),
+            'summary': trend_plots.charts_over_time(history.dates, summary, 2),
+            **({'harmonics': trend_plots.charts_over_time(history.dates, harmonics, 3)} if harmonics else {}),
             'control_chart': trend_plots.events_over_time(history.dates, chart, moved.name, events)}
+
+
+def _save(pictures: dict[str, Figure], options: Namespace) -> list[str]:
+    """Write the pictures; return their paths."""
     folder = made_folder(options.figures, 'to write to', '')
-    for name, figure in made.items():
+    for name, figure in pictures.items():
         plot_style.save(figure, folder / f'trend_{name}.png', options.force)
-    return [str(folder / f'trend_{name}.png') for name in made]
+    return [str(folder / f'trend_{name}.png') for name in pictures]

@@ -224,13 +224,18 @@ def _fits(days: Floats, quantities: Sequence[TimeSeries], temperature: Floats | 
         runs = np.flatnonzero(np.all(np.isfinite(quantity.values) & (quantity.u > 0), axis=1))
         if len(runs) >= LEAST_RUNS:
             fits.append(_Fit(quantity, runs, quantity.values[runs], _base(days[runs], temperature, runs)))
-    own = [_scatter(fit) for fit in fits]
-    for owner in {fit.series.owner for fit in fits}:
-        mine = [(fit, one) for fit, one in zip(fits, own, strict=True) if fit.series.owner == owner]
+    own = [run_to_run(fit.y, fit.series.u[fit.runs]) for fit in fits]
+    for like in {_like(fit) for fit in fits}:
+        mine = [(fit, one) for fit, one in zip(fits, own, strict=True) if _like(fit) == like]
         common = float(np.median([one for _, one in mine]))
         for fit, one in mine:  # one that seems to scatter less than its like does so by chance
             fit.scatter, fit.dof = max(common, one, LEAST_SCATTER), EFFICIENCY * sum(each.y.size for each, _ in mine)
     return fits
+
+
+def _like(fit: _Fit) -> tuple[str, int]:
+    """Return what quantities of one run-to-run scatter have in common: owner and number of components."""
+    return fit.series.owner, fit.y.shape[1]
 
 
 def _base(days: Floats, temperature: Floats | None, runs: Ints) -> Floats:
@@ -242,10 +247,10 @@ def _base(days: Floats, temperature: Floats | None, runs: Ints) -> Floats:
     return np.column_stack(columns)
 
 
-def _scatter(fit: _Fit) -> float:
-    """Return the scatter between neighbouring runs in units of u: the median of differences, robust to steps."""
-    u = fit.series.u[fit.runs]
-    differences = np.diff(fit.y, axis=0) / np.hypot(u[1:], u[:-1])
+def run_to_run(values: Floats, u: Floats) -> float:
+    """Return the scatter between neighbouring runs, (m,) or (m, c), in units of u: the median of differences, robust to
+    steps."""
+    differences = np.diff(values, axis=0) / np.hypot(u[1:], u[:-1])
     return float(np.median(np.abs(differences)) / special.ndtri(0.75))
 
 

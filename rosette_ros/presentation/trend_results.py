@@ -8,13 +8,15 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.core.records import CURVES, Floats
-from rosette_ros.core.trend import Event, Forecast, Shift
+from rosette_ros.core.trend import Chart, Event, Forecast, Shift
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.json_output import CURVE_KEYS
-from rosette_ros.presentation.table_format import Table, words
+from rosette_ros.presentation.table_format import Table, column, words
 
 SCHEMA = 'rosette-trend/1'
 Dates = Sequence[datetime.datetime]
+Charts = Sequence[tuple[str, int, Chart]]
+"""Quantity, its component, their control chart."""
 MOST_TOLD = 4
 """Quantities of a change that the table names."""
 
@@ -57,6 +59,21 @@ def forecast_table(forecasts: Mapping[str, Forecast], last: datetime.datetime) -
              'change of the curve; the interval is between half and twice the present one (ILAC-G24, control chart).')
 
 
+def charts_table(charts: Charts, dates: Dates) -> Table:
+    """Return how far each control chart goes, in units of its limits, and when it leaves them first."""
+    left = [one for one in charts if one[2].alarms]
+    kept = len(charts) - len(left)
+    parts = ((', cos', ', sin') if 'per turn' in name else ('',) for name, *_ in left)
+    return Table('charts', f'{len(left)} of {len(charts)} charts leave their limits', (
+        words('quantity', 'quantity', [f'{name}{part[place]}' for (name, place, _), part in zip(left, parts)]),
+        column('ewma', 'largest EWMA / limit', [float(np.max(np.abs(one.ewma / one.ewma_limit))) for *_, one in left],
+               lambda value: text.fixed(value, 1)),
+        column('cusum', 'largest CUSUM / limit', [float(max(one.high.max(), one.low.max()) / one.cusum_limit)
+                                                  for *_, one in left], lambda value: text.fixed(value, 1)),
+        words('first', 'first alarm', [f'{dates[one.alarms[0]]:%Y-%m-%d}' for *_, one in left])),
+        note=f'The other {kept} stay within their limits.' if left else '')
+
+
 def _date(last: datetime.datetime, ahead: float) -> str:
     if ahead <= 0:
         return 'reached'
@@ -65,7 +82,7 @@ def _date(last: datetime.datetime, ahead: float) -> str:
 
 def trend_json(serial: str, model_hash: str, dates: Dates, runs: Sequence[str], ranges: tuple[Floats, Floats],
                events: Sequence[Event], exchanged: Sequence[Mapping[str, tuple[str, str]]],
-               forecasts: Mapping[str, Forecast]) -> dict[str, Any]:
+               forecasts: Mapping[str, Forecast], charts: Charts = ()) -> dict[str, Any]:
     """Return a trend as rosette-trend/1; ranges: (m, 6) of the errors and their U."""
     names = dict(zip(CURVES, CURVE_KEYS, strict=True))
     return {
@@ -82,7 +99,11 @@ def trend_json(serial: str, model_hash: str, dates: Dates, runs: Sequence[str], 
             'per_day': one.slope, 'u_per_day': one.slope_u, 'interval_d': one.interval,
             **{key: value if np.isfinite(value) else None
                for key, value in (('expected_d', one.expected), ('soonest_d', one.soonest))}}
-            for curve, one in forecasts.items()}}
+            for curve, one in forecasts.items()},
+        'charts': [{'quantity': name, 'component': part, 'ewma': one.ewma.tolist(),
+                    'ewma_limit': one.ewma_limit.tolist(), 'cusum_high': one.high.tolist(),
+                    'cusum_low': one.low.tolist(), 'cusum_limit': one.cusum_limit,
+                    'alarms': [runs[alarm] for alarm in one.alarms]} for name, part, one in charts]}
 
 
 def _step_json(step: Shift) -> dict[str, Any]:

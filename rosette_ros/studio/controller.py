@@ -54,7 +54,8 @@ class Controller:
 
     step: the one of analysis.STEPS that is running, '' when none is; previewing: what a preview is calculated of, ''
     when none is; error: words of what failed last; check: name of a second run and what it shows of the diagnosis;
-    planner, joiner: calculate what plans determine, and several runs as one; joint: the result of these.
+    planner, joiner, archivist: calculate what plans determine, several runs as one, trends; joint: the result of
+    several runs.
     """
 
     def __init__(self) -> None:
@@ -62,7 +63,7 @@ class Controller:
         self.step = self.error = self.previewing = ''
         self.check: tuple[str, CrossCheck] | None = None
         self._quick, self._worker, self._reader = ThreadPoolExecutor(1, 'quick'), Worker(), Worker()
-        self.planner, self.joiner = Worker(), Worker()
+        self.planner, self.joiner, self.archivist = Worker(), Worker(), Worker()
         self._refreshed: Ticket | None = None
         self.joint: JointResult | None = None
 
@@ -184,7 +185,7 @@ class Controller:
 
     def close(self) -> None:
         """End the calculations."""
-        for worker in (self._worker, self._reader, self.planner, self.joiner):
+        for worker in (self._worker, self._reader, self.planner, self.joiner, self.archivist):
             worker.stop()
         self._quick.shutdown(wait=False, cancel_futures=True)
 

@@ -6,7 +6,8 @@ would be too much for a browser is thinned, and the figure states it.
 """
 
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from datetime import datetime
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -68,6 +69,34 @@ def curves_figure(every: Sequence[Curves], angle: float | None = None) -> Plotly
         _set_panel(layout, place, x, {'zeroline': True}, f'<b>{curve}</b> {MEANING[curve]} / {unit}')
         if angle is not None:
             layout['shapes'].append(_upright(place, float(np.rad2deg(angle) % 360)))
+    return figure_of(data, layout)
+
+
+def trend_figure(dates: Sequence[datetime], values: Floats, expanded: Floats, tolerances: Mapping[str, float],
+                 changes: Sequence[tuple[int, int, Collection[str]]]) -> PlotlyFigure:
+    """Return the six errors, (m, 6) with U, over the dates, a trace each with a point a run; tolerances dashed.
+
+    changes: before and after which run, and in which curves, something has changed; fainter in the other panels."""
+    when = [f'{date:%Y-%m-%d %H:%M}' for date in dates]
+    data, layout = [], _panels(2, 3, gap=(0.2, 0.34))
+    for place, (curve, unit) in enumerate(zip(CURVES, CURVE_UNITS, strict=True), 1):
+        data.append({'type': 'scatter', 'mode': 'lines+markers', 'x': when, 'y': packed(1e6 * values[:, place - 1]),
+                     'error_y': {'type': 'data', 'array': packed(1e6 * expanded[:, place - 1]), 'thickness': 0.8,
+                                 'width': 0}, 'line': {'color': AFTER, 'width': 1}, 'marker': {'size': 5},
+                     'name': curve, 'showlegend': False, **_axes(place),
+                     'hovertemplate': f'%{{x}}<br>%{{y:.3f}} {unit}<extra>{curve}</extra>'})
+        _set_panel(layout, place, {'type': 'date', 'nticks': 5}, {'rangemode': 'tozero'},
+                   f'<b>{curve}</b> peak to valley / {unit}')
+        x, y = (f'{axis}{_number(place)}' for axis in 'xy')
+        for begin, end, curves in changes:
+            layout['shapes'].append({
+                'type': 'rect', 'xref': x, 'yref': f'{y} domain', 'x0': when[begin], 'x1': when[end], 'y0': 0, 'y1': 1,
+                'line': {'width': 0}, 'fillcolor': BEFORE, 'opacity': 0.45 if curve in curves else 0.12})
+        if curve in tolerances:
+            limit = 1e6 * tolerances[curve]
+            layout['shapes'].append({
+                'type': 'line', 'xref': f'{x} domain', 'yref': y, 'x0': 0, 'x1': 1, 'y0': limit, 'y1': limit,
+                'line': {'color': BEFORE, 'width': 1.5, 'dash': 'dash'}})
     return figure_of(data, layout)
 
 

@@ -15,6 +15,7 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.io.model_file import format_model
 from rosette_ros.nodes.names import NAMESPACE
 from rosette_ros.studio.controller import Controller, Superseded
+from rosette_ros.studio.panels.archive_panel import ArchivePanel
 from rosette_ros.studio.panels.diagnosis_panel import CandidatesPanel, CrossCheckPanel, VerdictPanel
 from rosette_ros.studio.panels.figures_panel import FiguresPanel
 from rosette_ros.studio.panels.joint_panel import JointPanel
@@ -23,7 +24,7 @@ from rosette_ros.studio.panels.model_panel import CustomTermPanel, Entry, ModelP
 from rosette_ros.studio.panels.open_dialog import OpenDialog
 from rosette_ros.studio.panels.widgets import ErrorLine, button, input_field, marked
 
-RUN, LIVE = 'Run', 'Live cell'
+RUN, LIVE, ARCHIVE = 'Run', 'Live cell', 'Archive'
 THEMES = {None: ('brightness_auto', 'Colours follow the system (d)'), True: ('dark_mode', 'Dark (d)'),
           False: ('light_mode', 'Light (d)')}
 
@@ -40,6 +41,7 @@ class StudioOptions:
     domain: int | None = None
     browser: bool = True
     namespace: str = NAMESPACE
+    archive: str = ''
 
 
 class Page:
@@ -59,6 +61,8 @@ class Page:
                 self._build_run()
             with self._tab(LIVE):
                 LivePanel(controller, cells, options.domain, options.namespace, self._open_log)
+            with self._tab(ARCHIVE):
+                self._archive = ArchivePanel(controller, options.archive, self._open_log)
         self._keys: dict[str, tuple[str, Callable[[], Awaitable[None] | None]]] = {
             'o': ('open a run', self._dialog.show),
             'p': ('preview all missing effects', self._preview_missing),
@@ -77,13 +81,20 @@ class Page:
         self.show()
         if is_new and self._options.runs:
             background_tasks.create(self._open_all())
-        elif self._session.current is None:
+        elif self._session.current is None and not self._options.archive:
             self._dialog.show()
+        if self._options.archive:
+            self._tabs.set_value(ARCHIVE)
+            background_tasks.create(self._open_archive())
 
     async def _open_all(self) -> None:
         with self._client:
             for path in reversed(self._options.runs):
                 await self._dialog.open(path, asked=False)
+
+    async def _open_archive(self) -> None:
+        with self._client:
+            await self._archive.begin()
 
     # Building
 
@@ -93,6 +104,7 @@ class Page:
             with ui.tabs().props('no-caps dense') as self._tabs:
                 marked(ui.tab(RUN), 'tab-run')
                 marked(ui.tab(LIVE), 'tab-live')
+                marked(ui.tab(ARCHIVE), 'tab-archive')
             self._tabs.set_value(RUN)
             self._runs = input_field(ui.select({}, label='run', on_change=self._select), 'run').classes('run-choice')
             button('Open', self._dialog.show, 'folder_open', 'open', hint='Open a run (o)')
@@ -157,8 +169,8 @@ class Page:
         """Calculate in the background what is missing."""
         background_tasks.create(self._controller.refresh(unasked))
 
-    async def _open_log(self, path: str) -> None:
-        await self._dialog.open(path)
+    async def _open_log(self, path: str, run_id: str = '') -> None:
+        await self._dialog.open(path, run_id=run_id)
         if not self._dialog.dialog.value:
             self._tabs.set_value(RUN)
 

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from rosette_ros.archive.archive_questions import Question, ask, ask_for
-from rosette_ros.archive.reanalysis import conclusion, logs_of, side_by_side
+from rosette_ros.archive.reanalysis import conclusion, logs_of, side_by_side, trend_conclusion, trends_side_by_side
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import SCHEMA, heading
 from rosette_ros.cli.main import main
 from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.geometry import nominal_angles
 from rosette_ros.core.model.model import Model
+from rosette_ros.core.records import CURVES
 from rosette_ros.presentation.json_output import CURVE_KEYS
 
 BASE, CREEP = Model(), Model().with_effect('plate_creep')
@@ -91,6 +93,33 @@ def test_two_models_side_by_side(archive):
         '2026-01-22 to 2026-01-22.')
     assert conclusion([], []) == ('No run was evaluated under both models.',)
     assert logs_of(archive) == ([], [f'/logs/{number}' for number in (0, 2, 4, 1, 3, 5)] + ['/logs/bad'])
+
+
+def test_trends_side_by_side(tmp_path):
+    """A step of crz by 6 standard uncertainties that the model after explains is a change under the first alone."""
+    archive = RunArchive(tmp_path / 'archive', make=True)
+    angle, noise = nominal_angles(N).tolist(), np.random.default_rng(1)
+
+    def row(number, model):
+        wave = np.array([1.0, 0.0, -1.0, 0.0])
+        step = 12 * U * (number >= 10 and model is BASE)
+        curves = {key: (0.05 * U * noise.standard_normal(N) + step * wave * (key == 'crz_rad')).tolist()
+                  for key in CURVE_KEYS}
+        zero = {f'{prefix}{what}_{axis}_m': [U if prefix else 0.0] * N for prefix in ('', 'U_')
+                for what in ('plate', 'cmm') for axis in 'xyz'}
+        ranges = {f'range_{key}': float(np.ptp(curves[key])) for key in CURVE_KEYS}
+        return {**made_row(number, model), **curves, **zero, **ranges, 'table_serial': 'T', 'angle_rad': angle,
+                'dof': 9, 'identity': '', **{f'{one}_serial': '' for one in ('plate', 'cmm', 'probe')},
+                **{f'U_range_{key}': U for key in CURVE_KEYS}}
+    archive.add([row(number, model) for number in range(20) for model in (BASE, CREEP)])
+    [found] = trends_side_by_side(archive, BASE, CREEP)
+    [(before, after)] = found.events
+    assert (before.run, before.owners, after) == (10, ('table',), None)
+    assert set(found.slopes) == set(CURVES)
+    assert max(map(found.altered, CURVES)) < 3
+    assert trend_conclusion([found])[0] == (
+        'Of the trends of 1 table: 0 changes under both models, 1 under the first alone, 0 under the second alone.')
+    assert trend_conclusion([]) == ('No table has 8 dated runs under both models: trends are not compared.',)
 
 
 def test_the_verb_answers_in_three_forms(archive, capsys):

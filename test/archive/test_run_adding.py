@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Adding logs: only what is new, damaged logs are rows, and a cluster gives the plain loop's rows, bit for bit."""
 
+import contextlib
 import json
 import os
 import shutil
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import fsspec
 import numpy as np
+import psutil
 import pytest
 
 from benchmarks.archive_logs import made_run, make_logs
@@ -231,6 +233,23 @@ def test_no_scheduler_is_told_in_one_line(logs, archive, monkeypatch):
     with (DaskEngine(f'tcp://127.0.0.1:{free_port()}') as engine,
           pytest.raises(InvalidConfig, match='wanted a Dask scheduler such as tcp://host:8786, got: ')):
         add_logs(archive, find_logs([str(logs)]), engine, CREEP)
+
+
+def test_processes_of_this_computer_listen_on_loopback_only(logs, filled, tmp_path):
+    """Scheduler and worker; their rows are those of the plain loop, to the last bit."""
+    archive = RunArchive(tmp_path / 'archive', make=True)
+    own, listening = psutil.Process(), set()
+
+    def look(added, left):
+        for process in (own, *own.children(recursive=True)):
+            with contextlib.suppress(psutil.Error):
+                listening.update(one.laddr.ip for one in process.net_connections('inet')
+                                 if one.status == psutil.CONN_LISTEN)
+    before = {one.laddr.ip for one in own.net_connections('inet') if one.status == psutil.CONN_LISTEN}
+    with DaskEngine(workers=1) as engine:
+        add_logs(archive, find_logs([str(logs)]), engine, on_progress=look)
+    assert listening - before == {'127.0.0.1'} - before
+    assert rows(archive) == rows(filled)
 
 
 def test_a_killed_worker_costs_time_only(logs, filled, tmp_path):

@@ -40,7 +40,7 @@ def archive(tmp_path_factory):
     return folder / 'plant'
 
 
-def test_a_change_is_found_with_its_date_and_owner(archive, rosette, tmp_path):
+def test_a_change_is_found_with_its_date_and_owner(archive, rosette, refused, tmp_path):
     """crz twice per turn by 3 µrad between the tenth and the eleventh run; wear and seasons are none."""
     found = json.loads(rosette('trend', archive, '--table', 'RT-7', '--json').out)
     assert found['schema'] == 'rosette-trend/1'
@@ -53,10 +53,19 @@ def test_a_change_is_found_with_its_date_and_owner(archive, rosette, tmp_path):
     off = np.abs(np.array(step['size']) - [3e-6, 0.0])
     assert np.all(off < 1.5 * np.array(step['U'])), 'three standard uncertainties'
     assert set(found['forecasts']) == {'crz_rad', 'ctz_m'}
-    text = rosette('trend', archive, '--table', 'RT-7', '--figures', tmp_path).out
+    assert len(found['charts']) == 6 + 2 * 2 * 6 + 1  # errors, two harmonics of five angles, residual
+    left = {one['quantity']: one['alarms'][0] for one in found['charts'] if one['alarms']}
+    assert left['crz, 2 per turn'] <= 'day_0360.0', 'wear may show before the step'
+    page = tmp_path / 'trend.html'
+    text = rosette('trend', archive, '--table', 'RT-7', '--figures', tmp_path, '-o', page).out
     assert 'crz, 2 per turn' in text
     assert 'When tolerances are reached' in text
-    assert sorted(path.name for path in tmp_path.iterdir()) == ['trend_control_chart.png', 'trend_ranges.png']
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['trend.html', *(
+        f'trend_{name}.png' for name in ('control_chart', 'harmonics', 'ranges', 'summary'))]
+    written = page.read_text(encoding='utf-8')
+    assert all(words in written for words in ('Trend of rotary table RT-7', 'Simulated', 'id="table-events"',
+                                              'id="table-forecast"', 'id="table-charts"', '<svg'))
+    assert 'exists already' in refused('trend', archive, '--table', 'RT-7', '-o', page)
 
 
 def test_an_unknown_table_is_one_line(archive, refused):

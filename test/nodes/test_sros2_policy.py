@@ -13,6 +13,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 from rosette_ros.cell.client import CellClient
+from rosette_ros.cell.supervisor import MODULES, OPTIONAL
 from rosette_ros.nodes import names
 from rosette_ros.studio.cell_watcher import CellWatcher
 
@@ -20,10 +21,11 @@ ROOT = Path(__file__).parents[2]
 POLICY = ROOT / 'config' / 'sros2' / 'policies.xml'
 SAY, HEAR = 'say', 'hear'
 ENCLAVES = {'sequencer': ('sequencer',), 'cmm': ('cmm',), 'evaluator': ('evaluator',), 'recorder': ('recorder',),
+            'trend_monitor': ('trend_monitor',),
             'operator': ('client_*', 'studio_*', '_ros2cli_*'), 'watcher': ('studio_*', '_ros2cli_*')}
 """Enclave to the nodes that run in it; * stands for what is drawn at the start."""
 BY_HAND = (names.START_CALIBRATION, names.CANCEL_CALIBRATION, names.DIAGNOSE, names.ADD_EFFECT, names.REMOVE_EFFECT,
-           names.EVALUATE_JOINTLY, names.RECOVER)
+           names.EVALUATE_JOINTLY, names.RECOVER, names.HOLD, names.RELEASE, names.CALIBRATE_NOW)
 EXTRAS = {
     'cmm': {(HEAR, 'rt/rosette/run_state'), *(pair for name in (names.RECOVER,) for pair in (
         (HEAR, f'rq/rosette/{name}Request'), (SAY, f'rr/rosette/{name}Reply')))},
@@ -37,7 +39,7 @@ COMMANDS = {'rt/rosette/probe_target': 'sequencer', 'rt/tf_static': 'sequencer',
             'rt/rosette/error_motions': 'evaluator', 'rt/rosette/model': 'evaluator',
             'rt/rosette/diagnosis': 'evaluator', 'rq/rosette/recorder/start_recordingRequest': 'sequencer',
             'rq/rosette/recorder/stop_recordingRequest': 'sequencer',
-            'rq/rosette/calibrate/_action/send_goalRequest': 'operator',
+            'rq/rosette/trend_monitor/calibrateRequest': 'operator', 'rq/rosette/trend_monitor/holdRequest': 'operator',
             'rq/rosette/start_calibrationRequest': 'operator',
             'rq/rosette/cancel_calibrationRequest': 'operator'}
 """What moves a machine, makes a curve or opens a log, and who alone may say it."""
@@ -153,7 +155,10 @@ def _without_chance(name):
 @pytest.fixture(scope='module')
 def used(policy, module_domain_id, make_cell, tmp_path_factory):
     """Return the pairs that each node of a running cell, a client, the studio and a tool use."""
-    with make_cell(module_domain_id, tmp_path_factory.mktemp('policy')), CellClient(module_domain_id) as client:
+    folder = tmp_path_factory.mktemp('policy')
+    cell = make_cell(module_domain_id, folder, nodes=(*MODULES, *OPTIONAL),
+                     params={'trend_monitor': {'archive': str(folder / 'archive')}})
+    with cell, CellClient(module_domain_id) as client:
         client.wait()
         watch, witness = CellWatcher(module_domain_id), Witness(module_domain_id)
         try:
@@ -202,6 +207,8 @@ def test_only_one_may_say_what_counts(policy):
     """Targets, answers, frames, curves, requests to the recorder, calibrations."""
     for name, speaker in COMMANDS.items():
         assert [enclave for enclave in policy if (SAY, name) in policy[enclave]] == [speaker], name
+    goal = 'rq/rosette/calibrate/_action/send_goalRequest'
+    assert [enclave for enclave in policy if (SAY, goal) in policy[enclave]] == ['trend_monitor', 'operator']
 
 
 def test_who_looks_says_nothing_about_a_run(policy):

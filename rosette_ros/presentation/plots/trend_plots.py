@@ -70,13 +70,43 @@ def events_over_time(dates: Dates, chart: Chart, name: str, events: Sequence[Eve
     return made
 
 
+def charts_over_time(dates: Dates, charts: Sequence[tuple[str, Chart]], columns: int) -> Figure:
+    """Return small control charts side by side, by the quantity's name: EWMA and the larger CUSUM in units of their
+    limits, of each component; beyond ± 1 a chart leaves its limits."""
+    names = list(dict.fromkeys(name for name, _ in charts))
+    rows = -(-len(names) // columns)
+    made = style.figure(0.4 + 0.95 * rows)
+    panels = style.panels(made, rows, columns)
+    made.subplots_adjust(0.05, 0.35 / (0.4 + 0.95 * rows), 0.985, 1 - 0.25 / (0.4 + 0.95 * rows), 0.3, 0.75)
+    when = date2num(list(dates))
+    for place, name in enumerate(names):
+        panel = panels[place // columns, place % columns]
+        own = [chart for other, chart in charts if other == name]
+        for chart in own:
+            above = chart.high >= chart.low
+            panel.plot(when, chart.ewma / chart.ewma_limit, color=style.AFTER, linewidth=1.0)
+            panel.plot(when, np.where(above, chart.high, -chart.low) / chart.cusum_limit, color=style.COLOURS[2],
+                       linewidth=1.0)
+            for alarm in chart.alarms[:1]:
+                panel.axvline(when[alarm], color=style.BEFORE, linewidth=1.0, linestyle=':')
+        for sign in (-1, 1):
+            panel.axhline(sign, color=style.BEFORE, linewidth=0.8, linestyle=style.DASHED)
+        most = max(1.2, *(float(np.max(np.abs(panel.get_lines()[line].get_ydata()))) for line in range(2 * len(own))))
+        panel.set_ylim(-1.1 * most, 1.1 * most)
+        style.title(panel, name)
+        _time_axis(panel, 3)
+    for place in range(len(names), rows * columns):
+        panels[place // columns, place % columns].set_visible(False)
+    return made
+
+
 def _mark(panel: Axes, when: Floats, events: Sequence[Event]) -> None:
     for event in events:
         panel.axvspan(when[event.earliest - 1], when[event.latest], color=style.BEFORE, alpha=0.35, linewidth=0)
 
 
-def _time_axis(panel: Axes) -> None:
+def _time_axis(panel: Axes, most: int = 6) -> None:
     style.scale(panel)
-    locator = AutoDateLocator(maxticks=6)
+    locator = AutoDateLocator(maxticks=most)
     panel.xaxis.set_major_locator(locator)
     panel.xaxis.set_major_formatter(ConciseDateFormatter(locator))

@@ -61,9 +61,9 @@ class OpenDialog:
         if self._path.value.strip():
             await self.open(self._path.value.strip())
 
-    async def open(self, path: str, asked: bool = True) -> None:
+    async def open(self, path: str, asked: bool = True, run_id: str = '') -> None:
         """Open a path, or show what is wrong with it; asked: in the dialog, which else stays as a person has it."""
-        await self._open(open_source, Path(path), self._run_id.value.strip() or None, asked=asked)
+        await self._open(open_source, Path(path), run_id or self._run_id.value.strip() or None, asked=asked)
 
     async def _take(self, event: UploadEventArguments) -> None:
         """Take an uploaded file: it is read as a run, and as nothing else."""

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the studio shows of an archive: its runs by a filter, their curves beside each other, the trend of a table."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rosette_ros.archive.archive_questions import Question
+from rosette_ros.archive.cell_trend import CellTrend, trend_of
+from rosette_ros.archive.run_archive import RunArchive
+from rosette_ros.archive.table_history import read_history
+from rosette_ros.core.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.records import ErrorMotions
+from rosette_ros.presentation.json_output import CURVE_KEYS
+
+MOST_LISTED = 1000
+"""Runs that are listed, the newest ones."""
+_KEY = "concat(log_sha256, ' ', run_id)"
+_LISTED = f'''
+    SELECT {_KEY} AS key, path, run_id, strftime(measured_at, '%Y-%m-%d %H:%M') AS measured, table_serial AS "table",
+        cell, n, 1e6 * rms_m AS rms, coalesce(level, '') AS level, array_to_string(missing, ' + ') AS lacks
+    FROM runs WHERE {{}} AND model_hash = ? ORDER BY measured_at DESC NULLS LAST, run_id LIMIT {MOST_LISTED}'''
+
+
+@dataclass(frozen=True)
+class ArchiveRuns:
+    """Runs of an archive under one model. models: hash and number of runs, most first; tables: serial numbers;
+    lines: those that a filter leaves, newest first; total: how many runs the archive has under the model."""
+
+    model: str
+    models: tuple[tuple[str, int], ...]
+    tables: tuple[str, ...]
+    lines: tuple[dict[str, Any], ...]
+    total: int
+
+
+def list_runs(folder: str, question: Question, model: str = '') -> ArchiveRuns:
+    """Return the runs of an archive that a question asks for; model: hash, '' for that of most runs."""
+    archive = RunArchive(folder)
+    models = tuple((row['model_hash'], row['runs']) for row in archive.query(
+        "SELECT model_hash, count(*) AS runs FROM runs WHERE problem = '' GROUP BY 1 ORDER BY 2 DESC, 1").to_pylist())
+    if not models:
+        raise InvalidData(f'{folder}: wanted an archive with runs, got one without; rosette archive add adds them')
+    model = model or models[0][0]
+    tables = archive.query("SELECT DISTINCT table_serial AS name FROM runs WHERE problem = '' ORDER BY 1").to_pylist()
+    condition, values = question.condition()
+    lines = archive.query(_LISTED.format(condition), [*values, model]).to_pylist()
+    return ArchiveRuns(model, models, tuple(row['name'] for row in tables), tuple(lines), dict(models).get(model, 0))
+
+
+def curves_of(folder: str, keys: Sequence[str], model: str) -> list[tuple[str, ErrorMotions]]:
+    """Return name and curves of runs by their keys, in the order of time."""
+    rows = RunArchive(folder).read_rows(where=f'list_contains(?, {_KEY}) AND model_hash = ?',
+                                        values=(list(keys), model)).to_pylist()
+    rows.sort(key=lambda row: (row['measured_at'] is None, row['measured_at'], row['run_id']))
+    return [(f'{row["run_id"]}{row["measured_at"]: %Y-%m-%d}' if row['measured_at'] else row['run_id'], ErrorMotions(
+        np.array(row['angle_rad']), np.column_stack([row[key] for key in CURVE_KEYS]),
+        np.column_stack([row[f'U_{key}'] for key in CURVE_KEYS]) / COVERAGE_FACTOR)) for row in rows]
+
+
+def differences(curves: Sequence[tuple[str, ErrorMotions]]) -> list[tuple[str, ErrorMotions]]:
+    """Return the curves less those of the first, with the uncertainty of both; raises InvalidData for other angles."""
+    (first, base), *others = curves
+    made = []
+    for name, motions in others:
+        if motions.angle.shape != base.angle.shape or not np.allclose(motions.angle, base.angle):
+            raise InvalidData(f'wanted runs at the same table angles, got {name} with {len(motions.angle)} and {first} '
+                              f'with {len(base.angle)}')
+        made.append((f'{name} less {first}', ErrorMotions(
+            base.angle, motions.values - base.values, np.hypot(motions.u, base.u))))
+    return made
+
+
+def table_trend(folder: str, table: str, model: str) -> CellTrend:
+    """Return the trend of a table under a model; raises InvalidData where it has few runs."""
+    return trend_of(read_history(RunArchive(folder), table, model))
+
+
+def paths_of(folder: str, runs: Sequence[str], table: str, model: str) -> list[str]:
+    """Return where the logs of runs were found."""
+    rows = RunArchive(folder).read_rows(('run_id', 'path'), 'table_serial = ? AND model_hash = ?',
+                                        (table, model)).to_pylist()
+    known = {row['run_id']: row['path'] for row in rows}
+    return [known.get(run, '') for run in runs]
+
+

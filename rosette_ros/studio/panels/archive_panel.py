@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The runs of an archive: filter, curves over each other, differences, the trend of a table; a click opens a run."""
+
+import asyncio
+import importlib
+from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING, Any
+
+from nicegui import ui
+from nicegui.events import GenericEventArguments
+
+from rosette_ros.core.errors import InvalidData, RosetteError, counted, one_line
+from rosette_ros.core.records import ErrorMotions
+from rosette_ros.presentation.plots.plot_style import COLOURS
+from rosette_ros.presentation.trend_results import events_table, forecast_table
+from rosette_ros.studio.controller import Controller, Superseded
+from rosette_ros.studio.figures import Curves, curves_figure, trend_figure
+from rosette_ros.studio.panels.figures_panel import WIDTH
+from rosette_ros.studio.panels.widgets import (
+    Area,
+    ErrorLine,
+    Figure,
+    button,
+    card,
+    input_field,
+    marked,
+    plain_table,
+    row,
+    set_words,
+)
+
+if TYPE_CHECKING:
+    from rosette_ros.archive.cell_trend import CellTrend
+    from rosette_ros.studio.archive_view import ArchiveRuns
+
+OpenRun = Callable[[str, str], Awaitable[None]]
+MOST_CURVES = 12
+"""Runs whose curves are drawn over each other."""
+COLUMNS = (('measured', 'measured, UTC'), ('table', 'table'), ('run_id', 'run'), ('cell', 'cell'), ('n', 'n'),
+           ('rms', 'residual / µm'), ('level', 'verdict'), ('lacks', 'lacks'))
+ANY = '(any)'
+
+
+class ArchivePanel:
+    """An archive by its folder; what it shows is read in the background."""
+
+    def __init__(self, controller: Controller, folder: str, on_open: OpenRun) -> None:
+        """Build it; folder: of the archive at first, '' for none; on_open(path, run_id): open a run."""
+        self._controller, self._on_open = controller, on_open
+        self._runs: ArchiveRuns | None = None
+        self._trend: CellTrend | None = None
+        self._is_filling, self._paths = False, list[str]()
+        with card('Archive of runs', 'archive'):
+            with row():
+                self._folder = input_field(ui.input('folder of the archive', value=folder), 'archive-folder',
+                                           'flex: 1 1 320px')
+                self._folder.on('keydown.enter', self.open)
+                button('Open', self.open, 'folder_open', 'archive-open', strong=True)
+            with row():
+                self._table = self._choice('table', 'archive-table')
+                self._model = self._choice('model', 'archive-model')
+                self._since, self._until, self._effect = (
+                    input_field(ui.input(words, on_change=self._filter).props('debounce=500'), f'archive-{mark}',
+                                'width: 150px')
+                    for words, mark in (('since (2026-01-31)', 'since'), ('until', 'until'), ('effect', 'effect')))
+            self._error = ErrorLine('archive-error')
+            self._words = marked(ui.label('').classes('soft small').props('role=status aria-live=polite'),
+                                 'archive-words')
+            self._list = ui.table(columns=[{'name': key, 'label': head, 'field': key, 'sortable': True, 'align': 'left'}
+                                           for key, head in COLUMNS], rows=[], row_key='key', selection='multiple',
+                                  pagination=10)
+            marked(self._list.props('dense flat aria-label="Runs of the archive"'), 'archive-runs')
+            self._list.on('rowClick', self._clicked, js_handler='(event, row) => emit(row.key)')
+            with row() as self._actions:
+                button('Curves of the chosen runs', self._overlay, 'stacked_line_chart', 'archive-overlay')
+                button('Differences to the earliest', self._differences, 'difference', 'archive-differences')
+                button('Trend of the table', self._show_trend, 'trending_up', 'archive-trend')
+                self._busy = ui.spinner(size='22px')
+        self._busy.set_visibility(False)
+        with card('', 'archive-result') as self._result:
+            self._title = marked(ui.label('').classes('title'), 'archive-title')
+            self._figure = Figure(470, 'Curves of runs, or errors of a table over time', 'archive-figure', WIDTH)
+            self._figure.on_click(self._point_clicked)
+            self._tables = Area(marked(ui.element('div').classes('list small'), 'archive-tables'))
+        self._show()
+
+    def _choice(self, words: str, mark: str) -> ui.select:
+        return input_field(ui.select({'': ANY}, label=words, value='', on_change=self._filter), mark, 'width: 190px')
+
+    async def begin(self) -> None:
+        """Open the archive that was named at the start, if one was."""
+        if self._folder.value:
+            await self.open()
+
+    async def open(self) -> None:
+        """Open the archive in the field."""
+        self._runs = self._trend = None
+        await self._filter()
+
+    async def _filter(self) -> None:
+        """Read the runs that the filter leaves."""
+        if self._is_filling or not self._folder.value.strip():
+            return
+        try:
+            view, questions = map(importlib.import_module, (
+                'rosette_ros.studio.archive_view', 'rosette_ros.archive.archive_questions'))
+        except ImportError as error:
+            self._fail(InvalidData(f'archive: wanted the Python package {error.name}, got none; pip install '
+                                   'distributed duckdb fsspec pyarrow'))
+            return
+        equal = {'table': self._table.value} if self._runs and self._table.value else {}
+        question = questions.Question(equal, self._since.value.strip(), self._until.value.strip(),
+                                      self._effect.value.strip())
+        await self._do(self._list_runs, view, question)
+
+    async def _list_runs(self, view: Any, question: Any) -> None:
+        runs: ArchiveRuns = await in_thread(
+            view.list_runs, self._folder.value.strip(), question, self._model.value if self._runs else '')
+        self._runs = runs
+        self._is_filling = True
+        self._table.set_options({'': ANY, **{name: name for name in runs.tables if name}}, value=(
+            self._table.value if self._table.value in runs.tables else ''))
+        self._model.set_options({key: f'{key[:12]} ({number})' for key, number in runs.models}, value=runs.model)
+        self._is_filling = False
+        self._list.selected.clear()
+        self._list.rows[:] = [{**line, 'rms': f'{line["rms"]:.3f}'} for line in runs.lines]
+        self._list.update()
+        self._show()
+
+    async def _do(self, work: Callable[..., Awaitable[None]], *arguments: Any) -> None:
+        self._error.set('')
+        self._busy.set_visibility(True)
+        try:
+            await work(*arguments)
+        except Superseded:
+            return
+        except RosetteError as error:
+            self._fail(error)
+        finally:
+            self._busy.set_visibility(False)
+
+    def _fail(self, error: RosetteError) -> None:
+        self._error.set(one_line(error))
+
+    def _show(self) -> None:
+        self._actions.set_visibility(self._runs is not None)
+        self._list.set_visibility(self._runs is not None)
+        self._result.set_visibility(bool(self._title.text))
+        if self._runs is not None:
+            shown, total = len(self._runs.lines), self._runs.total
+            set_words(self._words, f'{shown} of {counted(total, "run")} under model {self._runs.model[:12]}; a click '
+                                   'on a run opens it')
+
+    # What is chosen
+
+    async def _overlay(self) -> None:
+        await self._do(self._draw_curves, False)
+
+    async def _differences(self) -> None:
+        await self._do(self._draw_curves, True)
+
+    async def _draw_curves(self, less_first: bool) -> None:
+        keys, least = [one['key'] for one in self._list.selected], 2 if less_first else 1
+        if self._runs is None or not least <= len(keys) <= MOST_CURVES:
+            raise InvalidData(f'wanted {least} to {MOST_CURVES} runs to be chosen in the list, got {len(keys)}')
+        view = importlib.import_module('rosette_ros.studio.archive_view')
+        curves: list[tuple[str, ErrorMotions]] = await in_thread(
+            view.curves_of, self._folder.value.strip(), keys, self._runs.model)
+        curves = view.differences(curves) if less_first else curves
+        drawn = [Curves(name, motions, COLOURS[place % len(COLOURS)]) for place, (name, motions) in enumerate(curves)]
+        words = 'Six error motions less those of the earliest run' if less_first else 'Six error motions'
+        self._trend = None
+        self._draw(f'{words}, with U (k = 2)', (words, self._runs.model, tuple(keys)), curves_figure, drawn)
+        self._tables.show(lambda: None)
+
+    async def _show_trend(self) -> None:
+        await self._do(self._draw_trend)
+
+    async def _draw_trend(self) -> None:
+        if self._runs is None:
+            return
+        tables = {one['table'] for one in self._list.rows}
+        table = self._table.value or (tables.pop() if len(tables) == 1 else None)
+        if table is None:
+            raise InvalidData('wanted one table to be chosen, got several in the list')
+        view = importlib.import_module('rosette_ros.studio.archive_view')
+        folder, model = self._folder.value.strip(), self._runs.model
+        trend: CellTrend = await self._controller.archivist.run(view.table_trend, folder, table, model)
+        self._trend = trend
+        self._paths = await in_thread(view.paths_of, folder, trend.history.runs, table, model)
+        history = trend.history
+        self._draw(f'Table {table or "without serial number"}: the six errors over time, with U (k = 2); shaded: '
+                   'between which runs it changed', ('trend', folder, table, model, history.runs), trend_figure,
+                   history.dates, history.range, history.U, history.tolerances,
+                   [(event.earliest - 1, event.latest, {step.series.name[:3] for step in event.steps
+                                                        if step.series.owner == 'table'}) for event in trend.events])
+        self._tables.show(_fill, trend)
+
+    def _draw(self, words: str, key: tuple[object, ...], make: Callable[..., Any], *arguments: object) -> None:
+        set_words(self._title, words)
+        self._show()
+        self._figure.draw(key, make, *arguments)
+
+    # Opening runs
+
+    async def _clicked(self, event: GenericEventArguments) -> None:
+        line = next((one for one in self._list.rows if one['key'] == event.args), None)
+        if line is not None:
+            await self._on_open(line['path'], line['run_id'])
+
+    async def _point_clicked(self, trace: int, points: list[int]) -> None:
+        if self._trend is not None and points and self._paths[points[0]]:
+            await self._on_open(self._paths[points[0]], self._trend.history.runs[points[0]])
+
+
+async def in_thread(function: Callable[..., Any], *arguments: object) -> Any:
+    """Return function(*arguments), calculated in a thread."""
+    return await asyncio.get_running_loop().run_in_executor(None, function, *arguments)
+
+
+def _fill(trend: 'CellTrend') -> None:
+    history = trend.history
+    marked(ui.label(trend.sentence), 'archive-sentence')
+    if trend.events:
+        plain_table(events_table(trend.events, history.dates, history.runs,
+                                 [history.exchanged(event.run) for event in trend.events]))
+    if trend.forecasts:
+        plain_table(forecast_table(trend.forecasts, history.dates[-1]))

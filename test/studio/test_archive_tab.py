@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The tab of an archive in a real browser: filter, curves over each other, differences, trend, a click opens a run."""
+
+import pytest
+from playwright.sync_api import expect
+
+from rosette_ros.archive.engines import PlainLoop
+from rosette_ros.archive.log_finder import find_logs
+from rosette_ros.archive.run_adding import add_logs
+from rosette_ros.archive.run_archive import RunArchive
+from rosette_ros.core.scheme import plan
+from rosette_ros.io.ball_centre_table import write_csv
+from rosette_ros.io.identity_file import Identity
+from rosette_ros.simulation import Machine, MachineConfig
+
+BALLS, RUNS = 4, 9
+
+
+@pytest.fixture
+def archive(tmp_path):
+    """Return the folder of an archive of nine dated runs of one table."""
+    archive = RunArchive(tmp_path / 'archive', make=True)
+    machine = Machine(MachineConfig().changed(plate={'balls': BALLS}))
+    for number in range(RUNS):
+        path = tmp_path / f'run{number}.csv'
+        write_csv(machine.run(plan(BALLS, 'diagonal'), run_id=f'run{number}'), path)
+        stated = Identity({'table.serial': 'RT-7', 'measured.begin': f'2026-0{number + 1}-01'})
+        add_logs(archive, find_logs([str(path)]), PlainLoop(), identity=stated)
+    return archive.folder
+
+
+def test_an_archive_in_the_studio(page, archive, tmp_path, start_studio):
+    """As a person goes through it."""
+    with start_studio(tmp_path, '--archive', archive) as studio:
+        page.goto(studio.address)
+        expect(page.get_by_test_id('archive-words')).to_contain_text(f'{RUNS} of {RUNS} runs')
+        page.get_by_test_id('archive-trend').click()
+        expect(page.get_by_test_id('archive-sentence')).to_contain_text('9 runs: no limit is passed')
+        expect(page.get_by_test_id('archive-figure').locator('.errorbar').first).to_be_attached()
+
+        page.get_by_test_id('archive-since').fill('2026-03-01')
+        expect(page.get_by_test_id('archive-words')).to_contain_text(f'7 of {RUNS} runs')
+        page.get_by_test_id('archive-overlay').click()
+        expect(page.get_by_test_id('archive-error')).to_contain_text('wanted 1 to 12 runs to be chosen')
+        boxes = page.get_by_test_id('archive-runs').locator('tbody .q-checkbox')
+        boxes.nth(0).click()
+        boxes.nth(1).click()
+        page.get_by_test_id('archive-overlay').click()
+        expect(page.get_by_test_id('archive-title')).to_have_text('Six error motions, with U (k = 2)')
+        expect(page.get_by_test_id('archive-figure')).to_contain_text('run7')
+        page.get_by_test_id('archive-differences').click()
+        expect(page.get_by_test_id('archive-figure')).to_contain_text('run8 2026-09-01 less run7 2026-08-01')
+
+        page.get_by_test_id('archive-folder').fill(str(tmp_path))
+        page.get_by_test_id('archive-open').click()
+        expect(page.get_by_test_id('archive-error')).to_contain_text('wanted an archive, got a folder')
+        page.get_by_test_id('archive-folder').fill(str(archive))
+        page.get_by_test_id('archive-open').click()
+        page.get_by_test_id('archive-runs').get_by_text('run8').click()
+        expect(page.get_by_test_id('verdict')).to_be_visible()
+        page.close()
