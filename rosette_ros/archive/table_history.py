@@ -13,7 +13,7 @@ from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import AXES, SERIALS
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import TWO_PI, nominal_angles, wrap
+from rosette_ros.core.geometry import TWO_PI, nominal_angles, rotate_z, wrap
 from rosette_ros.core.records import CURVES, Floats
 from rosette_ros.core.trend import (
     LEAST_RUNS,
@@ -81,7 +81,8 @@ class History:
         series = [*errors, *(one for one in self.quantities if one.owner in ('table', 'residual'))]
         tests = len(self.days) * sum(one.values.shape[1] for one in series)
         return tuple(ChartedQuantity(one.name, part, control_chart(
-            one.values[:, part], one.u[:, part], tests, max(run_to_run(one.values, one.u), LEAST_SCATTER)))
+            one.values[:, part], one.u[:, part], tests,
+            max(run_to_run(one.values[:, part], one.u[:, part]), LEAST_SCATTER)))
             for one in series for part in range(one.values.shape[1]))
 
     def exchanged(self, run: int) -> dict[str, tuple[str, str]]:
@@ -170,13 +171,19 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> list[TimeSeries]:
 
 
 def _places(rows: Sequence[Mapping[str, Any]], what: str, word: str) -> list[TimeSeries]:
-    """Return the deviation of every ball or CMM position, along x, y, z, and its harmonics over their numbers, in the
-    runs with as many as the last one; once per turn is how it lies and its size."""
+    """Return the deviation of every ball or CMM position, along radius, circle and axis, and its harmonics along x, y,
+    z over their numbers, in the runs with as many as the last one; once per turn is how it lies and its size.
+
+    Along the radius it scatters with the temperature, more than its uncertainty and along it alone."""
     n = rows[-1]['n']
     values, u = (np.array([np.column_stack([row[f'{prefix}{what}_{axis}_m'] for axis in AXES]) if row['n'] == n
                            else np.full((n, 3), np.nan) for row in rows]) for prefix in ('', 'U_'))
     owner = 'CMM' if what == 'cmm' else what
-    found = [TimeSeries(owner, f'{owner} {word} {place + 1}', values[:, place], u[:, place] / COVERAGE_FACTOR)
+    radial, square = rotate_z(-nominal_angles(n), values), u**2
+    cosine, sine = np.cos(nominal_angles(n))**2, np.sin(nominal_angles(n))**2
+    spread = np.sqrt(np.stack([cosine * square[..., 0] + sine * square[..., 1],
+                               sine * square[..., 0] + cosine * square[..., 1], square[..., 2]], axis=-1))
+    found = [TimeSeries(owner, f'{owner} {word} {place + 1}', radial[:, place], spread[:, place] / COVERAGE_FACTOR)
              for place in range(n)]
     for place, axis in enumerate(AXES):
         waves = harmonics(nominal_angles(n), values[..., place], u[..., place] / COVERAGE_FACTOR)

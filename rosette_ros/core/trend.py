@@ -123,7 +123,7 @@ class _Fit:
     runs: Ints  # indices
     y: Floats
     base: Floats
-    scatter: float = 1.0
+    scatter: Floats | float = 1.0  # of each component
     dof: float = 1.0
     steps: list[int] = field(default_factory=list)
 
@@ -224,12 +224,12 @@ def _fits(days: Floats, quantities: Sequence[TimeSeries], temperature: Floats | 
         runs = np.flatnonzero(np.all(np.isfinite(quantity.values) & (quantity.u > 0), axis=1))
         if len(runs) >= LEAST_RUNS:
             fits.append(_Fit(quantity, runs, quantity.values[runs], _base(days[runs], temperature, runs)))
-    own = [run_to_run(fit.y, fit.series.u[fit.runs]) for fit in fits]
+    own = [np.array([run_to_run(y, u) for y, u in zip(fit.y.T, fit.series.u[fit.runs].T)]) for fit in fits]
     for like in {_like(fit) for fit in fits}:
         mine = [(fit, one) for fit, one in zip(fits, own, strict=True) if _like(fit) == like]
-        common = float(np.median([one for _, one in mine]))
+        common = max(float(np.median(np.concatenate([one for _, one in mine]))), LEAST_SCATTER)
         for fit, one in mine:  # one that seems to scatter less than its like does so by chance
-            fit.scatter, fit.dof = max(common, one, LEAST_SCATTER), EFFICIENCY * sum(each.y.size for each, _ in mine)
+            fit.scatter, fit.dof = np.maximum(common, one), EFFICIENCY * sum(each.y.size for each, _ in mine)
     return fits
 
 
@@ -248,8 +248,7 @@ def _base(days: Floats, temperature: Floats | None, runs: Ints) -> Floats:
 
 
 def run_to_run(values: Floats, u: Floats) -> float:
-    """Return the scatter between neighbouring runs, (m,) or (m, c), in units of u: the median of differences, robust to
-    steps."""
+    """Return the scatter between neighbouring runs, (m,), in units of u: the median of differences, robust to steps."""
     differences = np.diff(values, axis=0) / np.hypot(u[1:], u[:-1])
     return float(np.median(np.abs(differences)) / special.ndtri(0.75))
 

@@ -94,7 +94,7 @@ def charts_over_time(dates: Dates, charts: Sequence[tuple[str, Chart]], columns:
         most = max(1.2, *(float(np.max(np.abs(panel.get_lines()[line].get_ydata()))) for line in range(2 * len(own))))
         panel.set_ylim(-1.1 * most, 1.1 * most)
         style.title(panel, name)
-        _time_axis(panel, 3)
+        _time_axis(panel, 5)
     for place in range(len(names), rows * columns):
         panels[place // columns, place % columns].set_visible(False)
     return made
@@ -107,6 +107,6 @@ def _mark(panel: Axes, when: Floats, events: Sequence[Event]) -> None:
 
 def _time_axis(panel: Axes, most: int = 6) -> None:
     style.scale(panel)
-    locator = AutoDateLocator(maxticks=most)
+    locator = AutoDateLocator(minticks=2, maxticks=most)
     panel.xaxis.set_major_locator(locator)
     panel.xaxis.set_major_formatter(ConciseDateFormatter(locator))
