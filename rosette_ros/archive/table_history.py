@@ -12,7 +12,7 @@ import numpy as np
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import AXES, SERIALS
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.errors import InvalidData, counted
 from rosette_ros.core.geometry import TWO_PI, nominal_angles, rotate_z, wrap
 from rosette_ros.core.records import CURVES, Floats
 from rosette_ros.core.trend import (
@@ -52,7 +52,8 @@ class History:
 
     dates, runs: when measured, run_id; days: (m,) since the first; range, U: (m, 6) of the errors, m and rad;
     tolerances: by curve, of the last run that states any; temperature: (m,); quantities: what is looked at; serials: of
-    each run by device; missing: effects that the diagnosis of each run names; simulated: whether one is."""
+    each run by device; missing: effects that the diagnosis of each run names; simulated: whether one is; left_out: runs
+    between the steps of the table."""
 
     serial: str
     model_hash: str
@@ -67,6 +68,7 @@ class History:
     serials: tuple[Mapping[str, str], ...]
     missing: tuple[tuple[str, ...], ...]
     simulated: bool
+    left_out: tuple[str, ...] = ()
 
     def events(self) -> tuple[Event, ...]:
         """Return the changes, in the order of time."""
@@ -133,14 +135,14 @@ def read_history(archive: RunArchive, table: str, model: str = '', cell: str = '
 def history_of(rows: Sequence[Mapping[str, Any]], serial: str = '', least: int = LEAST_RUNS) -> History:
     """Return the history of rows (run_row.COLUMNS) under one model, sorted by time.
 
-    least: raises InvalidData where there are fewer; below LEAST_RUNS no change is found."""
+    Runs between the steps of the table are left out. least: raises InvalidData where there are fewer; below LEAST_RUNS
+    no change is found."""
     rows = sorted(rows, key=lambda row: row['measured_at'])
-    for row in rows:
-        if abs(offset := float(wrap(row['angle_rad'][0]))) > 0.1 * TWO_PI / row['n']:
-            raise InvalidData(f'run {row["run_id"]}: wanted runs whose table position 1 is at angle 0, got '
-                              f'{np.rad2deg(offset):.6g} deg; leave runs at half pitches out of the archive')
+    left_out = tuple(row['run_id'] for row in rows if _is_between(row))
+    rows = [row for row in rows if not _is_between(row)]
     if len(rows) < least:
-        raise InvalidData(f'trend of table {serial!r}: wanted at least {least} dated runs, got {len(rows)}')
+        besides = f', and {counted(len(left_out), "run")} between the steps of the table' if left_out else ''
+        raise InvalidData(f'trend of table {serial!r}: wanted at least {least} dated runs, got {len(rows)}{besides}')
     dates = tuple(row['measured_at'] for row in rows)
     days = np.array([(date - dates[0]).total_seconds() / DAY for date in dates])
     stated = next((row for row in reversed(rows) if 'tolerances' in row['identity']), None)
@@ -154,7 +156,13 @@ def history_of(rows: Sequence[Mapping[str, Any]], serial: str = '', least: int =
         (*_table(rows), *_places(rows, 'plate', 'ball'), *_places(rows, 'cmm', 'position'), *_effects(rows),
          _residual(rows)),
         tuple({one: row[f'{one}_serial'] for one in SERIALS} for row in rows),
-        tuple(tuple(row['missing'] or ()) for row in rows), any(row['simulated'] for row in rows))
+        tuple(tuple(row['missing'] or ()) for row in rows), any(row['simulated'] for row in rows), left_out)
+
+
+def _is_between(row: Mapping[str, Any]) -> bool:
+    """Return whether a run is between the steps of the table: CMM positions and angles are other ones than in a run
+    from angle 0."""
+    return abs(float(wrap(row['angle_rad'][0]))) > 0.1 * TWO_PI / row['n']
 
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> list[TimeSeries]:

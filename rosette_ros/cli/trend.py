@@ -43,6 +43,8 @@ def run(options: Namespace) -> None:
     paths = _save(pictures, options) if options.figures else []
     said = [f'Table {history.serial or "without serial number"}: {counted(len(history.runs), "run")} from '
             f'{history.dates[0]:%Y-%m-%d} to {history.dates[-1]:%Y-%m-%d}, model {history.model_hash[:12]}']
+    if history.left_out:
+        said.append(f'Left out, as they are between the steps of the table: {", ".join(history.left_out)}.')
     tables = [events_table(events, history.dates, history.runs, exchanged)] if events else []
     if not events:
         said.append('No change beyond the scatter of the runs: curves, plate, CMM, effects and residual; slopes in '
@@ -57,7 +59,7 @@ def run(options: Namespace) -> None:
             options.force)
     if options.json:
         print_json(trend_json(history.serial, history.model_hash, history.dates, history.runs,
-                              (history.range, history.U), events, exchanged, forecasts, charts))
+                              (history.range, history.U), events, exchanged, forecasts, charts, history.left_out))
         return
     out = console()
     for words in said:

@@ -82,12 +82,13 @@ def _date(last: datetime.datetime, ahead: float) -> str:
 
 def trend_json(serial: str, model_hash: str, dates: Dates, runs: Sequence[str], ranges: tuple[Floats, Floats],
                events: Sequence[Event], exchanged: Sequence[Mapping[str, tuple[str, str]]],
-               forecasts: Mapping[str, Forecast], charts: Charts = ()) -> dict[str, Any]:
+               forecasts: Mapping[str, Forecast], charts: Charts = (), left_out: Sequence[str] = ()) -> dict[str, Any]:
     """Return a trend as rosette-trend/1; ranges: (m, 6) of the errors and their U."""
     names = dict(zip(CURVES, CURVE_KEYS, strict=True))
     return {
         'schema': SCHEMA, 'table': serial, 'model_hash': model_hash,
         'runs': [{'run_id': run, 'measured_at': date.isoformat()} for run, date in zip(runs, dates, strict=True)],
+        'left_out': list(left_out),
         'ranges': {key: {'value': value.tolist(), 'U': spread.tolist()}
                    for key, value, spread in zip(CURVE_KEYS, ranges[0].T, ranges[1].T, strict=True)},
         'events': [{

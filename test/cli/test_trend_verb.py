@@ -88,6 +88,17 @@ def rows_of(script):
             for day, run in script.iter_runs()]
 
 
+def test_runs_between_the_steps_are_left_out():
+    """They have other CMM positions; the rest is judged."""
+    rows = rows_of(AgeingScript(machine={'plate': {'balls': 3}}, runs=9))
+    rows[4]['angle_rad'] = [angle + np.deg2rad(15) for angle in rows[4]['angle_rad']]
+    history = history_of(rows, 'a')
+    assert history.left_out == (rows[4]['run_id'],)
+    assert len(history.runs) == 8
+    with pytest.raises(InvalidData, match='at least 9 dated runs, got 8, and 1 run between the steps of the table'):
+        history_of(rows, 'a', 9)
+
+
 def test_another_plate_is_a_change_of_the_plate():
     """Its balls, and not the table."""
     script = AgeingScript(machine={'plate': {'balls': 3}}, runs=14,
