@@ -297,6 +297,7 @@ def build_messages() -> None:
         CMAKE_PREFIX_PATH=str(VENV),
         COLCON_HOME=str(STATE),
         ROSETTE_IDL_CACHE=str(idl_cache),
+        MAKEFLAGS=f'-j{os.cpu_count()}',  # else colcon lets Ninja wait while the computer is busy (-l)
     )
     remove_stale({line for path in build.glob('*/install_manifest.txt') for line in path.read_text().splitlines()})
 
