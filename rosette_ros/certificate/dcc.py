@@ -25,14 +25,19 @@ from rosette_ros.certificate.statements import (
 )
 from rosette_ros.core.error_summary import COVERAGE_FACTOR, DECISION_RULE, AxisError, Conformity
 from rosette_ros.core.records import CURVES, Floats
+from rosette_ros.core.uncertainty_budget import Budget, Contribution
 from rosette_ros.io.identity_file import DEVICES, Identity
 from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.budget_results import NOTE
 from rosette_ros.presentation.identity_words import NOT_STATED
 
 DCC, SI, OWN = 'https://ptb.de/dcc', 'https://ptb.de/si', 'urn:rosette:certificate:1'
 SCHEMA = '3.3.0'
 PROBABILITY = '0.95'
 MICRO = {'µm': r'\micro\metre', 'µrad': r'\micro\radian'}
+UNITS = {'m': r'\metre', 'rad': r'\radian', 'K': r'\kelvin', '1/K': r'\kelvin\tothe{-1}',
+         'm/K': r'\metre\kelvin\tothe{-1}'}
+"""Units of inputs of the budget."""
 STATUS = {Conformity.CONFORMS: 'pass', Conformity.FAILS: 'fail'}
 Element = Any
 """What lxml makes; it is published without types."""
@@ -73,7 +78,7 @@ def _inputs(inputs: Inputs) -> dict[str, Any]:
     """Return what the certificate was made from besides the runs."""
     return {'identity': dict(inputs.identity.entries), 'tolerances': dict(inputs.identity.tolerances),
             'issued': inputs.issued, 'model': inputs.model, 'run_id': inputs.run_id, 'joint': inputs.is_joint,
-            'sharing': dict(inputs.sharing), 'programs': inputs.programs}
+            'sharing': dict(inputs.sharing), 'budget': inputs.budget, 'programs': inputs.programs}
 
 
 # Who and what -------------------------------------------------------------------------------------
@@ -143,6 +148,7 @@ def _statements(one: Certificate) -> list[Element]:
     every = [('SIMULATED', SIMULATED)] * one.is_simulated
     every += [('fit of the model', one.judgement), ('decision rule', f'{DECISION_RULE}.')]
     every += [('not known', sentence) for sentence in one.unknown]
+    every += [('not considered in U', sentence) for sentence in (one.budget.open if one.budget else ())]
     every += [('not stated', f'{words}: {NOT_STATED}.') for words in one.missing]
     every += [('remarks', words)] if (words := one.identity['certificate.remarks']) else []
     every += [('place', words)] if (words := one.identity['place.name']) else []
@@ -168,7 +174,7 @@ def _result(one: Certificate, curves: CurveSet) -> Element:
         _dcc('influenceConditions', *(condition for run in one.runs for condition in _conditions(run))),
         _dcc('results', _curves(curves), _dcc(
             'result', _named('the six errors after ISO 230-7'), _dcc('data', *map(_error, curves.lines)),
-            refType='rosette_iso_230_7')),
+            refType='rosette_iso_230_7'), *([_budget(one.budget)] if one.budget else [])),
         _dcc('measurementMetaData', *(_dcc('metaData', _named(name), _rich('declaration', words))
                                       for name, words in one.evaluation),
              *(_dcc('metaData', _named('measured data'), _dcc('reference', file.path), _dcc('data', _rich(
@@ -221,6 +227,34 @@ def _error(line: AxisError) -> Element:
                 refType=f'rosette_line_{line.curve}')
 
 
+def _budget(made: Budget) -> Element:
+    """Return the uncertainty budget: a list for each contribution, and one of what they make together."""
+    u = made.mean
+    together = [
+        *_by_curve('combined standard uncertainty', 'rosette_budget_u', u),
+        *_by_curve(f'expanded uncertainty U, k = {COVERAGE_FACTOR}', 'rosette_budget_U', COVERAGE_FACTOR * u),
+        *_by_curve(f'U of the worst point, k = {COVERAGE_FACTOR}', 'rosette_budget_U_worst',
+                   COVERAGE_FACTOR * made.combined().max(axis=0)),
+        *(_quantity(f'effective degrees of freedom of {curve}', f'rosette_budget_dof_{curve}', dof, r'\one')
+          for curve, dof in zip(CURVES, made.effective_dof.tolist(), strict=True) if math.isfinite(dof))]
+    return _dcc('result', _named('uncertainty budget (GUM)'),
+                _rich('description', NOTE),
+                _dcc('data', *map(_contribution, made.contributions), _dcc(
+                    'list', _named('all contributions together'), *together, refType='rosette_budget_together')),
+                refType='rosette_budget')
+
+
+def _contribution(one: Contribution) -> Element:
+    source = f'; from: {one.source}' if one.source else ''
+    return _dcc('list', _named(one.name),
+                _rich('description', f'{one.words}; type {one.kind}, {one.distribution}{source}'),
+                _quantity('standard uncertainty of the input', 'rosette_budget_input', one.value, UNITS[one.unit]),
+                *([_quantity('degrees of freedom', 'rosette_budget_dof', one.dof, r'\one')]
+                  if math.isfinite(one.dof) else []),
+                *_by_curve('standard uncertainty', 'rosette_budget_contribution', one.mean),
+                refType='rosette_budget_line')
+
+
 # Elements -----------------------------------------------------------------------------------------
 
 
@@ -259,6 +293,14 @@ def _values(name: str, kind: str, values: Floats, unit: str, expanded: Floats | 
             _si('coverageFactorXMLList', str(COVERAGE_FACTOR)), _si('coverageProbabilityXMLList', PROBABILITY),
             _si('distributionXMLList', 'normal'))))
     return _dcc('quantity', _named(name), listed, refType=kind)
+
+
+def _by_curve(name: str, kind: str, values: Floats) -> Iterable[Element]:
+    """Yield lists of a value (6,) of each translation, and of each rotation."""
+    for unit, key in (('µm', 'translations'), ('µrad', 'rotations')):
+        which = [place for place, one in enumerate(text.CURVE_UNITS) if one == unit]
+        yield _values(f'{name} of {", ".join(CURVES[place] for place in which)}', f'{kind}_{key}',
+                      1e6 * values[which], MICRO[unit])
 
 
 def _list(values: Floats | Sequence[float]) -> str:

@@ -113,7 +113,7 @@ def inputs_of(root: Element) -> Inputs:
         parse_identity(written.encode()) if written else identity, str(values['issued']), values['model'],
         values['run_id'], values['joint'] is True,
         {key: tuple(one) if isinstance(one, list) else one for key, one in values['sharing'].items()},
-        _files(root), tuple((str(name), str(version)) for name, version in values['programs']))
+        values['budget'], _files(root), tuple((str(name), str(version)) for name, version in values['programs']))
 
 
 def _files(root: Element) -> dict[str, str]:

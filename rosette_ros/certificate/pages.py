@@ -17,12 +17,25 @@ from reportlab.lib.styles import ParagraphStyle
 from reportlab.lib.units import mm
 from reportlab.pdfbase import pdfmetrics
 from reportlab.pdfbase.ttfonts import TTFont
-from reportlab.platypus import Flowable, KeepTogether, Paragraph, SimpleDocTemplate, Spacer, Table, TableStyle
+from reportlab.platypus import (
+    CondPageBreak,
+    Flowable,
+    KeepTogether,
+    Paragraph,
+    SimpleDocTemplate,
+    Spacer,
+    Table,
+    TableStyle,
+)
 
 from rosette_ros.certificate.statements import DOI, METHOD, PAPER, SIMULATED, Certificate, Measured
 from rosette_ros.core.error_summary import Conformity
+from rosette_ros.core.records import CURVES
+from rosette_ros.core.uncertainty_budget import Budget
 from rosette_ros.io.identity_file import DEVICES
 from rosette_ros.presentation import error_results
+from rosette_ros.presentation.budget_results import contributions
+from rosette_ros.presentation.formatting import CURVE_UNITS
 from rosette_ros.presentation.identity_words import NOT_STATED, contact, signer
 from rosette_ros.presentation.plots.plot_style import LOOK
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
@@ -151,6 +164,8 @@ def _story(one: Certificate, places: Sequence[FigurePlace]) -> list[Any]:
     story += [Spacer(1, 1 * mm), _words(_text(note), soft=True)]
     if words := identity['certificate.remarks']:
         story += [Spacer(1, 1 * mm), _words(f'<b>Remarks</b>: {_text(words)}')]
+    if one.budget:
+        story += [CondPageBreak(30 * mm), _heading('Uncertainty budget (GUM)', False), *_budget(one.budget)]
     story += [_heading('The six error motions over the table angle, with the band of U (k = 2)'), *places]
     story += [_heading('What is not known'), *_bullets(one.unknown)]
     if one.missing:
@@ -161,6 +176,20 @@ def _story(one: Certificate, places: Sequence[FigurePlace]) -> list[Any]:
          'The digital certificate (DCC, XML) is attached to this file; it counts, these pages are for reading. It has '
          'the curves in numbers: rosette certificate --verify compares it with the run.'])]
     return [*story, _signature(one)]
+
+
+def _budget(made: Budget) -> Iterable[Any]:
+    """Yield the contributions to U as a table, and what is not considered."""
+    table = contributions(made)
+    numbers = [place for place, column in enumerate(table.shown) if column.number]
+    heads = ['contribution', *(f'{curve} / {unit}' for curve, unit in zip(CURVES, CURVE_UNITS, strict=True))]
+    made_grid = _grid([heads, *(tuple(map(_text, row)) for row in table.rows),
+                 *(tuple(f'<b>{_text(cell)}</b>' for cell in row) for row in table.footer)],
+                (0.31, *[0.115] * 6), numbers)
+    made_grid.setStyle(TableStyle([('NOSPLIT', (0, -1 - len(table.footer)), (-1, -1))]))
+    yield made_grid
+    yield Spacer(1, 1 * mm)
+    yield _words(_text(f'{table.note} Not considered: {" ".join(made.open)}'), soft=True)
 
 
 def _measured(runs: Sequence[Measured]) -> Iterable[tuple[str, str]]:
@@ -204,9 +233,10 @@ def _words(markup: str, size: float = SIZE, font: str = PLAIN, soft: bool = Fals
     return Paragraph(markup, style)
 
 
-def _heading(words: str) -> Paragraph:
+def _heading(words: str, with_next: bool = True) -> Paragraph:
+    """Return a heading; with_next: on one page with all that follows it, not with the first rows of a table alone."""
     style = ParagraphStyle('', fontName=BOLD, fontSize=HEAD, leading=1.3 * HEAD, spaceBefore=2.4 * mm,
-                           spaceAfter=1 * mm, keepWithNext=1)
+                           spaceAfter=1 * mm, keepWithNext=int(with_next))
     return Paragraph(_text(words), style)
 
 

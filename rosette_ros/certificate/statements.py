@@ -20,12 +20,15 @@ from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.run_to_run import joint_lines
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import ErrorMotions, Floats, Run
+from rosette_ros.core.uncertainty_budget import MOST_BALLS, Budget, budget, touch_scatter
+from rosette_ros.io.budget_file import budget_inputs
 from rosette_ros.io.identity_file import Identity, words_of_entry
 from rosette_ros.io.open_readings import has_plate, joint_identity, open_readings
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.joint_results import joint_head, joint_rows
 from rosette_ros.presentation.report.joint_page import open_with_files
 from rosette_ros.presentation.report.provenance import FileDigest, Source, open_source, order_of, software
+from rosette_ros.presentation.report.run_page import touches_of
 
 PAPER = ('K. Kniel, M. Franke, F. Härtig, F. Keller, M. Stein: Detecting 6 DoF geometrical errors of rotary tables, '
          'Measurement (2019)')
@@ -37,12 +40,15 @@ NEEDED = ('certificate.number', 'laboratory.country')
 """Entries without which there is no document."""
 CONTENT_OF_U = ('U (k = 2, about 95 %) contains the scatter of the readings and the uncertainty of the effects in the '
                 'model; it does not contain effects that are not in the model, nor the scale of the CMM.')
+OF_BUDGET = ('U (k = 2, about 95 %) is that of the uncertainty budget, the root of the sum of its squares; it does not '
+             'contain effects that are not in the model, nor the scale of the CMM.')
 
 
 @dataclass(frozen=True)
 class Inputs:
     """What a certificate needs besides its runs; issued: the day; sharing: fields of Sharing that are declared.
 
+    budget: what a file of budget inputs says, None where none is stated;
     files: names by SHA-256; programs: (name, version) of the software."""
 
     identity: Identity
@@ -51,6 +57,7 @@ class Inputs:
     run_id: str | None = None
     is_joint: bool = False
     sharing: Mapping[str, Any] = field(default_factory=dict)
+    budget: Mapping[str, Any] | None = None
     files: Mapping[str, str] = field(default_factory=dict)
     programs: tuple[tuple[str, str], ...] = field(default_factory=software)
 
@@ -77,7 +84,7 @@ class CurveSet:
 
 @dataclass(frozen=True, eq=False)
 class Certificate:
-    """What a certificate states."""
+    """What a certificate states; budget: of U, None of several runs and of plates that are too large for one."""
 
     inputs: Inputs
     identity: Identity
@@ -89,6 +96,7 @@ class Certificate:
     evaluation: tuple[tuple[str, str], ...]
     unknown: tuple[str, ...]
     files: tuple[FileDigest, ...]
+    budget: Budget | None = None
 
     @property
     def is_simulated(self) -> bool:
@@ -108,7 +116,12 @@ class Certificate:
 
 def state(paths: Sequence[str | Path], inputs: Inputs) -> Certificate:
     """Return what a certificate of runs states; raises RosetteError where something that it cannot do without lacks."""
-    return _of_several(paths, inputs) if inputs.is_joint or any(map(has_plate, paths)) else _of_one(paths[0], inputs)
+    if not inputs.is_joint and not any(map(has_plate, paths)):
+        return _of_one(paths[0], inputs)
+    if inputs.budget:
+        raise InvalidData('certificate: wanted inputs of an uncertainty budget with one run of a regular plate only; '
+                          'leave --inputs out')
+    return _of_several(paths, inputs)
 
 
 def _of_one(path: str | Path, inputs: Inputs) -> Certificate:
@@ -117,13 +130,19 @@ def _of_one(path: str | Path, inputs: Inputs) -> Certificate:
     limits = identity.limits(run.rotation)
     fit = analyse(run, Model.from_mapping(dict(inputs.model), 'model') if inputs.model else None)
     verdict = judge(fit.run, fit.model) if run.n <= MOST_BALLS_JUDGED else None
-    measured = _measured(run, source)
-    unknown = [*text.not_known(run, fit.gauge), f'Advice: {verdict.action}' if verdict and verdict.action else '']
+    measured, doubt, made = _measured(run, source), doubt_of(verdict), None
+    refit, untouched = touches_of(source)
+    if inputs.budget or run.n <= MOST_BALLS:
+        made = budget(fit, budget_inputs(inputs.budget) if inputs.budget else None,
+                      touch_scatter(refit) if refit else None, doubt=doubt)
+    motions, lines = (made.error_motions, made.lines(limits, doubt)) if made and inputs.budget else (
+        fit.error_motions, fit_lines(fit, limits, doubt))
+    unknown = [*text.not_known(run, fit.gauge), f'Advice: {verdict.action}' if verdict and verdict.action else '',
+               *untouched]
     evaluation = (('Model', text.model_words(fit.model)), ('Residual', text.residual_words(fit)),
                   ('Uncertainty', text.uncertainty_words(fit)))
-    return _stated(inputs, identity, contradictions, [measured], [
-        CurveSet('table', fit.error_motions, fit_lines(fit, limits, doubt_of(verdict)))], verdict, evaluation, unknown,
-        source.files)
+    return _stated(inputs, identity, contradictions, [measured], [CurveSet('table', motions, lines)], verdict,
+                   evaluation, unknown, source.files, made)
 
 
 def _of_several(paths: Sequence[str | Path], inputs: Inputs) -> Certificate:
@@ -152,7 +171,7 @@ def _of_several(paths: Sequence[str | Path], inputs: Inputs) -> Certificate:
 
 def _stated(inputs: Inputs, identity: Identity, contradictions: Sequence[str], runs: Sequence[Measured],
             sets: Sequence[CurveSet], verdict: Verdict | Conclusion | None, evaluation: tuple[tuple[str, str], ...],
-            unknown: Iterable[str], files: Sequence[FileDigest]) -> Certificate:
+            unknown: Iterable[str], files: Sequence[FileDigest], made: Budget | None = None) -> Certificate:
     lacking = [entry for entry in NEEDED if not identity[entry]]
     known = [run.days for run in runs if run.days]
     days = _days(identity, known)
@@ -163,7 +182,7 @@ def _stated(inputs: Inputs, identity: Identity, contradictions: Sequence[str], r
                           f'{", ".join(lacking)} in the identity file')
     further = [
         'The temperature was not recorded.' if not any(run.temperatures.size for run in runs) else '',
-        *(f'Contradiction: {words}.' for words in contradictions), CONTENT_OF_U]
+        *(f'Contradiction: {words}.' for words in contradictions), OF_BUDGET if made else CONTENT_OF_U]
     paths = {file.path: Path(file.path).name for file in files}
 
     def bare(sentence: str) -> str:  # a path says where a copy lay, not what was measured
@@ -175,7 +194,7 @@ def _stated(inputs: Inputs, identity: Identity, contradictions: Sequence[str], r
         tuple((name, bare(words)) for name, words in evaluation),
         tuple(bare(sentence) for sentence in (*unknown, *further) if sentence),
         tuple(FileDigest(inputs.files.get(file.sha256, Path(file.path).name), file.size, file.sha256)
-              for file in files))
+              for file in files), made)
 
 
 def _days(identity: Identity, known: Sequence[tuple[str, str]]) -> tuple[str, str] | None:

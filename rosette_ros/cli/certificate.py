@@ -15,10 +15,12 @@ from rosette_ros.cli.arguments import UsageError, add_shared
 from rosette_ros.cli.console import console, print_json, print_parts
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
 from rosette_ros.core.errors import InvalidData
+from rosette_ros.io.budget_file import read_stated
 from rosette_ros.io.identity_file import Identity, read_identity
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.io.text_file import read_limited, refuse_existing, write_bytes
+from rosette_ros.presentation.budget_results import contributions
 from rosette_ros.presentation.error_results import errors
 
 
@@ -30,6 +32,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('-o', '--output', metavar='FILE', help='the certificate to write, XML (default: named as the '
                         'run, in this folder)')
     parser.add_argument('--pdf', metavar='FILE', help='write it for people, too: two pages, the XML attached')
+    parser.add_argument('--inputs', metavar='FILE', help='of one run: what its uncertainty budget needs besides the '
+                        'readings (YAML, rosette-budget/1); U is that of the budget then')
     parser.add_argument('--verify', metavar='CERT', help='compare a certificate with its run instead: curves, hash, '
                         'all that is in it')
     add_shared(parser, '--json', help='with --verify: print one JSON object and nothing else')
@@ -58,7 +62,8 @@ def make(options: Namespace) -> None:
     certificate = state(options.run_path, Inputs(
         identity, identity['certificate.date'] or date.today().isoformat(),
         read_model(options.model).to_mapping() if options.model else None, options.run_id, several,
-        read_sharing(options.share, len(options.run_path)) if several else {}))
+        read_sharing(options.share, len(options.run_path)) if several else {},
+        read_stated(options.inputs) if options.inputs else None))
     data = to_xml(certificate)
     made = pages(certificate, data, path.name) if options.pdf else b''
     write_bytes(path, data, options.force)
@@ -84,6 +89,8 @@ def show(certificate: Certificate, path: Path, pdf: str | None) -> None:
         out.print(f'[red]{SIMULATED}[/]')
     out.print(escape(certificate.judgement))
     print_parts(out, [errors(one.lines, f'The six errors of the {one.words} (ISO 230-7)') for one in certificate.sets])
+    if certificate.budget and certificate.inputs.budget:
+        print_parts(out, [contributions(certificate.budget)])
     out.print()
     for words in certificate.contradictions:
         out.print(f'[yellow]Contradiction: {escape(words)}[/]')
@@ -96,7 +103,7 @@ def show(certificate: Certificate, path: Path, pdf: str | None) -> None:
 
 def check(options: Namespace) -> None:
     """Compare a certificate with its run; raises InvalidData where it is another one."""
-    for name in ('output', 'pdf', 'identity', 'model', 'share'):
+    for name in ('output', 'pdf', 'identity', 'model', 'share', 'inputs'):
         if getattr(options, name):
             raise UsageError(f'--{name}: does not go with --verify, which takes all from the certificate; leave it out')
     found = verify_certificate(read_limited(options.verify, 'a certificate', MOST_BYTES), options.verify,

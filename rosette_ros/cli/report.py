@@ -24,17 +24,14 @@ from rosette_ros.io.open_readings import joint_identity
 from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.io.touch_log import open_refitted
-from rosette_ros.presentation.budget_results import budget_tables
 from rosette_ros.presentation.plots.plot_style import save
 from rosette_ros.presentation.plots.result_plots import Series
 from rosette_ros.presentation.report import verification
 from rosette_ros.presentation.report.joint_page import joint_html, joint_pictures, joint_tables, open_with_files
 from rosette_ros.presentation.report.provenance import digest, open_source
-from rosette_ros.presentation.report.run_page import budget_of, pictures_of, report_html, touches_of
+from rosette_ros.presentation.report.run_page import budget_of, every_table, pictures_of, report_html, touches_of
 from rosette_ros.presentation.report.verification import Verification, read_maker, verify
 from rosette_ros.presentation.table_format import Table
-from rosette_ros.presentation.tables import tables_of
-from rosette_ros.presentation.touch_results import sphere_table
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -118,9 +115,7 @@ def report_run(options: Namespace, place: str) -> None:
         made = budget_of(summary, refit, inputs)
         pictures = pictures_of(summary, overlays, refit, made)
         write_text(path, report_html(summary, source, options.command_line, overlays, pictures, inputs), options.force)
-        write_parts(options, pictures, (*tables_of(summary, source.identity.limits(measured.rotation)),
-                                        *([sphere_table(refit)] if refit else []),
-                                        *(budget_tables(made) if made else ())))
+        write_parts(options, pictures, every_table(summary, source.identity, refit, made))
     out.print(head(measured))
     print_result(out, summary.verdict, path)
 

@@ -10,7 +10,7 @@ from scipy import special
 
 from rosette_ros.core.correction import Correction
 from rosette_ros.core.diagnosis.verdict import Level
-from rosette_ros.core.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.error_summary import COVERAGE_FACTOR, peak_to_valley
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import TWO_PI
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats
@@ -159,8 +159,8 @@ def _corrected(place: int, before: Floats, after: Floats, taken: Floats, varianc
         result = Effectiveness.WRONG_SIGN
     else:
         result = Effectiveness.NOT_APPLIED if abs(gain) < SURE * u_gain else Effectiveness.REMAINS
-    return CorrectedError(curve, float(np.ptp(before)), float(np.ptp(promised)), float(np.ptp(after)), expanded, gain,
-                          u_gain, p, result)
+    spans = peak_to_valley(np.stack([before, promised, after], axis=-1)).tolist()
+    return CorrectedError(curve, spans[0], spans[1], spans[2], expanded, gain, u_gain, p, result)
 
 
 def _p(difference: Floats, variance: Floats, curve: str) -> float:

@@ -22,6 +22,10 @@ FEWEST_ANGLES = 4
 """A once-per-turn part is told from the rest of a curve with so many points at least."""
 
 
+SAME_ANGLE = 1e-6
+"""Table angles of runs that differ by no more are the same, rad."""
+
+
 class Conformity(StrEnum):
     """What a range and its uncertainty say about a tolerance, ISO 14253-1."""
 
@@ -87,6 +91,7 @@ def error_lines(motions: ErrorMotions, u_range: Floats | None = None, tolerances
     curve; doubt: as of AxisError; widths: of several runs and their u, (6,) each, NaN where not known."""
     names, wanted = motions.iso_names, tolerances or {}
     high, low = extremes(motions)
+    span = peak_to_valley(motions.values)
     spread = motions.u[high, range(6)] + motions.u[low, range(6)] if u_range is None else u_range
     lines = []
     for place, curve in enumerate(CURVES):
@@ -95,8 +100,8 @@ def error_lines(motions: ErrorMotions, u_range: Floats | None = None, tolerances
         width, u_width = ((float(one[place]) for one in widths) if widths and np.isfinite(widths[0][place])
                           else (None, None))
         lines.append(AxisError(
-            curve, names[curve], float(np.ptp(values)), float(spread[place]), float(motions.u[:, place].max()),
-            2 * abs(once), float(np.ptp(values - (once * np.exp(-1j * motions.angle)).real)), width, u_width,
+            curve, names[curve], float(span[place]), float(spread[place]), float(motions.u[:, place].max()),
+            2 * abs(once), float(peak_to_valley(values - (once * np.exp(-1j * motions.angle)).real)), width, u_width,
             wanted.get(curve), doubt))
     return tuple(lines)
 
@@ -105,6 +110,18 @@ def fit_lines(fit: 'Fit', tolerances: Mapping[str, float] | None = None, doubt: 
     """Return the AxisErrors of a Fit; tolerances, doubt: as of error_lines."""
     return error_lines(fit.error_motions, fit.weighted_sigma * np.sqrt(
         fit.joint.difference_cofactor(*extremes(fit.error_motions))), tolerances, doubt)
+
+
+def peak_to_valley(values: Floats) -> Floats:
+    """Return the range of each curve, (n, ...) to (...)."""
+    return np.asarray(np.ptp(values, axis=0))
+
+
+def difference(one: ErrorMotions, other: ErrorMotions) -> ErrorMotions | None:
+    """Return the curves of one run less those of another, u^2 = u1^2 + u2^2; None where the table angles differ."""
+    if one.angle.shape != other.angle.shape or np.abs(one.angle - other.angle).max() > SAME_ANGLE:
+        return None
+    return ErrorMotions(one.angle, one.values - other.values, np.hypot(one.u, other.u), one.rotation)
 
 
 def extremes(motions: ErrorMotions) -> tuple[list[int], list[int]]:

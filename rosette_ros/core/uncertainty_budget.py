@@ -9,7 +9,7 @@ with G the least squares from readings to curves, effects of the model fitted an
 squares; the degrees of freedom follow Welch and Satterthwaite.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ import numpy as np
 from scipy import special
 
 from rosette_ros.core.budget_inputs import BOUNDS, SECTIONS, BudgetInputs, drift_course, temperature_course
-from rosette_ros.core.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.error_summary import COVERAGE_FACTOR, AxisError, error_lines, extremes
 from rosette_ros.core.errors import InvalidData, unknown
 from rosette_ros.core.form_field import form_basis, standard_height
 from rosette_ros.core.geometry import rotate_z
@@ -25,7 +25,7 @@ from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.planning.advice import GOOD_SHARE
 from rosette_ros.core.planning.visibility import Visibility
-from rosette_ros.core.records import Floats, remove_gauge
+from rosette_ros.core.records import ErrorMotions, Floats, remove_gauge
 from rosette_ros.core.sphere_refit import LEAST_TOUCHES, SphereRefit
 from rosette_ros.core.touches import USUAL, centre_factors, circles_of, touch_directions
 
@@ -111,6 +111,25 @@ class Budget:
     def mean(self) -> Floats:
         """Combined standard uncertainties, root mean square over the points of each curve, (6,), m and rad."""
         return root_mean(self.combined())
+
+    @property
+    def error_motions(self) -> ErrorMotions:
+        """The curves of the fit with their combined standard uncertainties, bounds left out."""
+        return replace(self.fit.error_motions, u=self.combined(False))
+
+    def lines(self, tolerances: Mapping[str, float] | None = None, doubt: str = '') -> tuple[AxisError, ...]:
+        """Return the AxisErrors of the curves with these uncertainties; tolerances, doubt: as of error_lines.
+
+            u^2(range) = sigma^2 cofactor(difference) + sum over what is no noise of (u(highest) + u(lowest))^2
+
+        No correlation of both points exceeds the sum."""
+        motions, curve = self.error_motions, range(6)
+        high, low = extremes(motions)
+        square = self.sigma**2 * self.fit.joint.difference_cofactor(high, low)
+        for one in self.contributions:
+            if not (one.is_noise or one.is_bound):
+                square = square + (one.u[high, curve] + one.u[low, curve])**2
+        return error_lines(motions, np.sqrt(square), tolerances, doubt)
 
     @property
     def effective_dof(self) -> Floats:
@@ -374,7 +393,7 @@ def _open(fit: Fit, inputs: BudgetInputs, touch: TouchScatter | None,
     if touch is None:
         out.append('Scatter of single touches: not recorded and not stated (touches); it is part of the repeatability.')
     if hidden is None:
-        out.append('Effects that this order of measurement hides: not asked for (--hidden-effects).')
+        out.append('Effects that this order of measurement hides: not asked for (rosette budget --hidden-effects).')
     else:
         harmful = [one.name for one in hidden if not one.reason and not np.isfinite(one.detectable)
                    and one.name not in inputs.bounds

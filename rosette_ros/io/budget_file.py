@@ -16,7 +16,14 @@ MOST_BYTES, LONGEST = 1 << 16, 300
 
 def read_budget(path: str | Path) -> BudgetInputs:
     """Return the BudgetInputs of a file; raises InvalidData, naming file and entry, where it is none."""
-    return budget_inputs(read_yaml(path, 'a file of budget inputs', MOST_BYTES, InvalidData), str(path))
+    return budget_inputs(read_stated(path), str(path))
+
+
+def read_stated(path: str | Path) -> dict[str, Any]:
+    """Return what a file of budget inputs says, as YAML; raises InvalidData as read_budget."""
+    given = read_yaml(path, 'a file of budget inputs', MOST_BYTES, InvalidData)
+    budget_inputs(given, str(path))
+    return dict(given)
 
 
 def budget_inputs(given: Any, source: str = 'budget inputs') -> BudgetInputs:

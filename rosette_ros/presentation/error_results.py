@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The six errors in a line each, for people and programs: the summary after ISO 230-7."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from rosette_ros.core.error_summary import COVERAGE_FACTOR, DECISION_RULE, AxisError, Conformity
-from rosette_ros.core.records import CURVES
+from rosette_ros.core.records import CURVES, ErrorMotions
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.table_format import Column, Table, words
 
@@ -51,6 +53,24 @@ def errors(lines: Sequence[AxisError], title: str = 'The six errors of the table
         levels=tuple(LEVELS[line.conformity] for line in lines),
         note=f'{WHAT_IS_WHAT}{width}{arc}' + f' Decision rule: {DECISION_RULE}.' * limited
         + ''.join(f' Not decided: {doubt}.' for doubt in doubts))
+
+
+def differences(every: Mapping[str, ErrorMotions]) -> Table:
+    """Return by how much curves of runs differ, by name: the largest difference at an angle, beside its U."""
+    columns = [words('run', 'run', every)]
+    for place, (curve, unit) in enumerate(zip(CURVES, text.CURVE_UNITS, strict=True)):
+        shown, worst, spread = [], [], []
+        for one in every.values():
+            at = int(np.argmax(np.abs(one.values[:, place])))
+            worst.append(1e6 * float(one.values[at, place]))
+            spread.append(1e6 * COVERAGE_FACTOR * float(one.u[at, place]))
+            digits = text.decimals(spread[-1])
+            shown.append(f'{text.signed(worst[-1], digits)} ±{text.fixed(spread[-1], digits)}')
+        key = f'{curve}_{unit.replace("µ", "u")}'
+        columns += [Column(key, curve, tuple(worst), tuple(shown), unit), Column(f'U_{key}', '', tuple(spread), None)]
+    return Table('differences', 'Differences of the curves', tuple(columns),
+                 note=f'The largest difference at an angle, with U (k = {COVERAGE_FACTOR}) of both runs at that angle. '
+                 'Of many angles the largest is beyond U now and then by chance.')
 
 
 def errors_json(lines: Sequence[AxisError]) -> dict[str, Any]:

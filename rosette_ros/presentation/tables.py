@@ -14,6 +14,7 @@ from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.diagnosis import Candidate
 from rosette_ros.core.diagnosis.second_run import CONFIRMED, CheckedEffect, CrossCheck
 from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level
+from rosette_ros.core.error_summary import peak_to_valley
 from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter
 from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.model.noise import AXES
@@ -55,7 +56,7 @@ def curves(motions: ErrorMotions) -> Table:
     """Return the six curves; for people with U, below the curve where it is the same at all angles."""
     values, u = 1e6 * motions.values, 1e6 * motions.u
     expanded = text.COVERAGE_FACTOR * u
-    alike = _alike(u)
+    alike, spans = _alike(u), peak_to_valley(values)
     columns = [column('table_position', 'table position', range(1, len(values) + 1), str, footer=('',) * (1 + alike)),
                column('table_angle_deg', 'angle', np.round(np.rad2deg(motions.angle), ANGLE_DECIMALS),
                       partial(text.exact, places=4), '°',
@@ -64,7 +65,7 @@ def curves(motions: ErrorMotions) -> Table:
     for place, (curve, unit) in enumerate(zip(CURVES, text.CURVE_UNITS, strict=True)):
         digits = text.decimals(float(np.median(expanded[:, place])))
         shown = _with_u(values[:, place], expanded[:, place], digits, alike)
-        span, largest = float(np.ptp(values[:, place])), float(expanded[:, place].max())
+        span, largest = float(spans[place]), float(expanded[:, place].max())
         footer = text.fixed(span, digits), f'±{text.fixed(largest, digits)}'
         columns.append(Column(f'{curve}_{FILE_UNITS[place]}', names[place], tuple(values[:, place].tolist()),
                               shown, unit, footer=footer[:1 + alike]))

@@ -9,8 +9,9 @@ import asyncio
 import multiprocessing
 import resource
 import signal
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -19,17 +20,27 @@ from typing import Any, TypeVar
 from nicegui import Event
 
 from rosette_ros.analysis import analyse, change, cross_check, evaluate_jointly, ladder, summarise
+from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import not_determinable
+from rosette_ros.core.error_summary import doubt_of
 from rosette_ros.core.errors import NotDeterminable, RosetteError, one_line
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.readings import Readings
+from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
-from rosette_ros.core.records import Run
+from rosette_ros.core.records import ErrorMotions, Run
+from rosette_ros.core.uncertainty_budget import Budget, budget, touch_scatter
+from rosette_ros.io.budget_file import read_budget
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.open_run import is_log
+from rosette_ros.presentation.plots.touch_plots import touch_directions, touch_residuals
 from rosette_ros.presentation.report import report_html
+from rosette_ros.presentation.report.page_parts import inline_svgs
 from rosette_ros.presentation.report.provenance import Source
+from rosette_ros.presentation.report.run_page import NO_TOUCHES, touches_of
+from rosette_ros.presentation.table_format import Table
+from rosette_ros.presentation.touch_results import sphere_rows, sphere_table
 from rosette_ros.studio.studio_session import OpenedRun, Preview, Session, Ticket
 
 T = TypeVar('T')
@@ -49,13 +60,25 @@ class WorkerFailed(RosetteError):
     """The process has ended without a result."""
 
 
+@dataclass(frozen=True)
+class ShownTouches:
+    """What the touches of a run show: (name, text) rows, pictures (SVG) by their words, tables; missing: why not."""
+
+    rows: tuple[tuple[str, str], ...] = ()
+    pictures: Mapping[str, str] = field(default_factory=dict)
+    tables: tuple[Table, ...] = ()
+    missing: tuple[str, ...] = ()
+
+
 class Controller:
     """A Session with its calculations; `changed` is emitted for the views.
 
     step: the one of analysis.STEPS that is running, '' when none is; previewing: what a preview is calculated of, ''
     when none is; error: words of what failed last; check: name of a second run and what it shows of the diagnosis;
-    planner, joiner, archivist: calculate what plans determine, several runs as one, trends; joint: the result of
-    several runs.
+    planner, joiner, archivist, budgeter, toucher: calculate what plans determine, several runs as one, trends, the
+    uncertainty budget, and spheres through touches; joint: the result of several runs; budget, overlaid: that
+    budget, and curves of runs by name, this run's first, with the ticket that they belong to; touches: what they show,
+    with their run.
     """
 
     def __init__(self) -> None:
@@ -64,6 +87,10 @@ class Controller:
         self.check: tuple[str, CrossCheck] | None = None
         self._quick, self._worker, self._reader = ThreadPoolExecutor(1, 'quick'), Worker(), Worker()
         self.planner, self.joiner, self.archivist = Worker(), Worker(), Worker()
+        self.budgeter, self.toucher = Worker(), Worker()
+        self.touches: tuple[OpenedRun, ShownTouches] | None = None
+        self.budget: tuple[Ticket | None, Budget] | None = None
+        self.overlaid: tuple[Ticket | None, dict[str, ErrorMotions]] | None = None
         self._refreshed: Ticket | None = None
         self.joint: JointResult | None = None
 
@@ -125,6 +152,40 @@ class Controller:
         self.error = ''
         self.changed.emit()
 
+    async def make_budget(self, path: str) -> None:
+        """Calculate the uncertainty budget of the run under the model; path: of a file of inputs, '' for none."""
+        results, ticket, current = self.session.results, self.session.ticket, self.session.current
+        inputs = read_budget(path) if path else None
+        if results.fit is None or current is None:
+            return
+        self.budget = ticket, await self.budgeter.run(
+            budget_of, results.fit, current.source, inputs, doubt_of(results.verdict))
+        self.error = ''
+        self.changed.emit()
+
+    async def read_touches(self) -> None:
+        """Fit spheres to the touches in the log of the run that is shown."""
+        current = self.session.current
+        if current is None:
+            return
+        self.touches, self.error = (current, await self.toucher.run(shown_touches, current.source)), ''
+        self.changed.emit()
+
+    async def lay_over(self, places: Sequence[int]) -> None:
+        """Evaluate other opened runs under the model, to draw their curves over those of this one."""
+        session, ticket, model = self.session, self.session.ticket, self.session.model
+        if session.current is None:
+            return
+        every = {}
+        for one in (session.current, *(session.runs[place] for place in places)):
+            every[one.name] = (await self.do_quick(self._if_current(ticket, analyse), one.run, model)).error_motions
+        self.overlaid, self.error = (ticket, every), ''
+        self.changed.emit()
+
+    def of_present(self, kept: tuple[Ticket | None, T] | None) -> T | None:
+        """Return what was kept with its ticket, where that is the ticket of what is shown."""
+        return kept[1] if kept and self.session.is_current(kept[0]) else None
+
     # Calculations
 
     async def refresh(self, unasked: bool = True) -> None:
@@ -185,9 +246,28 @@ class Controller:
 
     def close(self) -> None:
         """End the calculations."""
-        for worker in (self._worker, self._reader, self.planner, self.joiner, self.archivist):
+        for worker in (self._worker, self._reader, self.planner, self.joiner, self.archivist, self.budgeter,
+                       self.toucher):
             worker.stop()
         self._quick.shutdown(wait=False, cancel_futures=True)
+
+
+def budget_of(fit: Fit, source: Source | None, inputs: BudgetInputs | None, doubt: str) -> Budget:
+    """Return the Budget of a fit, with the scatter of touches where the log of the run has them."""
+    refit = touches_of(source)[0]
+    return budget(fit, inputs, touch_scatter(refit) if refit else None, doubt=doubt)
+
+
+def shown_touches(source: Source | None) -> ShownTouches:
+    """Return what the touches in the log of a run show."""
+    refit, missing = touches_of(source)
+    if refit is None:
+        return ShownTouches(missing=tuple(missing or [NO_TOUCHES]))
+    drawn = inline_svgs({'touch_residuals': touch_residuals(refit), 'touch_directions': touch_directions(refit)})
+    return ShownTouches(tuple(sphere_rows(refit)), {
+        'Distance of each touch from its sphere; below, the radius of each sphere.': str(drawn['touch_residuals']),
+        'Mean residuals by direction, seen from the pole: lobing of the probe, form of each ball.':
+            str(drawn['touch_directions'])}, (sphere_table(refit),))
 
 
 def joint_of(opened: Sequence[OpenedRun]) -> JointResult:

@@ -21,6 +21,7 @@ from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.planning.plan_comparison import Point, best_sets
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats, Ints
 from rosette_ros.core.scheme import Scheme
+from rosette_ros.core.uncertainty_budget import Budget
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, iso_name, signed
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE, COLOURS
 from rosette_ros.presentation.plots.result_plots import MEANING, closed
@@ -40,10 +41,17 @@ MOST_MARKS = 1500
 CHOSEN = {'color': '#cc79a7', 'width': 3}
 """Line around or through a chosen reading."""
 AXIS = {'zeroline': False, 'fixedrange': True, 'title': {'standoff': 6, 'font': {'size': 12}}}
+BARS: dict[str, tuple[str, dict[str, Any]]] = {
+    'A': ('type A: by statistics', {'color': COLOURS[0]}),
+    'B': ('type B: other knowledge', {'color': COLOURS[5], 'pattern': {'shape': '/', 'fgcolor': '#333333'}}),
+    'hidden': ('bound of hidden effects', {'color': '#bbbbbb', 'line': {'width': 1, 'color': '#333333'}}),
+    '': ('combined u', {'color': '#777777'})}
+"""Labels and looks of the bars of a budget, by kind of evaluation."""
 HOVER = ('table position %{customdata[0]}, ball %{customdata[1]}, CMM position %{customdata[2]}'
          '<br>%{text} µm<br>rms %{customdata[3]:.1f} × NOISE<br>reading %{customdata[4]}, at %{customdata[5]:.1f} min')
 
 
+DASHES = ('solid', 'dash', 'dot', 'dashdot', 'longdash')
 SYMBOLS = ('circle', 'square', 'diamond', 'triangle-up', 'cross', 'star')
 
 
@@ -292,6 +300,31 @@ def filling_figure(n: int, cells: Mapping[tuple[int, int], float]) -> PlotlyFigu
     layout['xaxis'] = {'dtick': _tick(n), 'range': [0.5, n + 0.5], 'title': {'text': 'ball'}}
     layout['yaxis'] = {'dtick': _tick(n), 'range': [n + 0.5, 0.5], 'title': {'text': 'table position'}}
     return figure_of(data, layout)
+
+
+def budget_height(made: Budget) -> int:
+    """Return the height of budget_figure, px."""
+    return 2 * (15 * len(made.contributions) + 75)
+
+
+def budget_figure(made: Budget) -> PlotlyFigure:
+    """Return bars: standard uncertainty of each curve by contribution, the longest on top, and what they make."""
+    names = [*(one.name for one in made.contributions), 'combined']
+    kinds = [*('hidden' if one.is_bound else one.kind for one in made.contributions), '']
+    values, labels = np.vstack([*(one.mean for one in made.contributions), made.mean]), list(dict.fromkeys(names))
+    data, layout = [], _panels(2, 3, gap=(0.08, 0.25), legend=True, margin={'l': 190})
+    for place, (curve, unit) in enumerate(zip(CURVES, CURVE_UNITS, strict=True), 1):
+        for kind, (label, look) in BARS.items():
+            rows = [row for row, one in enumerate(kinds) if one == kind]
+            data.append({
+                'type': 'bar', 'orientation': 'h', 'y': [names[row] for row in rows],
+                'x': packed(1e6 * values[rows, place - 1]), 'name': label, 'legendgroup': label,
+                'showlegend': place == 1 and bool(rows), 'marker': look, **_axes(place),
+                'hovertemplate': f'%{{y}}: u = %{{x:.3f}} {unit}<extra>{curve}</extra>'})
+        y = {'categoryorder': 'array', 'categoryarray': labels[::-1], 'automargin': False,
+             'showticklabels': place % 3 == 1, 'tickfont': {'size': 11}}
+        _set_panel(layout, place, {'rangemode': 'tozero', 'nticks': 4}, y, f'<b>{curve}</b> u / {unit}')
+    return figure_of(data, layout | {'barmode': 'overlay', 'bargap': 0.25})
 
 
 def pairs_figure(scheme: Scheme) -> PlotlyFigure:

@@ -16,12 +16,15 @@ from rosette_ros.io.model_file import format_model
 from rosette_ros.nodes.names import NAMESPACE
 from rosette_ros.studio.controller import Controller, Superseded
 from rosette_ros.studio.panels.archive_panel import ArchivePanel
+from rosette_ros.studio.panels.budget_panel import BudgetPanel
 from rosette_ros.studio.panels.diagnosis_panel import CandidatesPanel, CrossCheckPanel, VerdictPanel
 from rosette_ros.studio.panels.figures_panel import FiguresPanel
 from rosette_ros.studio.panels.joint_panel import JointPanel
 from rosette_ros.studio.panels.live_panel import CellWatchers, LivePanel
 from rosette_ros.studio.panels.model_panel import CustomTermPanel, Entry, ModelPanel
 from rosette_ros.studio.panels.open_dialog import OpenDialog
+from rosette_ros.studio.panels.overlay_panel import OverlayPanel
+from rosette_ros.studio.panels.touch_panel import TouchPanel
 from rosette_ros.studio.panels.widgets import ErrorLine, button, input_field, marked
 
 RUN, LIVE, ARCHIVE = 'Run', 'Live cell', 'Archive'
@@ -135,8 +138,12 @@ class Page:
                         CrossCheckPanel(controller, lambda place: self._run(controller.cross_check(place))))
                 with ui.element('div').classes('main'):
                     self._figures = FiguresPanel(controller, self._add_preview, self._drop_preview)
-                    joint = JointPanel(controller, lambda places: self._run(controller.evaluate_jointly(places)))
-        self._panels = (self._verdict, *panels, self._figures, joint)
+                    below = (
+                        BudgetPanel(controller, lambda path: self._run(controller.make_budget(path))),
+                        OverlayPanel(controller, lambda places: self._run(controller.lay_over(places))),
+                        TouchPanel(controller, lambda: self._run(controller.read_touches())),
+                        JointPanel(controller, lambda places: self._run(controller.evaluate_jointly(places))))
+        self._panels = (self._verdict, *panels, self._figures, *below)
 
     def _build_help(self) -> None:
         with ui.dialog() as self._help, ui.element('div').classes('card'):

@@ -11,10 +11,12 @@ from rosette_ros.certificate.dcc import to_xml
 from rosette_ros.certificate.statements import Inputs, state
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
+from rosette_ros.io.budget_file import read_stated
 from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.simulation import Machine, MachineConfig
 
 GOLDEN = Path(__file__).parents[1] / 'golden'
+BUDGET = Path(__file__).parents[2] / 'config' / 'budget.yaml'
 FULL = '''schema: rosette-identity/1
 certificate: {number: "2026-0413", date: 2026-04-15, remarks: "Clamped as in use & <tested>."}
 laboratory: {name: Messlabor Süd, street: Ring 1, postcode: "80331", city: München, country: DE,
@@ -35,7 +37,7 @@ BARE = 'schema: rosette-identity/1\ncertificate: {number: X1}\nlaboratory: {coun
 HIDDEN = ({'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 5.0]},
           {'kind': 'plate_warp', 'rate_um_per_h': 6.0})
 TWO = {'base': ['table_motions', 'plate_deviations', 'cmm_deviations'], 'effects': ['frame_drift', 'plate_warp']}
-KINDS = ('clean', 'two_effects', 'incomplete', 'joint', 'simulated', 'without_temperatures', 'bare')
+KINDS = ('clean', 'two_effects', 'incomplete', 'joint', 'simulated', 'without_temperatures', 'bare', 'budget')
 
 
 FOLDER = tempfile.TemporaryDirectory()
@@ -68,6 +70,8 @@ def made(kind):
     elif kind == 'without_temperatures':
         paths = (table('cold', change=lambda run: run.replace(temperature=np.full(run.size, np.nan))),)
         inputs = Inputs(dated, '2026-04-15')
+    elif kind == 'budget':
+        paths, inputs = (table('clean'),), Inputs(dated, '2026-04-15', budget=read_stated(BUDGET))
     else:
         text = FULL if kind == 'clean' else BARE
         paths, inputs = (table('clean'),), Inputs(parse_identity((text + DAYS).encode()), '2026-04-15')

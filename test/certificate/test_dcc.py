@@ -5,6 +5,7 @@ The schema is not part of the project: ROSETTE_DCC_XSD names dcc.xsd, else ../sh
 
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -121,6 +122,41 @@ def test_curves_are_those_of_the_run(kind):
     for curve in CURVES:
         assert np.abs(numbers(curve, 'valueXMLList') * 1e-6 - motions[curve]).max() < 1e-12
         assert np.abs(numbers(curve, 'valueExpandedMUXMLList') * 1e-6 - 2 * motions.uncertainty(curve)).max() < 1e-12
+
+
+def test_the_budget_is_that_of_the_run():
+    """Its lines add up in squares to u; U of the curves is twice that of each point; inputs have their units."""
+    certificate, root = made('budget')[1], root_of('budget')
+    [result] = root.xpath('//dcc:result[@refType="rosette_budget"]', namespaces=NAMES)
+
+    def numbers(kind):
+        return np.hstack([np.array([one.findtext('.//si:valueXMLList', '', NAMES).split() for one in result.iterfind(
+            f'.//dcc:quantity[@refType="rosette_budget_{kind}_{part}"]', NAMES)], dtype=float)
+            for part in ('translations', 'rotations')])
+    lines, u, expanded = (numbers(kind) for kind in ('contribution', 'u', 'U'))
+    names = texts(result, './dcc:data/dcc:list/dcc:name/dcc:content')
+    assert names[:-1] == [one.name for one in certificate.budget.contributions] and len(lines) == len(names) - 1 >= 9
+    np.testing.assert_allclose((lines**2).sum(axis=0), u[0]**2, rtol=1e-12)
+    np.testing.assert_allclose(expanded, 2 * u, rtol=1e-15)
+    stated = {name: (float(value), unit) for name, value, unit in zip(names, *(texts(
+        result, f'.//dcc:quantity[@refType="rosette_budget_input"]//si:{tag}') for tag in ('value', 'unit')))}
+    assert stated['radius'] == (1e-6, r'\metre')
+    assert stated['temperature: plate'] == (1e-6, r'\kelvin\tothe{-1}')
+    [curve] = root.xpath('//dcc:quantity[@refType="rosette_crz"]', namespaces=NAMES)
+    spread = np.array(curve.findtext('.//si:valueExpandedMUXMLList', '', NAMES).split(), dtype=float)
+    np.testing.assert_allclose(spread, 2e6 * certificate.budget.combined()[:, 5], rtol=1e-12)
+    assert any(words.startswith('U (k = 2, about 95 %) is that of the uncertainty budget')
+               for words in texts(root, '//dcc:statement//dcc:content'))
+
+
+def test_without_inputs_the_budget_says_what_is_not_considered():
+    """U is that of evaluate; form of the balls and the like are named as missing; several runs have no budget."""
+    words = texts(root_of('clean'), '//dcc:statement//dcc:content')
+    assert 'Form of the balls: not stated (ball_form).' in words
+    assert root_of('clean').xpath('//dcc:result[@refType="rosette_budget"]', namespaces=NAMES)
+    assert not root_of('joint').xpath('//dcc:result[@refType="rosette_budget"]', namespaces=NAMES)
+    with pytest.raises(InvalidData, match='with one run of a regular plate only; leave --inputs out'):
+        state(made('joint')[0], replace(made('joint')[1].inputs, budget=made('budget')[1].inputs.budget))
 
 
 def test_verdicts_are_as_decided():

@@ -79,6 +79,16 @@ def test_what_was_changed_is_said(old, new, words):
                                          'its content was changed after it was made (its own SHA-256 differs)')
 
 
+def test_inputs_of_the_budget_that_were_changed_are_told():
+    """All lines follow from them; what is no input any more is refused in its words."""
+    data = made('budget')[2]
+    wrong = data.replace(b'"form_um": 0.13', b'"form_um": 0.12', 1)
+    with pytest.raises(InvalidData, match=r'its own SHA-256 differs.*; .*value \d is '):
+        verified('budget', wrong)
+    with pytest.raises(InvalidData, match='ball_form: form_um: wanted a positive number, got -1'):
+        verified('budget', data.replace(b'"form_um": 0.13', b'"form_um": -1', 1))
+
+
 def test_a_number_that_was_changed_is_named():
     """The value, which one of the curve; 1e-12 m are nothing, more is."""
     data = made('clean')[2]

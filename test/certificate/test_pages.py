@@ -47,6 +47,18 @@ def test_an_engineer_finds_what_is_asked_for():
         assert words in second, words
 
 
+def test_the_budget_stands_on_the_pages():
+    """Each contribution, what they make together, what is not considered; within two pages."""
+    _, certificate, data = made('budget')
+    pages = pages_of(to_pdf(certificate, data, 'cert.xml'))
+    assert len(pages) == 2
+    for one in certificate.budget.contributions:
+        assert one.name in ' '.join(pages)
+    for words in ('Uncertainty budget (GUM)', 'combined u', 'U (k = 2)', 'effective dof', 'Not considered:',
+                  'Effects that this order of measurement hides', 'is that of the uncertainty budget', 'signature'):
+        assert words in ' '.join(pages), words
+
+
 def test_what_is_missing_stands_on_the_pages():
     """And in the place where it would stand."""
     pages = ' '.join(pages_of(to_pdf(*made('bare')[1:], 'cert.xml')))

@@ -59,6 +59,18 @@ def test_what_does_not_go_together_is_refused(refused, make_table, identity, tmp
     assert not (tmp_path / 'a.xml').exists()
 
 
+def test_inputs_of_the_budget_make_its_uncertainty_that_of_the_certificate(rosette, refused, make_table, identity,
+                                                                           tmp_path):
+    """U of the lines grows by what is stated; --verify makes it again from the certificate alone."""
+    table, xml, inputs = make_table(), tmp_path / 'cert.xml', tmp_path / 'budget.yaml'
+    inputs.write_text('schema: rosette-budget/1\nball_form: {form_um: 0.5}\n')
+    out = ' '.join(rosette('certificate', table, '--identity', identity, '--inputs', inputs, '-o', xml).out.split())
+    assert 'Uncertainty budget (GUM)' in out and 'form of the balls' in out
+    inputs.unlink()
+    assert 'is the certificate of' in rosette('certificate', '--verify', xml, table).out
+    assert '--inputs: does not go with --verify' in refused('certificate', '--verify', xml, table, '--inputs', inputs)
+
+
 def test_evaluate_and_report_take_the_tolerances(rosette, make_table, identity, tmp_path):
     """The table of the six errors says whether they conform; JSON too; the report says who and what."""
     table = make_table()

@@ -32,7 +32,7 @@ def test_page_figures_and_tables_of_a_run(rosette, here):
     assert 'Drawn over it: clean_1' in page
     assert f'rosette report {path} --model {model} -o page.html --overlay' in page
     figures = sorted(file.name for file in (here / 'figures').iterdir())
-    assert 'curves.png' in figures and 'residual_maps.png' in figures
+    assert {'curves.png', 'differences.png', 'residual_maps.png'} <= {*figures}
     assert (here / 'figures' / 'curves.png').read_bytes().startswith(b'\x89PNG')
     wanted = json.loads(rosette('evaluate', path, '--model', model, '--json').out)
     with open(here / 'tables' / 'curves.csv', encoding='utf-8', newline='') as stream:

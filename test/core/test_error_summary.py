@@ -6,7 +6,15 @@ import pytest
 
 from rosette_ros.analysis import analyse, evaluate_jointly
 from rosette_ros.core.diagnosis.verdict import Conclusion, Level, Outcome, Verdict
-from rosette_ros.core.error_summary import Conformity, conformity, doubt_of, error_lines, fit_lines, once_per_turn
+from rosette_ros.core.error_summary import (
+    Conformity,
+    conformity,
+    difference,
+    doubt_of,
+    error_lines,
+    fit_lines,
+    once_per_turn,
+)
 from rosette_ros.core.geometry import nominal_angles
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.run_to_run import joint_lines
@@ -40,6 +48,16 @@ def test_a_curve_is_split_into_once_per_turn_and_the_rest():
 def test_three_points_have_no_parts():
     """A mean and a wave fit any three points."""
     assert np.isnan(error_lines(motions_of([0, 1, 3]))[0].once_per_turn)
+
+
+def test_differences_have_the_uncertainty_of_both():
+    """3 and 4 make 5, at the same angles only."""
+    one, other = motions_of([1.0, 2, 0, 5], 3.0), motions_of([0.0, 4, 0, 1], 4.0)
+    less = difference(one, other)
+    np.testing.assert_array_equal(less['ctx'], [1, -2, 0, 4])
+    np.testing.assert_array_equal(less.u, 5)
+    assert difference(one, motions_of([0.0, 1, 2])) is None
+    assert difference(one, ErrorMotions(one.angle + 1e-3, one.values, one.u)) is None
 
 
 @pytest.mark.parametrize(('value', 'expanded', 'said'), [

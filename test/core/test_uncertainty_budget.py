@@ -11,6 +11,7 @@ from benchmarks.bench_coverage import coverage
 from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.budget_monte_carlo import monte_carlo
 from rosette_ros.core.diagnosis.parameter_search import choose_settings
+from rosette_ros.core.error_summary import fit_lines
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.form_field import form_basis
 from rosette_ros.core.model.least_squares import fit
@@ -52,6 +53,22 @@ def test_without_inputs_the_budget_is_the_uncertainty_of_the_fit(make_run, kind)
     made = budget(fitted, touch=touch)
     np.testing.assert_allclose(made.combined(), fitted.error_motions.u, rtol=1e-9)
     assert ('effects in the model' in lines(made)) == (kind == 'effect')
+
+
+def test_the_six_lines_have_the_uncertainty_of_the_budget(make_run):
+    """u(R) alone stretches a curve: its range r gets r u(R) / R; without inputs the lines are those of the fit."""
+    fitted = fit(make_run(6, 'random', noise=NOISE)[0])
+    bare, without = fit_lines(fitted), budget(fitted).lines()
+    for one, other in zip(bare, without, strict=True):
+        assert one.u_range == pytest.approx(other.u_range, rel=1e-9)
+    made = budget(fitted, BudgetInputs({'radius': {'u_um': 5e-3}}))
+    found = made.lines({'crz': 1e-3})
+    for place, (one, other) in enumerate(zip(found, bare, strict=True)):
+        more = one.range * 5e-3 / fitted.mean_radius if place > 2 else 0.0
+        assert one.u_range == pytest.approx(np.hypot(other.u_range, more), rel=1e-6)
+        assert one.u_point == pytest.approx(made.combined()[:, place].max())
+    assert found[5].tolerance == 1e-3
+    np.testing.assert_allclose(made.error_motions.u, made.combined(), rtol=1e-12)
 
 
 def test_the_curves_follow_the_readings_as_a_refit_does(make_run):

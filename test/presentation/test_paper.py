@@ -16,6 +16,7 @@ from summaries import summary_of
 
 from rosette_ros.analysis import summarise
 from rosette_ros.core.scheme import plan
+from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.presentation.formatting import MEANINGS
 from rosette_ros.presentation.report import Source, report_html
 from rosette_ros.presentation.report.provenance import FileDigest
@@ -28,7 +29,21 @@ SIDE, BODY, SMALLEST = 13 / 25.4 * 72, 9.0, 8.0
 """Margin at the side, size of running text and of the smallest text, points, as the style sheet has them."""
 ROUNDING = 0.05
 NAME = 'Prüfung "7" \\ </style><b>&_'
-KINDS = ('drift', 'wrong', 'verification')
+KINDS = ('drift', 'identified', 'wrong', 'verification')
+IDENTITY = '''schema: rosette-identity/1
+certificate: {number: "2026-0413", remarks: "Clamped as in use."}
+laboratory: {name: Messlabor Süd, street: Ring 1, postcode: "80331", city: München, country: DE}
+customer: {name: Drehtisch AG, street: Weg 2, postcode: "8000", city: Zürich, country: CH, order: "4711"}
+place: {name: Room 3}
+operator: A. Messer
+signer: {name: B. Leiter, role: head of laboratory}
+table: {maker: Tischbau, model: RT 400, serial: "T-0815"}
+cmm: {maker: Koordinat, model: CMM 9, serial: "C-77", calibration: "2026-K-113"}
+probe: {maker: Taster, model: T5, serial: "P-3"}
+plate: {maker: Kugel, model: KP 12, serial: "KP-1"}
+thermometer: {maker: Thermo, model: Pt100, serial: "TH-9"}
+tolerances: {EXC: 50 µm, EYC: 0.1 µm, EZC: 1 nm, EAC: 0.3 arcsec, EBC: 9 arcsec, ECC: 0.01 urad}
+'''
 
 
 class Sheet(NamedTuple):
@@ -50,6 +65,8 @@ def html_of(kind):
         path = f'/a/path/{"of_a_long_name" * 12}.csv'
         source = Source(path, (FileDigest(path, 12, 'ab' * 32),))
         return report_html(summary_of('drift'), source, f'rosette report {path}')
+    if kind == 'identified':
+        return report_html(summary_of('drift'), Source('drift.csv', (), identity=parse_identity(IDENTITY.encode())))
     run = Machine(MachineConfig().changed(seed=2, plate={'balls': 8})).run(plan(8, 'random'), run_id=NAME)
     centre = run.centre.copy()
     centre[[9, 30]] += [[4e-6, 2e-6, 0], [0, -3e-6, -5e-6]]
@@ -117,7 +134,7 @@ def test_everything_can_be_read(printed):
 def test_every_page_says_what_it_belongs_to(printed):
     """Run, page and number of pages; that the run is simulated."""
     kind, _, sheets = printed
-    name = {'drift': 'drift_8 (simulated)', 'wrong': NAME,
+    name = {'drift': 'drift_8 (simulated)', 'identified': 'drift_8 (simulated)', 'wrong': NAME,
             'verification': 'Verification, 6 runs, the first drift_8 (simulated)'}[kind]
     for number, sheet in enumerate(sheets, 1):
         assert name in sheet.foot
@@ -136,13 +153,19 @@ def test_the_first_two_pages_stand_alone(printed):
         wanted += ['Judged is the base model', 'peak to valley', '(k = 2) of the range', 'Repeatability', 'Temperature',
                    'Uncertainties', 'Start of the log', 'Order', 'Software rosette_ros', 'bands: U (k = 2)']
     wanted += {'verification': [simulated, 'Reproducibility'],
+               'identified': [simulated, 'Messlabor Süd, Ring 1', 'No. T-0815', 'EXC 50 µm', 'tolerance', 'conforms',
+                              'does not conform', 'Decision rule: ISO 14253-1', 'place, date', 'signature',
+                              'B. Leiter, head of laboratory'],
                'drift': [simulated, MEANINGS['frame_drift'].look, 'are of the model with frame_drift'],
                'wrong': ['3 missing: ', 'nothing in the data says that it is simulated',
                          'The log is damaged.', 'outlier']}[kind]
     squeezed = re.sub(r'\s', '', text).lower()
+    if kind == 'identified':  # who, what and where take the place of the curves, which have the third page
+        wanted = [one for one in wanted if one not in ('Figure 1.', 'bands: U (k = 2)')]
     assert [one for one in wanted if re.sub(r'\s', '', one).lower() not in squeezed] == []
     assert (simulated in text) == (kind != 'wrong')
-    assert re.search(r'Annex( A)?:', sheets[2].text) and not re.search(r'Annex( [A-G])?:', text)
+    annex = sheets[3 if kind == 'identified' else 2].text
+    assert re.search(r'Annex( A)?:', annex) and not re.search(r'Annex( [A-G])?:', text)
 
 
 def test_figures_are_numbered_in_order(printed):

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from rosette_ros.analysis import analyse, diagnose, ladder
+from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.scheme import plan
+from rosette_ros.core.uncertainty_budget import budget
 from rosette_ros.io.messages import Phase, Target
 from rosette_ros.presentation.formatting import signed
 from rosette_ros.presentation.plots.plot_style import AFTER
@@ -17,6 +19,7 @@ from rosette_ros.studio.figures import (
     MOST_CELLS,
     MOST_MARKS,
     Curves,
+    budget_figure,
     curves_figure,
     filling_figure,
     ladder_figure,
@@ -54,6 +57,17 @@ def numbers(array):
 def fit():
     """Return the fit of a run of five balls."""
     return analyse(Machine(MachineConfig().changed(seed=2, plate={'balls': 5})).run(plan(5, 'random')))
+
+
+def test_bars_of_the_budget_are_its_contributions(fit):
+    """µm and µrad, one panel for each curve; u of all together is the last bar."""
+    made = budget(fit, BudgetInputs({'radius': {'u_um': 1e-6}}))
+    figure = budget_figure(made)
+    combined = [one for one in figure['data'] if one['name'] == 'combined u']
+    assert len(combined) == 6 and len(figure['data']) == 24
+    np.testing.assert_allclose([numbers(one['x'])[0] for one in combined], 1e6 * made.mean, rtol=1e-6)
+    radius = [one for one in figure['data'] if one['y'] == ['radius']][5]
+    assert numbers(radius['x'])[0] == pytest.approx(1e6 * made.contributions[-1].mean[5], rel=1e-6)
 
 
 @pytest.fixture(scope='module')

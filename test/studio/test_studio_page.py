@@ -69,6 +69,51 @@ def test_several_runs_as_one(page, tmp_path, start_studio):
         page.close()  # before its studio ends, which it would complain of
 
 
+def test_the_budget_is_calculated_on_request(page, studio, tmp_path):
+    """Contributions, bars and what is not considered; a file of inputs adds lines, a wrong one is refused in words."""
+    page.goto(studio.address)
+    judged(page, 'bad')
+    page.get_by_test_id('budget').get_by_text('Uncertainty budget').click()
+    result, go = page.get_by_test_id('budget-result'), page.get_by_test_id('budget-go')
+    go.click()
+    expect(result).to_contain_text('repeatability x')
+    expect(result).to_contain_text('Form of the balls: not stated (ball_form).')
+    expect(result.locator('.js-plotly-plot .barlayer .trace').first).to_be_visible()
+    inputs = tmp_path / 'inputs.yaml'
+    inputs.write_text('schema: rosette-budget/1\nradius: {u_um: 1.0, words: MPE}\n')
+    page.get_by_test_id('budget-inputs').fill(str(inputs))
+    go.click()
+    expect(result.locator('td', has_text='radius').first).to_be_visible()
+    page.get_by_test_id('budget-inputs').fill(str(tmp_path / 'none.yaml'))
+    go.click()
+    expect(page.get_by_test_id('error')).to_contain_text('none.yaml: wanted')
+
+
+def test_touches_are_shown_where_the_log_has_them(page, studio):
+    """A table of ball centres has none: the words of the report."""
+    page.goto(studio.address)
+    judged(page, 'bad')
+    page.get_by_test_id('touches').get_by_text('Touches').click()
+    page.get_by_test_id('touches-go').click()
+    expect(page.get_by_test_id('touches-result')).to_contain_text('Single touches are not recorded')
+
+
+def test_runs_are_laid_over_each_other(page, studio, second):
+    """Their curves in one figure, the differences in another, with U of both."""
+    page.goto(studio.address)
+    judged(page, 'bad')
+    page.get_by_test_id('open').click()
+    page.get_by_test_id('open-path').fill(str(second))
+    page.get_by_test_id('open-go').click()
+    expect(page.get_by_test_id('run')).to_have_value('second.csv')
+    judged(page, 'bad')
+    page.get_by_test_id('overlay').get_by_text('Runs laid over').click()
+    page.get_by_test_id('overlay-go').click()
+    expect(page.get_by_test_id('overlay-figure').locator('.scatterlayer .trace')).to_have_count(24)
+    expect(page.get_by_test_id('overlay-differences').locator('.scatterlayer .trace')).to_have_count(12)
+    expect(page.get_by_test_id('overlay-result')).to_contain_text('with U (k = 2) of both runs')
+
+
 def test_save_model_and_report(page, studio, tmp_path):
     """The model file that the command line reads, and the report."""
     page.goto(studio.address)

@@ -16,7 +16,7 @@ from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.open_readings import has_plate, open_readings
 from rosette_ros.io.open_run import is_log
 from rosette_ros.presentation import formatting as text
-from rosette_ros.presentation.identity_words import NOTHING, identity_rows
+from rosette_ros.presentation.identity_words import NOTHING, identity_rows, signer
 from rosette_ros.presentation.joint_results import (
     joint_curves,
     joint_deviations,
@@ -57,7 +57,7 @@ def joint_html(result: JointResult, files: Sequence[FileDigest] = (), command: s
         files=tuple(dict.fromkeys(files)),
         notes=[*result.notes, *(f'{run.name}: {note}' for run in runs for note in run.notes)], command=command,
         pictures=inline_svgs(pictures), tables={table.name: table for table in joint_tables(result, identity)},
-        identity=identity_rows(identity, contradictions), not_stated=NOTHING,
+        identity=identity_rows(identity, contradictions), signer=signer(identity), not_stated=NOTHING,
         values=[table.name for table in joint_curves(result)], k=text.COVERAGE_FACTOR, software=software(),
         numbers={name: place for place, name in enumerate(pictures, 1)},
         simulated=simulated if len(simulated) < len(runs) else ['all runs'],

@@ -10,13 +10,13 @@ from matplotlib.figure import Figure
 from rosette_ros.analysis import Summary
 from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.diagnosis.comparison import spectrum
-from rosette_ros.core.error_summary import fit_lines
+from rosette_ros.core.error_summary import difference, fit_lines
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.planning.expectation import relative_uncertainty
 from rosette_ros.core.planning.plan_comparison import Point
-from rosette_ros.core.records import Run
+from rosette_ros.core.records import ErrorMotions, Run
 from rosette_ros.core.sphere_refit import SphereRefit
 from rosette_ros.core.uncertainty_budget import MOST_BALLS, Budget, budget, touch_scatter
 from rosette_ros.io.identity_file import Identity
@@ -24,7 +24,8 @@ from rosette_ros.io.model_file import format_model
 from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import budget_tables
-from rosette_ros.presentation.identity_words import NOTHING, identity_rows
+from rosette_ros.presentation.error_results import errors
+from rosette_ros.presentation.identity_words import NOTHING, identity_rows, signer
 from rosette_ros.presentation.plots import (
     comparison_plots,
     noise_plots,
@@ -40,7 +41,7 @@ from rosette_ros.presentation.plots.result_plots import Series, deviations, six_
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
 from rosette_ros.presentation.report.provenance import Source, order_of, software
 from rosette_ros.presentation.table_format import Table
-from rosette_ros.presentation.tables import base_name, tables_of
+from rosette_ros.presentation.tables import base_name, curves, tables_of
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table
 
 MOST_CANDIDATES, MOST_SPECTRA, MOST_SHARES = 8, 3, 5
@@ -70,9 +71,9 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
         findings=findings(summary), p_noise=text.P_NOISE, pictures=inline_svgs(pictures), k=text.COVERAGE_FACTOR,
         changed=len(fits_of(summary)) > 1, cross_validation=text.CROSS_VALIDATION,
         tables=shown_tables(summary, identity, refit, made), budget=made, spheres=sphere_rows(refit) if refit else (),
-        identity=identity_rows(identity, source.contradictions if source else ()),
+        identity=identity_rows(identity, source.contradictions if source else ()), signer=signer(identity),
         measured=conditions(summary, source), unknown=[
-            *unknowns(summary), *untouched, *([] if identity.entries else [NOTHING])], labels=[
+            *unknowns(summary, made), *untouched, *([] if identity.entries else [NOTHING])], labels=[
             model_label(summary, fit) for fit in fits_of(summary)], judged=text.model_words(summary.model),
         running=f'{run.run_id or run.source}{" (simulated)" * run.simulated}', model=format_model(summary.final.model),
         numbers={name: place for place, name in enumerate(pictures, 1)}, software=software(), overlays=overlays,
@@ -100,8 +101,7 @@ def budget_of(summary: Summary, refit: SphereRefit | None = None, inputs: Budget
     fit = summary.final
     if fit.run.n > MOST_BALLS or 'table_motions' not in fit.model.base:
         return None
-    doubts = {line.doubt for line in summary.lines()}
-    return budget(fit, inputs, touch_scatter(refit) if refit else None, doubt=max(doubts))
+    return budget(fit, inputs, touch_scatter(refit) if refit else None, doubt=doubt_in(summary))
 
 
 def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: SphereRefit | None = None,
@@ -114,9 +114,12 @@ def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: Sphere
     when = ('before: ', 'after: ') if len(fits) > 1 else ('',)
     rows = [Residuals(f'{word}{model_label(summary, fit)}', run, fit.residual)
             for word, fit in zip(when, fits, strict=True)]
-    series = [*(Series(model_label(summary, fit), fit.error_motions) for fit in fits[::-1]), *overlays]
+    final = made.error_motions if made and made.inputs.values else summary.final.error_motions
+    series = [Series(model_label(summary, fits[-1]), final),
+              *(Series(model_label(summary, fit), fit.error_motions) for fit in fits[-2::-1]), *overlays]
     return {
-        'curves': six_curves(series), 'polar': polar_motions(summary.final.error_motions),
+        'curves': six_curves(series), 'polar': polar_motions(final),
+        **({'differences': six_curves(less)} if (less := _differences(final, overlays)) else {}),
         **({'budget': budget_bars(made)} if made else {}),
         'deviations': deviations(summary.final.plate, summary.final.cmm, run.radius),
         'residual_maps': residual_plots.residual_maps(rows),
@@ -134,6 +137,12 @@ def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: Sphere
             'touch_directions': touch_plots.touch_directions(refit)} if refit else {})}
 
 
+def _differences(motions: ErrorMotions, overlays: Sequence[Series]) -> list[Series]:
+    """Return the curves of other runs less those of a run, of those at its table angles."""
+    found = ((one.label, difference(one.motions, motions)) for one in overlays)
+    return [Series(label, less) for label, less in found if less is not None]
+
+
 def _point(run: Run) -> Point:
     """Return where a run stands beside a complete one: for noise that is white and equal."""
     variance = base_space(run, run.radius).curve_cofactor()
@@ -143,9 +152,7 @@ def _point(run: Run) -> Point:
 def shown_tables(summary: Summary, identity: Identity, refit: SphereRefit | None = None,
                  made: Budget | None = None) -> dict[str, Table]:
     """Return every table by name as it stands on the page: no wider than paper; identity: with tolerances."""
-    tables = {table.name: table for table in (*tables_of(summary, identity.limits(summary.run.rotation)),
-                                              *([sphere_table(refit)] if refit else []),
-                                              *(budget_tables(made) if made else ()))}
+    tables = {table.name: table for table in every_table(summary, identity, refit, made)}
     for name in tables.keys() & COLUMNS:
         tables[name] = tables[name].select(*COLUMNS[name])
     tables['candidates'] = tables['candidates'].first(MOST_CANDIDATES)
@@ -156,19 +163,37 @@ def shown_tables(summary: Summary, identity: Identity, refit: SphereRefit | None
     return tables
 
 
-def unknowns(summary: Summary) -> list[str]:
+def every_table(summary: Summary, identity: Identity, refit: SphereRefit | None = None,
+                made: Budget | None = None) -> tuple[Table, ...]:
+    """Return every table of a run; where inputs of the budget are stated, errors and curves have its U."""
+    limits = identity.limits(summary.run.rotation)
+    tables = {table.name: table for table in tables_of(summary, limits)}
+    if made and made.inputs.values:
+        tables |= {table.name: table for table in (
+            errors(made.lines(limits, doubt_in(summary))), curves(made.error_motions))}
+    return (*tables.values(), *([sphere_table(refit)] if refit else []), *(budget_tables(made) if made else ()))
+
+
+def doubt_in(summary: Summary) -> str:
+    """Return why nothing is decided by the final model, '' where it is."""
+    return max(line.doubt for line in summary.lines())
+
+
+def unknowns(summary: Summary, made: Budget | None = None) -> list[str]:
     """Return what the results of a run do not tell, in sentences."""
     run, every = summary.run, summary.visibilities
     hidden = [one.name for one in every if not one.reason and one.hidden]
     reasons = [f'{one.name} ({one.reason})' for one in every if one.reason]
+    what = ('what the uncertainty budget in Annex A lists' if made and made.inputs.values else
+            'the scatter of the readings and the uncertainty of the effects in the model')
     return list(filter(None, (
         *text.not_known(run, summary.fit.gauge),
         f'Not observable in this order of measurement: {text.names(hidden)}.' if hidden else '',
         f'Not judged: {"; ".join(reasons)}.' if reasons else '',
         'The temperature was not recorded.' if not np.isfinite(run.temperature).any() else '', *(
             f'{note[0].upper()}{note[1:]}.' for note in run.notes),
-        'U contains the scatter of the readings and the uncertainty of the effects in the model; it does not contain '
-        'effects that are not in the model: what they would add is in Annex F.')))
+        f'U contains {what}; it does not contain effects that are not in the model: what they would add is in Annex '
+        'F.')))
 
 
 def model_label(summary: Summary, fit: Fit) -> str:

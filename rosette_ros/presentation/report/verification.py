@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from scipy import special
 
 from rosette_ros.core.diagnosis.verdict import Conclusion, Level
+from rosette_ros.core.error_summary import peak_to_valley
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import CURVES, Floats, Ints
@@ -312,7 +313,7 @@ def verification_tables(verification: Verification) -> tuple[Table, ...]:
         micrometre_column('plate_rms_um', 'plate deviations, rms', [_rms(one.plate) for one in fits], 1)))
     spans = Table('run_spans', 'Peak to valley of the curves of each run', (
         words('run', 'run', [one.label for one in members]),
-        *(column(f'span_{curve}_{key}', curve, [1e6 * float(np.ptp(one.error_motions[curve])) for one in fits],
+        *(column(f'span_{curve}_{key}', curve, [1e6 * float(peak_to_valley(one.error_motions[curve])) for one in fits],
                  partial(fixed, places=digits), unit)
           for curve, key, unit, digits in zip(CURVES, FILE_UNITS, CURVE_UNITS, DIGITS, strict=True))))
     columns = [column('table_angle_deg', 'angle', np.rad2deg(verification.angle), partial(fixed, places=1), '°')]

@@ -118,12 +118,13 @@ def plain_table(table: Table, icons: Sequence[str] = ()) -> None:
     """Show a table; icons: one in front of each row."""
     with ui.element('div').classes('scroll'), \
             ui.element('table').classes('plain-table').props(f'aria-label="{table.title}"'):
-        rows = [('th', [column.head for column in table.shown]), *(('td', row) for row in table.rows)]
+        rows = [('th', [column.head for column in table.shown]), *(('td', row) for row in table.rows),
+                *(('th', row) for row in table.footer)]
         for place, (tag, row) in enumerate(rows):
             with ui.element('tr'):
                 if icons:
                     with ui.element(tag):
-                        ui.icon(icons[place - 1] if place else '').props('aria-hidden=true')
+                        ui.icon(icons[place - 1] if tag == 'td' else '').props('aria-hidden=true')
                 for column, text in zip(table.shown, row, strict=True):
                     with ui.element(tag).classes('number' if column.number else ''):
                         ui.label(text)
