@@ -39,6 +39,12 @@ SAME_FRAME = 1e-12
 """Frames whose axes (as numbers) and origins (m) differ by no more are one frame that was published twice."""
 
 
+def _when_asked(target: Target) -> tuple[int, int]:
+    """Return by what the last of the targets with one seq is found; in a new session attempts are counted from those
+    that the log holds, which may lack some."""
+    return target.session, target.attempt
+
+
 class RunAnswers:
     """The targets and answers of one run, and the table frames; topics may arrive in any order relative to each other.
 
@@ -57,7 +63,7 @@ class RunAnswers:
         self.targets.append(target)
         seq, before = target.seq, self._last.get(target.seq)
         self._early -= 0 if before else len(self._by_seq.get(seq, ()))
-        if before is None or target.attempt >= before.attempt:
+        if before is None or _when_asked(target) >= _when_asked(before):
             self._last[seq] = target
             self._answered.discard(seq)
             self._answered.update(answer.seq for answer in self._usable(seq))
@@ -87,12 +93,13 @@ class RunAnswers:
 
     def merged_with(self, recorded: 'RunAnswers') -> 'RunAnswers':
         """Return what a log holds of this run, followed by what was received and is not in the log."""
-        asked = {(target.seq, target.attempt) for target in recorded.targets}
+        asked = {(target.seq, *_when_asked(target)) for target in recorded.targets}
         known = {(answer.seq, answer.stamp_ns) for answer in recorded.answers}
         stamps = {one.stamp_ns for one in self.frames}
         self.frames += [one for one in recorded.frames if one.stamp_ns not in stamps]
         merged = RunAnswers(self.run_id, self.frames)
-        for target in (*recorded.targets, *(one for one in self.targets if (one.seq, one.attempt) not in asked)):
+        for target in (*recorded.targets,
+                       *(one for one in self.targets if (one.seq, *_when_asked(one)) not in asked)):
             merged.add_target(target)
         for answer in (*recorded.answers, *(one for one in self.answers if (one.seq, one.stamp_ns) not in known)):
             merged.add_answer(answer)
@@ -361,7 +368,8 @@ class RunAnswers:
 
     def _rivals(self) -> tuple[str, ...]:
         """Return in words that targets which were asked once have answers that differ; nothing where none has."""
-        twice = sum(target.attempt == 1 and len({one.centre for one in self._usable(seq)}) > 1
+        sessions = Counter(seq for seq, _ in {(target.seq, target.session) for target in self.targets})
+        twice = sum(target.attempt == sessions[seq] == 1 and len({one.centre for one in self._usable(seq)}) > 1
                     for seq, target in self._last.items())
         return (f'{counted(twice, "target has", "targets have")} two answers that differ, of which the first counts; '
                 'did a second node answer? Measure again with one CMM',) if twice else ()

@@ -139,6 +139,23 @@ def test_a_target_of_an_earlier_attempt_that_arrives_late_changes_nothing():
     assert known.answer_to(1).stamp_ns == 51 * S
 
 
+def test_a_later_session_counts_whatever_its_attempt():
+    """An attempt that the log lost when its recorder was killed is not counted by the next session."""
+    lost, again = target(2, attempt=3, stamp_ns=12 * S), target(2, attempt=2, session=2, stamp_ns=20 * S)
+    answers = [answer(2, stamp_ns=13 * S, centre=(0.1, 0.2, 0.0)), answer(2, stamp_ns=21 * S)]
+    for targets in ([*TARGETS, lost, again], [*TARGETS, again, lost]):
+        known = collected(targets, [*ANSWERS, *answers])
+        assert known.last_target(2) == again
+        assert known.answer_to(2) == answers[1]
+        assert not any('second node' in one for one in known.to_run().remarks)
+    recorded = collected([*TARGETS, again], [*ANSWERS, answers[1]])
+    assert known.readings_hash == recorded.readings_hash
+    same_attempt = lost._replace(attempt=2)
+    live = collected([*TARGETS, same_attempt, again], [*ANSWERS, *answers])
+    merged = live.merged_with(collected([*TARGETS, same_attempt], ANSWERS))
+    assert merged.last_target(2) == again
+
+
 def test_answers_that_do_not_fit_are_counted_and_not_used():
     """Failed, to no target, with another ball than asked, not finite: each has its count."""
     bad = [answer(1, status=1), answer(77, table_position=1, ball=1), answer(6, table_position=3, ball=3),

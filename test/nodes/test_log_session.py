@@ -247,8 +247,9 @@ def calibration():
                   'table_position': int(scheme.table_position[row]), 'ball': int(scheme.ball[row])}
         angle = 2 * np.pi * (common['table_position'] - 1) / N
         x, y, z = (float(value) for value in FRAME.to_outer(point))
+        common['table_angle'] = angle
         yield '/rosette/probe_target', ProbeTarget(attempt=1, phase=3, balls=N, radius=RADIUS, **common), time
-        yield '/rosette/ball_centre', BallCentre(table_angle=angle, centre=Point(x=x, y=y, z=z), **common), time
+        yield '/rosette/ball_centre', BallCentre(centre=Point(x=x, y=y, z=z), **common), time
         yield '/rosette/run_state', RunState(run_id=RUN_ID, phase=3, order='diagonal', done=row + 1, total=N * N,
                                              header=Header(stamp=stamp)), time
         if row == N * N // 2:
