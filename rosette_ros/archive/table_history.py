@@ -84,7 +84,7 @@ class History:
         tests = len(self.days) * sum(one.values.shape[1] for one in series)
         return tuple(ChartedQuantity(one.name, part, control_chart(
             one.values[:, part], one.u[:, part], tests,
-            max(run_to_run(one.values[:, part], one.u[:, part]), LEAST_SCATTER)))
+            max(float(run_to_run(one.values[:, part], one.u[:, part])), LEAST_SCATTER)))
             for one in series for part in range(one.values.shape[1]))
 
     def exchanged(self, run: int) -> dict[str, tuple[str, str]]:

@@ -5,13 +5,15 @@ A quantity y (m runs, c components) is modelled as
 
     y_i = a + b t_i + g (T_i - mean T) + sum over steps s_k [i >= k] + noise of sigma_i = kappa u_i
 
-with the standard uncertainties u of the runs and the run-to-run scatter kappa, from the differences of neighbours.
+with the standard uncertainties u of the runs and the run-to-run scatter kappa of each component, from the differences
+of neighbours, moderated by those of its like: as far as these differ by chance only, they have one in common.
 A step before run k is judged by the fall of the weighted sum of squares: fall / c has an F distribution of c degrees of
 freedom and those of kappa where there is none. The probability counts all places and all quantities (Bonferroni): at
 one look, FALSE_EVENTS of the histories show a false change, however many curves, balls and runs there are.
 
-Sources: Siegmund, Sequential Analysis (1985), for the average run length of a CUSUM; ISO 7870-4 and -6 for the charts;
-ILAC-G24 / OIML D 10, method 2 (control chart), for intervals.
+Sources: Huber, Robust Statistics (1981), proposal 2, for kappa; Smyth, Stat. Appl. Genet. Mol. Biol. 3 (2004), for its
+moderation; Siegmund, Sequential Analysis (1985), for the average run length of a CUSUM; ISO 7870-4 and -6 for the
+charts; ILAC-G24 / OIML D 10, method 2 (control chart), for intervals.
 """
 
 from collections.abc import Sequence
@@ -21,6 +23,7 @@ import numpy as np
 from scipy import optimize, special
 
 from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.geometry import TWO_PI
 from rosette_ros.core.records import Floats, Ints
 
 FALSE_EVENTS = 0.002
@@ -32,8 +35,13 @@ ALLOWANCE = 1.0
 """Allowance of the CUSUM, in standard deviations: it finds steps of twice that soonest."""
 SMOOTHING = 0.2
 """Weight of the newest run in the EWMA."""
-EFFICIENCY = 0.37
-"""Degrees of freedom of the scatter for each component of a run: it is found by a median (Rousseeuw and Croux 1993)."""
+CUT = 2.0
+"""Differences of runs count up to so many standard deviations: up to a fifth of them may be changes."""
+EFFICIENCY = 0.6
+"""Degrees of freedom of the scatter for each run, by simulation of normal runs."""
+ITERATIONS = 30
+NO_SCATTER = 1e-6
+"""Square of the scatter below which runs agree to the last digit."""
 LEAST_SCATTER = 0.3
 """Run-to-run scatter is taken to be at least so many times the stated uncertainty: few runs may agree by chance."""
 
@@ -123,8 +131,8 @@ class _Fit:
     runs: Ints  # indices
     y: Floats
     base: Floats
-    scatter: Floats | float = 1.0  # of each component
-    dof: float = 1.0
+    scatter: Floats  # of each component
+    dof: float = np.inf
     steps: list[int] = field(default_factory=list)
 
     @property
@@ -223,19 +231,44 @@ def _fits(days: Floats, quantities: Sequence[TimeSeries], temperature: Floats | 
     for quantity in quantities:
         runs = np.flatnonzero(np.all(np.isfinite(quantity.values) & (quantity.u > 0), axis=1))
         if len(runs) >= LEAST_RUNS:
-            fits.append(_Fit(quantity, runs, quantity.values[runs], _base(days[runs], temperature, runs)))
-    own = [np.array([run_to_run(y, u) for y, u in zip(fit.y.T, fit.series.u[fit.runs].T)]) for fit in fits]
+            fits.append(_Fit(quantity, runs, quantity.values[runs], _base(days[runs], temperature, runs),
+                             np.ones(quantity.values.shape[1])))
     for like in {_like(fit) for fit in fits}:
-        mine = [(fit, one) for fit, one in zip(fits, own, strict=True) if _like(fit) == like]
-        common = max(float(np.median(np.concatenate([one for _, one in mine]))), LEAST_SCATTER)
-        for fit, one in mine:  # one that seems to scatter less than its like does so by chance
-            fit.scatter, fit.dof = np.maximum(common, one), EFFICIENCY * sum(each.y.size for each, _ in mine)
+        _set_scatter([fit for fit in fits if _like(fit) == like])
     return fits
+
+
+def _set_scatter(fits: Sequence[_Fit]) -> None:
+    """Set scatter and degrees of freedom of quantities that are alike, moderated component by component.
+
+    With s^2 of d degrees of freedom for each, log s^2 spreads by trigamma(d / 2) by chance; what it spreads beyond that
+    gives the degrees of freedom d0 of what they have in common, s0^2: (d0 s0^2 + d s^2) / (d0 + d)."""
+    for components in _components(fits[0].y.shape[1]):
+        own = np.array([run_to_run(fit.y[:, components], fit.series.u[fit.runs][:, components]) for fit in fits])
+        dof = EFFICIENCY * np.array([len(fit.runs) * np.ones(own.shape[1]) for fit in fits])
+        known = np.log(np.maximum(own, 0.1 * LEAST_SCATTER) ** 2) - special.digamma(dof / 2) + np.log(dof / 2)
+        beyond = float(np.var(known, ddof=1) - np.mean(special.polygamma(1, dof / 2))) if known.size > 1 else 0.0
+        prior = _inverse_trigamma(beyond) if beyond > 0 else np.inf
+        common = np.exp(known.mean() + (special.digamma(prior / 2) - np.log(prior / 2) if beyond > 0 else 0.0))
+        share = prior / (prior + dof) if beyond > 0 else np.ones_like(dof)
+        scatter = np.sqrt(np.maximum(share * common + (1 - share) * own**2, LEAST_SCATTER**2))
+        for fit, one, single in zip(fits, scatter, dof, strict=True):
+            fit.scatter[components], fit.dof = one, min(fit.dof, float(np.min(np.minimum(single + prior, dof.sum()))))
 
 
 def _like(fit: _Fit) -> tuple[str, int]:
     """Return what quantities of one run-to-run scatter have in common: owner and number of components."""
     return fit.series.owner, fit.y.shape[1]
+
+
+def _components(count: int) -> list[list[int]]:
+    """Return which components scatter alike: cos and sin of a harmonic; of a place radius, circle and axis do not."""
+    return [[0], [1], [2]] if count == 3 else [list(range(count))]
+
+
+def _inverse_trigamma(value: float) -> float:
+    """Return x with trigamma(x / 2) = value > 0."""
+    return 2.0 * float(np.exp(optimize.brentq(lambda log: np.log(special.polygamma(1, np.exp(log)) / value), -20, 40)))
 
 
 def _base(days: Floats, temperature: Floats | None, runs: Ints) -> Floats:
@@ -247,10 +280,17 @@ def _base(days: Floats, temperature: Floats | None, runs: Ints) -> Floats:
     return np.column_stack(columns)
 
 
-def run_to_run(values: Floats, u: Floats) -> float:
-    """Return the scatter between neighbouring runs, (m,), in units of u: the median of differences, robust to steps."""
-    differences = np.diff(values, axis=0) / np.hypot(u[1:], u[:-1])
-    return float(np.median(np.abs(differences)) / special.ndtri(0.75))
+def run_to_run(values: Floats, u: Floats) -> Floats:
+    """Return the scatter between neighbouring runs, (c,), in units of u: a Huber scale of differences, (m, c) of both.
+
+    It solves mean min(d^2 / s^2, CUT^2) = E min(z^2, CUT^2) for normal z: steps and wear hardly change it."""
+    square = (np.diff(values, axis=0) / np.hypot(u[1:], u[:-1])) ** 2
+    tail = special.ndtr(-CUT)
+    expected = 1 - 2 * tail - 2 * CUT * np.exp(-CUT**2 / 2) / np.sqrt(TWO_PI) + 2 * CUT**2 * tail
+    found = np.maximum(np.median(square, axis=0) / special.ndtri(0.75) ** 2, NO_SCATTER)
+    for _ in range(ITERATIONS):
+        found = np.maximum(found * np.mean(np.minimum(square / found, CUT**2), axis=0) / expected, NO_SCATTER)
+    return np.asarray(np.sqrt(found))
 
 
 def control_chart(values: Floats, u: Floats, tests: int, scatter: float = 1.0,
