@@ -36,6 +36,7 @@ from rosette_ros.presentation.plots.plot_style import LOOK
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
 from rosette_ros.presentation.plots.touch_plots import touch_directions
 from rosette_ros.presentation.report import Source, open_source, pictures_of, report_html
+from rosette_ros.presentation.report.run_page import budget_of
 from rosette_ros.presentation.report.verification import MakerTable, verification_pictures, verify
 from rosette_ros.simulation import Machine, MachineConfig
 
@@ -68,7 +69,7 @@ def main():
         write_csv(run, table)
         run, source = open_source(table)
         summary = summarise(run)
-        pictures = pictures_of(summary)
+        pictures = pictures_of(summary, made=budget_of(summary))
         for name in SHOWN:
             keep(pictures[name], f'report-{name.replace("_", "-")}.png')
         page = Path(folder) / 'page.html'

@@ -83,9 +83,15 @@ def test_a_plan_is_chosen_and_started(cell, module_domain_id, studio, page):
     expect(facts).to_contain_text('48')
     expect(page.get_by_test_id('plan-words')).to_contain_text('effects well')
     page.get_by_test_id('plan-keep').click()
+    page.get_by_test_id('plan-places').fill('4')  # the same plan in other words
+    page.get_by_test_id('plan-places').press('Tab')
+    expect(page.get_by_test_id('plan-keep')).to_be_enabled()
+    page.get_by_test_id('plan-keep').click()
+    page.get_by_test_id('plan-places').fill('')
     page.get_by_test_id('plan-balls-of').fill('5')
     table = page.get_by_test_id('plan-table')
     expect(table).to_contain_text('there_and_back, 5 balls')
+    expect(table.locator('tr')).to_have_count(3)  # headings, what was kept, what the fields say
     expect(table).to_contain_text('Uncertainty of the curves, relative to a complete run: best is')
     page.get_by_test_id('plan-forget').click()
     expect(table).to_be_hidden()

@@ -48,6 +48,7 @@ FACTS = ('plan', 'readings', 'cmm_positions', 'duration_h', 'rank', 'relative_un
 MOST_KEPT = 5
 LONGEST = 120.0
 """Most time that may be taken for a plan, s."""
+CALCULATING = 'Calculating …'
 
 
 class PlanPanel:
@@ -122,10 +123,13 @@ class PlanPanel:
         """Calculate what the fields say; what was calculated before is dropped."""
         if not self._is_building:
             self._is_file = False
+            self._set(None)
             background_tasks.create(self._calculate(self._fields, outlook_of_order))
 
     async def _calculate(self, fields: Callable[[], tuple[Any, ...]], make: Callable[..., Outlook]) -> None:
         made, words = None, ''
+        self._set(None)
+        set_words(self._words, CALCULATING)
         try:
             made = await self._worker.run(make, *fields(), within=LONGEST)
         except Superseded:
@@ -135,24 +139,33 @@ class PlanPanel:
         if self._start.is_deleted:
             return  # the page was closed meanwhile
         self._error.set(words)
-        self._made = made
-        self.allow_start(self._can_start)
+        self._set(made)
         self._facts.show(_show_facts, made)
         set_words(self._words, _words(made) if made else '')
         if made is not None:
             self._picture.draw((made,), _figure, made)
             self._compare()
 
+    def _set(self, made: Outlook | None) -> None:
+        """Take what the fields say as calculated; None: not yet, so that nothing older is started or kept."""
+        self._made = made
+        self.allow_start(self._can_start)
+
+    @property
+    def _is_new(self) -> bool:
+        """Whether the present plan is none of those that were kept."""
+        return self._made is not None and _readings(self._made) not in map(_readings, self._kept)
+
     def _compare(self) -> None:
         """Show the plans that were kept beside the present one."""
-        plans = [*self._kept, *([self._made] if self._made and self._made not in self._kept else [])]
+        plans = [*self._kept, *([self._made] if self._made and self._is_new else [])]
         self._comparison.set_visibility(bool(self._kept))
         if self._kept:
             self._table.show(_show_comparison, *plans)
             self._shares.draw(tuple(plans), uncertainty_figure, plans[0].scheme.n, list(map(point_of, plans)))
 
     def _on_keep(self) -> None:
-        if self._made is not None and self._made not in self._kept:
+        if self._made is not None and self._is_new:
             self._kept = [*self._kept[1 - MOST_KEPT:], self._made]
             self._compare()
 
@@ -211,6 +224,13 @@ class PlanPanel:
             'cmm_positions', scheme.cmm_position)
         self._watcher.calibrate(order=scheme.order, balls=scheme.n, radius=radius, turning='forward',
                                 touches=int(scheme.touches[0]), **{place: ', '.join(map(str, np.unique(used)))})
+
+
+def _readings(made: Outlook) -> tuple[Any, ...]:
+    """Return what two plans have in common that are the same: readings in their order, touches, place and pace."""
+    scheme = made.scheme
+    return (scheme.n, made.radius, made.expectation.duration, *(part.tobytes() for part in (
+        scheme.table_position, scheme.ball, scheme.touches, scheme.approach)))
 
 
 def outlook_of_file(data: bytes, name: str, pace: Pace) -> Outlook:
