@@ -3,12 +3,14 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import yaml
 from playwright.sync_api import expect
 
 from rosette_ros.core.errors import CellError
 from rosette_ros.core.scheme import plan
+from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan
 from rosette_ros.studio.panels.live_panel import CellWatchers
 
@@ -109,7 +111,18 @@ def test_a_plan_is_chosen_and_started(cell, module_domain_id, studio, page):
     expect(facts).to_contain_text('mine.csv')
     start.click()
     expect(page.get_by_test_id('phase')).to_contain_text('order mine')
-    expect(page.get_by_test_id('live-words')).to_contain_text('Result of run')
+    words = page.get_by_test_id('live-words')
+    expect(words).to_contain_text('Result of run')
+    before = words.inner_text()
+    page.get_by_test_id('plan-offset').fill('61')
+    expect(error).to_contain_text('table offset: wanted 0 to below 60 deg')
+    page.get_by_test_id('plan-offset').fill('30')
+    expect(facts).to_contain_text('from 30° on')
+    start.click()
+    expect(words).not_to_have_text(before)
+    expect(words).to_contain_text('Result of run')
+    log = cell.log_dir / words.inner_text().split()[-1].rstrip('.')
+    assert read_log(log).to_run().table_offset == pytest.approx(np.pi / BALLS)
     cell.check()
 
 

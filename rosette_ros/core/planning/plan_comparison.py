@@ -67,12 +67,12 @@ def outlook(name: str, scheme: Scheme, radius: float, sigma: float = 1e-7, pace:
 
 
 def outlook_of_order(n: int, radius: float, pace: Pace | None, order: str, places: str = '',
-                     touches: int = 0, balls: str = '') -> Outlook:
+                     touches: int = 0, balls: str = '', offset: float = 0.0) -> Outlook:
     """Return the Outlook of an order; places, balls: CMM positions, balls in use as of `places_in_use`.
 
-    Raises InvalidPlan.
+    offset: table angle of table position 1, degrees. Raises InvalidPlan.
     """
-    scheme = plan(n, order, 0, 'forward', places_in_use(places, n), places_in_use(balls, n, 'balls'))
+    scheme = plan(n, order, 0, 'forward', places_in_use(places, n), places_in_use(balls, n, 'balls')).shifted(offset)
     return _named(replace(scheme, touches=np.full(scheme.ball.size, touches)), radius, pace)
 
 
@@ -89,8 +89,9 @@ def _named(scheme: Scheme, radius: float, pace: Pace | None) -> Outlook:
     """Return the Outlook of an order, named so that it differs from others: 'row, 6 CMM positions, 8 touches'."""
     counts = (np.unique(scheme.cmm_position).size, 'CMM position'), (np.unique(scheme.ball).size, 'ball')
     words = [scheme.order, *(counted(count, what) for count, what in counts if count < scheme.n)]
-    touches = int(scheme.touches[0])
-    return outlook(', '.join([*words, f'{touches} touches'] if touches else words), scheme, radius, pace=pace)
+    words += [f'{touches} touches' for touches in scheme.touches[:1] if touches]
+    words += [f'from {np.rad2deg(scheme.table_offset):g}° on'] * bool(scheme.table_offset)
+    return outlook(', '.join(words), scheme, radius, pace=pace)
 
 
 def point_of(plan: Outlook) -> Point:

@@ -70,6 +70,8 @@ class PlanPanel:
                 self._balls = whole_field('balls', 12, BALLS, 'plan-balls', self._change, '90px')
             with row():
                 self._radius = self._text('radius / mm', '182.5', 'plan-radius', '100px')
+                self._offset = self._text('first angle / °', '0', 'plan-offset', '100px')
+            with row():
                 self._places, self._in_use = (
                     self._text(words, '', mark, '112px').props('stack-label placeholder="all; 6, 50 %"')
                     for words, mark in (('CMM positions', 'plan-places'), ('balls in use', 'plan-balls-of')))
@@ -193,7 +195,7 @@ class PlanPanel:
     def _fields(self) -> tuple[Any, ...]:
         """Return the arguments of outlook_of_order."""
         return (*self._cell(), self._order.value, self._places.value.strip(), self._touches.value,
-                self._in_use.value.strip())
+                self._in_use.value.strip(), _positive(self._offset.value, 'first angle', or_zero=True))
 
     async def _on_propose(self) -> None:
         """Set the fields to the plan that is best in the time."""
@@ -210,6 +212,7 @@ class PlanPanel:
             self._order.set_value(scheme.order)
             self._places.set_value(', '.join(map(str, used)) if used.size < scheme.n else str(scheme.n))
             self._in_use.set_value('')
+            self._offset.set_value('0')
             self._touches.set_value(int(scheme.touches[0]))
             self._is_building = False
 
@@ -223,14 +226,14 @@ class PlanPanel:
         place, used = ('balls_in_use', scheme.ball) if np.unique(scheme.ball).size < scheme.n else (
             'cmm_positions', scheme.cmm_position)
         self._watcher.calibrate(order=scheme.order, balls=scheme.n, radius=radius, turning='forward',
-                                touches=int(scheme.touches[0]), **{place: ', '.join(map(str, np.unique(used)))})
+                                touches=int(scheme.touches[0]), table_offset=scheme.table_offset, **{place: ', '.join(map(str, np.unique(used)))})
 
 
 def _readings(made: Outlook) -> tuple[Any, ...]:
     """Return what two plans have in common that are the same: readings in their order, touches, place and pace."""
     scheme = made.scheme
     return (scheme.n, made.radius, made.expectation.duration, *(part.tobytes() for part in (
-        scheme.table_position, scheme.ball, scheme.touches, scheme.approach)))
+        scheme.table_position, scheme.ball, scheme.touches, scheme.approach)), scheme.table_offset)
 
 
 def outlook_of_file(data: bytes, name: str, pace: Pace) -> Outlook:
