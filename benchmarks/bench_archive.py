@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Adding logs of 12 balls (MCAP) to an archive: all cores beside a plain loop in one process, memory, 20 more logs.
 
-Times are those of the wall and of the processors: on a computer that others use, too, the second ones tell. The number
-of logs is ARCHIVE_LOGS (default 40; 2000 take the better part of an hour on 2 cores); the plain loop takes a part.
+Rates are compared in turns, for a computer that others use, too, changes its speed. Plain loops side by side, one per
+core, show what it allows: two cores may share caches and more. The number of logs of the long addition is ARCHIVE_LOGS
+(default 40; 2000 take about 20 minutes on 2 cores).
 """
 
+import multiprocessing
 import os
 import tempfile
 import time
@@ -19,6 +21,7 @@ from rosette_ros.archive.run_adding import add_logs
 from rosette_ros.archive.run_archive import RunArchive
 
 LOGS, LOOP_LOGS, MORE = int(os.environ.get('ARCHIVE_LOGS', '40')), 20, 20
+TURNS, TURN_LOGS = 5, 8  # plain loop, then so many by each core
 WANTED = 1.7
 """Rate on 2 quiet cores over that of the plain loop."""
 MEGABYTE = 1e6
@@ -51,13 +54,34 @@ class Watch:
 def added(archive, logs, engine):
     """Add logs and return the Watch; raise where one was not evaluated."""
     watch = Watch()
-    with engine if isinstance(engine, DaskEngine) else tempfile.TemporaryFile():
-        done = add_logs(archive, logs, engine, on_progress=watch.look)
-        watch.look()
+    done = add_logs(archive, logs, engine, on_progress=watch.look)
+    watch.look()
     watch.stop()
     if done.problems or done.new != len(logs):
         raise RuntimeError(f'wanted {len(logs)} logs to be evaluated, got {done}')
     return watch
+
+
+def rate(root, logs, engine):
+    """Return the logs per second that are added to an archive of their own."""
+    return len(logs) / added(RunArchive(tempfile.mkdtemp(dir=root), make=True), logs, engine).wall
+
+
+def plain_rate(root, logs):
+    """Return that of a plain loop."""
+    return rate(root, logs, PlainLoop())
+
+
+def rates(root, logs, cores):
+    """Return the logs per second of a plain loop, of as many at once as there are cores, and of the cluster, in turns:
+    harmonic means."""
+    all_logs, found = (logs * cores)[:TURN_LOGS * cores], []
+    with DaskEngine() as engine, multiprocessing.get_context('spawn').Pool(cores) as pool:
+        for _ in range(1 + TURNS):
+            found.append((pool.apply(plain_rate, (root, logs[:TURN_LOGS])),
+                          sum(pool.starmap(plain_rate, [(root, logs[:TURN_LOGS])] * cores)),
+                          rate(root, all_logs, engine)))
+    return [TURNS / sum(1 / each for each in column) for column in zip(*found[1:])]  # the first one starts processes
 
 
 def rows(archive, paths):
@@ -78,17 +102,18 @@ def main():
               f'load {os.getloadavg()[0]:.1f} on {cores} cores')
         logs, more = find_logs([str(root / 'logs')]), find_logs([str(root / 'more')])
         plain, archive = (RunArchive(root / name, make=True) for name in ('plain', 'archive'))
+        one, limit, many = rates(root, logs, cores)
+        print(f'  in {TURNS} turns: plain loop {one:.3f} logs/s, {cores} at once {limit:.3f} ({limit / one:.2f} times '
+              f'one: what this computer allows), {cores} workers {many:.3f} ({many / one:.2f} times one, wanted '
+              f'{WANTED} on 2 quiet cores; {many / limit:.2f} of what it allows)', flush=True)
         loop = added(plain, logs[:LOOP_LOGS], PlainLoop())
-        loop_logs = len(logs[:LOOP_LOGS])
-        print(f'  plain loop    {loop_logs:5d} logs  {loop_logs / loop.wall:6.3f} logs/s  '
-              f'{loop.cpu[0] / loop_logs:6.3f} CPU s per log')
-        watch = added(archive, logs, DaskEngine())
+        print(f'  plain loop: {loop.cpu[0] / len(logs[:LOOP_LOGS]):.3f} CPU s per log', flush=True)
+        with DaskEngine() as engine:
+            watch = added(archive, logs, engine)
         own, workers = watch.cpu
-        print(f'  {cores} processes   {LOGS:5d} logs  {LOGS / watch.wall:6.3f} logs/s  {workers / LOGS:6.3f} CPU s per '
-              f'log in workers, {own / LOGS:.3f} beside them; cores {100 * workers / watch.wall / cores:.0f} % busy')
-        print(f'  rate over that of the loop: {LOGS / watch.wall / (loop_logs / loop.wall):.2f} as measured, wanted '
-              f'{WANTED} on 2 quiet cores; by processor time at most '
-              f'{cores * loop.cpu[0] / loop_logs / ((own + workers) / LOGS):.2f}')
+        busy = (own + workers) / watch.wall / cores
+        print(f'  {LOGS} logs by {cores} workers: {LOGS / watch.wall:.3f} logs/s, {workers / LOGS:.3f} CPU s per log '
+              f'in them, {own / LOGS:.3f} beside them; cores {100 * busy:.0f} % busy', flush=True)
         for cpu, memory in watch.children.values():
             if cpu > 1 and len(memory) > 4:
                 print(f'  memory of a worker: {memory[len(memory) // 4]:.0f} MB after a quarter, {memory[-1]:.0f} MB '
@@ -96,8 +121,10 @@ def main():
         same = rows(archive, {log.path for log in logs[:LOOP_LOGS]}) == rows(plain, {log.path for log in logs})
         print(f'  rows of both: {"the same to the last bit" if same else "DIFFERENT"}')
         print(f'  {sum(path.stat().st_size for path in archive.parts) / LOGS / 1e3:.1f} kB on the disk per run')
-        again = added(archive, more, DaskEngine())
-        empty = added(RunArchive(root / 'empty', make=True), more, DaskEngine())
+        with DaskEngine() as engine:
+            again = added(archive, more, engine)
+        with DaskEngine() as engine:
+            empty = added(RunArchive(root / 'empty', make=True), more, engine)
         print(f'  {MORE} more logs: {sum(again.cpu):.1f} CPU s, {again.wall:.0f} s; '
               f'the same into an empty archive: {sum(empty.cpu):.1f} CPU s, {empty.wall:.0f} s')
         print('  nothing new: ', end='')

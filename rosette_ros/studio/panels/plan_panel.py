@@ -225,8 +225,9 @@ class PlanPanel:
             return
         place, used = ('balls_in_use', scheme.ball) if np.unique(scheme.ball).size < scheme.n else (
             'cmm_positions', scheme.cmm_position)
-        self._watcher.calibrate(order=scheme.order, balls=scheme.n, radius=radius, turning='forward',
-                                touches=int(scheme.touches[0]), table_offset=scheme.table_offset, **{place: ', '.join(map(str, np.unique(used)))})
+        self._watcher.calibrate(
+            order=scheme.order, balls=scheme.n, radius=radius, turning='forward', touches=int(scheme.touches[0]),
+            table_offset=scheme.table_offset, **{place: ', '.join(map(str, np.unique(used)))})
 
 
 def _readings(made: Outlook) -> tuple[Any, ...]:

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosette archive: what a person reads of bad logs, bad archives and a full disk."""
+
+import contextlib
+import json
+import resource
+
+import pytest
+
+from benchmarks.archive_logs import make_logs
+from rosette_ros.archive.engines import PlainLoop
+from rosette_ros.archive.run_archive import MARK, PARTS, RunArchive
+from rosette_ros.cli import archive_add
+from rosette_ros.core.model.model import Model
+from rosette_ros.io.model_file import write_model
+
+BALLS = 5
+
+
+@pytest.fixture
+def in_this_process(monkeypatch):
+    """Let logs be evaluated without processes of their own."""
+    monkeypatch.setattr(archive_add, 'DaskEngine', lambda *_: contextlib.nullcontext(PlainLoop()))
+
+
+@pytest.fixture
+def logs(tmp_path):
+    """Return a folder with a sound log, a corrupt, a truncated and a foreign file."""
+    folder = tmp_path / 'logs'
+    [whole] = make_logs(folder, range(1), BALLS)
+    data = next(whole.glob('*.mcap')).read_bytes()
+    for name, content in (('corrupt.mcap', b'\x89MCAP0\r\n' + bytes(1000)), ('truncated.mcap', data[:len(data) // 3]),
+                          ('foreign.csv', b'name,price\nbolt,3\n')):
+        (folder / name).write_bytes(content)
+    return folder
+
+
+@pytest.fixture
+def small_files():
+    """Let no file grow beyond some bytes, as on a full disk."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (512, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_logs_that_cannot_be_read_are_counted_and_listed(logs, in_this_process, rosette, tmp_path):
+    """The sound one is added; each of the others has a line that says what was wanted."""
+    archive = tmp_path / 'archive'
+    made = rosette('archive', 'add', logs, '--into', archive)
+    assert made.code == 0
+    assert made.out == (f'4 logs found: 0 known, 0 copies, 4 new\n1 evaluated, 3 not: rosette archive query {archive} '
+                        '--problems\n')
+    told = rosette('archive', 'query', archive, '--problems', '--json')
+    problems = {row['path'].rpartition('/')[2]: row['problem'] for row in json.loads(told.out)['rows']}
+    assert set(problems) == {'corrupt.mcap', 'truncated.mcap', 'foreign.csv'}
+    assert all('wanted' in words for words in problems.values())
+    again = json.loads(rosette('archive', 'add', logs, '--into', archive, '--json').out)
+    assert (again['found'], again['new']) == (4, 0), 'the same content is not read again'
+
+
+@pytest.mark.parametrize(('mark', 'words'), [
+    ('{"schema": "rosette-archive/2"}', "wanted an archive of rosette-archive/1, got 'rosette-archive/2'; use a "
+                                        'version of rosette that knows it'),
+    ('{', 'wanted JSON with "schema": "rosette-archive/1", got something else')])
+def test_another_archive_is_refused(logs, in_this_process, refused, tmp_path, mark, words):
+    """A newer one, and one whose mark is damaged; nothing is written."""
+    archive = tmp_path / 'archive'
+    (archive / PARTS).mkdir(parents=True)
+    (archive / MARK).write_text(mark)
+    model = tmp_path / 'model.yaml'
+    write_model(Model().with_effect('frame_drift'), model)
+    for verb in (('add', logs, '--into', archive), ('query', archive), ('reanalyse', archive, '--model', model)):
+        assert words in refused('archive', *verb)
+    assert list((archive / PARTS).iterdir()) == []
+
+
+def test_a_full_disk_is_one_line_and_loses_nothing(logs, in_this_process, rosette, refused, tmp_path, small_files):
+    """The archive stays as it was; once there is place again, the same command goes on."""
+    archive = tmp_path / 'archive'
+    line = refused('archive', 'add', logs, '--into', archive)
+    assert str(archive) in line and 'File too large' in line
+    assert RunArchive(archive).parts == []
+    resource.setrlimit(resource.RLIMIT_FSIZE, resource.getrlimit(resource.RLIMIT_FSIZE)[1:] * 2)
+    assert '1 evaluated' in rosette('archive', 'add', logs, '--into', archive).out
+
+
+def test_no_archive_is_made_among_other_files(logs, in_this_process, refused, tmp_path):
+    """And a question to a folder that is none names the command that makes one."""
+    assert 'wanted an archive or an empty folder, got a folder of other files' in refused(
+        'archive', 'add', logs, '--into', logs)
+    assert 'rosette archive add FOLDER --into' in refused('archive', 'query', tmp_path)
