@@ -21,7 +21,7 @@ from rosette_ros.archive.run_adding import add_logs
 from rosette_ros.archive.run_archive import RunArchive
 
 LOGS, LOOP_LOGS, MORE = int(os.environ.get('ARCHIVE_LOGS', '40')), 20, 20
-TURNS, TURN_LOGS = 5, 8  # plain loop, then so many by each core
+TURNS, TURN_LOGS = 3, 20  # plain loop, then so many by each core
 WANTED = 1.7
 """Rate on 2 quiet cores over that of the plain loop."""
 MEGABYTE = 1e6
