@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The picture of the six curves: what is drawn where, in which unit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -47,6 +49,16 @@ def test_numbers_are_drawn_in_micro_units_against_degrees(motions):
         heights = band.get_paths()[0].vertices[:, 1]
         assert heights.min() == pytest.approx(wanted.min() - 0.1)
         assert heights.max() == pytest.approx(wanted.max() + 0.1)
+
+
+def test_a_band_that_is_much_wider_is_cut(motions):
+    """So that the other curves can be read: the lines and the narrow band set the scale."""
+    wide = replace(motions, u=np.full((N, 6), 5e-6))
+    for curve, axes in panels(six_curves([Series('final', motions), Series('base', wide)])).items():
+        first, last = CURVES.index(curve), CURVES.index(curve) + 6.0 * (N - 1)
+        assert axes.get_ylim() == pytest.approx((min(0.0, first - 0.1), last + 0.1), abs=0.06 * last)
+    for axes in panels(six_curves([Series('one', wide)])).values():
+        assert axes.get_ylim()[0] < -5.0
 
 
 def test_the_plate_is_shown_as_if_it_lay_true_on_the_table():

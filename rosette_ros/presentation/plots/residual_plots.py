@@ -104,7 +104,7 @@ def against(series: Sequence[Residuals], noise: float | None = None) -> Figure:
     """
     places = _places(series[0].run)
     made = style.figure(4.4)
-    made.subplots_adjust(left=0.08, right=0.99, bottom=0.1, top=0.98, hspace=0.1, wspace=0.06)
+    made.subplots_adjust(left=0.08, right=0.975, bottom=0.1, top=0.98, hspace=0.1, wspace=0.06)
     grid = style.panels(made, 3, len(places))
     limit = 1.08 * max(1e-9, *(float(np.abs(1e6 * one.values).max()) for one in series))
     for axis, name in enumerate(AXES):

@@ -25,6 +25,8 @@ TRUE_LOOK: dict[str, Any] = {
 EXTRA_LOOKS: tuple[dict[str, str], ...] = ({}, {'color': '#7f4a88', 'marker': '+'})
 LONGEST = 0.33
 """Length of the longest arrow in radii of the circle of balls."""
+WIDE = 4.0
+"""A band that is so many times as wide as the narrowest one does not set the scale of its panel."""
 MOST_NUMBERS = 24
 
 
@@ -61,6 +63,7 @@ def six_curves(series: Sequence[Series], heading: str = '', truth: Floats | None
         if truth is not None:
             lines += panel.plot(*closed(series[0].motions.angle, truth[:, CURVES.index(curve)]), **TRUE_LOOK)
         known |= _draw_extras(panel, series[0].motions.angle, [one for one in extras if one.curve == curve])
+        _cut_wide_bands(panel, [one.motions.uncertainty(curve) for one in series if one.banded])
     if banded:
         known[f'bands: U (k = {COVERAGE_FACTOR})'] = panel.collections[0]
     style.legend(made, [*lines, *known.values()], [*labels, *known])
@@ -95,6 +98,19 @@ def _draw(panel: Axes, one: Series, curve: str, place: int) -> Any:
         spread = COVERAGE_FACTOR * closed(one.motions.angle, one.motions.uncertainty(curve))[1]
         panel.fill_between(angle, value - spread, value + spread, color=look['color'], alpha=0.2, linewidth=0)
     return panel.plot(angle, value, linewidth=1.3, markersize=3.5, zorder=4 - 0.1 * place, **look)[0]
+
+
+def _cut_wide_bands(panel: Axes, uncertainties: Sequence[Floats]) -> None:
+    """Set the limits by the lines and the narrow bands, which are the first collections: they stay readable."""
+    widths = [float(each.max()) for each in uncertainties]
+    if not widths or not np.isfinite(widths).all() or max(widths) <= WIDE * min(widths):
+        return
+    shown = [line.get_ydata() for line in panel.lines] + [
+        band.get_paths()[0].vertices[:, 1] for band, width in zip(panel.collections, widths) if
+        width <= WIDE * min(widths)]
+    values = np.concatenate([np.asarray(each, dtype=float) for each in shown])
+    low, high = np.nanmin(values), np.nanmax(values)
+    panel.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
 
 
 def _draw_extras(panel: Axes, angle: Floats, extras: Sequence[Extra]) -> dict[str, Any]:
