@@ -21,7 +21,7 @@ from rosette_ros.io.messages import Phase, phase_name
 from rosette_ros.io.open_run import is_log, open_run
 from rosette_ros.io.reading_checks import remarks_on_answers
 from rosette_ros.presentation import formatting as text
-from rosette_ros.presentation.identity_words import identity_rows
+from rosette_ros.presentation.identity_words import NOTHING, identity_rows
 from rosette_ros.presentation.table_format import Table, column, words
 
 
@@ -118,7 +118,8 @@ def _run_facts(run_id: str, n: int, radius: float, phases: dict[str, dict[str, i
             'repeatability_axes_m': found.repeatability_axes if found else None,
             'notes': found.notes if found else (), 'missing': text.missing_words(found) if found else '',
             'remarks': found.remarks if found else (), 'unused': {}, 'published_curves': 0, 'model': None,
-            'ended': None, 'problem': None, 'identity': {}, 'tolerances': {}, **of_log}
+            'simulated': found.simulated if found else None, 'ended': None, 'problem': None, 'identity': {},
+            'tolerances': {}, **of_log}
 
 
 def show(facts: dict[str, Any]) -> None:
@@ -150,6 +151,8 @@ def run_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
     """Return what is known of one run as (name, text) rows."""
     degrees = facts['temperature_range_C']
     rows = [('Run', escape(facts['run_id'] or 'without a name')),
+            ('SIMULATED', 'the readings are those of a simulated CMM; no real table was measured'
+             if facts['simulated'] else ''),
             ('Plate', text.plate_words(facts['n'], facts['balls'], facts['radius_m'])),
             ('Measured', ', '.join(f'{name.replace("_", " ")} {phase["answered"]} of {phase["asked"]}'
                                    for name, phase in facts['phases'].items())),
@@ -165,7 +168,8 @@ def run_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
             ('Published', f'error motions, {facts["published_curves"]}×, model {escape(facts["model"] or "")}'
              if facts['published_curves'] else ''),
             ('Ended', escape(facts['ended'] or '')), *((name, escape(words)) for name, words in (
-                identity_rows(Identity(facts['identity'], facts['tolerances'])) if facts['identity'] else ())),
+                identity_rows(Identity(facts['identity'], facts['tolerances'])) if facts['identity'] else
+                [('Identity', NOTHING)])),
             *(('Doubtful', f'[yellow]{escape(remark)}[/]') for remark in facts['remarks']),
             ('Problem', f'[red]{escape(facts["problem"])}[/]' if facts['problem'] else '')]
     return [row for row in rows if row[1]]

@@ -31,6 +31,7 @@ class Effectiveness(StrEnum):
     REMAINS = 'a part remains'
     NOT_APPLIED = 'was not taken off'
     WRONG_SIGN = 'was added instead of taken off'
+    UNDECIDED = 'U is too large to tell'
     WITHIN_U = 'within U before and after'
     SAME = 'not corrected, unchanged'
     CHANGED = 'not corrected, but changed'
@@ -61,6 +62,8 @@ class CorrectedError:
     @property
     def level(self) -> Level:
         """How it is emphasised."""
+        if self.result is Effectiveness.UNDECIDED:
+            return Level.DOUBTFUL
         return Level.GOOD if self.result in GOOD else Level.BAD
 
 
@@ -78,14 +81,17 @@ class CorrectionCheck:
 
     @property
     def level(self) -> Level:
-        """Good where every error did what was promised."""
-        every = [one.level for one in self.errors]
-        return Level.GOOD if set(every) <= {Level.GOOD} and self.p_of_table >= UNLIKELY else Level.BAD
+        """Good where every error did what was promised, doubtful where U hides whether some did."""
+        every = {one.level for one in self.errors}
+        if Level.BAD in every or self.p_of_table < UNLIKELY:
+            return Level.BAD
+        return Level.DOUBTFUL if Level.DOUBTFUL in every else Level.GOOD
 
     @property
     def sentence(self) -> str:
         """What became of the errors."""
-        lacking = [f'{one.curve} ({one.result})' for one in self.errors if one.level is not Level.GOOD]
+        lacking = [f'{one.curve} ({one.result})' for one in self.errors if one.level is Level.BAD]
+        hidden = [one.curve for one in self.errors if one.result is Effectiveness.UNDECIDED]
         vanished = [one.curve for one in self.errors if one.result is Effectiveness.VANISHED]
         if self.p_of_table < UNLIKELY:
             return ('The correction does not describe the table as it was before: it was made of another table, or of '
@@ -97,6 +103,9 @@ class CorrectionCheck:
                     'vanishes where the correction is moved by that angle.').replace('-', '−')
         if lacking:
             return f'The correction did not do what it promised: {", ".join(lacking)}.'
+        if hidden:
+            return (f'It cannot be told whether the correction did what it promised: in {", ".join(hidden)} the errors '
+                    'after it agree within U with those expected, and with those before.')
         if not vanished:
             return 'There was nothing to correct: no corrected error was larger than U.'
         rest = ', the rest is unchanged' if len(vanished) < len(self.errors) else ''
@@ -112,6 +121,9 @@ class CorrectionCheck:
         if self.shift is not None:
             return ('Check the zero of the angle: that of the controller has to be that of the run (table position 1), '
                     'in the same sense.')
+        if self.level is Level.DOUBTFUL:
+            return ('Evaluate both runs under a model that fits them, which makes U smaller (rosette diagnose, --model '
+                    'FILE), or measure with less noise.')
         if self.level is Level.GOOD:
             return 'Calibrate again when the table, its bearing or its load has changed.'
         return 'Compare the model with the run after the correction: rosette diagnose AFTER.'
@@ -154,7 +166,8 @@ def _corrected(place: int, before: Floats, after: Floats, taken: Floats, varianc
     elif _p(taken, np.full(taken.size, own), curve) >= UNLIKELY:
         result = Effectiveness.WITHIN_U if p >= UNLIKELY else Effectiveness.REMAINS
     elif p >= UNLIKELY:
-        result = Effectiveness.VANISHED
+        is_seen = _p(after - before, variance, curve) < UNLIKELY
+        result = Effectiveness.VANISHED if is_seen else Effectiveness.UNDECIDED
     elif gain < -SURE * u_gain:
         result = Effectiveness.WRONG_SIGN
     else:

@@ -148,6 +148,20 @@ def test_mistakes_are_told_apart(before, tmp_path):
     assert [one.level for one in (wrong_sign, beside, not_applied, foreign)] == ['bad'] * 4
 
 
+def test_what_a_large_uncertainty_hides_is_not_confirmed(before, tmp_path):
+    """Curves of a model that does not fit: neither a correction that worked nor one that was never applied is told."""
+    rough = replace(before, u=100 * before.u)
+    correction = Correction(before, before)
+    for after in (corrected(tmp_path, correction), before):
+        check = check_correction(rough, replace(after, u=100 * after.u), correction)
+        assert {one.result for one in check.errors} == {Effectiveness.UNDECIDED}
+        assert check.level == 'doubtful'
+        assert check.sentence == ('It cannot be told whether the correction did what it promised: in ctx, cty, ctz, crx, '
+                                  'cry, crz the errors after it agree within U with those expected, and with those '
+                                  'before.')
+        assert 'under a model that fits' in check.action
+
+
 def test_an_error_within_its_uncertainty_is_nothing_to_correct():
     """A table without errors: its curves are noise, before and after."""
     settings = {'translation_um': 0.0, 'rotation_urad': 0.0}
@@ -155,8 +169,8 @@ def test_an_error_within_its_uncertainty_is_nothing_to_correct():
     correction = Correction(first, first, CURVES)
     noise = replace(second, values=second.values - correction.errors(second.angle))
     check = check_correction(first, noise, correction)
-    assert {one.result for one in check.errors} <= {Effectiveness.WITHIN_U, Effectiveness.VANISHED}
-    assert check.sentence.startswith(('There was nothing to correct', 'The correction did what it promised'))
+    assert {one.result for one in check.errors} <= {Effectiveness.WITHIN_U, Effectiveness.UNDECIDED}
+    assert check.sentence.startswith(('There was nothing to correct', 'It cannot be told'))
 
 
 def test_the_table_of_a_correction_is_told_by_both_uncertainties(before):
