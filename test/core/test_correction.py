@@ -156,9 +156,9 @@ def test_what_a_large_uncertainty_hides_is_not_confirmed(before, tmp_path):
         check = check_correction(rough, replace(after, u=100 * after.u), correction)
         assert {one.result for one in check.errors} == {Effectiveness.UNDECIDED}
         assert check.level == 'doubtful'
-        assert check.sentence == ('It cannot be told whether the correction did what it promised: in ctx, cty, ctz, crx, '
-                                  'cry, crz the errors after it agree within U with those expected, and with those '
-                                  'before.')
+        assert check.sentence == ('It cannot be told whether the correction did what it promised: in ctx, cty, ctz, '
+                                  'crx, cry, crz the errors after it agree within U with those expected, and with '
+                                  'those before.')
         assert 'under a model that fits' in check.action
 
 

@@ -58,14 +58,15 @@ def six_curves(series: Sequence[Series], heading: str = '', truth: Floats | None
     banded = any(one.banded for one in series)
     made, grid = _empty_panels(heading, series[0].motions.rotation)
     known: dict[str, Any] = {}
+    cut = False
     for panel, curve in zip(grid, LAYOUT, strict=True):
         lines = [_draw(panel, one, curve, place) for place, one in enumerate(series)]
         if truth is not None:
             lines += panel.plot(*closed(series[0].motions.angle, truth[:, CURVES.index(curve)]), **TRUE_LOOK)
         known |= _draw_extras(panel, series[0].motions.angle, [one for one in extras if one.curve == curve])
-        _cut_wide_bands(panel, [one.motions.uncertainty(curve) for one in series if one.banded])
+        cut |= _cut_wide_bands(panel, [one.motions.uncertainty(curve) for one in series if one.banded])
     if banded:
-        known[f'bands: U (k = {COVERAGE_FACTOR})'] = panel.collections[0]
+        known[f'bands: U (k = {COVERAGE_FACTOR})' + ', the widest cut' * cut] = panel.collections[0]
     style.legend(made, [*lines, *known.values()], [*labels, *known])
     return made
 
@@ -100,17 +101,18 @@ def _draw(panel: Axes, one: Series, curve: str, place: int) -> Any:
     return panel.plot(angle, value, linewidth=1.3, markersize=3.5, zorder=4 - 0.1 * place, **look)[0]
 
 
-def _cut_wide_bands(panel: Axes, uncertainties: Sequence[Floats]) -> None:
+def _cut_wide_bands(panel: Axes, uncertainties: Sequence[Floats]) -> bool:
     """Set the limits by the lines and the narrow bands, which are the first collections: they stay readable."""
     widths = [float(each.max()) for each in uncertainties]
     if not widths or not np.isfinite(widths).all() or max(widths) <= WIDE * min(widths):
-        return
+        return False
     shown = [line.get_ydata() for line in panel.lines] + [
-        band.get_paths()[0].vertices[:, 1] for band, width in zip(panel.collections, widths) if
-        width <= WIDE * min(widths)]
+        np.asarray(band.get_paths()[0].vertices)[:, 1]
+        for band, width in zip(panel.collections, widths) if width <= WIDE * min(widths)]
     values = np.concatenate([np.asarray(each, dtype=float) for each in shown])
     low, high = np.nanmin(values), np.nanmax(values)
     panel.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
+    return True
 
 
 def _draw_extras(panel: Axes, angle: Floats, extras: Sequence[Extra]) -> dict[str, Any]:
