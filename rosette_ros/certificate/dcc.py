@@ -16,7 +16,6 @@ from rosette_ros.certificate.statements import (
     DOI,
     METHOD,
     PAPER,
-    SIMULATED,
     Certificate,
     CurveSet,
     Inputs,
@@ -29,7 +28,7 @@ from rosette_ros.core.uncertainty_budget import Budget, Contribution
 from rosette_ros.io.identity_file import DEVICES, Identity
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import NOTE
-from rosette_ros.presentation.identity_words import NOT_STATED
+from rosette_ros.presentation.identity_words import NOT_STATED, SIMULATED
 
 DCC, SI, OWN = 'https://ptb.de/dcc', 'https://ptb.de/si', 'urn:rosette:certificate:1'
 SCHEMA = '3.3.0'

@@ -8,6 +8,7 @@ from html import escape
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont
 from pypdf import PdfReader, PdfWriter, Transformation
@@ -18,7 +19,6 @@ from reportlab.lib.units import mm
 from reportlab.pdfbase import pdfmetrics
 from reportlab.pdfbase.ttfonts import TTFont
 from reportlab.platypus import (
-    CondPageBreak,
     Flowable,
     KeepTogether,
     Paragraph,
@@ -28,7 +28,7 @@ from reportlab.platypus import (
     TableStyle,
 )
 
-from rosette_ros.certificate.statements import DOI, METHOD, PAPER, SIMULATED, Certificate, Measured
+from rosette_ros.certificate.statements import DOI, METHOD, PAPER, Certificate, Measured
 from rosette_ros.core.error_summary import Conformity
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.uncertainty_budget import Budget
@@ -36,7 +36,7 @@ from rosette_ros.io.identity_file import DEVICES
 from rosette_ros.presentation import error_results
 from rosette_ros.presentation.budget_results import contributions
 from rosette_ros.presentation.formatting import CURVE_UNITS
-from rosette_ros.presentation.identity_words import NOT_STATED, contact, signer
+from rosette_ros.presentation.identity_words import NOT_STATED, SIMULATED, contact, signer
 from rosette_ros.presentation.plots.plot_style import LOOK
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
 
@@ -50,6 +50,10 @@ COLOURS = {Conformity.CONFORMS: '#00694b', Conformity.FAILS: '#a33c00', Conformi
 SHOWN = ('error', 'unit', 'range_in_unit', 'U_range_in_unit', 'once_per_turn_in_unit', 'residual_in_unit',
          'asynchronous_in_unit', 'tolerance_in_unit', 'conformity')
 UNKNOWN_LETTER = '□'
+NEGLIGIBLE = 0.05
+"""A contribution below this share of u in each curve is named beneath the table of the budget, not a row of it."""
+WIDTHS = (1.0, 0.92, 0.85)
+"""Shares of the width that the curves are tried with, until a page and one a set of curves do."""
 OF_RUN = ('Readings', 'Order', 'Table axis', 'Time', 'Duration', 'Pauses', 'Temperature', 'Repeatability')
 """What is told of a run that is the only one; of several, each has a line of OF_ONE_OF_SEVERAL."""
 OF_ONE_OF_SEVERAL = ('Readings', 'Order', 'Time', 'Temperature')
@@ -58,15 +62,15 @@ OF_ONE_OF_SEVERAL = ('Readings', 'Order', 'Time', 'Temperature')
 class FigurePlace(Flowable):  # type: ignore[misc]  # reportlab has no types
     """Room for a figure; where it came to lie: page from 0, x, y, points."""
 
-    def __init__(self, height: float) -> None:
+    def __init__(self, width: float, height: float) -> None:
         super().__init__()
-        self.width, self.height = WIDTH, height
+        self.width, self.height = width, height
         self.page, self.x, self.y = 0, 0.0, 0.0
 
     def draw(self) -> None:
         """Remember the place."""
         self.page = self.canv.getPageNumber() - 1
-        self.x, self.y = self.canv.absolutePosition(0, 0)
+        self.x, self.y = self.canv.absolutePosition((WIDTH - self.width) / 2, 0)
 
 
 def to_pdf(certificate: Certificate, data: bytes, name: str) -> bytes:
@@ -74,26 +78,35 @@ def to_pdf(certificate: Certificate, data: bytes, name: str) -> bytes:
     _fonts()
     figures = [six_curves([Series(one.words, one.motions)], '' if len(certificate.sets) == 1 else one.words)
                for one in certificate.sets]
-    pages = 0
-    for _ in range(2):  # the first time counts the pages
-        places = [FigurePlace(WIDTH * figure.get_figheight() / figure.get_figwidth()) for figure in figures]
-        stream = io.BytesIO()
-        made = SimpleDocTemplate(stream, pagesize=A4, leftMargin=SIDE - PADDING, rightMargin=SIDE - PADDING,
-                                 topMargin=TOP, bottomMargin=FOOT, title=f'Certificate {_number(certificate)}',
-                                 author=certificate.identity['laboratory.name'], invariant=1)
-        frame = partial(_frame, certificate=certificate, pages=pages)
-        made.build(_story(certificate, places), onFirstPage=frame, onLaterPages=frame)
-        pages = made.page
-    writer = PdfWriter(clone_from=io.BytesIO(stream.getvalue()))
+    for share in WIDTHS:
+        _, _, pages = _built(certificate, figures, share, 0)
+        if pages <= 1 + len(figures):
+            break
+    data_of_pages, places, _ = _built(certificate, figures, share, pages)
+    writer = PdfWriter(clone_from=io.BytesIO(data_of_pages))
     for figure, place in zip(figures, places, strict=True):
         drawn = PdfReader(io.BytesIO(_drawn(figure))).pages[0]
-        scale = WIDTH / float(drawn.mediabox.width)
+        scale = place.width / float(drawn.mediabox.width)
         writer.pages[place.page].merge_transformed_page(
             drawn, Transformation().scale(scale).translate(place.x, place.y))
     writer.add_attachment(name, data)
     out = io.BytesIO()
     writer.write(out)
     return out.getvalue()
+
+
+def _built(certificate: Certificate, figures: Sequence[Figure], share: float, pages: int,
+           ) -> tuple[bytes, list[FigurePlace], int]:
+    """Return the pages without figures, where these belong, and how many pages it is; pages: their number, if known."""
+    width = share * WIDTH
+    places = [FigurePlace(width, width * figure.get_figheight() / figure.get_figwidth()) for figure in figures]
+    stream = io.BytesIO()
+    made = SimpleDocTemplate(stream, pagesize=A4, leftMargin=SIDE - PADDING, rightMargin=SIDE - PADDING,
+                             topMargin=TOP, bottomMargin=FOOT, title=f'Certificate {_number(certificate)}',
+                             author=certificate.identity['laboratory.name'], invariant=1)
+    frame = partial(_frame, certificate=certificate, pages=pages)
+    made.build(_story(certificate, places), onFirstPage=frame, onLaterPages=frame)
+    return stream.getvalue(), places, made.page
 
 
 @cache
@@ -165,7 +178,7 @@ def _story(one: Certificate, places: Sequence[FigurePlace]) -> list[Any]:
     if words := identity['certificate.remarks']:
         story += [Spacer(1, 1 * mm), _words(f'<b>Remarks</b>: {_text(words)}')]
     if one.budget:
-        story += [CondPageBreak(30 * mm), _heading('Uncertainty budget (GUM)', False), *_budget(one.budget)]
+        story += _budget(one.budget)
     story += [_heading('The six error motions over the table angle, with the band of U (k = 2)'), *places]
     story += [_heading('What is not known'), *_bullets(one.unknown)]
     if one.missing:
@@ -179,17 +192,18 @@ def _story(one: Certificate, places: Sequence[FigurePlace]) -> list[Any]:
 
 
 def _budget(made: Budget) -> Iterable[Any]:
-    """Yield the contributions to U as a table, and what is not considered."""
+    """Yield the contributions to U as a table with its heading, what is left out of it, and what is not considered."""
     table = contributions(made)
-    numbers = [place for place, column in enumerate(table.shown) if column.number]
+    is_shown = [bool(np.any(one.mean >= NEGLIGIBLE * made.mean)) for one in made.contributions]
+    small = [one.name for one, shown in zip(made.contributions, is_shown, strict=True) if not shown]
     heads = ['contribution', *(f'{curve} / {unit}' for curve, unit in zip(CURVES, CURVE_UNITS, strict=True))]
-    made_grid = _grid([heads, *(tuple(map(_text, row)) for row in table.rows),
-                 *(tuple(f'<b>{_text(cell)}</b>' for cell in row) for row in table.footer)],
-                (0.31, *[0.115] * 6), numbers)
-    made_grid.setStyle(TableStyle([('NOSPLIT', (0, -1 - len(table.footer)), (-1, -1))]))
-    yield made_grid
-    yield Spacer(1, 1 * mm)
-    yield _words(_text(f'{table.note} Not considered: {" ".join(made.open)}'), soft=True)
+    grid = _grid([heads, *(tuple(map(_text, row)) for row, shown in zip(table.rows, is_shown, strict=True) if shown),
+                  *(tuple(f'<b>{_text(cell)}</b>' for cell in row) for row in table.footer)],
+                 (0.31, *[0.115] * 6), [place for place, column in enumerate(table.shown) if column.number])
+    less = f'Also in u, each below {NEGLIGIBLE:.0%} of it: {", ".join(small)}.' if small else ''
+    yield KeepTogether([_heading('Uncertainty budget (GUM)'), grid, Spacer(1, 1 * mm)])
+    note = ' '.join(filter(None, (table.note, less, 'Not considered:', *made.open)))
+    yield _words(f'<b>Budget</b>: {_text(note)}', soft=True)
 
 
 def _measured(runs: Sequence[Measured]) -> Iterable[tuple[str, str]]:
@@ -233,10 +247,10 @@ def _words(markup: str, size: float = SIZE, font: str = PLAIN, soft: bool = Fals
     return Paragraph(markup, style)
 
 
-def _heading(words: str, with_next: bool = True) -> Paragraph:
-    """Return a heading; with_next: on one page with all that follows it, not with the first rows of a table alone."""
+def _heading(words: str) -> Paragraph:
+    """Return a heading, on one page with what follows it."""
     style = ParagraphStyle('', fontName=BOLD, fontSize=HEAD, leading=1.3 * HEAD, spaceBefore=2.4 * mm,
-                           spaceAfter=1 * mm, keepWithNext=int(with_next))
+                           spaceAfter=1 * mm, keepWithNext=1)
     return Paragraph(_text(words), style)
 
 

@@ -35,7 +35,8 @@ PAPER = ('K. Kniel, M. Franke, F. Härtig, F. Keller, M. Stein: Detecting 6 DoF 
 DOI = 'https://doi.org/10.1016/j.measurement.2019.107366'
 METHOD = ('Three-rosette method: each ball of a circular plate is measured at each position of the table; least '
           'squares separate the deviations of table, ball plate and CMM, none of which has to be calibrated before.')
-SIMULATED = 'SIMULATED: the readings are those of a simulated CMM; no real table was measured.'
+DAY = datetime.timedelta(1)
+"""Dates of a log are UTC, those of an identity local: so much they may differ."""
 NEEDED = ('certificate.number', 'laboratory.country')
 """Entries without which there is no document."""
 CONTENT_OF_U = ('U (k = 2, about 95 %) contains the scatter of the readings and the uncertainty of the effects in the '
@@ -180,6 +181,7 @@ def _stated(inputs: Inputs, identity: Identity, contradictions: Sequence[str], r
     if lacking or days is None:
         raise InvalidData(f'certificate: wanted {", ".join(map(words_of_entry, lacking))}, got none; state '
                           f'{", ".join(lacking)} in the identity file')
+    _check_issue(identity['certificate.date'], days[1])
     further = [
         'The temperature was not recorded.' if not any(run.temperatures.size for run in runs) else '',
         *(f'Contradiction: {words}.' for words in contradictions), OF_BUDGET if made else CONTENT_OF_U]
@@ -203,12 +205,18 @@ def _days(identity: Identity, known: Sequence[tuple[str, str]]) -> tuple[str, st
     if not known:
         return stated if stated[0] else None
     found = min(begin for begin, _ in known), max(end for _, end in known)
-    day = datetime.timedelta(1)
     for which, name, one, other in zip((0, 1), ('begin', 'end'), stated, found):
-        if one and abs(datetime.date.fromisoformat(one) - datetime.date.fromisoformat(other)) > day:
+        if one and abs(datetime.date.fromisoformat(one) - datetime.date.fromisoformat(other)) > DAY:
             raise InvalidData(f'certificate: measured.{name}: the log says {found[which]}, the identity file {one}; '
                               'leave it out of the file')
     return found
+
+
+def _check_issue(issued: str, ended: str) -> None:
+    """Raise InvalidData where the stated day of issue lies before the last day of measuring."""
+    if issued and datetime.date.fromisoformat(issued) < datetime.date.fromisoformat(ended) - DAY:
+        raise InvalidData(f'certificate: certificate.date: wanted a day of issue after the measurement, which ended '
+                          f'{ended}, got {issued}; correct it in the identity file')
 
 
 def _measured(run: Run, source: Source) -> Measured:

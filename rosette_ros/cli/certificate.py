@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from rosette_ros.certificate.dcc import to_xml
 from rosette_ros.certificate.dcc_check import MOST_BYTES, Verified, verify_certificate
-from rosette_ros.certificate.statements import SIMULATED, Certificate, Inputs, state
+from rosette_ros.certificate.statements import Certificate, Inputs, state
 from rosette_ros.cli.arguments import UsageError, add_shared
 from rosette_ros.cli.console import console, print_json, print_parts
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
@@ -22,6 +22,7 @@ from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.io.text_file import read_limited, refuse_existing, write_bytes
 from rosette_ros.presentation.budget_results import contributions
 from rosette_ros.presentation.error_results import errors
+from rosette_ros.presentation.identity_words import SIMULATED
 
 
 def add_arguments(parser: ArgumentParser) -> None:

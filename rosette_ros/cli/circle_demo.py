@@ -22,6 +22,7 @@ from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.io.correction_file import format_correction
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.model_file import write_model
+from rosette_ros.io.open_run import open_identified
 from rosette_ros.presentation.correction_results import check_table
 from rosette_ros.presentation.formatting import CURVE_UNITS, fixed, millimetres
 from rosette_ros.presentation.plots.plot_style import save
@@ -48,14 +49,16 @@ def run(options: Namespace) -> None:
     with demo_cell(out, what, config, options.domain, options.output, options.identity) as running:
         section(out, '1', 'calibrate')
         before_path = running.calibrate(order, options.seed, 'turning: forward')
-        before = summarise(read_log(before_path).to_run())
+        run, identity, _ = open_identified(before_path)
+        before = summarise(run)
         print_verdict(out, before.verdict)
         section(out, '2', 'add what is missing: the error falls')
         final = before.final
         print_table(out, nested_models(before.ladder))
         section(out, '3', 'correct, and calibrate again')
         correction = Correction(final.error_motions, final.error_motions, run_id=final.run.run_id, simulated=True)
-        (running.machine.parent / CORRECTION).write_text(format_correction(correction), encoding='utf-8')
+        (running.machine.parent / CORRECTION).write_text(format_correction(correction, identity['table.serial']),
+                                                        encoding='utf-8')
         write_machine(config.changed(table={'correction_file': CORRECTION}), running.machine)
         after_path = running.calibrate(order, options.seed + 1, 'turning: forward')
         after = analyse(read_log(after_path).to_run(), final.model)

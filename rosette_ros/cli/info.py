@@ -21,7 +21,7 @@ from rosette_ros.io.messages import Phase, phase_name
 from rosette_ros.io.open_run import is_log, open_run
 from rosette_ros.io.reading_checks import remarks_on_answers
 from rosette_ros.presentation import formatting as text
-from rosette_ros.presentation.identity_words import NOTHING, identity_rows
+from rosette_ros.presentation.identity_words import NOTHING, SIMULATED, identity_rows
 from rosette_ros.presentation.table_format import Table, column, words
 
 
@@ -151,8 +151,7 @@ def run_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
     """Return what is known of one run as (name, text) rows."""
     degrees = facts['temperature_range_C']
     rows = [('Run', escape(facts['run_id'] or 'without a name')),
-            ('SIMULATED', 'the readings are those of a simulated CMM; no real table was measured'
-             if facts['simulated'] else ''),
+            ('SIMULATED', SIMULATED.partition(': ')[2] if facts['simulated'] else ''),
             ('Plate', text.plate_words(facts['n'], facts['balls'], facts['radius_m'])),
             ('Measured', ', '.join(f'{name.replace("_", " ")} {phase["answered"]} of {phase["asked"]}'
                                    for name, phase in facts['phases'].items())),

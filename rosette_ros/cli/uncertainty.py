@@ -23,7 +23,7 @@ from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import open_run
 from rosette_ros.io.text_file import refuse_existing
 from rosette_ros.io.touch_log import refit_if_touched
-from rosette_ros.presentation.budget_results import agreement_words, budget_json, budget_tables
+from rosette_ros.presentation.budget_results import agreement_words, budget_json, budget_tables, together_words
 
 FEWEST_TRIALS, MOST_TRIALS = 100, 1_000_000
 PICTURES = ('.png', '.svg', '.pdf')
@@ -37,7 +37,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--hidden-effects', action='store_true', help='add bounds of effects that are not in the model '
                         'and that this order of measurement hides')
     parser.add_argument('--monte-carlo', metavar='N', type=whole(FEWEST_TRIALS, MOST_TRIALS),
-                        help='repeat the run N times with drawn contributions and compare (GUM S1); 10000 is usual')
+                        help='repeat the run N times with drawn contributions and compare (GUM S1, S2); '
+                        'fewer than 1000 decide nothing, 10000 are usual')
     parser.add_argument('--seed', type=whole(0, 2**63 - 1), default=0, help='of the Monte Carlo (default 0)')
     add_shared(parser, '--json')
     parser.add_argument('-o', '--output', metavar='FILE', help='draw the bars (.png, .svg or .pdf)')
@@ -82,6 +83,7 @@ def show(out: Console, made: Budget, found: MonteCarlo | None = None) -> None:
     if found:
         colour = {True: 'green', False: 'red', None: 'yellow'}[found.agrees]
         out.print(f'[{colour}]{escape(agreement_words(found))}[/]')
+        out.print(escape(together_words(found)))
     out.print('\n[bold]Not considered[/]')
     for sentence in made.open:
         out.print(escape(f'- {sentence}'))

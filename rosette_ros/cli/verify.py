@@ -3,16 +3,17 @@
 
 from argparse import ArgumentParser, Namespace
 
-from rich.markup import escape
-
 from rosette_ros.analysis import analyse
 from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, head, print_json, print_parts, print_verdict, warn
 from rosette_ros.core.correction_check import check_correction
+from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.io.correction_file import read_correction
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import open_identified
 from rosette_ros.presentation.correction_results import check_json, check_table
+
+EXIT_OK, EXIT_UNCONFIRMED = 0, 1
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -24,24 +25,24 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_shared(parser, '--model', '--json')
 
 
-def run(options: Namespace) -> None:
-    """Print what became of each error."""
+def run(options: Namespace) -> int:
+    """Print what became of each error; return 0 where the correction did what it promised, else 1."""
     correction, serial = read_correction(options.correction)
     model = read_model(options.model)
     opened = [open_identified(path) for path in (options.before, options.after)]
     before, after = (analyse(run, model) for run, _, _ in opened)
-    check = check_correction(before.error_motions, after.error_motions, correction)
     others = [f'{path}: is of table {identity["table.serial"]}, the correction of table {serial}'
               for path, (_, identity, _) in zip((options.before, options.after), opened)
               if serial and identity['table.serial'] not in ('', serial)]
+    check = check_correction(before.error_motions, after.error_motions, correction, others)
+    code = EXIT_OK if check.level is Level.GOOD else EXIT_UNCONFIRMED
     if options.json:
         print_json({**check_json(check, (before.run.run_id, after.run.run_id)), 'remarks': others})
-        return
+        return code
     out = console()
     for fit in (before, after):
         out.print(head(fit.run))
         warn(fit.run)
     print_verdict(out, check)
-    for words in others:
-        out.print(f'[yellow]{escape(words)}[/]', soft_wrap=True)
     print_parts(out, [check_table(check)])
+    return code

@@ -63,12 +63,25 @@ class Agreement:
 
 @dataclass(frozen=True, eq=False)
 class MonteCarlo:
-    """The scatter of the curves: trials; seed; u: (n, 6) standard deviation at each point; agreements of the curves."""
+    """The scatter of the curves.
+
+    u: (n, 6), standard deviations; agreements: of the curves; covariance: (n, 6, 6), of the six errors of a point, m
+    and rad; reach: (n,), standard deviations that the ellipsoid of this covariance reaches which contains the six
+    errors of a point together with probability 0.9545 (GUM S2, 7.7.2).
+    """
 
     trials: int
     seed: int
     u: Floats
     agreements: tuple[Agreement, ...]
+    covariance: Floats
+    reach: Floats
+
+    @property
+    def correlation(self) -> Floats:
+        """The correlation of the six errors of each point, (n, 6, 6), 0 where an error does not scatter."""
+        product = self.u[:, :, None] * self.u[:, None, :]
+        return np.divide(self.covariance, product, out=np.zeros_like(product), where=product > 0)
 
     @property
     def agrees(self) -> bool | None:
@@ -90,8 +103,19 @@ def monte_carlo(made: Budget, trials: int, seed: int = 0, on_step: Callable[[int
             on_step(count)
     off = curves - made.fit.error_motions.values
     expected = made.combined(with_bounds=False)
-    return MonteCarlo(trials, seed, off.std(axis=0), tuple(
-        _agreement(off[:, :, place], expected[:, place]) for place in range(6)))
+    scatter = off - off.mean(axis=0)
+    covariance = np.einsum('mia,mib->iab', scatter, scatter, optimize=True) / trials
+    agreements = tuple(_agreement(off[:, :, place], expected[:, place]) for place in range(6))
+    return MonteCarlo(trials, seed, off.std(axis=0), agreements, covariance, _reach(scatter, covariance))
+
+
+def _reach(scatter: Floats, covariance: Floats) -> Floats:
+    """Return the distances, in standard deviations, within which the six errors of a point lie together, (n,)."""
+    unit = np.sqrt(np.maximum(np.einsum('iaa->ia', covariance), np.finfo(float).tiny))
+    inverse = np.linalg.pinv(covariance / (unit[:, :, None] * unit[:, None, :]), hermitian=True)
+    scaled = scatter / unit
+    square = np.einsum('mia,iab,mib->mi', scaled, inverse, scaled, optimize=True)
+    return np.asarray(np.sqrt(np.quantile(square, PROBABILITY, axis=0)))
 
 
 def _agreement(off: Floats, expected: Floats) -> Agreement:

@@ -2,7 +2,7 @@
 """Whether a correction did what it promised: the errors before it, after it, and what is left of them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -13,7 +13,7 @@ from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.error_summary import COVERAGE_FACTOR, peak_to_valley
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import TWO_PI
-from rosette_ros.core.records import CURVES, ErrorMotions, Floats
+from rosette_ros.core.records import CURVES, ErrorMotions, Floats, remove_gauge
 
 GAUGED = {'ctx': 2, 'cty': 2, 'crx': 2, 'cry': 2}
 """Degrees of freedom that the gauge takes of a curve: its mean, and half of a once-per-turn part of two curves."""
@@ -22,6 +22,8 @@ UNLIKELY = 0.05 / len(CURVES)
 SURE = 4.0
 """Standard deviations beyond which a sign or a shift is told."""
 SHIFTS = 720
+STEP = 1e-4
+"""Of the numerical derivative by the shift, rad."""
 
 
 class Effectiveness(StrEnum):
@@ -31,6 +33,7 @@ class Effectiveness(StrEnum):
     REMAINS = 'a part remains'
     NOT_APPLIED = 'was not taken off'
     WRONG_SIGN = 'was added instead of taken off'
+    MISPLACED = 'was taken off at other angles'
     UNDECIDED = 'U is too large to tell'
     WITHIN_U = 'within U before and after'
     SAME = 'not corrected, unchanged'
@@ -68,22 +71,44 @@ class CorrectedError:
 
 
 @dataclass(frozen=True)
+class Misplacement:
+    """A correction that takes off, at each angle, what belongs to sense * (angle - shift).
+
+    sense: 1, or -1 where the angle of the controller runs the other way; shift, u: rad, u standard.
+    """
+
+    shift: float
+    u: float
+    sense: int = 1
+
+    @property
+    def words(self) -> str:
+        """What it is."""
+        by = f'{np.rad2deg(self.shift):+.2f} ± {np.rad2deg(COVERAGE_FACTOR * self.u):.2f} deg'.replace('-', '−')
+        if self.sense == 1:
+            return f'{by} beside its place'
+        return f'with the angle in the other sense, its zero moved by {by}'
+
+
+@dataclass(frozen=True)
 class CorrectionCheck:
     """Whether a correction did what it promised.
 
-    shift: angle by which the correction was moved where that explains what remains, rad, else None; p_of_table: chance
-    that the correction describes the table as it was before.
+    misplaced: where it acted instead, None where that explains nothing; p_of_table: chance that the correction
+    describes the table as it was before; contradictions: what runs and correction state, in
+    words.
     """
 
     errors: tuple[CorrectedError, ...]
-    shift: float | None
+    misplaced: Misplacement | None
     p_of_table: float
+    contradictions: tuple[str, ...] = ()
 
     @property
     def level(self) -> Level:
         """Good where every error did what was promised, doubtful where U hides whether some did."""
         every = {one.level for one in self.errors}
-        if Level.BAD in every or self.p_of_table < UNLIKELY:
+        if Level.BAD in every or self.p_of_table < UNLIKELY or self.contradictions:
             return Level.BAD
         return Level.DOUBTFUL if Level.DOUBTFUL in every else Level.GOOD
 
@@ -93,14 +118,16 @@ class CorrectionCheck:
         lacking = [f'{one.curve} ({one.result})' for one in self.errors if one.level is Level.BAD]
         hidden = [one.curve for one in self.errors if one.result is Effectiveness.UNDECIDED]
         vanished = [one.curve for one in self.errors if one.result is Effectiveness.VANISHED]
+        if self.contradictions:
+            return f'The correction is not of this table: {"; ".join(self.contradictions)}.'
         if self.p_of_table < UNLIKELY:
             return ('The correction does not describe the table as it was before: it was made of another table, or of '
                     'another state of it.')
         if any(one.result is Effectiveness.WRONG_SIGN for one in self.errors):
             return f'The correction was applied with the wrong sign: {", ".join(lacking)}.'
-        if self.shift is not None:
-            return (f'The correction was applied {np.rad2deg(self.shift):+.2f} deg beside its place: what remains '
-                    'vanishes where the correction is moved by that angle.').replace('-', '−')
+        if self.misplaced:
+            return (f'The correction was applied {self.misplaced.words} (k = {COVERAGE_FACTOR}): there it explains '
+                    'what remains.')
         if lacking:
             return f'The correction did not do what it promised: {", ".join(lacking)}.'
         if hidden:
@@ -114,11 +141,11 @@ class CorrectionCheck:
     @property
     def action(self) -> str:
         """What to do."""
-        if self.p_of_table < UNLIKELY:
+        if self.contradictions or self.p_of_table < UNLIKELY:
             return 'Make the correction of the last run of this table: rosette correct RUN.'
         if any(one.result is Effectiveness.WRONG_SIGN for one in self.errors):
             return 'The errors of the file are to be taken off, not added: turn the sign where the table is loaded.'
-        if self.shift is not None:
+        if self.misplaced:
             return ('Check the zero of the angle: that of the controller has to be that of the run (table position 1), '
                     'in the same sense.')
         if self.level is Level.DOUBTFUL:
@@ -129,12 +156,14 @@ class CorrectionCheck:
         return 'Compare the model with the run after the correction: rosette diagnose AFTER.'
 
 
-def check_correction(before: ErrorMotions, after: ErrorMotions, correction: Correction) -> CorrectionCheck:
+def check_correction(before: ErrorMotions, after: ErrorMotions, correction: Correction,
+                     contradictions: Sequence[str] = ()) -> CorrectionCheck:
     """Return the CorrectionCheck of two runs, one before and one after a correction was put to work.
 
     With the curves b before, a after and c of the correction: a = b - g c, and g = 1 where it did what it promised; the
     variance of a point of a - (b - c) is u_a^2 + u_b^2 then. The correction is of the table before where b - c is
-    noise of u_b^2 + u_c^2, or 0 (the same run). Raises InvalidData where the angles of the runs differ.
+    noise of u_b^2 + u_c^2, or 0 (the same run). contradictions: see CorrectionCheck. Raises InvalidData where the
+    angles of the runs differ.
     """
     if before.angle.size != after.angle.size or np.abs(
             np.angle(np.exp(1j * (before.angle - after.angle)))).max() > 0.01 * TWO_PI / before.angle.size:
@@ -148,8 +177,12 @@ def check_correction(before: ErrorMotions, after: ErrorMotions, correction: Corr
                   for place, curve in enumerate(CURVES))
     differs = [_p(before.values[:, place] - taken[:, place], before.u[:, place]**2 + own[place], curve)
                for place, curve in enumerate(CURVES) if curve in correction.corrected]
-    return CorrectionCheck(found, _shift(before, after, correction, variance, found),
-                           1.0 if same_run < 1e-12 else min(differs, default=1.0))
+    misplaced = _misplacement(before, after, correction, variance, found)
+    if misplaced:
+        found = tuple(replace(one, result=Effectiveness.MISPLACED) if one.level is Level.BAD and
+                      one.curve in correction.corrected else one for one in found)
+    return CorrectionCheck(found, misplaced, 1.0 if same_run < 1e-12 else min(differs, default=1.0),
+                           tuple(contradictions))
 
 
 def _corrected(place: int, before: Floats, after: Floats, taken: Floats, variance: Floats, own: float,
@@ -182,21 +215,34 @@ def _p(difference: Floats, variance: Floats, curve: str) -> float:
     return float(special.chdtrc(dof, np.sum(difference**2 / variance) * dof / difference.size))
 
 
-def _shift(before: ErrorMotions, after: ErrorMotions, correction: Correction, variance: Floats,
-           found: Sequence[CorrectedError]) -> float | None:
-    """Return the angle by which the correction was moved, None where that explains nothing."""
+def _misplacement(before: ErrorMotions, after: ErrorMotions, correction: Correction, variance: Floats,
+                  found: Sequence[CorrectedError]) -> Misplacement | None:
+    """Return where the correction acted instead of its place, None where that explains nothing.
+
+    What was taken off in its place, with the wrong sign or not at all is the simpler explanation where it is as good.
+    """
     used = [place for place, one in enumerate(found) if one.curve in correction.corrected and one.level is Level.BAD]
     if not used:
         return None
+    angle = before.angle
 
-    def misfit(shift: float) -> float:
-        left = after.values - before.values + correction.errors(before.angle - shift)
-        return float(np.sum(left[:, used]**2 / variance[:, used]))
+    def taken(shift: float, sense: int = 1) -> Floats:
+        return correction.errors(sense * (angle - shift))
 
+    def misfit(off: Floats) -> float:
+        return float(np.sum(remove_gauge(after.values - before.values + off, angle)[:, used]**2 / variance[:, used]))
+
+    placed = taken(0.0)
+    simple = min(misfit(factor * placed) for factor in (1, 0, -1))
     shifts = (np.arange(SHIFTS) - SHIFTS // 2) * TWO_PI / SHIFTS
-    best = min(shifts.tolist(), key=misfit)
-    fine = best + np.linspace(-1, 1, 41) * TWO_PI / SHIFTS
-    best = min(fine.tolist(), key=misfit)
-    size = len(used) * before.angle.size
-    explains = misfit(best) < min(2 * size, 0.5 * misfit(0.0)) and misfit(0.0) - misfit(best) > SURE**2
+    best, least = Misplacement(0.0, 0.0), float('inf')
+    for sense in (1, -1):
+        coarse = min(shifts.tolist(), key=lambda shift: misfit(taken(shift, sense)))  # noqa: B023  # called here only
+        fine = coarse + np.linspace(-1, 1, 41) * TWO_PI / SHIFTS
+        shift = min(fine.tolist(), key=lambda shift: misfit(taken(shift, sense)))  # noqa: B023
+        if misfit(taken(shift, sense)) < least:
+            least = misfit(taken(shift, sense))
+            slope = remove_gauge(taken(shift + STEP, sense) - taken(shift - STEP, sense), angle)[:, used] / (2 * STEP)
+            best = Misplacement(shift, float(np.sum(slope**2 / variance[:, used])**-0.5), sense)
+    explains = least < min(2 * len(used) * angle.size, 0.5 * simple) and simple - least > SURE**2
     return best if explains else None

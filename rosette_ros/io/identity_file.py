@@ -161,6 +161,8 @@ def _entry(section: str, name: str, value: object, where: str) -> str:
         raise InvalidData(f'{where}: wanted at most {most} printable characters, got {text!r:.60}')
     if name == 'country' and not re.fullmatch('[A-Z]{2}', text):
         raise InvalidData(f'{where}: wanted two capital letters of ISO 3166-1 such as DE, got {text!r:.40}')
+    if name == 'email' and not re.fullmatch(r'[^@\s]+@[^@\s]+\.[^@\s.]+', text):
+        raise InvalidData(f'{where}: wanted an address such as lab@example.org, got {text!r:.40}')
     if (section, name) == ('place', 'at') and text not in AT:
         raise InvalidData(f'{where}: wanted one of {", ".join(AT)}, got {text!r:.40}')
     return text

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from scipy import special
 
 from rosette_ros.core.budget_monte_carlo import MonteCarlo
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
@@ -121,11 +122,22 @@ def agreement_words(found: MonteCarlo) -> str:
     off = max((abs(one.found / one.expected - 1) for one in found.agreements if one.expected), default=0.0)
     beside = f'standard uncertainties differ by at most {100 * off:.1f} %'
     if found.agrees is None:
-        return f'{found.trials} trials are too few to say whether Monte Carlo confirms the budget; {beside}.'
+        return (f'{found.trials} trials are too few to say whether Monte Carlo confirms the budget (10000 mostly do); '
+                f'{beside}.')
     if found.agrees:
         return f'Monte Carlo confirms the budget: all intervals agree within the tolerance; {beside}.'
     names = text.names([curve for curve, one in zip(CURVES, found.agreements, strict=True) if one.agrees is False])
     return f'Monte Carlo does not confirm the budget of {names}: take its intervals instead; {beside}.'
+
+
+def together_words(found: MonteCarlo) -> str:
+    """Return in a sentence how the six errors of a point scatter together (GUM S2)."""
+    correlation = np.triu(found.correlation, 1)
+    _, first, second = np.unravel_index(np.abs(correlation).argmax(), correlation.shape)
+    normal = float(np.sqrt(special.chdtri(len(CURVES), 1 - PROBABILITY)))
+    return (f'Together (GUM S2): largest correlation of two errors of a point {float(np.abs(correlation).max()):.2f} '
+            f'({CURVES[first]} with {CURVES[second]}); the ellipsoid of {100 * PROBABILITY:.2f} % for all six '
+            f'reaches {float(found.reach.mean()):.2f} standard deviations (normal: {normal:.2f}).')
 
 
 def budget_json(made: Budget, found: MonteCarlo | None = None) -> dict[str, Any]:
@@ -148,6 +160,7 @@ def budget_json(made: Budget, found: MonteCarlo | None = None) -> dict[str, Any]
     if found:
         out['monte_carlo'] = {
             'trials': found.trials, 'seed': found.seed, 'agrees': found.agrees, 'probability': PROBABILITY,
+            'covariance_si': found.covariance.tolist(), 'reach': found.reach.tolist(),
             'u': by_curve(root_mean(found.u)), 'curves': {curve: {
                 'u_budget': one.expected, 'u': one.found, 'low': one.low, 'high': one.high,
                 'scatter': one.scatter if np.isfinite(one.scatter) else None, 'tolerance': one.tolerance,

@@ -47,8 +47,11 @@ def check_table(check: CorrectionCheck) -> Table:
 
 def check_json(check: CorrectionCheck, run_ids: tuple[str, str]) -> dict[str, Any]:
     """Return a CorrectionCheck, SI units; run_ids: before and after."""
+    moved = check.misplaced
     return {'before': run_ids[0], 'after': run_ids[1], 'level': check.level, 'verdict': check.sentence,
-            'action': check.action, 'shift_rad': check.shift, 'p_of_table': check.p_of_table, 'errors': [{
+            'action': check.action, 'shift_rad': moved.shift if moved else None,
+            'u_shift_rad': moved.u if moved else None, 'angle_reversed': moved.sense < 0 if moved else False,
+            'p_of_table': check.p_of_table, 'errors': [{
                 'curve': one.curve, 'before': one.before, 'expected': one.promised, 'after': one.after,
                 'U': one.expanded, 'taken_off': one.gain if np.isfinite(one.gain) else None,
                 'u_taken_off': one.u_gain if np.isfinite(one.u_gain) else None, 'p': one.p, 'result': one.result,

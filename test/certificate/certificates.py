@@ -18,7 +18,7 @@ from rosette_ros.simulation import Machine, MachineConfig
 GOLDEN = Path(__file__).parents[1] / 'golden'
 BUDGET = Path(__file__).parents[2] / 'config' / 'budget.yaml'
 FULL = '''schema: rosette-identity/1
-certificate: {number: "2026-0413", date: 2026-04-15, remarks: "Clamped as in use & <tested>."}
+certificate: {number: "2026-0413", date: 2026-11-30, remarks: "Clamped as in use & <tested>."}
 laboratory: {name: Messlabor Süd, street: Ring 1, postcode: "80331", city: München, country: DE,
              email: kal@example.org, accreditation: D-K-00000}
 customer: {name: Drehtisch AG, city: Zürich, country: CH, order: "4711"}
@@ -56,24 +56,25 @@ def table(name, order='random', seed=2, n=6, change=lambda run: run, **hidden):
 @functools.cache
 def made(kind):
     """Return the paths, the Certificate and the document (bytes) of a kind of run."""
-    inputs, dated = Inputs(parse_identity(FULL.encode()), '2026-04-15'), parse_identity((FULL + DAYS).encode())
+    inputs, dated = Inputs(parse_identity(FULL.encode()), '2026-11-30'), parse_identity((FULL + DAYS).encode())
     if kind == 'simulated':
         paths = (GOLDEN / 'logs' / 'log_clean_n6_diagonal',)
     elif kind == 'two_effects':
-        paths, inputs = (table('two', hidden=HIDDEN),), Inputs(dated, '2026-04-15', TWO)
+        paths, inputs = (table('two', hidden=HIDDEN),), Inputs(dated, '2026-11-30', TWO)
     elif kind == 'incomplete':
         paths = (table('gaps', change=lambda run: run.take(slice(0, -3)), hidden=HIDDEN),)
-        inputs = Inputs(dated, '2026-04-15')
+        inputs = Inputs(dated, '2026-11-30')
     elif kind == 'joint':
         paths = table('first', 'diagonal', 1), table('second', 'there_and_back', 1)
-        inputs = Inputs(dated, '2026-04-15', is_joint=True)
+        inputs = Inputs(dated, '2026-11-30', is_joint=True)
     elif kind == 'without_temperatures':
         paths = (table('cold', change=lambda run: run.replace(temperature=np.full(run.size, np.nan))),)
-        inputs = Inputs(dated, '2026-04-15')
+        inputs = Inputs(dated, '2026-11-30')
     elif kind == 'budget':
-        paths, inputs = (table('clean'),), Inputs(dated, '2026-04-15', budget=read_stated(BUDGET))
+        paths = (table('twelve', n=12, hidden=HIDDEN),)
+        inputs = Inputs(dated, '2026-11-30', budget=read_stated(BUDGET))
     else:
         text = FULL if kind == 'clean' else BARE
-        paths, inputs = (table('clean'),), Inputs(parse_identity((text + DAYS).encode()), '2026-04-15')
+        paths, inputs = (table('clean'),), Inputs(parse_identity((text + DAYS).encode()), '2026-11-30')
     certificate = state(paths, inputs)
     return paths, certificate, to_xml(certificate)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from certificates import FULL, KINDS, made
+from certificates import DAYS, FULL, KINDS, made
 from lxml import etree
 from schematron import Schematron
 
@@ -185,7 +185,7 @@ def test_who_and_what_stand_where_they_belong():
     for path, words in (
             ('//dcc:calibrationLaboratory/dcc:contact/dcc:name/dcc:content', 'Messlabor Süd'),
             ('//dcc:calibrationLaboratoryCode', 'D-K-00000'), ('//dcc:customer/dcc:name/dcc:content', 'Drehtisch AG'),
-            ('//dcc:uniqueIdentifier', '2026-0413'), ('//dcc:issueDate', '2026-04-15'),
+            ('//dcc:uniqueIdentifier', '2026-0413'), ('//dcc:issueDate', '2026-11-30'),
             ('//dcc:respPerson[dcc:mainSigner="true"]/dcc:person/dcc:name/dcc:content', 'B. Leiter'),
             ('//dcc:item/dcc:identifications/dcc:identification/dcc:value', 'T-0815'),
             ('//dcc:coreData/dcc:identifications/dcc:identification/dcc:value', '4711'),
@@ -252,15 +252,26 @@ def test_temperatures_are_conditions_or_said_to_be_missing():
 def test_what_no_document_can_do_without_is_asked_for(text, words):
     """One line, with the entries to state."""
     with pytest.raises(InvalidData, match=words):
-        state(made('clean')[0], Inputs(parse_identity(f'schema: rosette-identity/1\n{text}\n'.encode()), '2026-04-15'))
+        state(made('clean')[0], Inputs(parse_identity(f'schema: rosette-identity/1\n{text}\n'.encode()), '2026-11-30'))
 
 
 def test_days_of_the_log_count():
     """An identity file with another one is refused."""
     inputs = Inputs(parse_identity((FULL + 'measured: {begin: 2020-01-01}').encode()),
-                    '2026-04-15')
+                    '2026-11-30')
     with pytest.raises(InvalidData, match='measured.begin: the log says 2026-11-22, the identity file 2020-01-01'):
         state(made('simulated')[0], inputs)
+
+
+def test_a_day_of_issue_comes_after_the_measurement():
+    """A day may be of another time zone; two are a mistake."""
+    def dated(day):
+        identity = FULL.replace('date: 2026-11-30', f'date: {day}') + DAYS
+        return state(made('clean')[0], Inputs(parse_identity(identity.encode()), day))
+    assert dated('2026-04-12').days == ('2026-04-12', '2026-04-13')
+    with pytest.raises(InvalidData, match='certificate.date: wanted a day of issue after the measurement, which ended '
+                                          '2026-04-13, got 2026-04-11; correct it in the identity file'):
+        dated('2026-04-11')
 
 
 @pytest.mark.parametrize(('version', 'wanted'), [

@@ -35,7 +35,7 @@ def test_an_engineer_finds_what_is_asked_for():
     """Identity, what was measured how, six numbers with U and verdicts, what is not known, where to sign."""
     _, certificate, data = made('clean')
     first, second = pages_of(to_pdf(certificate, data, 'cert.xml'))
-    for words in ('No. 2026-0413', 'issued 2026-04-15', 'Messlabor Süd, Ring 1, 80331, München, DE', 'order 4711',
+    for words in ('No. 2026-0413', 'issued 2026-11-30', 'Messlabor Süd, Ring 1, 80331, München, DE', 'order 4711',
                   'Room 3; 2026-04-12 to 2026-04-13', 'A. Messer', 'Tischbau RT 400 T-0815', '2026-K-113',
                   'Three-rosette method', '10.1016/j.measurement.2019.107366', 'Order ', 'Temperature 19.',
                   'The model fits', 'conforms', 'not decidable', 'Decision rule: ISO 14253-1', 'Clamped as in use & <'):
@@ -70,7 +70,7 @@ def test_letters_that_the_font_lacks_are_marked():
     """They stand in the XML; nothing breaks."""
     paths, _, data = made('clean')
     assert 'Süd □□' in pages_of(to_pdf(state(paths, Inputs(parse_identity(FULL.replace('Süd', 'Süd 計量').replace(
-        'tolerances', 'measured: {begin: 2026-04-12}\ntolerances').encode()), '2026-04-15')), data, 'cert.xml'))[0]
+        'tolerances', 'measured: {begin: 2026-04-12}\ntolerances').encode()), '2026-11-30')), data, 'cert.xml'))[0]
 
 
 def test_long_entries_are_wrapped():
@@ -78,7 +78,7 @@ def test_long_entries_are_wrapped():
     paths, _, data = made('clean')
     long = parse_identity(FULL.replace('Room 3', 'R' * 200).replace('RT 400', 'M' * 200).replace(
         'tolerances', 'measured: {begin: 2026-04-12}\ntolerances').encode())
-    document = pypdfium2.PdfDocument(to_pdf(state(paths, Inputs(long, '2026-04-15')), data, 'cert.xml'))
+    document = pypdfium2.PdfDocument(to_pdf(state(paths, Inputs(long, '2026-11-30')), data, 'cert.xml'))
     for page in document:
         texts = page.get_textpage()
         assert max(texts.get_charbox(place)[2] for place in range(texts.count_chars())) < page.get_width() - 40

@@ -6,7 +6,7 @@ import json
 import pytest
 
 IDENTITY = '''schema: rosette-identity/1
-certificate: {number: "7", date: 2026-04-15}
+certificate: {number: "7", date: 2026-11-30}
 laboratory: {name: L, country: DE}
 measured: {begin: 2026-04-12}
 tolerances: {EXC: 500 µm}
@@ -39,7 +39,7 @@ def test_a_certificate_is_written_and_agrees_with_its_run(rosette, refused, make
                      'signed': False, 'programs': ''}
     assert f'{xml}: exists already; take another name or use --force' in refused(*command)
     assert rosette(*command, '--force').code == 0
-    xml.write_bytes(xml.read_bytes().replace(b'2026-04-15', b'2026-04-16', 1))
+    xml.write_bytes(xml.read_bytes().replace(b'2026-11-30', b'2026-04-16', 1))
     assert 'got another one: its content was changed after it was made' in refused(
         'certificate', '--verify', xml, table)
 

@@ -40,7 +40,9 @@ def test_a_table_is_corrected_and_verified(rosette, measure, tmp_path):
     assert told.code == 0
     assert 'Harmonics: up to 6 of the table angle' in told.out and 'verify' in told.out
     after = measure('after', correction_file='c.yaml')
-    shown = rosette('verify', before, after, '--correction', file).out
+    confirmed = rosette('verify', before, after, '--correction', file)
+    shown = confirmed.out
+    assert confirmed.code == 0
     assert 'The correction did what it promised: ctz, crz vanished within U, the rest is unchanged.' in shown
     told = json.loads(rosette('verify', before, after, '--correction', file, '--json').out)
     assert (told['level'], told['before'], told['after'], told['shift_rad']) == ('good', 'before', 'after', None)
@@ -48,8 +50,9 @@ def test_a_table_is_corrected_and_verified(rosette, measure, tmp_path):
         **dict.fromkeys(('ctx', 'cty', 'crx', 'cry'), 'not corrected, unchanged'),
         **dict.fromkeys(('ctz', 'crz'), 'vanished within U')}
     assert 'wrong sign' not in shown
-    again = rosette('verify', before, before, '--correction', file).out
-    assert 'ctz (was not taken off), crz (was not taken off)' in again
+    again = rosette('verify', before, before, '--correction', file)
+    assert 'ctz (was not taken off), crz (was not taken off)' in again.out
+    assert again.code == 1
 
 
 def test_another_serial_number_is_told(rosette, tmp_path, monkeypatch):
@@ -59,10 +62,13 @@ def test_another_serial_number_is_told(rosette, tmp_path, monkeypatch):
     assert rosette('correct', LOG, '-o', file, '--identity', identity).code == 0
     assert yaml.safe_load(file.read_text())['table'] == 'RT-1'
     monkeypatch.setattr(LogRun, 'identity', lambda *_: Identity({'table.serial': 'RT-2'}))
-    shown = rosette('verify', LOG, LOG, '--correction', file).out
+    shown = ' '.join(rosette('verify', LOG, LOG, '--correction', file).out.split())
+    assert 'The correction is not of this table: ' in shown
     assert shown.count('is of table RT-2, the correction of table RT-1') == 2
-    told = json.loads(rosette('verify', LOG, LOG, '--correction', file, '--json').out)['remarks']
-    assert told[0] == f'{LOG}: is of table RT-2, the correction of table RT-1'
+    done = rosette('verify', LOG, LOG, '--correction', file, '--json')
+    told = json.loads(done.out)
+    assert told['remarks'][0] == f'{LOG}: is of table RT-2, the correction of table RT-1'
+    assert (told['level'], done.code) == ('bad', 1)
 
 
 @pytest.mark.parametrize(('target', 'lines', 'words'), [

@@ -78,6 +78,7 @@ def test_tolerances_are_lengths_and_angles_of_the_errors_of_the_table():
     ('table: {serial: 0123}', 'table.serial: wanted a text in quotes, got 83; without them YAML makes another value'),
     ('laboratory: {country: NO}', 'laboratory.country: wanted a text in quotes, got False'),
     ('laboratory: {country: Germany}', "laboratory.country: wanted two capital letters of ISO 3166-1 such as DE"),
+    ('laboratory: {email: nope}', "laboratory.email: wanted an address such as lab@example.org, got 'nope'"),
     ('certificate: {date: 12.4.2026}', "certificate.date: wanted a date such as 2026-04-12, got '12.4.2026'"),
     ('measured: {begin: 2026-04-12, end: 2026-04-11}', 'measured: wanted an end after the begin 2026-04-12'),
     ('place: {name: R, at: home}', "place.at: wanted one of laboratory, customer, other, got 'home'"),

@@ -32,6 +32,7 @@ def test_add_the_missing_effect_and_take_it_out_again(page, studio):
     page.goto(studio.address)
     judged(page, 'bad')
     expect(page.get_by_test_id('verdict-sentence')).to_contain_text('frame_drift')
+    expect(page.get_by_test_id('simulated')).to_contain_text('SIMULATED: the readings are those of a simulated CMM')
     before, noise = number(page, 'rms-fit'), number(page, 'rms-noise')
     assert before > 1.5 * noise
 

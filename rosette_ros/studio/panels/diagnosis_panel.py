@@ -13,6 +13,7 @@ from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR, MEANINGS, duration, micro, words_of
+from rosette_ros.presentation.identity_words import SIMULATED
 from rosette_ros.presentation.plots.shape_plots import MOST_CURVES
 from rosette_ros.presentation.report.run_page import findings, spans
 from rosette_ros.studio import figures
@@ -59,6 +60,7 @@ class VerdictPanel:
         with self._box:
             self._icon = ui.icon('hourglass_empty').props('aria-hidden=true')
             with ui.element('div').classes('text').props('role=status aria-live=polite'):
+                self._simulated = marked(ui.label(SIMULATED).classes('error'), 'simulated')
                 self._outcome, self._sentence, self._action = (
                     marked(ui.label('').classes(name), f'verdict-{name}') for name in ('outcome', 'sentence', 'action'))
                 self._meanings = widgets.Area(marked(ui.element('div').classes('meaning'), 'verdict-meaning'))
@@ -77,6 +79,7 @@ class VerdictPanel:
         """Show the verdict, or what is known before it."""
         results, step = self._controller.session.results, self._controller.step
         verdict = results.verdict
+        self._simulated.set_visibility(opened.run.simulated)
         waits = opened.is_large and not (step or verdict or results.problem)
         if verdict:
             outcome = f'{verdict.outcome[0].upper()}{verdict.outcome[1:]}'
