@@ -25,7 +25,7 @@ heavy tails are many of them."""
 STEADY = 5.0
 """Score by which each effect must be better than a frame that wanders at random: any course in time may be that by
 chance."""
-TAILED = 0.01
+TAILED = 0.025
 """Probability of normal noise below which what outliers leave has the tails that their run has without them."""
 CURVED = 40.0
 """Score by which free forms in white noise may be worse: where they leave nothing, what is there is smoother than a
