@@ -40,7 +40,7 @@ WANTED = (
            'those of the cell', read_only=True),
     Wanted('model', '', 'model file (YAML) under which runs are added; empty: the base model', read_only=True))
 RETRY = 5.0
-"""A calibration that was due and could not begin is tried again after so long, s."""
+"""A calibration that was due and could not begin is tried again after so long, s; the first one waits as long."""
 REQUESTING, CALIBRATING = 'requesting a calibration', 'calibrating'
 REASON = 2.0
 """How long the reason of a refusal is waited for, s: it comes on another topic than the refusal."""
@@ -64,7 +64,7 @@ class TrendMonitor(CellNode):
                                       self.parameters['every_s'])
         self._due = self._schedule.due(_now())
         self._doing, self._process, self._why_not, self._failure = '', '', '', ''
-        self._next_look = self._reason_until = 0.0
+        self._next_look, self._reason_until = self.seconds() + RETRY, 0.0  # the other nodes of a cell start, too
         self._goal: Any = None
         self._pool = ThreadPoolExecutor(1, 'archive')
         self._work: Work[CellTrend] | None = None

@@ -168,8 +168,8 @@ def mutated(data, rng):
 def test_changed_documents_are_refused_in_one_line(kind, share):
     """Whatever is changed, and nothing but a RosetteError; what says the same in canonical form is the same."""
     paths, certificate, sound = made(kind)
-    rng, count, again = random.Random(1), int(share * MUTATIONS), functools.cache(lambda: made_again(paths, certificate.inputs))
-    same, tried = ET.canonicalize(sound.decode(), strip_text=True), 0
+    rng, again = random.Random(1), functools.cache(lambda: made_again(paths, certificate.inputs))
+    same, tried, count = ET.canonicalize(sound.decode(), strip_text=True), 0, int(share * MUTATIONS)
 
     def make(given, inputs):  # the run is evaluated once, as long as it is to be evaluated alike
         return again() if replace(inputs, files={}) == certificate.inputs else made_again(given, inputs)
