@@ -12,7 +12,7 @@ from rosette_ros.calibration import settings
 from rosette_ros.calibration.calibration_plan import CalibrationPlan
 from rosette_ros.calibration.settings import Value
 from rosette_ros.calibration.state_machine import Sequence, Verify
-from rosette_ros.core.errors import CellError, plain
+from rosette_ros.core.errors import CellError, InvalidConfig, plain
 from rosette_ros.io.messages import answer_of, target_of
 from rosette_ros.io.run_assembly import RunAnswers
 
@@ -31,7 +31,16 @@ class Request:
     def of_goal(origin: str, goal: Any) -> 'Request':
         """Return the Request of a Calibrate goal."""
         return Request(origin, {name: value for name in (*OF_EVENT, *settings.FIELDS)
-                                if (value := getattr(goal, name))})
+                                if (value := getattr(goal, name))} | (
+            {'joint_with': list(goal.joint_with)} if goal.joint_with else {}))
+
+    @property
+    def joint_with(self) -> list[str]:
+        """Names of the runs that are evaluated as one with this one; raises InvalidConfig."""
+        run_ids = [plain(name) for name in self.goal.get('joint_with', ())]
+        if '' in run_ids or len({*run_ids}) < len(run_ids):
+            raise InvalidConfig(f'goal: joint_with: wanted names of finished runs, each once, got {run_ids!r:.200}')
+        return run_ids
 
     @property
     def fields(self) -> str:
@@ -63,6 +72,7 @@ class Job:
     verifying: Verify | None = None  # what the recorder was asked last
     has_new_evaluator: bool = False  # its results may not have been used: it was known too briefly
     motions: Any = None  # the ErrorMotions message as published
+    joint: Any = None  # the EvaluateJointly.Response, None where none was asked for (yet)
 
     @property
     def run_id(self) -> str:
@@ -73,6 +83,25 @@ class Job:
     def is_over(self) -> bool:
         """Whether nothing is measured any more; the log may still be open."""
         return self.sequence.phase.is_end
+
+    def with_joint(self, response: Any) -> 'Job':
+        """Take the EvaluateJointly.Response; return the job."""
+        self.joint = response
+        return self
+
+    @property
+    def joint_evaluation(self) -> Any:
+        """The JointEvaluation message, None where there is none."""
+        return self.joint.evaluation if self.joint else None
+
+    @property
+    def text(self) -> str:
+        """How it ended, in words, with what the evaluation with other runs says."""
+        text = self.sequence.text
+        if self.joint is None:
+            return text
+        runs = ', '.join(self.request.joint_with)
+        return f'{text}; jointly with {runs}: {plain(self.joint.message, most=2000)}'
 
     @property
     def progress(self) -> str:
@@ -96,6 +125,7 @@ def make_job(request: Request, configured: Mapping[str, Value], taken: Collectio
 
     configured: the settings of the sequencer, name to value; taken: run_ids that are used; recalled: the
     Recall.Response of the run that is resumed, None for a new run. Raises RosetteError with the reason why not."""
+    _ = request.joint_with  # raises
     changes = settings.goal_changes(request.goal)
     changes.pop(settings.RESUME.name, None)
     if recalled is not None:

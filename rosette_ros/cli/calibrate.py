@@ -52,6 +52,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='further options of the goal, such as "limits.answer_timeout_s: 30"; '
                              f'known: {", ".join(one.name for one in OPTIONS)}')
     parser.add_argument('--resume', metavar='RUN', help='continue a run that was interrupted: its log, by name or path')
+    parser.add_argument('--joint-with', metavar='RUN', nargs='+', help='evaluate the run as one with these finished '
+                        'ones, by name; the cell keeps the last four')
     add_shared(parser, '--namespace', '--domain')
 
 
@@ -70,6 +72,7 @@ def run(options: argparse.Namespace) -> None:
             plate=format_plate(read_plate(options.plate)) if options.plate else '',
             radius=options.radius_mm and 1e-3 * options.radius_mm,
             table_offset=options.table_offset_deg and math.radians(options.table_offset_deg),
+            joint_with=options.joint_with and [Path(run).absolute().name for run in options.joint_with],
             **{field: getattr(options, field) for field in (*AS_CONFIGURED, 'cmm_positions', 'balls_in_use')})
     out = console()
     out.print(f'[bold]{escape(outcome.run_id)}[/]')

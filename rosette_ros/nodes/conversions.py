@@ -14,6 +14,7 @@ from rosette_msgs import msg
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
+from rosette_ros.calibration.goal import OF_EVENT
 from rosette_ros.core import records
 from rosette_ros.core.diagnosis.verdict import noise_words
 from rosette_ros.core.errors import InvalidData
@@ -24,6 +25,7 @@ from rosette_ros.io.messages import TOUCH_ARRAYS, Target
 from rosette_ros.io.model_file import format_entry
 
 if TYPE_CHECKING:  # what fits models imports scipy, which takes a second
+    from rosette_ros.calibration.goal import Job, Request
     from rosette_ros.core.diagnosis import diagnosis as core
     from rosette_ros.core.model import model as core_model
     from rosette_ros.core.model.least_squares import Fit, Parameter
@@ -33,6 +35,16 @@ if TYPE_CHECKING:  # what fits models imports scipy, which takes a second
 POLICIES = {'history': HistoryPolicy.KEEP_ALL, 'reliability': ReliabilityPolicy.BEST_EFFORT,
             'durability': DurabilityPolicy.TRANSIENT_LOCAL, 'liveliness': LivelinessPolicy.MANUAL_BY_TOPIC}
 """Of each policy the value that is not the default of Qos."""
+
+
+def event_message(header: Header, request: 'Request', kind: int, text: str, job: 'Job | None') -> msg.CalibrationEvent:
+    """Return the event of a request, and of its job where there is one."""
+    goal, given = job.goal if job else None, {**OF_EVENT, **request.goal}
+    return msg.CalibrationEvent(
+        header=header, run_id=job.run_id if job else '', kind=kind, origin=request.origin,
+        order=job.order if job else given['order'], goal_id=bytes(goal.goal_id.uuid).hex() if goal else '',
+        seed=given['seed'], options=given['options'], fields=request.fields, settings=job.settings if job else '',
+        resumes=job.resumes if job else '', text=text)
 
 
 def time_message(stamp_ns: int) -> Time:

@@ -27,7 +27,7 @@ from rosette_ros.nodes.evaluation import ModelChange, ModelInUse, RunCollection,
 from rosette_ros.nodes.interfaces import introspected_service
 from rosette_ros.nodes.joint_conversions import joint_message
 from rosette_ros.nodes.liveliness import SETTLING
-from rosette_ros.nodes.recorder_client import Recalls
+from rosette_ros.nodes.node_requests import Recalls
 
 WANTED = (
     Wanted('quiet_s', 1.0, 'a run without states of a sequencer is evaluated when all its balls are in and nothing '

@@ -19,7 +19,7 @@ from rosette_ros.nodes import names, qos
 
 if TYPE_CHECKING:
     from rosette_ros.nodes.base_node import CellNode
-    from rosette_ros.nodes.recorder_client import RecorderLink
+    from rosette_ros.nodes.node_requests import RecorderLink
 
 _PARTICIPANT = 12  # bytes of a GID that name the participant (DDS-RTPS 2.2, section 8.2.4.1)
 _NODE_WORDS = {names.CMM: 'CMM', names.RECORDER: 'recorder'}

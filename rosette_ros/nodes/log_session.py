@@ -29,7 +29,7 @@ from rosette_ros.io.messages import answer_of, nanoseconds, phase_name, table_fr
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.io.type_definitions import TypeDefinition
 from rosette_ros.nodes.interfaces import decoded
-from rosette_ros.nodes.recorder_client import END_EVENTS
+from rosette_ros.nodes.node_requests import END_EVENTS
 
 LATCHED_KEPT = 10
 RECENT_KEPT = 256

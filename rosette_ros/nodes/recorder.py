@@ -30,7 +30,7 @@ from rosette_ros.nodes.base_node import ERROR, OK, WAKE_PERIOD, WARN, CellNode, 
 from rosette_ros.nodes.interfaces import decoded, interface_class, introspected_service
 from rosette_ros.nodes.log_recall import find_part, iter_copied, next_part, recall
 from rosette_ros.nodes.log_session import LOG, FollowUp, LogSession, Message, Retention, RunContents, free_name
-from rosette_ros.nodes.recorder_client import Progress
+from rosette_ros.nodes.node_requests import Progress
 
 WANTED = (
     Wanted('log_dir', 'runs', 'folder in which every run gets a folder of its own'),

@@ -10,13 +10,13 @@ from builtin_interfaces.msg import Time
 from rclpy.action import CancelResponse, GoalResponse
 from rclpy.task import Future
 from rosette_msgs.action import Calibrate
-from rosette_msgs.msg import BallCentre, CalibrationEvent, ErrorMotions, ProbeTarget, RunState
+from rosette_msgs.msg import BallCentre, CalibrationEvent, ErrorMotions, JointEvaluation, ProbeTarget, RunState
 from rosette_msgs.srv import Recall, Recorded, StartRecording, StopRecording
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
-from rosette_ros.calibration.goal import OF_EVENT, Job, Request, make_job
+from rosette_ros.calibration.goal import Job, Request, make_job
 from rosette_ros.calibration.settings import IDENTITY, LIMITS, PLANNED, RESUME, Wanted, goal_changes
 from rosette_ros.calibration.state_machine import Ask, Command, Finish, Locate, PublishState, Remark, Results, Verify
 from rosette_ros.core.errors import CellError, RosetteError, plain
@@ -25,8 +25,8 @@ from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, Health, ManagedNode, run_node
 from rosette_ros.nodes.interfaces import CalibrateServer, introspected_service
 from rosette_ros.nodes.liveliness import SETTLING, CellMonitor
+from rosette_ros.nodes.node_requests import END_EVENTS, JointEvaluations, RecorderLink
 from rosette_ros.nodes.plan_check import PlanCheck
-from rosette_ros.nodes.recorder_client import END_EVENTS, RecorderLink
 
 CALIBRATION = (*PLANNED, *LIMITS, IDENTITY)
 CELL = (
@@ -55,7 +55,7 @@ class Sequencer(ManagedNode):
         self.on(names.BALL_CENTRE, BallCentre, self._on_ball_centre, qos.ANSWER, from_one=True)
         self.on(names.ERROR_MOTIONS, ErrorMotions, self._on_error_motions, qos.RESULT, from_one=True)
         self.sender(names.ERROR_MOTIONS).on_change = self._on_new_evaluator
-        self._recorder = RecorderLink(self)
+        self._recorder, self._joint = RecorderLink(self), JointEvaluations(self)
         self._cell, self._plan_check = CellMonitor(self, self._recorder), PlanCheck(self)
         introspected_service(self, Trigger, names.START_CALIBRATION, self._on_start)
         introspected_service(self, Trigger, names.CANCEL_CALIBRATION, self._on_cancel_service)
@@ -219,6 +219,7 @@ class Sequencer(ManagedNode):
         """Check the time limits and which nodes are connected."""
         now = self.seconds()
         self._recorder.tick(now)
+        self._joint.tick(now)
         job = self._job
         if job is not None and (job.is_over or job.opening) and self._cell.has_lost_recorder(job.processes):
             self._recorder.give_up('the recorder is disconnected, the last answers may not be in the log')
@@ -330,12 +331,7 @@ class Sequencer(ManagedNode):
             job.goal.publish_feedback(Calibrate.Feedback(state=state))
 
     def _publish_event(self, request: Request, kind: int, text: str, job: Job | None = None) -> None:
-        goal, given = job.goal if job else None, {**OF_EVENT, **request.goal}
-        self._events.publish(CalibrationEvent(
-            header=self._header(), run_id=job.run_id if job else '', kind=kind, origin=request.origin,
-            order=job.order if job else given['order'], goal_id=bytes(goal.goal_id.uuid).hex() if goal else '',
-            seed=given['seed'], options=given['options'], fields=request.fields, settings=job.settings if job else '',
-            resumes=job.resumes if job else '', text=text))
+        self._events.publish(conversions.event_message(self._header(), request, kind, text, job))
 
     def _header(self) -> Header:
         return Header(stamp=self.now().to_msg())
@@ -375,7 +371,11 @@ class Sequencer(ManagedNode):
                 job.goal.canceled()
             else:
                 job.goal.abort()
-        self._close(job)
+        if command.phase is Phase.DONE and (others := job.request.joint_with):
+            self._joint.evaluate([*others, job.run_id], job.sequence.limits.evaluation_timeout,
+                                 lambda response: self._close(job.with_joint(response)))
+        else:
+            self._close(job)
 
     def _close(self, job: Job, end_is_recorded: bool = True) -> None:
         """Close the log of a job that is over; while it is being opened, wait for that."""
@@ -394,7 +394,7 @@ class Sequencer(ManagedNode):
         job, self._job = self._job, None
         if job is None:
             return
-        sequence, words = job.sequence, job.sequence.text
+        sequence, words = job.sequence, job.text
         if not response.success:
             lacks = f'it lacks {", ".join(response.missing)}' if response.missing else response.message
             words = f'{words}; closing the log: {lacks}'
@@ -405,7 +405,7 @@ class Sequencer(ManagedNode):
         if job.goal is not None:
             self._action.send_result(job.goal, Calibrate.Result(
                 success=succeeded, message=words, run_id=job.run_id, error_motions=job.motions or ErrorMotions(),
-                log=response.log or job.log))
+                log=response.log or job.log, joint_evaluation=job.joint_evaluation or JointEvaluation()))
 
     def finish(self) -> None:
         """End a running calibration in good order."""

@@ -5,15 +5,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rclpy.serialization import deserialize_message
+from rosette_msgs.msg import JointEvaluation
 from rosette_msgs.srv import EvaluateJointly
 
 from rosette_ros.cell.client import CellClient
+from rosette_ros.core.errors import CellError
 from rosette_ros.core.scheme import plan
-from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan
 
 N = 6
 BACKLASH = {'kind': 'table_backlash', 'width_urad': 5.0}
+
+
+def joint_messages(log):
+    """Return the joint evaluations in a log."""
+    return [deserialize_message(entry.data, JointEvaluation) for entry in iter_log(log)
+            if entry.topic == '/rosette/joint_evaluation']
 
 
 def clockwise():
@@ -27,8 +36,8 @@ def clockwise():
 def test_runs_of_both_senses_give_the_reversal(domain_id, cell_of, make_peer, wait_until):
     """Measured as planned; of three runs the two that are named are evaluated as one, and give the backlash."""
     with cell_of(N, groups={'hidden': [BACKLASH]}), CellClient(domain_id) as client:
-        first, other, second = (client.calibrate(**goal) for goal in (
-            {'order': 'diagonal'}, {'order': 'row'}, {'plan': clockwise()}))
+        first, other = (client.calibrate(order=order) for order in ('diagonal', 'row'))
+        second = client.calibrate(plan=clockwise(), joint_with=[first.run_id])
         run = read_log(second.log).to_run()
         assert run.approach.tolist() == [-1] * N * N
         moved = np.diff(run.table_travel)
@@ -49,3 +58,19 @@ def test_runs_of_both_senses_give_the_reversal(domain_id, cell_of, make_peer, wa
     assert reversal.mean[5] == pytest.approx(-5e-6, abs=4 * reversal.u_mean[5])
     assert 4 * reversal.u_mean[5] < 2.5e-6
     assert any('reversal' in words for words in found.known)
+    logged, *_ = joint_messages(second.log)
+    assert list(logged.run_ids) == [first.run_id, second.run_id]
+    assert second.message == f'error motions are published; jointly with {first.run_id}: {logged.verdict}'
+    assert logged.verdict == found.verdict and logged.reversals[0].crz == found.reversals[0].crz
+
+
+def test_runs_that_are_not_kept_are_told_at_the_end(domain_id, cell_of):
+    """The run is measured and evaluated; names that are no names are refused before it begins."""
+    with cell_of(N), CellClient(domain_id) as client:
+        with pytest.raises(CellError, match="joint_with: wanted names of finished runs, each once, got .'a', 'a'."):
+            client.calibrate(joint_with=['a', 'a'])
+        done = client.calibrate(joint_with=['another'])
+    assert done.success and done.error_motions is not None
+    assert done.message.startswith(
+        f'error motions are published; jointly with another: run_id: wanted one of {done.run_id}')
+    assert joint_messages(done.log) == []

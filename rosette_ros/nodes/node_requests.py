@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Requests of other nodes to the recorder."""
+"""Requests of nodes to recorder and evaluator."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +9,7 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.client import Client
 from rclpy.task import Future
 from rosette_msgs.msg import CalibrationEvent
-from rosette_msgs.srv import Recall, Recorded, StartRecording, StopRecording
+from rosette_msgs.srv import EvaluateJointly, Recall, Recorded, StartRecording, StopRecording
 
 from rosette_ros.io.messages import Phase
 from rosette_ros.nodes import names
@@ -33,37 +33,26 @@ class _Call:
     deadline: float = 0.0  # steady time, s
 
 
-class Recalls:
-    """Reads the logs of the recorder; every request is answered, by it or, after the timeout, in its place."""
+class Requests:
+    """Requests to one other node; every one is answered, by it or, after the timeout, in its place."""
 
-    def __init__(self, node: CellNode) -> None:
-        self._node = node
-        # Not introspected: the response is in a log already. In a group of its own: a coroutine that waits for it
-        # holds the group of the node.
-        self._recall = node.create_client(Recall, names.RECALL, callback_group=MutuallyExclusiveCallbackGroup())
+    def __init__(self, node: CellNode, other: str) -> None:
+        """Take the name of the other node, for messages."""
+        self._node, self._other = node, other
         self._calls: list[_Call] = []
-
-    @property
-    def is_there(self) -> bool:
-        """Whether the service is offered."""
-        return self._recall.service_is_ready()
-
-    def recall(self, run: str, timeout: float, done: Callable[[Recall.Response], None]) -> None:
-        """Request what is recorded of a run; done(response) is called once."""
-        self._call(self._recall, Recall.Request(run=run), timeout, done)
 
     def tick(self, now: float) -> None:
         """Repeat requests and answer those that are overdue; call it from a timer. now: steady time, s."""
         for call in list(self._calls):
             if now > call.deadline:
-                self._answer(call, f'the recorder did not answer within {call.timeout:g} s')
+                self._answer(call, f'the {self._other} did not answer within {call.timeout:g} s')
             elif not call.client.service_is_ready():
-                self._answer(call, 'the recorder disconnected before it answered')
+                self._answer(call, f'the {self._other} disconnected before it answered')
             elif call.future is None:
                 self._send(call)
 
     def give_up(self, words: str) -> None:
-        """Answer all requests in place of the recorder, which will not."""
+        """Answer all requests in place of the other node, which will not."""
         for call in list(self._calls):
             self._answer(call, words)
 
@@ -93,6 +82,38 @@ class Recalls:
             return
         self._calls.remove(call)
         call.done(future.result())
+
+
+class Recalls(Requests):
+    """Reads the logs of the recorder."""
+
+    def __init__(self, node: CellNode) -> None:
+        super().__init__(node, names.RECORDER)
+        # Not introspected: the response is in a log already. In a group of its own: a coroutine that waits for it
+        # holds the group of the node.
+        self._recall = node.create_client(Recall, names.RECALL, callback_group=MutuallyExclusiveCallbackGroup())
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the service is offered."""
+        return self._recall.service_is_ready()
+
+    def recall(self, run: str, timeout: float, done: Callable[[Recall.Response], None]) -> None:
+        """Request what is recorded of a run; done(response) is called once."""
+        self._call(self._recall, Recall.Request(run=run), timeout, done)
+
+
+class JointEvaluations(Requests):
+    """Requests to the evaluator to evaluate several runs as one."""
+
+    def __init__(self, node: CellNode) -> None:
+        super().__init__(node, names.EVALUATOR)
+        self._client = node.create_client(EvaluateJointly, names.EVALUATE_JOINTLY)
+
+    def evaluate(self, run_ids: Sequence[str], timeout: float, done: Callable[[EvaluateJointly.Response], None],
+                 ) -> None:
+        """Request the evaluation of runs by name; done(response) is called once."""
+        self._call(self._client, EvaluateJointly.Request(run_ids=run_ids), timeout, done)
 
 
 class Progress:
