@@ -12,7 +12,7 @@ import numpy as np
 from rosette_ros.core.diagnosis.base_terms import f_test, missing_base
 from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, Family, why_not_judged
 from rosette_ros.core.diagnosis.cross_validation import CrossValidation
-from rosette_ros.core.diagnosis.look_alikes import LOOK_ALIKE, look_alikes
+from rosette_ros.core.diagnosis.look_alikes import LOOK_ALIKE, axis_open, look_alikes
 from rosette_ros.core.diagnosis.noise_choice import noise_of_z, noise_problem, under_best_noise
 from rosette_ros.core.diagnosis.noise_search import SEEN, noise_of_rounding
 from rosette_ros.core.diagnosis.parameter_search import RELINEARISED, choose_settings
@@ -169,8 +169,8 @@ class _Search:
         named = tuple(member for member in members if member.named)
         missing = tuple(dict.fromkeys([*self.absent, *(member.name for member in named)]))
         final = self._final
-        shapes = [member.effect.describe(member.setting) + (f', not as {member.instead}' if member.instead else '')
-                  for member in members if isinstance(member.effect, FreeForm)]
+        shapes = [one.effect.describe(one.setting, axis_open(self.problem, self.chosen, place), one.instead)
+                  for place, one in enumerate(members) if isinstance(one.effect, FreeForm)]
         if beneath := [member.name for member in members if member.beneath]:
             shapes.append(
                 f'here the linear model ends: what looks like {" and ".join(beneath)} is below '

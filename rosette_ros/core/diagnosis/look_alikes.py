@@ -7,6 +7,7 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.right_shape import IN_TIME, free_instead
 from rosette_ros.core.diagnosis.search import UNNAMED_PRIOR, Member, Problem, Selection
+from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.factored_effect import Curve, Cycle, Drift, Onset, WarmUp
 from rosette_ros.core.effects.free_forms import TURNING
 from rosette_ros.core.effects.library import EFFECTS
@@ -18,6 +19,10 @@ LOOK_ALIKE = 8.0
 """Difference of scores (twice the log Bayes factor) below which two effects cannot be distinguished."""
 NEAR = 30.0
 """The same before all that is searched is found again beside the rival."""
+HALF, COVERAGE = 0.5, 2.0
+"""An axis that moves less than so much of the one that moves most, with so many standard uncertainties, is not told."""
+UNSEEN = 0.01
+"""What of a curve is seen less than so much of what is seen best is left out of its size."""
 MOSTLY = 0.9
 """Share of the square sum that the temperature explains to be alike: no record tells it at the right place."""
 CURVED_AS = {'radial': 'plate_expansion', 'tangential': 'table_zero_drift', 'plate xy': 'plate_creep'}
@@ -43,6 +48,36 @@ def look_alikes(problem: Problem, chosen: Selection, claims: Sequence[FittedEffe
             found += _of_temperature(problem.run, next(fitted), claims)
             out[place] = tuple(dict.fromkeys(name for name in found if name != member.name))
     return out
+
+
+def axis_open(problem: Problem, chosen: Selection, place: int) -> str:
+    """Return x or y where a curve in time along the other one may go along it, too; '' where that is excluded.
+
+    It is where, with curves along all axes, that one's size is below half of the largest along the axes told, twice its
+    standard uncertainty included: the table turns x into y, and an ordered run tells a course along one from another
+    course along the other hardly.
+    """
+    member = chosen.members[place]
+    own = member.setting.word('axes')
+    others = {*'xy'} - {*own}
+    if member.name != 'free_time' or not {*own} <= {*'xyz'} or len(others) != 1:
+        return ''
+    rest, axis = problem.select(chosen.without(place)), others.pop()
+    columns = np.moveaxis(member.effect.columns(problem.run, Setting({**member.setting, 'axes': 'xyz'})), -1, 0)
+    seen = np.asarray(problem.project(columns), dtype=float).reshape(len(columns), -1)
+    left, size, right = np.linalg.svd(seen - (seen @ rest.rows.T) @ rest.rows, full_matrices=False)
+    keep = size > UNSEEN * size[0]
+    inverse = left[:, keep] / size[keep]
+    courses = columns.reshape(3, -1, problem.run.size, 3)
+    amplitude = (inverse @ (right[keep] @ rest.residual)).reshape(3, -1)
+    sizes, u = {}, {}
+    for number, name in enumerate('xyz'):
+        course = courses[number, :, :, number] - courses[number, :, :, number].mean(axis=1, keepdims=True)
+        of_axis = inverse[number * len(course):(number + 1) * len(course)] @ inverse[
+            number * len(course):(number + 1) * len(course)].T * chosen.rss / problem.dof
+        sizes[name] = float(np.sqrt(np.mean((amplitude[number] @ course)**2)))
+        u[name] = float(np.sqrt(np.mean(np.einsum('an,ab,bn->n', course, of_axis, course))))
+    return axis if sizes[axis] + COVERAGE * u[axis] > HALF * max(sizes[name] for name in own) else ''
 
 
 def _is_alike(problem: Problem, chosen: Selection, rest: Selection, rival: Member, least: float) -> bool:
