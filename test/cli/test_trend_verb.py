@@ -63,7 +63,7 @@ def test_a_change_is_found_with_its_date_and_owner(archive, rosette, refused, tm
     assert sorted(path.name for path in tmp_path.iterdir()) == ['trend.html', *(
         f'trend_{name}.png' for name in ('control_chart', 'harmonics', 'ranges', 'summary'))]
     written = page.read_text(encoding='utf-8')
-    assert all(words in written for words in ('Trend of rotary table RT-7', 'Simulated', 'id="table-events"',
+    assert all(words in written for words in ('Trend of rotary table RT-7', 'SIMULATED', 'id="table-events"',
                                               'id="table-forecast"', 'id="table-charts"', '<svg'))
     assert 'exists already' in refused('trend', archive, '--table', 'RT-7', '-o', page)
 
