@@ -51,13 +51,15 @@ def test_numbers_are_drawn_in_micro_units_against_degrees(motions):
         assert heights.max() == pytest.approx(wanted.max() + 0.1)
 
 
-def test_a_band_that_is_much_wider_is_cut(motions):
-    """So that the other curves can be read: the lines and the narrow band set the scale."""
+def test_a_band_that_is_much_wider_is_not_drawn(motions):
+    """It would cover the panel: lines and narrow bands set the scale, the legend says so; alone, it is drawn."""
     wide = replace(motions, u=np.full((N, 6), 5e-6))
     made = six_curves([Series('final', motions), Series('base', wide)])
-    assert 'bands: U (k = 2), the widest cut' in [text.get_text() for text in made.legends[0].get_texts()]
+    words = [text.get_text() for text in made.legends[0].get_texts()]
+    assert 'bands: U (k = 2); one 4 times as wide is not drawn' in words
     for curve, axes in panels(made).items():
         first, last = CURVES.index(curve), CURVES.index(curve) + 6.0 * (N - 1)
+        assert len(axes.collections) == 1
         assert axes.get_ylim() == pytest.approx((min(0.0, first - 0.1), last + 0.1), abs=0.06 * last)
     for axes in panels(six_curves([Series('one', wide)])).values():
         assert axes.get_ylim()[0] < -5.0

@@ -26,7 +26,7 @@ EXTRA_LOOKS: tuple[dict[str, str], ...] = ({}, {'color': '#7f4a88', 'marker': '+
 LONGEST = 0.33
 """Length of the longest arrow in radii of the circle of balls."""
 WIDE = 4.0
-"""A band that is so many times as wide as the narrowest one does not set the scale of its panel."""
+"""A band that is more than so many times as wide as the narrowest one of its panel is not drawn."""
 MOST_NUMBERS = 24
 
 
@@ -55,18 +55,19 @@ def six_curves(series: Sequence[Series], heading: str = '', truth: Floats | None
     series: the first on top; truth: (n, 6), m and rad, at the angles of the first; extras: lines of single panels.
     """
     labels = [style.label_of(one.label) for one in series] + ['truth of the simulated machine'] * (truth is not None)
-    banded = any(one.banded for one in series)
     made, grid = _empty_panels(heading, series[0].motions.rotation)
     known: dict[str, Any] = {}
-    cut = False
+    are_all_drawn = True
     for panel, curve in zip(grid, LAYOUT, strict=True):
-        lines = [_draw(panel, one, curve, place) for place, one in enumerate(series)]
+        drawn = _are_drawn(series, curve)
+        are_all_drawn &= drawn == [one.banded for one in series]
+        lines = [_draw(panel, one, curve, place, drawn[place]) for place, one in enumerate(series)]
         if truth is not None:
             lines += panel.plot(*closed(series[0].motions.angle, truth[:, CURVES.index(curve)]), **TRUE_LOOK)
         known |= _draw_extras(panel, series[0].motions.angle, [one for one in extras if one.curve == curve])
-        cut |= _cut_wide_bands(panel, [one.motions.uncertainty(curve) for one in series if one.banded])
-    if banded:
-        known[f'bands: U (k = {COVERAGE_FACTOR})' + ', the widest cut' * cut] = panel.collections[0]
+    if panel.collections:
+        words = '' if are_all_drawn else f'; one {WIDE:g} times as wide is not drawn'
+        known[f'bands: U (k = {COVERAGE_FACTOR}){words}'] = panel.collections[0]
     style.legend(made, [*lines, *known.values()], [*labels, *known])
     return made
 
@@ -92,27 +93,19 @@ def _empty_panels(heading: str = '', rotation: Floats | None = None) -> tuple[Fi
     return made, grid.ravel()
 
 
-def _draw(panel: Axes, one: Series, curve: str, place: int) -> Any:
+def _draw(panel: Axes, one: Series, curve: str, place: int, is_banded: bool) -> Any:
     look = style.look_of(place)
     angle, value = closed(one.motions.angle, one.motions[curve])
-    if one.banded:
+    if is_banded:
         spread = COVERAGE_FACTOR * closed(one.motions.angle, one.motions.uncertainty(curve))[1]
         panel.fill_between(angle, value - spread, value + spread, color=look['color'], alpha=0.2, linewidth=0)
     return panel.plot(angle, value, linewidth=1.3, markersize=3.5, zorder=4 - 0.1 * place, **look)[0]
 
 
-def _cut_wide_bands(panel: Axes, uncertainties: Sequence[Floats]) -> bool:
-    """Set the limits by the lines and the narrow bands, which are the first collections: they stay readable."""
-    widths = [float(each.max()) for each in uncertainties]
-    if not widths or not np.isfinite(widths).all() or max(widths) <= WIDE * min(widths):
-        return False
-    shown = [line.get_ydata() for line in panel.lines] + [
-        np.asarray(band.get_paths()[0].vertices)[:, 1]
-        for band, width in zip(panel.collections, widths) if width <= WIDE * min(widths)]
-    values = np.concatenate([np.asarray(each, dtype=float) for each in shown])
-    low, high = np.nanmin(values), np.nanmax(values)
-    panel.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
-    return True
+def _are_drawn(series: Sequence[Series], curve: str) -> list[bool]:
+    """Return whether each band is drawn: one that is WIDE times as wide as another one would cover the panel."""
+    widths = [float(one.motions.uncertainty(curve).max()) if one.banded else np.inf for one in series]
+    return [width <= WIDE * min(widths) and width < np.inf for width in widths]
 
 
 def _draw_extras(panel: Axes, angle: Floats, extras: Sequence[Extra]) -> dict[str, Any]:
