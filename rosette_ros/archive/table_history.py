@@ -52,8 +52,8 @@ class History:
 
     dates, runs: when measured, run_id; days: (m,) since the first; range, U: (m, 6) of the errors, m and rad;
     tolerances: by curve, of the last run that states any; temperature: (m,); quantities: what is looked at; serials: of
-    each run by device; missing: effects that the diagnosis of each run names; simulated: whether one is; left_out: runs
-    between the steps of the table."""
+    each run by device; missing: effects that the diagnosis of each run names; simulated: names of the runs that are;
+    left_out: runs between the steps of the table."""
 
     serial: str
     model_hash: str
@@ -67,7 +67,7 @@ class History:
     quantities: tuple[TimeSeries, ...]
     serials: tuple[Mapping[str, str], ...]
     missing: tuple[tuple[str, ...], ...]
-    simulated: bool
+    simulated: tuple[str, ...]
     left_out: tuple[str, ...] = ()
 
     def events(self) -> tuple[Event, ...]:
@@ -156,7 +156,8 @@ def history_of(rows: Sequence[Mapping[str, Any]], serial: str = '', least: int =
         (*_table(rows), *_places(rows, 'plate', 'ball'), *_places(rows, 'cmm', 'position'), *_effects(rows),
          _residual(rows)),
         tuple({one: row[f'{one}_serial'] for one in SERIALS} for row in rows),
-        tuple(tuple(row['missing'] or ()) for row in rows), any(row['simulated'] for row in rows), left_out)
+        tuple(tuple(row['missing'] or ()) for row in rows),
+        tuple(row['run_id'] for row in rows if row['simulated']), left_out)
 
 
 def _is_between(row: Mapping[str, Any]) -> bool:

@@ -26,6 +26,12 @@ def identity_rows(identity: Identity, contradictions: Sequence[str] = ()) -> lis
     return [row for row in rows if row[1]]
 
 
+def simulated_words(simulated: Sequence[str], count: int) -> str:
+    """Return the sentence of a page about those of `count` runs, by name, that were simulated, '' where none was."""
+    names = 'the readings' if len(simulated) == count else f'the readings of {", ".join(simulated)}'
+    return SIMULATED.replace('the readings', names) if simulated else ''
+
+
 def contact(identity: Identity, section: str) -> str:
     """Return name and address of the laboratory or the customer, '' where nothing is stated."""
     stated = [words for entry in _ADDRESS if (words := identity[f'{section}.{entry}'])]

@@ -134,8 +134,8 @@ def test_everything_can_be_read(printed):
 def test_every_page_says_what_it_belongs_to(printed):
     """Run, page and number of pages; that the run is simulated."""
     kind, _, sheets = printed
-    name = {'drift': 'drift_8 (simulated)', 'identified': 'drift_8 (simulated)', 'wrong': NAME,
-            'verification': 'Verification, 6 runs, the first drift_8 (simulated)'}[kind]
+    name = {'drift': 'drift_8 (SIMULATED)', 'identified': 'drift_8 (SIMULATED)', 'wrong': NAME,
+            'verification': 'Verification, 6 runs, the first drift_8 (SIMULATED)'}[kind]
     for number, sheet in enumerate(sheets, 1):
         assert name in sheet.foot
         assert f'page {number} of {len(sheets)}' in sheet.foot

@@ -16,7 +16,7 @@ from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.open_readings import has_plate, open_readings
 from rosette_ros.io.open_run import is_log
 from rosette_ros.presentation import formatting as text
-from rosette_ros.presentation.identity_words import NOTHING, identity_rows, signer
+from rosette_ros.presentation.identity_words import NOTHING, identity_rows, signer, simulated_words
 from rosette_ros.presentation.joint_results import (
     joint_curves,
     joint_deviations,
@@ -60,8 +60,8 @@ def joint_html(result: JointResult, files: Sequence[FileDigest] = (), command: s
         identity=identity_rows(identity, contradictions), signer=signer(identity), not_stated=NOTHING,
         values=[table.name for table in joint_curves(result)], k=text.COVERAGE_FACTOR, software=software(),
         numbers={name: place for place, name in enumerate(pictures, 1)},
-        simulated=simulated if len(simulated) < len(runs) else ['all runs'],
-        running=f'{len(runs)} runs as one, the first {runs[0].name}{" (simulated)" * bool(simulated)}')
+        simulated=simulated_words(simulated, len(runs)),
+        running=f'{len(runs)} runs as one, the first {runs[0].name}{" (SIMULATED)" * bool(simulated)}')
 
 
 def joint_pictures(result: JointResult) -> dict[str, Figure]:

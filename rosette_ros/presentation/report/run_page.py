@@ -25,7 +25,7 @@ from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.budget_results import budget_tables
 from rosette_ros.presentation.error_results import errors
-from rosette_ros.presentation.identity_words import NOTHING, identity_rows, signer
+from rosette_ros.presentation.identity_words import NOTHING, SIMULATED, identity_rows, signer
 from rosette_ros.presentation.plots import (
     comparison_plots,
     noise_plots,
@@ -50,7 +50,6 @@ COLUMNS = {'candidates': ('effect', 'claimed', 'p', 'size', 'visible_fraction', 
            'visibility': ('effect', 'typical_visible_fraction', 'visible_fraction', 'detectable_rms_um',
                           'recommended_order_visible_fraction', 'recommended_order_detectable_rms_um', 'remark')}
 """Columns on the page of tables that are wider than paper; the others are in the files of `--tables`."""
-SIMULATED = 'a simulated CMM: no real table was measured'
 NO_TOUCHES = 'Single touches are not recorded (topic touches): form of balls and lobing of the probe are not known.'
 KINDS = {'radial': (0, 2, 'µm'), 'axial': (2, 3, 'µm'), 'tilt': (3, 5, 'µrad'), 'angular positioning': (5, 6, 'µrad')}
 """Columns of the six curves by kind of motion."""
@@ -75,7 +74,8 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
         measured=conditions(summary, source), unknown=[
             *unknowns(summary, made), *untouched, *([] if identity.entries else [NOTHING])], labels=[
             model_label(summary, fit) for fit in fits_of(summary)], judged=text.model_words(summary.model),
-        running=f'{run.run_id or run.source}{" (simulated)" * run.simulated}', model=format_model(summary.final.model),
+        simulated=SIMULATED * run.simulated,
+        running=f'{run.run_id or run.source}{" (SIMULATED)" * run.simulated}', model=format_model(summary.final.model),
         numbers={name: place for place, name in enumerate(pictures, 1)}, software=software(), overlays=overlays,
         others=[one.effect for one in summary.diagnosis.candidates[MOST_CANDIDATES:]])
 
@@ -260,7 +260,8 @@ def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str
     """Return what was measured, when and how, as (name, text) rows."""
     run, fit = summary.run, summary.final
     rows = [('Run', run.run_id or run.source),
-            ('Measured by', SIMULATED if run.simulated else 'a CMM; nothing in the data says that it is simulated'),
+            ('Measured by', 'a simulated CMM' if run.simulated else
+             'a CMM; nothing in the data says that it is simulated'),
             ('Readings', text.run_size(run)),
             ('Mean radius', f'{text.fixed(1e3 * fit.mean_radius, 6)} mm found, {text.millimetres(run.radius)} nominal'),
             ('Table axis', text.axis_words(run.rotation)), ('Order', order_of(run, source)),

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from matplotlib.figure import Figure
 
 from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.identity_words import simulated_words
 from rosette_ros.presentation.plots.trend_plots import Dates
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
 from rosette_ros.presentation.report.provenance import software
@@ -13,12 +14,14 @@ from rosette_ros.presentation.table_format import Table
 
 
 def trend_html(serial: str, model_hash: str, dates: Dates, sentences: Sequence[str], tables: Sequence[Table],
-               pictures: Mapping[str, Figure], command: str = '', simulated: bool = False) -> str:
+               pictures: Mapping[str, Figure], command: str = '', simulated: Sequence[str] = ()) -> str:
     """Return the trend of a table as one HTML text. sentences: what it says;
-    tables: changes, forecast, charts, by name; pictures: ranges, harmonics, summary, control_chart."""
+    tables: changes, forecast, charts, by name; pictures: ranges, harmonics, summary, control_chart;
+    simulated: names of the runs that were."""
     return PAGES.get_template('trend.html.j2').render(
         serial=serial, model_hash=model_hash, dates=dates, sentences=sentences,
         tables={table.name: table for table in tables}, pictures=inline_svgs(pictures), command=command,
-        simulated=simulated, software=software(), k=text.COVERAGE_FACTOR, iso=text.iso_range(None),
+        simulated=simulated_words(simulated, len(dates)), software=software(), k=text.COVERAGE_FACTOR,
+        iso=text.iso_range(None),
         numbers={name: place for place, name in enumerate(pictures, 1)},
-        running=f'Table {serial or "without serial number"}, {len(dates)} runs{" (simulated)" * simulated}')
+        running=f'Table {serial or "without serial number"}, {len(dates)} runs{" (SIMULATED)" * bool(simulated)}')

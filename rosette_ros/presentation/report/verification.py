@@ -34,6 +34,7 @@ from rosette_ros.presentation.formatting import (
     p_value,
     signed,
 )
+from rosette_ros.presentation.identity_words import simulated_words
 from rosette_ros.presentation.plots.result_plots import Extra, Series, differences, six_curves
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
 from rosette_ros.presentation.report.provenance import Source, software
@@ -243,8 +244,8 @@ def verification_html(verification: Verification, command: str = '',
         p=f'{P_NOISE} of the differences: {p_value(verification.p)}', maker=maker_rows(verification),
         counts=dict(zip(CURVES, verification.counts.tolist(), strict=True)),
         numbers={name: place for place, name in enumerate(pictures, 1)}, software=software(),
-        simulated=simulated if len(simulated) < len(members) else ['all runs'], model=model_words(members[0].fit.model),
-        running=f'Verification, {len(members)} runs, the first {_name(members[0])}{" (simulated)" * bool(simulated)}')
+        simulated=simulated_words(simulated, len(members)), model=model_words(members[0].fit.model),
+        running=f'Verification, {len(members)} runs, the first {_name(members[0])}{" (SIMULATED)" * bool(simulated)}')
 
 
 def verification_pictures(verification: Verification) -> dict[str, Figure]:
