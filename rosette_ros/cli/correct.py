@@ -79,7 +79,8 @@ def run(options: Namespace) -> None:
     lines.append(f'File: {options.output}')
     if options.target == 'ros':
         lines.append('After a run with the correction, whether it did what it promised:\n  '
-                     + command('verify', options.run_path[0], 'AFTER', '--correction', options.output))
+                     + command('verify', options.run_path[0], 'AFTER', '--correction', options.output,
+                               *(('--model', options.model) if options.model else ())))
     out.print('\n' + escape('\n'.join(lines)), soft_wrap=True)
 
 

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 import yaml
 
+from rosette_ros.core.model.model import Model
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.correction_file import read_correction
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.log_run import LogRun
+from rosette_ros.io.model_file import write_model
 from rosette_ros.simulation import Machine, load_machine
 from rosette_ros.simulation.machine_config import machine_config
 
@@ -38,7 +40,8 @@ def test_a_table_is_corrected_and_verified(rosette, measure, tmp_path):
     before, file = measure('before'), tmp_path / 'c.yaml'
     told = rosette('correct', before, '-o', file, '--curves', 'ctz,crz')
     assert told.code == 0
-    assert 'Harmonics: up to 6 of the table angle' in told.out and 'verify' in told.out
+    assert 'Harmonics: up to 6 of the table angle' in told.out
+    assert f'verify {before} AFTER --correction {file}\n' in told.out
     after = measure('after', correction_file='c.yaml')
     confirmed = rosette('verify', before, after, '--correction', file)
     shown = confirmed.out
@@ -78,6 +81,14 @@ def test_tables_say_what_straight_lines_between_cost(rosette, measure, tmp_path,
     told = rosette('correct', measure('a'), '--for', target, '-o', tmp_path / 'out')
     assert words in told.out
     assert len((tmp_path / 'out').read_text().splitlines()) == lines
+
+
+def test_the_next_command_has_the_model_of_the_correction(rosette, measure, tmp_path):
+    """Or verify would judge the runs under the base model."""
+    before, model = measure('before'), tmp_path / 'm.yaml'
+    write_model(Model().with_effect('frame_drift'), model)
+    told = rosette('correct', before, '-o', tmp_path / 'c.yaml', '--model', model)
+    assert f'AFTER --correction {tmp_path / "c.yaml"} --model {model}\n' in told.out
 
 
 @pytest.mark.parametrize(('words', 'error'), [
