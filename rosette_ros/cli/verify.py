@@ -13,7 +13,8 @@ from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import open_identified
 from rosette_ros.presentation.correction_results import check_json, check_table
 
-EXIT_OK, EXIT_UNCONFIRMED = 0, 1
+NOT_CONFIRMED = 1
+"""Exit code; 0 where the correction did what it promised."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -35,7 +36,7 @@ def run(options: Namespace) -> int:
               for path, (_, identity, _) in zip((options.before, options.after), opened)
               if serial and identity['table.serial'] not in ('', serial)]
     check = check_correction(before.error_motions, after.error_motions, correction, others)
-    code = EXIT_OK if check.level is Level.GOOD else EXIT_UNCONFIRMED
+    code = 0 if check.level is Level.GOOD else NOT_CONFIRMED
     if options.json:
         print_json({**check_json(check, (before.run.run_id, after.run.run_id)), 'remarks': others})
         return code

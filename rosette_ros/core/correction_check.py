@@ -95,8 +95,7 @@ class CorrectionCheck:
     """Whether a correction did what it promised.
 
     misplaced: where it acted instead, None where that explains nothing; p_of_table: chance that the correction
-    describes the table as it was before; contradictions: what runs and correction state, in
-    words.
+    describes the table as it was before; contradictions: of what runs and correction state, in words.
     """
 
     errors: tuple[CorrectedError, ...]
@@ -232,14 +231,15 @@ def _misplacement(before: ErrorMotions, after: ErrorMotions, correction: Correct
     def misfit(off: Floats) -> float:
         return float(np.sum(remove_gauge(after.values - before.values + off, angle)[:, used]**2 / variance[:, used]))
 
+    def best_of(shifts: Floats, sense: int) -> float:
+        return float(min(shifts, key=lambda shift: misfit(taken(shift, sense))))
+
     placed = taken(0.0)
     simple = min(misfit(factor * placed) for factor in (1, 0, -1))
     shifts = (np.arange(SHIFTS) - SHIFTS // 2) * TWO_PI / SHIFTS
     best, least = Misplacement(0.0, 0.0), float('inf')
     for sense in (1, -1):
-        coarse = min(shifts.tolist(), key=lambda shift: misfit(taken(shift, sense)))  # noqa: B023  # called here only
-        fine = coarse + np.linspace(-1, 1, 41) * TWO_PI / SHIFTS
-        shift = min(fine.tolist(), key=lambda shift: misfit(taken(shift, sense)))  # noqa: B023
+        shift = best_of(best_of(shifts, sense) + np.linspace(-1, 1, 41) * TWO_PI / SHIFTS, sense)
         if misfit(taken(shift, sense)) < least:
             least = misfit(taken(shift, sense))
             slope = remove_gauge(taken(shift + STEP, sense) - taken(shift - STEP, sense), angle)[:, used] / (2 * STEP)
