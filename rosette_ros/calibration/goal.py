@@ -2,7 +2,7 @@
 """A calibration from its request on: what was asked, what is planned, what an earlier part of the run has measured."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -13,7 +13,7 @@ from rosette_ros.calibration.calibration_plan import CalibrationPlan
 from rosette_ros.calibration.settings import Value
 from rosette_ros.calibration.state_machine import Sequence, Verify
 from rosette_ros.core.errors import CellError, InvalidConfig, plain
-from rosette_ros.io.messages import answer_of, target_of
+from rosette_ros.io.messages import Phase, answer_of, target_of
 from rosette_ros.io.run_assembly import RunAnswers
 
 OF_EVENT = {'order': '', 'seed': 0, 'options': ''}
@@ -34,9 +34,8 @@ class Request:
                                 if (value := getattr(goal, name))} | (
             {'joint_with': list(goal.joint_with)} if goal.joint_with else {}))
 
-    @property
     def joint_with(self) -> list[str]:
-        """Names of the runs that are evaluated as one with this one; raises InvalidConfig."""
+        """Return the names of the runs that are evaluated as one with this one; raises InvalidConfig."""
         run_ids = [plain(name) for name in self.goal.get('joint_with', ())]
         if '' in run_ids or len({*run_ids}) < len(run_ids):
             raise InvalidConfig(f'goal: joint_with: wanted names of finished runs, each once, got {run_ids!r:.200}')
@@ -57,6 +56,7 @@ class Job:
     request: Request
     order: str
     settings: str = ''  # what it was planned with, YAML
+    joint_with: Collection[str] = ()  # runs that are evaluated as one with it
     resumes: str = ''  # name of the log that it continues
     goal: Any = None  # None: requested by the service
     log: str = ''
@@ -84,10 +84,17 @@ class Job:
         """Whether nothing is measured any more; the log may still be open."""
         return self.sequence.phase.is_end
 
-    def with_joint(self, response: Any) -> 'Job':
-        """Take the EvaluateJointly.Response; return the job."""
-        self.joint = response
-        return self
+    def end_goal(self) -> None:
+        """Tell the client of the action, if any, how the run ended; the result follows at the end of the log."""
+        phase = self.sequence.phase
+        if self.goal is None:
+            return
+        if phase is Phase.DONE:
+            self.goal.succeed()
+        elif phase is Phase.CANCELLED and self.goal.is_cancel_requested:
+            self.goal.canceled()
+        else:
+            self.goal.abort()
 
     @property
     def joint_evaluation(self) -> Any:
@@ -100,8 +107,7 @@ class Job:
         text = self.sequence.text
         if self.joint is None:
             return text
-        runs = ', '.join(self.request.joint_with)
-        return f'{text}; jointly with {runs}: {plain(self.joint.message, most=2000)}'
+        return f'{text}; jointly with {", ".join(self.joint_with)}: {plain(self.joint.message, most=2000)}'
 
     @property
     def progress(self) -> str:
@@ -125,16 +131,16 @@ def make_job(request: Request, configured: Mapping[str, Value], taken: Collectio
 
     configured: the settings of the sequencer, name to value; taken: run_ids that are used; recalled: the
     Recall.Response of the run that is resumed, None for a new run. Raises RosetteError with the reason why not."""
-    _ = request.joint_with  # raises
+    joint_with = request.joint_with()
     changes = settings.goal_changes(request.goal)
     changes.pop(settings.RESUME.name, None)
     if recalled is not None:
-        return _resumed_job(request, recalled, changes, {**configured, **changes})
+        return replace(_resumed_job(request, recalled, changes, {**configured, **changes}), joint_with=joint_with)
     values = settings.with_identity(settings.changed_settings(configured, changes))
     plan = settings.plan_of(values)
     run_id = settings.run_name(datetime.now(UTC), plan.scheme.order, taken)
     return Job(Sequence(run_id, plan, settings.limits_of(values)), request, plan.scheme.order,
-               settings.format_settings(values))
+               settings.format_settings(values), joint_with)
 
 
 def _resumed_job(request: Request, recalled: Any, changes: Mapping[str, Value], values: Mapping[str, Value]) -> Job:
@@ -152,7 +158,7 @@ def _resumed_job(request: Request, recalled: Any, changes: Mapping[str, Value], 
                         'motions are published')
     latest = max((*(one.stamp_ns for one in earlier.targets), *(one.stamp_ns for one in earlier.answers)), default=0)
     return Job(Sequence(run_id, plan, settings.limits_of(values), earlier), request, plan.scheme.order,
-               settings.format_settings(values), recalled.log, stamp_ns=latest, located_ns=earlier.run_begin())
+               settings.format_settings(values), resumes=recalled.log, stamp_ns=latest, located_ns=earlier.run_begin())
 
 
 def refuse_other_plan(changes: Mapping[str, Value], planned: Mapping[str, Value], run_id: str) -> None:

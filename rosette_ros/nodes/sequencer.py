@@ -11,7 +11,7 @@ from rclpy.action import CancelResponse, GoalResponse
 from rclpy.task import Future
 from rosette_msgs.action import Calibrate
 from rosette_msgs.msg import BallCentre, CalibrationEvent, ErrorMotions, JointEvaluation, ProbeTarget, RunState
-from rosette_msgs.srv import Recall, Recorded, StartRecording, StopRecording
+from rosette_msgs.srv import EvaluateJointly, Recall, Recorded, StartRecording, StopRecording
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
@@ -364,18 +364,16 @@ class Sequencer(ManagedNode):
             self.get_logger().error(words)
         else:
             self.get_logger().info(words)
-        if job.goal is not None:
-            if command.phase is Phase.DONE:
-                job.goal.succeed()
-            elif command.phase is Phase.CANCELLED and job.goal.is_cancel_requested:
-                job.goal.canceled()
-            else:
-                job.goal.abort()
-        if command.phase is Phase.DONE and (others := job.request.joint_with):
-            self._joint.evaluate([*others, job.run_id], job.sequence.limits.evaluation_timeout,
-                                 lambda response: self._close(job.with_joint(response)))
-        else:
+        job.end_goal()
+        if command.phase is not Phase.DONE or not job.joint_with:
             self._close(job)
+            return
+
+        def on_evaluated(response: EvaluateJointly.Response) -> None:
+            job.joint = response
+            self._close(job)
+
+        self._joint.evaluate([*job.joint_with, job.run_id], job.sequence.limits.evaluation_timeout, on_evaluated)
 
     def _close(self, job: Job, end_is_recorded: bool = True) -> None:
         """Close the log of a job that is over; while it is being opened, wait for that."""
