@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                              f'known: {", ".join(one.name for one in OPTIONS)}')
     parser.add_argument('--resume', metavar='RUN', help='continue a run that was interrupted: its log, by name or path')
     parser.add_argument('--joint-with', metavar='RUN', nargs='+', help='evaluate the run as one with these finished '
-                        'ones, by name; the cell keeps the last four')
+                        'ones, by name; the cell keeps the last four, this one included')
     add_shared(parser, '--namespace', '--domain')
 
 
