@@ -12,6 +12,7 @@ from rosette_ros.core.effects.factored_effect import Curve, Cycle, Drift, Onset,
 from rosette_ros.core.effects.free_forms import TURNING
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.effects.run_functions import temperature_step
+from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.model.least_squares import FittedEffect
 from rosette_ros.core.records import Run
 
@@ -19,8 +20,8 @@ LOOK_ALIKE = 8.0
 """Difference of scores (twice the log Bayes factor) below which two effects cannot be distinguished."""
 NEAR = 30.0
 """The same before all that is searched is found again beside the rival."""
-HALF, COVERAGE = 0.5, 2.0
-"""An axis that moves less than so much of the one that moves most, with so many standard uncertainties, is not told."""
+HALF = 0.5
+"""An axis that moves less than so much of the one that moves most, U (k = 2) included, is not told."""
 UNSEEN = 0.01
 """What of a curve is seen less than so much of what is seen best is left out of its size."""
 MOSTLY = 0.9
@@ -67,17 +68,16 @@ def axis_open(problem: Problem, chosen: Selection, place: int) -> str:
     seen = np.asarray(problem.project(columns), dtype=float).reshape(len(columns), -1)
     left, size, right = np.linalg.svd(seen - (seen @ rest.rows.T) @ rest.rows, full_matrices=False)
     keep = size > UNSEEN * size[0]
-    inverse = left[:, keep] / size[keep]
     courses = columns.reshape(3, -1, problem.run.size, 3)
-    amplitude = (inverse @ (right[keep] @ rest.residual)).reshape(3, -1)
+    inverse = (left[:, keep] / size[keep]).reshape(*courses.shape[:2], -1)
+    amplitude = inverse @ (right[keep] @ rest.residual)
     sizes, u = {}, {}
     for number, name in enumerate('xyz'):
         course = courses[number, :, :, number] - courses[number, :, :, number].mean(axis=1, keepdims=True)
-        of_axis = inverse[number * len(course):(number + 1) * len(course)] @ inverse[
-            number * len(course):(number + 1) * len(course)].T * chosen.rss / problem.dof
+        of_axis = inverse[number] @ inverse[number].T * chosen.rss / problem.dof
         sizes[name] = float(np.sqrt(np.mean((amplitude[number] @ course)**2)))
         u[name] = float(np.sqrt(np.mean(np.einsum('an,ab,bn->n', course, of_axis, course))))
-    return axis if sizes[axis] + COVERAGE * u[axis] > HALF * max(sizes[name] for name in own) else ''
+    return axis if sizes[axis] + COVERAGE_FACTOR * u[axis] > HALF * max(sizes[name] for name in own) else ''
 
 
 def _is_alike(problem: Problem, chosen: Selection, rest: Selection, rival: Member, least: float) -> bool:
