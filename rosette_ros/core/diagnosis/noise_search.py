@@ -11,9 +11,9 @@ from functools import lru_cache
 
 import numpy as np
 import scipy.linalg
-from scipy import special
 
 from rosette_ros.core.diagnosis.candidates import NO_RESIDUAL
+from rosette_ros.core.diagnosis.noise_statistics import divergence, log_density, one_sided, remembered, two_sided
 from rosette_ros.core.diagnosis.search import cost
 from rosette_ros.core.model.base_model import Basis
 from rosette_ros.core.model.least_squares import Fit
@@ -75,36 +75,46 @@ class NoiseProblem:
 
     def __init__(self, run: Run, basis: Basis, columns: Floats, observed: Floats, seed: int = 0) -> None:
         self.run, self._observed = run, observed
-        self._designs = []
-        for rows, axes in zip((basis.axial, basis.plane.reshape(len(basis.plane), 2 * run.size)), PARTS):
-            extra = columns[..., axes].reshape(len(columns), len(axes) * run.size)
+        designs = []
+        for rows, axes in zip((basis.axial, _one_by_one(basis.plane, (0, 1))), PARTS):
+            extra = _one_by_one(columns, axes)
             extra = extra - (extra @ rows.T) @ rows
             value, vector = np.linalg.eigh(extra @ extra.T)
             keep = value > 1e-9 * max(value.max(initial=0), 1e-300)
-            self._designs.append(np.hstack([rows.T, extra.T @ (vector[:, keep] / np.sqrt(value[keep]))]))
-        self.dof = 3 * run.size - sum(design.shape[1] for design in self._designs)
+            designs.append(np.hstack([rows.T, extra.T @ (vector[:, keep] / np.sqrt(value[keep]))]))
+        self.dof = 3 * run.size - sum(design.shape[1] for design in designs)
         rng = np.random.default_rng(seed)
         self._draws = rng.standard_normal((DRAWS, run.size, 3))
-        axial = run.size - self._designs[0].shape[1]
+        axial = run.size - designs[0].shape[1]
         self.axis_dof: Floats = np.array([self.dof - axial, self.dof - axial, 2 * axial]) / 2
         self.check_dof, self._checked = check_of(run)
         self._check = rng.chisquare(self.check_dof, (DRAWS, 3)) if self.check_dof else np.zeros((DRAWS, 3))
+        spans = [_Span(design, is_orthonormal=True) for design in designs]
+        self._plain = [(span, self._left(span, axes, observed[None])) for span, axes in zip(spans, PARTS)]
         self.start = self.at(Noise())
 
     def at(self, noise: Noise) -> 'NoiseFit':
         """Return what is left under a noise."""
         white = noise.whitening(self.run)
-        every = np.concatenate([white.apply(self._observed[None]), self._draws])
-        left, log_det, bases = np.empty_like(every), white.log_det, []
-        for axes, design in zip(PARTS, self._designs):
-            basis, grown = _orthonormal(_whitened(white, axes, design))
-            rows = every[..., axes].reshape(len(every), -1)
-            rows = rows - (rows @ basis) @ basis.T
-            left[..., axes] = rows.reshape(len(every), -1, len(axes))
-            log_det += grown
-            bases.append(basis)
+        left, log_det, spans = np.empty((1 + DRAWS, self.run.size, 3)), white.log_det, []
+        for part, axes in enumerate(PARTS):
+            span, scale = self._plain[part][0], white.scale_of(axes)
+            if scale:
+                left[..., axes] = self._plain[part][1]
+                left[0][..., axes] *= scale
+                log_det += 2 * span.design.shape[1] * np.log(scale)
+            else:
+                span = _Span(_whitened(white, axes, span.design))
+                left[..., axes] = self._left(span, axes, white.apply(self._observed[None]))
+                log_det += span.log_det
+            spans.append(span)
         rss = float(np.sum(left[0]**2))
-        return NoiseFit(self, noise, white, left, rss, self.dof * np.log(rss) + log_det, bases)
+        return NoiseFit(self, noise, white, left, rss, self.dof * np.log(rss) + log_det, spans)
+
+    def _left(self, span: '_Span', axes: tuple[int, ...], observed: Floats) -> Floats:
+        """Return what a span leaves of white readings (1, N, 3) and of the draws, (1 + DRAWS, N, axes)."""
+        rows = np.concatenate([_one_by_one(observed, axes), _one_by_one(self._draws, axes)])
+        return _together(rows - span.taken(rows), axes)
 
     def check(self, noise: Noise) -> Floats:
         """Return the square sums of the repeatability by axis, (1 + DRAWS, 3): of the run, its mean 1 under a noise."""
@@ -127,8 +137,8 @@ class NoiseProblem:
 
     def _of_part(self, axes: tuple[int, ...], white: Whitening) -> tuple[float, int, float]:
         """Return the variance of what is left of some axes, its degrees of freedom, and ln det B'B."""
-        design = _whitened(white, axes, self._designs[PARTS.index(axes)])
-        rows = np.stack([white.along(axis, self._observed[None, :, axis])[0] for axis in axes], axis=-1).reshape(-1)
+        design = _whitened(white, axes, self._plain[PARTS.index(axes)][0].design)
+        rows = np.concatenate([white.along(axis, self._observed[None, :, axis])[0] for axis in axes])
         root = np.linalg.cholesky(design.T @ design)
         taken = scipy.linalg.solve_triangular(root, design.T @ rows, lower=True, check_finite=False)
         dof = rows.size - len(taken)
@@ -144,20 +154,41 @@ def check_of(run: Run) -> tuple[float, Floats]:
     return (run.repeatability_dof or EXACT) / 3, square / square.mean()
 
 
+def _one_by_one(rows: Floats, axes: Sequence[int]) -> Floats:
+    """Return some axes of rows (m, N, 3) one after the other, (m, axes * N)."""
+    return np.concatenate([rows[..., axis] for axis in axes], axis=1)
+
+
+def _together(rows: Floats, axes: Sequence[int]) -> Floats:
+    """Return rows (m, axes * N) as (m, N, axes)."""
+    return np.moveaxis(rows.reshape(len(rows), len(axes), -1), 1, 2)
+
+
 def _whitened(white: Whitening, axes: tuple[int, ...], design: Floats) -> Floats:
     if white.is_plain:
         return design
-    out = np.empty_like(design)
-    for place, axis in enumerate(axes):
-        out[place::len(axes)] = white.along(axis, design[place::len(axes)].T).T
-    return out
+    parts = np.split(design, len(axes))
+    return np.concatenate([white.of_columns(axis, part) for axis, part in zip(axes, parts)])
 
 
-def _orthonormal(design: Floats) -> tuple[Floats, float]:
-    """Return an orthonormal basis of the columns (rows, r) and ln det of their products."""
-    root = np.linalg.cholesky(design.T @ design)
-    basis: Floats = scipy.linalg.solve_triangular(root, design.T, lower=True, check_finite=False).T
-    return basis, 2 * float(np.sum(np.log(np.diag(root))))
+class _Span:
+    """What the columns of a design (axes * N, r) describe; is_orthonormal: whether they are orthonormal."""
+
+    def __init__(self, design: Floats, is_orthonormal: bool = False) -> None:
+        self.design = design
+        self._root = None if is_orthonormal else np.linalg.cholesky(design.T @ design)
+
+    @property
+    def log_det(self) -> float:
+        """The logarithm of the determinant of the products of the columns."""
+        return 0.0 if self._root is None else 2 * float(np.sum(np.log(np.diag(self._root))))
+
+    def taken(self, rows: Floats) -> Floats:
+        """Return what the columns describe of rows (m, axes * N)."""
+        inside = self.design.T @ rows.T
+        if self._root is not None:
+            inside = scipy.linalg.cho_solve((self._root, True), inside, check_finite=False)
+        return np.asarray((self.design @ inside).T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +205,7 @@ class NoiseFit:
     left: Floats
     rss: float
     minus: float
-    bases: list[Floats]
+    spans: list[_Span]
     score: float = 0.0
 
     def studentised(self) -> Floats:
@@ -195,20 +226,20 @@ class NoiseFit:
         size, check = np.maximum(self.problem.axis_dof, 1e-9), self.problem.check(self.noise)
         pooled = (size * np.mean(square, axis=1) + check) / (size + self.problem.check_dof)
         by_axis = np.log(np.maximum(pooled, 1e-12))  # an axis may have no residual at all
-        yield Misfit('axes', 'z', _two_sided(by_axis[:, 2] - np.log(np.mean(np.exp(by_axis[:, :2]), axis=1))))
-        yield Misfit('axes', 'xyz', _two_sided(by_axis[:, 0] - by_axis[:, 1]))
-        yield Misfit('tail', 'coordinate', _one_sided(np.sum(square**2, axis=(1, 2))))
-        yield Misfit('tail', 'reading', _one_sided(np.sum(np.sum(square, axis=2)**2, axis=1)))
+        yield Misfit('axes', 'z', two_sided(by_axis[:, 2] - np.log(np.mean(np.exp(by_axis[:, :2]), axis=1))))
+        yield Misfit('axes', 'xyz', two_sided(by_axis[:, 0] - by_axis[:, 1]))
+        yield Misfit('tail', 'coordinate', one_sided(np.sum(square**2, axis=(1, 2))))
+        yield Misfit('tail', 'reading', one_sided(np.sum(np.sum(square, axis=2)**2, axis=1)))
         for by in GROUPS:
             index = place_of(run, by)
             hot = (index == np.arange(index.max() + 1)[:, None]).astype(float)
             sums, number = np.sum(square, axis=2) @ hot.T, np.maximum(hot.sum(axis=1), 1)
-            yield Misfit('groups', by, _one_sided(np.sum((sums - sums[1:].mean(axis=0))**2 / number, axis=1)))
+            yield Misfit('groups', by, one_sided(np.sum((sums - sums[1:].mean(axis=0))**2 / number, axis=1)))
         for phi in (0.4, 0.9, 1.0):
             for axes in PARTS:
-                kept = _remembered(self.left[:, ::-1, axes], phi)
+                kept = remembered(self.left[:, ::-1, axes], phi)
                 size = np.maximum(np.sum(self.left[..., axes]**2, axis=(1, 2)), NO_RESIDUAL)
-                p = _one_sided(np.sum(kept**2, axis=(1, 2)) / size)
+                p = one_sided(np.sum(kept**2, axis=(1, 2)) / size)
                 yield Misfit('wander', 'z' if axes == (2,) else 'xy', p, phi)
 
     def better(self, kinds: Sequence[str] = KINDS_OF_NOISE) -> 'NoiseFit':
@@ -276,7 +307,7 @@ class NoiseFit:
         for dof in TAILS:
             likelihood, weight = self._tail_of(rows, scale, per, dof)
             gains = likelihood - normal
-            freedom = gains[1:].mean() + _divergence(rows[0].size, per, dof) * self._share if len(rows) > 1 else 0.0
+            freedom = gains[1:].mean() + divergence(rows[0].size, per, dof) * self._share if len(rows) > 1 else 0.0
             found.append((gains[0] - freedom, dof, weight))
         gain, dof, weight = max(found, key=lambda one: one[0])
         before = 1.0 if self.noise.weight is None else self.noise.weight
@@ -289,7 +320,7 @@ class NoiseFit:
         rows, scale = self._scaled()
         gains = np.subtract(*(self._tail_of(rows[:1 + TAILS_DRAWN], scale, noise.tail, dof)[0]
                               for dof in (noise.tail_dof, np.inf)))
-        return _one_sided(gains)
+        return one_sided(gains)
 
     def _scaled(self) -> tuple[Floats, Floats]:
         """Return what is left in units of its size, and the scatter (N, 3) of each coordinate in these."""
@@ -311,16 +342,15 @@ class NoiseFit:
             size = np.mean(weight * energy, axis=(1, 2), keepdims=True) / wide
             if self.whitening.is_diagonal:
                 left = left - self._taken(left * weight / weight.max(axis=(1, 2), keepdims=True))
-        density = _log_density(energy / size, wide, dof) - wide / 2 * np.log(size)
+        density = log_density(energy / size, wide, dof) - wide / 2 * np.log(size)
         weight = np.broadcast_to(weight[0] / size[0], rows[0].shape)  # as the noise is 1
         return 2 * self._share * np.sum(density, axis=(1, 2)), weight
 
     def _taken(self, rows: Floats) -> Floats:
         """Return what the model takes of white rows (m, N, 3)."""
         out = np.empty_like(rows)
-        for axes, basis in zip(PARTS, self.bases):
-            flat = rows[..., axes].reshape(len(rows), -1)
-            out[..., axes] = ((flat @ basis) @ basis.T).reshape(len(rows), -1, len(axes))
+        for axes, span in zip(PARTS, self.spans):
+            out[..., axes] = _together(span.taken(_one_by_one(rows, axes)), axes)
         return out
 
     def _with_wander(self, begin: float) -> 'NoiseFit':
@@ -367,46 +397,6 @@ class NoiseFit:
         best = tried[place] + (np.clip(0.5 * step * (low - high) / bend, -step, step) if bend > 0
                                else step * np.sign(low - high))
         return min((none, 0.0), (minus(best), float(np.exp(best))))
-
-
-def _log_density(energy: Floats, wide: int, dof: float) -> Floats:
-    """Return the log density, less a constant, of Student's distribution of so many coordinates of square sum."""
-    if not np.isfinite(dof):
-        return -0.5 * energy
-    out: Floats = (special.gammaln((dof + wide) / 2) - special.gammaln(dof / 2) - wide / 2 * np.log(dof / 2)
-                   - (dof + wide) / 2 * np.log1p(energy / dof))
-    return out
-
-
-def _divergence(size: int, per: str, dof: float) -> float:
-    """Return twice the log likelihood by which normal noise of `size` coordinates prefers the normal distribution."""
-    wide = 3 if per == 'reading' else 1
-    energy = special.gammaincinv(wide / 2, (np.arange(2000) + 0.5) / 2000) * 2
-    scale = np.geomspace(0.3, 1.5, 60)[:, None]  # Student's distribution at its best scale
-    loss = -0.5 * energy.mean() - np.max(np.mean(_log_density(energy / scale, wide, dof), axis=1)
-                                         - wide / 2 * np.log(scale[:, 0]))
-    return 2 * float(loss) * size / wide
-
-
-def _one_sided(values: Floats) -> float:
-    """Return the probability of values[0] beside simulated values[1:], by a gamma distribution of their moments."""
-    drawn = values[1:]
-    mean, sd = drawn.mean(), drawn.std()
-    skew = min(max(float(np.mean((drawn - mean)**3) / sd**3), 0.1), 2.0)
-    k = 4 / skew**2
-    return float(special.gammaincc(k, max(k + (values[0] - mean) / sd * np.sqrt(k), 0.0)))
-
-
-def _remembered(values: Floats, phi: float) -> Floats:
-    """Return y_t = phi y_(t-1) + x_t of values x (runs, N, axes) along their N readings."""
-    runs, n, axes = values.shape
-    band = np.stack([np.ones(n), np.full(n, -phi)])
-    out = scipy.linalg.solve_banded((1, 0), band, values.swapaxes(0, 1).reshape(n, -1), check_finite=False)
-    return np.asarray(out.reshape(n, runs, axes).swapaxes(0, 1))
-
-
-def _two_sided(values: Floats) -> float:
-    return float(2 * special.ndtr(-abs(values[0] - values[1:].mean()) / values[1:].std()))
 
 
 def estimate(problem: NoiseProblem, kinds: Sequence[str] = KINDS_OF_NOISE) -> NoiseFit:

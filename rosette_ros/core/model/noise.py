@@ -26,7 +26,7 @@ from rosette_ros.core.records import Floats, Ints, Run
 AXES = ('x', 'y', 'z')
 CHECK = 10
 SECTIONS = 12
-BLOCK, MANY = 36, 64
+BLOCK, MANY = 24, 64
 """Readings of a block, and rows from which on whitening by blocks is the quicker way."""
 SAME = 0.99
 """Share of readings in which two places agree that cannot be distinguished."""
@@ -159,6 +159,11 @@ class Whitening:
         self.is_plain = self.by_axis and bool(np.all(self.sd == 1))
         self.is_diagonal = not wander.any()
 
+    def scale_of(self, axes: Sequence[int]) -> float:
+        """Return the factor by which W multiplies rows along some axes, 0 where it does more than that."""
+        sizes = {float(self.sd[axis]) for axis in axes} if self.by_axis else set()
+        return 1 / sizes.pop() if len(sizes) == 1 else 0.0
+
     def _filter(self, axis: int) -> '_Filter':
         if axis not in self._made:
             sd = np.broadcast_to(self.sd, (self.size, 3))[:, axis]
@@ -184,6 +189,10 @@ class Whitening:
         """Return W, or W', of rows (m, N) along one axis."""
         made = self._filter(axis)
         return made.adjoint(rows) if adjoint else made.apply(rows)
+
+    def of_columns(self, axis: int, columns: Floats) -> Floats:
+        """Return W of columns (N, m) along one axis."""
+        return self._filter(axis).of_columns(columns)
 
     def apply(self, columns: NDArray[Real]) -> NDArray[Real]:
         """Return W of columns (m, N, 3), same shape and precision."""
@@ -246,24 +255,26 @@ class _Filter:
         inverse = np.linalg.inv(both[0])
         return np.asarray(inverse @ both[1]), inverse[:, :, 0]
 
-    def _apply_to_many(self, rows: NDArray[Any]) -> Floats:
-        """Return the same as `apply` by products of blocks, in a fifth of the time where there are many rows."""
-        inside, first = (one.astype(rows.dtype) for one in self._in_blocks)
-        out = np.empty_like(rows)
-        for block, start in enumerate(range(0, rows.shape[1], BLOCK)):
-            part = slice(start, min(start + BLOCK, rows.shape[1]))
+    def of_columns(self, columns: NDArray[Any]) -> Floats:
+        """Return W of columns (N, m) by products of blocks, in a fifth of the time of `apply` where these are many."""
+        if not self._wanders:
+            return np.asarray(columns / self._sd[:, None])
+        inside, first = (one.astype(columns.dtype) for one in self._in_blocks)
+        out = np.empty(columns.shape, columns.dtype)
+        for block, start in enumerate(range(0, len(columns), BLOCK)):
+            part = slice(start, min(start + BLOCK, len(columns)))
             width = part.stop - start
-            out[:, part] = rows[:, part] @ inside[block, :width, :width].T
+            np.matmul(inside[block, :width, :width], columns[part], out=out[part])
             if start:
-                before = -self._phi * rows[:, start - 1] - float(self._band[1, start - 1]) * out[:, start - 1]
-                out[:, part] += before[:, None] * first[block, :width]
+                before = -self._phi * columns[start - 1] - float(self._band[1, start - 1]) * out[start - 1]
+                out[part] += first[block, :width, None] * before
         return out
 
     def apply(self, rows: NDArray[Any]) -> Floats:
         if not self._wanders:
             return np.asarray(rows / self._sd)
         if len(rows) >= MANY:
-            return self._apply_to_many(rows)
+            return self.of_columns(rows.T).T
         moved = rows.T.astype(rows.dtype)
         moved[1:] -= self._phi * rows.T[:-1]
         moved[0] *= self._first

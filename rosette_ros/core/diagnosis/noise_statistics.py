@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers beside simulated ones: how probable they are, Student's distribution, and what a memory makes of noise."""
+
+import numpy as np
+import scipy.linalg
+from scipy import special
+
+from rosette_ros.core.records import Floats
+
+
+def log_density(energy: Floats, wide: int, dof: float) -> Floats:
+    """Return the log density, less a constant, of Student's distribution of so many coordinates of square sum."""
+    if not np.isfinite(dof):
+        return -0.5 * energy
+    out: Floats = (special.gammaln((dof + wide) / 2) - special.gammaln(dof / 2) - wide / 2 * np.log(dof / 2)
+                   - (dof + wide) / 2 * np.log1p(energy / dof))
+    return out
+
+
+def divergence(size: int, per: str, dof: float) -> float:
+    """Return twice the log likelihood by which normal noise of `size` coordinates prefers the normal distribution."""
+    wide = 3 if per == 'reading' else 1
+    energy = special.gammaincinv(wide / 2, (np.arange(2000) + 0.5) / 2000) * 2
+    scale = np.geomspace(0.3, 1.5, 60)[:, None]  # Student's distribution at its best scale
+    loss = -0.5 * energy.mean() - np.max(np.mean(log_density(energy / scale, wide, dof), axis=1)
+                                         - wide / 2 * np.log(scale[:, 0]))
+    return 2 * float(loss) * size / wide
+
+
+def one_sided(values: Floats) -> float:
+    """Return the probability of values[0] beside simulated values[1:], by a gamma distribution of their moments."""
+    drawn = values[1:]
+    mean, sd = drawn.mean(), drawn.std()
+    skew = min(max(float(np.mean((drawn - mean)**3) / sd**3), 0.1), 2.0)
+    k = 4 / skew**2
+    return float(special.gammaincc(k, max(k + (values[0] - mean) / sd * np.sqrt(k), 0.0)))
+
+
+def remembered(values: Floats, phi: float) -> Floats:
+    """Return y_t = phi y_(t-1) + x_t of values x (runs, N, axes) along their N readings."""
+    runs, n, axes = values.shape
+    band = np.stack([np.ones(n), np.full(n, -phi)])
+    out = scipy.linalg.solve_banded((1, 0), band, values.swapaxes(0, 1).reshape(n, -1), check_finite=False)
+    return np.asarray(out.reshape(n, runs, axes).swapaxes(0, 1))
+
+
+def two_sided(values: Floats) -> float:
+    """Return the probability of values[0] beside simulated values[1:], too large or too small, as of normal numbers."""
+    return float(2 * special.ndtr(-abs(values[0] - values[1:].mean()) / values[1:].std()))
