@@ -9,8 +9,9 @@ products of few waves and directions, or nearly empty, and B M B' = B B' - (B Q'
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import chain, groupby
 from typing import Any, cast
 
@@ -31,7 +32,10 @@ DROP = 0.02
 seen at all they would have to be as large as no cell has them."""
 HIDDEN_SHARE = 0.05
 """Visible share below which an order of measurement hides an effect."""
+THREADS = 2  # more would wait for the same memory
 CHUNK = 512
+"""Columns that are freed of the model at once, fewer of large runs: NUMBERS stay in the caches of a processor."""
+NUMBERS = 1_500_000
 RIDGE = 1e-3
 SMALL = 1000
 FEW = 32
@@ -254,7 +258,13 @@ def _all_seen(gram: Reals, shares: Reals) -> bool:
 
 def why_not_judged(effect: Effect, run: Run) -> str:
     """Return why an effect cannot be judged on a run, empty where it can."""
-    return effect.unavailable(run) or ('' if effect.settings(run) else 'what it depends on does not change in this run')
+    return effect.unavailable(run) or (
+        '' if _settings(effect, run) else 'what it depends on does not change in this run')
+
+
+@lru_cache(maxsize=64)
+def _settings(effect: Effect, run: Run) -> tuple[Setting, ...]:
+    return effect.settings(run)
 
 
 def families(run: Run, effects: Sequence[Effect], project: Projection, keep_hidden: bool = False,
@@ -263,14 +273,17 @@ def families(run: Run, effects: Sequence[Effect], project: Projection, keep_hidd
 
     like: those of the same run under another projection, whose raw columns are used again.
     """
-    out: list[Family] = []
-    for effect in effects:
-        if not effect.unavailable(run):
-            settings = effect.settings(run)
-            factors = effect.factors(run, settings) if settings else None
-            out += (_wave_families(run, effect, settings, factors, project) if factors
-                    else _families(run, effect, settings, project, like))
-    return tuple(family for family in out if keep_hidden or family.ranks.any())
+    def of_effect(effect: Effect) -> list[Family]:
+        settings = _settings(effect, run)
+        factors = effect.factors(run, settings) if settings else None
+        return (_wave_families(run, effect, settings, factors, project) if factors
+                else _families(run, effect, settings, project, like))
+
+    judged = [effect for effect in effects if not effect.unavailable(run)]
+    # of a large run, most of the time is spent in products of arrays, during which another thread can run
+    with ThreadPoolExecutor(1 if 3 * run.size <= SMALL else THREADS) as threads:
+        found = list(threads.map(of_effect, judged))
+    return tuple(family for family in chain(*found) if keep_hidden or family.ranks.any())
 
 
 def _alike(run: Run, effect: Effect, settings: Sequence[Setting],
@@ -289,7 +302,7 @@ def _families(run: Run, effect: Effect, settings: Sequence[Setting], project: Pr
         if (q, chances) in banks:
             out.append(_sparse_family(effect, some, chances, banks[q, chances], project))
             continue
-        step = max(1, CHUNK // q)
+        step = _chunk(run.size, q)
         blocks = (effect.blocks(run, some[start:start + step]) for start in range(0, len(some), step))
         first = next(blocks)
         if np.count_nonzero(first) < EMPTY * first.size:
@@ -301,6 +314,11 @@ def _families(run: Run, effect: Effect, settings: Sequence[Setting], project: Pr
             _dense(part, project) for part in chain([first], blocks))))
         out.append(Family(effect, some, q, Dense(rows), None, None, ranks, shares, chances))
     return out
+
+
+def _chunk(size: int, q: int) -> int:
+    """Return how many blocks of q columns of `size` readings are looked at at once."""
+    return max(1, min(CHUNK, NUMBERS // (3 * size)) // q)
 
 
 def _dense(blocks: Reals, project: Projection) -> tuple[Reals, Ints, Reals]:
@@ -321,7 +339,7 @@ def _sparse(blocks: Reals) -> tuple[scipy.sparse.csr_array, Bools]:
 
 def _sparse_family(effect: Effect, settings: tuple[Setting, ...], chances: float, bank: Sparse,
                    project: Projection) -> Family:
-    step, parts = max(1, CHUNK // bank.q), []
+    step, parts = _chunk(project.size, bank.q), []
     for start in range(0, len(settings), step):
         moves = bank.moves[start:start + step]
         rows = bank.rows[bank.q * start:bank.q * (start + step)]

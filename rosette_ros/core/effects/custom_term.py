@@ -10,11 +10,9 @@ import ast
 import operator
 import warnings
 from collections.abc import Callable, Mapping
-from functools import partial
 
 import numpy as np
 
-from rosette_ros.core.axes import LETTERS
 from rosette_ros.core.effects import run_functions as on
 from rosette_ros.core.effects.effect import Effect, Quantity, Setting
 from rosette_ros.core.errors import InvalidModel
@@ -46,7 +44,8 @@ _UNARY: dict[type[ast.unaryop], Function] = {ast.UAdd: operator.pos, ast.USub: o
 
 PER = ('all', 'ball', 'table_position', 'cmm_position')
 DIRECTIONS: dict[str, Callable[[Run], Floats]] = {
-    **{letter: partial(on.along_machine, place) for place, letter in enumerate(LETTERS)},
+    'x': lambda run: on.along_machine(run)[0], 'y': lambda run: on.along_machine(run)[1],
+    'z': lambda run: on.along_machine(run)[2],
     'axial': lambda run: on.unit(2, run.size),
     'plate_x': lambda run: on.plate_axes(run)[..., 0], 'plate_y': lambda run: on.plate_axes(run)[..., 1],
     'radial': lambda run: on.radial(run.alpha), 'tangential': lambda run: on.tangential(run.alpha),

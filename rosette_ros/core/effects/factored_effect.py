@@ -238,7 +238,7 @@ class FactoredEffect(Effect, ABC):
     def factors(self, run: Run, settings: Sequence[Setting]) -> Factors:
         """Return the Factors of many settings; each value is worked out once."""
         names = [one.name for one in self.searched[-self.function.parameters:] if one.kind != 'choice'] or ['']
-        every = [tuple(float(setting.get(name, 0.0)) for name in names) for setting in settings]
+        every = [tuple([float(setting.get(name, 0.0)) for name in names]) for setting in settings]
         values = {value: place for place, value in enumerate(dict.fromkeys(every))}
         waves = self.function.at(run, np.array(list(values)))
         return Factors(waves, self.directions(run), tuple(

@@ -42,10 +42,10 @@ class FrameEffect(FactoredEffect):
 
     def directions(self, run: Run) -> Floats:
         """Return the axes of the machine, (3, N, 3)."""
-        return np.stack([along_machine(axis, run) for axis in range(3)])
+        return along_machine(run)
 
     def which(self, setting: Setting) -> tuple[int, ...]:
-        return tuple('xyz'.index(axis) for axis in setting.word('axes'))
+        return tuple(['xyz'.index(axis) for axis in setting.word('axes')])
 
 
 class FrameDrift(FrameEffect):

@@ -7,6 +7,7 @@ cause: it tells in words what the residual depends on, and its course is shown. 
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -129,22 +130,27 @@ def _wave_carriers(angle: Floats, order: int, of: str) -> dict[str, Floats]:
     return dict(zip((f'cos {order} × {of}', f'sin {order} × {of}'), waves(angle, order))) if order else {}
 
 
-def curves(values: Floats, count: int, where: Bools | None = None) -> list[Floats]:
-    """Return functions of values (N,) that make up any smooth curve, orthonormal over the readings, (N,) each.
+def curves(run: Run, count: int, ball: int = 0) -> list[Floats]:
+    """Return functions of time that make up any smooth curve, orthonormal over the readings, (N,) each.
 
-    Of u, from 0 to 1 over them: u, u^2, and cos(pi k u) for as many k as there are left; without constant. where: the
-    readings that count, zero at others.
+    Of u, from 0 to 1 over them: u, u^2, and cos(pi k u) for as many k as there are left; without constant. ball: whose
+    readings count, zero at others; 0 for all balls.
     """
-    inside = np.ones(values.size, dtype=bool) if where is None else where
-    if not inside.any():
-        return [np.zeros(values.size)] * count
-    own = values[inside]
+    found = _smooth(run, count, ball)
+    out = np.zeros((count, run.size))
+    out[:len(found), run.ball == ball if ball else slice(None)] = found
+    return list(out)
+
+
+@lru_cache(maxsize=512)
+def _smooth(run: Run, count: int, ball: int) -> Floats:
+    """Return the values of `curves` at the readings that count; a search asks for them once for each direction."""
+    own = seconds(run)[run.ball == ball] if ball else seconds(run)
+    if not own.size:
+        return np.zeros((count, 0))
     u = (own - own.min()) / (np.ptp(own) or 1.0)
     raw = [np.ones_like(u), u, u**2, *(np.cos(np.pi * k * u) for k in range(1, count))]
-    found = np.linalg.qr(np.array(raw[:count + 1]).T)[0].T[1:] * np.sqrt(own.size)
-    out = np.zeros((count, values.size))
-    out[:len(found), inside] = found
-    return list(out)
+    return np.asarray(np.linalg.qr(np.array(raw[:count + 1]).T)[0].T[1:] * np.sqrt(own.size))
 
 
 def counts(most: int) -> list[int]:
@@ -153,7 +159,7 @@ def counts(most: int) -> list[int]:
 
 
 def _time(run: Run, setting: Setting) -> Course:
-    return Course('time', 's', seconds(run), curves(seconds(run), setting.whole('count')))
+    return Course('time', 's', seconds(run), curves(run, setting.whole('count')))
 
 
 def _ball_grid(run: Run) -> Iterable[Setting]:
@@ -170,7 +176,7 @@ def _ball(run: Run, setting: Setting) -> Course:
     if setting.word('of', 'time') == 'table angle':
         return Course('table angle', 'rad', run.phi, [one for order in range(1, count + 1)
                                                       for one in waves(run.phi, order)], carriers)
-    return Course('time', 's', seconds(run), curves(seconds(run), count, own), carriers)
+    return Course('time', 's', seconds(run), curves(run, count, setting.whole('ball')), carriers)
 
 
 def _growing_grid(run: Run) -> Iterator[Setting]:
@@ -188,7 +194,7 @@ def _growing_grid(run: Run) -> Iterator[Setting]:
 def _growing(run: Run, setting: Setting) -> Course:
     """Return cos(m angle) and sin(m angle) times t, or times curves of t."""
     of, count, time = setting.word('of'), setting.whole('count'), seconds(run)
-    return Course('time', 's', time, curves(time, count) if count else [time / duration(run) - 0.5],
+    return Course('time', 's', time, curves(run, count) if count else [time / duration(run) - 0.5],
                   _wave_carriers(getattr(run, ANGLES[of]), setting.whole('order'), of))
 
 
@@ -233,7 +239,7 @@ def _unsteady(run: Run, setting: Setting) -> Course:
     """Return a cycle in time whose size and phase change along curves: about `count` / 2 cycles more or fewer."""
     time, period = seconds(run), setting.number('period')
     angle = 2 * np.pi * time / period
-    return Course('time', 's', time, [np.ones(run.size), *curves(time, setting.whole('count'))],
+    return Course('time', 's', time, [np.ones(run.size), *curves(run, setting.whole('count'))],
                   {'cos of the cycle': np.cos(angle), 'sin of the cycle': np.sin(angle)})
 
 

@@ -130,9 +130,10 @@ def machine_axes(run: Run) -> Floats:
     return axes.cmm_axes(run.rotation)
 
 
-def along_machine(axis: int, run: Run) -> Floats:
-    """Return a unit displacement along axis 0, 1 or 2 of the machine for every reading, (N, 3)."""
-    return np.repeat(machine_axes(run)[axis][None], run.size, axis=0)
+@lru_cache(maxsize=4)
+def along_machine(run: Run) -> Floats:
+    """Return unit displacements along the axes of the machine for every reading, (3, N, 3)."""
+    return np.repeat(machine_axes(run)[:, None], run.size, axis=1)
 
 
 def cmm_axes_names(run: Run) -> str:
