@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from rosette_ros.core.axes import axis_rotation
-from rosette_ros.core.diagnosis.candidates import FEW, RIDGE, Projection, families, gains, products_of, whiten
+from rosette_ros.core.diagnosis.candidates import RIDGE, families, gains, products_of, whiten
+from rosette_ros.core.diagnosis.projection import FEW, Projection
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free_forms import FREE_FORMS
 from rosette_ros.core.effects.library import EFFECTS

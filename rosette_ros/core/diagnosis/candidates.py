@@ -8,24 +8,18 @@ after A. Since M r = r and M A' = A', the products U r = T (B r) ask for raw col
 products of few waves and directions, or nearly empty, and B M B' = B B' - (B Q')(B Q')' by the basis Q of the model.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import chain, groupby
-from typing import Any, cast
 
 import numpy as np
 import scipy.sparse
-from numpy.typing import NDArray
 
+from rosette_ros.core.diagnosis.projection import FEW, SMALL, Projection, Reals
 from rosette_ros.core.effects.effect import Effect, Factors, Setting
-from rosette_ros.core.model.base_model import BaseSpace
-from rosette_ros.core.model.least_squares import JointSpace
 from rosette_ros.core.records import Bools, Ints, Run
-
-Reals = NDArray[np.floating[Any]]
-"""Numbers in double precision, or in single where the search only compares."""
 
 DROP = 0.02
 """Directions of an effect, and effects, with a smaller visible share are left out of the search: to be
@@ -37,61 +31,11 @@ CHUNK = 512
 """Columns that are freed of the model at once, fewer of large runs: NUMBERS stay in the caches of a processor."""
 NUMBERS = 1_500_000
 RIDGE = 1e-3
-SMALL = 1000
-FEW = 32
 EMPTY = 0.25
 """Share of numbers that are not zero below which columns are kept as sparse."""
 NO_LENGTH = 1e-9
 """Length of a column beside the longest of its effect below which it is none."""
 NO_RESIDUAL = 1e-290  # square sum that stands for none, m²
-
-
-class Projection:
-    """Rows (m, N, 3) freed of a model, in white coordinates; many rows of a small run in single precision.
-
-    Single precision is for the search and simulated noise: the score of the best is computed anew in double precision.
-    """
-
-    def __init__(self, space: BaseSpace | JointSpace, size: int) -> None:
-        self.basis, self.size, self.whitening = space.basis, size, space.whitening
-        self._free = cast(Callable[[Reals], Reals], space.free)  # keeps the precision of its argument
-
-    @cached_property
-    def columns(self) -> Reals:
-        """W' of the model's basis in single precision, (3 N, rank): what raw columns have of it."""
-        return np.ascontiguousarray(self.adjoint(self.basis.rows()).astype(np.float32).T)
-
-    def adjoint(self, rows: Reals) -> Reals:
-        """Return W' of white rows (m, 3 N): their products with raw columns are those of the whitened ones."""
-        return self.whitening.adjoint(rows.reshape(len(rows), -1, 3)).reshape(len(rows), -1)
-
-    def along(self, direction: Reals) -> tuple[Reals, Ints]:
-        """Return what a unit along its direction (N, 3) at each reading has of the basis.
-
-        As (N, some) in single precision and the numbers of these basis rows: the others have none.
-        """
-        basis = self.basis
-        axial, plane = len(basis.axial), len(basis.axial) + len(basis.plane)
-        direction = direction.astype(np.float32)
-        parts, places = [], []
-        columns = self.columns.reshape(self.size, 3, -1)
-        for part, axes in ((slice(0, axial), (2,)), (slice(axial, plane), (0, 1)),
-                           (slice(plane, basis.rank), (0, 1, 2))):
-            used = [columns[:, axis, part] * direction[:, axis, None] for axis in axes if direction[:, axis].any()]
-            if used:
-                parts.append(sum(used[1:], used[0]))
-                places.append(np.arange(part.start, part.stop))
-        return np.concatenate(parts, axis=1), np.concatenate(places)
-
-    def __call__(self, rows: Reals) -> Reals:
-        """Return raw rows freed of the model, in white coordinates, same shape."""
-        return self.free(self.whitening.apply(rows.astype(np.float32) if len(rows) >= FEW else rows))
-
-    def free(self, rows: Reals) -> Reals:
-        """Return white rows freed of the model, same shape."""
-        if len(rows) >= FEW:
-            rows = rows.astype(np.float32)
-        return self.basis.residual(rows) if 3 * self.size <= SMALL else self._free(rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -382,10 +326,12 @@ def _wave_families(run: Run, effect: Effect, settings: Sequence[Setting], factor
                    project: Projection) -> list[Family]:
     m = factors.waves.shape[1]
     scale, moves = _wave_lengths(factors)
-    waves = factors.waves
-    if _are_inside(factors.directions, project):
-        waves = waves - waves.mean(axis=2, keepdims=True)  # a constant is the model's: no lost digits
-    bank = Waves(waves.astype(np.float32), factors.directions.astype(np.float32))
+    waves, are_inside = np.empty(factors.waves.shape, np.float32), _are_inside(factors.directions, project)
+    for start in range(0, len(waves), CHUNK):
+        part = factors.waves[start:start + CHUNK]
+        # a constant is the model's: no lost digits
+        waves[start:start + CHUNK] = part - part.mean(axis=2, keepdims=True) if are_inside else part
+    bank = Waves(waves, factors.directions.astype(np.float32))
     gram = _wave_gram(bank, project) / (scale[:, :, None] * scale[:, None])
     d = len(factors.directions)
     out = []
@@ -406,7 +352,8 @@ def _wave_lengths(factors: Factors) -> tuple[Reals, Bools]:
     waves, directions = factors.waves, factors.directions
     v, m, n = waves.shape
     flat = waves.reshape(v * m, n)
-    square = flat**2 @ np.sum(directions**2, axis=2).T
+    size = np.sum(directions**2, axis=2).T
+    square = np.concatenate([flat[start:start + CHUNK]**2 @ size for start in range(0, v * m, CHUNK)])
     means = flat @ np.moveaxis(directions, 0, 1).reshape(n, -1)
     mean = np.sum(means.reshape(v * m, -1, 3)**2, axis=2) / n
     scale, moves = _lengths_of(square, mean)

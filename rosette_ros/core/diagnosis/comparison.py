@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from rosette_ros.core.diagnosis.candidates import NO_RESIDUAL, Projection, Reals
+from rosette_ros.core.diagnosis.candidates import NO_RESIDUAL
+from rosette_ros.core.diagnosis.projection import Projection, Reals
 from rosette_ros.core.diagnosis.verdict import UNLIKELY
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.base_model import BaseLines

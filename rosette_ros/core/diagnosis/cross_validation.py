@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.candidates import Reals
 from rosette_ros.core.diagnosis.parameter_search import effect_problems, search_settings
+from rosette_ros.core.diagnosis.projection import Reals
 from rosette_ros.core.diagnosis.search import Problem
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import Fit, JointSpace, fit

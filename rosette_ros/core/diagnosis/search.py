@@ -21,17 +21,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from rosette_ros.core.diagnosis.candidates import (
-    NO_RESIDUAL,
-    SMALL,
-    Family,
-    Projection,
-    Reals,
-    families,
-    gains,
-    products_of,
-    whiten,
-)
+from rosette_ros.core.diagnosis.candidates import NO_RESIDUAL, Family, families, gains, products_of, whiten
+from rosette_ros.core.diagnosis.projection import SMALL, Projection, Reals
 from rosette_ros.core.effects.effect import Bracket, Effect, Setting
 from rosette_ros.core.effects.free_forms import SEARCHED_FORMS, FreeForm
 from rosette_ros.core.effects.library import OF_ANY_TABLE, effects_of

@@ -13,9 +13,10 @@ import numpy as np
 from scipy import special
 
 from rosette_ros.core.diagnosis.base_terms import f_test
-from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, Projection, whiten
+from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, whiten
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
 from rosette_ros.core.diagnosis.parameter_search import choose_settings
+from rosette_ros.core.diagnosis.projection import Projection
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter, fit

@@ -217,8 +217,11 @@ class TableOrder(RunFunction):
         return {'nu': (max(nu - half, low), min(nu + half, high))}
 
     def at(self, run: Run, values: Floats) -> Floats:
-        angle = values * travel(run)
-        return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        waves = np.empty((len(values), 2, run.size))  # hundreds of megabytes for a large plate: no copy
+        angle = np.multiply(values, travel(run), out=waves[:, 1])
+        np.cos(angle, out=waves[:, 0])
+        np.sin(angle, out=angle)
+        return waves
 
 
 class AsynchronousMotion(FactoredEffect):

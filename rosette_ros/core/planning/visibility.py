@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, Projection, families, why_not_judged
+from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, families, why_not_judged
+from rosette_ros.core.diagnosis.projection import Projection
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.effects.library import effects_of
 from rosette_ros.core.model.base_model import BaseSpace
