@@ -48,6 +48,7 @@ STEP, VALUE, ERROR = 'step', 'value', 'error'
 """What the process sends."""
 READ_MEMORY = 2 << 30
 """Most memory for reading a run that was uploaded, bytes; it takes READ_WITHIN at most."""
+LOOK_AGAIN = 0.1  # s
 _CONTEXT = multiprocessing.get_context('forkserver')
 _CONTEXT.set_forkserver_preload(['rosette_ros.analysis', 'rosette_ros.presentation.report'])
 
@@ -138,8 +139,13 @@ class Controller:
 
     async def cross_check(self, place: int) -> None:
         """Check on another opened run what the diagnosis of this one claims."""
-        summary, ticket, other = self.session.results.summary, self.session.ticket, self.session.runs[place]
-        if summary is None:
+        ticket, other = self.session.ticket, self.session.runs[place]
+        while self.step and self.session.results.summary is None:  # asked while this run is being diagnosed
+            await asyncio.sleep(LOOK_AGAIN)
+        if self.session.results.summary is None and self.session.is_current(ticket):
+            await self.refresh(unasked=False)
+        summary = self.session.results.summary
+        if summary is None or not self.session.is_current(ticket):
             return
         result = await self._worker.run(cross_check, other.run, summary.diagnosis)
         if self.session.is_current(ticket):

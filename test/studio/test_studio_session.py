@@ -266,6 +266,21 @@ def test_a_second_run_is_checked(controller, run, tmp_path):
     assert (name, check.confirmed) == ('second.csv', True)
 
 
+@pytest.mark.parametrize('is_running', [True, False])
+def test_a_check_that_is_asked_for_early_waits_for_the_diagnosis(controller, run, is_running):
+    """The button may be pressed as another run is being opened: nothing may be lost."""
+    other = Machine(MachineConfig().changed(seed=4, plate={'balls': 5}, hidden=[HIDDEN])).run(plan(5, 'random', 1))
+    controller.act(controller.session.open, other, 'second.csv')
+    controller.act(controller.session.open, run, 'a.csv')
+
+    async def pressed_early():
+        calculated = [controller.refresh()] if is_running else []
+        await asyncio.gather(*calculated, controller.cross_check(0))
+
+    in_loop(pressed_early())
+    assert controller.check is not None and controller.check[1].confirmed
+
+
 def read_for_ever(path):
     """Read what never ends."""
     while path:
