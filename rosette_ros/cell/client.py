@@ -26,6 +26,7 @@ from std_srvs.srv import Trigger
 
 from rosette_ros import command
 from rosette_ros.calibration.settings import NONE
+from rosette_ros.cell.built_messages import check_messages
 from rosette_ros.cell.supervisor import added_environment
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.errors import CellError, plain
@@ -66,6 +67,7 @@ class GraphClient:
 
     def __init__(self, name: str, domain_id: int | None, namespace: str,
                  make_executor: Callable[..., Executor] = SingleThreadedExecutor, **settings: Any) -> None:
+        check_messages()
         os.environ.update(added_environment(os.environ))
         self._where, self._domain_id, self._context = f'/{namespace.strip("/")}', domain_id, Context()
         try:

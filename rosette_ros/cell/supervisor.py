@@ -16,6 +16,7 @@ from typing import Any
 
 import yaml
 
+from rosette_ros.cell.built_messages import check_messages
 from rosette_ros.core.errors import CellError, InvalidConfig
 from rosette_ros.nodes import names
 
@@ -129,6 +130,7 @@ class Cell:
 
     def start(self) -> None:
         """Start all nodes and wait until the cell is complete."""
+        check_messages()
         self.output_dir = Path(self._output_dir or tempfile.mkdtemp(prefix='rosette_cell_'))
         self.output_dir.mkdir(parents=True, exist_ok=True)
         try:
