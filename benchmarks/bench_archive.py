@@ -21,7 +21,7 @@ from rosette_ros.archive.run_adding import add_logs
 from rosette_ros.archive.run_archive import RunArchive
 
 LOGS, LOOP_LOGS, MORE = int(os.environ.get('ARCHIVE_LOGS', '40')), 20, 20
-TURNS, TURN_LOGS = 3, 20  # plain loop, then so many by each core
+TURNS, TURN_LOGS = 6, 20  # plain loop, then so many by each core
 WANTED = 1.7
 """Rate on 2 quiet cores over that of the plain loop."""
 MEGABYTE = 1e6
@@ -73,15 +73,21 @@ def plain_rate(root, logs):
 
 
 def rates(root, logs, cores):
-    """Return the logs per second of a plain loop, of as many at once as there are cores, and of the cluster, in turns:
-    harmonic means."""
-    all_logs, found = (logs * cores)[:TURN_LOGS * cores], []
+    """Return the logs per second of a plain loop, of as many at once as there are cores, and of the cluster: harmonic
+    means. Each is the first in a third of the turns: what has run before may slow a processor down."""
+    all_logs = (logs * cores)[:TURN_LOGS * cores]
     with DaskEngine() as engine, multiprocessing.get_context('spawn').Pool(cores) as pool:
-        for _ in range(1 + TURNS):
-            found.append((pool.apply(plain_rate, (root, logs[:TURN_LOGS])),
-                          sum(pool.starmap(plain_rate, [(root, logs[:TURN_LOGS])] * cores)),
-                          rate(root, all_logs, engine)))
-    return [TURNS / sum(1 / each for each in column) for column in zip(*found[1:])]  # the first one starts processes
+        kinds = [lambda: pool.apply(plain_rate, (root, logs[:TURN_LOGS])),
+                 lambda: sum(pool.starmap(plain_rate, [(root, logs[:TURN_LOGS])] * cores)),
+                 lambda: rate(root, all_logs, engine)]
+        for kind in kinds:
+            kind()  # starts processes
+        seconds = [0.0] * len(kinds)
+        for turn in range(TURNS):
+            for place in range(len(kinds)):
+                kind = (turn + place) % len(kinds)
+                seconds[kind] += 1 / kinds[kind]()
+    return [TURNS / each for each in seconds]
 
 
 def rows(archive, paths):

@@ -23,10 +23,13 @@ FRESH = 2.0
 PATIENCE = 10
 """How long a scheduler is waited for, s."""
 
-LOOKS = {'worker.profile.enabled': False, 'admin.tick.interval': '1s', 'admin.system-monitor.interval': '10s',
-         'worker.memory.monitor-interval': '2s', 'scheduler.work-stealing-interval': '1s'}
-"""How often Dask looks at itself on this computer: its usual intervals, of 10 to 500 ms, take a fifth of the processor
-time of an evaluation for the profile and a twelfth for the others."""
+SETTINGS = {'worker.profile.enabled': False, 'admin.tick.interval': '1s', 'admin.system-monitor.interval': '10s',
+            'worker.memory.monitor-interval': '2s', 'scheduler.work-stealing-interval': '1s',
+            'nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_': None}
+"""Settings of Dask on this computer. How often it looks at itself: its usual intervals, of 10 to 500 ms, take a fifth
+of the processor time of an evaluation for the profile and a twelfth for the others. With the threshold that it gives to
+the allocator of its workers, arrays of more than 128 kB go back to the system at once: 24 000 page faults per log
+instead of 800, and a quarter more processor time."""
 
 
 class Engine(Protocol):
@@ -74,7 +77,7 @@ class DaskEngine:
         if self._client is None:
             logging.getLogger('distributed').setLevel(logging.CRITICAL)
             if not self._scheduler:
-                dask.config.set({f'distributed.{name}': value for name, value in LOOKS.items()})
+                dask.config.set({f'distributed.{name}': value for name, value in SETTINGS.items()})
                 self._cluster = LocalCluster(
                     n_workers=self._workers, threads_per_worker=1, processes=True, host='127.0.0.1',
                     dashboard_address=None, silence_logs=logging.CRITICAL, preload=[__name__])
