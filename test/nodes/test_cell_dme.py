@@ -254,6 +254,7 @@ def test_a_node_that_crashed(cell, client, served, module_domain_id, wait_until,
         wait_until(lambda: served.when('< .* PtMeas', began))
         cell.processes[names.CMM].end(signal.SIGKILL)
         wait_until(lambda: cell.processes[names.CMM].has_ended)
+        wait_until(lambda: served.when('disconnected', began))  # what the node had sent has been read
         began = time.monotonic()
         cell.restart_failed()
         thread.join()

@@ -22,11 +22,20 @@ TIMEOUT = 180_000
 expect.set_options(timeout=TIMEOUT)
 
 
+@pytest.fixture(scope='session')
+def visitor(chromium):
+    """Yield what a browser keeps between pages: scripts that are loaded and compiled once, cookies; nothing moves."""
+    context = chromium.new_context(reduced_motion='reduce')
+    yield context
+    context.close()
+
+
 @pytest.fixture
-def page(chromium):
-    """Yield a page; at the end its console is empty and no request has left the computer."""
-    context = chromium.new_context(viewport={'width': 1280, 'height': 800})
-    made = context.new_page()
+def page(visitor):
+    """Yield a page without cookies; at the end its console is empty and no request has left the computer."""
+    visitor.clear_cookies()
+    made = visitor.new_page()
+    made.set_viewport_size({'width': 1280, 'height': 800})
     made.set_default_timeout(TIMEOUT)
     problems = []
     made.on('console', lambda line: line.type in ('error', 'warning') and problems.append(line.text))
@@ -34,7 +43,7 @@ def page(chromium):
     made.on('request', lambda request: _is_foreign(request.url) and problems.append(request.url))
     made.on('requestfailed', lambda request: problems.append(f'{request.url}: {request.failure}'))
     yield made
-    context.close()
+    made.close()
     assert [words for words in problems if 'net::ERR_ABORTED' not in words] == []
 
 

@@ -28,8 +28,8 @@ BOXES = '''chosen => [...document.querySelectorAll(chosen)]
 def twice(tmp_path_factory):
     """Return the path of a run with two effects that the base model does not know."""
     path = tmp_path_factory.mktemp('runs') / 'twice.csv'
-    config = MachineConfig().changed(seed=3, plate={'balls': 10}, hidden=TWO)
-    write_csv(Machine(config).run(plan(10, 'random')), path)
+    config = MachineConfig().changed(seed=3, plate={'balls': 7}, hidden=TWO)
+    write_csv(Machine(config).run(plan(7, 'random')), path)
     return path
 
 
