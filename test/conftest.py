@@ -28,12 +28,14 @@ hypothesis.settings.register_profile('rosette', deadline=None)
 hypothesis.settings.load_profile('rosette')
 
 LONG = (
-    'nodes/test_several_cells.py', 'cli/test_cell_verbs.py', 'nodes/test_cell_faults.py', 'studio/test_studio_page.py',
-    'cell/test_supervisor.py', 'nodes/test_cell_machine_faults.py', 'test_one_verdict.py', 'test_golden.py',
-    'nodes/test_cell_kills.py', 'studio/test_live_cell.py', 'presentation/test_run_page.py', 'nodes/test_cell.py',
-    'nodes/test_cell_lifecycle.py', 'nodes/test_sros2_policy.py', 'cell/test_environment.py', 'cli/test_hidden_demo.py',
-    'nodes/test_cell_other_cmm.py', 'nodes/test_cell_dme.py', 'cli/test_verification_demo.py',
-    'nodes/test_log_session.py', 'archive/test_run_adding.py')
+    'test_one_verdict.py', 'studio/test_studio_page.py', 'nodes/test_several_cells.py', 'cli/test_cell_verbs.py',
+    'studio/test_studio_look.py', 'test_golden.py', 'nodes/test_cell_faults.py', 'presentation/test_paper.py',
+    'cli/test_degenerate_runs.py', 'presentation/test_run_page.py', 'nodes/test_cell_dme.py', 'core/test_families.py',
+    'studio/test_studio_session.py', 'nodes/test_cell_kills.py', 'nodes/test_cell_machine_faults.py',
+    'studio/test_server.py', 'core/test_noise.py', 'studio/test_live_cell.py', 'test_layers.py',
+    'cli/test_hidden_demo.py', 'cell/test_supervisor.py', 'cell/test_cmm_check.py', 'nodes/test_cell_senders.py',
+    'core/test_diagnosis.py', 'nodes/test_trend_monitor.py', 'nodes/test_between_steps.py',
+    'studio/test_archive_tab.py', 'archive/test_run_adding.py', 'blind/test_blind_tables.py')
 """Files that take longest, in the order of starting: all would wait for one that starts last."""
 
 
