@@ -3,6 +3,7 @@
 
 import logging
 import os
+import re
 import signal
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -20,6 +21,8 @@ AHEAD = 3
 """Tasks that are sent per thread of the workers: a worker never waits, and memory does not grow with the tasks."""
 FRESH = 2.0
 """How long the number of threads is taken as known, s: workers come and go."""
+ADDRESS = re.compile(r'\w+://.+|[^/]+:\d+')
+"""Of a scheduler; Dask takes ten seconds and a traceback to refuse others."""
 PATIENCE = 10
 """How long a scheduler is waited for, s."""
 
@@ -54,9 +57,13 @@ class DaskEngine:
     """The workers of a cluster: that of a scheduler, or processes on this computer, one thread each, loopback only.
 
     scheduler: address such as tcp://host:8786, '' for this computer; workers: processes there, 0 for one per core. It
-    starts when it is used for the first time. Raises InvalidConfig where the scheduler does not answer."""
+    starts when it is used for the first time. Raises InvalidConfig for an address without a port,
+    and where the scheduler does not answer."""
 
     def __init__(self, scheduler: str = '', workers: int = 0) -> None:
+        if scheduler and not ADDRESS.fullmatch(scheduler):
+            raise InvalidConfig(f'--scheduler {scheduler}: wanted the address of a Dask scheduler such as '
+                                'tcp://host:8786, got one without a port')
         self._scheduler, self._workers = scheduler, workers or len(os.sched_getaffinity(0))
         self._cluster: LocalCluster | None = None
         self._client: Client | None = None
@@ -80,7 +87,8 @@ class DaskEngine:
                 dask.config.set({f'distributed.{name}': value for name, value in SETTINGS.items()})
                 self._cluster = LocalCluster(
                     n_workers=self._workers, threads_per_worker=1, processes=True, host='127.0.0.1',
-                    dashboard_address=None, silence_logs=logging.CRITICAL, preload=[__name__])
+                    dashboard_address=None, scheduler_kwargs={'dashboard_address': '127.0.0.1:0'},
+                    silence_logs=logging.CRITICAL, preload=[__name__])
             try:
                 self._client = Client(self._cluster or self._scheduler, timeout=PATIENCE, set_as_default=False)
             except (OSError, ValueError) as error:

@@ -13,6 +13,7 @@ from typing import Any
 
 import fsspec
 
+from rosette_ros.archive.run_archive import MARK
 from rosette_ros.core.errors import InvalidData
 
 METADATA = 'metadata.yaml'
@@ -63,7 +64,8 @@ def find_logs(places: Iterable[str]) -> list[FoundLog]:
     """Return the logs in folders and all that is below them, each once; a place may be a log itself.
 
     A directory with a metadata.yaml, or with files that are named after it as rosbag2 does, is one log; other .mcap
-    files and all .csv files are one each. Raises InvalidData where nothing is, or a URL needs a driver."""
+    files and all .csv files are one each. Raises InvalidData where nothing is, where an archive is, or where a URL
+    needs a driver."""
     found: dict[str, FoundLog] = {}
     for place in places:
         try:
@@ -74,6 +76,8 @@ def find_logs(places: Iterable[str]) -> list[FoundLog]:
         except (OSError, ValueError, ImportError) as error:
             words = (isinstance(error, OSError) and error.strerror) or ' '.join(str(error).split())
             raise InvalidData(f'{place}: wanted a folder of logs, or a log, got: {words}') from error
+        if f'{root}/{MARK}' in files:
+            raise InvalidData(f'{place}: wanted a folder of logs, or a log, got an archive')
         is_local = 'file' in ((system.protocol,) if isinstance(system.protocol, str) else system.protocol)
         for path, inside in _grouped(root, list(files)):
             names = [file if is_local else system.unstrip_protocol(file) for file in (path, *inside)]
@@ -96,6 +100,8 @@ def _grouped(root: str, files: list[str]) -> Iterator[tuple[str, list[str]]]:
             re.fullmatch(rf'{re.escape(folder.name)}_\d+', path.stem) for path in logs)
         if logs and is_one:
             yield str(folder), list(map(str, logs))
+        elif not logs and folder / METADATA in inside:  # its files are gone: it is a log that cannot be read
+            yield str(folder), [str(folder / METADATA)]
         for path in inside:
             if path.suffix in SUFFIXES and not (is_one and path in logs):
                 yield str(path), [str(path)]

@@ -122,7 +122,8 @@ class RunArchive:
                 base.register('parts', base.read_parquet(files, union_by_name=True))
             for name, text in views.items():
                 base.execute(f'CREATE TEMP VIEW {name} AS {text}')
-            answer = base.sql(sql, params=list(values))
+            kinds = {one.type for one in base.extract_statements(sql)}
+            answer = base.sql(sql, params=list(values)) if kinds <= {duckdb.StatementType.SELECT} else None
             if answer is None:
                 raise InvalidData(f'{self.folder}: wanted a question (SELECT ...), got {sql!r:.80}')
             return answer.to_arrow_table()

@@ -50,16 +50,16 @@ def run(options: Namespace) -> None:
     """Add and say what was done."""
     model = read_model(options.model)
     identity = read_identity(options.identity) if options.identity else None
-    archive = RunArchive(options.into, make=True)
     logs = find_logs(options.folders)
     with DaskEngine(options.scheduler, options.workers) as engine, progress() as show:
+        archive = RunArchive(options.into, make=True)
         added = add_logs(archive, logs, engine, model, identity, options.force, show)
     if options.json:
         print_json({'schema': SCHEMA, 'archive': options.into, **vars(added)})
         return
     out = console()
     out.print(f'{counted(added.found, "log")} found: {added.found - added.new - added.copies} known, '
-              f'{added.copies} copies, {added.new} new', markup=False)
+              f'{added.copies} {"copy" if added.copies == 1 else "copies"}, {added.new} new', markup=False)
     if added.new:
         out.print(f'{added.evaluated} evaluated, {added.problems} not'
                   f'{f": rosette archive query {options.into} --problems" if added.problems else ""}', markup=False,

@@ -6,6 +6,7 @@ from argparse import ArgumentParser, Namespace
 
 from rosette_ros.archive.engines import DaskEngine
 from rosette_ros.archive.reanalysis import (
+    WITHOUT_LOG,
     RunChange,
     TrendComparison,
     conclusion,
@@ -65,8 +66,12 @@ def run(options: Namespace) -> None:
         sys.stdout.write(table.csv())
         return
     out = console()
-    if gone:
-        out.print(f'{counted(len(gone), "log")} no longer where it was found, such as {gone[0]}', markup=False)
+    if never := [path for path in gone if path.startswith(WITHOUT_LOG)]:
+        out.print(f'{counted(len(never), "run")} simulated into the archive without a log: not evaluated again',
+                  markup=False)
+    if lost := [path for path in gone if not path.startswith(WITHOUT_LOG)]:
+        out.print(f'{counted(len(lost), "log")} not found where {"it was" if len(lost) == 1 else "they were"}, such as '
+                  f'{lost[0]}', markup=False)
     for sentence in said:
         out.print(sentence, markup=False)
     print_parts(out, [table, *_trend_tables(trends)])

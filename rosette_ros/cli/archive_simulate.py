@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from rich.progress import track
 
 from rosette_ros.analysis import analyse
+from rosette_ros.archive.reanalysis import WITHOUT_LOG
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import Row, evaluation_row, heading
 from rosette_ros.cli.arguments import UsageError, add_shared
@@ -27,7 +28,7 @@ BEGIN = '2024-01-01'
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.add_argument('script', metavar='SCRIPT', help='ageing script (YAML): interval, seasons, changes of the '
-                        'machine (docs/archive.md)')
+                        'machine (docs/archive.md); rows are kept, no logs: reanalyse needs logs')
     parser.add_argument('--into', metavar='ARCHIVE', required=True, help='folder of the archive; made where there is '
                         'none')
     parser.add_argument('--begin', metavar='DAY', default=BEGIN, help=f'day of the first run (default: {BEGIN})')
@@ -57,7 +58,7 @@ def simulated_rows(runs: Iterable[tuple[float, Run]], begin: datetime.datetime, 
     rows = []
     for day, measured in runs:
         date = begin + datetime.timedelta(days=day)
-        rows.append({**heading(_digest(measured), f'simulated:{measured.run_id}', '', model,
+        rows.append({**heading(_digest(measured), f'{WITHOUT_LOG}{measured.run_id}', '', model,
                                datetime.datetime.now(datetime.UTC), measured.run_id),
                      **evaluation_row(analyse(measured, model), identity=identity), 'measured_at': date,
                      'ended_at': date + datetime.timedelta(seconds=float(measured.time[-1]))})

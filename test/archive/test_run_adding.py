@@ -148,6 +148,19 @@ def test_damaged_and_foreign_files_are_rows(logs, tmp_path):
     assert sorted(row['problem'] == '' for row in archive.read_rows().to_pylist()) == [False] * 3 + [True]
 
 
+def test_a_log_whose_files_are_gone_is_a_row(logs, tmp_path):
+    """Its metadata is still there and says that it was one."""
+    lost = Path(shutil.copytree(min(path for path in logs.iterdir() if path.is_dir()), tmp_path / 'logs' / 'lost'))
+    for path in lost.glob('*.mcap'):
+        path.unlink()
+    archive = RunArchive(tmp_path / 'archive', make=True)
+    added = add_logs(archive, find_logs([str(tmp_path / 'logs')]), PlainLoop())
+    assert (added.found, added.problems) == (1, 1)
+    [row] = archive.read_rows(('path', 'problem')).to_pylist()
+    assert row['path'] == str(lost)
+    assert 'metadata.yaml: names run_000000_0.mcap, which is missing' in row['problem']
+
+
 def test_a_file_that_cannot_be_read_is_tried_again(archive, tmp_path, monkeypatch):
     """It may be mounted tomorrow."""
     (tmp_path / 'gone').mkdir()
@@ -233,6 +246,20 @@ def test_no_scheduler_is_told_in_one_line(logs, archive, monkeypatch):
     with (DaskEngine(f'tcp://127.0.0.1:{free_port()}') as engine,
           pytest.raises(InvalidConfig, match='wanted a Dask scheduler such as tcp://host:8786, got: ')):
         add_logs(archive, find_logs([str(logs)]), engine, CREEP)
+
+
+@pytest.mark.parametrize('address', ['foo', 'tcp', '/tmp/scheduler'])
+def test_a_scheduler_without_a_port_is_told_in_one_line(address):
+    with pytest.raises(InvalidConfig, match=f'--scheduler {address}: wanted the address of a Dask scheduler such as '
+                                            'tcp://host:8786, got one without a port'):
+        DaskEngine(address)
+
+
+@pytest.mark.filterwarnings('error')
+def test_a_second_cluster_on_this_computer_is_nothing_to_warn_of():
+    """Both have ports of their own."""
+    with DaskEngine(workers=1) as first, DaskEngine(workers=1) as second:
+        assert [engine.client.submit(abs, -1).result() for engine in (first, second)] == [1, 1]
 
 
 def test_processes_of_this_computer_listen_on_loopback_only(logs, filled, tmp_path):

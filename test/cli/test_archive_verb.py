@@ -90,3 +90,34 @@ def test_no_archive_is_made_among_other_files(logs, in_this_process, refused, tm
     assert 'wanted an archive or an empty folder, got a folder of other files' in refused(
         'archive', 'add', logs, '--into', logs)
     assert 'rosette archive add FOLDER --into' in refused('archive', 'query', tmp_path)
+
+
+def test_an_archive_is_no_folder_of_logs(logs, in_this_process, rosette, refused, tmp_path):
+    """It is said, and no further archive is made."""
+    archive, other = tmp_path / 'archive', tmp_path / 'other'
+    assert rosette('archive', 'add', logs, '--into', archive).code == 0
+    assert refused('archive', 'add', archive, '--into', other) == (
+        f'rosette: {archive}: wanted a folder of logs, or a log, got an archive\n')
+    assert not other.exists()
+
+
+@pytest.mark.parametrize('statement', ["COPY (SELECT 1) TO '{file}'", "SELECT 1; COPY (SELECT 1) TO '{file}'",
+                                       'DROP VIEW runs', "ATTACH '{file}'"])
+def test_a_question_changes_nothing(logs, in_this_process, rosette, refused, tmp_path, statement):
+    """SQL that writes is refused, whatever stands before it."""
+    archive, file = tmp_path / 'archive', tmp_path / 'file.csv'
+    rosette('archive', 'add', logs, '--into', archive)
+    assert 'wanted a question (SELECT ...), got ' in refused('archive', 'query', archive, statement.format(file=file))
+    assert not file.exists()
+    assert json.loads(rosette('archive', 'query', archive, 'SELECT count(*) AS runs FROM runs', '--json').out)['rows']
+
+
+def test_simulated_years_have_no_logs_to_evaluate_again(in_this_process, rosette, tmp_path):
+    """It is said as that, not as files that are lost."""
+    script, model, archive = tmp_path / 'ageing.yaml', tmp_path / 'model.yaml', tmp_path / 'years'
+    script.write_text('machine: {plate: {balls: 5}}\nevery_days: 7\nruns: 2\n')
+    write_model(Model().with_effect('frame_drift'), model)
+    assert rosette('archive', 'simulate', script, '--into', archive).code == 0
+    told = rosette('archive', 'reanalyse', archive, '--model', model).out
+    assert '2 runs simulated into the archive without a log: not evaluated again\n' in told
+    assert 'not found' not in told
