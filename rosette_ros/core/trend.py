@@ -192,7 +192,8 @@ def find_events(days: Floats, quantities: Sequence[TimeSeries], temperature: Flo
     found = dict[int, list[_Fit]]()
     while sum(map(len, found.values())) < MOST_EVENTS * len(fits):
         p = np.array([fit.probability(fall) for fit, fall in zip(fits, falls, strict=True)])
-        best, place = np.unravel_index(np.argmin(p), p.shape)
+        likeliest = np.lexsort((-np.array(falls).ravel(), p.ravel()))[0]  # p of large steps is 0 at several places
+        best, place = np.unravel_index(likeliest, p.shape)
         if p[best, place] * tests > false_events or (len(found) >= MOST_EVENTS and places[place] not in found):
             break
         fit, run = fits[int(best)], int(places[place])

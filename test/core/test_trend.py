@@ -62,6 +62,15 @@ def test_what_changes_together_is_one_event():
         assert step.p < 0.002
 
 
+@pytest.mark.parametrize('size', [100.0, 1e3, 1e5])
+def test_a_plate_that_was_exchanged_is_one_event(size):
+    """Far larger than any scatter, so that the probability is 0 at many places: it lies at its date all the same."""
+    days, series, temperature = history(4, changes=[(place, 40, size) for place in range(12, 24)] + [(2, 20, 8.0)])
+    events = find_events(days, series, temperature)
+    assert [(event.run, event.owners) for event in events] == [(20, ('table',)), (40, ('plate',))]
+    assert (events[1].earliest, events[1].latest, len(events[1].steps)) == (40, 40, 12)
+
+
 def test_two_changes_of_one_series_are_two_events():
     """There and back."""
     events = find_events(*history(2, changes=[(5, 30, 9.0), (5, 55, -9.0)]))
