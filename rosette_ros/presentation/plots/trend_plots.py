@@ -3,18 +3,22 @@
 
 import datetime
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
 from matplotlib.figure import Figure
 
+from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.records import CURVES, Floats
 from rosette_ros.core.trend import Chart, Event, Forecast
 from rosette_ros.presentation.formatting import CURVE_UNITS
 from rosette_ros.presentation.plots import plot_style as style
 
 Dates = Sequence[datetime.datetime]
+FARTHEST = 4.0
+"""Control charts show so many times their limits: a plate that was exchanged lies far beyond."""
 
 
 def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances: Mapping[str, float],
@@ -27,23 +31,25 @@ def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances:
     for place, curve in enumerate(CURVES):
         panel = panels[place % 3, place // 3]
         y, spread = 1e6 * values[:, place], 1e6 * expanded[:, place]
-        panel.fill_between(when, y - spread, y + spread, color=style.AFTER, alpha=0.2, linewidth=0)
-        panel.plot(when, y, color=style.AFTER, linewidth=1.0, marker='o', markersize=2.5)
+        panel.fill_between(when, y - spread, y + spread, color=style.AFTER, alpha=0.2, linewidth=0,
+                           label=f'± U (k = {COVERAGE_FACTOR})')
+        panel.plot(when, y, color=style.AFTER, linewidth=1.0, marker='o', markersize=2.5, label='error of a run')
         top = float(np.max(y + spread))
         if curve in tolerances:
             limit = 1e6 * tolerances[curve]
-            panel.axhline(limit, color=style.BEFORE, linewidth=1.0, linestyle=style.DASHED)
+            panel.axhline(limit, color=style.BEFORE, linewidth=1.0, linestyle=style.DASHED, label='tolerance')
             top = max(top, min(limit, 3 * top))
         if curve in forecasts:
             one = forecasts[curve]
             ahead = np.array([0.0, 0.15 * (np.ptp(when) or 1.0)])
             panel.plot(when[-1] + ahead, y[-1] + 1e6 * one.slope * ahead, color=style.GREY, linewidth=1.0,
-                       linestyle=':')
+                       linestyle=':', label='forecast')
         _mark(panel, when, [event for event in events if any(step.series.name.startswith(curve)
                                                              for step in event.steps)])
         panel.set_ylim(0, 1.1 * top)
         style.title(panel, f'{curve}, {CURVE_UNITS[place]}, peak to valley')
         _time_axis(panel)
+    _legend(made, panels)
     return made
 
 
@@ -54,25 +60,33 @@ def events_over_time(dates: Dates, chart: Chart, name: str, events: Sequence[Eve
     made.subplots_adjust(0.075, 0.1, 0.975, 0.92, 0.2, 0.45)
     when = date2num(list(dates))
     above, below = panels[:, 0]
-    above.plot(when, chart.z, color=style.GREY, linewidth=0, marker='o', markersize=2.5, label='deviation')
+    edge = FARTHEST * float(np.max(chart.ewma_limit))
+    above.plot(when, chart.z, color=style.GREY, linewidth=0, marker='o', markersize=2.5, label='deviation of a run')
+    if np.any(far := np.abs(chart.z) > edge):
+        above.plot(when[far], np.clip(chart.z[far], -edge, edge), color=style.GREY, linewidth=0, marker='D',
+                   markersize=4, label='deviation beyond the axis')
     above.plot(when, chart.ewma, color=style.AFTER, linewidth=1.4, label='EWMA')
     for sign in (-1, 1):
-        above.plot(when, sign * chart.ewma_limit, color=style.BEFORE, linewidth=1.0, linestyle=style.DASHED)
-    style.title(above, f'{name}: deviation from the runs before, in standard deviations; EWMA and its limits')
-    below.plot(when, chart.high, color=style.AFTER, linewidth=1.4)
-    below.plot(when, -chart.low, color=style.COLOURS[2], linewidth=1.4)
+        above.plot(when, sign * chart.ewma_limit, color=style.BEFORE, linewidth=1.0, linestyle=style.DASHED,
+                   label='limit of EWMA, of CUSUM')
+    _scale_to(above, [chart.z, chart.ewma, chart.ewma_limit], edge)
+    style.title(above, f'{name}: deviation from the runs before, in standard deviations')
+    below.plot(when, chart.high, color=style.COLOURS[2], linewidth=1.4, label='CUSUM upwards')
+    below.plot(when, -chart.low, color=style.COLOURS[3], linewidth=1.4, label='CUSUM downwards')
     for sign in (-1, 1):
         below.axhline(sign * chart.cusum_limit, color=style.BEFORE, linewidth=1.0, linestyle=style.DASHED)
-    style.title(below, 'CUSUM upwards and downwards, and its limits')
+    _scale_to(below, [chart.high, chart.low, np.array([chart.cusum_limit])], FARTHEST * chart.cusum_limit)
+    style.title(below, 'sum of the deviations beyond the allowance, in standard deviations')
     for panel in (above, below):
         _mark(panel, when, events)
         _time_axis(panel)
+    _legend(made, panels)
     return made
 
 
 def charts_over_time(dates: Dates, charts: Sequence[tuple[str, Chart]], columns: int) -> Figure:
     """Return small control charts side by side, by the quantity's name: EWMA and the larger CUSUM in units of their
-    limits, of each component; beyond ± 1 a chart leaves its limits."""
+    limits, of each component; beyond ± 1 a chart leaves its limits, beyond ± FARTHEST its panel."""
     names = list(dict.fromkeys(name for name, _ in charts))
     rows = -(-len(names) // columns)
     made = style.figure(0.4 + 0.95 * rows)
@@ -84,25 +98,43 @@ def charts_over_time(dates: Dates, charts: Sequence[tuple[str, Chart]], columns:
         own = [chart for other, chart in charts if other == name]
         for chart in own:
             above = chart.high >= chart.low
-            panel.plot(when, chart.ewma / chart.ewma_limit, color=style.AFTER, linewidth=1.0)
+            panel.plot(when, chart.ewma / chart.ewma_limit, color=style.AFTER, linewidth=1.0,
+                       label='EWMA over its limit')
             panel.plot(when, np.where(above, chart.high, -chart.low) / chart.cusum_limit, color=style.COLOURS[2],
-                       linewidth=1.0)
+                       linewidth=1.0, label='larger CUSUM over its limit')
             for alarm in chart.alarms[:1]:
-                panel.axvline(when[alarm], color=style.BEFORE, linewidth=1.0, linestyle=':')
+                panel.axvline(when[alarm], color=style.BEFORE, linewidth=1.0, linestyle=':', label='first run beyond')
         for sign in (-1, 1):
-            panel.axhline(sign, color=style.BEFORE, linewidth=0.8, linestyle=style.DASHED)
-        most = max(1.2, *(float(np.max(np.abs(panel.get_lines()[line].get_ydata()))) for line in range(2 * len(own))))
-        panel.set_ylim(-1.1 * most, 1.1 * most)
+            panel.axhline(sign, color=style.BEFORE, linewidth=0.8, linestyle=style.DASHED, label='limit')
+        _scale_to(panel, [np.array([1.2]), *(np.max(np.abs([one.ewma / one.ewma_limit, one.high / one.cusum_limit,
+                                                            one.low / one.cusum_limit]), 0) for one in own)], FARTHEST)
         style.title(panel, name)
         _time_axis(panel, 5)
     for place in range(len(names), rows * columns):
         panels[place // columns, place % columns].set_visible(False)
+    _legend(made, panels)
     return made
+
+
+def _scale_to(panel: Axes, shown: Sequence[Floats], most: float) -> None:
+    """Set the y axis to both sides of zero, as far as what is shown, but no farther than `most`."""
+    edge = 1.1 * min(most, max(float(np.max(np.abs(values))) for values in shown))
+    panel.set_ylim(-edge, edge)
+
+
+def _legend(made: Figure, panels: Any) -> None:
+    """Explain each look of all panels once."""
+    known: dict[str, Any] = {}
+    for panel in panels.flat:
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+            known.setdefault(label, handle)
+    style.legend(made, list(known.values()), list(known))
 
 
 def _mark(panel: Axes, when: Floats, events: Sequence[Event]) -> None:
     for event in events:
-        panel.axvspan(when[event.earliest - 1], when[event.latest], color=style.BEFORE, alpha=0.35, linewidth=0)
+        panel.axvspan(when[event.earliest - 1], when[event.latest], color=style.BEFORE, alpha=0.35, linewidth=0,
+                      label='change between these runs')
 
 
 def _time_axis(panel: Axes, most: int = 6) -> None:
