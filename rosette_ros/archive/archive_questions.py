@@ -10,7 +10,9 @@ import pyarrow as pa
 
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import AXES
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.diagnosis.verdict import Level
+from rosette_ros.core.effects.library import effect
+from rosette_ros.core.errors import InvalidData, unknown
 from rosette_ros.presentation.json_output import CURVE_KEYS
 
 _BOTH = (*CURVE_KEYS, *(f'U_{key}' for key in CURVE_KEYS))
@@ -27,6 +29,8 @@ VIEWS: Mapping[str, str] = {
                   f'{", ".join(f"unnest({name}) AS {name}" for name in _DEVIATIONS)} FROM runs'}
 """Besides `runs`, in SQL: a row for each parameter of an effect, each angle of the curves, each ball and CMM position.
 """
+_MODEL = ("coalesce(nullif(array_to_string([e.effect for e in effects if e.in_model], ' + '), ''), 'base') || ' (' || "
+          "left(model_hash, 12) || ')'")
 SERIAL = {'table': 'table_serial', 'plate': 'plate_serial', 'cmm': 'cmm_serial', 'cell': 'cell', 'place': 'place',
           'level': 'level'}
 """What a ready question may ask for: word, and its column."""
@@ -35,23 +39,30 @@ SERIAL = {'table': 'table_serial', 'plate': 'plate_serial', 'cmm': 'cmm_serial',
 @dataclass(frozen=True)
 class Question:
     """A ready question. equal: values by the word, of SERIAL; since, until: days or times in ISO 8601, UTC; effect: in
-    the model or named by the diagnosis, with its parameters; problems: logs without an evaluation."""
+    the model or named by the diagnosis, with its parameters; problems: logs without an evaluation; model: hash of the
+    model, or its beginning."""
 
     equal: Mapping[str, str]
     since: str = ''
     until: str = ''
     effect: str = ''
     problems: bool = False
+    model: str = ''
 
     def condition(self) -> tuple[str, list[Any]]:
-        """Return the condition in SQL on `runs` and its values."""
+        """Return the condition in SQL on `runs` and its values; raises InvalidData and InvalidModel (see `ask_for`)."""
+        if (level := self.equal.get('level')) and level not in set(Level):
+            raise InvalidData(f'level: {unknown(level, tuple(map(str, Level)))}')
         parts, values = [f"problem {'<>' if self.problems else '='} ''"], list[Any]()
         for word, value in self.equal.items():
             parts, values = [*parts, f'{SERIAL[word]} = ?'], [*values, value]
         for value, sign in ((self.since, '>='), (self.until, '<')):
             if value:
                 parts, values = [*parts, f'measured_at {sign} ?'], [*values, _time(value)]
+        if self.model:
+            parts, values = [*parts, 'starts_with(model_hash, ?)'], [*values, self.model]
         if self.effect:
+            effect(self.effect)
             parts.append('(list_contains(missing, ?) OR list_contains([e.effect for e in effects], ?))')
             values += [self.effect] * 2
         return ' AND '.join(parts), values
@@ -62,7 +73,7 @@ class Question:
         if self.problems:
             return f'SELECT path, problem FROM runs WHERE {condition} ORDER BY path', values
         shown = ('measured_at, table_serial AS "table", cell, run_id AS run, n, 1e6 * rms_m AS rms_um, outcome, '
-                 "array_to_string(missing, ' + ') AS lacks")
+                 f"array_to_string(missing, ' + ') AS lacks, {_MODEL} AS model")
         if self.effect:
             shown += (", list_transform(flatten([e.parameters for e in effects if e.effect = ?]), lambda p: "
                       "format('{} = {:.4g} ± {:.2g} {}', p.name, p.value, p.U, p.unit)) AS parameters")
@@ -85,5 +96,7 @@ def ask(archive: RunArchive, sql: str) -> pa.Table:
 
 
 def ask_for(archive: RunArchive, question: Question) -> pa.Table:
-    """Return the answer to a ready question; raises InvalidData where a time in it is none."""
+    """Return the answer to a ready question.
+
+    Raises InvalidData where a time or level in it is none, InvalidModel where an effect is none."""
     return archive.query(*question.sql())

@@ -105,7 +105,7 @@ class RunArchive:
         """Return the answer of DuckDB to a question in SQL, in which `runs` are the rows that count.
 
         values: for the question marks in it; views: further ones by name, which may use those before them. Raises
-        InvalidData where the question cannot be answered."""
+        InvalidData where the question cannot be answered, or is another statement than SELECT."""
         while True:
             parts = self.parts
             try:

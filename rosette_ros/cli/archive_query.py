@@ -33,6 +33,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--until', metavar='TIME', default='', help='measured before this time')
     parser.add_argument('--effect', metavar='NAME', default='', help='with this effect in the model or named by the '
                         'diagnosis')
+    parser.add_argument('--model', metavar='HASH', default='', help='evaluated under the model of this hash, or its '
+                        'beginning (default: under any)')
     parser.add_argument('--problems', action='store_true', help='logs that could not be evaluated, and why')
     parser.add_argument('--columns', action='store_true', help='explain the columns of runs')
     add_formats(parser, csv='print the answer as CSV')
@@ -42,7 +44,8 @@ def run(options: Namespace) -> None:
     """Print the answer."""
     archive = RunArchive(options.archive)
     equal = {word: vars(options)[word] for word in SERIAL if vars(options)[word]}
-    wanted = Question(equal, options.since, options.until, options.effect, options.problems)
+    wanted = Question(equal, options.since, options.until, options.effect, options.problems,
+                      options.model)
     if options.sql and wanted != Question({}):
         raise UsageError('archive query: wanted SQL or a ready question, got both; put all into the SQL')
     if options.columns:

@@ -3,6 +3,8 @@
 
 import datetime
 import json
+import re
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from rosette_ros.archive.reanalysis import conclusion, logs_of, side_by_side, tr
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import SCHEMA, heading
 from rosette_ros.cli.main import main
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.errors import InvalidData, RosetteError
 from rosette_ros.core.geometry import nominal_angles
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import CURVES
@@ -61,6 +63,17 @@ def test_an_effect_is_shown_with_its_parameters(archive):
         ['d_x = 9e-07 ± 1e-07 m/s']]
 
 
+def test_the_model_of_each_row_is_named(archive):
+    """By its effects and the beginning of its hash, by which it can be asked for."""
+    archive.add([made_row(number, CREEP, creep=9) for number in range(2)])
+    names = {f'base ({BASE.hash[:12]})': 6, f'plate_creep ({CREEP.hash[:12]})': 2}
+    assert Counter(ask_for(archive, Question({})).column('model').to_pylist()) == names
+    for model in (BASE, CREEP):
+        found = ask_for(archive, Question({}, model=model.hash[:12])).column('model').to_pylist()
+        assert {name: len(found) for name in found} == {
+            name: number for name, number in names.items() if model.hash[:12] in name}
+
+
 def test_views_unfold_what_a_row_holds(archive):
     """A row for each parameter, each angle, each ball."""
     assert ask(archive, 'SELECT run_id, parameter, value / U AS size FROM effects').to_pylist() == [
@@ -73,6 +86,15 @@ def test_views_unfold_what_a_row_holds(archive):
 def test_what_is_no_time_is_refused(archive, question):
     """In one line."""
     with pytest.raises(InvalidData, match='wanted a day or a time such as 2026-04-12, got'):
+        ask_for(archive, question)
+
+
+@pytest.mark.parametrize(('question', 'words'), [
+    (Question({'level': 'god'}), "level: wanted one of good, doubtful, bad, got 'god'; did you mean 'good'?"),
+    (Question({}, effect='plate_crep'), "got 'plate_crep'; did you mean 'plate_creep'?")])
+def test_a_misspelt_word_is_refused(archive, question, words):
+    """It is no question that nothing answers."""
+    with pytest.raises(RosetteError, match=re.escape(words)):
         ask_for(archive, question)
 
 
