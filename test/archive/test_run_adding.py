@@ -301,7 +301,7 @@ def test_a_killed_worker_costs_time_only(logs, filled, tmp_path):
         with DaskEngine(address) as engine:
             engine.client.wait_for_workers(2, timeout=120)
             added = add_logs(archive, find_logs([str(more)]), engine, on_progress=kill)
-        assert (added.evaluated, added.problems, started[1].wait(10)) == (6, 0, -signal.SIGKILL)
+        assert (added.evaluated, added.problems, started[1].wait(60)) == (6, 0, -signal.SIGKILL)
     finally:
         for process in started:
             process.kill()

@@ -221,7 +221,7 @@ def test_an_answer_without_run_id_is_no_answer(check):
 def test_two_cmms_are_told(cmm, module_domain_id):
     """A second one with the same name, as soon as DDS has found it."""
     with Cmm(module_domain_id), CmmClient(module_domain_id) as client:
-        assert client._spin_until(lambda: client._node.count_publishers(names.BALL_CENTRE) == 2, 30.0)
+        assert client._spin_until(lambda: client._node.count_publishers(names.BALL_CENTRE) == 2, 60.0)
         report = client.check(client.settings({'plate.balls': BALLS}))
     assert 'one CMM' in report.failed  # and 'one answer', where it was found before it was asked
 

@@ -29,7 +29,7 @@ def watched(module_domain_id, make_cell, tmp_path_factory):
 def kill(cell, name):
     """Kill a node and start it again; return the words for a person."""
     cell.processes[name].popen.send_signal(signal.SIGKILL)
-    cell.processes[name].popen.wait(15)
+    cell.processes[name].popen.wait(60)
     return cell.restart_failed()
 
 

@@ -48,8 +48,8 @@ def trigger():
 
     def call(client, name):
         service = introspected_client(client._node, Trigger, name)
-        assert client._spin_until(service.service_is_ready, 10.0)
-        response = client._await(service.call_async(Trigger.Request()), 10.0, None)
+        assert client._spin_until(service.service_is_ready, 60.0)
+        response = client._await(service.call_async(Trigger.Request()), 60.0, None)
         client._node.destroy_client(service)
         return response.success, response.message
 

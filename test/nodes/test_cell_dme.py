@@ -190,7 +190,7 @@ def test_a_collision_stops_the_run_until_a_person_has_looked(cell, client, serve
     health = client._node.create_subscription(DiagnosticArray, names.DIAGNOSTICS, lambda array: heard.update(
         (one.message, one.level) for one in array.status), qos.HEALTH)
     assert client._spin_until(lambda: any('error 2504' in words and level == ERROR for words, level in heard.items()),
-                              30.0), heard
+                              60.0), heard
     client._node.destroy_subscription(health)
     refused(client, 'error 2504 .*a person has to look .*--recover')
     cmm = cell.processes[names.CMM]

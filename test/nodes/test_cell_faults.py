@@ -263,7 +263,7 @@ def test_recorder_that_dies_ends_the_run_in_words(cell_and_cmm, client, wait_unt
     outcome = client.calibrate(options='{limits.answer_timeout_s: 30, limits.return_timeout_s: 3}')
     assert 'the recorder is disconnected and did not come back within 3 s' in outcome.message
     assert not outcome.success
-    assert cell.processes['recorder'].popen.wait(15) == 0
+    assert cell.processes['recorder'].popen.wait(60) == 0
     log = read_log(outcome.log)
     assert not log.truncated
     assert len(log.answers) == 8
@@ -389,7 +389,7 @@ def test_clean_end_on_sigint_and_sigterm_in_the_middle_of_a_run(cell_of, domain_
             assert 'the sequencer is disconnected' in str(error)
         else:
             assert not outcome.success
-    codes = {name: cell.processes[name].popen.wait(15) for name in MODULES}
+    codes = {name: cell.processes[name].popen.wait(60) for name in MODULES}
     assert codes == dict.fromkeys(MODULES, 0)
     for name in MODULES:
         assert 'Traceback' not in cell.processes[name].output.read_text(errors='replace')

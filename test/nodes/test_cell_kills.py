@@ -63,7 +63,7 @@ def killed_run(cell, domain, name, moment):
         if progress.done >= moment and not killed:
             killed.append(name)
             cell.processes[name].popen.send_signal(signal.SIGKILL)
-            cell.processes[name].popen.wait(15)
+            cell.processes[name].popen.wait(60)
             cell.restart_failed()
 
     with CellClient(domain) as client:
@@ -138,7 +138,7 @@ def test_a_recorder_that_is_killed_again_as_it_comes_back(killable, undisturbed,
     def kill():
         kills.append(time.monotonic())
         cell.processes['recorder'].popen.send_signal(signal.SIGKILL)
-        cell.processes['recorder'].popen.wait(15)
+        cell.processes['recorder'].popen.wait(60)
         cell.start_node('recorder', wait=False)
 
     def look(progress=None):

@@ -165,7 +165,7 @@ def killed_cmm(cell, client, integrator):
             if progress.done > 2 and not killed:
                 cell.processes[names.CMM].popen.send_signal(signal.SIGKILL)
                 killed.append(time.monotonic())
-                cell.processes[names.CMM].popen.wait(15)
+                cell.processes[names.CMM].popen.wait(60)
             if killed and not noticed and 'the CMM is disconnected' in progress.text:
                 noticed.append(time.monotonic() - killed[0])
         if killed:

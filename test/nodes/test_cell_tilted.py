@@ -45,11 +45,11 @@ def test_an_axis_of_the_other_sense_is_told(cell, module_domain_id):
     """The first ball cannot be probed through the plate: one line says what to check."""
     with CellClient(module_domain_id) as client:
         service = client._node.create_client(SetParameters, 'sequencer/set_parameters')
-        assert client._spin_until(service.service_is_ready, 5.0)
+        assert client._spin_until(service.service_is_ready, 60.0)
 
         def teach(axis):
             request = SetParameters.Request(parameters=[Parameter('table.axis', value=axis).to_parameter_msg()])
-            return client._await(service.call_async(request), 5.0, None).results[0]
+            return client._await(service.call_async(request), 60.0, None).results[0]
 
         assert 'table.axis: wanted a list of 3 numbers' in teach([0.0, 0.0, 0.0]).reason
         assert teach([-1.0, 0.0, 0.0]).successful

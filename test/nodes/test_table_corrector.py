@@ -52,7 +52,7 @@ def peer(module_domain_id, file, make_peer):
     yield made
     made.stop()
     process.terminate()
-    assert process.wait(20) == 0
+    assert process.wait(60) == 0
 
 
 def test_each_joint_state_gives_the_pose_at_its_time(peer, correction, wait_until):
