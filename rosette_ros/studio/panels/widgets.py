@@ -137,16 +137,19 @@ def set_words(label: ui.label, words: str) -> None:
 
 
 class Figure:
-    """A Plotly figure, drawn in the background and only where it changes.
+    """A Plotly figure, drawn in the background and only where it changes; the browser gets none before there is
+    something to draw.
 
     words: for a screen reader; least: width below which it is scrolled, so that its texts do not overlap, px.
     """
 
     def __init__(self, height: int, words: str, mark: str = '', least: int = 0) -> None:
-        with ui.element('div').classes('scroll').props('tabindex=0' if least else ''):
-            self._plot = marked(ui.plotly({'data': [], 'layout': {}, 'config': {}}), mark)
-        self._plot.style(f'width: 100%; min-width: {least}px; height: {height}px')
-        self._plot.props(f'role=img aria-label="{words}"')
+        self._place = ui.element('div').classes('scroll').props('tabindex=0' if least else '')
+        self._place.style(f'min-height: {height}px')
+        self._style, self._words = f'width: 100%; min-width: {least}px; height: {height}px', words
+        self._mark = mark
+        self._plot: ui.plotly | None = None
+        self._clicked: Callable[[GenericEventArguments], None] | None = None
         self._key: tuple[object, ...] = ()
 
     def draw(self, key: tuple[object, ...], make: Callable[..., PlotlyFigure], *arguments: object) -> None:
@@ -156,13 +159,21 @@ class Figure:
             background_tasks.create_lazy(self._draw(make, arguments), name=f'figure {id(self)}')
 
     def on_click(self, chosen: Callable[[int, list[int]], object]) -> None:
-        """Call chosen(number of the trace, indices of the point in it) where a point is clicked."""
+        """Call chosen(number of the trace, indices of the point in it) where a point is clicked; before `draw`."""
         def clicked(event: GenericEventArguments) -> None:
             trace, point = event.args
             chosen(int(trace), [int(one) for one in (point if isinstance(point, list) else [point])])
-        self._plot.on('plotly_click', clicked, js_handler=CLICKED)
+        self._clicked = clicked
 
     async def _draw(self, make: Callable[..., PlotlyFigure], arguments: tuple[object, ...]) -> None:
         content = await run.io_bound(make, *arguments)
-        if not self._plot.is_deleted:
+        if self._place.is_deleted:
+            return
+        if self._plot is not None:
             self._plot.update_figure(content)
+            return
+        with self._place:
+            self._plot = marked(ui.plotly(content), self._mark).style(self._style)
+        self._plot.props(f'role=img aria-label="{self._words}"')
+        if self._clicked is not None:
+            self._plot.on('plotly_click', self._clicked, js_handler=CLICKED)
