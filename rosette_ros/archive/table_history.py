@@ -36,6 +36,12 @@ PEAK_TO_VALLEY = 'peak to valley'
 LEAST_SHARE = 1e-3
 """A harmonic that is smaller than this share of its u in every run is zero by convention, not by measurement."""
 
+LEAST_PLACES = 3
+"""Fewer balls or CMM positions do not say how they lie together, apart from how each of them deviates."""
+_RIGID = {'rotation': slice(0, 1), 'height': slice(1, 2), 'shift': slice(2, 4), 'tilt': slice(4, 6)}
+"""How the plate lies on the table (clamping) and all CMM positions in the frame of the table (frame), m: rotation and
+tilt as they move a ball."""
+
 
 @dataclass(frozen=True, eq=False)
 class ChartedQuantity:
@@ -180,26 +186,49 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> list[TimeSeries]:
 
 
 def _places(rows: Sequence[Mapping[str, Any]], what: str, word: str) -> list[TimeSeries]:
-    """Return the deviation of every ball or CMM position, along radius, circle and axis, and its harmonics along x, y,
-    z over their numbers, in the runs with as many as the last one; once per turn is how it lies and its size.
+    """Return how all balls or CMM positions lie together (`_RIGID`), the deviation of each besides, along radius,
+    circle and axis, and its harmonics along x, y, z over their numbers, in the runs with as many as the last one.
 
-    Along the radius it scatters with the temperature, more than its uncertainty and along it alone."""
+    How they lie together scatters as the alignment of a run does, and a table whose zero has moved turns the plate. The
+    size, along the radius, scatters with the temperature."""
     n = rows[-1]['n']
     values, u = (np.array([np.column_stack([row[f'{prefix}{what}_{axis}_m'] for axis in AXES]) if row['n'] == n
                            else np.full((n, 3), np.nan) for row in rows]) for prefix in ('', 'U_'))
     owner = 'CMM' if what == 'cmm' else what
+    together, values = _together('frame' if what == 'cmm' else 'clamping', values, u / COVERAGE_FACTOR)
     radial, square = rotate_z(-nominal_angles(n), values), u**2
     cosine, sine = np.cos(nominal_angles(n))**2, np.sin(nominal_angles(n))**2
     spread = np.sqrt(np.stack([cosine * square[..., 0] + sine * square[..., 1],
                                sine * square[..., 0] + cosine * square[..., 1], square[..., 2]], axis=-1))
-    found = [TimeSeries(owner, f'{owner} {word} {place + 1}', radial[:, place], spread[:, place] / COVERAGE_FACTOR)
-             for place in range(n)]
+    found = [*together, *(
+        TimeSeries(owner, f'{owner} {word} {place + 1}', radial[:, place], spread[:, place] / COVERAGE_FACTOR)
+        for place in range(n))]
     for place, axis in enumerate(AXES):
         waves = harmonics(nominal_angles(n), values[..., place], u[..., place] / COVERAGE_FACTOR)
         found += [TimeSeries(owner, f'{owner} {axis}, {order + 1} per turn', waves[0][:, order], waves[1][:, order])
                   for order in range(1, (n - 1) // 2)
                   if np.any(np.abs(waves[0][:, order]) > LEAST_SHARE * waves[1][:, order])]
     return found
+
+
+def _together(owner: str, values: Floats, u: Floats) -> tuple[list[TimeSeries], Floats]:
+    """Return how places (m, n, 3) with u lie together, of the parts that are not zero by convention, and the rest of
+    each place; both by least squares over the places that a run has."""
+    m, n, _ = values.shape
+    angle, zero, one = nominal_angles(n), np.zeros(n), np.ones(n)
+    columns = np.stack([np.stack(axes, axis=-1) for axes in (
+        (-np.sin(angle), np.cos(angle), zero), (zero, zero, one), (one, zero, zero), (zero, one, zero),
+        (zero, zero, np.sin(angle)), (zero, zero, -np.cos(angle)))], axis=-1)
+    parts, spread, rest = np.full((m, 6), np.nan), np.full((m, 6), np.nan), np.full_like(values, np.nan)
+    for run in range(m):
+        known = np.all(np.isfinite(values[run]), axis=1)
+        if np.count_nonzero(known) >= LEAST_PLACES:
+            inverse = np.linalg.pinv(columns[known].reshape(-1, 6))
+            parts[run] = inverse @ values[run, known].ravel()
+            spread[run] = np.sqrt(inverse**2 @ u[run, known].ravel()**2)
+            rest[run] = values[run] - columns @ parts[run]
+    return [TimeSeries(owner, f'{owner}, {name}', parts[:, place], spread[:, place]) for name, place in _RIGID.items()
+            if np.any(np.abs(parts[:, place]) > LEAST_SHARE * spread[:, place])], rest
 
 
 def _effects(rows: Sequence[Mapping[str, Any]]) -> list[TimeSeries]:

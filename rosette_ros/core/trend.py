@@ -28,6 +28,12 @@ from rosette_ros.core.records import Floats, Ints
 
 FALSE_EVENTS = 0.002
 """Probability that a history without a change shows one, at one look."""
+CONSEQUENT = ('clamping', 'frame')
+"""How the plate lies on the table, and the CMM positions in the frame of the table: another plate lies elsewhere, and a
+table whose zero has moved turns both."""
+TOGETHER = 12.0
+"""A change in a quantity lies at that of another one where the sum of squares is less than that above its best: that
+two changes lie close together by chance is far less probable."""
 LEAST_RUNS = 8
 """Fewer runs show no change: slope and scatter are not known."""
 MOST_EVENTS = 30
@@ -50,8 +56,8 @@ LEAST_SCATTER = 0.3
 class TimeSeries:
     """One quantity over the runs.
 
-    owner: what it belongs to (table, plate, CMM, an effect, the residual); name: in words; values: (m, c), SI, NaN
-    where a run does not have it; u: (m, c) standard uncertainties."""
+    owner: what it belongs to (table, plate, CMM, an effect, the residual; CONSEQUENT: how plate and CMM positions lie);
+    name: in words; values: (m, c), SI, NaN where a run does not have it; u: (m, c) standard uncertainties."""
 
     owner: str
     name: str
@@ -77,7 +83,7 @@ class Shift:
 @dataclass(frozen=True)
 class Event:
     """A change between two runs. run: index of the first run after it; earliest, latest: where else it may lie, by the
-    runs before which the sum of squares is less than 4 higher; steps: strongest first."""
+    runs before which the sum of squares is less than 4 higher; steps: strongest first, CONSEQUENT last."""
 
     run: int
     earliest: int
@@ -86,11 +92,11 @@ class Event:
 
     @property
     def owners(self) -> tuple[str, ...]:
-        """What has changed, that with the greatest sum of squares first."""
+        """What has changed, that with the greatest sum of squares first, CONSEQUENT last."""
         total: dict[str, float] = {}
         for step in self.steps:
             total[step.series.owner] = total.get(step.series.owner, 0.0) + step.strength ** 2
-        return tuple(sorted(total, key=lambda owner: -total[owner]))
+        return tuple(sorted(total, key=lambda owner: (owner in CONSEQUENT, -total[owner])))
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,9 +211,9 @@ def find_events(days: Floats, quantities: Sequence[TimeSeries], temperature: Flo
 
 
 def _same_event(found: dict[int, list[_Fit]], run: int, fall: Floats) -> int:
-    """Return the run of an event that this quantity does not tell from its own best place, else that place."""
+    """Return the run of an event at which this quantity may have changed too, else its own best place."""
     for known in sorted(found, key=lambda other: abs(other - run)):
-        if fall[known - 1] > fall[run - 1] - 4.0:
+        if fall[known - 1] > fall[run - 1] - TOGETHER:
             return known
     return run
 
@@ -223,7 +229,8 @@ def _event(run: int, fits: Sequence[_Fit], tests: int, places: Ints) -> Event:
         steps.append(Shift(fit.series, size, u, min(1.0, tests * float(fit.probability(fall[run - 1])))))
     likely = places[total > total[run - 1] - 4.0]
     near = [place for place in likely if abs(place - run) <= len(likely)]
-    return Event(run, int(min(near)), int(max(near)), tuple(sorted(steps, key=lambda step: -step.strength)))
+    return Event(run, int(min(near)), int(max(near)), tuple(sorted(
+        steps, key=lambda step: (step.series.owner in CONSEQUENT, -step.strength))))
 
 
 def _fits(days: Floats, quantities: Sequence[TimeSeries], temperature: Floats | None) -> list[_Fit]:

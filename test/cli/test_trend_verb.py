@@ -99,13 +99,34 @@ def test_runs_between_the_steps_are_left_out():
         history_of(rows, 'a', 9)
 
 
-def test_another_plate_is_a_change_of_the_plate():
-    """Its balls, and not the table."""
-    script = AgeingScript(machine={'plate': {'balls': 3}}, runs=14,
+@pytest.mark.parametrize('balls', [3, 8])
+def test_another_plate_is_a_change_of_the_plate(balls):
+    """Its balls and how it lies, and not the table; one change."""
+    script = AgeingScript(machine={'plate': {'balls': balls}}, runs=14,
                           changes=(MachineChange(day=56, set={'plate': {'number': 2}}),))
     [event] = history_of(rows_of(script), 'RT-7').events()
-    assert event.run == 8
-    assert event.owners[0] == 'plate'
+    assert (event.run, event.owners, event.steps[0].series.owner) == (8, ('plate', 'clamping'), 'plate')
+
+
+def test_a_table_whose_zero_moves_is_a_change_of_the_table():
+    """The plate lies turned since then, and is the same one."""
+    script = AgeingScript(machine={'plate': {'balls': 8}}, runs=40, changes=(
+        MachineChange(day=140, set={'table': {'added_errors': [{'error': 'crz', 'per_turn': 3, 'amplitude': 8.0}]}}),))
+    [event] = history_of(rows_of(script), 'RT-7').events()
+    assert (event.run, event.owners[0]) == (20, 'table')
+    assert set(event.owners) <= {'table', 'clamping'}
+
+
+def test_a_plate_that_was_clamped_anew_is_no_other_plate():
+    """All balls have turned by 20 µrad together."""
+    rows = rows_of(AgeingScript(machine={'plate': {'balls': 5}}, runs=14))
+    angle = np.array(rows[0]['angle_rad'])
+    for row in rows[8:]:
+        for name, direction in (('plate_x_m', -np.sin(angle)), ('plate_y_m', np.cos(angle))):
+            row[name] = (np.array(row[name]) + 20e-6 * row['radius_m'] * direction).tolist()
+    [event] = history_of(rows, 'RT-7').events()
+    assert (event.run, event.owners, [step.series.name for step in event.steps]) == (
+        8, ('clamping',), ['clamping, rotation'])
 
 
 @pytest.mark.parametrize(('text', 'words'), [
