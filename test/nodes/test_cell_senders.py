@@ -19,6 +19,8 @@ from rosette_ros.io.messages import Phase
 from rosette_ros.nodes import names, qos
 
 N = 4
+FORGED_STAMP = Time(sec=2**31 - 1)
+"""By which an answer of a Forger is found in a log."""
 TOTAL = 3 + 2 * N + N * N + 1
 TWO = r'2 nodes publish /rosette/ball_centre \(/rosette/cmm and (/rosette/peer|one whose name is not known)\)'
 """The name of a node is known a little later than what it publishes."""
@@ -74,8 +76,8 @@ class Forger:
             made.publish(message)
         return made
 
-    def answer(self):
-        """Join as a CMM."""
+    def answer(self, now=lambda: FORGED_STAMP):
+        """Join as a CMM; one that is to be believed states the time of each answer."""
         publisher = self.publish(BallCentre, names.BALL_CENTRE, qos.ANSWER)
 
         def on_target(target):
@@ -83,7 +85,7 @@ class Forger:
             centre = target.centre
             centre.x += 1e-5
             publisher.publish(BallCentre(
-                header=Header(stamp=Time(sec=2**31 - 1), frame_id=target.header.frame_id), run_id=target.run_id,
+                header=Header(stamp=now(), frame_id=target.header.frame_id), run_id=target.run_id,
                 seq=target.seq, table_position=target.table_position, ball=target.ball,
                 cmm_position=target.cmm_position, table_angle=target.table_angle, centre=centre))
 
@@ -145,7 +147,7 @@ def test_forged_answers_during_a_run_are_not_used(cell, client, stranger, undist
     assert re.search(f'; {TWO} for a while: what they published then is not used$', outcome.message)
     assert any('2 nodes publish /rosette/ball_centre' in text for text in told)
     log = read_log(outcome.log)
-    assert not [answer for answer in log.answers if answer.stamp_ns == (2**31 - 1) * 10**9]
+    assert not [answer for answer in log.answers if answer.stamp_ns == FORGED_STAMP.sec * 10**9]
     assert np.array_equal(outcome.error_motions.values, undisturbed.error_motions.values)
 
 
@@ -196,7 +198,7 @@ def test_a_cmm_without_heartbeat_follows_one_with_heartbeat(cell_of, domain_id, 
         said = len(cell.processes['sequencer'].text())
         peer = make_peer(domain_id)
         perfect = Forger(peer)
-        perfect.answer()
+        perfect.answer(lambda: peer.node.get_clock().now().to_msg())
         peer.start()
         try:
             wait_until(lambda: names.COMPLETE in cell.processes['sequencer'].text()[said:])
