@@ -20,7 +20,7 @@ from rosette_ros.core.diagnosis.verdict import Verdict, noise_words
 from rosette_ros.core.effects.effect import Effect, Quantity
 from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
 from rosette_ros.core.model.least_squares import Fit, Parameter
-from rosette_ros.core.model.model import Model
+from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.planning.advice import Advice, OrderAdvice
 from rosette_ros.core.planning.visibility import Visibility
 from rosette_ros.core.records import CURVES
@@ -89,11 +89,12 @@ def by_curve(values: Iterable[object]) -> Json:
 def evaluation_json(fit: Fit, verdict: Verdict | None = None, lines: Sequence[AxisError] | None = None) -> Json:
     """Return a report, schema rosette-evaluation/1; u holds standard uncertainties; lines: None for no tolerances.
 
-    An effect that stands twice in the model is named with its fixed parameters.
+    An effect that stands twice in the model is named with its fixed parameters, or with all that were found.
     """
     run, motions = fit.run, fit.error_motions
-    terms = [term.name for term in fit.model.terms]
-    keys = [term.name if terms.count(term.name) == 1 else str(term) for term in fit.model.terms]
+    names, terms = [term.name for term in fit.model.terms], [str(term) for term in fit.model.terms]
+    keys = [term.name if names.count(term.name) == 1 else str(term) if terms.count(str(term)) == 1 else
+            str(Term(term.effect, one.setting)) for term, one in zip(fit.model.terms, fit.effects, strict=True)]
     return plain({
         'schema': EVALUATION, 'run_id': run.run_id, 'n': run.n, 'radius_m': run.radius,
         'mean_radius_m': fit.mean_radius, 'readings': run.size, 'completeness': run.completeness,

@@ -12,9 +12,8 @@ from typing import Any, NamedTuple
 
 from rosette_ros.analysis import MOST_BALLS_JUDGED, Change, LadderStep, Summary, Verdict
 from rosette_ros.core.effects.effect import Setting
-from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.model.least_squares import Fit
-from rosette_ros.core.model.model import BASE_TERMS, Model
+from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import Run
 from rosette_ros.presentation.report.provenance import Source
 
@@ -115,13 +114,9 @@ class Session:
         self.change_model(smaller, f'remove {self.model_parts[place]}')
 
     def model_with(self, name: str, setting: Setting | None = None) -> Model:
-        """Return the model with another effect; raises InvalidModel for an unknown name."""
-        model = self.model
-        if name in BASE_TERMS or name not in [term.name for term in model.terms]:
-            return model.with_effect(name)
-        if not setting:
-            raise InvalidModel(f'model: {name} is in the model already')
-        return model.with_effect(name, setting)
+        """Return the model with another effect; raises InvalidModel for an unknown name and one that cannot repeat."""
+        stands = name in [term.name for term in self.model.terms]
+        return self.model.with_effect(name, setting if stands else None)
 
     @property
     def model_parts(self) -> tuple[str, ...]:

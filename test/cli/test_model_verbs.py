@@ -5,9 +5,13 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
-from simulated import simulated_table
+from simulated import simulated_run, simulated_table
+
+from rosette_ros.core.diagnosis.verdict import Outcome
+from rosette_ros.io.ball_centre_table import write_csv
 
 BASE = ['table_motions', 'plate_deviations', 'cmm_deviations']
 
@@ -159,8 +163,26 @@ def test_a_choice_that_the_run_does_not_offer(refused, model):
 def test_twice_is_refused(refused, rosette, model):
     """The same effect with the same settings."""
     rosette('add', 'frame_drift', '--model', model)
-    assert 'effect frame_drift stands twice' in refused('add', 'frame_drift', '--model', model)
+    assert 'effect frame_drift stands twice; remove one' in refused('add', 'frame_drift', '--model', model)
     assert content(model)['effects'] == ['frame_drift']
+    rosette('add', 'outlier', '--set', 'reading=3', '--model', model)
+    assert 'outlier(reading=3) stands twice; remove one, or give one another setting' in refused(
+        'add', 'outlier', '--set', 'reading=3', '--model', model)
+
+
+def test_the_printed_command_adds_the_next_of_an_effect_that_is_missing_twice(rosette, model, tmp_path):
+    """Two wrong readings: the first add takes one, the second, as it is printed then, the other; names are apart."""
+    run = simulated_run()
+    off = np.zeros((run.size, 3))
+    off[20, 0], off[50, 1] = 3e-6, 4e-6
+    path = tmp_path / 'two.csv'
+    write_csv(run.replace(centre=run.centre + off), path)
+    for given in ((), ('--model', model)):
+        assert 'rosette add outlier --model FILE' in ' '.join(rosette('evaluate', path, *given).out.split())
+        assert rosette('add', 'outlier', '--model', model).code == 0
+    got = json.loads(rosette('evaluate', path, '--model', model, '--json').out)
+    assert got['outcome'] != Outcome.NAMED
+    assert sorted(got['effects']) == ['outlier(reading=21)', 'outlier(reading=51)']
 
 
 def test_remove_names_what_is_there(refused, rosette, model):

@@ -102,7 +102,7 @@ def test_bad_entries_are_refused_and_change_nothing(session):
     with pytest.raises(InvalidModel, match='is in the model already'):
         session.add('table_motions')
     session.add('frame_drift')
-    with pytest.raises(InvalidModel, match='frame_drift is in the model already'):
+    with pytest.raises(InvalidModel, match='effect frame_drift stands twice; remove one'):
         session.add('frame_drift')
     assert session.undo_words == 'add frame_drift'
 

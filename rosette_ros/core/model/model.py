@@ -33,6 +33,11 @@ class Term:
         """The name of the effect."""
         return self.effect.name
 
+    @property
+    def is_open(self) -> bool:
+        """Whether a number of its setting is left to the search, so that the same term again finds another place."""
+        return any(one.unit and one.name not in self.fixed for one in self.effect.searched)
+
     def to_entry(self) -> Entry:
         """Return the term as it stands in a model file."""
         if isinstance(self.effect, CustomTerm):
@@ -64,9 +69,9 @@ class Term:
 class Model:
     """Base terms (some of BASE_TERMS), effects and what the noise may be; prints itself as a sum.
 
-    noise: some of NOISE_TERMS, none for white noise; repeated allows an effect to stand more than once with the same
-    fixed parameters. Raises InvalidModel where it does
-    without, and for an unknown base term or setting.
+    noise: some of NOISE_TERMS, none for white noise; repeated allows an effect of which nothing is searched to stand
+    more than once with the same fixed parameters. Raises InvalidModel where it does without, and for an unknown base
+    term or setting.
     """
 
     base: tuple[str, ...] = BASE_TERMS
@@ -86,8 +91,9 @@ class Model:
         seen = set()
         for term in self.terms:
             term.effect.check_setting(term.fixed)
-            if str(term) in seen and not self.repeated:
-                raise InvalidModel(f'model: effect {term} stands twice; remove one')
+            if str(term) in seen and not (self.repeated or term.is_open):
+                raise InvalidModel(f'model: effect {term} stands twice; remove one'
+                                   f'{", or give one another setting" if term.effect.searched else ""}')
             seen.add(str(term))
 
     @property
