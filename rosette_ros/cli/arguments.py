@@ -99,7 +99,7 @@ def add_places(parser: argparse.ArgumentParser) -> None:
     """Add --cmm-positions, --balls-of and --share, of which one excludes the others."""
     group = parser.add_mutually_exclusive_group()
     group.add_argument('--cmm-positions', metavar='K', default='', help='measure at the K CMM positions that determine '
-                       'the curves best, or at those of a list such as 1,4,6,9 (default: all)')
+                       'the curves best, or at those of a list such as 1,5,7,10 (default: all)')
     group.add_argument('--balls-of', metavar='K', default='', dest='balls_in_use',
                        help='measure the K balls that determine the curves best, or those of a list')
     group.add_argument('--share', dest='cmm_positions', metavar='PART', help='measure at this part of the CMM '

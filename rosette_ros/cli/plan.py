@@ -60,7 +60,7 @@ OF_ONE_PLAN = {'output': '--output', 'figures': '--figures', 'cmm_positions': '-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.add_argument('plans', metavar='PLAN', nargs='*', help='plan files or orders, several to compare them; an '
-                        'order may name its CMM positions as in there_and_back:8, diagonal:50%% or row:1,4,6,9')
+                        'order may name its CMM positions as in there_and_back:8, diagonal:50%% or row:1,5,7,10')
     add_plan(parser, MOST_BALLS)
     add_places(parser)
     add_table_offset(parser)

@@ -146,8 +146,7 @@ def best_members(n: int, size: int, what: str = 'CMM positions or balls') -> tup
     else:
         best = _exchanged(n, size)
     if not math.isfinite(best[0]):
-        raise InvalidPlan(f'{size} of {n} {what} do not determine the curves; wanted at least '
-                          f'{fewest_members(n)} that are not equally spaced')
+        raise InvalidPlan(f'{size} of {n} {what} do not determine the curves; wanted at least {fewest_members(n)}')
     return best[1]
 
 

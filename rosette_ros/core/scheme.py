@@ -272,8 +272,9 @@ def chosen_places(n: int, order: str, cmm_positions: Sequence[int] = (),
         if any(place not in range(1, n + 1) for place in places) or len({*places}) < len(places):
             raise InvalidPlan(f'{name} in use: wanted different ones of 1..{n}, got {", ".join(map(str, places))}')
         if places and not np.isfinite(penalty(n, tuple(place - 1 for place in places))):
+            best = best_members(n, max(len(places), fewest_members(n)))
             raise InvalidPlan(f'{name} in use: {", ".join(map(str, places))} of {n} do not determine the curves; '
-                              f'wanted at least {fewest_members(n)} that are not equally spaced')
+                              f'wanted others, such as {", ".join(str(k + 1) for k in best)}')
     if cmm_positions and balls:
         raise InvalidPlan('wanted CMM positions or balls in use, got both; leave out one')
     if order in BACK and not cmm_positions and not balls:
@@ -284,7 +285,7 @@ def chosen_places(n: int, order: str, cmm_positions: Sequence[int] = (),
 def places_in_use(text: str, n: int, what: str = 'CMM positions or balls') -> tuple[int, ...]:
     """Return the CMM positions or balls, from 1, that a text names.
 
-    '' all, () ; '6' the six that determine the curves best; '50 %' the best half; '1, 4, 6, 9' these.
+    '' all, () ; '6' the six that determine the curves best; '50 %' the best half; '1, 5, 7, 10' these.
 
     what: they are, in words. Raises InvalidPlan for another text.
     """
@@ -296,7 +297,7 @@ def places_in_use(text: str, n: int, what: str = 'CMM positions or balls') -> tu
             return ()
         count = round(float(text.strip(' %')) * n / 100) if '%' in text else int(text)
     except (ValueError, OverflowError):
-        raise InvalidPlan(f'{what} in use: wanted how many (6), a share (50 %) or which (1, 4, 6, 9), '
+        raise InvalidPlan(f'{what} in use: wanted how many (6), a share (50 %) or which (1, 5, 7, 10), '
                           f'got {text!r:.80}') from None
     return tuple(k + 1 for k in best_members(n, count, what))
 

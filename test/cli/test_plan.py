@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """rosette plan."""
 
+import argparse
 import csv
 import io
 import json
+import re
 from pathlib import Path
 
 import pytest
+
+from rosette_ros.cli.plan import add_arguments
 
 GOLDEN = Path(__file__).parents[1] / 'golden'
 
@@ -202,6 +206,15 @@ def test_what_a_plan_shows_depends_on_the_axis(rosette, refused):
     assert lying['ball_sag']['typical_visible_fraction'] > 0.3
     assert '(0, 1, 0)' in rosette(*plan, '--axis', 0, 1, 0).out
     assert '--axis: wanted 3 numbers that are not all 0, got [0.0' in refused(*plan, '--axis', 0, 0, 0)
+
+
+def test_the_places_of_the_help_can_be_measured(rosette):
+    """The order that the help names determines the curves of the usual plate."""
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    order, = re.findall(r'row:[\d,]+', parser.format_help())
+    got = json.loads(rosette('plan', order, '--balls', 12, '--radius-mm', 182.5, '--json').out)
+    assert len(got['ball']) == 48
 
 
 def test_a_plate_of_fewer_balls_than_positions_is_called_so(rosette, tmp_path):

@@ -101,8 +101,10 @@ def test_places_that_are_left_out_are_not_measured(order):
 @pytest.mark.parametrize('arguments, words', [
     ({'cmm_positions': (1, 13)}, r'CMM positions in use: wanted different ones of 1..12, got 1, 13'),
     ({'balls': (2, 2, 5)}, r'balls in use: wanted different ones of 1..12, got 2, 2, 5'),
-    ({'cmm_positions': (1, 4, 7, 10)}, 'CMM positions in use: 1, 4, 7, 10 of 12 do not determine the curves; wanted at '
-                                       'least 4 that'),
+    ({'cmm_positions': (1, 4, 7, 10)}, 'CMM positions in use: 1, 4, 7, 10 of 12 do not determine the curves; wanted '
+                                       'others, such as 1, 5, 7, 10'),
+    ({'balls': (1, 4, 6, 9)}, '1, 4, 6, 9 of 12 do not determine the curves; wanted others, such as 1, 5, 7, 10'),
+    ({'balls': (2, 3)}, '2, 3 of 12 do not determine the curves; wanted others, such as 1, 5, 7, 10'),
     ({'balls': (1, 5, 7, 10), 'cmm_positions': (1, 5, 7, 10)}, 'wanted CMM positions or balls in use, got both')])
 def test_places_that_do_not_exist_are_refused(arguments, words):
     """Places in use are different ones that exist, and of one kind."""
