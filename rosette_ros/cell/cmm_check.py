@@ -19,6 +19,7 @@ from rosette_ros.calibration.settings import LIMITS, PLANNED, changed_settings, 
 from rosette_ros.calibration.state_machine import complaint
 from rosette_ros.cell.client import CellClient
 from rosette_ros.core.errors import CellError
+from rosette_ros.core.number_words import micrometres, significant
 from rosette_ros.core.touches import fit_spheres
 from rosette_ros.io.messages import MACHINE_FRAME, Answer, Phase, Target, answer_of
 from rosette_ros.io.reading_checks import check_answers
@@ -185,7 +186,7 @@ class CmmClient(CellClient):
         answers, sigma = [answer for _, answer in pairs], run.repeatability()[0]
         found = check_answers(pairs)
         checks = [Check(name, not found[name], found[name] or held) for name, held in HELD.items() if name in found]
-        spread = 'not found' if sigma is None else f'{1e6 * sigma:.3g} µm, standard deviation of a coordinate'
+        spread = 'not found' if sigma is None else f'{micrometres(sigma)}, standard deviation of a coordinate'
         words = found.get('repeatability', '')
         checks.append(Check('repeatability', None if sigma is None and not words else not words, words or spread))
         frames = sorted({answer.frame for answer in answers})
@@ -196,7 +197,7 @@ class CmmClient(CellClient):
                                 'synchronise the clocks' if off else 'stamps lie between target and answer'))
         form = [answer.form_error for answer in answers]
         checks.append(Check('form error', all(0 <= one < PLAUSIBLE_FORM for one in form),
-                            f'{1e6 * min(form):.3g} to {1e6 * max(form):.3g} µm'))
+                            f'{significant(1e6 * min(form))} to {micrometres(max(form))}'))
         checks.append(self._touch_check(run.run_id, answers))
         warm = np.array([answer.temperature for answer in answers])
         known, (low, high) = warm[np.isfinite(warm)], PLAUSIBLE_TEMPERATURE
@@ -221,7 +222,7 @@ class CmmClient(CellClient):
         radius = [1e3 * float(one.radius[0]) for one in spheres]
         each = sorted({len(points[answer.seq]) for answer in answers})
         words = (f'{" or ".join(map(str, each))} a ball, spheres of radius {min(radius):.4f} to {max(radius):.4f} mm, '
-                 f'centres {1e6 * off:.2g} µm from the answers')
+                 f'centres {micrometres(off, 2)} from the answers')
         return Check(name, off <= SAME_CENTRE, words if off <= SAME_CENTRE else
                      f'{words}; wanted at most {1e6 * SAME_CENTRE:g} µm: are they of the same ball, in metres?')
 

@@ -229,7 +229,7 @@ def _measured(run: Run, source: Source) -> Measured:
         ('Time', f'{source.begun} to {source.ended}' if days else ''),
         ('Duration', text.duration(float(np.ptp(run.time)))), ('Pauses', text.pauses(run)),
         ('Temperature', f'{degrees[0]} °C to {degrees[1]} °C' if degrees else 'not recorded'),
-        ('Table angles', f'at most {1e6 * np.abs(run.angle_deviation).max():.3g} µrad off nominal'),
+        ('Table angles', f'at most {text.significant(1e6 * np.abs(run.angle_deviation).max())} µrad off nominal'),
         ('Repeatability', text.repeatability_words(run.repeatability, run.repeatability_dof)),
         ('Notes', '; '.join(run.notes)))
     return Measured(rows[0][1], tuple(row for row in rows if row[1]), days, known, run.simulated)

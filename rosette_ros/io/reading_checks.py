@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rosette_ros.core.geometry import Floats, wrap
+from rosette_ros.core.number_words import micrometres
 from rosette_ros.core.records import ROUNDED, Run, resolution_of
 from rosette_ros.io.messages import Answer, Phase, Target
 
@@ -69,7 +70,7 @@ def resolution_words(coordinates: ArrayLike, repeatability: float | None) -> str
     step = resolution_of(coordinates)
     if not step or (repeatability is not None and step <= repeatability):
         return ''
-    beside = '' if repeatability is None else f', more than the repeatability of {1e6 * repeatability:.2g} µm'
+    beside = '' if repeatability is None else f', more than the repeatability of {micrometres(repeatability, 2)}'
     return f'{ROUNDED} {1e6 * step:g} µm{beside}; give every digit that the CMM has'
 
 

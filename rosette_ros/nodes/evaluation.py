@@ -15,6 +15,7 @@ from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.sharing import PARTS, SEATS
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import BASE_TERMS, Model
+from rosette_ros.core.number_words import micrometres, significant
 from rosette_ros.core.records import Run
 from rosette_ros.io.messages import Answer, TableFrame, Target
 from rosette_ros.io.run_assembly import RunAnswers
@@ -163,9 +164,9 @@ class ModelChange:
     @property
     def sentence(self) -> str:
         """What has changed, for a person."""
-        before = f'{1e6 * self.before.rms:.4g}' if self.before else 'undetermined'
+        before = significant(1e6 * self.before.rms) if self.before else 'undetermined'
         return (f'run {self.run.run_id}: model {self.after.model}; residual {before} -> '
-                f'{1e6 * self.after.rms:.4g} µm')
+                f'{micrometres(self.after.rms)}')
 
 
 @dataclass(eq=False)

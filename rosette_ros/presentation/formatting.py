@@ -14,6 +14,10 @@ from rosette_ros.core.diagnosis.verdict import p_value as p_value
 from rosette_ros.core.diagnosis.verdict import p_words
 from rosette_ros.core.effects.library import BASE_EFFECTS, EFFECTS
 from rosette_ros.core.error_summary import COVERAGE_FACTOR as COVERAGE_FACTOR
+from rosette_ros.core.number_words import UNKNOWN as UNKNOWN
+from rosette_ros.core.number_words import micrometres as micrometres
+from rosette_ros.core.number_words import multiple as multiple
+from rosette_ros.core.number_words import significant as significant
 from rosette_ros.core.records import CURVES, Floats, Run
 from rosette_ros.core.scheme import cmm_position
 
@@ -30,7 +34,6 @@ P_NOISE, CROSS_VALIDATION, OBSERVABLE, LIMIT = (
 DATED = 10**17
 """Earlier times, ns since the epoch (March 1973), are no dates: those of an imported table count from its start."""
 MICRO_DECIMALS, MOST_MISSING = 3, 5
-UNKNOWN = '–'
 
 
 class Scale(NamedTuple):
@@ -130,11 +133,6 @@ def micro(value: float, places: int = MICRO_DECIMALS) -> str:
     return fixed(1e6 * value, places)
 
 
-def micrometres(metres: float, digits: int = 3) -> str:
-    """Return a length with significant digits and its unit: 0.0950 µm."""
-    return f'{micro(metres, decimals(1e6 * metres, digits))} µm'
-
-
 def millimetres(metres: float) -> str:
     """Return a length with as many decimals as it needs: 182.5 mm."""
     return f'{exact(1e3 * metres, 6)} mm'
@@ -152,7 +150,7 @@ def percent(share: float) -> str:
 
 def sigmas(value: float) -> str:
     """Return a multiple of the standard deviation."""
-    return f'{exact(value, 1) if value < 100 else fixed(value, 0)} σ'
+    return f'{exact(value, 1) if 0.1 <= value < 100 else significant(value, 2) if value < 0.1 else fixed(value, 0)} σ'
 
 
 def duration(seconds: float) -> str:
@@ -187,7 +185,8 @@ def setting_words(effect: str, setting: Mapping[str, object], without: Container
         if name not in without:
             scale = scale_of(units.get(name, ''), name)
             if isinstance(value, float) or (isinstance(value, int) and scale.unit):
-                value = f'{value * scale.factor:.4g} {scale.unit}'.rstrip()
+                size = value * scale.factor
+                value = f'{exact(size, decimals(abs(size), 4))} {scale.unit}'.rstrip()
             words.append(_first_senses(str(value)) if name == 'first' else f'{name} {value}')
     return ', '.join(words)
 
@@ -296,7 +295,7 @@ def residual_words(fit: 'Fit') -> str:
     if known is None or fit.lack_of_fit_p is None:
         return f'{text}; the repeatability is not known'
     dof = '' if fit.run.repeatability_dof is None else f' ({fit.run.repeatability_dof:g} degrees of freedom)'
-    return (f'{text}, {fixed(fit.rms / known, 2)} times the repeatability of {micrometres(known)}{dof}; '
+    return (f'{text}, {multiple(fit.rms / known)} times the repeatability of {micrometres(known)}{dof}; '
             f'lack of fit: {p_words(fit.lack_of_fit_p)}')
 
 

@@ -140,7 +140,7 @@ def axes(comparison: Comparison) -> Table:
     sigma = noise_of(comparison.fit)[0]
     return Table('residual_axes', 'Residual by axis', (
         words('axis', 'axis', AXES), micrometre_column('rms_um', 'rms', comparison.axis_rms),
-        column('rms_sigma', 'in σ', comparison.axis_rms / sigma, partial(text.fixed, places=2))))
+        column('rms_sigma', 'in σ', comparison.axis_rms / sigma, text.multiple)))
 
 
 def places(comparison: Comparison) -> Table:
@@ -256,7 +256,7 @@ def nested_models(steps: Sequence[LadderStep]) -> Table:
 
 
 def _chi_square(value: float | None) -> str:
-    return text.UNKNOWN if value is None else f'{value:.3g}'
+    return text.UNKNOWN if value is None else text.significant(value)
 
 
 def nested_names(steps: Sequence[LadderStep]) -> list[str]:

@@ -4,6 +4,7 @@
 from rosette_ros.core.diagnosis.verdict import Conclusion, Level
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.model.least_squares import UNLIKELY
+from rosette_ros.core.number_words import micrometres
 
 ITEMS = {'table': 'table motions', 'plate': 'plate deviations', 'clamping': 'placement of the plate',
          'cmm': 'CMM deviations at the same positions', 'frame': 'machine frame',
@@ -14,7 +15,7 @@ ITEMS = {'table': 'table motions', 'plate': 'plate deviations', 'clamping': 'pla
 
 def conclude(result: JointResult) -> Conclusion:
     """Return the Conclusion of a joint evaluation."""
-    count, residual = len(result.solution.model.runs), f'residual {1e6 * result.rms:.3g} µm per coordinate'
+    count, residual = len(result.solution.model.runs), f'residual {micrometres(result.rms)} per coordinate'
     who, s, does = (f'The {count} runs', '', 'do') if count > 1 else ('The run', 's', 'does')
     untrue = [ITEMS[test.item] for test in result.tests if test.is_contradicted and test.is_used]
     unused = [ITEMS[test.item] for test in result.tests if test.item != 'sense' and not test.is_used]

@@ -30,6 +30,7 @@ from rosette_ros.core.model.second_order import (
     second_order,
     turned_plate,
 )
+from rosette_ros.core.number_words import micrometres
 from rosette_ros.core.records import ErrorMotions, Floats, Ints, Run
 
 HIDDEN = 1e-6
@@ -335,7 +336,7 @@ def fit(run: Run, model: Model | None = None, settings: Sequence[Mapping[str, fl
     if not change <= CONVERGED:
         raise NotDeterminable(
             f'{run.source}: the products of rotations and deviations do not converge for {model}: after {MOST_STEPS} '
-            f'steps they still change by {1e6 * change:.3g} µm (wanted at most {1e6 * CONVERGED:g}); check plate, '
+            f'steps they still change by {micrometres(change)} (wanted at most {1e6 * CONVERGED:g}); check plate, '
             'table frame and readings')
     tangents = _tangents(run, parts, amplitude)
     joint = JointSpace(space, columns, tangents) if len(tangents) else linear

@@ -270,7 +270,7 @@ def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str
             ('Temperature', _temperature(run)),
             ('Repeatability', text.repeatability_words(
                 run.repeatability, run.repeatability_dof, run.repeatability_axes)),
-            ('Table angles', f'at most {1e6 * np.abs(run.angle_deviation).max():.3g} µrad off nominal'),
+            ('Table angles', f'at most {text.significant(1e6 * np.abs(run.angle_deviation).max())} µrad off nominal'),
             ('Uncertainties', text.uncertainty_words(fit)), ('Model judged', text.model_words(summary.model)),
             ('Model of the results', text.model_words(fit.model)),
             *(('Data', f'{file.path}, SHA-256 {file.sha256}') for file in (source.files if source else ())),
