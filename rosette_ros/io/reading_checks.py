@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rosette_ros.core.geometry import Floats, wrap
-from rosette_ros.core.number_words import micrometres
+from rosette_ros.core.number_words import micrometres, significant
 from rosette_ros.core.records import ROUNDED, Run, resolution_of
 from rosette_ros.io.messages import Answer, Phase, Target
 
@@ -16,6 +16,7 @@ Pairs = Sequence[tuple[Target, Answer]]
 """Targets, and of each the answer that counts, in the order of asking."""
 ECHO = 1e-12  # an answer that is no farther from the expected place is that place, m
 SAME_TURN = 0.1  # a travel that differs by less from what was asked, rad, is that of the asked move
+QUICKEST, TEMPERATURES, REPEATABILITIES = 0.1, (-10.0, 60.0), (1e-9, 1e-3)  # what can be: s a ball; °C; m
 RADIUS = 2e-3  # a radius is wrong that differs by more than this share from the circle of the ball centres
 
 
@@ -46,7 +47,24 @@ def remarks_on_table(run: Run) -> tuple[str, ...]:
     """Return what is wrong with the readings of a table, in words."""
     same = f'the time is the same in all {run.size} readings: effects in time cannot be found'
     found = (same if run.size > 1 and not np.ptp(run.time) else '', resolution_words(run.centre, run.repeatability))
-    return (*filter(None, found), *remarks_on_radius(run))
+    return (*filter(None, found), *_remarks_on_units(run), *remarks_on_radius(run))
+
+
+def _remarks_on_units(run: Run) -> tuple[str, ...]:
+    """Return which quantities of a table cannot be in the unit of their column, in words."""
+    found = []
+    step = float(np.median(np.diff(run.time))) if run.size > 1 else 0.0
+    if 0 < step < QUICKEST:
+        found.append(f'ball centres are {significant(step, 2)} s apart, quicker than a CMM measures; is time_s in '
+                     'minutes, hours or days? give seconds')
+    warm = run.temperature[np.isfinite(run.temperature)]
+    if warm.size and not (TEMPERATURES[0] <= warm.min() and warm.max() <= TEMPERATURES[1]):
+        found.append(f'the temperature is {warm.min():.1f} to {warm.max():.1f} °C; is temperature_C in °F or K? give '
+                     '°C')
+    known, (least, most) = run.repeatability, REPEATABILITIES
+    if known is not None and not least <= known <= most:
+        found.append(f'the stated repeatability is {micrometres(known)}; is it in mm or m? give µm')
+    return tuple(found)
 
 
 def note_on_offset(offset: float) -> tuple[str, ...]:
