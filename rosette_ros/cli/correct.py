@@ -13,7 +13,7 @@ from rosette_ros.cli.console import COLOURS, console, print_parts
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
 from rosette_ros.core.correction import Correction
 from rosette_ros.core.diagnosis.verdict import Verdict
-from rosette_ros.core.records import CURVES, Floats
+from rosette_ros.core.records import CURVES
 from rosette_ros.io.correction_file import correction_csv, format_correction, linuxcnc_compensation
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_readings import joint_identity, open_readings
@@ -73,9 +73,11 @@ def run(options: Namespace) -> None:
     print_parts(out, [correction_table(correction)])
     lines = [f'Harmonics: up to {correction.harmonics} of the table angle, those that the run determines.']
     if step:
-        bound = correction.curvature() * np.deg2rad(step)**2 / 8
-        lines.append('Straight lines between the angles of the table miss the curves by at most '
-                     f'{_largest(bound[:3], "m")} and {_largest(bound[3:], "rad")}.')
+        bound = dict(zip(CURVES, correction.curvature() * np.deg2rad(step)**2 / 8))
+        missed = ((max([bound[one] for one in corrected if one.startswith(kind)], default=None), unit)
+                  for kind, unit in (('ct', 'm'), ('cr', 'rad')))
+        lines.append(f'Straight lines between the angles of the table miss {", ".join(corrected)} by at most '
+                     f'{" and ".join(_in_unit(size, unit) for size, unit in missed if size is not None)}.')
     lines.append(f'File: {options.output}')
     if options.target == 'ros':
         lines.append('After a run with the correction, whether it did what it promised:\n  '
@@ -106,6 +108,6 @@ def _correction(options: Namespace, corrected: tuple[str, ...]) -> tuple[Correct
     return Correction(motions, motions, corrected, run.run_id, run.simulated), identity['table.serial'], verdict
 
 
-def _largest(bound: Floats, unit: str) -> str:
+def _in_unit(size: float, unit: str) -> str:
     factor, name = SCALES[unit]
-    return f'{exact(float(bound.max()) * factor, 4)} {name}'
+    return f'{exact(size * factor, 4)} {name}'
