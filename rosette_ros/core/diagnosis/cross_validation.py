@@ -13,7 +13,7 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.parameter_search import effect_problems, search_settings
 from rosette_ros.core.diagnosis.projection import Reals
-from rosette_ros.core.diagnosis.search import Problem
+from rosette_ros.core.diagnosis.search import Member, Offer, Problem, Selection
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import Fit, JointSpace, fit
 from rosette_ros.core.model.model import Model
@@ -148,3 +148,38 @@ def _solve(matrix: Floats, vector: Floats) -> tuple[Reals, int]:
     value, basis = np.linalg.eigh(matrix)
     keep = value > 1e-6
     return basis[:, keep] @ ((basis[:, keep].T @ vector) / value[keep]), int(keep.sum())
+
+
+class WithoutBlocks:
+    """A selection fitted without each block of readings; rms: the error of its cross-validation in sigma."""
+
+    def __init__(self, blocks: CrossValidation, problem: Problem, before: Selection) -> None:
+        self.rms = blocks.rms_of(before.residual, before.rows)
+        self._blocks, self._problem, self._before = blocks, problem, before
+        self._selections = [Selection(before.members, before.rows, residual, float(residual @ residual), 0.0)
+                            for residual in blocks.training_residuals(before.residual, before.rows)]
+        self._offers: dict[str, list[Offer | None]] = {}
+
+    def rms_with(self, member: Member, among: Sequence[str]) -> float:
+        """Return the same with a member more, its effect searched without each block; among: as of settings."""
+        problem, settings = self._problem, self.settings(member, among)
+        found: dict[Setting, tuple[Floats, Floats]] = {}
+        for setting in dict.fromkeys(settings):
+            again = member if setting is member.setting else problem.member(member.effect, setting, member.chances)
+            after = problem.select((*self._before.members, *([again] if again else ())))
+            found[setting] = after.residual, after.rows
+        return self._blocks.rms([found[setting] for setting in settings])
+
+    def settings(self, member: Member, among: Sequence[str]) -> list[Setting]:
+        """Return the best setting of a member's effect without each block.
+
+        among: names of the effects that will be asked for beside this selection; they are scored together."""
+        if not member.effect.searched:
+            return [member.setting] * len(self._selections)
+        if member.name not in self._offers:
+            offers = self._problem.offers(self._selections, among, allow_repeats=True)
+            for name in among:
+                self._offers[name] = [next((offer for offer in found if offer.family.name == name), None)
+                                      for found in offers]
+        return [member.setting if offer is None or len(offer.family.settings) == 1 else offer.setting
+                for offer in self._offers[member.name]]

@@ -11,20 +11,19 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.base_terms import f_test, missing_base
 from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, Family, why_not_judged
-from rosette_ros.core.diagnosis.cross_validation import CrossValidation
+from rosette_ros.core.diagnosis.cross_validation import CrossValidation, WithoutBlocks
 from rosette_ros.core.diagnosis.look_alikes import LOOK_ALIKE, axis_open, look_alikes
 from rosette_ros.core.diagnosis.noise_choice import noise_of_z, noise_problem, under_best_noise
 from rosette_ros.core.diagnosis.noise_search import SEEN, noise_of_rounding
 from rosette_ros.core.diagnosis.parameter_search import RELINEARISED, choose_settings
 from rosette_ros.core.diagnosis.recovered_shape import Shape, recovered_shapes
 from rosette_ros.core.diagnosis.right_shape import free_instead, right_shapes
-from rosette_ros.core.diagnosis.search import BRANCHES, SWAPPED, Member, Offer, Problem, Selection, searched_count
+from rosette_ros.core.diagnosis.search import BRANCHES, SWAPPED, Member, Problem, Selection, searched_count
 from rosette_ros.core.diagnosis.verdict import Verdict, decide, left_over
-from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free_forms import FreeForm
 from rosette_ros.core.effects.library import effects_of
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.model.least_squares import Fit, JointSpace, Parameter, fit
+from rosette_ros.core.model.least_squares import Fit, FittedEffect, JointSpace, Parameter, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.model.second_order import NEGLIGIBLE
@@ -46,7 +45,7 @@ class Candidate:
     """An effect that could be what the model lacks.
 
     p: search-wide probability that noise does as well; rms of the fit and of the cross-validation before and after
-    adding it, m; delta_bic: before minus after, positive favours it; parameters: of the joint fit."""
+    adding it, m; delta_bic: before minus after, positive favours it; parameters: of the joint fit with all claimed."""
 
     effect: str
     setting: Mapping[str, float | str]
@@ -149,7 +148,7 @@ class _Search:
                  like: Sequence[Family] = ()) -> None:
         """Free the readings of the model, to whose fit, `start`, the `absent` base terms are added in `base`."""
         self.run, self.seed, self.needed = run, seed, -np.inf
-        self._without: dict[tuple[Member, ...], _WithoutBlocks] = {}
+        self._without: dict[tuple[Member, ...], WithoutBlocks] = {}
         self.start = base = fit(run, model, choose_settings(run, model, noise), noise)
         self.absent = missing_base(run, self.start)
         if self.absent:
@@ -278,10 +277,10 @@ class _Search:
             selection = settle(self.problem.select(selection.without(weakest)))
         return selection
 
-    def without(self, before: Selection) -> '_WithoutBlocks':
+    def without(self, before: Selection) -> WithoutBlocks:
         """Return a selection fitted without each block; those that were asked for are kept."""
         if before.members not in self._without:
-            self._without[before.members] = _WithoutBlocks(self.blocks, self.problem, before)
+            self._without[before.members] = WithoutBlocks(self.blocks, self.problem, before)
         return self._without[before.members]
 
     def _predicts(self, selection: Selection, place: int) -> bool:
@@ -312,10 +311,15 @@ class _Search:
         """The fit with all that is claimed."""
         return self.final_fit([member for member in self.chosen.members if member.named])
 
+    @property
+    def claimed_effects(self) -> tuple[FittedEffect, ...]:
+        """The named members of the selection as they are fitted together."""
+        return self._final.effects[len(self.base.settings):]
+
     @cached_property
     def look_alikes(self) -> dict[int, tuple[str, ...]]:
         """Effects that would look nearly the same, by the place of each named member of the selection."""
-        return look_alikes(self.problem, self.chosen, self._final.effects[len(self.base.settings):])
+        return look_alikes(self.problem, self.chosen, self.claimed_effects)
 
     @cached_property
     def unavailable(self) -> tuple[tuple[str, str], ...]:
@@ -373,10 +377,11 @@ class _Candidates:
         """Return all candidates: claimed ones, each beside those before it, then the others beside all claimed."""
         search, problem, chosen, before = self.search, self.problem, self.search.chosen, self.problem.empty
         out = [self._base_term(term) for term in search.absent]
+        fitted = iter(search.claimed_effects)
         for place, member in enumerate(chosen.members):
             if member.named:
                 p = search.p(search.score_beside(chosen, place))
-                out.append(self._effect(member, before, p, search.look_alikes[place], True, (member.name,)))
+                out.append(self._effect(member, before, p, search.look_alikes[place], (member.name,), next(fitted)))
             before = problem.select((*before.members, member))
         if search.noiseless:
             return tuple(out)
@@ -386,23 +391,25 @@ class _Candidates:
         among = tuple(rival.name for _, _, rival in others if rival.effect.searched)
         named = problem.select([member for member in chosen.members if member.named])
         for p, _, rival in sorted(others, key=lambda entry: entry[:2]):
-            out.append(self._effect(rival, named, p, (), False, among))
+            out.append(self._effect(rival, named, p, (), among))
         return tuple(out)
 
-    def _effect(self, member: Member, before: Selection, p: float, look_alikes: tuple[str, ...], claimed: bool,
-                among: Sequence[str]) -> Candidate:
-        """Return the Candidate of a member beside a selection; among: as of _WithoutBlocks.settings."""
+    def _effect(self, member: Member, before: Selection, p: float, look_alikes: tuple[str, ...],
+                among: Sequence[str], claimed: FittedEffect | None = None) -> Candidate:
+        """Return the Candidate of a member beside a selection; among: as of WithoutBlocks.settings.
+
+        claimed: the effect in the fit with all that is claimed, None for one that is not."""
         after, scale = self.problem.select((*before.members, member)), self.problem.scale
         used, more = (len(each.rows) + searched_count(each.members) for each in (before, after))
         rms_before, rms_after = (scale * float(np.sqrt(each.rss / (self.search.dof - count)))
                                  for each, count in ((before, used), (after, more)))
         size = 3 * self.search.run.size
-        parameters = self.search.final_fit([each for each in after.members if each.named]).effects[-1].parameters
+        fitted = claimed or self.search.final_fit([each for each in after.members if each.named]).effects[-1]
         return Candidate(
             member.name, dict(member.setting), p, member.share, rms_before, rms_after,
             scale * self.search.without(before).rms, scale * self.search.without(before).rms_with(member, among),
-            float(size * np.log(before.rss / after.rss) - (more - used) * np.log(size)), parameters,
-            look_alikes, claimed)
+            float(size * np.log(before.rss / after.rss) - (more - used) * np.log(size)), fitted.parameters,
+            look_alikes, claimed is not None)
 
     def _base_term(self, term: str) -> Candidate:
         run, after = self.search.run, self.search.base
@@ -413,38 +420,3 @@ class _Candidates:
         size = 3 * run.size
         return Candidate(term, {}, min(f_test(before, after) * 7, 1.0), 1.0, before.rms, after.rms, error, error_with,
                          float(size * np.log(rss / left) - (after.rank - before.rank) * np.log(size)), (), (), True)
-
-
-class _WithoutBlocks:
-    """A selection fitted without each block of readings; rms: the error of its cross-validation in sigma."""
-
-    def __init__(self, blocks: CrossValidation, problem: Problem, before: Selection) -> None:
-        self.rms = blocks.rms_of(before.residual, before.rows)
-        self._blocks, self._problem, self._before = blocks, problem, before
-        self._selections = [Selection(before.members, before.rows, residual, float(residual @ residual), 0.0)
-                            for residual in blocks.training_residuals(before.residual, before.rows)]
-        self._offers: dict[str, list[Offer | None]] = {}
-
-    def rms_with(self, member: Member, among: Sequence[str]) -> float:
-        """Return the same with a member more, its effect searched without each block; among: as of settings."""
-        problem, settings = self._problem, self.settings(member, among)
-        found: dict[Setting, tuple[Floats, Floats]] = {}
-        for setting in dict.fromkeys(settings):
-            again = member if setting is member.setting else problem.member(member.effect, setting, member.chances)
-            after = problem.select((*self._before.members, *([again] if again else ())))
-            found[setting] = after.residual, after.rows
-        return self._blocks.rms([found[setting] for setting in settings])
-
-    def settings(self, member: Member, among: Sequence[str]) -> list[Setting]:
-        """Return the best setting of a member's effect without each block.
-
-        among: names of the effects that will be asked for beside this selection; they are scored together."""
-        if not member.effect.searched:
-            return [member.setting] * len(self._selections)
-        if member.name not in self._offers:
-            offers = self._problem.offers(self._selections, among, allow_repeats=True)
-            for name in among:
-                self._offers[name] = [next((offer for offer in found if offer.family.name == name), None)
-                                      for found in offers]
-        return [member.setting if offer is None or len(offer.family.settings) == 1 else offer.setting
-                for offer in self._offers[member.name]]
