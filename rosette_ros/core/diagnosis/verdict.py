@@ -4,8 +4,11 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from enum import StrEnum
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from rosette_ros.core.records import ROUNDED, Run, resolution_of
 
@@ -26,6 +29,14 @@ CERTAIN = 4
 """An effect in the model is there where a parameter is so many times its standard uncertainty: by chance 6e-5."""
 COARSE = 0.5
 """Step of the readings, over the residual, from which on it is told."""
+WRONG = 30.0
+"""Residual, over the scatter of all along its axis, beyond which a reading is wrong: no noise of a machine is so."""
+MOST_WRONG = 4
+"""Wrong readings that are listed."""
+TOO_LARGE = 2.0, 1e-3
+"""Stated repeatability over the residual, and probability of one as small, from which on it is told."""
+OTHER_UNIT = 100.0
+"""Ratio of the repeatability of axes from which on a wrong unit is the likelier cause."""
 WANDERING = 0.85
 """Correlation from reading to reading above which noise is told as a wander of the frame."""
 _LOOK_AT = 'check the probe and the slide of {}; weights follow what was found'
@@ -105,7 +116,7 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = 
     `left_over`; look_alikes: effects that would look like a claimed one; hidden: effects that the order of measurement
     cannot show; misfits: in what the rest is not noise as it was estimated, in words.
     """
-    left, rms = left_over(final, shapes), _um(fit.rms)
+    left, rms, wrong = left_over(final, shapes), _um(fit.rms), wrong_readings(final)
     basis = ('' if fit.run.repeatability is not None else
              '; the repeatability is not known, so this is judged by the structure of the residual alone')
     action = [f'check the readings: {remark}' for remark in fit.run.remarks
@@ -136,11 +147,20 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = 
         sentence = ('It cannot be said whether the model fits, as the repeatability is not known; no structure is '
                     f'found in the residual of {rms}.')
         action.append('measure the repeatability')
-    elif fit.run.remarks:
+    elif fit.run.remarks or wrong:
         outcome = Outcome.DOUBTFUL_READINGS
         sentence = f'The model fits readings that are in doubt: {_beside_repeatability(fit)}.'
     else:
         outcome, sentence = Outcome.FITS, f'The model fits: {_beside_repeatability(fit)}.'
+    if wrong:
+        sentence += (f' Wrong readings, more than {WRONG:.0f} times as far off as the others scatter: '
+                     f'{"; ".join(wrong)}.')
+        action.append('measure the wrong readings again')
+    known, (ratio, p_small) = final.run.repeatability, TOO_LARGE
+    if known and known > ratio * final.rms > 0 and final.p_of_small < p_small:
+        sentence += (f' The stated repeatability is {_significant(known / final.rms)} times what the readings show: '
+                     'uncertainties that rest on it are too large.')
+        action.append('measure the repeatability again, and check its unit')
     present = [f'{one.name} ({_um(one.rms)} rms)' for one in fit.effects
                if any(abs(part.value) > CERTAIN * part.u for part in one.parameters)]
     if present:
@@ -179,6 +199,20 @@ def outlier_words(final: 'Fit', known: int) -> list[str]:
     return found
 
 
+def wrong_readings(final: 'Fit') -> list[str]:
+    """Return the readings that are farther off than noise can be, in words, the farthest first."""
+    run, size = final.run, np.abs(final.residual)
+    scatter = 1.4826 * np.median(size, axis=0)  # of normal noise, the standard deviation
+    if final.noise.resolution or not np.all(scatter > 0):
+        return []
+    off = size / scatter
+    rows = np.flatnonzero(np.any(off > WRONG, axis=1))
+    rows = rows[np.argsort(-off[rows].max(axis=1), kind='stable')]
+    found = [f'reading {row + 1}, table position {run.table_position[row]}, ball {run.ball[row]}, '
+             f'{_um(size[row, axis])} along {"xyz"[axis]}' for row in rows[:MOST_WRONG] for axis in [off[row].argmax()]]
+    return found + ([f'{len(rows) - MOST_WRONG} more'] if len(rows) > MOST_WRONG else [])
+
+
 def not_determinable(reason: str, added: Sequence[str] = ()) -> Verdict:
     """Return the Verdict on a run from which the model cannot be determined.
 
@@ -201,7 +235,8 @@ def noise_words(noise: 'Noise', sigma: float, run: Run) -> list[tuple[str, str]]
     if z != plane and not (noise.wander.any() and max(z, plane) < 1.3 * min(z, plane)):
         ratio = z / plane
         out.append((f'z repeats {max(ratio, 1 / ratio):.1f} times {"worse" if ratio > 1 else "better"} than x and y',
-                    _LOOK_AT.format('z' if ratio > 1 else 'x and y')))
+                    _LOOK_AT.format('z' if ratio > 1 else 'x and y') if max(ratio, 1 / ratio) < OTHER_UNIT else
+                    'check that z has the unit of x and y'))
     if noise.tail:
         out.append((f'single {noise.tail}s stand out more than normal noise allows (Student, {noise.tail_dof:g} '
                     'degrees of freedom)', 'clean balls and stylus; the readings that stand out count less'))
@@ -228,7 +263,10 @@ def _beside_repeatability(fit: 'Fit') -> str:
     known, p = fit.run.repeatability, fit.lack_of_fit_p
     if known is None or p is None:
         return ''
-    return (f'the residual of {_um(fit.rms)} is {fit.rms / known:.2f} times the stated repeatability of {_um(known)} '
+    ratio = f'{fit.rms / known:.2f}' if fit.rms > 0.1 * known else _significant(fit.rms / known)
+    quietest = fit.noise.quietest
+    part = (f', that of its quietest part {_significant(quietest * fit.rms / known)} times' if quietest < 0.5 else '')
+    return (f'the residual of {_um(fit.rms)} is {ratio} times the stated repeatability of {_um(known)}{part} '
             f'({p_words(p)}), and no structure is found in it')
 
 
@@ -247,4 +285,10 @@ def p_words(p: float) -> str:
 
 
 def _um(metres: float) -> str:
-    return f'{1e6 * metres:#.3g} µm'
+    return f'{_significant(1e6 * metres)} µm'
+
+
+def _significant(value: float) -> str:
+    """Return a number with three significant digits, without exponent."""
+    text = f'{value:#.3g}'
+    return f'{Decimal(text):f}' if 'e' in text else text.rstrip('.')

@@ -120,6 +120,15 @@ class Fit:
         return sum(one.largest for one in self.effects if one.is_of_plate)**2 / self.run.radius
 
     @property
+    def p_of_small(self) -> float:
+        """Probability that noise of the known repeatability leaves as little; 1 where it is not known."""
+        chi, known_dof = self.reduced_chi_square, self.run.repeatability_dof
+        if chi is None:
+            return 1.0
+        return float(special.chdtr(self.dof, chi * self.dof) if known_dof is None
+                     else special.fdtr(self.dof, known_dof, chi))
+
+    @property
     def weighted_sigma(self) -> float:
         """Sigma with what is lost as weights are estimated, m: what the square roots of cofactors are multiplied by."""
         return self.sigma * float(np.sqrt(self.noise.loss(1 - self.dof / (3 * self.run.size))))
