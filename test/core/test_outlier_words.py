@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from rosette_ros.analysis import diagnose, judge
-from rosette_ros.core.diagnosis.verdict import Outcome
+from rosette_ros.core.diagnosis.verdict import Level, Outcome
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
@@ -31,6 +31,58 @@ def test_the_verdict_names_wrong_readings(wrong):
         assert (unit, along, name[0]) == ('µm', 'along', 'xyz'[axis])
         assert float(size.replace('−', '-')) == pytest.approx(1e6 * shift[axis], abs=0.5)
     assert 'measure the wrong readings again' in verdict.action
+
+
+@pytest.mark.parametrize('size', [3e-6, 1e-4, 1e-3])
+def test_two_of_one_size_are_named_however_large(size):
+    """The first one of two takes half of what is left; the fall that both make is no less than that of many."""
+    run = Machine(MachineConfig().changed(seed=3, plate={'balls': 8})).run(plan(8, 'random', 1))
+    centre = np.array(run.centre)
+    centre[20, 0] += size
+    centre[47, 1] -= size
+    found = diagnose(run.replace(centre=centre))
+    assert found.missing == ('outlier',)
+    assert all(f'reading {number}, ' in found.verdict.sentence for number in (21, 48))
+    assert found.final.rms < 2 * run.repeatability
+    assert max(candidate.visible_fraction for candidate in found.candidates) <= 1
+
+
+@pytest.mark.parametrize('size_um', [1.0, 100.0])
+def test_two_effects_of_one_size_are_named_however_large(size_um):
+    """One ball that slips and one wrong reading, and two balls that slip, are no noise of the balls."""
+    for second in ({'kind': 'outlier', 'shift_um': [0.0, size_um, 0.0], 'at_h': 0.6},
+                   {'kind': 'ball_slip', 'ball': 7, 'shift_um': [0.0, size_um, 0.0], 'at_h': 0.5}):
+        hidden = [{'kind': 'ball_slip', 'ball': 3, 'shift_um': [size_um, 0.0, 0.0], 'at_h': 0.4}, second]
+        run = Machine(MachineConfig().changed(seed=3, plate={'balls': 10}, hidden=hidden)).run(plan(10, 'sensitive'))
+        found = diagnose(run)
+        assert set(found.missing) == {one['kind'] for one in hidden}
+        assert found.final.rms < 2 * run.repeatability
+
+
+def test_many_wrong_readings_are_told_as_wrong():
+    """More of them than effects are looked for: no noise is 200 times as large as the others."""
+    run = Machine(MachineConfig().changed(seed=3, plate={'balls': 10})).run(plan(10, 'random', 1))
+    centre, rows = np.array(run.centre), range(4, 100, 12)
+    for row in rows:
+        centre[row, row % 3] += 2e-5
+    found = diagnose(run.replace(centre=centre))
+    assert (found.verdict.outcome, found.verdict.level) == (Outcome.SCATTERS, Level.DOUBTFUL)
+    assert 'Wrong readings, more than 30 times as far off as the others scatter: reading ' in found.verdict.sentence
+    assert '4 more.' in found.verdict.sentence
+    assert 'measure the wrong readings again' in found.verdict.action
+    assert max(candidate.visible_fraction for candidate in found.candidates) <= 1
+
+
+def test_a_repeatability_that_is_too_large_is_told():
+    """100 µm in place of 0.1 µm, and twice as much as the readings show; not what chance may be."""
+    run = Machine(MachineConfig().changed(seed=3, plate={'balls': 8})).run(plan(8, 'random', 1))
+    verdict = judge(run.replace(repeatability=1e-4))
+    assert verdict.outcome == Outcome.FITS
+    assert ' times the stated repeatability of 100 µm (p > 0.99)' in verdict.sentence
+    assert 'The stated repeatability is 10' in verdict.sentence
+    assert 'measure the repeatability again, and check its unit' in verdict.action.lower()
+    assert 'check its unit' in judge(run.replace(repeatability=2.5e-7)).action
+    assert 'check its unit' not in judge(run.replace(repeatability=1.3e-7)).action
 
 
 def test_a_wrong_reading_is_no_shift_that_goes_back_at_once():

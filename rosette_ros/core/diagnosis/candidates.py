@@ -151,11 +151,15 @@ def whiten(blocks: Reals, project: Projection) -> tuple[Reals, Ints, Reals]:
     """Return orthonormal rows (b, q, 3 N), ranks (b,), shares (b,) of blocks (b, q, N, 3)."""
     b, q, n = blocks.shape[:3]
     scale, moves = _lengths(blocks.reshape(b * q, 3 * n))
+    if not project.whitening.is_plain:  # a share is one of what the noise lets see, at most 1
+        varying = project.whitening.apply((blocks - blocks.mean(axis=2, keepdims=True)).reshape(b * q, n, 3))
+        length = np.linalg.norm(varying.reshape(b * q, -1), axis=1)
+        scale = np.where(moves, np.maximum(length, NO_LENGTH * scale), scale)
     perp = project(blocks.reshape(b * q, n, 3)).reshape(b, q, 3 * n)
     perp = perp / scale.reshape(b, q, 1).astype(perp.dtype)
     gram = perp @ perp.transpose(0, 2, 1)
     mix, ranks, shares = _mix(gram, moves.reshape(b, q))
-    return mix.astype(perp.dtype) @ perp, ranks, shares
+    return mix.astype(perp.dtype) @ perp, ranks, np.minimum(shares, 1.0)
 
 
 def _lengths(flat: Reals) -> tuple[Reals, Bools]:

@@ -66,8 +66,8 @@ def under_best_noise(white: AnySearch, again: Callable[[Noise], AnySearch]) -> A
     best: AnySearch | None = None
     hopes: dict[tuple[str, ...], float] = {}
     best_score, margin, waiting = -np.inf, 0.0, [(alone, NO_NAMES)]
-    most = MOST_EFFECTS * max(white.problem.offers([white.problem.empty])[0][0].score, 0.0)
-    # white noise cannot win where it would need more effects than are looked for, each as good as the best one
+    most = white.problem.reachable(white.problem.offers([white.problem.empty])[0][0].score, MOST_EFFECTS)
+    # white noise cannot win where it would need more effects than are looked for, each as large as the best one
     is_tried = alone.noise.is_white or alone.score < most + ALONE
     if is_tried:
         names, best, best_score = white.chosen.names, white, white.chosen.score

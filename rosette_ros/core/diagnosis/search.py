@@ -147,6 +147,13 @@ class Problem:
         rss = max(float(self.residual @ self.residual), NO_RESIDUAL)
         return Selection((), np.zeros((0, self.residual.size)), self.residual, rss, 0.0)
 
+    def reachable(self, score: float, more: float) -> float:
+        """Return nu ln(RSS / (RSS - more F)): what so many effects reach, each of the fall F of one of a score alone.
+
+        The last one of several of one size takes nearly all that is left."""
+        share = -more * np.expm1(-max(score, 0.0) / self.dof)
+        return -self.dof * float(np.log1p(-share)) if share < 1 else np.inf
+
     def member(self, effect: Effect, setting: Setting, chances: float) -> Member | None:
         """Return an effect at a setting as a Member, or None where it cannot be seen; small runs keep what was made."""
         key = effect.name, setting, chances
@@ -273,7 +280,7 @@ class Problem:
             children: dict[frozenset[object], Selection] = {}
             every = self.offers(beam)
             most = max((offers[0].score for offers in every if offers), default=0.0)
-            if best.score and best.score + TOGETHER * left * most < needed:
+            if best.score and best.score + self.reachable(most, TOGETHER * left) < needed:
                 break
             for selection, offers in zip(beam, every):
                 if without:
