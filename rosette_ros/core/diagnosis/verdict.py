@@ -4,12 +4,12 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from decimal import Decimal
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rosette_ros.core.number_words import micrometres, multiple
 from rosette_ros.core.records import ROUNDED, Run, resolution_of
 
 if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit
@@ -116,7 +116,7 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = 
     `left_over`; look_alikes: effects that would look like a claimed one; hidden: effects that the order of measurement
     cannot show; misfits: in what the rest is not noise as it was estimated, in words.
     """
-    left, rms, wrong = left_over(final, shapes), _um(fit.rms), wrong_readings(final)
+    left, rms, wrong = left_over(final, shapes), micrometres(fit.rms), wrong_readings(final)
     basis = ('' if fit.run.repeatability is not None else
              '; the repeatability is not known, so this is judged by the structure of the residual alone')
     action = [f'check the readings: {remark}' for remark in fit.run.remarks
@@ -128,7 +128,7 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = 
         outliers = outlier_words(final, len(fit.effects))
         which = f' ({"; ".join(outliers)})' if outliers else ''
         sentence = (f'The model lacks {names}{which}: with {it} the residual falls from {rms} to '
-                    f'{_um(final.rms)}{more}{basis}.')
+                    f'{micrometres(final.rms)}{more}{basis}.')
         commands = ', '.join(f'rosette add {name} --model FILE' for name in missing)
         action.append(f'check {names} in the cell or add {it} to the model: {commands}')
         if outliers:
@@ -158,10 +158,10 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = 
         action.append('measure the wrong readings again')
     known, (ratio, p_small) = final.run.repeatability, TOO_LARGE
     if known and known > ratio * final.rms > 0 and final.p_of_small < p_small:
-        sentence += (f' The stated repeatability is {_significant(known / final.rms)} times what the readings show: '
+        sentence += (f' The stated repeatability is {multiple(known / final.rms)} times what the readings show: '
                      'uncertainties that rest on it are too large.')
         action.append('measure the repeatability again, and check its unit')
-    present = [f'{one.name} ({_um(one.rms)} rms)' for one in fit.effects
+    present = [f'{one.name} ({micrometres(one.rms)} rms)' for one in fit.effects
                if any(abs(part.value) > CERTAIN * part.u for part in one.parameters)]
     if present:
         action.append(f'look in the cell for the cause of what the model only describes, {" and ".join(present)}, or '
@@ -174,8 +174,8 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = 
     if COARSE * final.rms < step and not final.noise.resolution and not any(
             remark.startswith(ROUNDED) for remark in final.run.remarks):
         share = 100 * (step / final.rms)**2 / 12
-        sentence += (f' The readings are rounded to {_um(step)}, which makes {share:.0f} % of the variance of what is '
-                     'left.')
+        sentence += (f' The readings are rounded to {micrometres(step)}, which makes {share:.0f} % of the variance of '
+                     'what is left.')
     if misfits and not missing and not shapes:
         outcome = Outcome.NOISE if outcome == Outcome.FITS else outcome
         sentence += f' What is left is no noise of that kind: {"; ".join(misfits)}.'
@@ -193,7 +193,7 @@ def outlier_words(final: 'Fit', known: int) -> list[str]:
         if effect.name == 'outlier':
             row = effect.setting.whole('reading') - 1
             largest = max(effect.parameters, key=lambda one: abs(one.value))
-            minutes, size = (run.time[row] - run.time[0]) / 60, _um(largest.value).replace('-', '−')
+            minutes, size = (run.time[row] - run.time[0]) / 60, micrometres(largest.value)
             found.append(f'reading {row + 1}, table position {run.table_position[row]}, ball {run.ball[row]}, after '
                          f'{minutes:.1f} min, {size} along {largest.name.removeprefix("d_")}')
     return found
@@ -209,7 +209,8 @@ def wrong_readings(final: 'Fit') -> list[str]:
     rows = np.flatnonzero(np.any(off > WRONG, axis=1))
     rows = rows[np.argsort(-off[rows].max(axis=1), kind='stable')]
     found = [f'reading {row + 1}, table position {run.table_position[row]}, ball {run.ball[row]}, '
-             f'{_um(size[row, axis])} along {"xyz"[axis]}' for row in rows[:MOST_WRONG] for axis in [off[row].argmax()]]
+             f'{micrometres(size[row, axis])} along {"xyz"[axis]}'
+             for row, axis in zip(rows[:MOST_WRONG], off[rows].argmax(axis=1))]
     return found + ([f'{len(rows) - MOST_WRONG} more'] if len(rows) > MOST_WRONG else [])
 
 
@@ -226,7 +227,8 @@ def noise_words(noise: 'Noise', sigma: float, run: Run) -> list[tuple[str, str]]
     """Return in what the noise of a run is other than white and equal, each with what to do; sigma: its size, m."""
     out = []
     if noise.resolution:
-        out.append((f'the readings are rounded to {_um(noise.resolution)}', 'export the coordinates with more digits'))
+        out.append((f'the readings are rounded to {micrometres(noise.resolution)}',
+                    'export the coordinates with more digits'))
     total = (noise.axes**2 + noise.wander * (noise.phi < 1))**0.5
     (x, y, z), plane = total, ((total[0]**2 + total[1]**2) / 2)**0.5
     if x != y:
@@ -249,9 +251,10 @@ def noise_words(noise: 'Noise', sigma: float, run: Run) -> list[tuple[str, str]]
         axis = int(noise.wander.argmax())
         step, white = noise.wander[axis], noise.axes[axis]**2
         if noise.phi == 1:
-            words = f'the frame wanders: random walk of {_um(sigma * (step * run.size)**0.5)} over the run'
+            words = f'the frame wanders: random walk of {micrometres(sigma * (step * run.size)**0.5)} over the run'
         elif noise.phi > WANDERING:
-            words = f'the frame wanders by {_um(sigma * step**0.5)} within about {1 / (1 - noise.phi):.0f} readings'
+            readings = 1 / (1 - noise.phi)
+            words = f'the frame wanders by {micrometres(sigma * step**0.5)} within about {readings:.0f} readings'
         else:
             words = f'neighbouring readings are correlated {noise.phi * step / (step + white):.1f}'
         out.append((words, 'look for draughts, vibration and temperature of the frame, or measure faster'))
@@ -263,11 +266,10 @@ def _beside_repeatability(fit: 'Fit') -> str:
     known, p = fit.run.repeatability, fit.lack_of_fit_p
     if known is None or p is None:
         return ''
-    ratio = f'{fit.rms / known:.2f}' if fit.rms > 0.1 * known else _significant(fit.rms / known)
-    quietest = fit.noise.quietest
-    part = (f', that of its quietest part {_significant(quietest * fit.rms / known)} times' if quietest < 0.5 else '')
-    return (f'the residual of {_um(fit.rms)} is {ratio} times the stated repeatability of {_um(known)}{part} '
-            f'({p_words(p)}), and no structure is found in it')
+    ratio, quietest = fit.rms / known, fit.noise.quietest
+    part = f', that of its quietest part {multiple(quietest * ratio)} times' if quietest < 0.5 else ''
+    return (f'the residual of {micrometres(fit.rms)} is {multiple(ratio)} times the stated repeatability of '
+            f'{micrometres(known)}{part} ({p_words(p)}), and no structure is found in it')
 
 
 def p_value(p: float) -> str:
@@ -282,13 +284,3 @@ def p_value(p: float) -> str:
 def p_words(p: float) -> str:
     """Return a probability as an equation: 'p = 0.37', 'p < 1e−6'."""
     return f'p = {p_value(p)}'.replace('= <', '< ').replace('= >', '> ')
-
-
-def _um(metres: float) -> str:
-    return f'{_significant(1e6 * metres)} µm'
-
-
-def _significant(value: float) -> str:
-    """Return a number with three significant digits, without exponent."""
-    text = f'{value:#.3g}'
-    return f'{Decimal(text):f}' if 'e' in text else text.rstrip('.')
