@@ -107,5 +107,7 @@ def test_runs_that_determine_too_little_are_refused():
     never = base_space(run.take(np.flatnonzero(run.ball != 7)[1:]), RADIUS)
     assert never.rank == 12 * 20 - 13 - 3
     gone = run.take(np.flatnonzero((run.table_position > 1) | (run.ball == 1)))
-    with pytest.raises(NotDeterminable, match='too few ball centres.*cannot determine cty at table position 1, '):
+    with pytest.raises(NotDeterminable, match='too few ball centres.*needed; cannot determine cty at table position 1'):
         base_space(gone, RADIUS)
+    with pytest.raises(NotDeterminable, match=': no ball centre at table position 1, 5: the errors there cannot'):
+        base_space(run.take(np.flatnonzero((run.table_position != 1) & (run.table_position != 5))), RADIUS)

@@ -101,8 +101,12 @@ def _split(columns: NDArray[Real]) -> tuple[NDArray[Real], NDArray[Real]]:
 
 def _too_few(run: Run, rank: str, missing: str = '') -> NotDeterminable:
     touched = np.unique(run.ball).size + np.unique(run.cmm_position).size
-    return NotDeterminable(
-        f'{run.source}: too few ball centres: {run.size} of {run.n**2} {rank} (at least {3 * run.n + touched - 6} well '
-        f'spread ball centres){missing}. Measure the missing balls; where RUN is a log: rosette calibrate '
-        '--resume RUN')
+    least = 3 * run.n + touched - 6
+    empty = np.setdiff1d(np.arange(1, run.n + 1), run.table_position)
+    what = (f'too few ball centres: {run.size} of {run.n**2} {rank}'
+            f'{f" (at least {least} well spread ball centres)" * (run.size < least)}{missing}')
+    if run.size >= least and empty.size:
+        what = f'no ball centre at table position {", ".join(map(str, empty))}: the errors there cannot be determined'
+    return NotDeterminable(f'{run.source}: {what}. Measure the missing balls; where RUN is a log: rosette calibrate '
+                           '--resume RUN')
 
