@@ -18,7 +18,7 @@ from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import open_run
 from rosette_ros.io.text_file import refuse_existing
 from rosette_ros.presentation import tables
-from rosette_ros.presentation.formatting import micro
+from rosette_ros.presentation.formatting import micrometres, uncertainty_words
 from rosette_ros.presentation.json_output import comparison_json
 from rosette_ros.presentation.plots import noise_plots
 from rosette_ros.presentation.plots.plot_style import save
@@ -73,7 +73,8 @@ def show(out: Console, comparison: Comparison, verdict: Verdict) -> None:
     """Print a comparison and the verdict."""
     sigma, source = tables.noise_of(comparison.fit)
     print_verdict(out, verdict)
-    out.print(f'{escape(comparison.summary)} σ = {micro(sigma)} µm is {source}.')
+    out.print(f'{escape(comparison.summary)} Residuals are given in σ = {micrometres(sigma)}, {source}; uncertainties '
+              f'of the curves are {uncertainty_words(comparison.fit)}.')
     print_parts(out, [tables.axes(comparison), tables.places(comparison), reading_map(comparison, sigma),
                       tables.worst_readings(comparison), tables.waves(comparison)])
 

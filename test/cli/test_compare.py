@@ -2,6 +2,7 @@
 """rosette compare: where a model fails."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -68,7 +69,7 @@ def test_what_a_person_sees(rosette):
     answer = rosette('compare', simulated_table('slip'))
     lines = answer.out.splitlines()
     assert 'The model lacks ball_slip' in lines[1]
-    assert 'is the repeatability.' in answer.out
+    assert ' µm, the repeatability; uncertainties of the curves are from ' in ' '.join(answer.out.split())
     bars = next(line for line in lines if line.startswith('ball '))
     assert bars.split()[1][3] == '█'
     rows = [line.split()[1:] for line in lines if line.strip()[:2].strip().isdigit()
@@ -79,6 +80,14 @@ def test_what_a_person_sees(rosette):
     assert loud.sum() - loud[:, 3].sum() < 16
     assert max(map(len, lines)) <= 100
     assert '\x1b' not in answer.out
+
+
+def test_a_residual_far_below_the_repeatability_has_digits(rosette):
+    """A full bar of 0 σ and 0.00 for every axis would say nothing."""
+    out = rosette('compare', simulated_table(repeatability=1e-4)).out
+    assert 'σ = 100 µm, the repeatability' in ' '.join(out.split())
+    assert re.search(r'a full bar is 0\.00\d\d σ', out)
+    assert re.search(r'^x +0\.\d+ +0\.00\d+$', out, re.MULTILINE)
 
 
 def test_without_a_repeatability_the_scale_is_said(rosette):
