@@ -70,6 +70,6 @@ def show(out: Console, diagnosis: Diagnosis, invisible: Sequence[Visibility]) ->
         pairs((escape(name), escape(f'{MEANINGS[name].meaning} Look at: {MEANINGS[name].look}'))
               for name in dict.fromkeys(one.effect for one in claimed) if name in MEANINGS) if claimed else None,
         tables.effects([(one.effect, one.setting, one.parameters) for one in claimed],
-                       'Parameters of the missing effects'),
+                       'Parameters of the missing effects, all fitted together'),
         tables.candidates(others, 'Not identified: the next best').select(*CANDIDATE_COLUMNS),
         tables.bias(invisible, measured.rotation), pairs(notes) if notes else None])

@@ -50,6 +50,17 @@ def test_json_is_that_of_the_contract(rosette, tables):
         assert abs(parameter['value'] - 1e-6 * rate / HOUR) < 3 * parameter['u']
 
 
+def test_missing_effects_have_the_sizes_of_the_fit_with_all_of_them(rosette, tables, tmp_path):
+    """As evaluate states them once they are in the model; the first alone would take up part of the second."""
+    model = tmp_path / 'm.yaml'
+    model.write_text('effects: [frame_drift, plate_warp]\n', encoding='utf-8')
+    wanted = json.loads(rosette('evaluate', tables[0], '--model', model, '--json').out)['effects']
+    got = {one['effect']: one['parameters'] for one in diagnosed(rosette, tables[0])['candidates'] if one['claimed']}
+    assert {name: [one['value'] for one in effect.values()] for name, effect in got.items()} == {
+        name: pytest.approx([one['value'] for one in effect.values()], rel=1e-6) for name, effect in wanted.items()}
+    assert 'Parameters of the missing effects, all fitted together' in rosette('diagnose', tables[0]).out
+
+
 def test_what_a_person_sees(rosette, tables):
     """Verdict first; µm/h and a chance that a metrologist reads; what it means; what to do."""
     out = rosette('diagnose', tables[0]).out
