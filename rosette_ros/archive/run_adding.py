@@ -16,7 +16,7 @@ from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, find
 from rosette_ros.archive.engines import Engine
 from rosette_ros.archive.log_finder import FoundLog
 from rosette_ros.archive.run_archive import RunArchive
-from rosette_ros.archive.run_row import Row, evaluation_row, heading
+from rosette_ros.archive.run_row import STATED, Row, evaluation_row, heading
 from rosette_ros.core.errors import RosetteError, one_line
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import Run
@@ -49,12 +49,13 @@ class Added:
 
 
 def add_logs(archive: RunArchive, logs: Sequence[FoundLog], engine: Engine, model: Model | None = None,
-             identity: Identity | None = None, force: bool = False,
+             identity: Identity | None = None, force: bool = False, keep_identity: bool = False,
              on_progress: Callable[[Added, int], object] = lambda added, left: None) -> Added:
     """Evaluate the logs that an archive does not hold under a model and this version, and write their rows.
 
-    identity: stated in place of what logs state; force: evaluate all again; on_progress: called after each log with
-    what was Added so far, and how many are left. Raises InvalidData where the archive cannot be written."""
+    identity: stated in place of what logs state; force: evaluate all again; keep_identity: runs that the archive knows
+    under another model keep what is stated there; on_progress: called after each log with what was Added so far, and
+    how many are left. Raises InvalidData where the archive cannot be written."""
     model = model or Model()
     archive.check_writable()
     known = archive.read_rows(('path', 'stamp', 'log_sha256'), "model_hash = ? AND version = ? AND log_sha256 <> ''",
@@ -86,12 +87,21 @@ def add_logs(archive: RunArchive, logs: Sequence[FoundLog], engine: Engine, mode
             on_progress(added, len(fresh) - added.new - added.copies)
             if len(rows) >= BATCH_ROWS or time.monotonic() - written > BATCH_SECONDS:
                 batch, rows, written = rows, [], time.monotonic()
-                archive.add(batch)
+                archive.add(_with_stated(archive, batch) if keep_identity else batch)
     finally:
         if rows:
-            archive.add(rows)
+            archive.add(_with_stated(archive, rows) if keep_identity else rows)
     archive.join_small()
     return added
+
+
+def _with_stated(archive: RunArchive, rows: Sequence[Row]) -> list[Row]:
+    """Return rows with what the newest row of the same run states in an archive, where it holds one."""
+    known = archive.query(f"SELECT log_sha256, run_id, {', '.join(STATED)} FROM runs WHERE problem = '' AND "
+                          'list_contains(?, log_sha256) ORDER BY added_at',
+                          ([row['log_sha256'] for row in rows],)).to_pylist()
+    stated = {(row['log_sha256'], row['run_id']): {name: row[name] for name in STATED} for row in known}
+    return [row if row['problem'] else {**row, **stated.get((row['log_sha256'], row['run_id']), {})} for row in rows]
 
 
 def digests(logs: Iterable[FoundLog]) -> list[Digest]:

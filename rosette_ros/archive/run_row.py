@@ -24,6 +24,8 @@ KEY = ('log_sha256', 'run_id', 'model_hash')
 """What a row is of: a run of a log under a model. Of several rows with one key the one that was added last counts."""
 SERIALS = ('table', 'plate', 'cmm', 'probe')
 """Devices of the identity whose serial numbers are columns."""
+STATED = ('measured_at', 'ended_at', 'place', 'identity', *(f'{one}_serial' for one in SERIALS))
+"""Columns that follow from the identity, wherever it was stated."""
 
 _TEXT, _REAL, _WHOLE, _REALS = pa.string(), pa.float64(), pa.int32(), pa.list_(pa.float64())
 _TIME = pa.timestamp('us', 'UTC')

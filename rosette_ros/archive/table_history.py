@@ -38,9 +38,10 @@ LEAST_SHARE = 1e-3
 
 LEAST_PLACES = 3
 """Fewer balls or CMM positions do not say how they lie together, apart from how each of them deviates."""
-_RIGID = {'rotation': slice(0, 1), 'height': slice(1, 2), 'shift': slice(2, 4), 'tilt': slice(4, 6)}
-"""How the plate lies on the table (clamping) and all CMM positions in the frame of the table (frame), m: rotation and
-tilt as they move a ball."""
+_TOGETHER = {'rotation': slice(0, 1), 'height': slice(1, 2), 'shift': slice(2, 4), 'tilt': slice(4, 6),
+             'size': slice(6, 7)}
+"""How all balls (clamping) or CMM positions (frame) lie in the frame of a run, m; rotation and tilt as they move a
+ball. The size, along the radius, is that in the scale of the CMM: rosettes do not tell one from the other."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,11 +187,11 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> list[TimeSeries]:
 
 
 def _places(rows: Sequence[Mapping[str, Any]], what: str, word: str) -> list[TimeSeries]:
-    """Return how all balls or CMM positions lie together (`_RIGID`), the deviation of each besides, along radius,
+    """Return how all balls or CMM positions lie together (`_TOGETHER`), the deviation of each besides, along radius,
     circle and axis, and its harmonics along x, y, z over their numbers, in the runs with as many as the last one.
 
-    How they lie together scatters as the alignment of a run does, and a table whose zero has moved turns the plate. The
-    size, along the radius, scatters with the temperature."""
+    How they lie together scatters as the alignment of a run does, the size with the temperature, and a table whose zero
+    has moved turns the plate."""
     n = rows[-1]['n']
     values, u = (np.array([np.column_stack([row[f'{prefix}{what}_{axis}_m'] for axis in AXES]) if row['n'] == n
                            else np.full((n, 3), np.nan) for row in rows]) for prefix in ('', 'U_'))
@@ -218,16 +219,18 @@ def _together(owner: str, values: Floats, u: Floats) -> tuple[list[TimeSeries], 
     angle, zero, one = nominal_angles(n), np.zeros(n), np.ones(n)
     columns = np.stack([np.stack(axes, axis=-1) for axes in (
         (-np.sin(angle), np.cos(angle), zero), (zero, zero, one), (one, zero, zero), (zero, one, zero),
-        (zero, zero, np.sin(angle)), (zero, zero, -np.cos(angle)))], axis=-1)
-    parts, spread, rest = np.full((m, 6), np.nan), np.full((m, 6), np.nan), np.full_like(values, np.nan)
+        (zero, zero, np.sin(angle)), (zero, zero, -np.cos(angle)), (np.cos(angle), np.sin(angle), zero))], axis=-1)
+    parts, spread, rest = np.full((m, 7), np.nan), np.full((m, 7), np.nan), np.full_like(values, np.nan)
     for run in range(m):
         known = np.all(np.isfinite(values[run]), axis=1)
         if np.count_nonzero(known) >= LEAST_PLACES:
-            inverse = np.linalg.pinv(columns[known].reshape(-1, 6))
+            inverse = np.linalg.pinv(columns[known].reshape(-1, 7))
             parts[run] = inverse @ values[run, known].ravel()
             spread[run] = np.sqrt(inverse**2 @ u[run, known].ravel()**2)
             rest[run] = values[run] - columns @ parts[run]
-    return [TimeSeries(owner, f'{owner}, {name}', parts[:, place], spread[:, place]) for name, place in _RIGID.items()
+    size = 'size', 'size of the ' + ('CMM positions' if owner == 'frame' else 'plate, or scale of the CMM')
+    return [TimeSeries(*(size if name == 'size' else (owner, f'{owner}, {name}')), parts[:, place], spread[:, place])
+            for name, place in _TOGETHER.items()
             if np.any(np.abs(parts[:, place]) > LEAST_SHARE * spread[:, place])], rest
 
 

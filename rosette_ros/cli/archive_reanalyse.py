@@ -52,7 +52,7 @@ def run(options: Namespace) -> None:
     logs, gone = logs_of(archive)
     with DaskEngine(options.scheduler, options.workers) as engine, progress() as show:
         for model in (before, after):
-            add_logs(archive, logs, engine, model, on_progress=show)
+            add_logs(archive, logs, engine, model, keep_identity=True, on_progress=show)
     changes = side_by_side(archive, before, after)
     trends = trends_side_by_side(archive, before, after)
     said = (*conclusion(changes, [name for name in after.names if name not in before.names]), *trend_conclusion(trends))

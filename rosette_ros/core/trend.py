@@ -28,9 +28,9 @@ from rosette_ros.core.records import Floats, Ints
 
 FALSE_EVENTS = 0.002
 """Probability that a history without a change shows one, at one look."""
-CONSEQUENT = ('clamping', 'frame')
-"""How the plate lies on the table, and the CMM positions in the frame of the table: another plate lies elsewhere, and a
-table whose zero has moved turns both."""
+CONSEQUENT = ('clamping', 'frame', 'size')
+"""How the plate and the CMM positions lie in the frame of a run, and their size in the scale of the CMM: another plate
+lies elsewhere and has another size, and a table whose zero has moved turns both."""
 TOGETHER = 12.0
 """A change in a quantity lies at that of another one where the sum of squares is less than that above its best: that
 two changes lie close together by chance is far less probable."""
@@ -56,8 +56,8 @@ LEAST_SCATTER = 0.3
 class TimeSeries:
     """One quantity over the runs.
 
-    owner: what it belongs to (table, plate, CMM, an effect, the residual; CONSEQUENT: how plate and CMM positions lie);
-    name: in words; values: (m, c), SI, NaN where a run does not have it; u: (m, c) standard uncertainties."""
+    owner: what it belongs to (table, plate, CMM, an effect, the residual, one of CONSEQUENT); name: in
+    words; values: (m, c), SI, NaN where a run does not have it; u: (m, c) standard uncertainties."""
 
     owner: str
     name: str

@@ -105,7 +105,17 @@ def test_another_plate_is_a_change_of_the_plate(balls):
     script = AgeingScript(machine={'plate': {'balls': balls}}, runs=14,
                           changes=(MachineChange(day=56, set={'plate': {'number': 2}}),))
     [event] = history_of(rows_of(script), 'RT-7').events()
-    assert (event.run, event.owners, event.steps[0].series.owner) == (8, ('plate', 'clamping'), 'plate')
+    assert (event.run, event.owners[0], event.steps[0].series.owner) == (8, 'plate', 'plate')
+    assert set(event.owners) <= {'plate', 'clamping', 'size'}
+
+
+def test_a_scale_of_the_cmm_is_no_other_plate():
+    """A plate that grows evenly and a scale of the CMM are the same to rosettes: 100 ppm are told as size alone."""
+    script = AgeingScript(machine={'plate': {'balls': 6}}, runs=14,
+                          changes=(MachineChange(day=56, set={'cmm': {'scale_ppm': 100.0}}),))
+    [event] = history_of(rows_of(script), 'RT-7').events()
+    assert (event.run, event.owners, [step.series.name for step in event.steps]) == (
+        8, ('size',), ['size of the plate, or scale of the CMM'])
 
 
 def test_a_table_whose_zero_moves_is_a_change_of_the_table():
