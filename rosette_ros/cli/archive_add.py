@@ -53,7 +53,7 @@ def run(options: Namespace) -> None:
     logs = find_logs(options.folders)
     with DaskEngine(options.scheduler, options.workers) as engine, progress() as show:
         archive = RunArchive(options.into, make=True)
-        added = add_logs(archive, logs, engine, model, identity, options.force, show)
+        added = add_logs(archive, logs, engine, model, identity, options.force, on_progress=show)
     if options.json:
         print_json({'schema': SCHEMA, 'archive': options.into, **vars(added)})
         return

@@ -24,6 +24,7 @@ from rosette_ros.archive.engines import DaskEngine, PlainLoop
 from rosette_ros.archive.log_finder import find_logs
 from rosette_ros.archive.run_adding import add_logs
 from rosette_ros.archive.run_archive import RunArchive
+from rosette_ros.archive.run_row import STATED
 from rosette_ros.core.errors import InvalidConfig, InvalidData
 from rosette_ros.core.model.model import Model
 from rosette_ros.io.ball_centre_table import write_csv
@@ -97,6 +98,19 @@ def test_what_is_known_is_not_read_again(logs, archive):
     assert len(archive.parts) == files
     assert add_logs(archive, find_logs([str(logs)])[:1], PlainLoop(), CREEP).new == 1
     assert archive.read_rows().num_rows == 4
+
+
+def test_what_was_stated_stays_under_another_model(logs, tmp_path):
+    """Table, day and tolerances of a log that states none itself; a plain addition takes what the log states."""
+    archive = RunArchive(tmp_path / 'archive', make=True)
+    found = find_logs([str(logs)])
+    stated = Identity({'table.serial': 'RT-7', 'measured.begin': '2026-05-04', 'measured.end': '2026-05-05'})
+    add_logs(archive, found[:2], PlainLoop(), identity=stated)
+    add_logs(archive, found[:2], PlainLoop(), CREEP, keep_identity=True)
+    assert {tuple(row.values()) for row in archive.read_rows(STATED, 'model_hash = ?', (CREEP.hash,)).to_pylist()} == {
+        tuple(row.values()) for row in archive.read_rows(STATED, 'model_hash = ?', (Model().hash,)).to_pylist()}
+    assert archive.read_rows(where="table_serial = 'RT-7'").num_rows == 4
+    assert add_logs(archive, found[2:], PlainLoop(), CREEP, keep_identity=True).evaluated == 1, 'known by no row'
 
 
 def test_a_copy_counts_once(logs, archive, tmp_path):
