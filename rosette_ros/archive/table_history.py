@@ -14,8 +14,9 @@ from rosette_ros.archive.run_row import AXES, SERIALS
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.errors import InvalidData, counted
 from rosette_ros.core.geometry import TWO_PI, nominal_angles, rotate_z, wrap
-from rosette_ros.core.records import CURVES, Floats
+from rosette_ros.core.records import CURVES, Floats, Ints
 from rosette_ros.core.trend import (
+    LEAST_LINE,
     LEAST_RUNS,
     LEAST_SCATTER,
     Chart,
@@ -23,6 +24,7 @@ from rosette_ros.core.trend import (
     Forecast,
     TimeSeries,
     control_chart,
+    course,
     find_events,
     forecast,
     harmonics,
@@ -57,10 +59,11 @@ class ChartedQuantity:
 class History:
     """Runs of a table in the order of time.
 
-    dates, runs: when measured, run_id; days: (m,) since the first; range, U: (m, 6) of the errors, m and rad;
-    tolerances: by curve, of the last run that states any; temperature: (m,); quantities: what is looked at; serials: of
-    each run by device; missing: effects that the diagnosis of each run names; simulated: names of the runs that are;
-    left_out: runs between the steps of the table."""
+    dates, runs: when measured, run_id; days: (m,) since the first; range, U: (m, 6) of the errors, m and rad; curves:
+    (m, 6, n), NaN in runs with another number of balls than the last one, which are other_balls; tolerances: by curve,
+    of the last run that states any; temperature: (m,); quantities: what is looked at; serials: of each run by device;
+    missing: effects that the diagnosis of each run names; simulated: names of the runs that are; left_out: runs between
+    the steps of the table."""
 
     serial: str
     model_hash: str
@@ -69,6 +72,7 @@ class History:
     days: Floats
     range: Floats
     U: Floats
+    curves: Floats
     tolerances: Mapping[str, float]
     temperature: Floats
     quantities: tuple[TimeSeries, ...]
@@ -76,6 +80,7 @@ class History:
     missing: tuple[tuple[str, ...], ...]
     simulated: tuple[str, ...]
     left_out: tuple[str, ...] = ()
+    other_balls: tuple[str, ...] = ()
 
     def events(self) -> tuple[Event, ...]:
         """Return the changes, in the order of time."""
@@ -108,13 +113,31 @@ class History:
         """Return how each error moves since the last change of its curve; one without a tolerance never reaches it."""
         found = {}
         for place, curve in enumerate(CURVES):
-            since = max((event.run for event in events if any(step.series.name.startswith(curve)
-                                                              for step in event.steps)), default=0)
-            if len(self.days) - since >= 3 and np.ptp(self.days[since:]) > 0:
-                u = self.U[since:, place] / COVERAGE_FACTOR
-                limit = self.tolerances.get(curve, np.inf) - float(np.median(self.U[since:, place]))
-                found[curve] = forecast(self.days[since:], self.range[since:, place], u, limit)
+            runs = self._since(curve, events)
+            if len(runs) >= LEAST_LINE and np.ptp(self.days[runs]) > 0:
+                expanded = self.U[runs, place]
+                limit = self.tolerances.get(curve, np.inf) - float(np.median(expanded[-LEAST_RUNS:]))
+                found[curve] = forecast(self.days[runs], self.curves[runs, place], expanded / COVERAGE_FACTOR, limit)
         return found
+
+    def too_few(self, events: Sequence[Event]) -> dict[str, int]:
+        """Return the number of runs since the last change of each curve with a tolerance that has no forecast."""
+        known = self.slopes(events)
+        return {curve: len(self._since(curve, events)) for curve in self.tolerances if curve not in known}
+
+    def _since(self, curve: str, events: Sequence[Event]) -> Ints:
+        """Return the runs since the last change of a curve that have as many balls as the last one."""
+        begin = max((event.run for event in events if any(step.series.name.startswith(curve) for step in event.steps)),
+                    default=0)
+        return begin + np.flatnonzero(np.isfinite(self.curves[begin:, 0, 0]))
+
+    def residual_course(self, events: Sequence[Event]) -> tuple[float, float] | None:
+        """Return from where to where the residual has grown or fallen since its last change, m, if it has."""
+        series = self.quantities[-1]
+        begin = max((event.run for event in events if 'residual' in event.owners), default=0)
+        rms, u = series.values[begin:, 0], series.u[begin:, 0]
+        found = course(self.days[begin:], np.log(rms), u / rms) if np.all(rms > 0) else None
+        return None if found is None else (float(np.exp(found[0])), float(np.exp(found[1])))
 
 
 def read_history(archive: RunArchive, table: str, model: str = '', cell: str = '',
@@ -152,19 +175,22 @@ def history_of(rows: Sequence[Mapping[str, Any]], serial: str = '', least: int =
         raise InvalidData(f'trend of table {serial!r}: wanted at least {least} dated runs, got {len(rows)}{besides}')
     dates = tuple(row['measured_at'] for row in rows)
     days = np.array([(date - dates[0]).total_seconds() / DAY for date in dates])
+    n = rows[-1]['n']
     stated = next((row for row in reversed(rows) if 'tolerances' in row['identity']), None)
     rotation = None if stated is None or stated['rotation'] is None else np.reshape(stated['rotation'], (3, 3))
     return History(
         serial, rows[0]['model_hash'], dates, tuple(row['run_id'] for row in rows), days,
         np.array([[row[f'range_{key}'] for key in CURVE_KEYS] for row in rows]),
         np.array([[row[f'U_range_{key}'] for key in CURVE_KEYS] for row in rows]),
+        np.array([[row[key] if row['n'] == n else np.full(n, np.nan) for key in CURVE_KEYS] for row in rows]),
         parse_identity(stated['identity'].encode()).limits(rotation) if stated else {},
         np.array([np.nan if row['temperature_mean_C'] is None else row['temperature_mean_C'] for row in rows]),
         (*_table(rows), *_places(rows, 'plate', 'ball'), *_places(rows, 'cmm', 'position'), *_effects(rows),
          _residual(rows)),
         tuple({one: row[f'{one}_serial'] for one in SERIALS} for row in rows),
         tuple(tuple(row['missing'] or ()) for row in rows),
-        tuple(row['run_id'] for row in rows if row['simulated']), left_out)
+        tuple(row['run_id'] for row in rows if row['simulated']), left_out,
+        tuple(row['run_id'] for row in rows if row['n'] != n))
 
 
 def _is_between(row: Mapping[str, Any]) -> bool:

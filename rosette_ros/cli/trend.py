@@ -14,7 +14,15 @@ from rosette_ros.core.trend import Event, control_chart
 from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.presentation.plots import plot_style, trend_plots
 from rosette_ros.presentation.report.trend_page import trend_html
-from rosette_ros.presentation.trend_results import Charts, charts_table, events_table, forecast_table, trend_json
+from rosette_ros.presentation.trend_results import (
+    Charts,
+    charts_table,
+    events_table,
+    forecast_table,
+    residual_words,
+    too_few_words,
+    trend_json,
+)
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -37,7 +45,7 @@ def run(options: Namespace) -> None:
     history = read_history(RunArchive(options.archive), options.table, options.model)
     events = history.events()
     exchanged = [history.exchanged(event.run) for event in events]
-    forecasts = history.forecasts(events)
+    forecasts, too_few, course = history.forecasts(events), history.too_few(events), history.residual_course(events)
     charts = [(one.name, one.component, one.chart) for one in history.charts()]
     pictures = _pictures(history, events, charts) if options.figures or options.output else {}
     paths = _save(pictures, options) if options.figures else []
@@ -47,10 +55,12 @@ def run(options: Namespace) -> None:
         said.append(f'Left out, as they are between the steps of the table: {", ".join(history.left_out)}.')
     tables = [events_table(events, history.dates, history.runs, exchanged)] if events else []
     if not events:
-        said.append('No change beyond the scatter of the runs: curves, plate, CMM, effects and residual; slopes in '
-                    'time and temperature are no changes.')
-    tables += [forecast_table(forecasts, history.dates[-1])] if forecasts else []
-    if not forecasts:
+        said.append('No step beyond the scatter of the runs: curves, plate, CMM, effects and residual; slopes in '
+                    'time and temperature are no steps.')
+    said += [residual_words(course)] if course else []
+    tables += [forecast_table(forecasts, history.tolerances, history.dates[-1])] if forecasts else []
+    said += too_few_words(too_few)
+    if not history.tolerances:
         said.append('No tolerances are stated (identity file, tolerances): nothing to forecast.')
     if options.output:
         write_text(options.output, trend_html(
@@ -59,7 +69,8 @@ def run(options: Namespace) -> None:
             options.force)
     if options.json:
         print_json(trend_json(history.serial, history.model_hash, history.dates, history.runs,
-                              (history.range, history.U), events, exchanged, forecasts, charts, history.left_out))
+                              (history.range, history.U), events, exchanged, forecasts, charts, history.left_out,
+                              too_few, course))
         return
     out = console()
     for words in said:

@@ -36,6 +36,8 @@ TOGETHER = 12.0
 two changes lie close together by chance is far less probable."""
 LEAST_RUNS = 8
 """Fewer runs show no change: slope and scatter are not known."""
+LEAST_LINE = 3
+"""Fewer runs since the last change of a curve give no line that says how far it may be wrong."""
 MOST_EVENTS = 30
 ALLOWANCE = 1.0
 """Allowance of the CUSUM, in standard deviations: it finds steps of twice that soonest."""
@@ -119,9 +121,10 @@ class Chart:
 class Forecast:
     """When a figure reaches a limit.
 
-    slope: per day, with slope_u; expected, soonest: days from the last run (soonest: 95 %, one-sided), infinite where
-    it does not move there; interval: proposed days to the next run."""
+    level: of the line at the last run; slope: per day, with slope_u; expected, soonest: days from the last run
+    (soonest: 95 %, one-sided), infinite where it does not move there; interval: proposed days to the next run."""
 
+    level: float
     slope: float
     slope_u: float
     expected: float
@@ -338,28 +341,30 @@ def _cusum_limit(run_length: float) -> float:
     return float(optimize.brentq(excess, 0.1, 100.0))
 
 
-def forecast(days: Floats, values: Floats, u: Floats, limit: float) -> Forecast:
-    """Return when a figure that runs show since its last change, (m,), reaches a limit.
+def forecast(days: Floats, curves: Floats, u: Floats, limit: float) -> Forecast:
+    """Return when the range (peak to valley) of curves that runs show since their last change, (m, n), reaches a limit.
 
-    A straight line by weighted least squares. The proposed interval ends before the 95 % bound of the line passes the
-    limit, and is between half and twice the mean interval until now (ILAC-G24, a control chart with automatic
-    adjustment). Raises InvalidData where there are fewer than three runs at different times."""
-    if len(days) < 3 or np.ptp(days) <= 0:
-        raise InvalidData(f'forecast: wanted at least 3 runs at different times, got {len(days)}')
+    A straight line by weighted least squares at each angle; u: (m,) of the range. Range and slope are those of the
+    fitted curve from the first run to the last, as noise widens the range of each run. The proposed interval ends
+    before the 95 % bound of the line passes the limit, and is between half and twice the mean interval until now
+    (ILAC-G24, a control chart with automatic adjustment). Raises InvalidData where there are fewer than LEAST_LINE runs
+    at different times."""
+    if len(days) < LEAST_LINE or np.ptp(days) <= 0:
+        raise InvalidData(f'forecast: wanted at least {LEAST_LINE} runs at different times, got {len(days)}')
     since = days - days[-1]
-    design = np.column_stack([np.ones(len(days)), since]) / u[:, None]
-    covariance = np.linalg.inv(design.T @ design)
-    level, slope = covariance @ (design.T @ (values / u))
-    dof = len(days) - 2
-    rest = float(np.sum((values / u - design @ np.array([level, slope])) ** 2)) / dof
-    covariance = covariance * max(1.0, rest)
-    factor = special.stdtrit(dof, 0.95) if rest > 1 else special.ndtri(0.95)
-    expected = (limit - level) / slope if slope > 0 else np.inf
+    lines, covariance, rest = _lines(since, curves, u)
+    last, dof = lines[0], len(days) - LEAST_LINE + 1
+    level = float(np.ptp(last))
+    slope = float((level - np.ptp(last + since[0] * lines[1])) / -since[0])
+    scatter = max(1.0, float(np.sum((rest[:, last.argmax()] - rest[:, last.argmin()]) ** 2)) / dof)
+    covariance = covariance * scatter
+    factor = special.stdtrit(dof, 0.95) if scatter > 1 else special.ndtri(0.95)
+    expected = 0.0 if level >= limit else (limit - level) / slope if slope > 0 else np.inf
     present = float(np.ptp(days)) / (len(days) - 1)
 
     def bound(ahead: float) -> float:
         row = np.array([1.0, ahead])
-        return float(row @ np.array([level, slope]) + factor * np.sqrt(row @ covariance @ row) - limit)
+        return float(level + ahead * slope + factor * np.sqrt(row @ covariance @ row) - limit)
 
     horizon = 1000.0 * present
     if bound(0.0) >= 0:
@@ -367,7 +372,31 @@ def forecast(days: Floats, values: Floats, u: Floats, limit: float) -> Forecast:
     else:
         soonest = float(optimize.brentq(bound, 0.0, horizon)) if bound(horizon) > 0 else np.inf
     interval = float(np.clip(soonest, 0.5 * present, 2.0 * present))
-    return Forecast(float(slope), float(np.sqrt(covariance[1, 1])), float(max(expected, 0.0)), soonest, interval)
+    return Forecast(level, slope, float(np.sqrt(covariance[1, 1])), float(expected), soonest, interval)
+
+
+def course(days: Floats, values: Floats, u: Floats) -> tuple[float, float] | None:
+    """Return where a straight line through values, (m,), begins and ends; None where scatter alone shows such a slope
+    in FALSE_EVENTS of all histories, or runs are fewer than LEAST_RUNS or all at one time."""
+    if len(days) < LEAST_RUNS or np.ptp(days) <= 0:
+        return None
+    since = days - days[-1]
+    lines, covariance, rest = _lines(since, values[:, None], u)
+    (last,), (slope,) = lines
+    dof = len(days) - 2
+    t = abs(slope) / np.sqrt(covariance[1, 1] * max(1.0, float(np.sum(rest**2)) / dof))
+    return (float(last + since[0] * slope), float(last)) if t > special.stdtrit(dof, 1 - FALSE_EVENTS / 2) else None
+
+
+def _lines(time: Floats, values: Floats, u: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return straight lines through the columns of values, (m, n), by weighted least squares.
+
+    Their values at time 0 and slopes, (2, n); covariance of both for one column with standard uncertainties u, (m,);
+    what they leave in units of u, (m, n)."""
+    design = np.column_stack([np.ones(len(time)), time]) / u[:, None]
+    covariance = np.linalg.inv(design.T @ design)
+    lines = covariance @ (design.T @ (values / u[:, None]))
+    return np.asarray(lines), np.asarray(covariance), np.asarray(values / u[:, None] - design @ lines)
 
 
 def harmonics(angle: Floats, curve: Floats, u: Floats) -> tuple[Floats, Floats]:

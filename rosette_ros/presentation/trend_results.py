@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from rosette_ros.core.errors import counted
 from rosette_ros.core.records import CURVES, Floats
-from rosette_ros.core.trend import Chart, Event, Forecast, Shift
+from rosette_ros.core.trend import LEAST_LINE, Chart, Event, Forecast, Shift
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.json_output import CURVE_KEYS
 from rosette_ros.presentation.table_format import Table, column, words
@@ -44,7 +45,22 @@ def _told(event: Event) -> str:
     return ', '.join(told) + (f' and {rest} more' if rest > 0 else '')
 
 
-def forecast_table(forecasts: Mapping[str, Forecast], last: datetime.datetime) -> Table:
+def residual_words(course: tuple[float, float]) -> str:
+    """Return in a sentence from where to where the residual has moved, m, and what that means."""
+    before, after = course
+    moved = ('grew', 'more', 'less well') if after > before else ('fell', 'less', 'better')
+    return (f'The residual {moved[0]} from {1e6 * before:.3g} µm to {1e6 * after:.3g} µm, and U with it: readings '
+            f'scatter {moved[1]}, or the model fits them {moved[2]}. Nothing of the table follows from that.')
+
+
+def too_few_words(runs: Mapping[str, int]) -> list[str]:
+    """Return in a sentence for each curve with a tolerance why there is no forecast. runs: since its last change."""
+    return [f'{curve}: {counted(count, "run")} since its last change, {LEAST_LINE} at different times wanted for a '
+            'forecast.' for curve, count in runs.items()]
+
+
+def forecast_table(forecasts: Mapping[str, Forecast], tolerances: Mapping[str, float],
+                   last: datetime.datetime) -> Table:
     """Return when each error reaches its tolerance, and the proposed interval."""
     curves = list(forecasts)
     made = [forecasts[curve] for curve in curves]
@@ -52,11 +68,14 @@ def forecast_table(forecasts: Mapping[str, Forecast], last: datetime.datetime) -
         words('error', 'error', curves),
         words('slope', 'per year', [f'{1e6 * 365.25 * one.slope:+.3f} ± {2e6 * 365.25 * one.slope_u:.3f} '
                                     f'{text.CURVE_UNITS[CURVES.index(curve)]}' for curve, one in zip(curves, made)]),
-        words('expected', 'expected', [_date(last, one.expected) for one in made]),
-        words('soonest', 'not before (95 %)', [_date(last, one.soonest) for one in made]),
+        words('expected', 'expected', [
+            _date(last, one.expected, 'reached' if one.level >= tolerances[curve] else 'not decidable: U')
+            for curve, one in zip(curves, made)]),
+        words('soonest', 'not before (95 %)', [_date(last, one.soonest, 'now') for one in made]),
         words('interval', 'next calibration within', [f'{one.interval:.0f} d' for one in made])),
-        note='The tolerance less U (guard band, ISO 14253-1), by a straight line through the runs since the last '
-             'change of the curve; the interval is between half and twice the present one (ILAC-G24, control chart).')
+        note='The tolerance less U (guard band, ISO 14253-1), by straight lines through the curves since their last '
+             'change; not decidable: below the tolerance by less than U; the interval is between half and twice the '
+             'present one (ILAC-G24, control chart).')
 
 
 def charts_table(charts: Charts, dates: Dates) -> Table:
@@ -74,16 +93,18 @@ def charts_table(charts: Charts, dates: Dates) -> Table:
         note=f'The other {kept} stay within their limits.' if left else '')
 
 
-def _date(last: datetime.datetime, ahead: float) -> str:
+def _date(last: datetime.datetime, ahead: float, passed: str) -> str:
     if ahead <= 0:
-        return 'reached'
+        return passed
     return 'not in sight' if ahead > 36525 else f'{last + datetime.timedelta(days=ahead):%Y-%m-%d}'
 
 
 def trend_json(serial: str, model_hash: str, dates: Dates, runs: Sequence[str], ranges: tuple[Floats, Floats],
                events: Sequence[Event], exchanged: Sequence[Mapping[str, tuple[str, str]]],
-               forecasts: Mapping[str, Forecast], charts: Charts = (), left_out: Sequence[str] = ()) -> dict[str, Any]:
-    """Return a trend as rosette-trend/1; ranges: (m, 6) of the errors and their U."""
+               forecasts: Mapping[str, Forecast], charts: Charts = (), left_out: Sequence[str] = (),
+               too_few: Mapping[str, int] | None = None, course: tuple[float, float] | None = None) -> dict[str, Any]:
+    """Return a trend as rosette-trend/1; ranges: (m, 6) of the errors and their U; too_few: runs since the last change
+    of curves without a forecast; course: of the residual."""
     names = dict(zip(CURVES, CURVE_KEYS, strict=True))
     return {
         'schema': SCHEMA, 'table': serial, 'model_hash': model_hash,
@@ -97,10 +118,12 @@ def trend_json(serial: str, model_hash: str, dates: Dates, runs: Sequence[str], 
             'exchanged': {device: list(pair) for device, pair in changed.items()},
             'steps': [_step_json(step) for step in event.steps]} for event, changed in zip(events, exchanged)],
         'forecasts': {names[curve]: {
-            'per_day': one.slope, 'u_per_day': one.slope_u, 'interval_d': one.interval,
+            'level': one.level, 'per_day': one.slope, 'u_per_day': one.slope_u, 'interval_d': one.interval,
             **{key: value if np.isfinite(value) else None
                for key, value in (('expected_d', one.expected), ('soonest_d', one.soonest))}}
             for curve, one in forecasts.items()},
+        'too_few_runs': {names[curve]: count for curve, count in (too_few or {}).items()},
+        'residual_course_m': course and list(course),
         'charts': [{'quantity': name, 'component': part, 'ewma': one.ewma.tolist(),
                     'ewma_limit': one.ewma_limit.tolist(), 'cusum_high': one.high.tolist(),
                     'cusum_low': one.low.tolist(), 'cusum_limit': one.cusum_limit,

@@ -14,6 +14,7 @@ from rosette_ros.cli.main import main
 from rosette_ros.core.errors import InvalidConfig, InvalidData
 from rosette_ros.core.model.model import Model
 from rosette_ros.io.identity_file import parse_identity
+from rosette_ros.presentation.trend_results import residual_words
 from rosette_ros.simulation.ageing import AgeingScript, MachineChange, read_ageing
 
 SCRIPT = '''
@@ -66,6 +67,30 @@ def test_a_change_is_found_with_its_date_and_owner(archive, rosette, refused, tm
     assert all(words in written for words in ('Trend of rotary table RT-7', 'SIMULATED', 'id="table-events"',
                                               'id="table-forecast"', 'id="table-charts"', '<svg'))
     assert 'exists already' in refused('trend', archive, '--table', 'RT-7', '-o', page)
+
+
+def test_a_curve_that_changed_lately_is_named(archive, rosette, tmp_path):
+    """Two runs after its change there is no forecast of crz, and there is one of ctz."""
+    script = tmp_path / 'ageing.yaml'
+    script.write_text(SCRIPT.replace('runs: 16', 'runs: 12'))
+    rosette('archive', 'simulate', script, '--into', tmp_path / 'plant', '--identity', archive.parent / 'identity.yaml')
+    found = json.loads(rosette('trend', tmp_path / 'plant', '--table', 'RT-7', '--json').out)
+    assert (found['too_few_runs'], list(found['forecasts'])) == ({'crz_rad': 2}, ['ctz_m'])
+    words = rosette('trend', tmp_path / 'plant', '--table', 'RT-7', '-o', tmp_path / 'trend.html').out
+    said = 'crz: 2 runs since its last change, 3 at different times wanted for a forecast.'
+    assert said in words and said in (tmp_path / 'trend.html').read_text(encoding='utf-8')
+
+
+def test_noise_that_grows_is_told_as_noise():
+    """From 0.1 µm to 0.8 µm in 16 runs: the residual, and no error."""
+    script = AgeingScript(machine={'plate': {'balls': 5}}, runs=16, changes=(
+        MachineChange(day=0, until_day=105, set={'probing': {'repeatability_um': 0.8}}),))
+    history = history_of(rows_of(script), 'RT-7')
+    events = history.events()
+    first, last = history.residual_course(events)
+    assert events == () and first < 0.25e-6 and 0.5e-6 < last < 1.2e-6
+    assert all(abs(one.slope) < 3 * one.slope_u for one in history.slopes(events).values())
+    assert residual_words((first, last)).startswith('The residual grew from 0.')
 
 
 def test_an_unknown_table_is_one_line(archive, refused):

@@ -6,7 +6,7 @@ import pytest
 
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import nominal_angles
-from rosette_ros.core.trend import LEAST_RUNS, TimeSeries, control_chart, find_events, forecast, harmonics
+from rosette_ros.core.trend import LEAST_RUNS, TimeSeries, control_chart, course, find_events, forecast, harmonics
 
 WEEK = 7.0
 
@@ -128,15 +128,41 @@ def test_the_cusum_limit_gives_its_run_length():
 def test_a_tolerance_is_reached_when_the_line_says():
     """1 µm in 100 days from 2 µm to 5 µm; the interval is at most twice the present one, at least half of it."""
     days = 10.0 * np.arange(11)
-    values = 2e-6 + 1e-8 * days
+    values = np.outer(2e-6 + 1e-8 * days, [0.5, 0.0, -0.5])
     made = forecast(days, values, np.full(11, 1e-9), 5e-6)
     assert abs(made.expected - 200.0) < 1e-6
     assert 190 < made.soonest < 200
     assert made.interval == 20.0
     assert forecast(days, values, np.full(11, 1e-9), 2.9e-6).interval == 5.0
     assert forecast(days, values[::-1], np.full(11, 1e-9), 5e-6).expected == np.inf
+    beyond = forecast(days, values, np.full(11, 1e-9), 2.5e-6)
+    assert (beyond.expected, beyond.soonest) == (0.0, 0.0)
+    assert abs(beyond.level - 3e-6) < 1e-12
+    assert forecast(days, values[::-1], np.full(11, 1e-9), 1e-6).expected == 0.0, 'it falls, and is above the limit'
     with pytest.raises(InvalidData, match='wanted at least 3 runs at different times, got 2'):
         forecast(days[:2], values[:2], np.ones(2), 1.0)
+
+
+def test_noise_that_grows_is_no_growing_error():
+    """Curves of 0.5 µm whose noise grows tenfold: mean slope of 100 histories within 0.1 µm per year, and fewer than
+    one in ten beyond its U; the ranges of the runs grow by 0.7 µm per year."""
+    rng = np.random.default_rng(11)
+    days = 30.0 * np.arange(20)
+    u = np.linspace(0.05, 0.5, 20)
+    made = [forecast(days, 0.25 * np.cos(nominal_angles(6)) + u[:, None] * rng.standard_normal((20, 6)),
+                     np.sqrt(2) * u, np.inf) for _ in range(100)]
+    assert abs(np.mean([365.25 * one.slope for one in made])) < 0.1
+    assert np.mean([one.slope > 2 * one.slope_u for one in made]) < 0.1
+
+
+def test_a_course_beyond_scatter_is_told():
+    """From 1 to 3 over 20 runs; not in scatter alone."""
+    rng = np.random.default_rng(12)
+    days, noise = 30.0 * np.arange(20), 0.2 * rng.standard_normal((40, 20))
+    first, last = course(days, np.linspace(1, 3, 20) + noise[0], np.full(20, 0.2))
+    assert abs(first - 1) < 0.4 and abs(last - 3) < 0.4
+    assert sum(course(days, one, np.full(20, 0.2)) is not None for one in noise) == 0
+    assert course(days[:7], np.linspace(1, 3, 7), np.full(7, 0.2)) is None
 
 
 def test_harmonics_of_a_known_curve():

@@ -42,7 +42,7 @@ def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances:
         if curve in forecasts:
             one = forecasts[curve]
             ahead = np.array([0.0, 0.15 * (np.ptp(when) or 1.0)])
-            panel.plot(when[-1] + ahead, y[-1] + 1e6 * one.slope * ahead, color=style.GREY, linewidth=1.0,
+            panel.plot(when[-1] + ahead, 1e6 * (one.level + one.slope * ahead), color=style.GREY, linewidth=1.0,
                        linestyle=':', label='forecast')
         _mark(panel, when, [event for event in events if any(step.series.name.startswith(curve)
                                                              for step in event.steps)])
