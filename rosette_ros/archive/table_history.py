@@ -18,17 +18,15 @@ from rosette_ros.core.records import CURVES, Floats, Ints
 from rosette_ros.core.trend import (
     LEAST_LINE,
     LEAST_RUNS,
-    LEAST_SCATTER,
     Chart,
     Event,
     Forecast,
     TimeSeries,
-    control_chart,
+    control_charts,
     course,
     find_events,
     forecast,
     harmonics,
-    run_to_run,
 )
 from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.presentation.json_output import CURVE_KEYS
@@ -44,15 +42,6 @@ _TOGETHER = {'rotation': slice(0, 1), 'height': slice(1, 2), 'shift': slice(2, 4
              'size': slice(6, 7)}
 """How all balls (clamping) or CMM positions (frame) lie in the frame of a run, m; rotation and tilt as they move a
 ball. The size, along the radius, is that in the scale of the CMM: rosettes do not tell one from the other."""
-
-
-@dataclass(frozen=True, eq=False)
-class ChartedQuantity:
-    """A quantity with the control chart of one of its components: of a harmonic cos, then sin."""
-
-    name: str
-    component: int
-    chart: Chart
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,18 +75,22 @@ class History:
         """Return the changes, in the order of time."""
         return find_events(self.days, self.quantities, self.temperature)
 
-    def charts(self) -> tuple[ChartedQuantity, ...]:
-        """Return the control charts of each harmonic of the curves, each error (peak to valley) and the residual.
+    def charts(self) -> list[tuple[TimeSeries, int, Chart]]:
+        """Return the control charts of each component of the harmonics, each error (peak to valley) and the residual.
 
         Their limits are those of the stated uncertainty times the run-to-run scatter, and hold for all of them."""
         errors = [TimeSeries('table', f'{curve}, {PEAK_TO_VALLEY}', self.range[:, [place]],
                              self.U[:, [place]] / COVERAGE_FACTOR) for place, curve in enumerate(CURVES)]
         series = [*errors, *(one for one in self.quantities if one.owner in ('table', 'residual'))]
-        tests = len(self.days) * sum(one.values.shape[1] for one in series)
-        return tuple(ChartedQuantity(one.name, part, control_chart(
-            one.values[:, part], one.u[:, part], tests,
-            max(float(run_to_run(one.values[:, part], one.u[:, part])), LEAST_SCATTER)))
-            for one in series for part in range(one.values.shape[1]))
+        return control_charts(series, _components(self.days, series))
+
+    def chart_of(self, event: Event) -> tuple[TimeSeries, int, Chart]:
+        """Return the control chart of the component that an event has moved most, in its standard uncertainties."""
+        step = event.steps[0]
+        part = int(np.argmax(np.abs(step.size / step.u)))
+        like = [one for one in self.quantities if one.owner == step.series.owner]
+        return next((series, place, chart) for series, place, chart in control_charts(
+            like, _components(self.days, self.quantities)) if series is step.series and place == part)
 
     def exchanged(self, run: int) -> dict[str, tuple[str, str]]:
         """Return the devices whose serial number is another one from a run on: before and after."""
@@ -138,6 +131,11 @@ class History:
         rms, u = series.values[begin:, 0], series.u[begin:, 0]
         found = course(self.days[begin:], np.log(rms), u / rms) if np.all(rms > 0) else None
         return None if found is None else (float(np.exp(found[0])), float(np.exp(found[1])))
+
+
+def _components(days: Floats, series: Sequence[TimeSeries]) -> int:
+    """Return how many components of quantities are watched in how many runs."""
+    return len(days) * sum(one.values.shape[1] for one in series)
 
 
 def read_history(archive: RunArchive, table: str, model: str = '', cell: str = '',

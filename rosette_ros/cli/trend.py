@@ -10,13 +10,14 @@ from rosette_ros.archive.table_history import PEAK_TO_VALLEY, History, read_hist
 from rosette_ros.cli.arguments import add_shared, made_folder
 from rosette_ros.cli.console import console, print_json, print_parts
 from rosette_ros.core.errors import counted
-from rosette_ros.core.trend import Event, control_chart
+from rosette_ros.core.trend import Event
 from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.presentation.plots import plot_style, trend_plots
 from rosette_ros.presentation.report.trend_page import trend_html
 from rosette_ros.presentation.trend_results import (
     Charts,
     charts_table,
+    component_name,
     events_table,
     forecast_table,
     residual_words,
@@ -46,7 +47,7 @@ def run(options: Namespace) -> None:
     events = history.events()
     exchanged = [history.exchanged(event.run) for event in events]
     forecasts, too_few, course = history.forecasts(events), history.too_few(events), history.residual_course(events)
-    charts = [(one.name, one.component, one.chart) for one in history.charts()]
+    charts = history.charts()
     pictures = _pictures(history, events, charts) if options.figures or options.output else {}
     paths = _save(pictures, options) if options.figures else []
     said = [f'Table {history.serial or "without serial number"}: {counted(len(history.runs), "run")} from '
@@ -83,19 +84,20 @@ def run(options: Namespace) -> None:
 
 
 def _pictures(history: History, events: tuple[Event, ...], charts: Charts) -> dict[str, Figure]:
-    """Return the pictures by name."""
-    moved = events[-1].steps[0].series if events else history.quantities[0]
-    tests = len(history.runs) * sum(one.values.shape[1] for one in history.quantities)
-    part = int(abs(moved.values[-1] - moved.values[0]).argmax())
-    chart = control_chart(moved.values[:, part], moved.u[:, part], tests)
-    every = [(name, one) for name, _, one in charts]
+    """Return the pictures by name; that of what moved most at the last change where there is one."""
+    every = [(series.name, chart) for series, _, chart in charts]
     summary = [one for one in every if PEAK_TO_VALLEY in one[0] or one[0].startswith('residual')]
     harmonics = [one for one in every if one not in summary]
+    moved = {}
+    if events:
+        series, part, chart = history.chart_of(events[-1])
+        moved['control_chart'] = trend_plots.events_over_time(history.dates, series, chart,
+                                                              component_name(series, part), events)
     return {'ranges': trend_plots.ranges_over_time(history.dates, history.range, history.U, history.tolerances, events,
                                                    history.forecasts(events)),
             'summary': trend_plots.charts_over_time(history.dates, summary, 2),
             **({'harmonics': trend_plots.charts_over_time(history.dates, harmonics, 3)} if harmonics else {}),
-            'control_chart': trend_plots.events_over_time(history.dates, chart, moved.name, events)}
+            **moved}
 
 
 def _save(pictures: dict[str, Figure], options: Namespace) -> list[str]:

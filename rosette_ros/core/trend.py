@@ -304,15 +304,29 @@ def run_to_run(values: Floats, u: Floats) -> Floats:
     return np.asarray(np.sqrt(found))
 
 
-def control_chart(values: Floats, u: Floats, tests: int, scatter: float = 1.0,
-                  false_events: float = FALSE_EVENTS) -> Chart:
+def control_charts(series: Sequence[TimeSeries], tests: int) -> list[tuple[TimeSeries, int, Chart]]:
+    """Return quantity, component and chart of each component that at least LEAST_RUNS runs have, by its runs; scatter
+    and its degrees of freedom are those by which find_events judges. tests: as of control_chart."""
+    fits = _fits(np.arange(len(series[0].values), dtype=float), series, None) if series else []
+    return [(fit.series, part, control_chart(fit.y[:, part], fit.series.u[fit.runs, part], tests,
+                                             float(fit.scatter[part]), dof=fit.dof))
+            for fit in fits for part in range(fit.y.shape[1])]
+
+
+def control_chart(values: Floats, u: Floats, tests: int, scatter: float = 1.0, false_events: float = FALSE_EVENTS,
+                  dof: float = np.inf) -> Chart:
     """Return the charts of one component, (m,) values with standard uncertainties, self-starting.
 
     z_i = (y_i - mean of the runs before) / (scatter sqrt(u_i^2 + u_mean^2)): independent, whatever the mean is. tests:
-    number of components and runs that are watched together; the limits hold for all of them. Raises InvalidData where
-    there are fewer than LEAST_RUNS runs. Source: Hawkins, self-starting CUSUM charts (1987)."""
+    number of components and runs that are watched together; the limits hold for all of them. dof: degrees of freedom of
+    the scatter, by which it is widened: Student's quantile over the normal one. Raises InvalidData where there are
+    fewer than LEAST_RUNS runs. Source: Hawkins, self-starting CUSUM charts (1987)."""
     if len(values) < LEAST_RUNS:
         raise InvalidData(f'control chart: wanted at least {LEAST_RUNS} runs, got {len(values)}')
+    rate = false_events / tests
+    normal = float(special.ndtri(rate / 2))
+    if np.isfinite(dof):
+        scatter = scatter * float(special.stdtrit(dof, rate / 2)) / normal
     weight = np.cumsum(1.0 / u**2)[:-1]
     mean = np.cumsum(values / u**2)[:-1] / weight
     z = np.concatenate([[0.0], (values[1:] - mean) / (scatter * np.hypot(u[1:], 1.0 / np.sqrt(weight)))])
@@ -322,9 +336,8 @@ def control_chart(values: Floats, u: Floats, tests: int, scatter: float = 1.0,
         smooth = SMOOTHING * one + (1 - SMOOTHING) * smooth
         up, down = max(0.0, up + one - ALLOWANCE), max(0.0, down - one - ALLOWANCE)
         ewma[place], high[place], low[place] = smooth, up, down
-    rate = false_events / tests
     growth = 1 - (1 - SMOOTHING) ** (2 * np.arange(1, len(z) + 1))
-    limit = -special.ndtri(rate / 2) * np.sqrt(SMOOTHING / (2 - SMOOTHING) * growth)
+    limit = -normal * np.sqrt(SMOOTHING / (2 - SMOOTHING) * growth)
     cusum = _cusum_limit(1.0 / rate)
     alarms = np.flatnonzero((np.abs(ewma) > limit) | (np.maximum(high, low) > cusum))
     return Chart(z, ewma, limit, high, low, cusum, tuple(alarms.tolist()))

@@ -9,14 +9,14 @@ import numpy as np
 
 from rosette_ros.core.errors import counted
 from rosette_ros.core.records import CURVES, Floats
-from rosette_ros.core.trend import LEAST_LINE, Chart, Event, Forecast, Shift
+from rosette_ros.core.trend import CONSEQUENT, LEAST_LINE, Chart, Event, Forecast, Shift, TimeSeries
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.json_output import CURVE_KEYS
 from rosette_ros.presentation.table_format import Table, column, words
 
 SCHEMA = 'rosette-trend/1'
 Dates = Sequence[datetime.datetime]
-Charts = Sequence[tuple[str, int, Chart]]
+Charts = Sequence[tuple[TimeSeries, int, Chart]]
 """Quantity, its component, their control chart."""
 MOST_TOLD = 4
 """Quantities of a change that the table names."""
@@ -43,6 +43,14 @@ def _told(event: Event) -> str:
     told = [f'{step.series.name} {step.strength / 2:.1f} U' for step in event.steps[:MOST_TOLD]]
     rest = len(event.steps) - MOST_TOLD
     return ', '.join(told) + (f' and {rest} more' if rest > 0 else '')
+
+
+def component_name(series: TimeSeries, part: int) -> str:
+    """Return a component of a quantity in words, such as `crz, 2 per turn, cos`."""
+    names = {1: ('',), 3: (', radius', ', circle', ', axis')}.get(series.values.shape[1], (', cos', ', sin'))
+    if series.owner in CONSEQUENT and series.values.shape[1] == 2:
+        names = (', about x', ', about y') if series.name.endswith('tilt') else (', x', ', y')
+    return f'{series.name}{names[part]}'
 
 
 def residual_words(course: tuple[float, float]) -> str:
@@ -82,9 +90,8 @@ def charts_table(charts: Charts, dates: Dates) -> Table:
     """Return how far each control chart goes, in units of its limits, and when it leaves them first."""
     left = [one for one in charts if one[2].alarms]
     kept = len(charts) - len(left)
-    parts = ((', cos', ', sin') if 'per turn' in name else ('',) for name, *_ in left)
     return Table('charts', f'{len(left)} of {len(charts)} charts leave their limits', (
-        words('quantity', 'quantity', [f'{name}{part[place]}' for (name, place, _), part in zip(left, parts)]),
+        words('quantity', 'quantity', [component_name(series, part) for series, part, _ in left]),
         column('ewma', 'largest EWMA / limit', [float(np.max(np.abs(one.ewma / one.ewma_limit))) for *_, one in left],
                lambda value: text.fixed(value, 1)),
         column('cusum', 'largest CUSUM / limit', [float(max(one.high.max(), one.low.max()) / one.cusum_limit)
@@ -124,10 +131,10 @@ def trend_json(serial: str, model_hash: str, dates: Dates, runs: Sequence[str], 
             for curve, one in forecasts.items()},
         'too_few_runs': {names[curve]: count for curve, count in (too_few or {}).items()},
         'residual_course_m': course and list(course),
-        'charts': [{'quantity': name, 'component': part, 'ewma': one.ewma.tolist(),
+        'charts': [{'quantity': series.name, 'component': part, 'ewma': one.ewma.tolist(),
                     'ewma_limit': one.ewma_limit.tolist(), 'cusum_high': one.high.tolist(),
                     'cusum_low': one.low.tolist(), 'cusum_limit': one.cusum_limit,
-                    'alarms': [runs[alarm] for alarm in one.alarms]} for name, part, one in charts]}
+                    'alarms': [runs[alarm] for alarm in one.alarms]} for series, part, one in charts]}
 
 
 def _step_json(step: Shift) -> dict[str, Any]:

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from rosette_ros.analysis import analyse
+from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import evaluation_row, heading
 from rosette_ros.archive.table_history import history_of
 from rosette_ros.cli.main import main
 from rosette_ros.core.errors import InvalidConfig, InvalidData
 from rosette_ros.core.model.model import Model
 from rosette_ros.io.identity_file import parse_identity
-from rosette_ros.presentation.trend_results import residual_words
+from rosette_ros.presentation.trend_results import component_name, residual_words
 from rosette_ros.simulation.ageing import AgeingScript, MachineChange, read_ageing
 
 SCRIPT = '''
@@ -79,6 +80,28 @@ def test_a_curve_that_changed_lately_is_named(archive, rosette, tmp_path):
     words = rosette('trend', tmp_path / 'plant', '--table', 'RT-7', '-o', tmp_path / 'trend.html').out
     said = 'crz: 2 runs since its last change, 3 at different times wanted for a forecast.'
     assert said in words and said in (tmp_path / 'trend.html').read_text(encoding='utf-8')
+
+
+def test_the_chart_is_that_of_what_moved_most(rosette, tmp_path):
+    """A harmonic that went there and back by its cos shows its cos; without a change there is no such chart."""
+    script = AgeingScript(machine={'plate': {'balls': 5}}, runs=30, changes=(
+        MachineChange(day=70, set={'table': {'added_errors': [{'error': 'ctx', 'per_turn': 2, 'amplitude': 2.0}]}}),
+        MachineChange(day=140, set={'table': {'added_errors': []}})))
+    rows = rows_of(script)
+    history = history_of(rows, 'RT-7')
+    *_, back = history.events()
+    series, part, chart = history.chart_of(back)
+    step = back.steps[0]
+    assert series is step.series
+    assert abs(step.size[part] / step.u[part]) == np.max(np.abs(step.size / step.u))
+    assert component_name(series, part) == f'ctx, 2 per turn, {"cos" if part == 0 else "sin"}'
+    assert len(chart.z) == 30
+    archive = RunArchive(tmp_path / 'plant', make=True)
+    archive.add(rows[:10])
+    rosette('trend', archive.folder, '--table', 'RT-7', '--figures', tmp_path / 'figures', '-o',
+            tmp_path / 'trend.html')
+    assert not (tmp_path / 'figures' / 'trend_control_chart.png').exists()
+    assert 'moved most' not in (tmp_path / 'trend.html').read_text(encoding='utf-8')
 
 
 def test_noise_that_grows_is_told_as_noise():

@@ -6,7 +6,16 @@ import pytest
 
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import nominal_angles
-from rosette_ros.core.trend import LEAST_RUNS, TimeSeries, control_chart, course, find_events, forecast, harmonics
+from rosette_ros.core.trend import (
+    LEAST_RUNS,
+    TimeSeries,
+    control_chart,
+    control_charts,
+    course,
+    find_events,
+    forecast,
+    harmonics,
+)
 
 WEEK = 7.0
 
@@ -109,6 +118,18 @@ def test_control_charts_hold_and_alarm():
     assert 40 <= first <= 42
     with pytest.raises(InvalidData, match='wanted at least 8 runs, got 7'):
         control_chart(values[:7], np.ones(7), 7)
+
+
+@pytest.mark.parametrize(('runs', 'histories'), [(8, 200), (20, 100)])
+def test_the_limits_of_all_charts_hold_in_short_histories(runs, histories):
+    """25 components whose scatter is estimated from their own runs: without the moderation of it, 15 and 7.5 % of such
+    histories had an alarm, wanted are 0.2 %."""
+    rng = np.random.default_rng(10)
+    sizes = [('table', 1)] * 6 + [('table', 2)] * 9 + [('residual', 1)]
+    for _ in range(histories):
+        series = [TimeSeries(owner, 'one', rng.standard_normal((runs, parts)), np.ones((runs, parts)))
+                  for owner, parts in sizes]
+        assert not any(chart.alarms for *_, chart in control_charts(series, 25 * runs))
 
 
 def test_the_cusum_limit_gives_its_run_length():

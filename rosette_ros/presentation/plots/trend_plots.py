@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.records import CURVES, Floats
-from rosette_ros.core.trend import Chart, Event, Forecast
+from rosette_ros.core.trend import Chart, Event, Forecast, TimeSeries
 from rosette_ros.presentation.formatting import CURVE_UNITS
 from rosette_ros.presentation.plots import plot_style as style
 
@@ -53,12 +53,14 @@ def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances:
     return made
 
 
-def events_over_time(dates: Dates, chart: Chart, name: str, events: Sequence[Event]) -> Figure:
-    """Return the control chart of one component: deviations, EWMA with its limits, CUSUM of both senses."""
+def events_over_time(dates: Dates, series: TimeSeries, chart: Chart, name: str, events: Sequence[Event]) -> Figure:
+    """Return the control chart of one component of a quantity, in the runs that have it: deviations, EWMA with its
+    limits, CUSUM of both senses. dates: of all runs; name: of the component."""
     made = style.figure(3.6)
     panels = style.panels(made, 2, 1)
     made.subplots_adjust(0.075, 0.1, 0.975, 0.92, 0.2, 0.45)
-    when = date2num(list(dates))
+    every = date2num(list(dates))
+    when = every[np.all(np.isfinite(series.values), axis=1)]
     above, below = panels[:, 0]
     edge = FARTHEST * float(np.max(chart.ewma_limit))
     above.plot(when, chart.z, color=style.GREY, linewidth=0, marker='o', markersize=2.5, label='deviation of a run')
@@ -78,7 +80,7 @@ def events_over_time(dates: Dates, chart: Chart, name: str, events: Sequence[Eve
     _scale_to(below, [chart.high, chart.low, np.array([chart.cusum_limit])], FARTHEST * chart.cusum_limit)
     style.title(below, 'sum of the deviations beyond the allowance, in standard deviations')
     for panel in (above, below):
-        _mark(panel, when, events)
+        _mark(panel, every, events)
         _time_axis(panel)
     _legend(made, panels)
     return made
