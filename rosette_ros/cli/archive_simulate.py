@@ -18,7 +18,7 @@ from rosette_ros.cli.console import console
 from rosette_ros.core.errors import counted
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import Run
-from rosette_ros.io.identity_file import Identity, read_identity
+from rosette_ros.io.identity_file import Identity, format_identity, read_identity
 from rosette_ros.io.model_file import read_model
 from rosette_ros.simulation.ageing import read_ageing
 
@@ -31,7 +31,8 @@ def add_arguments(parser: ArgumentParser) -> None:
                         'machine (docs/archive.md); rows are kept, no logs: reanalyse needs logs')
     parser.add_argument('--into', metavar='ARCHIVE', required=True, help='folder of the archive; made where there is '
                         'none')
-    parser.add_argument('--begin', metavar='DAY', default=BEGIN, help=f'day of the first run (default: {BEGIN})')
+    parser.add_argument('--begin', metavar='DAY', default=BEGIN, help='day of the first run, UTC unless it states an '
+                        f'offset (default: {BEGIN})')
     add_shared(parser, '--model', '--identity')
 
 
@@ -40,8 +41,10 @@ def run(options: Namespace) -> None:
     script, model = read_ageing(options.script), read_model(options.model)
     identity = read_identity(options.identity) if options.identity else Identity({'table.serial': 'SIMULATED'})
     try:
-        begin = datetime.datetime.fromisoformat(options.begin).replace(tzinfo=datetime.UTC)
-    except ValueError as error:
+        begin = datetime.datetime.fromisoformat(options.begin)
+        begin = begin.astimezone(datetime.UTC) if begin.tzinfo else begin.replace(tzinfo=datetime.UTC)
+        begin + datetime.timedelta(days=script.days[-1] + 1)
+    except (ValueError, OverflowError) as error:
         raise UsageError(f'--begin: wanted a day such as {BEGIN}, got {options.begin!r}') from error
     archive = RunArchive(options.into, make=True)
     out = console(sys.stderr)
@@ -58,12 +61,14 @@ def simulated_rows(runs: Iterable[tuple[float, Run]], begin: datetime.datetime, 
     rows = []
     for day, measured in runs:
         date = begin + datetime.timedelta(days=day)
-        rows.append({**heading(_digest(measured), f'{WITHOUT_LOG}{measured.run_id}', '', model,
+        rows.append({**heading(_digest(measured, identity, date), f'{WITHOUT_LOG}{measured.run_id}', '', model,
                                datetime.datetime.now(datetime.UTC), measured.run_id),
                      **evaluation_row(analyse(measured, model), identity=identity), 'measured_at': date,
                      'ended_at': date + datetime.timedelta(seconds=float(measured.time[-1]))})
     return rows
 
 
-def _digest(measured: Run) -> str:
-    return hashlib.sha256(measured.centre.tobytes()).hexdigest()
+def _digest(measured: Run, identity: Identity, date: datetime.datetime) -> str:
+    """Return what stands for the content of a log: the same centres at another table or time are another run."""
+    stated = f'{format_identity(identity)}{date.isoformat()}'
+    return hashlib.sha256(stated.encode() + measured.centre.tobytes()).hexdigest()

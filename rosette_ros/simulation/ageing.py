@@ -11,6 +11,7 @@
     - {day: 430, set: {plate: {number: 2}}}                             from this day on
 """
 
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -18,7 +19,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from rosette_ros.core.errors import InvalidConfig
+from rosette_ros.core.errors import InvalidConfig, RosetteError
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.safe_yaml import read_yaml
@@ -33,7 +34,7 @@ _READINGS = 10_000_000
 
 
 class MachineChange(Settings):
-    """What is set from a day on; until_day: numbers change evenly until then."""
+    """What is set from a day on; until_day: real numbers, in lists too, change evenly until then."""
 
     day: NotNegative
     until_day: NotNegative | None = None
@@ -56,6 +57,15 @@ class AgeingScript(Settings):
     seasons_K: NotNegative = Field(0.0, description='amplitude of the temperature over a year')
     changes: Annotated[tuple[MachineChange, ...], Field(strict=False)] = ()
 
+    @model_validator(mode='after')
+    def _changes_in_order(self) -> Self:
+        days = [0.0, *(change.day for change in self.changes)]
+        for number, (before, day) in enumerate(itertools.pairwise(days), 1):
+            if not before <= day <= self.days[-1]:
+                raise ValueError(f'changes.{number}: wanted a day from {before:g}, that of the change before, to '
+                                 f'{self.days[-1]:g}, that of the last run, got {day:g}')
+        return self
+
     @property
     def days(self) -> list[float]:
         """The day of each run, the first is 0."""
@@ -68,8 +78,8 @@ class AgeingScript(Settings):
             if day >= change.day:
                 end = change.day if change.until_day is None else change.until_day
                 share = 1.0 if day >= end else (day - change.day) / (end - change.day)
-                machine_config(_merged(values, change.set, 1.0), f'changes.{number}.set')
-                values = _merged(values, change.set, share)
+                where = f'changes.{number}.set'
+                values = _between(values, machine_config(_merged(values, change.set), where).model_dump(), share, where)
         values['climate']['start_degC'] += self.seasons_K * float(np.sin(2 * np.pi * day / YEAR))
         return machine_config(values, f'day {day:g}')
 
@@ -92,15 +102,37 @@ def read_ageing(path: Path | str) -> AgeingScript:
         script = AgeingScript.model_validate(values)
     except ValidationError as error:
         raise InvalidConfig(complaint(error, str(path), AgeingScript)) from error
-    for change in script.changes:
-        script.config(change.day)
+    try:
+        for day in (0.0, *(change.day for change in script.changes)):
+            plan(script.config(day).plate.balls, script.order)
+    except RosetteError as error:
+        raise InvalidConfig(f'{path}: {error}') from error
     return script
 
 
-def _merged(values: Any, new: Any, share: float) -> Any:
-    """Return values in which those of `new` are set, numbers by a share of the way."""
+def _merged(values: Any, new: Any) -> Any:
+    """Return values in which those of `new` are set."""
     if isinstance(values, dict) and isinstance(new, dict):
-        return {**values, **{name: _merged(values.get(name), one, share) for name, one in new.items()}}
-    if isinstance(values, float) and isinstance(new, int | float):
-        return values + share * (new - values)
+        return {**values, **{name: _merged(values.get(name), one) for name, one in new.items()}}
     return new
+
+
+def _between(old: Any, new: Any, share: float, where: str) -> Any:
+    """Return a share of the way from old settings to new ones; raises InvalidConfig where there is no way between."""
+    if share == 1.0 or old == new:
+        return new
+    if isinstance(old, float) and isinstance(new, float):
+        return old + share * (new - old)
+    if isinstance(old, dict) and isinstance(new, dict) and old.keys() == new.keys():
+        return {name: _between(old[name], one, share, f'{where}.{name}') for name, one in new.items()}
+    if isinstance(old, tuple) and isinstance(new, tuple):
+        pairs = itertools.zip_longest(old, new)
+        return tuple(_between(_flat(one) if before is None else before, _flat(before) if one is None else one, share,
+                              f'{where}.{number}') for number, (before, one) in enumerate(pairs, 1))
+    raise InvalidConfig(f'{where}: wanted a number that changes evenly until until_day, got {old!r:.40} before and '
+                        f'{new!r:.40} after; leave until_day out, or begin with what is to grow')
+
+
+def _flat(item: Any) -> Any:
+    """Return what an item of a list is before it is there: one without amplitude, where it has one."""
+    return {**item, 'amplitude': 0.0} if isinstance(item, dict) and 'amplitude' in item else None

@@ -190,6 +190,10 @@ def test_a_plate_that_was_clamped_anew_is_no_other_plate():
 @pytest.mark.parametrize(('text', 'words'), [
     ('changes: [{day: 3, until_day: 2, set: {}}]', 'changes.1: until_day: wanted a day after 3, got 2'),
     ('changes: [{day: 3, set: {plate: {ball: 7}}}]', 'changes.1.set: plate.ball: wanted'),
+    ('changes: [{day: 3, until_day: 9, set: {plate: {balls: 7}}}]', 'changes.1.set.plate.balls: wanted a number that'),
+    ('changes: [{day: 30, set: {}}, {day: 10, set: {}}]', 'changes.2: wanted a day from 30, that of the change before'),
+    ('runs: 3\nchanges: [{day: 30, set: {}}]', 'changes.1: wanted a day from 0, that of the change before, to 14,'),
+    ('order: zigzag', 'zigzag'),
     ('runs: 0', 'runs: wanted'),
     ('[]', 'wanted a mapping of settings'),
 ])
@@ -200,4 +204,43 @@ def test_a_wrong_script_is_one_line(tmp_path, text, words):
     with pytest.raises(InvalidConfig) as caught:
         read_ageing(path)
     assert words in str(caught.value)
+    assert str(path) in str(caught.value)
     assert '\n' not in str(caught.value)
+
+
+def test_what_grows_in_lists_grows_evenly():
+    """A harmonic that is added grows from nothing, and goes back to nothing; its phase is what it is."""
+    wave = {'error': 'crz', 'per_turn': 2, 'amplitude': 4.0, 'phase_deg': 30.0}
+    script = AgeingScript(runs=100, changes=(
+        MachineChange(day=100, until_day=200, set={'table': {'added_errors': [wave]}}),
+        MachineChange(day=300, until_day=400, set={'table': {'added_errors': []}, 'placement': {'axis': [0, 1, 1]}})))
+
+    def sizes(day):
+        return [(one.amplitude, one.phase_deg) for one in script.config(day).table.added_errors]
+    assert [sizes(day) for day in (99, 100, 125, 200, 350, 400)] == [
+        [], [(0.0, 30.0)], [(1.0, 30.0)], [(4.0, 30.0)], [(2.0, 30.0)], []]
+    assert script.config(350).placement.axis == (0.0, 0.5, 1.0)
+
+
+def test_the_same_years_of_another_table_are_further_runs(rosette, tmp_path):
+    """Or from another day on, which an offset moves to UTC; repeated as they are, they count once."""
+    script, archive = tmp_path / 'ageing.yaml', tmp_path / 'plant'
+    script.write_text('machine: {plate: {balls: 3}}\nruns: 2\n')
+    (tmp_path / 'id.yaml').write_text('schema: rosette-identity/1\ntable: {serial: RT-8}\n')
+    for more in ((), (), ('--identity', tmp_path / 'id.yaml'), ('--begin', '2025-01-01T00:00+02:00')):
+        assert rosette('archive', 'simulate', script, '--into', archive, *more).code == 0
+    rows = RunArchive(archive).read_rows(('table_serial', 'measured_at')).to_pylist()
+    assert [(row['table_serial'], f'{row["measured_at"]:%Y-%m-%d %H}') for row in rows] == [
+        ('RT-8', '2024-01-01 00'), ('RT-8', '2024-01-08 00'), ('SIMULATED', '2024-01-01 00'),
+        ('SIMULATED', '2024-01-08 00'), ('SIMULATED', '2024-12-31 22'), ('SIMULATED', '2025-01-07 22')]
+
+
+def test_a_script_is_judged_before_an_archive_is_made(refused, tmp_path):
+    """The order of measurement, too; a last run after the year 9999 is a wrong begin."""
+    script = tmp_path / 'ageing.yaml'
+    script.write_text('order: zigzag\n')
+    assert str(script) in refused('archive', 'simulate', script, '--into', tmp_path / 'plant')
+    script.write_text('runs: 9\n')
+    assert '--begin: wanted' in refused('archive', 'simulate', script, '--into', tmp_path / 'plant', '--begin',
+                                        '9999-12-30')
+    assert not (tmp_path / 'plant').exists()
