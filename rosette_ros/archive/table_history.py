@@ -152,12 +152,26 @@ def read_history(archive: RunArchive, table: str, model: str = '', cell: str = '
     rows = archive.read_rows(where=where, values=values).to_pylist()
     hashes = Counter(row['model_hash'] for row in rows)
     if not rows:
-        known = [row['table_serial'] for row in archive.query(
-            "SELECT DISTINCT table_serial FROM runs WHERE problem = '' ORDER BY 1").to_pylist()]
-        raise InvalidData(f'{archive.folder}: wanted dated runs of table {table!r}, got none; it has tables '
-                          f'{", ".join(map(repr, known)) or "none"}')
+        raise InvalidData(f'{archive.folder}: {_why_none(archive, table, model)}')
     best = hashes.most_common(1)[0][0]
     return history_of([row for row in rows if row['model_hash'] == best], table, least)
+
+
+def _why_none(archive: RunArchive, table: str, model: str) -> str:
+    """Return why an archive has no runs for a trend of a table."""
+    every = archive.read_rows(('table_serial', 'model_hash', 'measured_at'), "problem = ''").to_pylist()
+    own = [row for row in every if row['table_serial'] == table]
+    tables = ', '.join(repr(one) for one in sorted({row['table_serial'] for row in every} - {''})) or 'none'
+    if not own and not table:
+        return f'wanted --table, as every run states one, got none; it has tables {tables}'
+    if not own:
+        return f'wanted dated runs of table {table!r}, got none; it has tables {tables}'
+    under = [row for row in own if row['model_hash'].startswith(model)]
+    if not under:
+        hashes = ', '.join(sorted({row['model_hash'][:12] for row in own}))
+        return f'wanted runs of table {table!r} under a model {model!r}, got none; it has models {hashes}'
+    return (f'wanted dated runs of table {table!r}, got {counted(len(under), "run")} without a date; state '
+            'measured.begin in the identity (rosette archive add --identity FILE --force)')
 
 
 def history_of(rows: Sequence[Mapping[str, Any]], serial: str = '', least: int = LEAST_RUNS) -> History:
@@ -260,15 +274,16 @@ def _together(owner: str, values: Floats, u: Floats) -> tuple[list[TimeSeries], 
 
 def _effects(rows: Sequence[Mapping[str, Any]]) -> list[TimeSeries]:
     """Return the parameters of the effects in the model."""
-    series: dict[tuple[str, str], dict[int, tuple[float, float]]] = {}
+    series: dict[tuple[str, str, str], dict[int, tuple[float, float]]] = {}
     for place, row in enumerate(rows):
         for effect in row['effects'] or ():
             for one in effect['parameters'] if effect['in_model'] else ():
-                series.setdefault((effect['effect'], one['name']), {})[place] = one['value'], one['U'] / COVERAGE_FACTOR
+                series.setdefault((effect['effect'], one['name'], one['unit']), {})[place] = (
+                    one['value'], one['U'] / COVERAGE_FACTOR)
     found = []
-    for (effect, name), known in series.items():
+    for (effect, name, unit), known in series.items():
         pair = np.array([known.get(place, (np.nan, np.nan)) for place in range(len(rows))])
-        found.append(TimeSeries(effect, f'{effect} {name}', pair[:, :1], pair[:, 1:]))
+        found.append(TimeSeries(effect, f'{effect} {name}', pair[:, :1], pair[:, 1:], unit))
     return found
 
 

@@ -54,6 +54,9 @@ def run(options: Namespace) -> None:
             f'{history.dates[0]:%Y-%m-%d} to {history.dates[-1]:%Y-%m-%d}, model {history.model_hash[:12]}']
     if history.left_out:
         said.append(f'Left out, as they are between the steps of the table: {", ".join(history.left_out)}.')
+    if history.other_balls:
+        said.append('Left out of plate, CMM and forecasts, as they have another number of balls than the last run: '
+                    f'{", ".join(history.other_balls)}.')
     tables = [events_table(events, history.dates, history.runs, exchanged)] if events else []
     if not events:
         said.append('No step beyond the scatter of the runs: curves, plate, CMM, effects and residual; slopes in '
@@ -71,7 +74,7 @@ def run(options: Namespace) -> None:
     if options.json:
         print_json(trend_json(history.serial, history.model_hash, history.dates, history.runs,
                               (history.range, history.U), events, exchanged, forecasts, charts, history.left_out,
-                              too_few, course))
+                              too_few, course, history.other_balls))
         return
     out = console()
     for words in said:

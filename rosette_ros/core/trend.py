@@ -59,12 +59,13 @@ class TimeSeries:
     """One quantity over the runs.
 
     owner: what it belongs to (table, plate, CMM, an effect, the residual, one of CONSEQUENT); name: in
-    words; values: (m, c), SI, NaN where a run does not have it; u: (m, c) standard uncertainties."""
+    words; values: (m, c), SI, NaN where a run does not have it; u: (m, c) standard uncertainties; unit: SI."""
 
     owner: str
     name: str
     values: Floats
     u: Floats
+    unit: str = 'm'
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.errors import counted
 from rosette_ros.core.records import CURVES, Floats
 from rosette_ros.core.trend import CONSEQUENT, LEAST_LINE, Chart, Event, Forecast, Shift, TimeSeries
@@ -35,12 +36,14 @@ def events_table(events: Sequence[Event], dates: Dates, runs: Sequence[str],
         words('exchanged', 'serial number', ['; '.join(f'{device}: {old or "-"} → {new or "-"}'
                                                        for device, (old, new) in one.items()) for one in exchanged]),
         words('by', 'by (new − old)', [_told(event) for event in events])),
-        note='Size in units of its expanded uncertainty U (k = 2); that scatter alone shows a change has a probability '
-             'of at most 0.2 %, counting all quantities and runs.' if events else '')
+        note='Size in units of its expanded uncertainty U (k = 2), with its value where it is one number; that scatter '
+             'alone shows a change has a probability of at most 0.2 %, counting all quantities and runs.'
+        if events else '')
 
 
 def _told(event: Event) -> str:
-    told = [f'{step.series.name} {step.strength / 2:.1f} U' for step in event.steps[:MOST_TOLD]]
+    told = [f'{step.series.name} {step.strength / COVERAGE_FACTOR:.1f} U{_size(step)}'
+            for step in event.steps[:MOST_TOLD]]
     rest = len(event.steps) - MOST_TOLD
     return ', '.join(told) + (f' and {rest} more' if rest > 0 else '')
 
@@ -65,6 +68,16 @@ def too_few_words(runs: Mapping[str, int]) -> list[str]:
     """Return in a sentence for each curve with a tolerance why there is no forecast. runs: since its last change."""
     return [f'{curve}: {counted(count, "run")} since its last change, {LEAST_LINE} at different times wanted for a '
             'forecast.' for curve, count in runs.items()]
+
+
+def _size(step: Shift) -> str:
+    """Return the size of a step with its sign and U where the quantity has one number, else ''."""
+    if step.size.size > 1:
+        return ''
+    factor, unit = text.scale_of(step.series.unit)
+    expanded = COVERAGE_FACTOR * factor * float(step.u[0])
+    places = text.decimals(expanded)
+    return f' ({text.signed(factor * float(step.size[0]), places)} ± {text.fixed(expanded, places)} {unit})'
 
 
 def forecast_table(forecasts: Mapping[str, Forecast], tolerances: Mapping[str, float],
@@ -109,14 +122,15 @@ def _date(last: datetime.datetime, ahead: float, passed: str) -> str:
 def trend_json(serial: str, model_hash: str, dates: Dates, runs: Sequence[str], ranges: tuple[Floats, Floats],
                events: Sequence[Event], exchanged: Sequence[Mapping[str, tuple[str, str]]],
                forecasts: Mapping[str, Forecast], charts: Charts = (), left_out: Sequence[str] = (),
-               too_few: Mapping[str, int] | None = None, course: tuple[float, float] | None = None) -> dict[str, Any]:
+               too_few: Mapping[str, int] | None = None, course: tuple[float, float] | None = None,
+               other_balls: Sequence[str] = ()) -> dict[str, Any]:
     """Return a trend as rosette-trend/1; ranges: (m, 6) of the errors and their U; too_few: runs since the last change
-    of curves without a forecast; course: of the residual."""
+    of curves without a forecast; course: of the residual; other_balls: as of History."""
     names = dict(zip(CURVES, CURVE_KEYS, strict=True))
     return {
         'schema': SCHEMA, 'table': serial, 'model_hash': model_hash,
         'runs': [{'run_id': run, 'measured_at': date.isoformat()} for run, date in zip(runs, dates, strict=True)],
-        'left_out': list(left_out),
+        'left_out': list(left_out), 'other_balls': list(other_balls),
         'ranges': {key: {'value': value.tolist(), 'U': spread.tolist()}
                    for key, value, spread in zip(CURVE_KEYS, ranges[0].T, ranges[1].T, strict=True)},
         'events': [{

@@ -15,7 +15,7 @@ from rosette_ros.cli.main import main
 from rosette_ros.core.errors import InvalidConfig, InvalidData
 from rosette_ros.core.model.model import Model
 from rosette_ros.io.identity_file import parse_identity
-from rosette_ros.presentation.trend_results import component_name, residual_words
+from rosette_ros.presentation.trend_results import component_name, events_table, residual_words
 from rosette_ros.simulation.ageing import AgeingScript, MachineChange, read_ageing
 
 SCRIPT = '''
@@ -120,6 +120,33 @@ def test_an_unknown_table_is_one_line(archive, refused):
     """With those that there are."""
     assert refused('trend', archive, '--table', 'RT-8') == (
         f"rosette: {archive}: wanted dated runs of table 'RT-8', got none; it has tables 'RT-7'\n")
+    assert refused('trend', archive) == (
+        f"rosette: {archive}: wanted --table, as every run states one, got none; it has tables 'RT-7'\n")
+    assert refused('trend', archive, '--table', 'RT-7', '--model', 'zzz') == (
+        f"rosette: {archive}: wanted runs of table 'RT-7' under a model 'zzz', got none; it has models "
+        f'{Model().hash[:12]}\n')
+
+
+def test_runs_without_a_date_are_named(refused, tmp_path):
+    """With what to state."""
+    archive = RunArchive(tmp_path / 'plant', make=True)
+    script = AgeingScript(machine={'plate': {'balls': 3}}, runs=2)
+    archive.add([{**row, 'measured_at': None} for row in rows_of(script)])
+    assert ("wanted dated runs of table 'RT-7', got 2 runs without a date; state measured.begin in the identity"
+            in refused('trend', archive.folder, '--table', 'RT-7'))
+
+
+def test_runs_of_another_number_of_balls_are_named(rosette, tmp_path):
+    """In text, page and JSON; they count for the harmonics that they have."""
+    archive = RunArchive(tmp_path / 'plant', make=True)
+    script = AgeingScript(machine={'plate': {'balls': 5}}, runs=10,
+                          changes=(MachineChange(day=14, set={'plate': {'balls': 6}}),))
+    archive.add(rows_of(script))
+    told = rosette('trend', archive.folder, '--table', 'RT-7', '-o', tmp_path / 'trend.html').out
+    words = 'as they have another number of balls than the last run: day_0000.0, day_0007.0.'
+    assert words in told and words in (tmp_path / 'trend.html').read_text(encoding='utf-8')
+    found = json.loads(rosette('trend', archive.folder, '--table', 'RT-7', '--json').out)
+    assert found['other_balls'] == ['day_0000.0', 'day_0007.0']
 
 
 def test_few_runs_have_no_trend():
@@ -164,6 +191,8 @@ def test_a_scale_of_the_cmm_is_no_other_plate():
     [event] = history_of(rows_of(script), 'RT-7').events()
     assert (event.run, event.owners, [step.series.name for step in event.steps]) == (
         8, ('size',), ['size of the plate, or scale of the CMM'])
+    table = events_table([event], [START] * 14, ['run'] * 14, [{}])
+    assert ' U (+' in table.csv() and ' µm)' in table.csv(), 'one number has a value and a sign'
 
 
 def test_a_table_whose_zero_moves_is_a_change_of_the_table():
