@@ -16,12 +16,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         made.set_defaults(carry_out=implementation)
 
 
-def run(options: argparse.Namespace) -> None:
-    """Do what was asked for."""
-    options.carry_out(options)
+def run(options: argparse.Namespace) -> int | None:
+    """Do what was asked for; return an exit code, None for 0."""
+    code: int | None = options.carry_out(options)
+    return code
 
 
-WHAT: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None], Callable[[argparse.Namespace], None]]] = {
+WHAT: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None], Callable[[argparse.Namespace], int | None]]] = {
     'add': ('evaluate the logs in folders and keep a row of each run; what is known is not done again',
             archive_add.add_arguments, archive_add.run),
     'query': ('what an archive says, by SQL or by ready questions', archive_query.add_arguments, archive_query.run),

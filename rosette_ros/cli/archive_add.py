@@ -46,8 +46,8 @@ def add_engine(parser: ArgumentParser) -> None:
                        help='processes on this computer (default: one for each core)')
 
 
-def run(options: Namespace) -> None:
-    """Add and say what was done."""
+def run(options: Namespace) -> int:
+    """Add and say what was done; 1 where a new log could not be evaluated."""
     model = read_model(options.model)
     identity = read_identity(options.identity) if options.identity else None
     logs = find_logs(options.folders)
@@ -56,7 +56,7 @@ def run(options: Namespace) -> None:
         added = add_logs(archive, logs, engine, model, identity, options.force, on_progress=show)
     if options.json:
         print_json({'schema': SCHEMA, 'archive': options.into, **vars(added)})
-        return
+        return int(added.problems > 0)
     out = console()
     out.print(f'{counted(added.found, "log")} found: {added.found - added.new - added.copies} known, '
               f'{added.copies} {"copy" if added.copies == 1 else "copies"}, {added.new} new', markup=False)
@@ -64,6 +64,7 @@ def run(options: Namespace) -> None:
         out.print(f'{added.evaluated} evaluated, {added.problems} not'
                   f'{f": rosette archive query {options.into} --problems" if added.problems else ""}', markup=False,
                   soft_wrap=True)
+    return int(added.problems > 0)
 
 
 @contextmanager

@@ -48,15 +48,16 @@ def test_logs_that_cannot_be_read_are_counted_and_listed(logs, in_this_process, 
     """The sound one is added; each of the others has a line that says what was wanted."""
     archive = tmp_path / 'archive'
     made = rosette('archive', 'add', logs, '--into', archive)
-    assert made.code == 0
+    assert made.code == 1
     assert made.out == (f'4 logs found: 0 known, 0 copies, 4 new\n1 evaluated, 3 not: rosette archive query {archive} '
                         '--problems\n')
     told = rosette('archive', 'query', archive, '--problems', '--json')
     problems = {row['path'].rpartition('/')[2]: row['problem'] for row in json.loads(told.out)['rows']}
     assert set(problems) == {'corrupt.mcap', 'truncated.mcap', 'foreign.csv'}
     assert all('wanted' in words for words in problems.values())
-    again = json.loads(rosette('archive', 'add', logs, '--into', archive, '--json').out)
-    assert (again['found'], again['new']) == (4, 0), 'the same content is not read again'
+    again = rosette('archive', 'add', logs, '--into', archive, '--json')
+    counts = json.loads(again.out)
+    assert (again.code, counts['found'], counts['new']) == (0, 4, 0), 'the same content is not read again'
 
 
 @pytest.mark.parametrize(('mark', 'words'), [
@@ -95,7 +96,7 @@ def test_no_archive_is_made_among_other_files(logs, in_this_process, refused, tm
 def test_an_archive_is_no_folder_of_logs(logs, in_this_process, rosette, refused, tmp_path):
     """It is said, and no further archive is made."""
     archive, other = tmp_path / 'archive', tmp_path / 'other'
-    assert rosette('archive', 'add', logs, '--into', archive).code == 0
+    assert rosette('archive', 'add', logs, '--into', archive).code == 1
     assert refused('archive', 'add', archive, '--into', other) == (
         f'rosette: {archive}: wanted a folder of logs, or a log, got an archive\n')
     assert not other.exists()
