@@ -17,6 +17,8 @@ from rosette_ros.presentation.formatting import CURVE_UNITS
 from rosette_ros.presentation.plots import plot_style as style
 
 Dates = Sequence[datetime.datetime]
+MOST_ROOM = 5.0
+"""A tolerance is drawn where it is at most so many times as large as what was measured, else the title tells it."""
 FARTHEST = 4.0
 """Control charts show so many times their limits: a plate that was exchanged lies far beyond."""
 
@@ -35,10 +37,14 @@ def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances:
                            label=f'± U (k = {COVERAGE_FACTOR})')
         panel.plot(when, y, color=style.AFTER, linewidth=1.0, marker='o', markersize=2.5, label='error of a run')
         top = float(np.max(y + spread))
+        words = f'{curve}, {CURVE_UNITS[place]}, peak to valley'
         if curve in tolerances:
             limit = 1e6 * tolerances[curve]
-            panel.axhline(limit, color=style.BEFORE, linewidth=1.0, linestyle=style.DASHED, label='tolerance')
-            top = max(top, min(limit, 3 * top))
+            if limit > MOST_ROOM * top:
+                words += f'; tolerance {limit:.3g} {CURVE_UNITS[place]}, beyond the axis'
+            else:
+                panel.axhline(limit, color=style.BEFORE, linewidth=1.0, linestyle=style.DASHED, label='tolerance')
+                top = max(top, limit)
         if curve in forecasts:
             one = forecasts[curve]
             ahead = np.array([0.0, 0.15 * (np.ptp(when) or 1.0)])
@@ -47,7 +53,7 @@ def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances:
         _mark(panel, when, [event for event in events if any(step.series.name.startswith(curve)
                                                              for step in event.steps)])
         panel.set_ylim(0, 1.1 * top)
-        style.title(panel, f'{curve}, {CURVE_UNITS[place]}, peak to valley')
+        style.title(panel, words)
         _time_axis(panel)
     _legend(made, panels)
     return made
@@ -88,7 +94,7 @@ def events_over_time(dates: Dates, series: TimeSeries, chart: Chart, name: str, 
 
 def charts_over_time(dates: Dates, charts: Sequence[tuple[str, Chart]], columns: int) -> Figure:
     """Return small control charts side by side, by the quantity's name: EWMA and the larger CUSUM in units of their
-    limits, of each component; beyond ± 1 a chart leaves its limits, beyond ± FARTHEST its panel."""
+    limits, of each component (cos, then sin); beyond ± 1 a chart leaves its limits, beyond ± FARTHEST its panel."""
     names = list(dict.fromkeys(name for name, _ in charts))
     rows = -(-len(names) // columns)
     made = style.figure(0.4 + 0.95 * rows)
@@ -98,12 +104,12 @@ def charts_over_time(dates: Dates, charts: Sequence[tuple[str, Chart]], columns:
     for place, name in enumerate(names):
         panel = panels[place // columns, place % columns]
         own = [chart for other, chart in charts if other == name]
-        for chart in own:
-            above = chart.high >= chart.low
-            panel.plot(when, chart.ewma / chart.ewma_limit, color=style.AFTER, linewidth=1.0,
-                       label='EWMA over its limit')
-            panel.plot(when, np.where(above, chart.high, -chart.low) / chart.cusum_limit, color=style.COLOURS[2],
-                       linewidth=1.0, label='larger CUSUM over its limit')
+        for part, chart in enumerate(own):
+            above, sine = chart.high >= chart.low, ', sin' * part
+            panel.plot(when, chart.ewma / chart.ewma_limit, color=(style.AFTER, style.COLOURS[4])[part],
+                       linewidth=1.0, label=f'EWMA over its limit{sine}')
+            panel.plot(when, np.where(above, chart.high, -chart.low) / chart.cusum_limit,
+                       color=style.COLOURS[2 + part], linewidth=1.0, label=f'larger CUSUM over its limit{sine}')
             for alarm in chart.alarms[:1]:
                 panel.axvline(when[alarm], color=style.BEFORE, linewidth=1.0, linestyle=':', label='first run beyond')
         for sign in (-1, 1):
