@@ -359,19 +359,26 @@ def forecast(days: Floats, curves: Floats, u: Floats, limit: float) -> Forecast:
     """Return when the range (peak to valley) of curves that runs show since their last change, (m, n), reaches a limit.
 
     A straight line by weighted least squares at each angle; u: (m,) of the range. Range and slope are those of the
-    fitted curve from the first run to the last, as noise widens the range of each run. The proposed interval ends
-    before the 95 % bound of the line passes the limit, and is between half and twice the mean interval until now
-    (ILAC-G24, a control chart with automatic adjustment). Raises InvalidData where there are fewer than LEAST_LINE runs
-    at different times."""
+    fitted curve from the first run to the last, less (square) what noise leaves there, as it widens every range. The
+    proposed interval ends before the 95 % bound of the line passes the limit, and is between half and twice the mean
+    interval until now (ILAC-G24, a control chart with automatic adjustment). Raises InvalidData where there are fewer
+    than LEAST_LINE runs at different times."""
     if len(days) < LEAST_LINE or np.ptp(days) <= 0:
         raise InvalidData(f'forecast: wanted at least {LEAST_LINE} runs at different times, got {len(days)}')
     since = days - days[-1]
     lines, covariance, rest = _lines(since, curves, u)
     last, dof = lines[0], len(days) - LEAST_LINE + 1
-    level = float(np.ptp(last))
-    slope = float((level - np.ptp(last + since[0] * lines[1])) / -since[0])
     scatter = max(1.0, float(np.sum((rest[:, last.argmax()] - rest[:, last.argmin()]) ** 2)) / dof)
     covariance = covariance * scatter
+    n = curves.shape[1]
+    noise = np.sqrt(2.0) * special.ndtri((n - 0.375) / (n + 0.25))  # mean range of n points, of a u of the range; Blom
+
+    def span(at: float) -> float:
+        row = np.array([1.0, at])
+        return float(np.sqrt(max(0.0, np.ptp(row @ lines) ** 2 - noise**2 * (row @ covariance @ row))))
+
+    level = span(0.0)
+    slope = (level - span(since[0])) / -since[0]
     factor = special.stdtrit(dof, 0.95) if scatter > 1 else special.ndtri(0.95)
     expected = 0.0 if level >= limit else (limit - level) / slope if slope > 0 else np.inf
     present = float(np.ptp(days)) / (len(days) - 1)
@@ -386,7 +393,7 @@ def forecast(days: Floats, curves: Floats, u: Floats, limit: float) -> Forecast:
     else:
         soonest = float(optimize.brentq(bound, 0.0, horizon)) if bound(horizon) > 0 else np.inf
     interval = float(np.clip(soonest, 0.5 * present, 2.0 * present))
-    return Forecast(level, slope, float(np.sqrt(covariance[1, 1])), float(expected), soonest, interval)
+    return Forecast(level, float(slope), float(np.sqrt(covariance[1, 1])), float(expected), soonest, interval)
 
 
 def course(days: Floats, values: Floats, u: Floats) -> tuple[float, float] | None:
