@@ -266,8 +266,10 @@ def _together(owner: str, values: Floats, u: Floats) -> tuple[list[TimeSeries], 
             parts[run] = inverse @ values[run, known].ravel()
             spread[run] = np.sqrt(inverse**2 @ u[run, known].ravel()**2)
             rest[run] = values[run] - columns @ parts[run]
-    size = 'size', 'size of the ' + ('CMM positions' if owner == 'frame' else 'plate, or scale of the CMM')
-    return [TimeSeries(*(size if name == 'size' else (owner, f'{owner}, {name}')), parts[:, place], spread[:, place])
+    size, what = (('size of the CMM positions', 'CMM positions') if owner == 'frame' else
+                  ('size of the plate, or scale of the CMM', 'balls'))
+    return [TimeSeries(*(('size', size) if name == 'size' else (owner, f'{what} in the frame, {name}')),
+                       parts[:, place], spread[:, place])
             for name, place in _TOGETHER.items()
             if np.any(np.abs(parts[:, place]) > LEAST_SHARE * spread[:, place])], rest
 

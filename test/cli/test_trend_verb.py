@@ -213,7 +213,7 @@ def test_a_plate_that_was_clamped_anew_is_no_other_plate():
             row[name] = (np.array(row[name]) + 20e-6 * row['radius_m'] * direction).tolist()
     [event] = history_of(rows, 'RT-7').events()
     assert (event.run, event.owners, [step.series.name for step in event.steps]) == (
-        8, ('clamping',), ['clamping, rotation'])
+        8, ('clamping',), ['balls in the frame, rotation'])
 
 
 @pytest.mark.parametrize(('text', 'words'), [
