@@ -89,9 +89,9 @@ codecs.register_error('signs', _without_signs)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code: 0, 1 where `verify` does not confirm or `archive add` could not
-    evaluate all, 2 after an error in one line,
-    130 after Ctrl-C.
+    """Run one command and return its exit code: 0, 2 after an error in one line, 130 after Ctrl-C.
+
+    1 where `verify` does not confirm, or `archive add` could not evaluate all.
 
     argv: the words after `rosette`; None takes them from the process. What is not a RosetteError is an error of the
     program and leaves its traceback.
