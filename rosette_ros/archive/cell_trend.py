@@ -16,6 +16,7 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.trend import LEAST_RUNS, Event, Forecast
 from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.trend_results import size_words
 
 LATELY = LEAST_RUNS
 """A change is warned of while it is among so many last runs."""
@@ -74,5 +75,5 @@ def trend_of(history: History) -> CellTrend:
         strongest = event.steps[0]
         said.append(f'{text.names(event.owners)} changed between {history.dates[event.earliest - 1]:%Y-%m-%d} and '
                     f'{history.dates[event.latest]:%Y-%m-%d}: {strongest.series.name} by {strongest.strength / 2:.1f} '
-                    'U')
+                    f'U{size_words(strongest)}')
     return CellTrend(history, events, history.forecasts(events), tuple(unkept), recent, tuple(said))

@@ -29,6 +29,7 @@ from rosette_ros.io.model_file import read_model
 from rosette_ros.presentation.formatting import CURVE_UNITS, fixed, names
 from rosette_ros.presentation.json_output import by_curve, plain
 from rosette_ros.presentation.table_format import Table, column, micrometre_column, words
+from rosette_ros.presentation.trend_results import size_words
 
 SCHEMA = 'rosette-archive-reanalysis/1'
 YEAR = 365.25
@@ -120,7 +121,8 @@ def _between(history: History, event: Event | None) -> str:
 def _told(event: Event | None) -> str:
     if event is None:
         return '–'
-    return f'{names(event.owners)}: {event.steps[0].series.name} {event.steps[0].strength / COVERAGE_FACTOR:.1f} U'
+    step = event.steps[0]
+    return f'{names(event.owners)}: {step.series.name} {step.strength / COVERAGE_FACTOR:.1f} U{size_words(step)}'
 
 
 def _slope(one: Forecast, curve: str) -> str:

@@ -42,7 +42,7 @@ def events_table(events: Sequence[Event], dates: Dates, runs: Sequence[str],
 
 
 def _told(event: Event) -> str:
-    told = [f'{step.series.name} {step.strength / COVERAGE_FACTOR:.1f} U{_size(step)}'
+    told = [f'{step.series.name} {step.strength / COVERAGE_FACTOR:.1f} U{size_words(step)}'
             for step in event.steps[:MOST_TOLD]]
     rest = len(event.steps) - MOST_TOLD
     return ', '.join(told) + (f' and {rest} more' if rest > 0 else '')
@@ -70,8 +70,8 @@ def too_few_words(runs: Mapping[str, int]) -> list[str]:
             'forecast.' for curve, count in runs.items()]
 
 
-def _size(step: Shift) -> str:
-    """Return the size of a step with its sign and U where the quantity has one number, else ''."""
+def size_words(step: Shift) -> str:
+    """Return the size of a step with its sign and U in brackets where the quantity has one number, else ''."""
     if step.size.size > 1:
         return ''
     factor, unit = text.scale_of(step.series.unit)
