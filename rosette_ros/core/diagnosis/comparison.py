@@ -15,6 +15,7 @@ from rosette_ros.core.model.base_model import BaseLines
 from rosette_ros.core.model.least_squares import Fit, fit
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import AXES, places
+from rosette_ros.core.number_words import micrometres, multiple
 from rosette_ros.core.records import Floats, Ints, Run, remove_gauge
 
 DRAWS = 400
@@ -197,11 +198,11 @@ def _harmonics(fit: Fit) -> tuple[Harmonic, ...]:
 
 def _summary(fit: Fit, groupings: Sequence[Grouping], neighbour_p: float, axis_rms: Floats) -> str:
     chi = fit.reduced_chi_square
-    times = '' if chi is None else f', {np.sqrt(chi):.2g} times the repeatability'
+    times = '' if chi is None else f', {multiple(float(np.sqrt(chi)))} times the repeatability'
     places = sorted((one for one in groupings if one.p < UNLIKELY), key=lambda one: one.p)
     where = ''.join(f', at {one.label} {one.keys[one.worst]}' for one in places[:3])
     alike = '; neighbours in the sequence are alike' if neighbour_p < UNLIKELY else ''
-    return f'The residual is {fit.rms * 1e6:.3g} µm{times}; most along {AXES[int(np.argmax(axis_rms))]}{where}{alike}.'
+    return f'The residual is {micrometres(fit.rms)}{times}; most along {AXES[int(np.argmax(axis_rms))]}{where}{alike}.'
 
 
 @dataclass(frozen=True, eq=False)
