@@ -122,7 +122,7 @@ class History:
         """Return the runs since the last change of a curve that have as many balls as the last one."""
         begin = max((event.run for event in events if any(step.series.name.startswith(curve) for step in event.steps)),
                     default=0)
-        return begin + np.flatnonzero(np.isfinite(self.curves[begin:, 0, 0]))
+        return begin + np.flatnonzero(np.all(np.isfinite(self.curves[begin:]), axis=(1, 2)))
 
     def residual_course(self, events: Sequence[Event]) -> tuple[float, float] | None:
         """Return from where to where the residual has grown or fallen since its last change, m, if it has."""

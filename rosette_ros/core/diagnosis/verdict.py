@@ -202,7 +202,8 @@ def outlier_words(final: 'Fit', known: int) -> list[str]:
 def wrong_readings(final: 'Fit') -> list[str]:
     """Return the readings that are farther off than noise can be, in words, the farthest first."""
     run, size = final.run, np.abs(final.residual)
-    scatter = 1.4826 * np.median(size, axis=0)  # of normal noise, the standard deviation
+    # 1.4826 times the median is the standard deviation of normal noise; a third of a step, more than that of rounding
+    scatter = np.maximum(1.4826 * np.median(size, axis=0), resolution_of(run.centre) / 3)
     if final.noise.resolution or not np.all(scatter > 0):
         return []
     off = size / scatter
