@@ -17,7 +17,7 @@ from urllib.parse import parse_qsl
 
 from jinja2 import Template
 from starlette.datastructures import MutableHeaders
-from starlette.requests import HTTPConnection, Request
+from starlette.requests import ClientDisconnect, HTTPConnection, Request
 from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -26,6 +26,8 @@ MOST_UPLOAD = 200 << 20
 MOST_BODY = MOST_UPLOAD + (1 << 16)
 MOST_FORM = 4096
 TOO_LARGE = f'wanted at most {MOST_UPLOAD >> 20} MB, got more'
+CLIENT_GONE = 499
+"""Status for a browser that closes the connection before it is answered; nobody reads it."""
 SIGN_IN_PATH = '/sign-in'
 COOKIE = 'rosette_access'
 WRONG_TOKEN_DELAY = 1.0
@@ -120,20 +122,31 @@ class AccessControl:
         return answer
 
     async def _pass(self, scope: Scope, receive: Receive, send: Send) -> None:
-        size = 0
+        size, is_whole, waiting = 0, False, [await receive()]
 
         async def bounded() -> Message:
-            nonlocal size
-            message = await receive()
-            size += len(message.get('body', b'')) if message['type'] == 'http.request' else 0
+            nonlocal size, is_whole
+            message = waiting.pop() if waiting else await receive()
+            if message['type'] == 'http.request':
+                size += len(message.get('body', b''))
+                is_whole = not message.get('more_body', False)
+            elif message['type'] == 'http.disconnect' and is_whole:
+                # An answer that ends early is an error to the middlewares outside; the server discards what is sent.
+                await asyncio.Event().wait()
             if size > MOST_BODY:
                 raise _BodyTooLarge
             return message
+
+        if waiting[0]['type'] == 'http.disconnect':
+            await Response(status_code=CLIENT_GONE)(scope, receive, send)
+            return
 
         try:
             await self._app(scope, bounded, _with_headers(send))
         except _BodyTooLarge:
             await PlainTextResponse(TOO_LARGE, 413)(scope, receive, _with_headers(send))
+        except ClientDisconnect:
+            await Response(status_code=CLIENT_GONE)(scope, receive, send)
 
 
 def _with_headers(send: Send) -> Send:

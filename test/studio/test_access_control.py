@@ -7,6 +7,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from playwright.sync_api import expect
+from starlette.middleware.base import BaseHTTPMiddleware
+from starlette.middleware.gzip import GZipMiddleware
+from starlette.requests import Request
+from starlette.responses import StreamingResponse
 
 from rosette_ros.cli.main import main
 from rosette_ros.studio import access_control
@@ -150,6 +154,39 @@ def test_bodies_are_bounded():
     part = bytes(1 << 24)
     assert ask(AccessControl(studio_app), HOST, body=[part] * 12)[0] == 200
     assert ask(AccessControl(studio_app), HOST, body=[part] * 13)[0] == 413
+
+
+@pytest.mark.parametrize(('requested', 'status', 'answer'), [
+    ([], 499, b''), ([{'body': b'a', 'more_body': True}], 499, b''), ([{'body': b'a'}], 200, b'abc')])
+def test_a_browser_that_goes_away_is_no_error(requested, status, answer):
+    """No answer, or one cut short, would be one to the middlewares outside of the access control, as in NiceGUI."""
+    async def studio(scope, receive, send):
+        body = await Request(scope, receive).body()
+
+        async def parts():
+            for part in (body, b'b', b'c'):
+                await asyncio.sleep(0.01)
+                yield part
+
+        await StreamingResponse(parts())(scope, receive, send)
+
+    async def call_next(request, answer):
+        return await answer(request)
+
+    sent, received = [], iter({'type': 'http.request', **message} for message in requested)
+
+    async def receive():
+        return next(received, {'type': 'http.disconnect'})
+
+    async def send(message):
+        sent.append(message)
+
+    made = BaseHTTPMiddleware(GZipMiddleware(AccessControl(studio)), call_next)
+    scope = {'type': 'http', 'path': '/', 'query_string': b'', 'method': 'GET', 'headers': [(b'host', b'127.0.0.1')]}
+    with ThreadPoolExecutor(1) as thread:
+        thread.submit(asyncio.run, made(scope, receive, send)).result()
+    assert sent[0]['status'] == status
+    assert b''.join(message.get('body', b'') for message in sent) == answer
 
 
 @pytest.mark.parametrize('kind', ['http', 'websocket'])
