@@ -5,6 +5,7 @@ from argparse import ArgumentParser, Namespace
 
 from matplotlib.figure import Figure
 
+from rosette_ros.archive.cell_trend import trend_notes
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.table_history import PEAK_TO_VALLEY, History, read_history
 from rosette_ros.cli.arguments import add_shared, made_folder
@@ -20,8 +21,6 @@ from rosette_ros.presentation.trend_results import (
     component_name,
     events_table,
     forecast_table,
-    residual_words,
-    too_few_words,
     trend_json,
 )
 
@@ -46,26 +45,15 @@ def run(options: Namespace) -> None:
     history = read_history(RunArchive(options.archive), options.table, options.model)
     events = history.events()
     exchanged = [history.exchanged(event.run) for event in events]
-    forecasts, too_few, course = history.forecasts(events), history.too_few(events), history.residual_course(events)
+    forecasts = history.forecasts(events)
     charts = history.charts()
     pictures = _pictures(history, events, charts) if options.figures or options.output else {}
     paths = _save(pictures, options) if options.figures else []
     said = [f'Table {history.serial or "without serial number"}: {counted(len(history.runs), "run")} from '
-            f'{history.dates[0]:%Y-%m-%d} to {history.dates[-1]:%Y-%m-%d}, model {history.model_hash[:12]}']
-    if history.left_out:
-        said.append(f'Left out, as they are between the steps of the table: {", ".join(history.left_out)}.')
-    if history.other_balls:
-        said.append('Left out of plate, CMM and forecasts, as they have another number of balls than the last run: '
-                    f'{", ".join(history.other_balls)}.')
+            f'{history.dates[0]:%Y-%m-%d} to {history.dates[-1]:%Y-%m-%d}, model {history.model_hash[:12]}',
+            *trend_notes(history, events)]
     tables = [events_table(events, history.dates, history.runs, exchanged)] if events else []
-    if not events:
-        said.append('No step beyond the scatter of the runs: curves, plate, CMM, effects and residual; slopes in '
-                    'time and temperature are no steps.')
-    said += [residual_words(course)] if course else []
     tables += [forecast_table(forecasts, history.tolerances, history.dates[-1])] if forecasts else []
-    said += too_few_words(too_few)
-    if not history.tolerances:
-        said.append('No tolerances are stated (identity file, tolerances): nothing to forecast.')
     if options.output:
         write_text(options.output, trend_html(
             history.serial, history.model_hash, history.dates, said[1:],
@@ -74,7 +62,7 @@ def run(options: Namespace) -> None:
     if options.json:
         print_json(trend_json(history.serial, history.model_hash, history.dates, history.runs,
                               (history.range, history.U), events, exchanged, forecasts, charts, history.left_out,
-                              too_few, course, history.other_balls))
+                              history.too_few(events), history.residual_course(events), history.other_balls))
         return
     out = console()
     for words in said:

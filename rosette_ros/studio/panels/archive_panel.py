@@ -12,7 +12,7 @@ from nicegui.events import GenericEventArguments
 from rosette_ros.core.errors import InvalidData, RosetteError, counted, one_line
 from rosette_ros.core.records import ErrorMotions
 from rosette_ros.presentation.plots.plot_style import COLOURS
-from rosette_ros.presentation.trend_results import events_table, forecast_table, too_few_words
+from rosette_ros.presentation.trend_results import events_table, forecast_table
 from rosette_ros.studio.controller import Controller, Superseded
 from rosette_ros.studio.figures import Curves, curves_figure, trend_figure
 from rosette_ros.studio.panels.figures_panel import WIDTH
@@ -224,7 +224,7 @@ def _fill(trend: 'CellTrend') -> None:
     if trend.events:
         plain_table(events_table(trend.events, history.dates, history.runs,
                                  [history.exchanged(event.run) for event in trend.events]))
-    for words in too_few_words(history.too_few(trend.events)):
+    for words in trend.notes:
         ui.label(words)
     if trend.forecasts:
         plain_table(forecast_table(trend.forecasts, history.tolerances, history.dates[-1]))
