@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy import special
+from scipy import optimize, special
 
 from rosette_ros.core.budget_inputs import BOUNDS, SECTIONS, BudgetInputs, drift_course, temperature_course
 from rosette_ros.core.error_summary import COVERAGE_FACTOR, AxisError, error_lines, extremes
@@ -34,7 +34,9 @@ MOST_BALLS = 72
 CHUNK = 256
 """Readings that are propagated together."""
 LEAST_SHARE = 0.25
-"""Of the variance of the residuals at least this part is taken as noise, whatever influences explain."""
+"""Of the variance of the residuals at least this part is taken as noise, whatever the form of the balls explains."""
+SEEN = 1e-6
+"""What an influence leaves of the residuals is seen from this part of their standard deviation on."""
 HARMLESS = 0.05
 """Bias of the curves, as displacement per rms displacement of the balls, below which an effect is left out."""
 PROBABILITY = float(special.erf(COVERAGE_FACTOR / np.sqrt(2)))
@@ -170,8 +172,7 @@ def budget(fit: Fit, inputs: BudgetInputs | None = None, touch: TouchScatter | N
         raise InvalidData(f'{run.source}: budget: wanted a model with table_motions, got {fit.model}')
     touch = touch or _stated_touch(inputs)
     displaced = [*_form(fit, inputs, touch), *_temperature(fit, inputs)]
-    left = sum(one.left for one in displaced)
-    sigma = _noise_sigma(fit, left)
+    sigma, dof = _noise_of(fit, displaced)
     taken_off = ' without form and temperature' if sigma < fit.sigma else ''
     variance, spread = _noise_variances(fit)
     sd, share = sigma * fit_loss(fit) * spread, np.zeros(3)
@@ -182,7 +183,6 @@ def budget(fit: Fit, inputs: BudgetInputs | None = None, touch: TouchScatter | N
             touch = touch._replace(sigma=most, source=f'{touch.source}, limited by the scatter of the centres')
         share = np.minimum((factors * touch.sigma / sd)**2, 1.0)
     sigma *= fit_loss(fit)
-    dof = _noise_dof(fit)
     lines = [Contribution(
         f'repeatability {axis}', f'scatter of centres{taken_off}{", beyond that of touches" if touch else ""}', 'A',
         'normal', float(sd[place] * np.sqrt(1 - share[place])), 'm', dof, sigma * np.sqrt(
@@ -226,21 +226,35 @@ def usual_directions(touches: float) -> Floats:
     return touch_directions(*circles_of(int(touches) or USUAL), *CIRCLES_AT)
 
 
-def _noise_sigma(fit: Fit, left: float) -> float:
-    """Return the standard deviation of noise of size 1, m, freed of what other influences leave in the residuals.
+def _noise_of(fit: Fit, displaced: Sequence['_Displaced']) -> tuple[float, float]:
+    """Return standard deviation, m, and degrees of freedom of noise of size 1, freed of what influences leave.
 
-        E(residual square sum) = dof sigma^2 + left
+    Few influences leave a known direction w of the residuals r each, with variance lambda^2; what the forms of many
+    balls leave has no direction, and its expected square sum is taken off. The variance s is the most likely one of
 
-    left: square sum, m^2."""
-    if not left or fit.sigma_source == 'repeatability':
-        return fit.sigma
-    return float(np.sqrt(max(fit.sigma**2 - left / _noise_dof(fit), LEAST_SHARE * fit.sigma**2)))
+        w r ~ N(0, s + lambda^2),    the rest of the square sum ~ s chi^2
 
-
-def _noise_dof(fit: Fit) -> float:
+    (residual maximum likelihood, Patterson and Thompson 1971): an influence takes off what the readings show of it."""
     if fit.sigma_source == 'repeatability':
-        return np.inf
-    return fit.dof + ((fit.run.repeatability_dof or 0.0) if fit.sigma_source == 'residuals and repeatability' else 0.0)
+        return fit.sigma, np.inf
+    dof = fit.dof + ((fit.run.repeatability_dof or 0.0) if fit.sigma_source == 'residuals and repeatability' else 0.0)
+    rows = np.concatenate([np.zeros((1, 3 * fit.run.size)), *(one.rows for one in displaced)]) / (fit.sigma or 1.0)
+    _, size, direction = np.linalg.svd(rows, full_matrices=False)
+    known = size > SEEN
+    shown = (direction[known] @ fit.white_residual.reshape(-1))**2 / (fit.sigma**2 or 1.0)
+    rest_dof, extra = dof - shown.size, size[known]**2
+    every = dof - shown.sum()  # square sum per sigma^2
+    rest = max(every - sum(one.left for one in displaced) / (fit.sigma**2 or 1.0), LEAST_SHARE * every)
+    if rest <= 0 or rest_dof < 1:
+        return fit.sigma, dof
+
+    def slope(variance: float) -> float:
+        """Return that of -2 log likelihood."""
+        of_known = variance + extra
+        return float(np.sum(1 / of_known - shown / of_known**2) + rest_dof / variance - rest / variance**2)
+
+    variance = optimize.brentq(slope, rest / dof, (rest + shown.sum()) / rest_dof) if shown.size else rest / dof
+    return fit.sigma * float(np.sqrt(variance)), rest_dof + float(np.sum((variance / (variance + extra))**2))
 
 
 def _noise_variances(fit: Fit) -> tuple[Floats, Floats]:
@@ -261,17 +275,18 @@ def _noise_variances(fit: Fit) -> tuple[Floats, Floats]:
 
 
 class _Displaced(NamedTuple):
-    """A contribution of displaced readings, and the square sum that it leaves in the residuals, m^2."""
+    """A contribution of displaced readings, and what it leaves in the white residuals: rows (m, 3 N), m, of one
+    standard uncertainty each, or the expected square sum, m^2."""
 
     line: Contribution
-    left: float
+    rows: Floats
+    left: float = 0.0
 
 
 def _displaced(fit: Fit, rows: Floats, line: Contribution, scale: float = 1.0) -> _Displaced:
     """Return the contribution of displacements (m, N, 3) of one standard uncertainty each, and what they leave."""
     u = np.sqrt(np.sum(fit.joint.curves(rows)**2, axis=0))
-    left = float(np.sum(fit.joint.residual(rows)**2))
-    return _Displaced(replace(line, u=scale * u), scale**2 * left)
+    return _Displaced(replace(line, u=scale * u), scale * fit.joint.residual(rows).reshape(len(rows), -1))
 
 
 def _form(fit: Fit, inputs: BudgetInputs, touch: TouchScatter | None) -> list[_Displaced]:
@@ -291,8 +306,8 @@ def _form(fit: Fit, inputs: BudgetInputs, touch: TouchScatter | None) -> list[_D
         rows = np.zeros((centre.shape[1], run.size, 3))
         rows[:, own] = height * np.swapaxes(centre[own], 0, 1)
         one = _displaced(fit, rows, out)
-        variance, left = variance + one.line.u**2, left + one.left
-    return [_Displaced(replace(out, u=np.sqrt(variance)), left)]
+        variance, left = variance + one.line.u**2, left + float(np.sum(one.rows**2))
+    return [_Displaced(replace(out, u=np.sqrt(variance)), np.zeros((0, 3 * run.size)), left)]
 
 
 def form_directions(inputs: BudgetInputs, touch: TouchScatter | None) -> Floats:

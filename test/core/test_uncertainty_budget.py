@@ -128,6 +128,24 @@ def test_what_form_leaves_in_the_residuals_is_not_counted_twice(make_run):
     assert worst.sigma == pytest.approx(fitted.sigma / 2)
 
 
+@pytest.mark.parametrize('shown', [0, 1, 3])
+def test_a_temperature_takes_off_what_the_readings_show_of_it(make_run, shown):
+    """However large it is stated, the noise is that of the run without: no larger U of an input lowers U elsewhere.
+
+    shown: how many of the stated standard uncertainties the plate expands."""
+    quiet, size = warm_run(make_run, n=8), 3e-6
+    course = quiet.temperature - quiet.temperature.mean()
+    radial = np.stack([np.cos(quiet.alpha), np.sin(quiet.alpha), np.zeros(quiet.size)], axis=-1)
+    run = quiet.replace(centre=quiet.centre + shown * size * quiet.radius * course[:, None] * radial)
+    alone, stated = fit(quiet), {'plate_expansion': {'u_um_per_m_K': size}}
+    made = budget(fit(run), BudgetInputs(stated))
+    assert made.sigma == pytest.approx(alone.sigma, rel=0.02)
+    assert alone.dof - 1 <= made.dof < alone.dof - 0.9
+    assert np.all(made.mean > 0.98 * root_mean(alone.error_motions.u))
+    assert budget(fit(run), BudgetInputs({'plate_expansion': {'u_um_per_m_K': 1e-12}})).sigma == pytest.approx(
+        fit(run).sigma, rel=1e-6)
+
+
 def test_effective_degrees_of_freedom_are_those_of_the_gum(make_run):
     """GUM G.4.1, note 2 to H: relative u of 0.25 %, 0.57 %, 0.82 % with 9, 4, 14 degrees give 19.0."""
     made = budget(fit(make_run(6, noise=NOISE)[0]))
