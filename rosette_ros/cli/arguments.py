@@ -10,8 +10,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from rosette_ros.core.errors import RosetteError
+from rosette_ros.io.text_file import refuse_read
 from rosette_ros.nodes.names import DOMAINS, NAMESPACE
 
+WRITTEN = ('output', 'pdf', 'figure', 'noise_picture')
+"""Options that name a file to write; a file that another one names is read."""
 IN_LOG = 'who, what and where (YAML, rosette-identity/1), kept in the log of each run'
 Value = TypeVar('Value', int, float)
 
@@ -59,6 +62,15 @@ def made_folder(path: str, use: str = 'for logs', hint: str = '; choose another 
     except OSError as error:
         raise UsageError(f'{path}: wanted a folder {use}, got: {error.strerror}{hint}') from error
     return Path(path)
+
+
+def keep_inputs(options: argparse.Namespace, *written: Path) -> None:
+    """Raise InvalidData where a command would write to a file that it reads; written: files besides its options."""
+    given = vars(options)
+    named = [one for name, value in given.items() if name not in WRITTEN
+             for one in (value if isinstance(value, list) else [value]) if isinstance(one, (str, Path))]
+    for path in (*written, *(given[name] for name in WRITTEN if given.get(name))):
+        refuse_read(path, named)
 
 
 def namespace(text: str) -> str:

@@ -35,8 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--decimals', type=whole(1, 9), default=9, help='digits after the point (default 9)')
     parser.add_argument('--fault', metavar='FAULT', action='append', default=[],
                         help='a fault, see below; may be repeated')
-    parser.add_argument('--settings', metavar='FILE', help='write the settings file of a client (rosette dme check '
-                        '--settings FILE, rosette cell --cmm dme) that fits this server')
+    parser.add_argument('--settings', metavar='FILE', dest='output', help='write the settings file of a client '
+                        '(rosette dme check --settings FILE, rosette cell --cmm dme) that fits this server')
     parser.add_argument('--force', action='store_true', help='overwrite that file')
     parser.add_argument('--trace', action='store_true', help='print every line, < received, > sent')
 
@@ -48,13 +48,13 @@ def run(options: argparse.Namespace) -> None:
     settings = ServeSettings(
         dialect=options.dialect, speed=options.speed, sign=options.sign, cumulative=options.cumulative,
         compensated=options.compensated, decimals=options.decimals, faults=tuple(map(fault_of, options.fault)))
-    if options.settings:
-        refuse_existing(options.settings, options.force)
+    if options.output:
+        refuse_existing(options.output, options.force)
     out = console()
     say = (lambda line: print(line, flush=True)) if options.trace else (lambda line: None)
     with serving(config, settings, options.port, say, options.host) as (port, server):
-        if options.settings:
-            write_text(options.settings, yaml.safe_dump(client_settings(config, settings, port), sort_keys=False),
+        if options.output:
+            write_text(options.output, yaml.safe_dump(client_settings(config, settings, port), sort_keys=False),
                        options.force)
         place, plate = 1e3 * server.commands.cmm.machine.rough_frame.origin, config.plate
         out.print(f'I++ DME {settings.dialect} on {options.host}:{port}: the simulated machine; {plate.balls} balls of '

@@ -18,7 +18,7 @@ from types import FrameType, ModuleType
 from typing import Any, NoReturn
 
 from rosette_ros import __version__
-from rosette_ros.cli.arguments import UsageError
+from rosette_ros.cli.arguments import UsageError, keep_inputs
 from rosette_ros.core.errors import RosetteError, unknown
 
 SIGNS = {'−': '-', '–': '-', '─': '-', '±': '+-', '→': '->', 'µ': 'u', '°': 'deg', 'σ': 'sigma', 'Δ': 'd', '·': '.',
@@ -104,6 +104,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             signal.signal(number, _end)
     try:
         options = parse(sys.argv[1:] if argv is None else list(argv))
+        keep_inputs(options)
         code = options.run(options)
         sys.stdout.flush()
     except RosetteError as error:

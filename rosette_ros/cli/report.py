@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from rosette_ros.analysis import analyse, evaluate_jointly, summarise
-from rosette_ros.cli.arguments import add_shared, made_folder
+from rosette_ros.cli.arguments import add_shared, keep_inputs, made_folder
 from rosette_ros.cli.console import console, head, print_verdict
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
 from rosette_ros.core.diagnosis.verdict import Conclusion, Verdict
@@ -159,6 +159,7 @@ def write_parts(options: Namespace, pictures: Mapping[str, Figure], tables: Iter
         save(figure, path, options.force)
     for table in tables if options.tables else ():
         path = made_folder(options.tables, 'to write to', '') / f'{table.name.replace(" ", "_")}.csv'
+        keep_inputs(options, path)
         write_text(path, table.csv(), options.force)
 
 

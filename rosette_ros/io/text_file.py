@@ -6,12 +6,14 @@ import errno
 import os
 import secrets
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from rosette_ros.core.errors import InvalidData, RosetteError
 
 EXISTS = 'exists already; take another name or use --force'
+READ_IN_FOLDERS = ('*.mcap', 'metadata.yaml', 'rosette-archive.json', '*/*.parquet')
+"""What is read of a log and of an archive."""
 
 
 @contextlib.contextmanager
@@ -37,6 +39,14 @@ def refuse_existing(path: str | Path, force: bool = False) -> None:
     """Raise InvalidData where a file exists already and `force` is not set."""
     if Path(path).exists() and not force:
         raise InvalidData(f'{path}: {EXISTS}')
+
+
+def refuse_read(path: str | Path, read: Iterable[str | Path]) -> None:
+    """Raise InvalidData where a file to write is one of those that are read, or of a log or an archive among them."""
+    for one in read if os.path.isfile(path) else ():
+        inside = [file for pattern in READ_IN_FOLDERS for file in Path(one).glob(pattern)] if os.path.isdir(one) else []
+        if any(os.path.isfile(file) and os.path.samefile(path, file) for file in (one, *inside)):
+            raise InvalidData(f'{path}: is read by this command; take another name for what it writes')
 
 
 def write_text(path: str | Path, text: str, force: bool = False) -> None:

@@ -112,3 +112,46 @@ def test_a_table_is_not_overwritten(refused, rosette, make_table):
     assert target.read_bytes() == before
     assert rosette('export', source, '-o', target, '--force').code == 0
     assert target.read_bytes() != before
+
+
+@pytest.mark.parametrize('words', [
+    ('correct', 'RUN', '-o'), ('report', 'RUN', '-o'), ('certificate', 'RUN', '-o'), ('export', 'RUN', '-o'),
+    ('certificate', 'other.csv', '--identity', 'RUN', '-o', 'a.xml', '--pdf'),
+    ('budget', 'other.csv', '--inputs', 'RUN', '-o'),
+    ('compare', 'RUN', '--noise-picture'), ('plan', 'diagonal', 'RUN', '-o'), ('dme', 'path', 'RUN', '--figure'),
+    ('dme', 'serve', '--machine', 'RUN', '--settings'), ('report', '--compare', 'other.csv', 'RUN', '-o')])
+@pytest.mark.parametrize('to', ['RUN', 'folder/../RUN', 'link.svg', 'hard.svg'])
+def test_a_file_that_is_read_is_not_overwritten(refused, make_table, tmp_path, monkeypatch, words, to):
+    """Not even with --force, whatever its spelling; a measurement cannot be made again."""
+    monkeypatch.chdir(tmp_path)
+    run = make_table(name='mine.svg')
+    make_table(name='other.csv')
+    (tmp_path / 'folder').mkdir()
+    (tmp_path / 'link.svg').symlink_to(run)
+    (tmp_path / 'hard.svg').hardlink_to(run)
+    before = run.read_bytes()
+    to = to.replace('RUN', 'mine.svg')
+    line = refused(*('mine.svg' if word == 'RUN' else word for word in words), to, '--force')
+    assert line == f'rosette: {to}: is read by this command; take another name for what it writes\n'
+    assert run.read_bytes() == before
+
+
+@pytest.mark.parametrize('name', ['log/log_0.mcap', 'log/metadata.yaml'])
+def test_files_of_a_log_are_not_overwritten(refused, rosette, make_table, tmp_path, name):
+    """What a folder of them has besides is."""
+    log = tmp_path / 'log'
+    assert rosette('import', make_table(), '-o', log).code == 0
+    before = (tmp_path / name).read_bytes()
+    assert f'{name}: is read by this command' in refused('correct', log, '-o', tmp_path / name, '--force')
+    assert (tmp_path / name).read_bytes() == before
+    (log / 'c.yaml').write_text('old')
+    assert rosette('correct', log, '-o', log / 'c.yaml', '--force').code == 0
+
+
+def test_a_table_of_the_report_does_not_replace_its_run(refused, make_table, tmp_path, monkeypatch):
+    """That has the name of the table."""
+    monkeypatch.chdir(tmp_path)
+    run = make_table(name='curves.csv')
+    before = run.read_bytes()
+    assert 'curves.csv: is read by this command' in refused('report', run, '--tables', '.', '--force')
+    assert run.read_bytes() == before
