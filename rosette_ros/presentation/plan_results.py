@@ -36,7 +36,8 @@ def rows(scheme: Scheme, radius_mm: float) -> Iterator[tuple[str, ...]]:
 def template(scheme: Scheme, radius_mm: float) -> str:
     """Return a ball-centre table whose coordinates, times and temperatures are to be filled in."""
     offset = [f'# table_offset_deg: {float(np.rad2deg(scheme.table_offset))!r}'] if scheme.table_offset else []
-    lines = [f'# schema: {TABLE_SCHEMA}', f'# radius_mm: {radius_mm!r}', f'# balls: {scheme.n}', *offset,
+    repeats = ['# repeated_balls: yes'] if scheme.repeats else []
+    lines = [f'# schema: {TABLE_SCHEMA}', f'# radius_mm: {radius_mm!r}', f'# balls: {scheme.n}', *offset, *repeats,
              ','.join(COLUMNS)]
     for (seq, k, i, j, *_, angle), approach in zip(rows(scheme, radius_mm), scheme.approach.tolist(), strict=True):
         given = {'seq': seq, 'table_position': i, 'ball': j, 'cmm_position': k, 'table_angle_deg': angle,

@@ -9,6 +9,7 @@ import re
 from pathlib import Path
 
 import pytest
+from simulated import simulated_run
 
 from rosette_ros.cli.plan import add_arguments
 
@@ -127,6 +128,22 @@ def test_the_template_is_a_table_to_be_filled(rosette, refused, tmp_path):
     out = ' '.join(rosette('info', path).out.split())
     assert '2 missing: ball' in out
     assert 'run 14 of 16' in out
+
+
+def test_the_template_of_repeated_balls_evaluates(rosette, tmp_path):
+    """Filled in with the centres of a simulated run in that order."""
+    path = tmp_path / 'mine.csv'
+    lines = rosette('plan', '--balls', 6, '--radius-mm', 182.5, '--order', 'there_and_back',
+                    '--csv-template').out.splitlines()
+    heading = [line for line in lines if line.startswith('#')]
+    rows = list(csv.DictReader(lines[len(heading):]))
+    run = simulated_run(n=6, order='there_and_back')
+    for row, centre, time in zip(rows, 1e3 * run.centre, run.time, strict=True):
+        row |= dict(zip(('x_mm', 'y_mm', 'z_mm'), map(repr, centre.tolist())), time_s=repr(float(time)))
+    path.write_text('\n'.join([*heading, ','.join(rows[0]), *(','.join(row.values()) for row in rows)]))
+    answer = rosette('evaluate', path)
+    assert (answer.code, answer.err) == (0, '')
+    assert '# repeated_balls: yes' in heading
 
 
 def words_of(answer):
