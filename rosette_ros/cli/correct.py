@@ -41,7 +41,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                         'six; for linuxcnc crz, since it turns the table only)')
     parser.add_argument('--step', metavar='DEG', type=positive('deg'),
                         help='distance of the lines of a table (default 5 for csv, 2 for linuxcnc)')
-    parser.add_argument('--range', metavar=('MIN', 'MAX'), nargs=2, type=float, default=(0.0, 360.0),
+    parser.add_argument('--range', metavar=('MIN', 'MAX'), nargs=2, type=float,
                         help='angles of the table, deg; for linuxcnc MIN_LIMIT and MAX_LIMIT of the axis '
                              '(default 0 360)')
     parser.add_argument('--force', action='store_true', help='overwrite the file')
@@ -54,10 +54,13 @@ def run(options: Namespace) -> None:
         corrected = tuple(options.curves.split(','))
     if [one for one in corrected if one not in CURVES]:
         raise UsageError(f'--curves: wanted some of {",".join(CURVES)}, got {options.curves!r}')
+    if options.target == 'ros' and (options.step or options.range):
+        raise UsageError(f'correct: --{"step" if options.step else "range"} goes with --for csv or linuxcnc only; '
+                         'leave it out')
     refuse_existing(options.output, options.force)
     correction, table, verdict = _correction(options, corrected)
     step = options.step or STEPS.get(options.target, 0.0)
-    low, high = options.range
+    low, high = options.range or (0.0, 360.0)
     if options.target == 'linuxcnc':
         text = linuxcnc_compensation(correction, low, high, step)
     elif options.target == 'csv':

@@ -82,7 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('-o', '--output', metavar='FILE', help='write the plan as a file for calibrate --plan, .csv or '
                         '.yaml')
     parser.add_argument('--figures', metavar='DIR', help='write the pictures of the plan, or of the comparison')
-    parser.add_argument('--format', choices=('svg', 'png'), default='svg', help='of these files (default svg)')
+    parser.add_argument('--format', choices=('svg', 'png'), help='of these files (default svg)')
     parser.add_argument('--force', action='store_true', help='overwrite existing files')
     group = add_formats(parser, csv='print the list as a table, coordinates with two decimals; of several plans what '
                         'they determine')
@@ -108,6 +108,8 @@ def run(options: argparse.Namespace) -> None:
     given = [options.hours is not None, options.order is not None, bool(options.plans)]
     if sum(given) != 1:
         raise UsageError('plan: wanted either --order or --hours, or plan files and orders to compare')
+    if options.format and not options.figures:
+        raise UsageError('plan: --format goes with --figures only; leave it out')
     if options.hours is not None:
         return show_proposals(options)
     if options.plate:
@@ -232,7 +234,7 @@ def draw(plans: Sequence[Outlook], options: argparse.Namespace) -> None:
     plots, style = (importlib.import_module(f'rosette_ros.presentation.plots.{name}')
                     for name in ('plan_plots', 'plot_style'))
     for name, figure in plots.pictures_of_plans(plans).items():
-        path = made_folder(options.figures, 'to write to', '') / f'{name}.{options.format}'
+        path = made_folder(options.figures, 'to write to', '') / f'{name}.{options.format or "svg"}'
         style.save(figure, path, options.force)
 
 

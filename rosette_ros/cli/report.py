@@ -53,7 +53,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--maker', metavar='FILE', help="with --compare: the maker's correction tables, CSV "
                         'with the columns table_angle_deg,ctz_um,crz_urad')
     parser.add_argument('--figures', metavar='DIR', help='write every figure as a file of its own, too')
-    parser.add_argument('--format', choices=('svg', 'png'), default='svg', help='of these files (default svg)')
+    parser.add_argument('--format', choices=('svg', 'png'), help='of these files (default svg)')
     parser.add_argument('--tables', metavar='DIR', help='write every table as CSV, too')
     parser.add_argument('--force', action='store_true', help='overwrite existing files')
 
@@ -62,6 +62,8 @@ def run(options: Namespace) -> None:
     """Write the report."""
     if options.maker and not options.compare:
         raise InvalidData('report: --maker goes with --compare only; leave it out')
+    if options.format and not options.figures:
+        raise InvalidData('report: --format goes with --figures only; leave it out')
     if bool(options.run_path) == bool(options.compare):
         raise InvalidData('report: wanted either RUN or --compare RUN RUN RUN RUN (see rosette report --help)')
     if options.inputs and (options.compare or is_joint(options)):
@@ -155,7 +157,7 @@ def output_of(options: Namespace, name: str) -> Path:
 def write_parts(options: Namespace, pictures: Mapping[str, Figure], tables: Iterable[Table]) -> None:
     """Write every figure and every table into the folders that the options name."""
     for name, figure in pictures.items() if options.figures else ():
-        path = made_folder(options.figures, 'to write to', '') / f'{name}.{options.format}'
+        path = made_folder(options.figures, 'to write to', '') / f'{name}.{options.format or "svg"}'
         save(figure, path, options.force)
     for table in tables if options.tables else ():
         path = made_folder(options.tables, 'to write to', '') / f'{table.name.replace(" ", "_")}.csv'

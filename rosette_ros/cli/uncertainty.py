@@ -39,7 +39,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--monte-carlo', metavar='N', type=whole(FEWEST_TRIALS, MOST_TRIALS),
                         help='repeat the run N times with drawn contributions and compare (GUM S1, S2); '
                         'fewer than 1000 decide nothing, 10000 are usual')
-    parser.add_argument('--seed', type=whole(0, 2**63 - 1), default=0, help='of the Monte Carlo (default 0)')
+    parser.add_argument('--seed', type=whole(0, 2**63 - 1), help='of the Monte Carlo (default 0)')
     add_shared(parser, '--json')
     parser.add_argument('-o', '--output', metavar='FILE', help='draw the bars (.png, .svg or .pdf)')
     parser.add_argument('--force', action='store_true', help='overwrite the picture')
@@ -47,6 +47,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> None:
     """Print the budget."""
+    if options.seed is not None and not options.monte_carlo:
+        raise UsageError('budget: --seed goes with --monte-carlo only; leave it out')
     if options.output:
         if Path(options.output).suffix.lower() not in PICTURES:
             raise UsageError(f'--output: wanted a name that ends in {", ".join(PICTURES)}, got {options.output!r}')
@@ -58,7 +60,7 @@ def run(options: Namespace) -> None:
     hidden = visibility(measured, fit.sigma, fit.model.base) if options.hidden_effects else None
     verdict = judge(fit.run, fit.model) if measured.n <= MOST_BALLS_JUDGED else None
     made = budget(fit, inputs, touch_scatter(refit) if refit else None, hidden, doubt_of(verdict))
-    found = _repeated(made, options.monte_carlo, options.seed) if options.monte_carlo else None
+    found = _repeated(made, options.monte_carlo, options.seed or 0) if options.monte_carlo else None
     if options.output:
         plots, style = (importlib.import_module(f'rosette_ros.presentation.plots.{name}')
                         for name in ('budget_plots', 'plot_style'))

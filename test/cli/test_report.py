@@ -78,6 +78,7 @@ def test_several_runs_as_one(rosette, here):
     (('RUN', '--maker', 'RUN'), '--maker goes with --compare only'),
     (('RUN', '--run-id', 'other'), "wanted run 'other', got 'clean_1'"),
     (('RUN', '--format', 'gif'), 'invalid choice'),
+    (('RUN', '--format', 'png'), '--format goes with --figures only; leave it out'),
     (('nowhere.csv',), 'nowhere.csv: wanted a log directory, an .mcap file or a CSV table'),
     (('RUN', '-o', 'nowhere/page.html'),
      'nowhere/page.html: wanted a name in a folder that exists, got none; make nowhere first'),
