@@ -49,7 +49,8 @@ class CorrectedError:
 
     before, promised, after: peak to valley, as measured before, expected after, and measured after; expanded: U (k = 2)
     of a point of the curve after, with that of the correction; gain, u_gain: the part of the correction that was taken
-    off, 1 where all of it was, NaN where the curve is not corrected; p: chance that noise alone leaves as much.
+    off, 1 where all of it was, NaN where the curve is not corrected; p: chance that noise alone leaves as much;
+    unchanged: whether noise alone explains how far it is from the one before.
     """
 
     curve: str
@@ -60,6 +61,7 @@ class CorrectedError:
     gain: float
     u_gain: float
     p: float
+    unchanged: bool
     result: Effectiveness
 
     @property
@@ -152,6 +154,8 @@ class CorrectionCheck:
                     'FILE), or measure with less noise.')
         if self.level is Level.GOOD:
             return 'Calibrate again when the table, its bearing or its load has changed.'
+        if all(one.unchanged for one in self.errors):
+            return 'Check that the correction is loaded and switched on, then measure the run after it again.'
         return 'Compare the model with the run after the correction: rosette diagnose AFTER.'
 
 
@@ -192,20 +196,19 @@ def _corrected(place: int, before: Floats, after: Floats, taken: Floats, varianc
     size = float(np.sum(taken**2 / variance))
     gain = float(np.sum(taken * (before - after) / variance) / size) if size > 0 else float('nan')
     u_gain = size**-0.5 if size > 0 else float('nan')
-    p = _p(after - promised, variance, curve)
+    p, unchanged = _p(after - promised, variance, curve), _p(after - before, variance, curve) >= UNLIKELY
     if not is_corrected:
         result = Effectiveness.SAME if p >= UNLIKELY else Effectiveness.CHANGED
     elif _p(taken, np.full(taken.size, own), curve) >= UNLIKELY:
         result = Effectiveness.WITHIN_U if p >= UNLIKELY else Effectiveness.REMAINS
     elif p >= UNLIKELY:
-        is_seen = _p(after - before, variance, curve) < UNLIKELY
-        result = Effectiveness.VANISHED if is_seen else Effectiveness.UNDECIDED
+        result = Effectiveness.UNDECIDED if unchanged else Effectiveness.VANISHED
     elif gain < -SURE * u_gain:
         result = Effectiveness.WRONG_SIGN
     else:
         result = Effectiveness.NOT_APPLIED if abs(gain) < SURE * u_gain else Effectiveness.REMAINS
     spans = peak_to_valley(np.stack([before, promised, after], axis=-1)).tolist()
-    return CorrectedError(curve, spans[0], spans[1], spans[2], expanded, gain, u_gain, p, result)
+    return CorrectedError(curve, spans[0], spans[1], spans[2], expanded, gain, u_gain, p, unchanged, result)
 
 
 def _p(difference: Floats, variance: Floats, curve: str) -> float:

@@ -143,6 +143,11 @@ def test_mistakes_are_told_apart(before, tmp_path):
     assert re.match(r'The correction was applied \+7\.\d\d ± 0\.\d\d deg beside its place \(k = 2\)', beside.sentence)
     not_applied = check_correction(before, measured(seed=1)[1], correction)
     assert {one.result for one in not_applied.errors} == {Effectiveness.NOT_APPLIED}
+    off = 'Check that the correction is loaded and switched on'
+    assert not_applied.action.startswith(off)
+    some = check(replace(correction, corrected=('ctz', 'crz')))
+    assert {one.result for one in some.errors} == {Effectiveness.NOT_APPLIED, Effectiveness.VANISHED}
+    assert not some.action.startswith(off)
     other = measured(seed=5)[1]
     foreign = check(Correction(other, other), Correction(other, other))
     assert foreign.sentence.startswith('The correction does not describe the table as it was before')
