@@ -48,7 +48,7 @@ _DISCONNECTED = 3.0  # a sequencer that is not on the graph for so long is taken
 @dataclass(frozen=True, eq=False)
 class CalibrationOutcome:
     """How a calibration has ended; error_motions: None without success; verdict: of the diagnosis of the run, None
-    where there was none."""
+    where there was none; is_joint: whether the run was evaluated as one with others."""
 
     success: bool
     cancelled: bool
@@ -57,6 +57,7 @@ class CalibrationOutcome:
     log: Path | None
     error_motions: ErrorMotions | None
     verdict: Verdict | None = None
+    is_joint: bool = False
 
 
 class GraphClient:
@@ -277,4 +278,5 @@ def outcome_of(response: Any) -> CalibrationOutcome:
     result = response.result
     motions = conversions.error_motions_record(result.error_motions) if result.success else None
     return CalibrationOutcome(result.success, response.status == GoalStatus.STATUS_CANCELED, result.message,
-                              result.run_id, Path(result.log) if result.log else None, motions)
+                              result.run_id, Path(result.log) if result.log else None, motions,
+                              is_joint=bool(result.joint_evaluation.run_ids))

@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Run the calibration to its end; Ctrl-C cancels it."""
+    """Run the calibration to its end; Ctrl-C cancels it. Raises CellError where it is not evaluated with others."""
     if options.resume is not None and not options.resume.strip():
         raise UsageError('--resume: wanted the log of a run, by name or path, got nothing; without --resume a new '
                          'run begins')
@@ -77,11 +77,15 @@ def run(options: argparse.Namespace) -> None:
     out = console()
     out.print(f'[bold]{escape(outcome.run_id)}[/]')
     print_parts(out, [curves(outcome.error_motions) if outcome.error_motions else None])
-    out.print(f'\n{escape(outcome.message)}', soft_wrap=True)
+    lacks_joint = options.joint_with and outcome.success and not outcome.is_joint
+    if not lacks_joint:
+        out.print(f'\n{escape(outcome.message)}', soft_wrap=True)
     if outcome.verdict:
         print_verdict(out, outcome.verdict)
     if outcome.log:
         out.print(f'\nLog: {escape(str(outcome.log))}', soft_wrap=True)
+    if lacks_joint:
+        raise CellError(f'calibrate: --joint-with: the runs were not evaluated as one: {outcome.message}')
 
 
 def calibrate(client: CellClient, **goal: Any) -> CalibrationOutcome:

@@ -177,6 +177,12 @@ def test_calibrate_cancel_and_refusal(domain_id, make_cell, tmp_path, rosette, r
         for out in (done.out, rosette('evaluate', log).out):
             assert f'{verdict.sentence} {verdict.action}' in ' '.join(out.split())
         assert '4 balls' in done.err
+        alone = rosette(*words, '--order', 'row', '--joint-with', 'nosuch')
+        assert (alone.code, 'U (k=2)' in alone.out) == (2, True)
+        assert alone.err.splitlines()[-1].startswith(
+            'rosette: calibrate: --joint-with: the runs were not evaluated as one: error motions are published; '
+            f'jointly with nosuch: run_id: wanted one of {log.name}, ')
+        assert rosette(*words, '--order', 'row', '--joint-with', log).code == 0
         assert 'a live cell is on this graph' in refused('replay', log, '--domain', domain_id)
         machine = yaml.safe_load(cell.machine.read_text())
         cell.machine.write_text(yaml.safe_dump({**machine, 'faults': [SILENT]}))

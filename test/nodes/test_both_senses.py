@@ -61,7 +61,7 @@ def test_runs_of_both_senses_give_the_reversal(domain_id, cell_of, make_peer, wa
     logged, *_ = joint_messages(second.log)
     assert list(logged.run_ids) == [first.run_id, second.run_id]
     assert second.message == f'error motions are published; jointly with {first.run_id}: {logged.verdict}'
-    assert logged.verdict == found.verdict and logged.reversals[0].crz == found.reversals[0].crz
+    assert second.is_joint and logged.verdict == found.verdict and logged.reversals[0].crz == found.reversals[0].crz
 
 
 def test_runs_that_are_not_kept_are_told_at_the_end(domain_id, cell_of):
@@ -70,7 +70,7 @@ def test_runs_that_are_not_kept_are_told_at_the_end(domain_id, cell_of):
         with pytest.raises(CellError, match="joint_with: wanted names of finished runs, each once, got .'a', 'a'."):
             client.calibrate(joint_with=['a', 'a'])
         done = client.calibrate(joint_with=['another'])
-    assert done.success and done.error_motions is not None
+    assert done.success and done.error_motions is not None and not done.is_joint
     assert done.message.startswith(
         f'error motions are published; jointly with another: run_id: wanted one of {done.run_id}')
     assert joint_messages(done.log) == []
