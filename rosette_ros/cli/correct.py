@@ -2,6 +2,7 @@
 """rosette correct: what a controller has to take off, from a run, or from runs in both senses of turning."""
 
 from argparse import ArgumentParser, Namespace
+from pathlib import Path
 
 import numpy as np
 from rich.markup import escape
@@ -57,6 +58,9 @@ def run(options: Namespace) -> None:
     if options.target == 'ros' and (options.step or options.range):
         raise UsageError(f'correct: --{"step" if options.step else "range"} goes with --for csv or linuxcnc only; '
                          'leave it out')
+    if options.target == 'ros' and Path(options.output).suffix.lower() == '.csv':
+        raise UsageError(f'--output: wanted a name for YAML with --for ros, got {options.output!r}; --for csv writes a '
+                         'table')
     refuse_existing(options.output, options.force)
     correction, table, verdict = _correction(options, corrected)
     step = options.step or STEPS.get(options.target, 0.0)

@@ -97,7 +97,8 @@ def test_the_next_command_has_the_model_of_the_correction(rosette, measure, tmp_
     (['--for', 'linuxcnc', '--step', '1'], 'wanted at most 256 lines, which LinuxCNC reads, got 361'),
     (['--step', '-3'], 'wanted a positive number'),
     (['--step', '5'], 'correct: --step goes with --for csv or linuxcnc only; leave it out'),
-    (['--range', '0', '90'], 'correct: --range goes with --for csv or linuxcnc only; leave it out')])
+    (['--range', '0', '90'], 'correct: --range goes with --for csv or linuxcnc only; leave it out'),
+    (['-o', 'q.csv'], "--output: wanted a name for YAML with --for ros, got 'q.csv'; --for csv writes a table")])
 def test_what_cannot_be_is_refused(refused, measure, tmp_path, words, error):
     """In words; an existing file stays."""
     run = measure('a')
