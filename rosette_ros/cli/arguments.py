@@ -120,8 +120,10 @@ def add_places(parser: argparse.ArgumentParser) -> None:
 
 def add_table_offset(parser: argparse.ArgumentParser) -> None:
     """Add --table-offset-deg."""
-    parser.add_argument('--table-offset-deg', metavar='DEG', type=positive('deg'), help='table angle of table position '
-                        '1, below one step of the table: half a step for a run at half pitches (default 0)')
+    angle = _reader(float, lambda value: 0 < value < math.inf,
+                    'an angle above 0 and below one step of the table, deg (for 0 leave the option out)')
+    parser.add_argument('--table-offset-deg', metavar='DEG', type=angle, help='table angle of table position 1, below '
+                        'one step of the table: half a step for a run at half pitches (default 0)')
 
 
 def _share(text: str) -> str:

@@ -79,6 +79,8 @@ def test_seed_draws_the_random_order(rosette):
     (('--balls', '100000'), "--balls: wanted a whole number of at most 1000, got '100000'"),
     (('--radius-mm', '-1'), "--radius-mm: wanted a positive number (mm), got '-1'"),
     (('--radius-mm', 'nan'), "--radius-mm: wanted a positive number (mm), got 'nan'"),
+    (('--table-offset-deg', '-5'), '--table-offset-deg: wanted an angle above 0 and below one step of the table, deg '
+                                   "(for 0 leave the option out), got '-5'"),
     (('--format', 'png'), 'plan: --format goes with --figures only; leave it out'),
     (('--seed', '-1'), '--seed: wanted a whole number in 0 .. '),
 ])
