@@ -205,6 +205,31 @@ def test_what_the_noise_may_be_is_part_of_the_model():
         whole.with_effect('noise.axes')
 
 
+def test_effects_of_any_unit_are_taken_off():
+    """What is beside the noise spans the same, whatever its columns are measured in."""
+    run = noisy(white(0)[0])
+    found, time = fit(run), run.time - run.time.mean()
+    columns = np.stack([time[:, None] * np.eye(3)[0], time[:, None]**2 * np.eye(3)[0], time[:, None] * np.eye(3)[2]])
+    alike, unlike = (NoiseProblem(run, found.joint.space.basis, columns * np.array(units)[:, None, None],
+                                  found.residual) for units in ([1, 1, 1], [1, 1e-9, 1e9]))
+    assert alike.dof == found.dof - 3
+    assert (unlike.dof, unlike.start.rss) == (alike.dof, pytest.approx(alike.start.rss, rel=1e-9))
+
+
+def test_no_part_is_much_quieter_than_rounding_makes_it():
+    """Where readings are repeated at once, as at the turn of there_and_back, their rounded values coincide."""
+    run = synthetic_run(6, 'there_and_back', 11, noise=SIGMA, repeatability=SIGMA)[0]
+    turned = np.stack([-np.sin(run.alpha), np.cos(run.alpha), np.zeros(run.size)], axis=-1)
+    centre = run.centre + 5e-6 * (run.time / run.time[-1])[:, None] * turned
+    run, step = run.replace(centre=np.rint(centre / 1e-6) * 1e-6), 1e-6
+    found = fit(run)
+    part = estimate(NoiseProblem(run, found.joint.space.basis, np.zeros((0, run.size, 3)), found.residual),
+                    ('groups',))
+    assert part.noise.by == 'time'
+    assert part.noise.factors.min() * np.sqrt(part.rss / part.problem.dof) > 0.5 * step / np.sqrt(12)
+    assert judge(run).outcome is Outcome.NAMED
+
+
 def test_what_is_left_is_tested():
     """Where the model allows no other noise than white, what is left is said to be none."""
     run = noisy(white(7)[0] * (1, 1, 1.6), 7)

@@ -16,7 +16,7 @@ from rosette_ros.core.diagnosis.candidates import NO_RESIDUAL
 from rosette_ros.core.diagnosis.noise_statistics import divergence, log_density, one_sided, remembered, two_sided
 from rosette_ros.core.diagnosis.search import cost
 from rosette_ros.core.model.base_model import Basis
-from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.model.least_squares import HIDDEN, Fit
 from rosette_ros.core.model.model import KINDS_OF_NOISE
 from rosette_ros.core.model.noise import Noise, Whitening, place_of
 from rosette_ros.core.records import Floats, Run, resolution_of
@@ -40,6 +40,8 @@ EXACT = 3000.0
 """Degrees of freedom of a repeatability that is known exactly."""
 LONGER = 3.0
 """By how much -2 L may be larger for the longer memory: too short a one makes slow effects too certain."""
+LEAST_FACTOR = 0.01
+"""No group of readings is taken as quieter than that, beside all of them, nor than about what rounding makes them."""
 GROUPS = ('time', 'ball', 'CMM position', 'table position')
 MOST_KINDS = 3
 PARTS = ((2,), (0, 1))
@@ -75,12 +77,14 @@ class NoiseProblem:
 
     def __init__(self, run: Run, basis: Basis, columns: Floats, observed: Floats, seed: int = 0) -> None:
         self.run, self._observed = run, observed
+        self.rounding = resolution_of(run.centre) / 12**0.5
         designs = []
         for rows, axes in zip((basis.axial, _one_by_one(basis.plane, (0, 1))), PARTS):
             extra = _one_by_one(columns, axes)
+            extra = extra / np.maximum(np.linalg.norm(extra, axis=1, keepdims=True), 1e-300)  # of any unit
             extra = extra - (extra @ rows.T) @ rows
             value, vector = np.linalg.eigh(extra @ extra.T)
-            keep = value > 1e-9 * max(value.max(initial=0), 1e-300)
+            keep = value > HIDDEN**2
             designs.append(np.hstack([rows.T, extra.T @ (vector[:, keep] / np.sqrt(value[keep]))]))
         self.dof = 3 * run.size - sum(design.shape[1] for design in designs)
         rng = np.random.default_rng(seed)
@@ -287,7 +291,8 @@ class NoiseFit:
             logs = np.log(factors**2 * np.maximum(square[:, 0] * self.problem.dof / fitted.rss / dof, 1e-3))
             logs = logs - np.average(logs, weights=dof)
             spread = max(float(np.average(logs**2 - 2 / dof, weights=dof)), 1e-3)
-            factors = np.exp(0.5 * logs * spread / (spread + 2 / dof))
+            least = self.problem.rounding / float(np.sqrt(fitted.rss / self.problem.dof))
+            factors = np.maximum(np.exp(0.5 * logs * spread / (spread + 2 / dof)), min(max(least, LEAST_FACTOR), 1.0))
             factors = factors / np.sqrt(np.mean(factors[index]**2))
             fitted = self.problem.at(replace(noise, by=by, factors=factors))
         return self._kept(fitted.noise, len(hot))
