@@ -9,8 +9,9 @@ from synthetic import synthetic_run
 from rosette_ros.analysis import analyse
 from rosette_ros.core.diagnosis.comparison import compare
 from rosette_ros.core.diagnosis.cross_validation import CrossValidation
-from rosette_ros.core.diagnosis.diagnosis import diagnose
+from rosette_ros.core.diagnosis.diagnosis import _Search, diagnose
 from rosette_ros.core.diagnosis.verdict import Outcome
+from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.scheme import plan
@@ -155,6 +156,48 @@ def test_same_run_same_answer():
     run = machine_run(hidden=[{'kind': 'plate_warp', **HIDDEN['plate_warp']}])
     one, other = diagnose(run), diagnose(run)
     assert [c.p for c in one.candidates] == [c.p for c in other.candidates]
+
+
+def warm_drift(seed, size):
+    """Return a run of 9 balls forwards and backwards with a drift and what follows a temperature that rises and falls.
+
+    size: of the drift, m over the run; the temperature moves the frame by 1.9 times as much per K."""
+    run = synthetic_run(9, 'there_and_back', seed, noise=SIGMA, repeatability=SIGMA)[0]
+    share = run.time / run.time[-1]
+    temperature = 20 + 0.4 * np.sin(2 * np.pi * (1.1 * share + 0.15))
+    drift, warm = (one / np.linalg.norm(one) for one in np.random.default_rng(seed).standard_normal((2, 3)))
+    moved = size * share[:, None] * drift + 1.875 * size * (temperature - temperature[0])[:, None] * warm
+    return run.replace(centre=run.centre + moved, temperature=temperature)
+
+
+@pytest.mark.parametrize('seed', [2, 5])
+def test_two_effects_in_time_are_found_together(seed):
+    """A curve in time of more numbers stands for both at first; of seed 5 a step and two others did then."""
+    assert set(diagnose(warm_drift(seed, 1.6e-6)).missing) == {'frame_drift', 'frame_temperature'}
+
+
+def test_one_curve_in_place_of_two_effects_says_so():
+    """Where the two are not so much better that chance is ruled out, they are neither claimed nor ruled out."""
+    sentence = diagnose(warm_drift(6, 1.1e-6)).verdict.sentence
+    assert 'it changes with time along a curve' in sentence and ' together would make it, too' in sentence
+
+
+def test_a_candidate_without_a_fit_is_not_judged(monkeypatch):
+    """Its reason is listed, and the others are; it was the end of the whole diagnosis."""
+    fitted = _Search.final_fit
+
+    def refused(search, members):
+        if any(member.name == 'plate_warp' for member in members):
+            raise NotDeterminable('the products of rotations and deviations do not converge')
+        return fitted(search, members)
+
+    run = machine_run()
+    whole = diagnose(run)
+    assert 'plate_warp' in {one.effect for one in whole.candidates}
+    monkeypatch.setattr(_Search, 'final_fit', refused)
+    found = diagnose(run)
+    assert ('plate_warp', 'its fit to these readings does not converge') in found.unavailable
+    assert {one.effect for one in found.candidates} == {one.effect for one in whole.candidates} - {'plate_warp'}
 
 
 def test_comparison_says_where_it_fails():

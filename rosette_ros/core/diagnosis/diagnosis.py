@@ -17,12 +17,12 @@ from rosette_ros.core.diagnosis.noise_choice import noise_of_z, noise_problem, u
 from rosette_ros.core.diagnosis.noise_search import SEEN, noise_of_rounding
 from rosette_ros.core.diagnosis.parameter_search import RELINEARISED, choose_settings
 from rosette_ros.core.diagnosis.recovered_shape import Shape, recovered_shapes
-from rosette_ros.core.diagnosis.right_shape import free_instead, right_shapes
+from rosette_ros.core.diagnosis.right_shape import free_instead, replaced_words, right_shapes
 from rosette_ros.core.diagnosis.search import BRANCHES, SWAPPED, Member, Problem, Selection, searched_count
 from rosette_ros.core.diagnosis.verdict import Verdict, decide, left_over
 from rosette_ros.core.effects.free_forms import FreeForm
 from rosette_ros.core.effects.library import effects_of
-from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.errors import InvalidData, NotDeterminable
 from rosette_ros.core.model.least_squares import Fit, FittedEffect, JointSpace, Parameter, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise
@@ -127,8 +127,10 @@ def diagnose(run: Run, model: Model | None = None, seed: int = 0) -> Diagnosis:
     """
     with _bounded(run):
         search = _search(run, model or Model(), seed)
-        return Diagnosis(**vars(search.finding), candidates=_Candidates(search).all(),
-                         recovered=recovered_shapes(search.problem, search.chosen), unavailable=search.unavailable)
+        made = _Candidates(search)
+        return Diagnosis(**vars(search.finding), candidates=made.all(),
+                         recovered=recovered_shapes(search.problem, search.chosen),
+                         unavailable=(*search.unavailable, *made.refused))
 
 
 @contextmanager
@@ -168,7 +170,7 @@ class _Search:
         named = tuple(member for member in members if member.named)
         missing = tuple(dict.fromkeys([*self.absent, *(member.name for member in named)]))
         final = self._final
-        shapes = [one.effect.describe(one.setting, axis_open(self.problem, self.chosen, place), one.instead)
+        shapes = [one.effect.describe(one.setting, axis_open(self.problem, self.chosen, place), replaced_words(one))
                   for place, one in enumerate(members) if isinstance(one.effect, FreeForm)]
         if beneath := [member.name for member in members if member.beneath]:
             shapes.append(
@@ -368,10 +370,11 @@ def fitted_with_noise(run: Run, model: Model, white: Fit, is_searched: bool) -> 
 
 
 class _Candidates:
-    """The candidates of a search, with their cross-validation."""
+    """The candidates of a search, with their cross-validation; refused: those that have no fit, with the reason."""
 
     def __init__(self, search: _Search) -> None:
         self.search, self.problem = search, search.problem
+        self.refused: list[tuple[str, str]] = []
 
     def all(self) -> tuple[Candidate, ...]:
         """Return all candidates: claimed ones, each beside those before it, then the others beside all claimed."""
@@ -391,7 +394,10 @@ class _Candidates:
         among = tuple(rival.name for _, _, rival in others if rival.effect.searched)
         named = problem.select([member for member in chosen.members if member.named])
         for p, _, rival in sorted(others, key=lambda entry: entry[:2]):
-            out.append(self._effect(rival, named, p, (), among))
+            try:
+                out.append(self._effect(rival, named, p, (), among))
+            except NotDeterminable:
+                self.refused.append((rival.name, 'its fit to these readings does not converge'))
         return tuple(out)
 
     def _effect(self, member: Member, before: Selection, p: float, look_alikes: tuple[str, ...],

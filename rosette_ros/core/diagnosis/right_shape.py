@@ -148,11 +148,17 @@ def _wrong_p(problem: Problem, selection: Selection, member: Member) -> float:
     return min(found) * max(len(found) - 1, 1)
 
 
+def replaced_words(form: Member) -> str:
+    """Return how a free form compares with the effects that it replaces, in words."""
+    words = '{} together would make it, too' if form.alike else 'not as {}'
+    return words.format(form.instead) if form.instead else ''
+
+
 def free_instead(problem: Problem, selection: Selection, places: list[int],
-                 searched: Sequence[str] = tuple(FREE_FORMS)) -> Selection | None:
+                 searched: Sequence[str] = tuple(FREE_FORMS), alike: bool = False) -> Selection | None:
     """Return the selection with the best free form in place of some members, None where none is seen.
 
-    Tried are those beside the members, and the best of some that are searched."""
+    Tried are those beside the members, and the best of some that are searched; alike: as of Member."""
     kept = [member for place, member in enumerate(selection.members) if place not in places]
     gone = [selection.members[place] for place in places]
     rest = problem.select(kept)
@@ -163,7 +169,7 @@ def free_instead(problem: Problem, selection: Selection, places: list[int],
             tried.setdefault(form, float(FREE_FORMS[form[0]].independent_settings(problem.run)))
     made = [problem.member(FREE_FORMS[name], setting, chances) for (name, setting), chances in tried.items()]
     words = ' and '.join(sorted({member.name if member.named else member.instead for member in gone} - {''}))
-    found = [problem.select((*kept, replace(form, instead=words))) for form in made if form is not None]
+    found = [problem.select((*kept, replace(form, instead=words, alike=alike))) for form in made if form is not None]
     return max(found, key=lambda each: each.score, default=None)
 
 
@@ -173,6 +179,15 @@ def _one_instead(problem: Problem, selection: Selection, places: list[int]) -> S
     offers = [offer for offer in problem.offers([rest], tuple(EFFECTS), allow_repeats=True)[0] if offer.score > 0][:3]
     made = filter(None, (problem.child(rest, offer) for offer in offers))
     return max(made, key=lambda each: each.score, default=None)
+
+
+def _fewer(problem: Problem, selection: Selection, group: list[int], score: float) -> Selection | None:
+    """Return the selection without one of three or more members of a group where the rest stands beside one form of a
+    score, None else: of two claims, less is demanded."""
+    size = len(group) - 1
+    rests = [problem.select(selection.without(place)) for place in group] if size > 1 else []
+    best = max(rests, key=lambda each: each.score, default=None)
+    return best if best and best.score - MERGE * size * (size - 1) / 2 > score else None
 
 
 def right_shapes(problem: Problem, selection: Selection,
@@ -188,11 +203,14 @@ def right_shapes(problem: Problem, selection: Selection,
             if better is not None and better.score < selection.score - MERGE:
                 better = None  # far worse than the claim: what the free form has more is chance
         for margin, group in _groups(problem.run, selection):
-            tried = ((_one_instead(problem, selection, group), ONE), (free_instead(problem, selection, group), margin)
+            alike = len(group) == 2 and all(selection.members[place].named for place in group) and not any(
+                p * len(wrong) < WRONG_SHAPE and place in group for p, (place,) in wrong)
+            tried = ((_one_instead(problem, selection, group), ONE),
+                     (free_instead(problem, selection, group, alike=alike), margin)
                      ) if len(group) > 1 else ((free_instead(problem, selection, group, ()), margin),)
             for merged, worse in tried:
                 if merged is not None and merged.score > max(selection.score - worse, better.score if better else 0.0):
-                    better = merged
+                    better = _fewer(problem, selection, group, merged.score) or merged
         if better is None:
             break
         selection = problem.polish(prune(better))

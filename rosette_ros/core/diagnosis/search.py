@@ -13,6 +13,7 @@ much. The score is free of a stated sigma: a wrong repeatability cannot make a c
 """
 
 import copy
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -55,8 +56,9 @@ HOPELESS = -5.0
 class Member:
     """One effect at one setting: its rows freed of the model, (k, 3 N), orthonormal.
 
-    instead: names of effects that it replaces as they have the wrong shape; beneath: whether it is smaller than the
-    linear model can tell beside the others, so that it has no name.
+    instead: names of effects that it replaces, as they have the wrong shape or, where they are `alike`, as one shape
+    is simpler than two that explain no less; beneath: whether it is smaller than the linear model can tell beside
+    the others, so that it has no name.
     """
 
     effect: Effect
@@ -65,6 +67,7 @@ class Member:
     chances: float
     share: float
     instead: str = ''
+    alike: bool = False
     beneath: bool = False
 
     @property
@@ -255,7 +258,8 @@ class Problem:
         needed: score below which none is of use: the search ends where it cannot be reached.
 
         An unnamed term, or an effect of many amplitudes, may stand for several simpler effects that no exchange of one
-        for one can find: each such member is compared with a search of its own that does without it.
+        for one can find: each such member is compared with a search of its own that does without it, and an unnamed one
+        with a search from the beginning.
         """
         best = self._beam(self.empty, needed=needed)
         if best.score < needed - SWAPPED:
@@ -266,8 +270,9 @@ class Problem:
             for place, member in enumerate(best.members):
                 if member.named and len(member.rows) < MANY_ROWS:
                     continue
-                rest = self.select(best.without(place))
-                better = max(better, self._beam(rest, member.name), key=lambda s: s.score)
+                starts = [self.select(best.without(place))]
+                starts += [] if member.named or not starts[0].members else [self.empty]
+                better = max(better, *(self._beam(start, member.name) for start in starts), key=lambda s: s.score)
             if better is best:
                 return best
             best = self.swap(better)
@@ -320,10 +325,11 @@ class Problem:
         return selection
 
     def swap(self, selection: Selection) -> Selection:
-        """Return the selection after exchanging or dropping members while that helps."""
+        """Return the selection after exchanging or dropping members, one or two of more, while that helps."""
         for _ in range(4):
-            best = selection
-            rests = [self.select(selection.without(place)) for place in range(len(selection.members))]
+            best, members = selection, selection.members
+            fewer = range(max(len(members) - 2, min(len(members) - 1, 1)), len(members)) if members else ()
+            rests = [self.select(kept) for count in fewer for kept in itertools.combinations(members, count)]
             for rest, offers in zip(rests, self.offers(rests) if rests else []):
                 best = max(best, rest, key=lambda each: each.score)
                 for offer in offers[:3]:
@@ -351,7 +357,8 @@ class Problem:
                 tried.append(self.select((*rest.members, self.refine(member, rest))))
                 best = max((one for one in tried if one is not None), key=lambda one: one.score)
                 if best.score > selection.score + 1e-6:
-                    moved = replace(best.members[-1], instead=member.instead, beneath=member.beneath)
+                    moved = replace(best.members[-1], instead=member.instead, alike=member.alike,
+                                    beneath=member.beneath)
                     selection = self.select((*rest.members[:place], moved, *rest.members[place:]))
             if selection is before:
                 break

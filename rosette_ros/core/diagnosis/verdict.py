@@ -123,7 +123,8 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = 
               if not (final.noise.resolution and remark.startswith(ROUNDED))]  # said with the noise
     if missing:
         names, it = ' and '.join(missing), 'it' if len(missing) == 1 else 'them'
-        more = f'; something is left that no named effect explains: {left}' if left else ''
+        more = '' if not left else (f'; something is left that no named effect explains: {left}' if shapes else
+                                    f'; beside {it} the readings scatter more than stated: {left}')
         outcome = Outcome.NAMED
         outliers = outlier_words(final, len(fit.effects))
         which = f' ({"; ".join(outliers)})' if outliers else ''

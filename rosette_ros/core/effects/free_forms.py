@@ -69,7 +69,7 @@ class FreeForm(Effect):
 
     def describe(self, setting: Setting, axis_open: str = '', instead: str = '') -> str:
         """Return what the shape depends on, in words; axis_open: another axis along which it may be, too;
-        instead: effects whose shape it has not."""
+        instead: how it compares with effects that it replaces, in words."""
         frame, _, axes = setting.word('axes').rpartition(' ')
         along = ' and '.join(axes).replace('x and y and z', 'x, y and z')
         where = {'radial': 'in the radial direction', 'tangential': 'in the tangential direction'}.get(
@@ -77,7 +77,7 @@ class FreeForm(Effect):
         where += f', perhaps in {axis_open} too, which this order hardly shows' if axis_open else ''
         words = {name: f'{float(f"{value:.4g}"):g}' if isinstance(value, float) else value
                  for name, value in setting.items()}
-        return f'it {self.words.format(**words)}, {where}'.replace('(-', '(−') + f', not as {instead}' * bool(instead)
+        return f'it {self.words.format(**words)}, {where}'.replace('(-', '(−') + f', {instead}' * bool(instead)
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return tuple(self.grid(run))
