@@ -311,3 +311,18 @@ def test_repeatability_by_axis_is_pooled_with_the_residuals():
             ratio += [found.noise.axes[2] / found.noise.axes[0]] if with_axes and found.noise.kinds == ('axes',) else []
     assert told[True] >= 7 and told[False] <= 4
     assert np.mean(ratio) == pytest.approx(2, rel=0.25)
+
+
+def test_repeatability_by_axis_holds_where_the_readings_say_little_of_an_axis():
+    """Four CMM positions of 12 balls leave z two degrees of freedom: U along z rests on the check, and covers."""
+    off = []
+    for seed in range(10):
+        run, truth, *_ = synthetic_run(12, 'diagonal', seed)
+        rng = np.random.default_rng([seed, 5])
+        run = run.replace(centre=run.centre + SIGMA * rng.standard_normal((run.size, 3)) * (0.5, 0.5, 3.0))
+        run = run.take(np.isin(run.cmm_position, [1, 5, 7, 10])).replace(
+            repeatability=1.78e-7, repeatability_dof=27.0, repeatability_axes=(0.5e-7, 0.5e-7, 3e-7))
+        found = analyse(run)
+        assert found.noise.axes[2] > 3 * found.noise.axes[0]
+        off.append((found.error_motions.values - remove_gauge(truth))[:, 2] / found.error_motions.u[:, 2])
+    assert 0.7 < np.sqrt(np.mean(np.square(off))) < 1.4

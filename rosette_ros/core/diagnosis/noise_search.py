@@ -11,6 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 import scipy.linalg
+from scipy import special
 
 from rosette_ros.core.diagnosis.candidates import NO_RESIDUAL
 from rosette_ros.core.diagnosis.noise_statistics import divergence, log_density, one_sided, remembered, two_sided
@@ -149,6 +150,11 @@ class NoiseProblem:
         return float(rows @ rows - taken @ taken) / dof, dof, 2 * float(np.sum(np.log(np.diag(root))))
 
 
+def _two_sided_f(ratio: float, first: float, second: float) -> float:
+    """Return the probability that two variances of equal noise are as unequal."""
+    return float(2 * min(special.fdtr(first, second, ratio), special.fdtrc(first, second, ratio)))
+
+
 def check_of(run: Run) -> tuple[float, Floats]:
     """Return the degrees of freedom of the repeatability along each axis, 0 where it is not known by axis, and its
     variances, (3,), of mean 1."""
@@ -232,6 +238,10 @@ class NoiseFit:
         by_axis = np.log(np.maximum(pooled, 1e-12))  # an axis may have no residual at all
         yield Misfit('axes', 'z', two_sided(by_axis[:, 2] - np.log(np.mean(np.exp(by_axis[:, :2]), axis=1))))
         yield Misfit('axes', 'xyz', two_sided(by_axis[:, 0] - by_axis[:, 1]))
+        if dof := self.problem.check_dof:  # it may say more than an axis with few readings to spare
+            x, y, z = check[0]
+            yield Misfit('axes', 'z', _two_sided_f(2 * z / (x + y), dof, 2 * dof))
+            yield Misfit('axes', 'xyz', _two_sided_f(x / y, dof, dof))
         yield Misfit('tail', 'coordinate', one_sided(np.sum(square**2, axis=(1, 2))))
         yield Misfit('tail', 'reading', one_sided(np.sum(np.sum(square, axis=2)**2, axis=1)))
         for by in GROUPS:
