@@ -236,3 +236,12 @@ def test_expanded_uncertainty_covers_amplitudes():
         for parameter, truth in zip(result.effects[0].parameters, (1e-10, 0, 0)):
             inside.append(abs(parameter.value - truth) < 2 * parameter.u)
     assert 0.90 < np.mean(inside) < 0.99
+
+
+@pytest.mark.parametrize('seed', [3, 4])
+def test_a_pulse_is_one_pulse(seed):
+    """Its moments are searched on a coarse grid: a wrong reading stood beside it, and two steps in its place."""
+    run = synthetic_run(12, 'there_and_back', seed, noise=SIGMA, repeatability=SIGMA)[0]
+    inside = (run.time > 0.105 * run.time[-1]) & (run.time < 0.3427 * run.time[-1])
+    moved = 1e-6 * inside[:, None] * np.array([-0.7, -0.56, -0.42])
+    assert diagnose(run.replace(centre=run.centre + moved)).missing == ('frame_pulse',)

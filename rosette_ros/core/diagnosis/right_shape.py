@@ -174,10 +174,18 @@ def free_instead(problem: Problem, selection: Selection, places: list[int],
 
 
 def _one_instead(problem: Problem, selection: Selection, places: list[int]) -> Selection | None:
-    """Return the selection with the best single effect in place of some members, None where there is none."""
+    """Return the selection with the best single effect in place of some members, None where there is none.
+
+    Two steps are tried as a pulse between their moments: on the grid another pulse may look better."""
     rest = problem.select([member for place, member in enumerate(selection.members) if place not in places])
     offers = [offer for offer in problem.offers([rest], tuple(EFFECTS), allow_repeats=True)[0] if offer.score > 0][:3]
-    made = filter(None, (problem.child(rest, offer) for offer in offers))
+    made = [child for offer in offers if (child := problem.child(rest, offer))]
+    gone = [selection.members[place] for place in places]
+    pulse = next((family for family in problem.families if family.name == 'frame_pulse'), None)
+    if pulse and [member.name for member in gone] == ['frame_step'] * 2:
+        begin, end = sorted(member.setting.number('t0') for member in gone)
+        member = problem.member(pulse.effect, Setting(axes='xyz', t0=begin, t1=end), pulse.chances)
+        made += [problem.select((*rest.members, problem.refine(member, rest)))] if member else []
     return max(made, key=lambda each: each.score, default=None)
 
 

@@ -48,6 +48,8 @@ SWAPPED = 30.0
 """What exchanging effects adds to a score at most."""
 FINE = 0.3
 """Share of its bracket, times the square root of the gain, to which a parameter is refined."""
+AGAIN = 1.05
+"""Factor by which what parameters explain has to grow for them to be refined in turn once more."""
 HOPELESS = -5.0
 """Score gain on the grid below which no refinement of continuous parameters can make it pay."""
 
@@ -230,12 +232,15 @@ class Problem:
         return [sorted(found, key=lambda offer: -offer.score) for found in offers]
 
     def refine(self, member: Member, others: Selection) -> Member:
-        """Return a member with its continuous parameters refined beside others."""
-        for name, bracket in member.effect.brackets(self.run, member.setting).items():
-            better = self.member(member.effect, self._best_value(member, others, name, bracket), member.chances)
-            if better and _gain(better, others) >= _gain(member, others):
-                member = better
-        return member
+        """Return a member with its continuous parameters refined beside others, again while several gain by that."""
+        while True:
+            before, brackets = _gain(member, others), member.effect.brackets(self.run, member.setting)
+            for name, bracket in brackets.items():
+                better = self.member(member.effect, self._best_value(member, others, name, bracket), member.chances)
+                if better and _gain(better, others) >= _gain(member, others):
+                    member = better
+            if len(brackets) < 2 or _gain(member, others) <= AGAIN * before:
+                return member
 
     def _best_value(self, member: Member, others: Selection, name: str, bracket: Bracket) -> Setting:
         def loss(value: float) -> float:
