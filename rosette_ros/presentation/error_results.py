@@ -13,7 +13,7 @@ from rosette_ros.presentation.table_format import Column, Table, words
 
 LEVELS = {Conformity.CONFORMS: 'good', Conformity.FAILS: 'bad', Conformity.UNDECIDED: 'doubtful', None: ''}
 ARC_SECOND = '1″ = 4.848 µrad'
-WHAT_IS_WHAT = (f'Peak to valley, with U (k = {COVERAGE_FACTOR}) of the range, in brackets of a point of the curve; '
+WHAT_IS_WHAT = (f'Peak to valley, with U (k = {COVERAGE_FACTOR}) of the range, in brackets of its worst point; '
                 'once-per-turn part and the rest.')
 
 
