@@ -137,7 +137,8 @@ def test_a_combination_and_what_is_left_stand_in_the_sentence():
     run = clean(9, 1, [DRIFT, warp]).replace(repeatability=5e-8)
     verdict = judge(run)
     assert verdict.outcome == Outcome.NAMED
-    for words in ('frame_drift', ' and ', 'plate_warp', 'with them', 'something is left that no named effect explains'):
+    for words in ('frame_drift', ' and ', 'plate_warp', 'with them',
+                  'beside them the readings scatter more than stated'):
         assert words in verdict.sentence
     assert 'rosette add frame_drift --model FILE' in verdict.action
 
