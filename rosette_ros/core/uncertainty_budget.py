@@ -173,7 +173,7 @@ def budget(fit: Fit, inputs: BudgetInputs | None = None, touch: TouchScatter | N
     touch = touch or _stated_touch(inputs)
     displaced = [*_form(fit, inputs, touch), *_temperature(fit, inputs)]
     sigma, dof = _noise_of(fit, displaced)
-    taken_off = ' without form and temperature' if sigma < fit.sigma else ''
+    taken_off = ' without form and temperature' if sigma != fit.sigma else ''
     variance, spread = _noise_variances(fit)
     sd, share = sigma * fit_loss(fit) * spread, np.zeros(3)
     if touch:
@@ -234,17 +234,20 @@ def _noise_of(fit: Fit, displaced: Sequence['_Displaced']) -> tuple[float, float
 
         w r ~ N(0, s + lambda^2),    the rest of the square sum ~ s chi^2
 
-    (residual maximum likelihood, Patterson and Thompson 1971): an influence takes off what the readings show of it."""
+    (restricted maximum likelihood, Patterson and Thompson 1971): an influence takes off what the readings show of it.
+    """
     if fit.sigma_source == 'repeatability':
         return fit.sigma, np.inf
     dof = fit.dof + ((fit.run.repeatability_dof or 0.0) if fit.sigma_source == 'residuals and repeatability' else 0.0)
-    rows = np.concatenate([np.zeros((1, 3 * fit.run.size)), *(one.rows for one in displaced)]) / (fit.sigma or 1.0)
+    if not fit.sigma:
+        return 0.0, dof
+    rows = np.concatenate([np.zeros((1, 3 * fit.run.size)), *(one.rows for one in displaced)]) / fit.sigma
     _, size, direction = np.linalg.svd(rows, full_matrices=False)
     known = size > SEEN
-    shown = (direction[known] @ fit.white_residual.reshape(-1))**2 / (fit.sigma**2 or 1.0)
+    shown = (direction[known] @ fit.white_residual.reshape(-1))**2 / fit.sigma**2
     rest_dof, extra = dof - shown.size, size[known]**2
     every = dof - shown.sum()  # square sum per sigma^2
-    rest = max(every - sum(one.left for one in displaced) / (fit.sigma**2 or 1.0), LEAST_SHARE * every)
+    rest = max(every - sum(one.left for one in displaced) / fit.sigma**2, LEAST_SHARE * every)
     if rest <= 0 or rest_dof < 1:
         return fit.sigma, dof
 

@@ -326,3 +326,13 @@ def test_repeatability_by_axis_holds_where_the_readings_say_little_of_an_axis():
         assert found.noise.axes[2] > 3 * found.noise.axes[0]
         off.append((found.error_motions.values - remove_gauge(truth))[:, 2] / found.error_motions.u[:, 2])
     assert 0.7 < np.sqrt(np.mean(np.square(off))) < 1.4
+
+
+def test_a_check_of_other_axes_is_no_noise_of_the_run():
+    """Where the readings say more of an axis than the check, they decide: equal here."""
+    check = np.array([1.0, 1.0, 4.0]) * SIGMA
+    verdict = judge(noisy(white(1)[0]).replace(
+        repeatability=float(np.sqrt(np.mean(check**2))), repeatability_dof=27.0,
+        repeatability_axes=tuple(check.tolist())))
+    assert verdict.outcome is Outcome.FITS
+    assert 'The stated repeatability is ' in verdict.sentence and 'unequally' not in verdict.sentence

@@ -127,10 +127,10 @@ def diagnose(run: Run, model: Model | None = None, seed: int = 0) -> Diagnosis:
     """
     with _bounded(run):
         search = _search(run, model or Model(), seed)
-        made = _Candidates(search)
-        return Diagnosis(**vars(search.finding), candidates=made.all(),
+        candidates, refused = _Candidates(search).all()
+        return Diagnosis(**vars(search.finding), candidates=candidates,
                          recovered=recovered_shapes(search.problem, search.chosen),
-                         unavailable=(*search.unavailable, *made.refused))
+                         unavailable=(*search.unavailable, *refused))
 
 
 @contextmanager
@@ -370,14 +370,14 @@ def fitted_with_noise(run: Run, model: Model, white: Fit, is_searched: bool) -> 
 
 
 class _Candidates:
-    """The candidates of a search, with their cross-validation; refused: those that have no fit, with the reason."""
+    """The candidates of a search, with their cross-validation."""
 
     def __init__(self, search: _Search) -> None:
         self.search, self.problem = search, search.problem
-        self.refused: list[tuple[str, str]] = []
 
-    def all(self) -> tuple[Candidate, ...]:
-        """Return all candidates: claimed ones, each beside those before it, then the others beside all claimed."""
+    def all(self) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...]]:
+        """Return all candidates: claimed ones, each beside those before it, then the others beside all claimed; and the
+        names of those that have no fit, with the reason."""
         search, problem, chosen, before = self.search, self.problem, self.search.chosen, self.problem.empty
         out = [self._base_term(term) for term in search.absent]
         fitted = iter(search.claimed_effects)
@@ -387,18 +387,19 @@ class _Candidates:
                 out.append(self._effect(member, before, p, search.look_alikes[place], (member.name,), next(fitted)))
             before = problem.select((*before.members, member))
         if search.noiseless:
-            return tuple(out)
+            return tuple(out), ()
         others = [(search.p(score), -gain, rival) for rival, gain, score in problem.rivals(chosen)
                   if rival.named and rival.name not in chosen.names
                   and search.dof > len(chosen.rows) + len(rival.rows) + searched_count((*chosen.members, rival))]
         among = tuple(rival.name for _, _, rival in others if rival.effect.searched)
         named = problem.select([member for member in chosen.members if member.named])
+        refused = []
         for p, _, rival in sorted(others, key=lambda entry: entry[:2]):
             try:
                 out.append(self._effect(rival, named, p, (), among))
             except NotDeterminable:
-                self.refused.append((rival.name, 'its fit to these readings does not converge'))
-        return tuple(out)
+                refused.append((rival.name, 'its fit to these readings does not converge'))
+        return tuple(out), tuple(refused)
 
     def _effect(self, member: Member, before: Selection, p: float, look_alikes: tuple[str, ...],
                 among: Sequence[str], claimed: FittedEffect | None = None) -> Candidate:

@@ -189,15 +189,6 @@ def _one_instead(problem: Problem, selection: Selection, places: list[int]) -> S
     return max(made, key=lambda each: each.score, default=None)
 
 
-def _fewer(problem: Problem, selection: Selection, group: list[int], score: float) -> Selection | None:
-    """Return the selection without one of three or more members of a group where the rest stands beside one form of a
-    score, None else: of two claims, less is demanded."""
-    size = len(group) - 1
-    rests = [problem.select(selection.without(place)) for place in group] if size > 1 else []
-    best = max(rests, key=lambda each: each.score, default=None)
-    return best if best and best.score - MERGE * size * (size - 1) / 2 > score else None
-
-
 def right_shapes(problem: Problem, selection: Selection,
                  prune: Callable[[Selection], Selection]) -> Selection:
     """Return a selection in which every named member has the right shape; prune: drops what does not hold."""
@@ -218,7 +209,7 @@ def right_shapes(problem: Problem, selection: Selection,
                      ) if len(group) > 1 else ((free_instead(problem, selection, group, ()), margin),)
             for merged, worse in tried:
                 if merged is not None and merged.score > max(selection.score - worse, better.score if better else 0.0):
-                    better = _fewer(problem, selection, group, merged.score) or merged
+                    better = merged
         if better is None:
             break
         selection = problem.polish(prune(better))
