@@ -15,11 +15,13 @@ from pathlib import Path
 import hypothesis
 import pytest
 import yaml
+from forked_nodes import ForkedNode, preload
 
 from rosette_ros.cell.supervisor import Cell, added_environment
 from rosette_ros.cli.demo_cell import is_free
 
 os.environ.update(added_environment(os.environ))
+Cell.process_of = ForkedNode  # the cells of the commands that tests run as processes start theirs as users do
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # shells do that in the background; our processes inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -43,6 +45,11 @@ def pytest_collection_modifyitems(items):
     """Put the tests of long files first."""
     place = {Path(__file__).parent / name: rank for rank, name in enumerate(LONG)}
     items.sort(key=lambda item: place.get(item.path, len(LONG)))
+
+
+def pytest_collection_finish():
+    """Say what processes that fork load, after all modules of tests have said it."""
+    preload()
 
 
 @pytest.fixture(autouse=True)

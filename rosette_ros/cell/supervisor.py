@@ -93,6 +93,9 @@ class Cell:
 
     Raises CellError where a node does not start, in the node's own words."""
 
+    process_of = subprocess.Popen
+    """What starts a node's process."""
+
     def __init__(self, domain_id: int | None = None, namespace: str = names.NAMESPACE, *,
                  machine: str | Path | None = None, params: Mapping[str, Mapping[str, Any]] | None = None,
                  params_file: str | Path | None = None, log_dir: str | Path = 'runs',
@@ -150,9 +153,9 @@ class Cell:
         output = self.output_dir / f'{name}.log'
         with open(output, 'ab') as stream:
             begin = stream.tell()
-            popen = subprocess.Popen(self._command(name), stdin=subprocess.DEVNULL, stdout=stream,
-                                     stderr=subprocess.STDOUT, start_new_session=True,
-                                     env={**cell_environment(self.domain_id), names.PARENT_PID: str(os.getpid())})
+            popen = self.process_of(
+                self._command(name), stdin=subprocess.DEVNULL, stdout=stream, stderr=subprocess.STDOUT,
+                start_new_session=True, env={**cell_environment(self.domain_id), names.PARENT_PID: str(os.getpid())})
         self.processes[name] = NodeProcess(name, popen, output, begin)
         if wait:
             self._await_output({name: f'{names.READY}\n'})
