@@ -9,6 +9,7 @@ import sys
 from types import SimpleNamespace
 
 import pytest
+from page_steps import judged
 from playwright.sync_api import expect
 
 from rosette_ros.core.scheme import plan
@@ -30,21 +31,57 @@ def visitor(chromium):
     context.close()
 
 
-@pytest.fixture
-def page(visitor):
-    """Yield a page without cookies; at the end its console is empty and no request has left the computer."""
-    visitor.clear_cookies()
-    made = visitor.new_page()
+def _opened_in(visitor):
+    """Return a new page of a browser, and what its console and its requests will complain of."""
+    made, problems = visitor.new_page(), []
     made.set_viewport_size({'width': 1280, 'height': 800})
     made.set_default_timeout(TIMEOUT)
-    problems = []
     made.on('console', lambda line: line.type in ('error', 'warning') and problems.append(line.text))
     made.on('pageerror', lambda error: problems.append(str(error)))
     made.on('request', lambda request: _is_foreign(request.url) and problems.append(request.url))
     made.on('requestfailed', lambda request: problems.append(f'{request.url}: {request.failure}'))
+    return made, problems
+
+
+def _is_quiet(problems):
+    """Return whether nothing has failed and no request has left the computer."""
+    return [words for words in problems if 'net::ERR_ABORTED' not in words] == []
+
+
+@pytest.fixture
+def page(visitor):
+    """Yield a page without cookies."""
+    visitor.clear_cookies()
+    made, problems = _opened_in(visitor)
     yield made
     made.close()
-    assert [words for words in problems if 'net::ERR_ABORTED' not in words] == []
+    assert _is_quiet(problems), problems
+
+
+@pytest.fixture(scope='module')
+def module_pages(chromium):
+    """Yield the pages that tests of a file share, none at first, and the browser that keeps their session."""
+    context = chromium.new_context(reduced_motion='reduce')
+    yield context, []
+    context.close()
+
+
+@pytest.fixture
+def shared_page(request, module_pages, studio):
+    """Yield the page of the drifting run with its verdict: each test leaves it as it was, or fails and it goes."""
+    context, pages = module_pages
+    if not pages:
+        context.clear_cookies()
+        pages.append(_opened_in(context))
+        pages[0][0].goto(studio.address)
+        judged(pages[0][0], 'bad')
+    failed = request.session.testsfailed
+    page, problems = pages[0]
+    yield page
+    if request.session.testsfailed > failed or not _is_quiet(problems):
+        pages.clear()
+        page.close()
+    assert _is_quiet(problems), problems
 
 
 def _is_foreign(url):

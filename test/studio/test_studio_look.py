@@ -6,6 +6,7 @@ import re
 from base64 import b64encode
 
 import pytest
+from page_steps import choose_run, judged, open_path
 from playwright.sync_api import expect
 
 from rosette_ros.analysis import summarise
@@ -33,18 +34,27 @@ def twice(tmp_path_factory):
     return path
 
 
-def opened(page, address, path=None, width=1280):
-    """Open the page, and a run, and wait for the verdict."""
-    page.set_viewport_size({'width': width, 'height': 800})
-    page.goto(address)
-    expect(page.get_by_test_id('run')).not_to_have_value('')
-    if path is not None:
-        page.get_by_test_id('open').click()
-        page.get_by_test_id('open-path').fill(str(path))
-        page.get_by_test_id('open-go').click()
-        expect(page.get_by_test_id('run')).to_have_value(path.name)
-    expect(page.get_by_test_id('verdict')).to_have_class(re.compile(r'\bbad\b'))
-    expect(page.get_by_test_id('step')).to_be_hidden()
+@pytest.fixture(scope='module')
+def with_both():
+    """Return the pages on which both runs are open."""
+    return []
+
+
+@pytest.fixture
+def opened(shared_page, twice, with_both):
+    """Return a function that shows one of two runs with its verdict, on a page that was loaded in a width."""
+    def shown(name='drifting.csv', width=1280):
+        if shared_page.viewport_size['width'] != width:
+            shared_page.set_viewport_size({'width': width, 'height': 800})
+            shared_page.reload()
+            expect(shared_page.get_by_test_id('run')).not_to_have_value('')
+        if name == twice.name and shared_page not in with_both:
+            open_path(shared_page, twice)
+            with_both.append(shared_page)
+        choose_run(shared_page, name)
+        judged(shared_page, 'bad')
+        return shared_page
+    return shown
 
 
 def overlapping(boxes):
@@ -60,9 +70,9 @@ def test_every_effect_has_words():
     assert words_of('plate_creep') == 'creep of the plate (plate_creep)' and words_of('own') == 'own'
 
 
-def test_all_missing_effects_are_explained_and_added(page, studio, twice):
+def test_all_missing_effects_are_explained_and_added(opened):
     """Each in words with its identifier; one button adds all; their sizes stay in sight, and what to do is said."""
-    opened(page, studio.address, twice)
+    page = opened('twice.csv')
     for name in ('frame_drift', 'table_zero_drift'):
         words = MEANINGS[name].plain
         expect(page.get_by_test_id('verdict-meaning')).to_contain_text(f'{words[0].upper()}{words[1:]}{name}')
@@ -73,11 +83,13 @@ def test_all_missing_effects_are_explained_and_added(page, studio, twice):
     expect(page.get_by_test_id('verdict-action')).to_contain_text('Look in the cell for the cause')
     expect(page.get_by_test_id('size-frame_drift')).to_contain_text('µm/h')
     expect(page.get_by_test_id('size-table_zero_drift')).to_contain_text('µrad/h')
+    page.keyboard.press('u')
+    judged(page, 'bad')
 
 
-def test_the_result_is_on_the_first_screen(page, studio):
+def test_the_result_is_on_the_first_screen(opened):
     """Peak to valley with U, without scrolling."""
-    opened(page, studio.address)
+    page = opened()
     expect(page.get_by_test_id('spans')).to_contain_text(re.compile(
         r'radial: [\d.]+ µm \(U [\d.]+ µm\).*tilt: [\d.]+ µrad \(U [\d.]+ µrad\).*k = 2', re.DOTALL))
     box = page.get_by_test_id('spans').bounding_box()
@@ -85,9 +97,9 @@ def test_the_result_is_on_the_first_screen(page, studio):
 
 
 @pytest.mark.parametrize('width', [1280, 390])
-def test_the_answer_of_a_preview_is_in_view(page, studio, width):
+def test_the_answer_of_a_preview_is_in_view(opened, width):
     """Wherever it was asked; with a sign while it is calculated; before and after in the colours of the report."""
-    opened(page, studio.address, width=width)
+    page = opened(width=width)
     page.get_by_text('Another effect of the library').click()
     page.get_by_test_id('other-effect').fill('plate_creep')
     page.get_by_role('option').first.click()
@@ -105,19 +117,20 @@ def test_the_answer_of_a_preview_is_in_view(page, studio, width):
     lines = page.locator('#curves .scatterlayer .js-line, [data-testid=curves] .scatterlayer .js-line')
     colours = set(lines.evaluate_all('every => every.map(one => one.style.stroke).filter(one => one)'))
     assert {f'rgb{tuple(bytes.fromhex(colour[1:]))}' for colour in (BEFORE, AFTER)} <= colours
+    page.get_by_test_id('preview-drop').click()
+    expect(page.get_by_test_id('preview-words')).to_be_hidden()
 
 
-def test_the_page_says_what_it_is(page, studio):
+def test_the_page_says_what_it_is(opened):
     """To a screen reader: its language, one main part."""
-    page.goto(studio.address)
-    expect(page.get_by_test_id('run')).to_have_value('drifting.csv')
+    page = opened()
     assert page.evaluate('document.documentElement.lang').startswith('en')
     assert page.locator('main, [role=main]').count() == 1
 
 
-def test_the_focus_is_seen(page, studio):
+def test_the_focus_is_seen(opened):
     """On everything that the Tab key reaches."""
-    opened(page, studio.address)
+    page = opened()
     seen = []
     for _ in range(25):
         page.keyboard.press('Tab')
@@ -129,9 +142,9 @@ def test_the_focus_is_seen(page, studio):
 
 
 @pytest.mark.parametrize('width', [1280, 768, 390])
-def test_nothing_overlaps(page, studio, twice, width):
+def test_nothing_overlaps(opened, width):
     """Neither buttons and headings, nor the texts of a figure; and the page is no wider than the screen."""
-    opened(page, studio.address, twice, width)
+    page = opened('twice.csv', width)
     for figure in ('curves', 'maps', 'times', 'model'):
         expect(page.locator(f'[data-testid={figure}] .main-svg text').first).to_be_visible()
     assert page.evaluate('document.documentElement.scrollWidth') <= width
@@ -148,9 +161,9 @@ def test_the_report_is_no_wider_than_the_screen(page, drifting, tmp_path):
         assert page.evaluate('document.documentElement.scrollWidth') <= width
 
 
-def test_labels_of_the_ladder_are_whole(page, studio, twice):
+def test_labels_of_the_ladder_are_whole(opened):
     """None is cut off by the edge of its figure, long ones and many neither."""
-    opened(page, studio.address, twice)
+    page = opened('twice.csv')
     page.get_by_text('Another effect of the library').click()
     for name in ('asynchronous_motion', 'frame_cycle'):
         page.get_by_test_id('other-effect').fill(name)
@@ -165,11 +178,15 @@ def test_labels_of_the_ladder_are_whole(page, studio, twice):
         return box.left >= frame.left && box.right <= frame.right && box.bottom <= frame.bottom; })''')
     assert inside == [True] * 5
     assert overlapping(page.evaluate(BOXES, '[data-testid=model] .js-plotly-plot text')) == []
+    for _ in range(2):
+        page.keyboard.press('u')
+    expect(page.get_by_test_id('part-asynchronous_motion')).to_be_hidden()
+    judged(page, 'bad')
 
 
-def test_hovering_shows_sensible_digits(page, studio):
+def test_hovering_shows_sensible_digits(opened):
     """The size of a reading is in units of the repeatability, and says so."""
-    opened(page, studio.address)
+    page = opened()
     cells = page.locator('[data-testid=maps-figure] .hm image').first
     cells.scroll_into_view_if_needed()
     box = cells.bounding_box()

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page in a real browser: verdict, add and remove, save, upload of what is broken."""
 
-import re
-
 import yaml
+from page_steps import choose_run, judged, open_path
 from playwright.sync_api import expect
 
 from rosette_ros.cli.main import main
@@ -12,7 +11,6 @@ from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.simulation import Machine, MachineConfig
 
 BROKEN = 'seq,table_position\n1,2\n'
-JUDGED = re.compile(r'\b(good|doubtful|bad)\b')
 
 
 def number(page, mark):
@@ -20,17 +18,9 @@ def number(page, mark):
     return float(page.get_by_test_id(mark).inner_text())
 
 
-def judged(page, level):
-    """Wait for the verdict and check its level."""
-    expect(page.get_by_test_id('verdict')).to_have_class(JUDGED)
-    expect(page.get_by_test_id('verdict')).to_have_class(re.compile(rf'\b{level}\b'))
-    expect(page.get_by_test_id('step')).to_be_hidden()
-
-
-def test_add_the_missing_effect_and_take_it_out_again(page, studio):
+def test_add_the_missing_effect_and_take_it_out_again(shared_page):
     """Verdict, first candidate, error down to the noise, undo by removing."""
-    page.goto(studio.address)
-    judged(page, 'bad')
+    page = shared_page
     expect(page.get_by_test_id('verdict-sentence')).to_contain_text('frame_drift')
     expect(page.get_by_test_id('simulated')).to_contain_text('SIMULATED: the readings are those of a simulated CMM')
     before, noise = number(page, 'rms-fit'), number(page, 'rms-noise')
@@ -70,10 +60,9 @@ def test_several_runs_as_one(page, tmp_path, start_studio):
         page.close()  # before its studio ends, which it would complain of
 
 
-def test_the_budget_is_calculated_on_request(page, studio, tmp_path):
+def test_the_budget_is_calculated_on_request(shared_page, tmp_path):
     """Contributions, bars and what is not considered; a file of inputs adds lines, a wrong one is refused in words."""
-    page.goto(studio.address)
-    judged(page, 'bad')
+    page = shared_page
     page.get_by_test_id('budget').get_by_text('Uncertainty budget').click()
     result, go = page.get_by_test_id('budget-result'), page.get_by_test_id('budget-go')
     go.click()
@@ -90,35 +79,17 @@ def test_the_budget_is_calculated_on_request(page, studio, tmp_path):
     expect(page.get_by_test_id('error')).to_contain_text('none.yaml: wanted')
 
 
-def test_touches_are_shown_where_the_log_has_them(page, studio):
+def test_touches_are_shown_where_the_log_has_them(shared_page):
     """A table of ball centres has none: the words of the report."""
-    page.goto(studio.address)
-    judged(page, 'bad')
+    page = shared_page
     page.get_by_test_id('touches').get_by_text('Touches').click()
     page.get_by_test_id('touches-go').click()
     expect(page.get_by_test_id('touches-result')).to_contain_text('Single touches are not recorded')
 
 
-def test_runs_are_laid_over_each_other(page, studio, second):
-    """Their curves in one figure, the differences in another, with U of both."""
-    page.goto(studio.address)
-    judged(page, 'bad')
-    page.get_by_test_id('open').click()
-    page.get_by_test_id('open-path').fill(str(second))
-    page.get_by_test_id('open-go').click()
-    expect(page.get_by_test_id('run')).to_have_value('second.csv')
-    judged(page, 'bad')
-    page.get_by_test_id('overlay').get_by_text('Runs laid over').click()
-    page.get_by_test_id('overlay-go').click()
-    expect(page.get_by_test_id('overlay-figure').locator('.scatterlayer .trace')).to_have_count(24)
-    expect(page.get_by_test_id('overlay-differences').locator('.scatterlayer .trace')).to_have_count(12)
-    expect(page.get_by_test_id('overlay-result')).to_contain_text('with U (k = 2) of both runs')
-
-
-def test_save_model_and_report(page, studio, tmp_path):
+def test_save_model_and_report(shared_page, tmp_path):
     """The model file that the command line reads, and the report."""
-    page.goto(studio.address)
-    judged(page, 'bad')
+    page = shared_page
     page.get_by_test_id('add-frame_drift').click()
     judged(page, 'good')
     with page.expect_download() as coming:
@@ -132,57 +103,31 @@ def test_save_model_and_report(page, studio, tmp_path):
     text = (tmp_path / 'report.html').read_text()
     assert text.lower().lstrip().startswith('<!doctype html')
     assert 'frame_drift' in text
+    page.get_by_test_id('remove-frame_drift').click()
+    judged(page, 'bad')
 
 
-def test_a_broken_upload_is_refused_as_by_the_command_line(page, studio, tmp_path, monkeypatch, capsys):
-    """Word for word, up to the name of the program."""
+def test_a_broken_upload_is_refused_as_by_the_command_line(shared_page, tmp_path, monkeypatch, capsys):
+    """Word for word, up to the name of the program; and a path that does not exist in the words of the command line."""
     broken = tmp_path / 'broken.csv'
     broken.write_text(BROKEN)
     monkeypatch.chdir(tmp_path)
     assert main(['evaluate', 'broken.csv']) == 2
     words = capsys.readouterr().err.strip().removeprefix('rosette: ')
-    page.goto(studio.address)
+    page = shared_page
     page.get_by_test_id('open').click()
     page.locator('input[type=file]').set_input_files(broken)
     expect(page.get_by_test_id('open-error')).to_have_text(words)
-
-
-def test_upload_opens_a_run(page, studio, second):
-    """Under its own name."""
-    page.goto(studio.address)
-    judged(page, 'bad')
-    page.get_by_test_id('open').click()
-    page.locator('input[type=file]').set_input_files(second)
-    expect(page.get_by_test_id('run')).to_have_value('second.csv')
-
-
-def test_a_path_that_does_not_exist_is_refused(page, studio, tmp_path):
-    """In the dialog, in the words of the command line."""
-    page.goto(studio.address)
-    page.get_by_test_id('open').click()
     page.get_by_test_id('open-path').fill(str(tmp_path / 'nothing.csv'))
     page.get_by_test_id('open-go').click()
     expect(page.get_by_test_id('open-error')).to_contain_text('wanted a log directory, an .mcap file or a CSV table')
+    page.keyboard.press('Escape')
+    expect(page.get_by_test_id('open-path')).to_be_hidden()
 
 
-def test_a_second_run_confirms_what_is_found_in_the_first(page, studio, second):
-    """Found in one run, checked on the other."""
-    page.goto(studio.address)
-    judged(page, 'bad')
-    page.get_by_test_id('open').click()
-    page.get_by_test_id('open-path').fill(str(second))
-    page.get_by_test_id('open-go').click()
-    expect(page.get_by_test_id('run')).to_have_value('second.csv')
-    judged(page, 'bad')
-    page.get_by_text('Check on a second run').click()
-    page.get_by_test_id('check-go').click()
-    expect(page.get_by_test_id('check-result')).to_contain_text('frame_drift is confirmed')
-
-
-def test_a_chosen_reading_is_seen_everywhere(page, studio):
+def test_a_chosen_reading_is_seen_everywhere(shared_page):
     """By a click into a map or by its number: framed there, a line in time and curves, its values in a table."""
-    page.goto(studio.address)
-    judged(page, 'bad')
+    page = shared_page
     maps, times, curves = (page.get_by_test_id(f'{name}-figure') for name in ('maps', 'times', 'curves'))
     expect(curves.locator('.scatterlayer .trace')).to_have_count(12)
     expect(page.get_by_test_id('polar-figure').locator('.polarlayer .trace')).to_have_count(16)
@@ -204,10 +149,9 @@ def test_a_chosen_reading_is_seen_everywhere(page, studio):
     expect(framed).to_have_count(0)
 
 
-def test_errors_of_a_custom_term_are_shown_while_it_is_written(page, studio):
+def test_errors_of_a_custom_term_are_shown_while_it_is_written(shared_page):
     """In the words of the core; a good one can be added; undo and redo by keyboard."""
-    page.goto(studio.address)
-    judged(page, 'bad')
+    page = shared_page
     page.get_by_text('Custom term').click()
     page.get_by_test_id('custom-expression').fill('t*cos(3*gamma)')
     expect(page.get_by_test_id('custom-error')).to_contain_text("got 'gamma'")
@@ -222,12 +166,13 @@ def test_errors_of_a_custom_term_are_shown_while_it_is_written(page, studio):
     expect(page.get_by_test_id('part-sinking')).to_be_hidden()
     page.keyboard.press('r')
     expect(page.get_by_test_id('part-sinking')).to_be_visible()
-
-
-def test_the_keyboard_reaches_the_same(page, studio):
-    """Preview, add what is previewed, drop a preview, open and close the list of keys."""
-    page.goto(studio.address)
+    page.keyboard.press('u')
     judged(page, 'bad')
+
+
+def test_the_keyboard_reaches_the_same(shared_page):
+    """Preview, add what is previewed, drop a preview, open and close the list of keys."""
+    page = shared_page
     page.keyboard.press('p')
     expect(page.get_by_test_id('preview-words')).to_be_visible()
     page.keyboard.press('Escape')
@@ -239,3 +184,32 @@ def test_the_keyboard_reaches_the_same(page, studio):
     page.keyboard.press('?')
     page.get_by_test_id('help-close').click()
     expect(page.get_by_test_id('help-close')).to_be_hidden()
+    page.keyboard.press('u')
+    judged(page, 'bad')
+
+
+def test_a_second_run_is_uploaded_laid_over_and_checked(page, studio, second):
+    """Under its own name; curves and differences with U of both runs; what is found in it is confirmed by the first."""
+    page.goto(studio.address)
+    judged(page, 'bad')
+    page.get_by_test_id('open').click()
+    page.locator('input[type=file]').set_input_files(second)
+    expect(page.get_by_test_id('run')).to_have_value('second.csv')
+    judged(page, 'bad')
+    page.get_by_test_id('overlay').get_by_text('Runs laid over').click()
+    page.get_by_test_id('overlay-go').click()
+    expect(page.get_by_test_id('overlay-figure').locator('.scatterlayer .trace')).to_have_count(24)
+    expect(page.get_by_test_id('overlay-differences').locator('.scatterlayer .trace')).to_have_count(12)
+    expect(page.get_by_test_id('overlay-result')).to_contain_text('with U (k = 2) of both runs')
+    page.get_by_text('Check on a second run').click()
+    page.get_by_test_id('check-go').click()
+    expect(page.get_by_test_id('check-result')).to_contain_text('frame_drift is confirmed')
+
+
+def test_a_run_is_opened_by_its_path_and_another_is_chosen(shared_page, second):
+    """The verdict is that of the run that is shown."""
+    page = shared_page
+    open_path(page, second)
+    judged(page, 'bad')
+    choose_run(page, 'drifting.csv')
+    judged(page, 'bad')
