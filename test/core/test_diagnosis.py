@@ -9,7 +9,7 @@ from synthetic import synthetic_run
 from rosette_ros.analysis import analyse
 from rosette_ros.core.diagnosis.comparison import compare
 from rosette_ros.core.diagnosis.cross_validation import CrossValidation
-from rosette_ros.core.diagnosis.diagnosis import _Search, diagnose
+from rosette_ros.core.diagnosis.diagnosis import RunSearch, diagnose
 from rosette_ros.core.diagnosis.verdict import Outcome
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.least_squares import fit
@@ -184,7 +184,7 @@ def test_one_curve_in_place_of_two_effects_says_so():
 
 def test_a_candidate_without_a_fit_is_not_judged(monkeypatch):
     """Its reason is listed, and the others are; it was the end of the whole diagnosis."""
-    fitted = _Search.final_fit
+    fitted = RunSearch.final_fit
 
     def refused(search, members):
         if any(member.name == 'plate_warp' for member in members):
@@ -194,7 +194,7 @@ def test_a_candidate_without_a_fit_is_not_judged(monkeypatch):
     run = machine_run()
     whole = diagnose(run)
     assert 'plate_warp' in {one.effect for one in whole.candidates}
-    monkeypatch.setattr(_Search, 'final_fit', refused)
+    monkeypatch.setattr(RunSearch, 'final_fit', refused)
     found = diagnose(run)
     assert ('plate_warp', 'its fit to these readings does not converge') in found.unavailable
     assert {one.effect for one in found.candidates} == {one.effect for one in whole.candidates} - {'plate_warp'}

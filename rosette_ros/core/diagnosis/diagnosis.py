@@ -143,8 +143,11 @@ def _bounded(run: Run) -> Iterator[None]:
                           'travels') from error
 
 
-class _Search:
-    """The search on one run: what it chooses, its null distribution, and what the verdict rests on."""
+class RunSearch:
+    """The search on one run: what it chooses, its null distribution, and what the verdict rests on.
+
+    needed: score below which nothing that it finds is of use.
+    """
 
     def __init__(self, run: Run, model: Model, seed: int, noise: Noise | None = None,
                  like: Sequence[Family] = ()) -> None:
@@ -345,10 +348,10 @@ class _Search:
 
 
 @lru_cache(maxsize=1)
-def _search(run: Run, model: Model, seed: int) -> _Search:
+def _search(run: Run, model: Model, seed: int) -> RunSearch:
     """Return the search under the noise of the run."""
-    white = _Search(run, model, seed)
-    return under_best_noise(white, lambda noise: _Search(run, model, seed, noise, white.problem.families))
+    white = RunSearch(run, model, seed)
+    return under_best_noise(white, lambda noise: RunSearch(run, model, seed, noise, white.problem.families))
 
 
 def fitted_with_noise(run: Run, model: Model, white: Fit, is_searched: bool) -> Fit:
@@ -372,7 +375,7 @@ def fitted_with_noise(run: Run, model: Model, white: Fit, is_searched: bool) -> 
 class _Candidates:
     """The candidates of a search, with their cross-validation."""
 
-    def __init__(self, search: _Search) -> None:
+    def __init__(self, search: RunSearch) -> None:
         self.search, self.problem = search, search.problem
 
     def all(self) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...]]:

@@ -7,17 +7,20 @@ the noise is estimated, and the search is made again under it; the best of noise
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import special
 
 from rosette_ros.core.diagnosis.noise_search import NO_AXIS, SEEN, NoiseFit, NoiseProblem, check_of, estimate
-from rosette_ros.core.diagnosis.search import MOST_EFFECTS, Member, Problem, Selection
+from rosette_ros.core.diagnosis.search import MOST_EFFECTS, Member
 from rosette_ros.core.model.base_model import BaseLines
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import Noise
+
+if TYPE_CHECKING:
+    from rosette_ros.core.diagnosis.diagnosis import RunSearch
 
 ALONE = 10.0
 """Score by which effects in white noise must be better than another noise without them; outliers may be as much worse:
@@ -35,25 +38,7 @@ NO_NAMES: tuple[str, ...] = ()
 """Searches beside that in white noise."""
 
 
-class Search(Protocol):
-    """A search under one noise: the fit that it begins with, what it chooses, and whether there is nothing to find.
-
-    needed: score below which nothing that it finds is of use."""
-
-    base: Fit
-    problem: Problem
-    noiseless: bool
-    needed: float
-
-    @property
-    def chosen(self) -> Selection:
-        """What was found."""
-
-
-AnySearch = TypeVar('AnySearch', bound=Search)
-
-
-def under_best_noise(white: AnySearch, again: Callable[[Noise], AnySearch]) -> AnySearch:
+def under_best_noise(white: 'RunSearch', again: Callable[[Noise], 'RunSearch']) -> 'RunSearch':
     """Return the search of the best score; white: that under white noise; again: makes one under another noise."""
     if white.noiseless or white.base.noise.resolution:
         return white
@@ -63,7 +48,7 @@ def under_best_noise(white: AnySearch, again: Callable[[Noise], AnySearch]) -> A
             return white
     else:
         white.needed = alone.score - ALONE
-    best: AnySearch | None = None
+    best: RunSearch | None = None
     hopes: dict[tuple[str, ...], float] = {}
     best_score, margin, waiting = -np.inf, 0.0, [(alone, NO_NAMES)]
     most = white.problem.reachable(white.problem.offers([white.problem.empty])[0][0].score, MOST_EFFECTS)
@@ -141,6 +126,6 @@ def noise_of_z(fitted: Fit) -> Noise:
     return replace(fitted.noise, axes=np.sqrt(sizes[[1, 1, 0]])).scaled() if p < SEEN else fitted.noise
 
 
-def _estimated(white: Search, members: Sequence[Member]) -> NoiseFit:
+def _estimated(white: 'RunSearch', members: Sequence[Member]) -> NoiseFit:
     kinds = [name.removeprefix('noise.') for name in white.base.model.noise]
     return estimate(noise_problem(white.base, members), kinds)
