@@ -10,9 +10,12 @@ from rosette_ros.core.geometry import TWO_PI, Floats
 
 TOUCHES = (6, 8, 9, 12, 16, 20)
 """Numbers of touches of a ball that a plan may have: circles of three (6, 9) or four."""
-
 USUAL = 20
 """Touches of a ball of which the expected uncertainties and times are told."""
+CIRCLES_AT = (0.867, -0.133)
+"""Heights of the highest and the lowest circle, in radii: of a ball of 15 mm touched 1 mm below pole and equator."""
+TOUCH_SHARE = 0.8
+"""Part of the worst coordinate of a centre that the touches take, the positioning of the CMM, which stays, the rest."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,11 @@ def circles_of(touches: int) -> tuple[int, int]:
     return touches // points, points
 
 
+def usual_directions(touches: int = USUAL) -> Floats:
+    """Return the directions of touches of a ball as a plan has them, (Q, 3)."""
+    return touch_directions(*circles_of(touches), *CIRCLES_AT)
+
+
 def sphere_factors(direction: Floats) -> Floats:
     """Return the standard deviations of centre and radius per one of a touch along its normal, (4,).
 
@@ -54,18 +62,11 @@ def centre_factors(direction: Floats) -> Floats:
     return sphere_factors(direction)[:3]
 
 
-def sigma_of_touches(touches: int, sigma: float, touch_share: float = 0.8, top: float = 0.867,
-                     lowest: float = -0.133) -> Floats:
-    """Return the standard deviations of a ball centre along x, y, z from `touches`, where USUAL give `sigma`, (3,), m.
-
-    The touches take touch_share of the worst coordinate, the positioning of the CMM, which stays, the rest. top,
-    lowest: as above; those of a ball of 15 mm touched 1 mm below pole and equator.
-    """
-    usual = centre_factors(touch_directions(*circles_of(USUAL), top, lowest))
-    touch = touch_share * sigma / usual.max()
-    positioning = sigma**2 - (usual * touch)**2
-    factors = centre_factors(touch_directions(*circles_of(touches), top, lowest))
-    return np.asarray(np.sqrt((factors * touch)**2 + positioning))
+def sigma_of_touches(touches: int, sigma: float) -> Floats:
+    """Return the standard deviations (3,), m, of a ball centre along x, y, z by `touches`, where USUAL give `sigma`."""
+    usual, factors = centre_factors(usual_directions()), centre_factors(usual_directions(touches))
+    touch = TOUCH_SHARE * sigma / usual.max()
+    return np.asarray(np.sqrt((factors * touch)**2 + (sigma**2 - (usual * touch)**2)))
 
 
 class Spheres(NamedTuple):

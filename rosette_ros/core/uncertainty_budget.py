@@ -27,7 +27,7 @@ from rosette_ros.core.planning.advice import GOOD_SHARE
 from rosette_ros.core.planning.visibility import Visibility
 from rosette_ros.core.records import ErrorMotions, Floats, remove_gauge
 from rosette_ros.core.sphere_refit import LEAST_TOUCHES, SphereRefit
-from rosette_ros.core.touches import USUAL, centre_factors, circles_of, touch_directions
+from rosette_ros.core.touches import centre_factors, usual_directions
 
 MOST_BALLS = 72
 """Budgets of larger plates would take minutes."""
@@ -41,8 +41,6 @@ HARMLESS = 0.05
 """Bias of the curves, as displacement per rms displacement of the balls, below which an effect is left out."""
 PROBABILITY = float(special.erf(COVERAGE_FACTOR / np.sqrt(2)))
 """That a normal quantity lies within k = 2 of its mean: 0.9545."""
-CIRCLES_AT = (0.867, -0.133)
-"""Heights of the highest and the lowest circle of touches, in radii of a ball, where the log has no touches."""
 
 
 class TouchScatter(NamedTuple):
@@ -217,13 +215,8 @@ def fit_loss(fit: Fit) -> float:
 def _stated_touch(inputs: BudgetInputs) -> TouchScatter | None:
     if 'touches' not in inputs:
         return None
-    return TouchScatter(inputs.value('touches', 'u_um'), usual_directions(inputs.value('touches', 'number')),
+    return TouchScatter(inputs.value('touches', 'u_um'), usual_directions(int(inputs.value('touches', 'number'))),
                         inputs.dof.get('touches', np.inf), inputs.words.get('touches', 'inputs'))
-
-
-def usual_directions(touches: float) -> Floats:
-    """Return the directions of touches of a ball as a plan has them, (Q, 3)."""
-    return touch_directions(*circles_of(int(touches) or USUAL), *CIRCLES_AT)
 
 
 def _noise_of(fit: Fit, displaced: Sequence['_Displaced']) -> tuple[float, float]:
@@ -315,7 +308,7 @@ def _form(fit: Fit, inputs: BudgetInputs, touch: TouchScatter | None) -> list[_D
 
 def form_directions(inputs: BudgetInputs, touch: TouchScatter | None) -> Floats:
     """Return where balls are touched, (Q, 3): as in the log, else as stated."""
-    return touch.direction if touch else usual_directions(inputs.value('ball_form', 'touches'))
+    return touch.direction if touch else usual_directions(int(inputs.value('ball_form', 'touches')))
 
 
 def _temperature(fit: Fit, inputs: BudgetInputs) -> list[_Displaced]:

@@ -19,8 +19,8 @@ from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.planning.visibility import visibility
-from rosette_ros.core.touches import centre_factors
-from rosette_ros.core.uncertainty_budget import TouchScatter, budget, root_mean, usual_directions
+from rosette_ros.core.touches import centre_factors, usual_directions
+from rosette_ros.core.uncertainty_budget import TouchScatter, budget, root_mean
 from rosette_ros.presentation.budget_results import together_words
 
 NOISE = 1e-7
