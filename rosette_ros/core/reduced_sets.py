@@ -110,17 +110,28 @@ class Systems:
         return data @ self.inverse.swapaxes(1, 2)
 
 
+def complete_variance(n: int, lever: float) -> Floats:
+    """Return the variances of the curves of a complete run for unit variance of each coordinate, (6,); lever: R, m.
+
+    They follow from counting the points of each line of its spectrum: var ctx = (n - 2)/n^2, var ctz = (n - 1)/n^2,
+    var crx = 2 (n - 2)/(n R)^2, var crz = (n - 1)/(n R)^2.
+    """
+    plane, axial, square = (n - 2) / n**2, (n - 1) / n**2, lever**2
+    return np.array([plane, plane, axial, 2 * plane / square, 2 * plane / square, axial / square])
+
+
+def relative_uncertainty(variance: Floats, lever: float) -> float:
+    """Return the uncertainty of the curves beside that of a complete run, rms over the curves; variance: (n, 6)."""
+    return float(np.sqrt(np.mean(variance / complete_variance(len(variance), lever))))
+
+
 def penalty(n: int, members: tuple[int, ...]) -> float:
     """Return the uncertainty of the curves relative to a complete run, rms over the six, for the same sigma.
 
     members: CMM positions, or balls, in use, from 0; infinite where they do not determine the curves.
     """
     blocks = FrequencyBlocks(n, np.array(members))
-    if not blocks.is_determined:
-        return math.inf
-    plane, axial = (n - 2) / n**2, (n - 1) / n**2
-    complete = np.array([plane, plane, axial, 2 * plane, 2 * plane, axial])
-    return float(np.sqrt(np.mean(blocks.curve_variance(1.0).mean(axis=0) / complete)))
+    return relative_uncertainty(blocks.curve_variance(1.0), 1.0) if blocks.is_determined else math.inf
 
 
 def fewest_members(n: int) -> int:

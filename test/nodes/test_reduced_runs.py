@@ -10,8 +10,8 @@ from rosette_ros.analysis import analyse
 from rosette_ros.calibration.state_machine import PAUSE
 from rosette_ros.cell.client import CellClient
 from rosette_ros.core.errors import CellError
-from rosette_ros.core.planning.expectation import relative_uncertainty
 from rosette_ros.core.records import remove_gauge
+from rosette_ros.core.reduced_sets import relative_uncertainty
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.messages import Phase

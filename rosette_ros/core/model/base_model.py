@@ -24,6 +24,7 @@ from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Real, Whitening
 from rosette_ros.core.model.normal_equations import SMALL, orthonormal_rows
 from rosette_ros.core.records import Bools, Floats, Run
+from rosette_ros.core.reduced_sets import complete_variance
 
 GAUGE = (
     'means of ctx, cty, ctz, crx, cry, crz',
@@ -253,18 +254,9 @@ class CompleteSpace(BaseSpace):
         return np.stack([xy.real, xy.imag, ctz.real, tilts.imag, tilts.real, crz.real], axis=-1)
 
     def curve_cofactor(self) -> Floats:
-        """Return the variances of the curves for unit variance of a coordinate, (n, 6).
-
-        They follow from counting the points of each line: var ctx = (n - 2)/n^2, var ctz = (n - 1)/n^2,
-        var crx = 2 (n - 2)/(n R)^2, var crz = (n - 1)/(n R)^2.
-        """
-        n, r = self.n, self.lever
-        if 'table_motions' not in self.terms:
-            return np.zeros((n, 6))
-        radial, axial = (n - 2) / n**2, (n - 1) / n**2
-        plane, z = self.whitening.sd[[0, 2]]**2
-        return np.tile([plane * radial, plane * radial, z * axial, 2 * z * radial / r**2, 2 * z * radial / r**2,
-                        plane * axial / r**2], (n, 1))
+        """Return the variances of the curves for unit variance of a coordinate, (n, 6)."""
+        plane, z = self.whitening.sd[[0, 2]]**2 * ('table_motions' in self.terms)
+        return np.tile(complete_variance(self.n, self.lever) * [plane, plane, z, z, z, plane], (self.n, 1))
 
     def deviation_cofactors(self) -> tuple[Floats, Floats]:
         """Return the variances of plate and CMM for unit variance of a coordinate, (n, 3) each: 1/n, (n - 1)/n^2."""

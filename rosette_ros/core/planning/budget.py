@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which plan a given time allows: order, places, touches, by the expected error of the curves."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from rosette_ros.core.errors import InvalidPlan
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.records import Floats
-from rosette_ros.core.reduced_sets import best_members, fewest_members
+from rosette_ros.core.reduced_sets import best_members, fewest_members, relative_uncertainty
 from rosette_ros.core.scheme import Scheme, plan
 from rosette_ros.core.touches import TOUCHES, Pace, sigma_of_touches
 
@@ -47,7 +47,8 @@ def propose(n: int, radius: float, hours: float, sigma: float = 1e-7, drift: flo
                           '--cmm-positions')
     pace, best = pace or Pace(), dict[str, Proposal]()
     shortest = np.inf
-    for scheme in _schemes(n):
+    for count, order in product(range(fewest_members(n), n + 1), ORDERS_TRIED):
+        scheme = plan(n, order, cmm_positions=[k + 1 for k in best_members(n, count)])
         moves = np.abs(np.diff(scheme.table_position, prepend=scheme.table_position[:1])) > 0
         effects: Floats | None = None
         for touches in TOUCHES:
@@ -63,12 +64,6 @@ def propose(n: int, radius: float, hours: float, sigma: float = 1e-7, drift: flo
         raise InvalidPlan(f'{hours:g} h are too short for {n} balls: the shortest plan takes {shortest / 3600:.2f} h; '
                           'wanted more time, fewer balls or quicker touches')
     return tuple(sorted(best.values(), key=lambda one: one.error))
-
-
-def _schemes(n: int) -> Iterator[Scheme]:
-    for count in range(fewest_members(n), n + 1):
-        for order in ORDERS_TRIED:
-            yield plan(n, order, cmm_positions=[k + 1 for k in best_members(n, count)])
 
 
 def _of_steps(scheme: Scheme, radius: float) -> Floats:
@@ -90,11 +85,8 @@ def _proposal(scheme: Scheme, radius: float, touches: int, time: Floats, sigma: 
               effects: Floats | None) -> Proposal:
     run = planned_run(scheme, radius)
     plane, axial = sigma_of_touches(touches, sigma)[[0, 2]]**2
-    variance = base_space(run, radius).curve_cofactor().mean(axis=0) * [plane, plane, axial, axial, axial, plane]
+    variance = base_space(run, radius).curve_cofactor() * [plane, plane, axial, axial, axial, plane]
     if effects is not None:
         variance = variance + drift**2 / 3600 * np.einsum('arc,r->c', effects[:, 1:], np.diff(time))
-    n = scheme.n
-    radial, turning = (n - 2) / n**2, (n - 1) / n**2
-    complete = sigma**2 * np.array([radial, radial, turning, 2 * radial / radius**2, 2 * radial / radius**2,
-                                    turning / radius**2])
-    return Proposal(scheme, touches, float(time[-1]), float(np.sqrt(np.mean(variance / complete))), np.sqrt(variance))
+    return Proposal(scheme, touches, float(time[-1]), relative_uncertainty(variance / sigma**2, radius),
+                    np.sqrt(variance.mean(axis=0)))

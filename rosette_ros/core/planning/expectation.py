@@ -10,6 +10,7 @@ from rosette_ros.core.model.base_model import GAUGE, BaseLines
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.reduced_sets import relative_uncertainty
 from rosette_ros.core.scheme import Scheme
 from rosette_ros.core.touches import Pace, sigma_of_touches
 
@@ -50,13 +51,6 @@ def expect(scheme: Scheme, radius: float, pace: Pace | None = None) -> Expectati
     return Expectation(space.rank, BaseLines.of(n).rank, np.sqrt(variance), relative_uncertainty(variance, radius),
                        float(n / np.sqrt(run.size)), float(np.sqrt((2 * x**2 + z**2) / 3)), float(run.time[-1]),
                        _unobservable(run))
-
-
-def relative_uncertainty(variance: Floats, lever: float) -> float:
-    """Return the uncertainty of the curves beside that of a complete run, rms over the curves; variance: (n, 6)."""
-    n, scale = len(variance), np.repeat([1.0, lever**-2], 3)
-    plane, axial = (n - 2) / n**2, (n - 1) / n**2
-    return float(np.sqrt(np.mean(variance / (np.array([plane, plane, axial, 2 * plane, 2 * plane, axial]) * scale))))
 
 
 def _unobservable(run: Run) -> tuple[str, ...]:

@@ -14,9 +14,9 @@ from rosette_ros.core.error_summary import difference, fit_lines
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import Fit
-from rosette_ros.core.planning.expectation import relative_uncertainty
 from rosette_ros.core.planning.plan_comparison import Point
 from rosette_ros.core.records import ErrorMotions, Run
+from rosette_ros.core.reduced_sets import relative_uncertainty
 from rosette_ros.core.sphere_refit import SphereRefit
 from rosette_ros.core.uncertainty_budget import MOST_BALLS, Budget, budget, touch_scatter
 from rosette_ros.io.identity_file import Identity
