@@ -211,19 +211,20 @@ class FactoredEffect(Effect, ABC):
     """An effect whose columns are f(reading; value) e(reading): the search is quick.
 
     function: f, its parameters are the last searched ones; choices: settings of what else is searched, by which `which`
-    chooses among `directions`.
+    chooses among `directions`; acts: the numbers of the directions in which it acts where nothing else is searched.
     """
 
     function: RunFunction
+    acts: tuple[int, ...] = (0,)
     choices: tuple[Setting, ...] = (Setting(),)
 
     @abstractmethod
     def directions(self, run: Run) -> Floats:
         """Return the directions in which the effect can act, (D, N, 3)."""
 
-    @abstractmethod
     def which(self, setting: Setting) -> tuple[int, ...]:
         """Return the numbers of the directions in which a setting acts."""
+        return self.acts
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         values = self.function.settings(run)

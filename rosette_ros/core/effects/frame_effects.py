@@ -34,6 +34,7 @@ _AXES = Searched('axes', '', 'which axes move: all three together or one alone')
 class FrameEffect(FactoredEffect):
     """The machine frame moves along one axis or all three; quantities: of one axis, without its letter."""
 
+    depends_on: tuple[str, ...] = ('time',)
     searched: tuple[Searched, ...] = (_AXES,)
     choices = grid(axes=('xyz', 'x', 'y', 'z'))
 
@@ -56,7 +57,6 @@ class FrameDrift(FrameEffect):
             'let the machine soak or measure faster.')
     formula = 'd t'
     source = 'ISO 230-3 (drift over a stated period); GUM F.1.1.2'
-    depends_on = ('time',)
     carries = 'all'
     quantities = (Quantity('d', 'm/s', 'drift rate along'),)
     function = Drift()
@@ -69,7 +69,6 @@ class FrameDriftOnset(FrameEffect):
     look = 'What was switched on, opened or loaded at that moment: a lamp, a door, a cooling unit, a workpiece.'
     formula = 'd max(0, t - t0)'
     source = 'ISO 230-3 (drift over a stated period)'
-    depends_on = ('time',)
     carries = 'nothing'
     quantities = (Quantity('d', 'm/s', 'drift rate along'),)
     searched = (_AXES, Searched('t0', 's', 'moment at which it begins, since the first reading', 'phase'))
@@ -83,7 +82,6 @@ class FrameDriftCurved(FrameEffect):
     look = 'Temperature of the hall and of the quill; let the machine soak or measure faster.'
     formula = 'd t + c t^2'
     source = 'ISO 230-3 (drift over a stated period)'
-    depends_on = ('time',)
     quantities = (Quantity('d', 'm/s', 'rate at the first reading along'),
                   Quantity('c', 'm/s^2', 'half the change of the rate along'))
     function = Curve()
@@ -96,7 +94,6 @@ class FrameWarmup(FrameEffect):
     look = 'Drives, spindle and controller since switching on; start after a warm-up cycle.'
     formula = 'd (1 - exp(-t/tau))'
     source = 'ISO 230-3 (warm-up of the structure)'
-    depends_on = ('time',)
     quantities = (Quantity('d', 'm', 'final displacement along'),)
     searched = (_AXES, Searched('tau', 's', 'time constant', 'scale'))
     function = WarmUp()
@@ -104,6 +101,10 @@ class FrameWarmup(FrameEffect):
 
 class FrameOfTemperature(FrameEffect):
     """What follows the temperature; gaps of its record leave amplitudes open, by which it may have gone in them."""
+
+    source = 'ISO 230-3 (environmental temperature variation error)'
+    depends_on = ('temperature',)
+    carries = 'all'
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
         gaps = tuple(Quantity(f'gap{k}', 'm', f'way {k} in gaps of the record along')
@@ -117,9 +118,6 @@ class FrameTemperature(FrameOfTemperature):
     meaning = 'The probe moves relative to the table with the measured temperature.'
     look = 'Air conditioning, sunlight, doors; the scales and the quill expand.'
     formula = 'd (T - T0)'
-    source = 'ISO 230-3 (environmental temperature variation error)'
-    depends_on = ('temperature',)
-    carries = 'all'
     quantities = (Quantity('d', 'm/K', 'displacement per kelvin along'),)
     function = Temperature()
 
@@ -130,10 +128,7 @@ class FrameTemperatureLag(FrameOfTemperature):
     meaning = 'The probe moves relative to the table with the measured temperature, but later.'
     look = 'Parts with a large heat capacity: bed, columns, table; where the sensor of the temperature is.'
     formula = "d T', where tau dT'/dt = T - T0 - T'"
-    source = 'ISO 230-3 (environmental temperature variation error)'
-    depends_on = ('temperature',)
     quantities = (Quantity('d', 'm/K', 'displacement per kelvin along'),)
-    carries = 'all'
     searched = (_AXES, Searched('tau', 's', 'time constant', 'scale'))
     function = LaggedTemperature()
 
@@ -145,7 +140,6 @@ class FrameCycle(FrameEffect):
     look = 'Air conditioning that switches, cooling units, hydraulic or compressed air cycles.'
     formula = 'a cos(2 pi t/P) + b sin(2 pi t/P)'
     source = 'ISO 230-3 (environmental temperature variation error)'
-    depends_on = ('time',)
     quantities = (Quantity('a', 'm', 'cosine amplitude along'), Quantity('b', 'm', 'sine amplitude along'))
     searched = (_AXES, Searched('period', 's', 'period', 'scale'))
     function = Cycle()
@@ -158,7 +152,6 @@ class FrameStep(FrameEffect):
     look = 'A collision, an exchanged or requalified probe, an axis that was referenced again.'
     formula = 'd H(t - t0)'
     source = 'physics of probe requalification'
-    depends_on = ('time',)
     carries = 'nothing'
     quantities = (Quantity('d', 'm', 'step along'),)
     searched = (_AXES, Searched('t0', 's', 'moment of the step, since the first reading', 'instant'))
@@ -172,7 +165,6 @@ class FramePulse(FrameEffect):
     look = 'A door, a load on the table, a person or vehicle near the machine, a magnet or valve that was on.'
     formula = 'd (H(t - t0) - H(t - t1))'
     source = 'physics of loads'
-    depends_on = ('time',)
     carries = 'nothing'
     quantities = (Quantity('d', 'm', 'shift along'),)
     searched = (_AXES, Searched('t0', 's', 'moment of the shift, since the first reading', 'instant'),
@@ -192,7 +184,6 @@ class FrameRecovery(FrameEffect):
     look = 'A knock, a load or warm air that was there for a moment; a joint that springs back.'
     formula = 'd H(t - t0) exp(-(t - t0)/tau)'
     source = 'physics of loads and of thermal disturbances'
-    depends_on = ('time',)
     carries = 'nothing'
     quantities = (Quantity('d', 'm', 'shift at first along'),)
     searched = (_AXES, Searched('t0', 's', 'moment of the shift, since the first reading', 'instant'),

@@ -46,14 +46,12 @@ class PlateSlip(FactoredEffect):
     carries = 'nothing'
     searched = (Searched('t0', 's', 'moment of the slip, since the first reading', 'instant'),)
     function = Step()
+    acts = 0, 1, 2
 
     def directions(self, run: Run) -> Floats:
         """Return shifts along the plate's x and y and a turn about z, (3, N, 3)."""
         turn = run.radius * on.tangential(run.alpha)[None]
         return np.concatenate([np.moveaxis(plate_axes(run)[..., :2], -1, 0), turn])
-
-    def which(self, setting: Setting) -> tuple[int, ...]:
-        return 0, 1, 2
 
     def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
         since = 1.0 * (seconds(run) > setting.number('t0'))[:, None]

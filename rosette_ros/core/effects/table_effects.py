@@ -69,9 +69,6 @@ class TableZeroStep(FactoredEffect, TurningEffect):
     def directions(self, run: Run) -> Floats:
         return run.radius * tangential(run.alpha)[None]
 
-    def which(self, setting: Setting) -> tuple[int, ...]:
-        return (0,)
-
 
 class AxisTiltStep(FactoredEffect):
     name = 'axis_tilt_step'
@@ -85,12 +82,10 @@ class AxisTiltStep(FactoredEffect):
     searched = (Searched('t0', 's', 'moment of the tilt, since the first reading', 'instant'),)
     carries = 'nothing'
     function = Step()
+    acts = 0, 1
 
     def directions(self, run: Run) -> Floats:
         return np.moveaxis(axial_tilts(run), -1, 0)
-
-    def which(self, setting: Setting) -> tuple[int, ...]:
-        return 0, 1
 
     def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
         return Motion((seconds(run) > setting.number('t0'))[:, None] * np.append(amplitudes, 0.0))
@@ -178,9 +173,6 @@ class EncoderInterpolation(FactoredEffect, TurningEffect):
 
     def directions(self, run: Run) -> Floats:
         return run.radius * tangential(run.alpha)[None]
-
-    def which(self, setting: Setting) -> tuple[int, ...]:
-        return (0,)
 
 
 _MOTIONS = {'radial': (0, 1), 'axial': (2,), 'tilt': (3, 4), 'all': (0, 1, 2, 3, 4)}
