@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
 
 from rosette_ros.core.diagnosis.candidates import NO_RESIDUAL
+from rosette_ros.core.diagnosis.noise_statistics import two_sided
 from rosette_ros.core.diagnosis.projection import Projection, Reals
 from rosette_ros.core.diagnosis.verdict import UNLIKELY
 from rosette_ros.core.errors import NotDeterminable
@@ -137,9 +137,7 @@ def _neighbours(residual: Floats, noise: Reals) -> tuple[float, float]:
     every = np.concatenate([residual[None], noise])
     total = np.maximum(np.sum(every**2, axis=(1, 2)), NO_RESIDUAL)
     value = np.sum(every[:, 1:] * every[:, :-1], axis=(1, 2)) / total
-    centre = value[1:].mean()
-    z = (value[0] - centre) / value[1:].std()
-    return float(value[0] - centre), float(2 * special.ndtr(-abs(z)))
+    return float(value[0] - value[1:].mean()), two_sided(value)
 
 
 def _worst(fitted: Fit, noise: Reals, expected: Reals) -> tuple[Reading, ...]:

@@ -10,9 +10,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import special
 
 from rosette_ros.core.diagnosis.noise_search import NO_AXIS, SEEN, NoiseFit, NoiseProblem, check_of, estimate
+from rosette_ros.core.diagnosis.noise_statistics import two_sided_f
 from rosette_ros.core.diagnosis.search import MOST_EFFECTS, Member
 from rosette_ros.core.model.base_model import BaseLines
 from rosette_ros.core.model.base_space import base_space
@@ -121,8 +121,7 @@ def noise_of_z(fitted: Fit) -> Noise:
         return fitted.noise
     freedom = axial + dof, plane + 2 * dof
     sizes = np.array([square[2], square[:2].sum()]) / freedom
-    ratio = float(sizes[0] / sizes[1])
-    p = 2 * min(float(special.fdtr(*freedom, ratio)), float(special.fdtrc(*freedom, ratio)))
+    p = two_sided_f(float(sizes[0] / sizes[1]), *freedom)
     return replace(fitted.noise, axes=np.sqrt(sizes[[1, 1, 0]])).scaled() if p < SEEN else fitted.noise
 
 

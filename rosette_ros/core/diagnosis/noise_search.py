@@ -7,19 +7,26 @@ and the effects beside it as columns B in white coordinates, -2 L = dof ln RSS +
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy.linalg
-from scipy import special
 
 from rosette_ros.core.diagnosis.candidates import NO_RESIDUAL
-from rosette_ros.core.diagnosis.noise_statistics import divergence, log_density, one_sided, remembered, two_sided
+from rosette_ros.core.diagnosis.noise_statistics import (
+    divergence,
+    log_density,
+    one_sided,
+    remembered,
+    two_sided,
+    two_sided_f,
+)
 from rosette_ros.core.diagnosis.search import cost
 from rosette_ros.core.model.base_model import Basis
 from rosette_ros.core.model.least_squares import HIDDEN, Fit
 from rosette_ros.core.model.model import KINDS_OF_NOISE
 from rosette_ros.core.model.noise import Noise, Whitening, place_of
+from rosette_ros.core.model.normal_equations import PARTS
 from rosette_ros.core.records import Floats, Run, resolution_of
 
 DRAWS = 200
@@ -45,8 +52,6 @@ LEAST_FACTOR = 0.01
 """No group of readings is taken as quieter than that, beside all of them, nor than about what rounding makes them."""
 GROUPS = ('time', 'ball', 'CMM position', 'table position')
 MOST_KINDS = 3
-PARTS = ((2,), (0, 1))
-"""Axes that are independent of each other in the model."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +106,7 @@ class NoiseProblem:
     def at(self, noise: Noise) -> 'NoiseFit':
         """Return what is left under a noise."""
         white = noise.whitening(self.run)
-        left, log_det, spans = np.empty((1 + DRAWS, self.run.size, 3)), white.log_det, []
+        left, log_det, spans = np.empty((1 + DRAWS, self.run.size, 3)), white.log_det_of((0, 1, 2)), []
         for part, axes in enumerate(PARTS):
             span, scale = self._plain[part][0], white.scale_of(axes)
             if scale:
@@ -148,11 +153,6 @@ class NoiseProblem:
         taken = scipy.linalg.solve_triangular(root, design.T @ rows, lower=True, check_finite=False)
         dof = rows.size - len(taken)
         return float(rows @ rows - taken @ taken) / dof, dof, 2 * float(np.sum(np.log(np.diag(root))))
-
-
-def _two_sided_f(ratio: float, first: float, second: float) -> float:
-    """Return the probability that two variances of equal noise are as unequal."""
-    return float(2 * min(special.fdtr(first, second, ratio), special.fdtrc(first, second, ratio)))
 
 
 def check_of(run: Run) -> tuple[float, Floats]:
@@ -218,21 +218,14 @@ class NoiseFit:
     spans: list[_Span]
     score: float = 0.0
 
-    def studentised(self) -> Floats:
-        """Return each coordinate as it stands beside all others in units of its own scatter, (1 + DRAWS, N, 3)."""
-        every = self.left / np.sqrt(np.sum(self.left**2, axis=(1, 2)) / self.problem.dof)[:, None, None]
-        every = self.whitening.adjoint(every)
-        out: Floats = every / np.sqrt(np.maximum(np.mean(every[1:]**2, axis=0), 1e-12))
-        return out
-
     def misfits(self) -> list[Misfit]:
         """Return the tests of the noise, least probable first; p counts all of them."""
         found = list(self._tests())
         return sorted((replace(one, p=min(1.0, one.p * len(found))) for one in found), key=lambda one: one.p)
 
     def _tests(self) -> Iterator[Misfit]:
-        run, every = self.problem.run, self.studentised()
-        square = every**2
+        run, (rows, scale) = self.problem.run, self._scaled
+        square = (self.whitening.adjoint(rows) / scale)**2
         size, check = np.maximum(self.problem.axis_dof, 1e-9), self.problem.check(self.noise)
         pooled = (size * np.mean(square, axis=1) + check) / (size + self.problem.check_dof)
         by_axis = np.log(np.maximum(pooled, 1e-12))  # an axis may have no residual at all
@@ -240,7 +233,7 @@ class NoiseFit:
         yield Misfit('axes', 'xyz', two_sided(by_axis[:, 0] - by_axis[:, 1]))
         (x, y, z), dof = check[0], self.problem.check_dof
         if size[2] < dof:  # the check says more of z than the readings do
-            yield Misfit('axes', 'z', _two_sided_f(2 * z / (x + y), dof, 2 * dof))
+            yield Misfit('axes', 'z', two_sided_f(2 * z / (x + y), dof, 2 * dof))
         yield Misfit('tail', 'coordinate', one_sided(np.sum(square**2, axis=(1, 2))))
         yield Misfit('tail', 'reading', one_sided(np.sum(np.sum(square, axis=2)**2, axis=1)))
         for by in GROUPS:
@@ -314,7 +307,7 @@ class NoiseFit:
         """
         if self.noise.tail:
             return self
-        rows, scale = self._scaled()
+        rows, scale = self._scaled
         rows = rows[:1 + CALIBRATED] if self._share < 1 - FEW else rows[:1]
         normal = self._tail_of(rows, scale, per, np.inf)[0]
         found = []
@@ -331,13 +324,14 @@ class NoiseFit:
 
     def p_of_tail(self, noise: Noise) -> float:
         """Return the probability that normal noise is as much like the Student's distribution of a noise."""
-        rows, scale = self._scaled()
+        rows, scale = self._scaled
         gains = np.subtract(*(self._tail_of(rows[:1 + TAILS_DRAWN], scale, noise.tail, dof)[0]
                               for dof in (noise.tail_dof, np.inf)))
         return one_sided(gains)
 
+    @cached_property
     def _scaled(self) -> tuple[Floats, Floats]:
-        """Return what is left in units of its size, and the scatter (N, 3) of each coordinate in these."""
+        """What is left in units of its size, and the scatter (N, 3) of each coordinate in these beside all others."""
         rows = self.left / np.sqrt(np.sum(self.left**2, axis=(1, 2)) / self.problem.dof)[:, None, None]
         return rows, np.sqrt(np.maximum(np.mean(self.whitening.adjoint(rows[1:])**2, axis=0), 1e-12))
 

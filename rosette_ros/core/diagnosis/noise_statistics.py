@@ -36,6 +36,11 @@ def one_sided(values: Floats) -> float:
     return float(special.gammaincc(k, max(k + (values[0] - mean) / sd * np.sqrt(k), 0.0)))
 
 
+def two_sided_f(ratio: float, first: float, second: float) -> float:
+    """Return the probability that two variances of equal noise, of so many degrees of freedom, are as unequal."""
+    return float(2 * min(special.fdtr(first, second, ratio), special.fdtrc(first, second, ratio)))
+
+
 def remembered(values: Floats, phi: float) -> Floats:
     """Return y_t = phi y_(t-1) + x_t of values x (runs, N, axes) along their N readings."""
     runs, n, axes = values.shape

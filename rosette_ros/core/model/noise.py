@@ -170,11 +170,6 @@ class Whitening:
             self._made[axis] = _Filter(sd, self._phi, float(self._wander[axis]))
         return self._made[axis]
 
-    @cached_property
-    def log_det(self) -> float:
-        """The logarithm of det C."""
-        return self.log_det_of((0, 1, 2))
-
     def log_det_of(self, axes: Sequence[int]) -> float:
         """Return the logarithm of det C of some axes."""
         return float(sum(self._filter(axis).log_det for axis in axes))
