@@ -110,12 +110,12 @@ class CrossValidation:
         return self.rms([(residual, np.zeros((0, residual.size)) if rows is None else rows)] * self.folds)
 
 
-def cross_validation_rms(run: Run, fitted: Fit, seed: int = 0) -> float:
+def cross_validation_rms(run: Run, fitted: Fit) -> float:
     """Return the error of the cross-validation of a fit, m."""
     if not fitted.model.terms:
-        return CrossValidation(fitted.joint, run.size, seed).rms_of(fitted.white_residual.reshape(-1))
+        return CrossValidation(fitted.joint, run.size).rms_of(fitted.white_residual.reshape(-1))
     base = fit(run, Model(fitted.model.base), noise=fitted.noise, beyond=fitted.beyond)
-    blocks = CrossValidation(base.joint, run.size, seed)
+    blocks = CrossValidation(base.joint, run.size)
     whole = Problem(run, base.joint, base.white_residual, base.dof, (), ())
     problems = effect_problems(run, fitted.model, base.joint, base.white_residual, base.dof)
     fits = [(whole.empty.residual, whole.empty.rows)] * blocks.folds

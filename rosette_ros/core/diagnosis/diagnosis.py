@@ -107,27 +107,26 @@ class Diagnosis(Finding):
     unavailable: tuple[tuple[str, str], ...]
 
 
-def judge(run: Run, model: Model | None = None, seed: int = 0) -> Verdict:
+def judge(run: Run, model: Model | None = None) -> Verdict:
     """Return the Verdict of `diagnose` without what only a diagnosis shows; arguments and errors as there."""
-    return find(run, model, seed).verdict
+    return find(run, model).verdict
 
 
-def find(run: Run, model: Model | None = None, seed: int = 0) -> Finding:
+def find(run: Run, model: Model | None = None) -> Finding:
     """Return the Finding of `diagnose` without candidates and shapes, in two thirds of its time; see there."""
     with _bounded(run):
-        return _search(run, model or Model(), seed).finding
+        return _search(run, model or Model()).finding
 
 
-def diagnose(run: Run, model: Model | None = None, seed: int = 0) -> Diagnosis:
+def diagnose(run: Run, model: Model | None = None) -> Diagnosis:
     """Return the Diagnosis of a run under a model (the base model if none is given).
 
-    seed: of the simulated noise and of the blocks of the cross-validation; the same run gives the same answer. Raises
-    NotDeterminable where the run does not determine the model, InvalidData where its times, temperatures or travels
-    are such that no calculation ends.
+    The same run gives the same answer, simulated noise included. Raises NotDeterminable where the run does not
+    determine the model, InvalidData where its times, temperatures or travels are such that no calculation ends.
     """
     with _bounded(run):
-        search = _search(run, model or Model(), seed)
-        candidates, refused = _Candidates(search).all()
+        search = _search(run, model or Model())
+        candidates, refused = _candidates(search)
         return Diagnosis(**vars(search.finding), candidates=candidates,
                          recovered=recovered_shapes(search.problem, search.chosen),
                          unavailable=(*search.unavailable, *refused))
@@ -149,10 +148,10 @@ class RunSearch:
     needed: score below which nothing that it finds is of use.
     """
 
-    def __init__(self, run: Run, model: Model, seed: int, noise: Noise | None = None,
+    def __init__(self, run: Run, model: Model, noise: Noise | None = None,
                  like: Sequence[Family] = ()) -> None:
         """Free the readings of the model, to whose fit, `start`, the `absent` base terms are added in `base`."""
-        self.run, self.seed, self.needed = run, seed, -np.inf
+        self.run, self.needed = run, -np.inf
         self._without: dict[tuple[Member, ...], WithoutBlocks] = {}
         self.start = base = fit(run, model, choose_settings(run, model, noise), noise)
         self.absent = missing_base(run, self.start)
@@ -187,7 +186,7 @@ class RunSearch:
     @cached_property
     def null(self) -> Floats:
         """Best scores of pure noise, sorted: the null distribution of the search."""
-        rng = np.random.default_rng(self.seed)
+        rng = np.random.default_rng(0)
         noise = rng.standard_normal((DRAWS if self.run.n < 48 else DRAWS // 2, self.run.size, 3))
         return np.sort(self.problem.null_scores(noise_of_rounding(self.base, noise) if self.is_coarse else noise))
 
@@ -302,7 +301,7 @@ class RunSearch:
     @cached_property
     def blocks(self) -> CrossValidation:
         """Readings to be left out."""
-        return CrossValidation(self.space, self.run.size, self.seed)
+        return CrossValidation(self.space, self.run.size)
 
     def final_fit(self, members: Sequence[Member]) -> Fit:
         """Return the joint fit of the model with members added."""
@@ -348,10 +347,10 @@ class RunSearch:
 
 
 @lru_cache(maxsize=1)
-def _search(run: Run, model: Model, seed: int) -> RunSearch:
+def _search(run: Run, model: Model) -> RunSearch:
     """Return the search under the noise of the run."""
-    white = RunSearch(run, model, seed)
-    return under_best_noise(white, lambda noise: RunSearch(run, model, seed, noise, white.problem.families))
+    white = RunSearch(run, model)
+    return under_best_noise(white, lambda noise: RunSearch(run, model, noise, white.problem.families))
 
 
 def fitted_with_noise(run: Run, model: Model, white: Fit, is_searched: bool) -> Fit:
@@ -369,64 +368,60 @@ def fitted_with_noise(run: Run, model: Model, white: Fit, is_searched: bool) -> 
     if start.misfits()[0].p >= SEEN and not resolution_of(run.centre) > COARSE * white.rms:
         return white
     with _bounded(run):
-        return _search(run, model, 0).start
+        return _search(run, model).start
 
 
-class _Candidates:
-    """The candidates of a search, with their cross-validation."""
+def _candidates(search: RunSearch) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...]]:
+    """Return all candidates: claimed ones, each beside those before it, then the others beside all claimed; and the
+    names of those that have no fit, with the reason."""
+    problem, chosen, before = search.problem, search.chosen, search.problem.empty
+    out = [_base_candidate(search, term) for term in search.absent]
+    fitted = iter(search.claimed_effects)
+    for place, member in enumerate(chosen.members):
+        if member.named:
+            p = search.p(search.score_beside(chosen, place))
+            out.append(_candidate(search, member, before, p, search.look_alikes[place], (member.name,), next(fitted)))
+        before = problem.select((*before.members, member))
+    if search.noiseless:
+        return tuple(out), ()
+    others = [(search.p(score), -gain, rival) for rival, gain, score in problem.rivals(chosen)
+              if rival.named and rival.name not in chosen.names
+              and search.dof > len(chosen.rows) + len(rival.rows) + searched_count((*chosen.members, rival))]
+    among = tuple(rival.name for _, _, rival in others if rival.effect.searched)
+    named = problem.select([member for member in chosen.members if member.named])
+    refused = []
+    for p, _, rival in sorted(others, key=lambda entry: entry[:2]):
+        try:
+            out.append(_candidate(search, rival, named, p, (), among))
+        except NotDeterminable:
+            refused.append((rival.name, 'its fit to these readings does not converge'))
+    return tuple(out), tuple(refused)
 
-    def __init__(self, search: RunSearch) -> None:
-        self.search, self.problem = search, search.problem
 
-    def all(self) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...]]:
-        """Return all candidates: claimed ones, each beside those before it, then the others beside all claimed; and the
-        names of those that have no fit, with the reason."""
-        search, problem, chosen, before = self.search, self.problem, self.search.chosen, self.problem.empty
-        out = [self._base_term(term) for term in search.absent]
-        fitted = iter(search.claimed_effects)
-        for place, member in enumerate(chosen.members):
-            if member.named:
-                p = search.p(search.score_beside(chosen, place))
-                out.append(self._effect(member, before, p, search.look_alikes[place], (member.name,), next(fitted)))
-            before = problem.select((*before.members, member))
-        if search.noiseless:
-            return tuple(out), ()
-        others = [(search.p(score), -gain, rival) for rival, gain, score in problem.rivals(chosen)
-                  if rival.named and rival.name not in chosen.names
-                  and search.dof > len(chosen.rows) + len(rival.rows) + searched_count((*chosen.members, rival))]
-        among = tuple(rival.name for _, _, rival in others if rival.effect.searched)
-        named = problem.select([member for member in chosen.members if member.named])
-        refused = []
-        for p, _, rival in sorted(others, key=lambda entry: entry[:2]):
-            try:
-                out.append(self._effect(rival, named, p, (), among))
-            except NotDeterminable:
-                refused.append((rival.name, 'its fit to these readings does not converge'))
-        return tuple(out), tuple(refused)
+def _candidate(search: RunSearch, member: Member, before: Selection, p: float, look_alikes: tuple[str, ...],
+               among: Sequence[str], claimed: FittedEffect | None = None) -> Candidate:
+    """Return the Candidate of a member beside a selection; among: as of WithoutBlocks.settings.
 
-    def _effect(self, member: Member, before: Selection, p: float, look_alikes: tuple[str, ...],
-                among: Sequence[str], claimed: FittedEffect | None = None) -> Candidate:
-        """Return the Candidate of a member beside a selection; among: as of WithoutBlocks.settings.
+    claimed: the effect in the fit with all that is claimed, None for one that is not."""
+    after, scale = search.problem.select((*before.members, member)), search.problem.scale
+    used, more = (len(each.rows) + searched_count(each.members) for each in (before, after))
+    rms_before, rms_after = (scale * float(np.sqrt(each.rss / (search.dof - count)))
+                             for each, count in ((before, used), (after, more)))
+    size = 3 * search.run.size
+    fitted = claimed or search.final_fit([each for each in after.members if each.named]).effects[-1]
+    return Candidate(
+        member.name, dict(member.setting), p, member.share, rms_before, rms_after,
+        scale * search.without(before).rms, scale * search.without(before).rms_with(member, among),
+        float(size * np.log(before.rss / after.rss) - (more - used) * np.log(size)), fitted.parameters,
+        look_alikes, claimed is not None)
 
-        claimed: the effect in the fit with all that is claimed, None for one that is not."""
-        after, scale = self.problem.select((*before.members, member)), self.problem.scale
-        used, more = (len(each.rows) + searched_count(each.members) for each in (before, after))
-        rms_before, rms_after = (scale * float(np.sqrt(each.rss / (self.search.dof - count)))
-                                 for each, count in ((before, used), (after, more)))
-        size = 3 * self.search.run.size
-        fitted = claimed or self.search.final_fit([each for each in after.members if each.named]).effects[-1]
-        return Candidate(
-            member.name, dict(member.setting), p, member.share, rms_before, rms_after,
-            scale * self.search.without(before).rms, scale * self.search.without(before).rms_with(member, among),
-            float(size * np.log(before.rss / after.rss) - (more - used) * np.log(size)), fitted.parameters,
-            look_alikes, claimed is not None)
 
-    def _base_term(self, term: str) -> Candidate:
-        run, after = self.search.run, self.search.base
-        before = fit(run, after.model.without_effect(term), after.settings, after.noise)
-        left, rss = (each.rms**2 * each.dof for each in (after, before))
-        error, error_with = (CrossValidation(each.joint, run.size, self.search.seed).rms_of(
-            each.white_residual.reshape(-1)) for each in (before, after))
-        size = 3 * run.size
-        return Candidate(term, {}, min(f_test(before, after) * 7, 1.0), 1.0, before.rms, after.rms, error, error_with,
-                         float(size * np.log(rss / left) - (after.rank - before.rank) * np.log(size)), (), (), True)
+def _base_candidate(search: RunSearch, term: str) -> Candidate:
+    run, after = search.run, search.base
+    before = fit(run, after.model.without_effect(term), after.settings, after.noise)
+    left, rss = (each.rms**2 * each.dof for each in (after, before))
+    error, error_with = (CrossValidation(each.joint, run.size).rms_of(each.white_residual.reshape(-1))
+                         for each in (before, after))
+    size = 3 * run.size
+    return Candidate(term, {}, min(f_test(before, after) * 7, 1.0), 1.0, before.rms, after.rms, error, error_with,
+                     float(size * np.log(rss / left) - (after.rank - before.rank) * np.log(size)), (), (), True)
