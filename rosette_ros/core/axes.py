@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rosette_ros.core.errors import InvalidData, NotDeterminable
-from rosette_ros.core.geometry import Floats, Frame, nominal_angles, rotate_z, rotation_matrix
+from rosette_ros.core.geometry import Floats, Frame, nominal_angles, rotate_z, rotation_along, rotation_matrix
 
 LETTERS = 'xyz'
 ALONG = np.deg2rad(10.0)
@@ -78,10 +78,7 @@ def axis_rotation(axis: ArrayLike) -> Floats:
     There x is the axis of the machine that follows, x y z x, the one nearest to `axis`, put across it: a table along z
     counts from x, one along x from y, one along y from z. Raises InvalidData as unit_axis."""
     z = unit_axis(axis)
-    start = np.eye(3)[(nearest_axis(z) + 1) % 3]
-    x = start - z * (z @ start)
-    x = x / np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z], axis=-1)
+    return rotation_along(z, np.eye(3)[(nearest_axis(z) + 1) % 3])
 
 
 def taught_frame(origin: ArrayLike, axis: ArrayLike, azimuth: float) -> Frame:
@@ -106,9 +103,7 @@ def rotation_of(axis: ArrayLike, x: ArrayLike | None = None) -> Floats:
     if abs(z @ along) > 1e-3:
         raise InvalidData(f'wanted x perpendicular to the axis, got {np.rad2deg(np.arccos(z @ along)):.2f} deg between '
                           'them')
-    along = along - z * (z @ along)
-    along = along / np.linalg.norm(along)
-    return np.stack([along, np.cross(z, along), z], axis=-1)
+    return rotation_along(z, along)
 
 
 def table_axis(rotation: Floats | None) -> Floats:

@@ -57,6 +57,13 @@ def rotation_matrix(vector: ArrayLike) -> Floats:
     return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * half**2 * (cross @ cross))
 
 
+def rotation_along(z: Floats, x: Floats) -> Floats:
+    """Return the rotation (3, 3) of a frame with a unit vector z as its axis, whose x is x (3,) put across it."""
+    x = x - z * (z @ x)
+    x = x / np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=-1)
+
+
 def rigid_motion(displacement: Floats, place: Floats) -> tuple[Floats, Floats]:
     """Return shift s (3,), m, and rotation r (3,), rad, of the small rigid motion that is nearest to displacements.
 
@@ -148,10 +155,7 @@ def table_frame(axis_points: ArrayLike, plane_points: ArrayLike) -> Frame:
                               f'{angle:.1f} deg between its normal and the axis; check that the targets are the balls '
                               'that were asked for')
     origin = on_axis + z * (normal @ (plane_points.mean(axis=0) - on_axis)) / (normal @ z)
-    x = plane_points[0] - origin
-    x = x - z * (z @ x)
-    x = x / np.linalg.norm(x)
-    return Frame(np.stack([x, np.cross(z, x), z], axis=-1), origin)
+    return Frame(rotation_along(z, plane_points[0] - origin), origin)
 
 
 def fitted_frame(points: ArrayLike, places: ArrayLike) -> Frame:

@@ -125,15 +125,10 @@ def plate_axes(run: Run) -> Floats:
     return out
 
 
-def machine_axes(run: Run) -> Floats:
-    """Return the directions of the machine's x, y, z in the table frame, (3, 3), one a row."""
-    return axes.cmm_axes(run.rotation)
-
-
 @lru_cache(maxsize=4)
 def along_machine(run: Run) -> Floats:
     """Return unit displacements along the axes of the machine for every reading, (3, N, 3)."""
-    return np.repeat(machine_axes(run)[:, None], run.size, axis=1)
+    return np.repeat(axes.cmm_axes(run.rotation)[:, None], run.size, axis=1)
 
 
 def cmm_axes_names(run: Run) -> str:
@@ -143,7 +138,7 @@ def cmm_axes_names(run: Run) -> str:
 
 def cmm_axes(run: Run) -> Floats:
     """Return the directions of these two in the table frame, (2, 3)."""
-    return np.asarray(machine_axes(run)[list(axes.moving_axes(run.rotation))])
+    return np.asarray(axes.cmm_axes(run.rotation)[list(axes.moving_axes(run.rotation))])
 
 
 def cmm_senses(run: Run) -> Floats:
