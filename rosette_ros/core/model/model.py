@@ -80,14 +80,12 @@ class Model:
     noise: tuple[str, ...] = NOISE_TERMS
 
     def __post_init__(self) -> None:
-        for name in self.noise:
-            if name not in NOISE_TERMS:
-                raise InvalidModel(f'model: noise: wanted some of {", ".join(NOISE_TERMS)}, got {name!r}')
-        object.__setattr__(self, 'noise', tuple(name for name in NOISE_TERMS if name in self.noise))
-        for name in self.base:
-            if name not in BASE_TERMS:
-                raise InvalidModel(f'model: base: wanted some of {", ".join(BASE_TERMS)}, got {name!r}')
-        object.__setattr__(self, 'base', tuple(name for name in BASE_TERMS if name in self.base))
+        for part, known in (('noise', NOISE_TERMS), ('base', BASE_TERMS)):
+            names = getattr(self, part)
+            for name in names:
+                if name not in known:
+                    raise InvalidModel(f'model: {part}: wanted some of {", ".join(known)}, got {name!r}')
+            object.__setattr__(self, part, tuple(name for name in known if name in names))
         seen = set()
         for term in self.terms:
             term.effect.check_setting(term.fixed)
