@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from synthetic import MICROMETRE, synthetic_run
 
 from rosette_ros.core.diagnosis.parameter_search import choose_settings
-from rosette_ros.core.errors import InvalidModel, NotDeterminable
+from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.base_model import CompleteSpace
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import fit, mean_radius, observed
@@ -233,10 +233,3 @@ def test_closed_form_refuses_gaps():
     run, *_ = synthetic_run(6)
     with pytest.raises(NotDeterminable, match='36 ball centres; got 35. Use the least-squares fit'):
         closed_form(run.take(np.arange(35)))
-
-
-def test_unknown_base_term():
-    """An unknown base term is refused with the known ones."""
-    run, *_ = synthetic_run(6)
-    with pytest.raises(InvalidModel, match="wanted some of table_motions, .*, got 'magic'"):
-        base_space(run, 0.18, ('magic',))

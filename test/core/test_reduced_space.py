@@ -10,9 +10,8 @@ from synthetic import RADIUS, synthetic_run
 
 from rosette_ros.core.errors import InvalidPlan, NotDeterminable
 from rosette_ros.core.model.base_model import CompleteSpace
-from rosette_ros.core.model.base_space import base_space
+from rosette_ros.core.model.base_space import ReducedSpace, Reduction, base_space
 from rosette_ros.core.model.least_squares import fit
-from rosette_ros.core.model.reduced_space import ReducedSpace, Reduction
 from rosette_ros.core.records import Run, remove_gauge
 from rosette_ros.core.reduced_sets import best_members, fewest_members, penalty
 from rosette_ros.core.scheme import plan

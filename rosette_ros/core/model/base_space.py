@@ -1,15 +1,142 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which way of solving the base model a run allows."""
+"""Which way of solving the base model a run allows; reduced runs, frequency by frequency (see core/reduced_sets.py)."""
+
+from dataclasses import dataclass
 
 import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
 
-from rosette_ros.core.errors import InvalidModel
-from rosette_ros.core.model.base_model import BaseSpace, CompleteSpace
+from rosette_ros.core.errors import NotDeterminable
+from rosette_ros.core.model.base_model import BaseParameters, BaseSpace, CompleteSpace
 from rosette_ros.core.model.model import BASE_TERMS
-from rosette_ros.core.model.noise import Whitening
+from rosette_ros.core.model.noise import Real, Whitening
 from rosette_ros.core.model.normal_space import NormalSpace
-from rosette_ros.core.model.reduced_space import ReducedSpace, Reduction
-from rosette_ros.core.records import Run
+from rosette_ros.core.records import Floats, Ints, Run
+from rosette_ros.core.reduced_sets import Complexes, FrequencyBlocks
+
+
+@dataclass(frozen=True, eq=False)
+class Reduction:
+    """Which part of a scheme is measured: by: 'cmm' or 'ball'; members: (d,) from 0; count: readings of each pair."""
+
+    by: str
+    members: Ints
+    count: int
+
+    @staticmethod
+    def of(run: Run) -> 'Reduction | None':
+        """Return the Reduction of a run, None where it is not one; a complete run is one of all CMM positions."""
+        count = np.bincount(run.cells, minlength=run.n**2)
+        most = int(count.max())
+        for by, other in (('cmm', run.cmm_position), ('ball', run.ball)):
+            members = np.unique(other) - 1
+            if run.size == most * run.n * members.size and np.count_nonzero(count) * most == run.size:
+                return Reduction(by, members, most)
+        return None
+
+
+class ReducedSpace(BaseSpace):
+    """The base model on a reduced run whose noise is white but for z: one small system for each frequency.
+
+    Raises NotDeterminable where the reduction does not determine the curves.
+    """
+
+    def __init__(self, run: Run, lever: float, reduction: Reduction, whitening: Whitening | None = None) -> None:
+        super().__init__(run, lever, whitening=whitening)
+        self.reduction, self._by_ball = reduction, reduction.by == 'ball'
+        self._blocks = FrequencyBlocks(run.n, reduction.members)
+        if not self._blocks.is_determined:
+            raise NotDeterminable(
+                f'{run.source}: the {"balls" if self._by_ball else "CMM positions"} '
+                f'{", ".join(str(k + 1) for k in reduction.members)} of {run.n} do not determine the curves; measure '
+                'more of them, or others (rosette plan)')
+        self.rank = self._blocks.rank
+        position = run.table_position - 1
+        place = np.searchsorted(reduction.members, (run.ball if self._by_ball else run.cmm_position) - 1)
+        self._cell = ((-position) % run.n if self._by_ball else position) * reduction.members.size + place
+        self._reading = np.argsort(self._cell, kind='stable')
+        self._turn = np.exp(2j * np.pi / run.n * np.arange(run.n))[:, None]  # omega^i' of plate axes
+
+    def free(self, columns: NDArray[Real]) -> NDArray[Real]:
+        """Return what the base model cannot describe of white columns (m, N, 3), same shape and precision."""
+        if not len(columns):
+            return columns
+        z, w = self._spectra(columns)
+        half = self.n // 2
+        model = np.zeros_like(z)
+        model[0], model[1:] = z[0], self._blocks.z.projected(z[1:])
+        axial = scipy.fft.irfft(model, n=self.n, axis=0)
+        plane = np.empty_like(w)
+        stacked = self._blocks.w.projected(_stack(w, half))
+        size = self.reduction.members.size
+        plane[0], plane[1:half + 1] = w[0], stacked[..., :size]
+        plane[:-half - 1:-1] = stacked[..., size:].conj()
+        plane = scipy.fft.ifft(plane, axis=0)
+        if self._by_ball:
+            plane *= self._turn[:, None].conj()
+        parts = (plane.real, plane.imag, axial)
+        model = np.stack([part.transpose(1, 0, 2).reshape(len(columns), -1)[:, self._cell] for part in parts], axis=-1)
+        out: NDArray[Real] = columns - model.astype(columns.dtype, copy=False)
+        return out
+
+    def _spectra(self, columns: NDArray[Real]) -> tuple[Complexes, Complexes]:
+        """Return the transforms over the table positions of z, (h + 1, m, d), and of x + iy, (n, m, d)."""
+        def grid(values: NDArray[Real]) -> NDArray[Real]:
+            shape = (len(values), self.n, self.reduction.members.size, self.reduction.count)
+            mean: NDArray[Real] = values[:, self._reading].reshape(shape).mean(axis=3)
+            return mean.transpose(1, 0, 2)
+        w = grid(columns[..., 0]) + 1j * grid(columns[..., 1])
+        if self._by_ball:
+            w = w * self._turn[:, None].astype(w.dtype)
+        return scipy.fft.rfft(grid(columns[..., 2]), axis=0), scipy.fft.fft(w, axis=0)
+
+    def parameters(self, columns: Floats) -> BaseParameters:
+        """Return the BaseParameters that describe columns (m, N, 3) best, in the gauge; not measured: NaN."""
+        n, m, half = self.n, len(columns), self.n // 2
+        members = self.reduction.members
+        z, w = self._spectra(columns)
+        x, y = self._blocks.z.solved(z[1:]), self._blocks.w.solved(_stack(w, half))
+
+        def series(above: Complexes, below: Complexes, shift: int = 0) -> Complexes:
+            """Return (n, m) values of harmonics shift + f and shift - f, f = 1 .. h."""
+            spectrum = np.zeros((n, m), dtype=complex)
+            f = np.arange(1, half + 1)
+            spectrum[(shift - f) % n], spectrum[(shift + f) % n] = below, above
+            return np.asarray(scipy.fft.ifft(spectrum, axis=0))
+
+        axial = series(x[..., 0], x[..., 0].conj()).real
+        tilt = series(x[..., 1], x[..., 2].conj())
+        radial = series(y[..., 0], y[..., 2].conj())
+        turn = series(y[..., 4], y[..., 4].conj()).real / self.lever
+        moving = np.stack([*_parts(series(y[..., 3].conj(), y[..., 1], 1)), series(x[..., 3].conj(), x[..., 3]).real])
+        fixed = np.full((3, n, m), np.nan)
+        still = w[0].T / n
+        fixed[:, members] = np.stack([still.real, still.imag, z[0].T.real / n])
+        if self._by_ball:
+            back = (-np.arange(n)) % n  # from i' to i
+            axial, tilt, radial, turn = axial[back], tilt[back], radial[back], turn[back]
+            tilt, radial = tilt * self._turn.conj(), radial * self._turn
+            plate, cmm = fixed, moving
+        else:
+            angle = np.exp(2j * np.pi / n * np.arange(n))[:, None]
+            common = np.mean(still * angle[members].conj(), axis=0) * angle
+            shift = np.stack([*_parts(common), np.tile(fixed[2, members].mean(axis=0), (n, 1))])
+            plate, cmm = moving + shift, fixed - shift
+        curves = np.stack([*_parts(radial), axial, -2 * tilt.imag / self.lever, -2 * tilt.real / self.lever, turn],
+                          axis=-1)
+        return BaseParameters(curves.swapaxes(0, 1), plate.transpose(2, 1, 0), cmm.transpose(2, 1, 0))
+
+    def curve_cofactor(self) -> Floats:
+        """Return the variances of the curves for unit variance of a coordinate, (n, 6)."""
+        turned = 2 * np.angle(self._turn[:, 0]) if self._by_ball else None
+        plane, z = self.whitening.sd[[0, 2]]**2
+        variance = self._blocks.curve_variance(self.lever, self.reduction.count, turned)
+        return np.asarray(variance * np.array([plane, plane, z, z, z, plane]))
+
+    def deviation_cofactors(self) -> tuple[Floats, Floats]:
+        """Return the variances of plate and CMM for unit variance of a coordinate, (n, 3) each; not measured: NaN."""
+        return NormalSpace(self._run, self.lever, whitening=self.whitening).deviation_cofactors()
 
 
 def base_space(run: Run, lever: float, terms: tuple[str, ...] = BASE_TERMS,
@@ -20,9 +147,6 @@ def base_space(run: Run, lever: float, terms: tuple[str, ...] = BASE_TERMS,
     white and equal; what a space makes of columns stands in white coordinates. Raises NotDeterminable, with what cannot
     be determined, for too little data.
     """
-    unknown = [term for term in terms if term not in BASE_TERMS]
-    if unknown:
-        raise InvalidModel(f'base: wanted some of {", ".join(BASE_TERMS)}, got {unknown[0]!r}')
     whitening = whitening or Whitening(run.size, np.ones(3))
     if whitening.by_axis and whitening.sd[0] == whitening.sd[1]:
         if run.is_complete:
@@ -31,3 +155,12 @@ def base_space(run: Run, lever: float, terms: tuple[str, ...] = BASE_TERMS,
         if reduction and set(terms) == {*BASE_TERMS}:
             return ReducedSpace(run, lever, reduction, whitening)
     return NormalSpace(run, lever, terms, whitening)
+
+
+def _stack(w: Complexes, half: int) -> Complexes:
+    """Return the data of f = 1 .. h beside the conjugate ones of -f, (h, m, 2 d), of transforms (n, m, d)."""
+    return np.concatenate([w[1:half + 1], w[:-half - 1:-1].conj()], axis=2)
+
+
+def _parts(values: Complexes) -> tuple[Floats, Floats]:
+    return np.asarray(values.real, dtype=float), np.asarray(values.imag, dtype=float)
