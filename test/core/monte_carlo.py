@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from rosette_ros.core.diagnosis.search import Problem
-from rosette_ros.core.effects.effect import FixedEffect
 from rosette_ros.core.model.least_squares import fit
 
 
@@ -76,10 +75,11 @@ def _refit(fitted, rng):
     noise = fitted.joint.whitening.inverse(fitted.sigma * rng.standard_normal((1, run.size, 3)))[0]
     drawn = run.replace(centre=run.centre - fitted.residual + noise)
     base = fit(drawn, type(fitted.model)(fitted.model.base), noise=fitted.noise)
-    problem = Problem(drawn, base.joint, base.white_residual, base.dof, (), ())
-    members = [problem.member(FixedEffect(term.effect, term.fixed), setting, 1.0)
-               for term, setting in zip(fitted.model.terms, fitted.settings)]
+    problems = [Problem(drawn, base.joint, base.white_residual, base.dof, (), (), fixed=term.fixed)
+                for term in fitted.model.terms]
+    members = [problem.member(term.effect, setting, 1.0)
+               for problem, term, setting in zip(problems, fitted.model.terms, fitted.settings)]
     for _ in range(2 if len(members) > 1 else 1):
-        for place, member in enumerate(members):
+        for place, (problem, member) in enumerate(zip(problems, members)):
             members[place] = problem.refine(member, problem.select(members[:place] + members[place + 1:]))
     return fit(drawn, fitted.model, tuple(member.setting for member in members), fitted.noise)

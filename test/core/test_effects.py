@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from synthetic import RADIUS, synthetic_run
 
 from rosette_ros.core.axes import axis_rotation
-from rosette_ros.core.effects.effect import FixedEffect, Setting
+from rosette_ros.core.diagnosis.search import Problem
+from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free_forms import FREE_FORMS
 from rosette_ros.core.effects.library import EFFECTS, effect, effects_of
 from rosette_ros.core.errors import InvalidModel
@@ -113,12 +114,15 @@ def test_columns_do_not_depend_on_the_ball_centres(subject):
 @pytest.mark.parametrize('subject', EVERY, ids=lambda e: e.name)
 def test_fixed_values_hold(subject):
     """A fixed parameter stays as it was given in every setting, and is not refined."""
-    run = warm_run()
-    setting = subject.settings(run)[0]
-    for name, value in setting.items():
-        fixed = FixedEffect(subject, Setting({name: value}))
-        assert all(entry[name] == value for entry in fixed.settings(run))
-        assert name not in fixed.brackets(run, setting)
+    run = warm_run(6)
+    base = fit(run)
+    for name, value in subject.settings(run)[0].items():
+        fixed = Setting({name: value})
+        problem = Problem(run, base.joint, base.white_residual, base.dof, (subject,), (), fixed=fixed)
+        settings = [setting for family in problem.families for setting in family.settings]
+        assert all(setting[name] == value for setting in settings)
+        for member in filter(None, (problem.member(subject, setting, 1.0) for setting in settings[:1])):
+            assert problem.refine(member, problem.empty).setting[name] == value
 
 
 def test_sag_is_gravity_in_the_plate():

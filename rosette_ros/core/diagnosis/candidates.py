@@ -8,7 +8,7 @@ after A. Since M r = r and M A' = A', the products U r = T (B r) ask for raw col
 products of few waves and directions, or nearly empty, and B M B' = B B' - (B Q')(B Q')' by the basis Q of the model.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -216,16 +216,21 @@ def _settings(effect: Effect, run: Run) -> tuple[Setting, ...]:
 
 
 def families(run: Run, effects: Sequence[Effect], project: Projection, keep_hidden: bool = False,
-             like: Sequence[Family] = ()) -> tuple[Family, ...]:
+             like: Sequence[Family] = (), fixed: Mapping[str, float | str] | None = None) -> tuple[Family, ...]:
     """Return the families of the effects that a run can judge; keep_hidden: also those of which it shows nothing.
 
-    like: those of the same run under another projection, whose raw columns are used again.
+    like: those of the same run under another projection, whose raw columns are used again; fixed: searched parameters
+    that are held at a value: settings that become the same are one chance.
     """
     def of_effect(effect: Effect) -> list[Family]:
         settings = _settings(effect, run)
+        if fixed:
+            settings = tuple(dict.fromkeys(Setting({**setting, **fixed}) for setting in settings))
+        most = max(1, min(effect.independent_settings(run), len(settings))) if fixed else np.inf
+        chances = [min(one, most) for one in effect.chances(run, settings)]
         factors = effect.factors(run, settings) if settings else None
-        return (_wave_families(run, effect, settings, factors, project) if factors
-                else _families(run, effect, settings, project, like))
+        return (_wave_families(effect, settings, chances, factors, project) if factors
+                else _families(run, effect, settings, chances, project, like))
 
     judged = [effect for effect in effects if not effect.unavailable(run)]
     # of a large run, most of the time is spent in products of arrays, during which another thread can run
@@ -234,18 +239,17 @@ def families(run: Run, effects: Sequence[Effect], project: Projection, keep_hidd
     return tuple(family for family in chain(*found) if keep_hidden or family.ranks.any())
 
 
-def _alike(run: Run, effect: Effect, settings: Sequence[Setting],
-           widths: Sequence[int]) -> list[tuple[int, float, list[int]]]:
+def _alike(widths: Sequence[int], chances: Sequence[float]) -> list[tuple[int, float, list[int]]]:
     """Return number of columns, chances and places of the settings that share both."""
-    kinds = list(zip(widths, effect.chances(run, settings)))
+    kinds = list(zip(widths, chances))
     return [(*kind, [place for place, other in enumerate(kinds) if other == kind]) for kind in sorted(set(kinds))]
 
 
-def _families(run: Run, effect: Effect, settings: Sequence[Setting], project: Projection,
+def _families(run: Run, effect: Effect, settings: Sequence[Setting], each: Sequence[float], project: Projection,
               like: Sequence[Family]) -> list[Family]:
     banks = {(one.q, one.chances): one.bank for one in like if one.effect == effect and isinstance(one.bank, Sparse)}
     out = []
-    for q, chances, places in _alike(run, effect, settings, [effect.width(run, setting) for setting in settings]):
+    for q, chances, places in _alike([effect.width(run, setting) for setting in settings], each):
         some = tuple(settings[place] for place in places)
         if (q, chances) in banks:
             out.append(_sparse_family(effect, some, chances, banks[q, chances], project))
@@ -326,7 +330,7 @@ def _compressed(flat: Reals) -> scipy.sparse.csr_array:
     return scipy.sparse.csr_array((values[places], column, start), shape=flat.shape)
 
 
-def _wave_families(run: Run, effect: Effect, settings: Sequence[Setting], factors: Factors,
+def _wave_families(effect: Effect, settings: Sequence[Setting], each: Sequence[float], factors: Factors,
                    project: Projection) -> list[Family]:
     m = factors.waves.shape[1]
     scale, moves = _wave_lengths(factors)
@@ -339,7 +343,7 @@ def _wave_families(run: Run, effect: Effect, settings: Sequence[Setting], factor
     gram = _wave_gram(bank, project) / (scale[:, :, None] * scale[:, None])
     d = len(factors.directions)
     out = []
-    for q, chances, places in _alike(run, effect, settings, [m * len(which) for _, which in factors.of_setting]):
+    for q, chances, places in _alike([m * len(which) for _, which in factors.of_setting], each):
         wave = np.array([factors.of_setting[place][0] for place in places])
         which = np.array([factors.of_setting[place][1] for place in places])
         column = (np.arange(m)[None, :, None] * d + which[:, None]).reshape(len(places), q)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rosette_ros.core.diagnosis.search import Member, Problem, Selection
-from rosette_ros.core.effects.effect import FixedEffect, Setting
+from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.errors import InvalidModel, NotDeterminable
 from rosette_ros.core.model.least_squares import JointSpace, fit, refused_as_hidden
 from rosette_ros.core.model.model import Model, Term
@@ -45,8 +45,7 @@ def effect_problems(run: Run, model: Model, space: JointSpace, residual: Floats,
     """Return a Problem of each effect alone, none where all is fixed; residual: white, (N, 3), m; all of the base."""
     if all(parameter.name in term.fixed for term in model.terms for parameter in term.effect.searched):
         return ()
-    effects = [FixedEffect(term.effect, term.fixed) if term.fixed else term.effect for term in model.terms]
-    return tuple(Problem(run, space, residual, dof, (effect,), ()) for effect in effects)
+    return tuple(Problem(run, space, residual, dof, (term.effect,), (), fixed=term.fixed) for term in model.terms)
 
 
 def search_settings(run: Run, model: Model, problems: Sequence[Problem]) -> tuple[Setting, ...]:

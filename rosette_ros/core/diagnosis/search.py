@@ -119,20 +119,20 @@ class Offer(NamedTuple):
 class Problem:
     """What is searched: a run, the model's projection, the residual in sigma, and the families of effects."""
 
-    def __init__(self, run: Run, space: JointSpace, residual: Floats, dof: int,
-                 effects: Sequence[Effect] | None = None,
-                 unnamed: Sequence[FreeForm] = SEARCHED_FORMS, like: Sequence[Family] = ()) -> None:
+    def __init__(self, run: Run, space: JointSpace, residual: Floats, dof: int, effects: Sequence[Effect] | None = None,
+                 unnamed: Sequence[FreeForm] = SEARCHED_FORMS, like: Sequence[Family] = (),
+                 fixed: Setting | None = None) -> None:
         """Build the families once; space, residual (N, 3), m, and its degrees of freedom: of the model.
 
         effects: those that the cell can have, if none are given; like: families of the same run under another noise,
-        whose raw columns are used again.
+        whose raw columns are used again; fixed: searched parameters that are held at a value.
         """
-        self.run, self.dof = run, dof
+        self.run, self.dof, self._fixed = run, dof, fixed or Setting()
         effects = tuple(effects_of(run).values()) if effects is None else effects
         self.project = Projection(space, run.size)
         self._made: dict[tuple[str, Setting, float], Member | None] = {}
         self._scale_to(residual)
-        self.families = families(run, (*effects, *unnamed), self.project, like=like)
+        self.families = families(run, (*effects, *unnamed), self.project, like=like, fixed=fixed)
 
     def _scale_to(self, residual: Floats) -> None:
         self.scale = float(np.sqrt(np.sum(residual**2) / self.dof)) or 1.0
@@ -235,6 +235,7 @@ class Problem:
         """Return a member with its continuous parameters refined beside others, again while several gain by that."""
         while True:
             before, brackets = _gain(member, others), member.effect.brackets(self.run, member.setting)
+            brackets = {name: bracket for name, bracket in brackets.items() if name not in self._fixed}
             for name, bracket in brackets.items():
                 better = self.member(member.effect, self._best_value(member, others, name, bracket), member.chances)
                 if better and _gain(better, others) >= _gain(member, others):
@@ -426,8 +427,7 @@ def cost(energy: float | Floats, k: int) -> Floats:
 
 def search_cost(effect: Effect, chances: float) -> float:
     """Return what the search of an effect with so many separate chances costs."""
-    extra = UNNAMED_PRIOR if isinstance(effect, FreeForm) else 0.0
-    return float(2 * np.log(chances * OF_ANY_TABLE)) + extra
+    return float(2 * np.log(chances * OF_ANY_TABLE)) + UNNAMED_PRIOR * isinstance(effect, FreeForm)
 
 
 def _gain(member: Member, others: Selection) -> float:

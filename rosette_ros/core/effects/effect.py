@@ -235,37 +235,3 @@ class TurningEffect(Effect):
         shift = self.columns(run, setting) @ amplitudes
         turn = np.sum(shift * tangential(run.alpha), axis=1) / run.radius
         return Motion(turn[:, None] * unit(2, run.size))
-
-
-class FixedEffect(Effect):
-    """Another effect of which some searched parameters are held at given values."""
-
-    def __init__(self, effect: Effect, fixed: Setting) -> None:
-        self.effect, self.fixed = effect, fixed
-        self.name, self.depends_on, self.searched = effect.name, effect.depends_on, effect.searched
-        self.needs_tilt = effect.needs_tilt
-
-    def settings(self, run: Run) -> tuple[Setting, ...]:
-        """Return the effect's settings with the fixed values in their place, each once."""
-        return tuple(dict.fromkeys(Setting({**setting, **self.fixed}) for setting in self.effect.settings(run)))
-
-    def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
-        """Return the brackets of what is not fixed."""
-        return {name: bracket for name, bracket in self.effect.brackets(run, setting).items() if name not in self.fixed}
-
-    def independent_settings(self, run: Run) -> int:
-        """Return the effect's number, at most as many as there are settings left."""
-        return max(1, min(self.effect.independent_settings(run), len(self.settings(run))))
-
-    def chances(self, run: Run, settings: Sequence[Setting]) -> list[float]:
-        most = self.independent_settings(run)
-        return [min(one, most) for one in self.effect.chances(run, settings)]
-
-    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
-        return self.effect.amplitudes(run, setting)
-
-    def blocks(self, run: Run, settings: Sequence[Setting]) -> Floats:
-        return self.effect.blocks(run, settings)
-
-    def factors(self, run: Run, settings: Sequence[Setting]) -> Factors | None:
-        return self.effect.factors(run, settings)
