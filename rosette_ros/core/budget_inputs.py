@@ -68,18 +68,16 @@ class BudgetInputs:
         return self.values[section].get(entry, known.factor * (known.default or 0.0))
 
 
-def temperature_course(run: Run) -> Floats | None:
-    """Return the temperatures of a run less their mean, (N,), K, gaps filled along time; None where none is known."""
+def temperature_course(run: Run) -> tuple[Floats, bool]:
+    """Return the temperatures of a run less their mean, (N,), K, gaps filled along time, and True.
+
+    Where none is known a steady course that changes by one in all, and False.
+    """
     known = np.isfinite(run.temperature)
-    if np.count_nonzero(known) < 2:
-        return None
-    order = np.argsort(run.time[known], kind='stable')
-    course = np.interp(run.time, run.time[known][order], run.temperature[known][order])
-    return np.asarray(course - course.mean())
-
-
-def drift_course(run: Run) -> Floats:
-    """Return a steady course of temperature over a run that changes by one in all, less its mean, (N,)."""
-    span = float(np.ptp(run.time))
-    course = (run.time - run.time.min()) / (span or 1.0)
-    return np.asarray(course - course.mean())
+    is_recorded = bool(np.count_nonzero(known) >= 2)
+    if is_recorded:
+        order = np.argsort(run.time[known], kind='stable')
+        course = np.interp(run.time, run.time[known][order], run.temperature[known][order])
+    else:
+        course = (run.time - run.time.min()) / (float(np.ptp(run.time)) or 1.0)
+    return np.asarray(course - course.mean()), is_recorded

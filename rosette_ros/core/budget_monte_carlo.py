@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rosette_ros.core.budget_inputs import drift_course, temperature_course
+from rosette_ros.core.budget_inputs import temperature_course
 from rosette_ros.core.form_field import form_basis, standard_height
 from rosette_ros.core.geometry import nominal_angles, rotate_z, rotation_matrix
 from rosette_ros.core.model.least_squares import observed
@@ -145,8 +145,7 @@ class _World:
         spoke = np.stack([np.cos(run.beta), np.sin(run.beta), np.zeros(run.size)], axis=-1)
         self.spoke, self.angle = spoke, run.phi + run.angle_deviation
         self.ball = run.radius * spoke + self.fit.plate[run.ball - 1]
-        course = temperature_course(run)
-        self.is_recorded, self.course = course is not None, drift_course(run) if course is None else course
+        self.course, self.is_recorded = temperature_course(run)
         self.basis, self.touches = None, 0
         is_touched = made.touch is not None and self.fit.joint.whitening.by_axis
         if is_touched or 'ball_form' in self.inputs:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import optimize, special
 
-from rosette_ros.core.budget_inputs import BOUNDS, SECTIONS, BudgetInputs, drift_course, temperature_course
+from rosette_ros.core.budget_inputs import BOUNDS, SECTIONS, BudgetInputs, temperature_course
 from rosette_ros.core.error_summary import COVERAGE_FACTOR, AxisError, error_lines, extremes
 from rosette_ros.core.errors import InvalidData, unknown
 from rosette_ros.core.form_field import form_basis, standard_height
@@ -312,25 +312,23 @@ def form_directions(inputs: BudgetInputs, touch: TouchScatter | None) -> Floats:
 
 
 def _temperature(fit: Fit, inputs: BudgetInputs) -> list[_Displaced]:
-    run, course, out = fit.run, temperature_course(fit.run), []
+    run, (course, is_recorded), out = fit.run, temperature_course(fit.run), []
     radial = run.radius * np.stack([np.cos(run.alpha), np.sin(run.alpha), np.zeros(run.size)], axis=-1)
     empty = np.zeros((run.n, 6))
-    for section in ('plate_expansion', 'frame_expansion'):
-        if section in inputs and course is None and not inputs.value(section, 'range_K'):
-            raise InvalidData(f'{run.source}: budget: {section}: wanted range_K, as no temperature is recorded, got '
-                              'none')
     for section, key, unit in (('plate_expansion', 'u_um_per_m_K', '1/K'), ('frame_expansion', 'u_um_per_K', 'm/K')):
         if section not in inputs:
             continue
-        wave, is_known = (drift_course(run), False) if course is None else (course, True)
-        rows = (wave[:, None] * radial)[None] if section == 'plate_expansion' else np.stack(
-            [wave[:, None] * np.eye(3)[axis] for axis in range(3)])
+        if not is_recorded and not inputs.value(section, 'range_K'):
+            raise InvalidData(f'{run.source}: budget: {section}: wanted range_K, as no temperature is recorded, got '
+                              'none')
+        rows = (course[:, None] * radial)[None] if section == 'plate_expansion' else np.stack(
+            [course[:, None] * np.eye(3)[axis] for axis in range(3)])
         words, dof = inputs.words.get(section, 'inputs'), inputs.dof.get(section, np.inf)
         value, size = inputs.value(section, key), inputs.value(section, 'range_K') / np.sqrt(3)
         known = abs(inputs.value(section, 'coefficient_um_per_m_K')) if section == 'plate_expansion' else 0.0
         what = SECTIONS[section][0]
         name = f'temperature: {section.split("_")[0]}'
-        if is_known:
+        if is_recorded:
             made = [(name, what, 'normal', value, unit, value)]
             if known:
                 made.append(('temperature: plate, known', 'expansion that nobody took off; plate_expansion in the '
