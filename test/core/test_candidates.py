@@ -41,7 +41,7 @@ SPACES = spaces()
 def test_the_basis_spans_what_the_projection_takes_away(name):
     """Q is orthonormal, has the rank of the space, and 1 - Q'Q is the projection."""
     run, space = SPACES[name]
-    rows = space.basis.rows()
+    rows = space.basis.rows
     assert len(rows) == space.rank + (space.space.rank if name == 'with an effect' else 0)
     assert np.abs(rows @ rows.T - np.eye(len(rows))).max() < 1e-12
     some = np.random.default_rng(0).standard_normal((5, run.size, 3))

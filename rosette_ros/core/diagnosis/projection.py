@@ -33,7 +33,7 @@ class Projection:
     @cached_property
     def columns(self) -> Reals:
         """W' of the model's basis in single precision, (3 N, rank): what raw columns have of it."""
-        return np.ascontiguousarray(self.adjoint(self.basis.rows()).astype(np.float32).T)
+        return np.ascontiguousarray(self.adjoint(self.basis.rows).astype(np.float32).T)
 
     def adjoint(self, rows: Reals) -> Reals:
         """Return W' of white rows (m, 3 N): their products with raw columns are those of the whitened ones."""

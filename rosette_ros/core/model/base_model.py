@@ -71,21 +71,18 @@ class Basis:
 
     def residual(self, columns: NDArray[Real]) -> NDArray[Real]:
         """Return columns (m, N, 3) freed of what the rows span, same shape and precision."""
-        rows: NDArray[Any] = self._single if columns.dtype == np.float32 else self._double
+        rows: NDArray[Any] = self._single if columns.dtype == np.float32 else self.rows
         flat = columns.reshape(len(columns), rows.shape[1])
         left: NDArray[Any] = flat - (flat @ rows.T) @ rows
         return left.reshape(columns.shape)
 
     @cached_property
-    def _double(self) -> Floats:
-        return self.rows()
+    def _single(self) -> NDArray[np.float32]:
+        return self.rows.astype(np.float32)
 
     @cached_property
-    def _single(self) -> NDArray[np.float32]:
-        return self.rows().astype(np.float32)
-
     def rows(self) -> Floats:
-        """Return all rows, (rank, 3 N)."""
+        """All rows, (rank, 3 N)."""
         size = self.axial.shape[1]
         out = np.zeros((self.rank, size, 3))
         plane = len(self.axial) + len(self.plane)
