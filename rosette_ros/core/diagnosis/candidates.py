@@ -315,7 +315,7 @@ def _within(rows: scipy.sparse.csr_array, project: Projection, b: int) -> Reals:
         used = np.diff(part.indptr) > 0
         if used.any():
             white: Reals = np.zeros(part.shape, dtype=np.float32)
-            white[used] = project.whitening.along(axis, part[used].toarray())
+            white[used] = project.whitening.along(axis).apply(part[used].toarray())
             blocks = white.reshape(b, -1, white.shape[1])
             out += blocks @ blocks.transpose(0, 2, 1)
     return out
@@ -334,7 +334,8 @@ def _wave_families(effect: Effect, settings: Sequence[Setting], each: Sequence[f
                    project: Projection) -> list[Family]:
     m = factors.waves.shape[1]
     scale, moves = _wave_lengths(factors)
-    waves, are_inside = np.empty(factors.waves.shape, np.float32), _are_inside(factors.directions, project)
+    waves = np.empty(factors.waves.shape, np.float32)
+    are_inside = np.abs(project(factors.directions)).max() < 1e-9 * np.abs(factors.directions).max()
     for start in range(0, len(waves), CHUNK):
         part = factors.waves[start:start + CHUNK]
         # a constant is the model's: no lost digits
@@ -368,11 +369,6 @@ def _wave_lengths(factors: Factors) -> tuple[Reals, Bools]:
     return scale.reshape(v, -1), moves.reshape(v, -1)
 
 
-def _are_inside(directions: Reals, project: Projection) -> bool:
-    left = project(directions)
-    return bool(np.abs(left).max() < 1e-9 * np.abs(directions).max())
-
-
 def _wave_gram(bank: Waves, project: Projection) -> Reals:
     """Return B M B' of all columns of each wave, (v, m D, m D), by B B' - (B Q')(B Q')'."""
     v, m, n = bank.waves.shape
@@ -396,8 +392,8 @@ def _wave_gram(bank: Waves, project: Projection) -> Reals:
             for axis in range(3):
                 used = np.flatnonzero(bank.directions[..., axis].any(axis=1))
                 if used.size:
-                    along_axis = white.along(axis, (waves[:, :, None] * bank.directions[used, :, axis]).reshape(-1, n))
-                    every = along_axis.astype(np.float32).reshape(len(waves), m * used.size, n)
+                    moved = (waves[:, :, None] * bank.directions[used, :, axis]).reshape(-1, n)
+                    every = white.along(axis).apply(moved).astype(np.float32).reshape(len(waves), m * used.size, n)
                     found = (every @ every.transpose(0, 2, 1)).reshape(len(waves), m, used.size, m, used.size)
                     across[:, :, used[:, None], :, used] += found.transpose(2, 4, 0, 1, 3)
             whole = across.reshape(len(waves), m * d, m * d)

@@ -148,7 +148,7 @@ class NoiseProblem:
     def _of_part(self, axes: tuple[int, ...], white: Whitening) -> tuple[float, int, float]:
         """Return the variance of what is left of some axes, its degrees of freedom, and ln det B'B."""
         design = _whitened(white, axes, self._plain[PARTS.index(axes)][0].design)
-        rows = np.concatenate([white.along(axis, self._observed[None, :, axis])[0] for axis in axes])
+        rows = np.concatenate([white.along(axis).apply(self._observed[None, :, axis])[0] for axis in axes])
         root = np.linalg.cholesky(design.T @ design)
         taken = scipy.linalg.solve_triangular(root, design.T @ rows, lower=True, check_finite=False)
         dof = rows.size - len(taken)
@@ -178,7 +178,7 @@ def _whitened(white: Whitening, axes: tuple[int, ...], design: Floats) -> Floats
     if white.is_plain:
         return design
     parts = np.split(design, len(axes))
-    return np.concatenate([white.of_columns(axis, part) for axis, part in zip(axes, parts)])
+    return np.concatenate([white.along(axis).of_columns(part) for axis, part in zip(axes, parts)])
 
 
 class _Span:

@@ -155,7 +155,7 @@ class Whitening:
         self.size, self.sd = size, sd
         wander = np.zeros(3) if wander is None else wander
         self._phi, self._wander = phi, wander
-        self._made: dict[int, _Filter] = {}
+        self._made: dict[int, AxisFilter] = {}
         self.is_plain = self.by_axis and bool(np.all(self.sd == 1))
         self.is_diagonal = not wander.any()
 
@@ -164,30 +164,22 @@ class Whitening:
         sizes = {float(self.sd[axis]) for axis in axes} if self.by_axis else set()
         return 1 / sizes.pop() if len(sizes) == 1 else 0.0
 
-    def _filter(self, axis: int) -> '_Filter':
+    def along(self, axis: int) -> 'AxisFilter':
+        """Return W of one axis."""
         if axis not in self._made:
             sd = np.broadcast_to(self.sd, (self.size, 3))[:, axis]
-            self._made[axis] = _Filter(sd, self._phi, float(self._wander[axis]))
+            self._made[axis] = AxisFilter(sd, self._phi, float(self._wander[axis]))
         return self._made[axis]
 
     def log_det_of(self, axes: Sequence[int]) -> float:
         """Return the logarithm of det C of some axes."""
-        return float(sum(self._filter(axis).log_det for axis in axes))
+        return float(sum(self.along(axis).log_det for axis in axes))
 
     @cached_property
     def factors(self) -> Floats:
         """The diagonal of W where it is diagonal, (N, 3)."""
         factors: Floats = 1 / np.broadcast_to(self.sd, (self.size, 3))
         return factors
-
-    def along(self, axis: int, rows: Floats, adjoint: bool = False) -> Floats:
-        """Return W, or W', of rows (m, N) along one axis."""
-        made = self._filter(axis)
-        return made.adjoint(rows) if adjoint else made.apply(rows)
-
-    def of_columns(self, axis: int, columns: Floats) -> Floats:
-        """Return W of columns (N, m) along one axis."""
-        return self._filter(axis).of_columns(columns)
 
     def apply(self, columns: NDArray[Real]) -> NDArray[Real]:
         """Return W of columns (m, N, 3), same shape and precision."""
@@ -212,12 +204,12 @@ class Whitening:
         for axis in range(3):
             busy = columns[..., axis].any(axis=-1)
             if busy.any():
-                out[busy, :, axis] = getattr(self._filter(axis), what)(columns[busy, :, axis])
+                out[busy, :, axis] = getattr(self.along(axis), what)(columns[busy, :, axis])
         return out
 
 
-class _Filter:
-    """W of one axis: rows (m, N) to rows (m, N)."""
+class AxisFilter:
+    """W of one axis: rows (m, N) to rows (m, N); log_det: the logarithm of det C of the axis."""
 
     def __init__(self, sd: Floats, phi: float, wander: float) -> None:
         self._sd, self._phi, self._wanders = sd, phi, wander > 0

@@ -83,7 +83,8 @@ class Part:
             return rows
         out = np.empty_like(rows)
         for place, axis in enumerate(self._axes):
-            out[place::len(self._axes)] = self._white.along(axis, rows[place::len(self._axes)].T, adjoint).T
+            made = self._white.along(axis)
+            out[place::len(self._axes)] = (made.adjoint if adjoint else made.apply)(rows[place::len(self._axes)].T).T
         return out
 
     def _back(self, rows: NDArray[Real]) -> NDArray[Real]:
@@ -158,7 +159,7 @@ def orthonormal_rows(run: Run, terms: tuple[str, ...], whitening: Whitening | No
         dense = design.toarray()
         if whitening is not None and not whitening.is_plain:
             for place, axis in enumerate(axes):
-                dense[place::len(axes)] = whitening.along(axis, dense[place::len(axes)].T).T
+                dense[place::len(axes)] = whitening.along(axis).apply(dense[place::len(axes)].T).T
         value, vector = np.linalg.eigh(dense.T @ dense)
         keep = value > SINGULAR * max(value[-1], 1.0)
         basis = dense @ (vector[:, keep] / np.sqrt(value[keep]))
@@ -191,36 +192,31 @@ def _sparse(entries: Entries, width: int, axes: int = 1) -> scipy.sparse.csr_arr
     return scipy.sparse.csr_array((value.ravel(), (row.ravel(), column.ravel())), shape=(axes * size, width))
 
 
-def _rows(*rows: list[Floats]) -> Floats:
-    """Return rows of n-vectors end to end, (k, q)."""
-    return np.array([np.concatenate(row) for row in rows])
-
-
 def _z_gauge(n: int) -> Gauge:
     phi = nominal_angles(n)
     c, s, one, o = np.cos(phi), np.sin(phi), np.ones(n), np.zeros(n)
-    vectors = _rows(
+    vectors = np.block([
         [one, o, o, o, -one],       # height of the table against the CMM
         [o, o, o, one, -one],       # height of the plate against the CMM
         [o, one, o, o, -s],         # mean tilt about x: z = R sin alpha
         [o, o, one, o, c],          # mean tilt about y: z = -R cos alpha
         [o, c, s, -s, o],           # tilt that turns: z = R sin(alpha - phi)
-        [o, -s, c, c, o])           # z = -R cos(alpha - phi)
-    return np.ascontiguousarray(vectors.T), _rows(
-        [one, o, o, o, o], [o, o, o, o, one], [o, one, o, o, o], [o, o, one, o, o], [o, c, s, o, o], [o, -s, c, o, o])
+        [o, -s, c, c, o]])          # z = -R cos(alpha - phi)
+    return np.ascontiguousarray(vectors.T), np.block([
+        [one, o, o, o, o], [o, o, o, o, one], [o, one, o, o, o], [o, o, one, o, o], [o, c, s, o, o], [o, -s, c, o, o]])
 
 
 def _w_gauge(n: int) -> Gauge:
     phi = nominal_angles(n)
     c, s, one, o = np.cos(phi), np.sin(phi), np.ones(n), np.zeros(n)
-    vectors = _rows(
+    vectors = np.block([
         [one, o, o, o, o, -one, o],     # mean of ctx against the CMM
         [o, one, o, o, o, o, -one],     # mean of cty
         [c, s, o, -one, o, o, o],       # eccentricity of the plate
         [-s, c, o, o, -one, o, o],
         [o, o, one, s, -c, o, o],       # mean turn of the table against the plate
         [o, o, o, -s, c, s, -c],        # turn of the plate against the CMM
-        [o, o, o, c, s, -c, -s])        # radial scale of plate against CMM
-    return np.ascontiguousarray(vectors.T), _rows(
+        [o, o, o, c, s, -c, -s]])       # radial scale of plate against CMM
+    return np.ascontiguousarray(vectors.T), np.block([
         [one, o, o, o, o, o, o], [o, one, o, o, o, o, o], [c, s, o, o, o, o, o], [-s, c, o, o, o, o, o],
-        [o, o, one, o, o, o, o], [o, o, o, o, o, -s, c], [o, o, o, o, o, c, s])
+        [o, o, one, o, o, o, o], [o, o, o, o, o, -s, c], [o, o, o, o, o, c, s]])
