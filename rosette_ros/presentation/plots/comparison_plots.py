@@ -71,9 +71,8 @@ def visibility(every: Sequence[Visibility], best: Sequence[Visibility] = (),
                labels: tuple[str, str] = ('this order', 'recommended order')) -> Figure:
     """Return a figure: the typical observable share of every effect in an order, beside the recommended one."""
     rows = -(-len(every) // 2)
-    made = style.figure(ROW * rows + 0.5)
-    made.subplots_adjust(left=0.21, right=0.98, bottom=0.44 / made.get_figheight(), top=1 - 0.06 / made.get_figheight(),
-                         wspace=0.75)
+    height = ROW * rows + 0.5
+    made = style.figure(height, left=0.21, right=0.98, bottom=0.44 / height, top=1 - 0.06 / height, wspace=0.75)
     recommended = {one.name: one.typical_share for one in best}
     for panel, part in zip(style.panels(made, 1, 2)[0], (every[:rows], every[rows:]), strict=True):
         shown = [np.nan if one.reason else one.typical_share for one in part]
@@ -104,15 +103,13 @@ def _bars_of_shares(panel: Axes, shares: Floats, not_judged: Bools) -> None:
 def _rows(count: int, per_row: float, foot: float) -> tuple[Figure, Axes]:
     """Return a figure and its axes; per_row, foot: heights in inches."""
     height = per_row * count + foot
-    made = style.figure(height)
-    made.subplots_adjust(left=0.25, right=0.98, bottom=(foot - 0.06) / height, top=1 - 0.06 / height)
+    made = style.figure(height, left=0.25, right=0.98, bottom=(foot - 0.06) / height, top=1 - 0.06 / height)
     return made, style.panels(made)[0, 0]
 
 
 def _finish(made: Figure, panel: Axes, names: Sequence[str], label: str) -> None:
     _name_rows(panel, names, label, None, len(names))
-    handles, labels = panel.get_legend_handles_labels()
-    style.legend(made, handles, labels)
+    style.legend_of(made, [panel])
 
 
 def _name_rows(panel: Axes, names: Sequence[str], label: str, marks: style.Marks | None, rows: int) -> None:

@@ -22,8 +22,7 @@ SHOWN = ('ball', 'CMM position', 'time')
 def noise(fit: Fit) -> Figure:
     """Return a figure of the residual of a fit in white coordinates, in units of its size: 1 where it is such noise."""
     left = fit.white_residual * np.sqrt(3 * fit.run.size / fit.dof) / max(fit.rms, LEAST_NOISE)
-    made = style.figure(4.1)
-    made.subplots_adjust(left=0.06, right=0.99, bottom=0.07, top=0.95, hspace=0.42, wspace=0.22)
+    made = style.figure(4.1, left=0.06, right=0.99, bottom=0.07, top=0.95, hspace=0.42, wspace=0.22)
     panels = style.panels(made, 2, 3)
     _quantiles(panels[0, 0], left)
     _scatter(panels[0, 1], 'axis', AXES, [left[:, axis] for axis in range(3)])
@@ -32,8 +31,7 @@ def noise(fit: Fit) -> Figure:
         _scatter(panel, name, [key.partition('-')[0] for key in keys],
                  [left[index == group] for group in range(len(keys))])
     _correlation(panels[1, 2], left)
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    style.legend(made, handles, labels)
+    style.legend_of(made, panels[0, :1])
     return made
 
 

@@ -39,8 +39,7 @@ def pairs_in_order(measured: Scheme | Run, name: str = '') -> Figure:
     Of a pair that is measured twice both times are seen, half a mark each; a ring marks the first reading.
     """
     n, table, ball = measured.n, measured.table_position, measured.ball
-    made = style.figure(3.65)
-    made.subplots_adjust(left=0.07, right=0.87, bottom=0.125, top=0.89, wspace=0.2)
+    made = style.figure(3.65, left=0.07, right=0.87, bottom=0.125, top=0.89, wspace=0.2)
     size = table.size
     for panel, column, what in zip(style.panels(made, 1, 2)[0], (cmm_position(n, table, ball), ball),
                                    ('CMM position', 'ball')):
@@ -79,8 +78,7 @@ def uncertainty_by_share(n: int, points: Sequence[Point]) -> Figure:
 
     Beside the points the best sets of CMM positions, and the ideal sqrt(n^2 / N).
     """
-    made = style.figure(3.0)
-    made.subplots_adjust(left=0.08, right=0.98, bottom=0.15, top=0.96)
+    made = style.figure(3.0, left=0.08, right=0.98, bottom=0.15, top=0.96)
     panel, every, sets = style.panels(made)[0, 0], [x for _, x, _ in points], best_sets(n)
     lines = panel.plot(*zip(*sets), color=style.GREY, marker='.', markersize=4, linewidth=1,
                        label=f'best sets of CMM positions, {n} balls') if sets else []

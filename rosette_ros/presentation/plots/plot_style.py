@@ -2,7 +2,7 @@
 """How every figure looks: colours that the colour-blind distinguish, axes, grids, labels."""
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,10 +47,13 @@ BEHIND = {'facecolor': 'white', 'edgecolor': 'none', 'pad': 0.8, 'alpha': 0.85}
 """Background of numbers on lines."""
 
 
-def figure(height: float) -> Figure:
-    """Return an empty figure of a height in inches, whose axes are placed by hand: that is quicker than a layout."""
+def figure(height: float, **sides: float) -> Figure:
+    """Return an empty figure of a height in inches, whose axes are placed by hand: that is quicker than a layout.
+
+    sides: of its panels and between them, as of `subplots_adjust`."""
     made = Figure(figsize=(WIDTH, height), facecolor='white')
     FigureCanvasAgg(made)
+    made.subplots_adjust(**sides)
     return made
 
 
@@ -111,6 +114,12 @@ def legend(made: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
     made.subplots_adjust(bottom=bottom, top=top)
     made.legend(handles, labels, loc='lower center', ncols=columns, frameon=False, fontsize=TEXT, borderaxespad=0.1,
                 labelspacing=0.3)
+
+
+def legend_of(made: Figure, panels: Iterable[Axes]) -> None:
+    """Write a legend of all that has a label in panels, each label once."""
+    known = {label: handle for panel in panels for handle, label in zip(*panel.get_legend_handles_labels())}
+    legend(made, list(known.values()), list(known))
 
 
 def mark_negative(panel: Axes, x: Floats, y: Floats, values: Floats, limit: float, length: float) -> None:

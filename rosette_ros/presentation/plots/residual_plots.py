@@ -103,8 +103,7 @@ def against(series: Sequence[Residuals], noise: float | None = None) -> Figure:
     series: one or two of one run, before and after; noise: standard deviation, m; lines are means of neighbours.
     """
     places = _places(series[0].run)
-    made = style.figure(4.4)
-    made.subplots_adjust(left=0.08, right=0.975, bottom=0.1, top=0.98, hspace=0.1, wspace=0.06)
+    made = style.figure(4.4, left=0.08, right=0.975, bottom=0.1, top=0.98, hspace=0.1, wspace=0.06)
     grid = style.panels(made, 3, len(places))
     limit = 1.08 * max(1e-9, *(float(np.abs(1e6 * one.values).max()) for one in series))
     for axis, name in enumerate(AXES):
@@ -115,8 +114,7 @@ def against(series: Sequence[Residuals], noise: float | None = None) -> Figure:
             if axis == 2:
                 panel.set_xlabel(label)
         grid[axis, 0].set_ylabel(f'{name}, µm')
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    style.legend(made, handles, labels)
+    style.legend_of(made, grid[0, :1])
     return made
 
 
@@ -172,8 +170,7 @@ def histogram(series: Sequence[Residuals], noise: float | None, dof: Sequence[in
 
     noise: standard deviation of a coordinate, m; dof: of each model; noise appears smaller by sqrt(dof / 3N).
     """
-    made = style.figure(2.4)
-    made.subplots_adjust(left=0.075, right=0.99, bottom=0.17, top=0.98)
+    made = style.figure(2.4, left=0.075, right=0.99, bottom=0.17, top=0.98)
     panel = style.panels(made)[0, 0]
     flat = [1e6 * one.values.ravel() for one in series]
     spread = 1e6 * noise if noise is not None else max(float(np.std(flat[-1])), 1e-9)

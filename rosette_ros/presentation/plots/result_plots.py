@@ -75,9 +75,8 @@ def six_curves(series: Sequence[Series], heading: str = '', truth: Floats | None
 def _empty_panels(heading: str = '', rotation: Floats | None = None) -> tuple[Figure, Any]:
     top = INCH['head'] + (INCH['title'] if heading else 0)
     height = INCH['panels'] + INCH['foot'] + top
-    made = style.figure(height)
-    made.subplots_adjust(left=0.088, right=0.99, bottom=INCH['foot'] / height, top=1 - top / height, hspace=0.26,
-                         wspace=0.2)
+    made = style.figure(height, left=0.088, right=0.99, bottom=INCH['foot'] / height, top=1 - top / height, hspace=0.26,
+                        wspace=0.2)
     grid = style.panels(made, 3, 2)
     for panel, curve in zip(grid.flat, LAYOUT, strict=True):
         panel.axhline(0, color=style.INK, linewidth=0.8)

@@ -18,8 +18,8 @@ UNITS = {'s': ('min', 1 / 60), 'rad': ('°', 180 / np.pi), 'K': ('K', 1.0)}
 def shapes(every: Sequence[Shape]) -> Figure:
     """Return a figure: a row for each shape, the curves that stand out most, µm, with the band of U (k = 2)."""
     height = ROW * len(every) + 0.1
-    made = style.figure(height)
-    made.subplots_adjust(left=0.09, right=0.99, hspace=0.9, wspace=0.36, bottom=0.45 / height, top=1 - 0.28 / height)
+    made = style.figure(height, left=0.09, right=0.99, hspace=0.9, wspace=0.36, bottom=0.45 / height,
+                        top=1 - 0.28 / height)
     panels = style.panels(made, len(every), MOST_CURVES)
     for row, shape in zip(panels, every, strict=True):
         unit, factor = UNITS.get(shape.unit, (shape.unit, 1.0))
@@ -44,6 +44,5 @@ def shapes(every: Sequence[Shape]) -> Figure:
                 panel.annotate(style.label_of(f'× {curve.carrier}'), (0.02, 0.98), xycoords='axes fraction', va='top',
                                fontsize=style.TEXT, color=style.GREY)
         style.title(row[0], style.label_of(shape.claim or f'no name: {shape.words}'), fontsize=style.TEXT)
-    handles = {label: handle for panel in panels.flat for handle, label in zip(*panel.get_legend_handles_labels())}
-    style.legend(made, list(handles.values()), list(handles))
+    style.legend_of(made, panels.flat)
     return made

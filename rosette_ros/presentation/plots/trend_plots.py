@@ -3,7 +3,6 @@
 
 import datetime
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -26,9 +25,8 @@ FARTHEST = 4.0
 def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances: Mapping[str, float],
                      events: Sequence[Event], forecasts: Mapping[str, Forecast]) -> Figure:
     """Return a figure of the six errors (peak to valley), (m, 6) with U, over the dates."""
-    made = style.figure(6.0)
+    made = style.figure(6.0, left=0.075, bottom=0.06, right=0.975, top=0.95, wspace=0.2, hspace=0.42)
     panels = style.panels(made, 3, 2)
-    made.subplots_adjust(0.075, 0.06, 0.975, 0.95, 0.2, 0.42)
     when = date2num(list(dates))
     for place, curve in enumerate(CURVES):
         panel = panels[place % 3, place // 3]
@@ -55,16 +53,15 @@ def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances:
         panel.set_ylim(0, 1.1 * top)
         style.title(panel, words)
         _time_axis(panel)
-    _legend(made, panels)
+    style.legend_of(made, panels.flat)
     return made
 
 
 def events_over_time(dates: Dates, series: TimeSeries, chart: Chart, name: str, events: Sequence[Event]) -> Figure:
     """Return the control chart of one component of a quantity, in the runs that have it: deviations, EWMA with its
     limits, CUSUM of both senses. dates: of all runs; name: of the component."""
-    made = style.figure(3.6)
+    made = style.figure(3.6, left=0.075, bottom=0.1, right=0.975, top=0.92, wspace=0.2, hspace=0.45)
     panels = style.panels(made, 2, 1)
-    made.subplots_adjust(0.075, 0.1, 0.975, 0.92, 0.2, 0.45)
     every = date2num(list(dates))
     when = every[np.all(np.isfinite(series.values), axis=1)]
     above, below = panels[:, 0]
@@ -88,7 +85,7 @@ def events_over_time(dates: Dates, series: TimeSeries, chart: Chart, name: str, 
     for panel in (above, below):
         _mark(panel, every, events)
         _time_axis(panel)
-    _legend(made, panels)
+    style.legend_of(made, panels.flat)
     return made
 
 
@@ -97,9 +94,10 @@ def charts_over_time(dates: Dates, charts: Sequence[tuple[str, Chart]], columns:
     limits, of each component (cos, then sin); beyond ± 1 a chart leaves its limits, beyond ± FARTHEST its panel."""
     names = list(dict.fromkeys(name for name, _ in charts))
     rows = -(-len(names) // columns)
-    made = style.figure(0.4 + 0.95 * rows)
+    height = 0.4 + 0.95 * rows
+    made = style.figure(height, left=0.05, bottom=0.35 / height, right=0.985, top=1 - 0.25 / height, wspace=0.3,
+                        hspace=0.75)
     panels = style.panels(made, rows, columns)
-    made.subplots_adjust(0.05, 0.35 / (0.4 + 0.95 * rows), 0.985, 1 - 0.25 / (0.4 + 0.95 * rows), 0.3, 0.75)
     when = date2num(list(dates))
     for place, name in enumerate(names):
         panel = panels[place // columns, place % columns]
@@ -120,7 +118,7 @@ def charts_over_time(dates: Dates, charts: Sequence[tuple[str, Chart]], columns:
         _time_axis(panel, 5)
     for place in range(len(names), rows * columns):
         panels[place // columns, place % columns].set_visible(False)
-    _legend(made, panels)
+    style.legend_of(made, panels.flat)
     return made
 
 
@@ -128,15 +126,6 @@ def _scale_to(panel: Axes, shown: Sequence[Floats], most: float) -> None:
     """Set the y axis to both sides of zero, as far as what is shown, but no farther than `most`."""
     edge = 1.1 * min(most, max(float(np.max(np.abs(values))) for values in shown))
     panel.set_ylim(-edge, edge)
-
-
-def _legend(made: Figure, panels: Any) -> None:
-    """Explain each look of all panels once."""
-    known: dict[str, Any] = {}
-    for panel in panels.flat:
-        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
-            known.setdefault(label, handle)
-    style.legend(made, list(known.values()), list(known))
 
 
 def _mark(panel: Axes, when: Floats, events: Sequence[Event]) -> None:
