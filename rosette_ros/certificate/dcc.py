@@ -5,7 +5,7 @@ import copy
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -100,7 +100,7 @@ def _administrative(one: Certificate) -> Element:
     return _dcc(
         'administrativeData',
         _dcc('dccSoftware', *_programs(one)), core,
-        _dcc('items', _dcc('item', _named(f'rotary table{simulated}'), *_equipment(identity, 'table', is_item=True))),
+        _dcc('items', _dcc('item', _named(f'rotary table{simulated}'), *_equipment(identity, 'table'))),
         laboratory, _dcc('respPersons', _person(identity, 'signer', identity['signer.role'] or 'signer', True),
                          _person(identity, 'operator', 'operator', False)),
         _contact('customer', identity, 'customer'), _dcc('statements', *_statements(one)))
@@ -113,7 +113,7 @@ def _programs(one: Certificate) -> list[Element]:
             for name, version in one.inputs.programs if version[:1].isdigit()]
 
 
-def _equipment(identity: Identity, name: str, is_item: bool = False) -> list[Element]:
+def _equipment(identity: Identity, name: str) -> list[Element]:
     """Return description, maker, model and serial number of a device, in the order of an item or of equipment."""
     further = '; '.join(filter(None, (
         f'calibration: {words}' if (words := identity[f'{name}.calibration']) else '', identity[f'{name}.remarks'])))
@@ -195,9 +195,9 @@ def _conditions(run: Measured) -> Iterable[Element]:
 def _curves(curves: CurveSet) -> Element:
     motions = curves.motions
     names = text.curve_names(motions.rotation)
-    listed = [_values('table angle', 'rosette_angle', np.rad2deg(motions.angle), r'\degree')]
-    listed += [_values(names[place], f'rosette_{curve}', 1e6 * motions.values[:, place], MICRO[unit],
-                       1e6 * COVERAGE_FACTOR * motions.u[:, place])
+    listed = [_quantity('table angle', 'rosette_angle', np.rad2deg(motions.angle), r'\degree')]
+    listed += [_quantity(names[place], f'rosette_{curve}', 1e6 * motions.values[:, place], MICRO[unit],
+                         1e6 * COVERAGE_FACTOR * motions.u[:, place])
                for place, (curve, unit) in enumerate(zip(CURVES, text.CURVE_UNITS, strict=True))]
     return _dcc('result', _named(f'six error motions of the {curves.words}'),
                 _dcc('data', _dcc('list', *listed)), refType='rosette_curves')
@@ -269,38 +269,30 @@ def _rich(tag: str, words: str, **attributes: str) -> Element:
     return _dcc(tag, _content(words), **attributes)
 
 
-def _number(value: float) -> str:
-    return repr(float(value) + 0.0)
-
-
-def _quantity(name: str, kind: str, value: float, unit: str, expanded: float | None = None) -> Element:
-    if not math.isfinite(value):
+def _quantity(name: str, kind: str, value: float | Floats, unit: str,
+              expanded: float | Floats | None = None) -> Element:
+    """Return a number, or numbers (m,), with the expanded uncertainty; D-SI names the parts of a list by a suffix."""
+    suffix = 'XMLList' * isinstance(value, np.ndarray)
+    if not suffix and not np.isfinite(value):
         return _dcc('quantity', _named(name), _rich('noQuantity', 'not determined'), refType=kind)
-    real = _si('real', _si('value', _number(value)), _si('unit', unit))
-    if expanded is not None and math.isfinite(expanded):
-        real.append(_si('measurementUncertaintyUnivariate', _si(
-            'expandedMU', _si('valueExpandedMU', _number(expanded)), _si('coverageFactor', str(COVERAGE_FACTOR)),
-            _si('coverageProbability', PROBABILITY), _si('distribution', 'normal'))))
-    return _dcc('quantity', _named(name), real, refType=kind)
 
-
-def _values(name: str, kind: str, values: Floats, unit: str, expanded: Floats | None = None) -> Element:
-    listed = _si('realListXMLList', _si('valueXMLList', _list(values)), _si('unitXMLList', unit))
+    def part(tag: str, *content: Element | str) -> Element:
+        return _si(f'{tag}{suffix}', *content)
+    real = part('realList' if suffix else 'real', part('value', _numbers(value)), part('unit', unit))
     if expanded is not None and np.isfinite(expanded).all():
-        listed.append(_si('measurementUncertaintyUnivariateXMLList', _si(
-            'expandedMUXMLList', _si('valueExpandedMUXMLList', _list(expanded)),
-            _si('coverageFactorXMLList', str(COVERAGE_FACTOR)), _si('coverageProbabilityXMLList', PROBABILITY),
-            _si('distributionXMLList', 'normal'))))
-    return _dcc('quantity', _named(name), listed, refType=kind)
+        real.append(part('measurementUncertaintyUnivariate', part(
+            'expandedMU', part('valueExpandedMU', _numbers(expanded)), part('coverageFactor', str(COVERAGE_FACTOR)),
+            part('coverageProbability', PROBABILITY), part('distribution', 'normal'))))
+    return _dcc('quantity', _named(name), real, refType=kind)
 
 
 def _by_curve(name: str, kind: str, values: Floats) -> Iterable[Element]:
     """Yield lists of a value (6,) of each translation, and of each rotation."""
     for unit, key in (('µm', 'translations'), ('µrad', 'rotations')):
         which = [place for place, one in enumerate(text.CURVE_UNITS) if one == unit]
-        yield _values(f'{name} of {", ".join(CURVES[place] for place in which)}', f'{kind}_{key}',
-                      1e6 * values[which], MICRO[unit])
+        yield _quantity(f'{name} of {", ".join(CURVES[place] for place in which)}', f'{kind}_{key}',
+                        1e6 * values[which], MICRO[unit])
 
 
-def _list(values: Floats | Sequence[float]) -> str:
-    return ' '.join(map(_number, values))
+def _numbers(values: float | Floats) -> str:
+    return ' '.join(repr(value + 0.0) for value in np.ravel(values).tolist())

@@ -3,7 +3,7 @@
 
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,8 +26,6 @@ _NUMBERS = {f'{{{SI}}}{name}' for name in ('value', 'valueXMLList', 'valueExpand
 BAD = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
 """What making a certificate from inputs raises that somebody has changed."""
 
-Make = Callable[[Sequence[str | Path], Inputs], Element]
-
 
 @dataclass(frozen=True)
 class Verified:
@@ -40,12 +38,7 @@ class Verified:
     programs: str
 
 
-def made_again(paths: Sequence[str | Path], inputs: Inputs) -> Element:
-    """Return the document of runs from inputs; raises RosetteError as `state`."""
-    return document(state(paths, inputs))
-
-
-def verify_certificate(data: bytes, source: str, paths: Sequence[str | Path], make: Make = made_again) -> Verified:
+def verify_certificate(data: bytes, source: str, paths: Sequence[str | Path]) -> Verified:
     """Return what agrees between a document and its runs; raises InvalidData, saying what was changed, where not."""
     root = parsed(data, source)
     signatures = root.findall('{http://www.w3.org/2000/09/xmldsig#}Signature')
@@ -60,8 +53,8 @@ def verify_certificate(data: bytes, source: str, paths: Sequence[str | Path], ma
         hashes, order = {path: _hashes(path) for path in paths}, list(inputs.files)
         found += [f'{name}: no file of the run has the SHA-256 {one[:12]}… that the certificate states'
                   for one, name in inputs.files.items() if one not in set().union(*hashes.values())]
-        made = make(sorted(paths, key=lambda path: min(
-            (order.index(one) for one in hashes[path] if one in order), default=len(order))), inputs)
+        made = document(state(sorted(paths, key=lambda path: min(
+            (order.index(one) for one in hashes[path] if one in order), default=len(order))), inputs))
         is_same = dict(inputs.programs).get('rosette_ros') == __version__
         for words, size in _differences(root, made, ''):
             largest = max(largest, size)
