@@ -1,28 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """rosette archive: many runs of many cells, a row each."""
 
-import argparse
-from collections.abc import Callable
-
 from rosette_ros.cli import archive_add, archive_query, archive_reanalyse, archive_simulate
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb takes."""
-    verbs = parser.add_subparsers(metavar='WHAT', required=True)
-    for name, (text, arguments, implementation) in WHAT.items():
-        made = verbs.add_parser(name, help=text, description=f'{text[0].upper()}{text[1:]}.')
-        arguments(made)
-        made.set_defaults(carry_out=implementation)
-
-
-def run(options: argparse.Namespace) -> int | None:
-    """Do what was asked for; return an exit code, None for 0."""
-    code: int | None = options.carry_out(options)
-    return code
-
-
-WHAT: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None], Callable[[argparse.Namespace], int | None]]] = {
+WHAT = {
     'add': ('evaluate the logs in folders and keep a row of each run; what is known is not done again',
             archive_add.add_arguments, archive_add.run),
     'query': ('what an archive says, by SQL or by ready questions', archive_query.add_arguments, archive_query.run),

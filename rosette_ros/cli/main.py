@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `rosette`: finds the verb, runs it, and is the one place where errors are printed.
 
-A verb is a module with `add_arguments(parser)` and `run(options)`. It is imported on demand, so that `rosette plan`
-loads neither ROS nor the plotting library.
+A verb is a module with `add_arguments(parser)` and `run(options)`, or with `WHAT`, a table of its words with theirs. It
+is imported on demand, so that `rosette plan` loads neither ROS nor the plotting library.
 """
 
 import argparse
@@ -140,13 +140,27 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         of_verb = verbs.add_parser(verb, help=text, description=f'{text[0].upper()}{text[1:]}.')
         if verb == asked:
             implementation = _implementation(verb, module)
-            implementation.add_arguments(of_verb)
-            of_verb.set_defaults(run=implementation.run, command_line=shlex.join(['rosette', *argv]))
-            if verb not in ('shell', 'dme', 'archive'):  # whose commands have options of their own
+            has_words = declare(of_verb, implementation)
+            of_verb.set_defaults(command_line=shlex.join(['rosette', *argv]))
+            if verb != 'shell' and not has_words:  # which have options of their own
                 return of_verb.parse_intermixed_args(argv[1:])
     if not asked.startswith('-') and asked not in VERBS:
         raise UsageError(f'verb: {unknown(asked, VERBS)}')
     return parser.parse_args(argv or [asked])
+
+
+def declare(parser: argparse.ArgumentParser, verb: ModuleType) -> bool:
+    """Add the arguments of a verb, or its words with theirs; return whether it has words."""
+    if not hasattr(verb, 'WHAT'):
+        verb.add_arguments(parser)
+        parser.set_defaults(run=verb.run)
+        return False
+    words = parser.add_subparsers(metavar='WHAT', required=True)
+    for word, (text, add_arguments, run) in verb.WHAT.items():
+        made = words.add_parser(word, help=text, description=f'{text[0].upper()}{text[1:]}.')
+        add_arguments(made)
+        made.set_defaults(run=run)
+    return True
 
 
 def _implementation(verb: str, module: str) -> ModuleType:
