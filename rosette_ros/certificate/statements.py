@@ -23,7 +23,7 @@ from rosette_ros.core.records import ErrorMotions, Floats, Run
 from rosette_ros.core.uncertainty_budget import MOST_BALLS, Budget, budget, touch_scatter
 from rosette_ros.io.budget_file import budget_inputs
 from rosette_ros.io.identity_file import Identity, words_of_entry
-from rosette_ros.io.open_readings import has_plate, joint_identity, open_readings
+from rosette_ros.io.open_run import has_plate, joint_identity, open_readings
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.joint_results import joint_head, joint_rows
 from rosette_ros.presentation.report.joint_page import open_with_files

@@ -17,8 +17,7 @@ from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.records import CURVES
 from rosette_ros.io.correction_file import correction_csv, format_correction, linuxcnc_compensation
 from rosette_ros.io.model_file import read_model
-from rosette_ros.io.open_readings import joint_identity, open_readings
-from rosette_ros.io.open_run import open_identified
+from rosette_ros.io.open_run import joint_identity, open_identified, open_readings
 from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.presentation.correction_results import correction_table

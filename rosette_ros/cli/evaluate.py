@@ -16,8 +16,7 @@ from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.io.model_file import read_model
-from rosette_ros.io.open_readings import joint_identity, open_readings
-from rosette_ros.io.open_run import open_identified
+from rosette_ros.io.open_run import joint_identity, open_identified, open_readings
 from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.io.touch_log import open_refitted
 from rosette_ros.presentation.error_results import errors

@@ -4,7 +4,7 @@
 import argparse
 
 from rosette_ros.cli.arguments import UsageError
-from rosette_ros.io.open_readings import has_plate
+from rosette_ros.io.open_run import has_plate
 
 
 def add_joint(parser: argparse.ArgumentParser) -> None:

@@ -20,7 +20,7 @@ from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.model.model import Model
 from rosette_ros.io.budget_file import read_budget
 from rosette_ros.io.model_file import read_model
-from rosette_ros.io.open_readings import joint_identity
+from rosette_ros.io.open_run import joint_identity
 from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.io.touch_log import open_refitted

@@ -14,8 +14,8 @@ import numpy as np
 
 from rosette_ros.core.axes import ALONG, moving_axes, words
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import TWO_PI, Bools, Floats, fitted_frame, nominal_angles, rotate_z, turned_frame
-from rosette_ros.core.joint.readings import Plate
+from rosette_ros.core.geometry import Bools, Floats, fitted_frame, nominal_angles, rotate_z, turned_frame, wrap
+from rosette_ros.core.joint.readings import Plate, Readings
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import cmm_position, nominal_places
 from rosette_ros.io.csv_parser import COLUMNS, SCHEMA, WAY_COLUMNS, CsvTable
@@ -41,10 +41,10 @@ def parse_csv(data: bytes, source: str = 'table') -> Run:
     notes = [*filter(None, [table.notes]), *_put_on_places(table)]
     n = _find_balls(table)
     _check_rows(table, n)
-    angle = table_angles(table, n)
+    angle = _table_angles(table, n)
     if table.in_machine:
         places = rotate_z(table.table_offset, nominal_places(n, 1e3 * table.radius, table.table_position, table.ball))
-        axis = ', '.join(f'{round(value, 3) + 0.0:.3f}' for value in to_table_frame(table, places))
+        axis = ', '.join(f'{round(value, 3) + 0.0:.3f}' for value in _to_table_frame(table, places))
         notes.append(f'the table frame was fitted to all readings; its axis, about which positions and balls are '
                      f'counted counter-clockwise, is ({axis}) in the machine frame')
     table.centre, table.rotation = turned_frame(table.table_offset, table.centre, table.rotation)
@@ -65,6 +65,27 @@ def parse_csv(data: bytes, source: str = 'table') -> Run:
         source=source, notes=(*notes, *note_on_offset(table.table_offset)), simulated=table.simulated,
         rotation=table.rotation, table_offset=table.table_offset, **recorded)
     return run.replace(remarks=remarks_on_table(run))
+
+
+def read_with_plate(path: str | Path) -> Readings:
+    """Return the Readings of a CSV table with a plate file; raises InvalidData as read_csv, and where they disagree."""
+    table = CsvTable(read_limited(path, 'a table', MAX_BYTES), str(path))
+    plate, positions = _checked_plate(table)
+    _check_order(table)
+    angle = _table_angles(table, positions)
+    every = nominal_angles(positions) + table.table_offset
+    nominal = every[table.table_position - 1]
+    places = 1e3 * rotate_z(nominal, plate.centres[table.ball - 1])
+    notes = [table.notes] if table.notes else []
+    if table.in_machine:
+        _to_table_frame(table, places)
+        notes.append('the table frame was fitted to all readings')
+    _check_distance(table, plate, table.centre - places)
+    return Readings(plate, every, table.table_position, table.ball, table.centre / 1e3,
+                    wrap(angle + table.table_offset - nominal),
+                    table.columns.get('approach', np.zeros(table.ball.size)).astype(np.int64),
+                    table.repeatability, table.repeatability_dof, None, table.run_id, str(path), tuple(notes),
+                    table.simulated, table.rotation)
 
 
 def write_csv(run: Run, path: str | Path, force: bool = False) -> None:
@@ -128,7 +149,7 @@ def _sense_columns(rotation: Floats | None) -> dict[int, str]:
     return {axis: WAY_COLUMNS[1 + axis] for axis in moving_axes(rotation)}
 
 
-def to_table_frame(table: CsvTable, places: Floats) -> Floats:
+def _to_table_frame(table: CsvTable, places: Floats) -> Floats:
     """Put the centres of a table into the frame in which they are nearest to places (N, 3), and return its axis.
 
     Raises InvalidData where the heading states another axis."""
@@ -162,7 +183,7 @@ def _offset_deg(run: Run) -> float:
     return round(float(np.rad2deg(run.table_offset)), 10)
 
 
-def checked_plate(table: CsvTable) -> tuple[Plate, int]:
+def _checked_plate(table: CsvTable) -> tuple[Plate, int]:
     """Return the plate that a table names, and the steps of its table; raises InvalidData where they do not fit it."""
     plate, positions = plate_of_table(table.plate, table.source), table.positions
     if positions is None or not 1 <= positions <= MOST_POSITIONS:
@@ -181,7 +202,7 @@ def _put_on_places(table: CsvTable) -> list[str]:
     """Number the balls of a plate of its own by their places on a circle of as many steps as the table has."""
     if not table.plate:
         return []
-    plate, positions = checked_plate(table)
+    plate, positions = _checked_plate(table)
     places = plate.places(positions)
     table.ball, table.balls, table.radius = np.array(places)[table.ball - 1], positions, plate.circle
     words = f'the balls have the numbers of their places of {positions}: {", ".join(map(str, places))}'
@@ -212,7 +233,7 @@ def _find_balls(table: CsvTable) -> int:
     return n
 
 
-def check_order(table: CsvTable) -> None:
+def _check_order(table: CsvTable) -> None:
     """Refuse unknown approaches, rows out of order and balls that stand twice."""
     columns, i, j = table.columns, table.table_position, table.ball
     approach = columns.get('approach', np.zeros(0))
@@ -234,8 +255,8 @@ def check_order(table: CsvTable) -> None:
 
 
 def _check_rows(table: CsvTable, n: int) -> None:
-    """Refuse what check_order does, and CMM positions of other balls."""
-    check_order(table)
+    """Refuse what _check_order does, and CMM positions of other balls."""
+    _check_order(table)
     i, j = table.table_position, table.ball
     wanted = cmm_position(n, i, j)
     given = table.columns.get('cmm_position', wanted)
@@ -244,7 +265,7 @@ def _check_rows(table: CsvTable, n: int) -> None:
                           '(i + j - 2) mod n + 1', given[row], 'if there are more balls, say so by "# balls: ..."')
 
 
-def table_angles(table: CsvTable, n: int) -> Floats:
+def _table_angles(table: CsvTable, n: int) -> Floats:
     """Return the table angles from that of position 1, nominal where the cell says no more than that, (N,), rad."""
     offset = float(np.rad2deg(table.table_offset))
     angle = table.columns['table_angle_deg'].astype(float, copy=False) - offset
@@ -256,8 +277,8 @@ def table_angles(table: CsvTable, n: int) -> Floats:
                           f'{position[row] + 1} of {n}', table.angle_cells[row].strip(),
                           _angle_advice(angle, nominal, n))
     turns = np.rint((angle - nominal) / 360.0)
-    exact = TWO_PI * position / n
-    exact = np.where(turns == 0, exact, exact + TWO_PI * turns)
+    exact = 2 * np.pi * position / n
+    exact = np.where(turns == 0, exact, exact + 2 * np.pi * turns)
     is_nominal: Bools = np.abs(deviation) <= 0.5 * _last_decimal(table.angle_cells) * (1 + 1e-6)
     return np.where(is_nominal, exact, np.deg2rad(angle))
 
@@ -303,3 +324,15 @@ def _check_places(table: CsvTable, n: int) -> None:
             f'({", ".join(f"{value:.3f}" for value in centre[row])})', 'coordinates stand in the table frame: z along '
             'the axis, ball 1 on +x at table position 1, counted counter-clockwise; say so by "# frame: machine" where '
             'they are those of the machine')
+
+
+def _check_distance(table: CsvTable, plate: Plate, off: Floats) -> None:
+    """Refuse ball centres that are further from their places than half of the way to the nearest other ball."""
+    apart = np.linalg.norm(plate.centres[:, None] - plate.centres, axis=-1) + np.diag(np.full(plate.balls, np.inf))
+    most = 500 * apart.min()
+    distance = np.linalg.norm(off, axis=1)
+    for row in np.flatnonzero(distance > most):
+        raise table.wrong(
+            row, 'x_mm, y_mm, z_mm', f'a place within {most:.3f} mm of that which table angle and plate file give',
+            f'one {distance[row]:.3f} mm away', 'the plate file counts azimuths counter-clockwise from x at table '
+            'angle 0, in the frame of the table')

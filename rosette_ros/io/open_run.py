@@ -1,17 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""RUN as the command line knows it: a log directory, an .mcap file or a CSV table."""
+"""RUN as the command line knows it: a log directory, an .mcap file or a CSV table, which may have a plate file."""
 
+import re
+from collections.abc import Sequence
 from pathlib import Path
 
 from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.records import Run
-from rosette_ros.io.ball_centre_table import read_csv
+from rosette_ros.io.ball_centre_table import read_csv, read_with_plate
 from rosette_ros.io.identity_file import Identity, read_identity
 from rosette_ros.io.log_reader import MAGIC, read_log
 from rosette_ros.io.log_run import LogRun
 from rosette_ros.io.text_file import reading
 
 WANTED = 'a log directory, an .mcap file or a CSV table'
+_PLATE_LINE = re.compile(rb'^"?#\s*plate\s*:', re.MULTILINE)
+_HEAD = 1 << 16
 _OTHERS = {b'SQLite format 3\0': 'is an sqlite3 log; wanted MCAP: convert it with `ros2 bag convert`',
            b'PK\x03\x04': 'is a workbook or an archive; wanted a table: save it as CSV, UTF-8, or unpack it',
            b'\x28\xb5\x2f\xfd': 'is a compressed file; wanted a log: unpack it with `zstd -d`'}
@@ -67,6 +72,41 @@ def open_identified(path: str | Path, run_id: str | None = None, file: str | Pat
 def stated(logged: Identity, file: str | Path | None) -> tuple[Identity, tuple[str, ...]]:
     """Return what a log and an identity file state together, and their contradictions in words."""
     return logged.with_changes(read_identity(file)) if file else (logged, ())
+
+
+def has_plate(path: str | Path) -> bool:
+    """Return whether a path is a ball-centre table with a plate file; raises InvalidData where nothing is there."""
+    if is_log(path):
+        return False
+    with open(path, 'rb') as stream:
+        return bool(_PLATE_LINE.search(stream.read(_HEAD)))
+
+
+def open_readings(path: str | Path, run_id: str | None = None) -> Readings:
+    """Return the Readings of a log directory, an .mcap file or a CSV table, which may have a plate of any pitch.
+
+    Raises InvalidData as open_run, and where plate file and table do not belong together."""
+    if has_plate(path):
+        return read_with_plate(path)
+    run, log = _open(path, run_id)
+    return Readings.of(run, log.frame_of(run.run_id) if log else None)
+
+
+def joint_identity(paths: Sequence[str | Path], run_id: str | None = None, file: str | Path | None = None) -> tuple[
+        Identity, tuple[str, ...]]:
+    """Return what the logs of several runs and a file state together, and contradictions in words.
+
+    Where two logs differ the first one counts, and the others contradict it."""
+    logged, contradictions = Identity(), list[str]()
+    for path in paths:
+        if is_log(path):
+            log = read_log(path)
+            found = log.identity(log.run(run_id).run_id)
+            contradictions += [f'{path}: {key}: {value!r}, {logged[key]!r} in the logs before'
+                               for key, value in found.entries.items() if logged[key] not in ('', value)]
+            logged = Identity({**found.entries, **logged.entries}, logged.tolerances or found.tolerances)
+    identity, changed = stated(logged, file)
+    return identity, (*contradictions, *changed)
 
 
 def _open(path: str | Path, run_id: str | None) -> tuple[Run, LogRun | None]:

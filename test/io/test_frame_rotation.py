@@ -11,7 +11,7 @@ from rosette_ros.core.axes import axis_rotation, taught_frame
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv
 from rosette_ros.io.log_reader import read_log
-from rosette_ros.io.open_readings import open_readings
+from rosette_ros.io.open_run import open_readings
 from rosette_ros.io.run_to_log import write_log
 
 OBLIQUE = taught_frame([0, 0, 0], [0.2, 0.9, -0.3], 0.7).rotation

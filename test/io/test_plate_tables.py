@@ -14,7 +14,7 @@ from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import remove_gauge
 from rosette_ros.io.ball_centre_table import read_csv
-from rosette_ros.io.open_readings import has_plate, open_readings
+from rosette_ros.io.open_run import has_plate, open_readings
 from rosette_ros.io.plate_file import read_plate
 from rosette_ros.simulation import Machine, MachineConfig
 

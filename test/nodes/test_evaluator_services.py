@@ -14,7 +14,7 @@ from rosette_ros.analysis import analyse, diagnose, evaluate_jointly
 from rosette_ros.cell.client import CellClient
 from rosette_ros.core.model.model import Model
 from rosette_ros.io.log_reader import iter_log, read_log
-from rosette_ros.io.open_readings import open_readings
+from rosette_ros.io.open_run import open_readings
 
 N = 6
 HIDDEN = [{'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}]

@@ -11,10 +11,9 @@ from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.records import CURVES
+from rosette_ros.io.bag_metadata import find_files
 from rosette_ros.io.identity_file import Identity
-from rosette_ros.io.log_reader import read_log
-from rosette_ros.io.open_readings import has_plate, open_readings
-from rosette_ros.io.open_run import is_log
+from rosette_ros.io.open_run import has_plate, is_log, open_readings
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.identity_words import NOTHING, identity_rows, signer, simulated_words
 from rosette_ros.presentation.joint_results import (
@@ -38,7 +37,7 @@ CLOCKWISE_LESS = 'clockwise less counter-clockwise'
 def open_with_files(path: Path | str, run_id: str | None = None) -> tuple[Readings, tuple[FileDigest, ...]]:
     """Return the Readings of a log or table and the files they come from; raises InvalidData as `open_readings`."""
     run = open_readings(path, run_id)
-    files = read_log(path).files if is_log(path) else (path, *([run.plate.source] if has_plate(path) else []))
+    files = find_files(path).files if is_log(path) else (path, *([run.plate.source] if has_plate(path) else []))
     return run, tuple(map(digest, files))
 
 
