@@ -2,7 +2,6 @@
 """The uncertainty budget for people and programs: contributions, inputs, Monte Carlo."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from scipy import special
@@ -12,6 +11,7 @@ from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.records import CURVES, Floats
 from rosette_ros.core.uncertainty_budget import PROBABILITY, Budget, Contribution, root_mean
 from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.json_output import Json, plain
 from rosette_ros.presentation.table_format import Column, Table, column, words
 
 SCHEMA = 'rosette-budget-results/1'
@@ -140,30 +140,28 @@ def together_words(found: MonteCarlo) -> str:
             f'reaches {float(found.reach.mean()):.2f} standard deviations (normal: {normal:.2f}).')
 
 
-def budget_json(made: Budget, found: MonteCarlo | None = None) -> dict[str, Any]:
+def budget_json(made: Budget, found: MonteCarlo | None = None) -> Json:
     """Return a Budget, SI units; curves in their order."""
-    by_curve: Callable[[Floats], dict[str, float | None]] = lambda values: {  # noqa: E731
-        curve: float(value) if np.isfinite(value) else None for curve, value in zip(CURVES, values, strict=True)}
+    def by_curve(values: Floats) -> Json:
+        return dict(zip(CURVES, values, strict=True))
     run, combined = made.fit.run, made.combined()
-    out: dict[str, Any] = {
+    out: Json = {
         'schema': SCHEMA, 'run_id': run.run_id, 'coverage_factor': COVERAGE_FACTOR, 'contributions': [{
             'name': one.name, 'words': one.words, 'type': one.kind, 'distribution': one.distribution,
-            'value': one.value, 'unit': one.unit, 'dof': one.dof if np.isfinite(one.dof) else None,
+            'value': one.value, 'unit': one.unit, 'dof': one.dof,
             'source': one.source, 'is_bound': one.is_bound, 'u': by_curve(one.mean),
             'sensitivity': by_curve(one.sensitivity)} for one in made.contributions],
         'u': by_curve(made.mean), 'U': by_curve(COVERAGE_FACTOR * made.mean),
         'U_worst_point': by_curve(COVERAGE_FACTOR * combined.max(axis=0)),
         'effective_dof': by_curve(made.effective_dof), 'coverage_factor_by_dof': by_curve(made.coverage),
-        'table_angle': made.fit.error_motions.angle.tolist(),
-        'u_points': {curve: combined[:, place].tolist() for place, curve in enumerate(CURVES)},
-        'not_considered': list(made.open)}
+        'table_angle': made.fit.error_motions.angle,
+        'u_points': by_curve(combined.T), 'not_considered': made.open}
     if found:
         out['monte_carlo'] = {
             'trials': found.trials, 'seed': found.seed, 'agrees': found.agrees, 'probability': PROBABILITY,
-            'covariance_si': found.covariance.tolist(), 'reach': found.reach.tolist(),
+            'covariance_si': found.covariance, 'reach': found.reach,
             'u': by_curve(root_mean(found.u)), 'curves': {curve: {
-                'u_budget': one.expected, 'u': one.found, 'low': one.low, 'high': one.high,
-                'scatter': one.scatter if np.isfinite(one.scatter) else None, 'tolerance': one.tolerance,
-                'agrees': one.agrees}
+                'u_budget': one.expected, 'u': one.found, 'low': one.low, 'high': one.high, 'scatter': one.scatter,
+                'tolerance': one.tolerance, 'agrees': one.agrees}
                 for curve, one in zip(CURVES, found.agreements, strict=True)}}
-    return out
+    return plain(out)

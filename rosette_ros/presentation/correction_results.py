@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Corrections and what became of them, for people and programs."""
 
-from typing import Any
-
 import numpy as np
 
 from rosette_ros.core.correction import Correction
@@ -10,6 +8,7 @@ from rosette_ros.core.correction_check import CorrectionCheck
 from rosette_ros.core.error_summary import COVERAGE_FACTOR, error_lines
 from rosette_ros.core.records import CURVES
 from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.json_output import Json, plain
 from rosette_ros.presentation.table_format import Table, words
 
 
@@ -45,14 +44,13 @@ def check_table(check: CorrectionCheck) -> Table:
              'noise alone spreads a curve of 6 to 36 points over 1.3 to 2.1 U.')
 
 
-def check_json(check: CorrectionCheck, run_ids: tuple[str, str]) -> dict[str, Any]:
+def check_json(check: CorrectionCheck, run_ids: tuple[str, str]) -> Json:
     """Return a CorrectionCheck, SI units; run_ids: before and after."""
     moved = check.misplaced
-    return {'before': run_ids[0], 'after': run_ids[1], 'level': check.level, 'verdict': check.sentence,
+    return plain({'before': run_ids[0], 'after': run_ids[1], 'level': check.level, 'verdict': check.sentence,
             'action': check.action, 'shift_rad': moved.shift if moved else None,
             'u_shift_rad': moved.u if moved else None, 'angle_reversed': moved.sense < 0 if moved else False,
             'p_of_table': check.p_of_table, 'errors': [{
                 'curve': one.curve, 'before': one.before, 'expected': one.promised, 'after': one.after,
-                'U': one.expanded, 'taken_off': one.gain if np.isfinite(one.gain) else None,
-                'u_taken_off': one.u_gain if np.isfinite(one.u_gain) else None, 'p': one.p, 'result': one.result,
-                'level': one.level} for one in check.errors]}
+                'U': one.expanded, 'taken_off': one.gain, 'u_taken_off': one.u_gain, 'p': one.p, 'result': one.result,
+                'level': one.level} for one in check.errors]})

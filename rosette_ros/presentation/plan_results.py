@@ -14,7 +14,7 @@ from rosette_ros.io.csv_parser import COLUMNS
 from rosette_ros.io.csv_parser import SCHEMA as TABLE_SCHEMA
 from rosette_ros.io.plan_file import SCHEMA
 from rosette_ros.presentation import formatting as text
-from rosette_ros.presentation.json_output import plain, visibility_json
+from rosette_ros.presentation.json_output import Json, plain, visibility_json
 from rosette_ros.presentation.table_format import Table, column, words
 from rosette_ros.presentation.tables import visibility
 
@@ -125,36 +125,34 @@ def shares(plans: Sequence[Outlook]) -> Table | None:
           for place, plan in enumerate(plans, 1))), note=f'{text.UNKNOWN}: cannot be judged in this plan')
 
 
-def plan_json(plan: Outlook) -> dict[str, Any]:
+def plan_json(plan: Outlook) -> Json:
     """Return a plan as plain lists and dicts, SI, schema rosette-plan/1, which is a plan file, too."""
     scheme, way = plan.scheme, plan.scheme.travel(plan.radius)
-    made: dict[str, Any] = plain({
+    return plain({
         'schema': SCHEMA, 'n': scheme.n, 'radius_m': plan.radius, 'order': scheme.order, 'seed': scheme.seed,
-        **{name: getattr(scheme, name).tolist() for name in (
+        **{name: getattr(scheme, name) for name in (
             'cmm_position', 'table_position', 'ball', 'approach', 'touches', 'session')},
         **({'table_offset_rad': scheme.table_offset} if scheme.table_offset else {}),
-        'table_angle_rad': scheme.table_angle.tolist(), 'centre_m': scheme.centres(plan.radius).tolist(),
+        'table_angle_rad': scheme.table_angle, 'centre_m': scheme.centres(plan.radius),
         'travel': {'table_rad': way.table_angle, 'table_moves': way.table_moves,
                    'cmm_m': way.cmm_way, 'cmm_moves': way.cmm_moves},
         'expected': expected_json(plan)})
-    return made
 
 
-def expected_json(plan: Outlook) -> dict[str, Any]:
+def expected_json(plan: Outlook) -> Json:
     """Return what a plan determines and shows, SI; u: standard uncertainties at each table position."""
     expected: Expectation = plan.expectation
     return {'sigma_m': plan.sigma, 'rank': expected.rank, 'rank_of_a_complete_run': expected.full_rank,
-            'u': dict(zip(CURVES, (plan.sigma * expected.u).T.tolist())), 'relative_uncertainty': expected.penalty,
+            'u': dict(zip(CURVES, (plan.sigma * expected.u).T)), 'relative_uncertainty': expected.penalty,
             'ideal_relative_uncertainty': expected.ideal, 'duration_s': expected.duration,
-            'unobservable': list(expected.unobservable),
+            'unobservable': expected.unobservable,
             'effects': {one.name: visibility_json(one) for one in plan.effects}}
 
 
-def comparison_json(plans: Sequence[Outlook]) -> dict[str, Any]:
+def comparison_json(plans: Sequence[Outlook]) -> Json:
     """Return several plans side by side, schema rosette-plans/1."""
-    made: dict[str, Any] = plain({'schema': COMPARISON, 'better': list(better(plans)), 'plans': [
+    return plain({'schema': COMPARISON, 'better': better(plans), 'plans': [
         {'name': one.name, 'n': one.scheme.n, 'radius_m': one.radius, 'order': one.scheme.order,
-         'readings': one.scheme.ball.size, 'cmm_positions': np.unique(one.scheme.cmm_position).tolist(),
-         'balls_in_use': np.unique(one.scheme.ball).tolist(), 'touches': _touches(one.scheme), **expected_json(one)}
+         'readings': one.scheme.ball.size, 'cmm_positions': np.unique(one.scheme.cmm_position),
+         'balls_in_use': np.unique(one.scheme.ball), 'touches': _touches(one.scheme), **expected_json(one)}
         for one in plans]})
-    return made
