@@ -76,8 +76,7 @@ def run(options: argparse.Namespace) -> None:
         nodes.append(names.TREND_MONITOR)
     cell = Cell(options.domain, options.namespace, machine=options.machine, params_file=options.params, nodes=nodes,
                 log_dir=made_folder(options.output), params={
-                    names.SEQUENCER: identity_parameter(options.identity).get(names.SEQUENCER, {})
-                    | (sequencer_parameters(cmm) if cmm else {}),
+                    names.SEQUENCER: identity_parameter(options.identity) | (sequencer_parameters(cmm) if cmm else {}),
                     names.RECORDER: {'simulated': True} if cmm and cmm.simulated else {},
                     names.TREND_MONITOR: trend_parameters(options)},
                 simulated_time=not is_real, dme=options.settings)
@@ -111,12 +110,12 @@ def refuse_other_plate(machine: str | None, params: str) -> None:
                     f'{config.plate.balls} and {config.plate.circle_radius_mm:g}')
 
 
-def identity_parameter(path: str | None) -> dict[str, dict[str, str]]:
+def identity_parameter(path: str | None) -> dict[str, str]:
     """Return the parameter of the sequencer for an identity file; raises InvalidData where it is none."""
     if path is None:
         return {}
     read_identity(path)
-    return {names.SEQUENCER: {IDENTITY.name: str(Path(path).absolute())}}
+    return {IDENTITY.name: str(Path(path).absolute())}
 
 
 def keep_running(out: Console, cell: Cell) -> None:

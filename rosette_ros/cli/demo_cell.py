@@ -72,7 +72,7 @@ def make_cell(config: MachineConfig, machine: Path, domain: int, logs: Path, ide
         'plate.balls': config.plate.balls, 'plate.radius_m': config.radius,
         'table.origin_m': [1e-3 * float(x) for x in place.origin_mm],
         'table.axis': [float(x) for x in place.axis], 'table.azimuth_deg': place.azimuth_deg,
-        **identity_parameter(identity).get('sequencer', {})}})
+        **identity_parameter(identity)}})
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from rosette_ros.core.diagnosis.verdict import p_words
 from rosette_ros.core.error_summary import doubt_of
 from rosette_ros.core.joint.conclusion import ITEMS, conclude
 from rosette_ros.core.joint.joint_evaluation import JointResult, Reversal, SharingTest
@@ -23,7 +24,7 @@ from rosette_ros.presentation.tables import EXPANDED, curves
 JOINT = 'rosette-joint-evaluation/1'
 
 
-def test_result(test: SharingTest, result: JointResult) -> str:
+def test_result(test: SharingTest) -> str:
     """Return what a test of the sharing says."""
     if test.item == 'sense':
         return 'they differ' if test.is_contradicted else 'no difference shows'
@@ -46,7 +47,7 @@ def sharing_table(result: JointResult) -> Table:
         column('dof', 'degrees of freedom', [test.dof for test in tests],
                lambda dof: str(dof) if dof else text.UNKNOWN),
         column('p', text.P_NOISE, [np.nan if test.p is None else test.p for test in tests], text.p_value),
-        words('result', 'result', [test_result(test, result) for test in tests])),
+        words('result', 'result', [test_result(test) for test in tests])),
         levels=tuple('bad' if test.is_contradicted and test.item != 'sense' else '' for test in tests))
 
 
@@ -121,8 +122,8 @@ def _means(one: Reversal) -> list[tuple[str, str]]:
 def _mean_words(one: Reversal) -> str:
     means = [' ± '.join(filter(None, (f'{curve} {mean}', spread)))
              for curve, (mean, spread) in zip(CURVES, _means(one), strict=True)]
-    p = '' if one.p is None else f'; that noise alone makes such a reversal: p = {text.p_value(one.p)}'
-    return f'Means: {", ".join(means)}{p}'.replace('= <', '< ').replace('= >', '> ')
+    p = '' if one.p is None else f'; that noise alone makes such a reversal: {p_words(one.p)}'
+    return f'Means: {", ".join(means)}{p}'
 
 
 def nothing_known(result: JointResult) -> str:
@@ -134,7 +135,7 @@ def joint_rows(result: JointResult) -> list[tuple[str, str]]:
     """Return what was fitted, how well it fits, what became known and what did not, as (name, text)."""
     solution, lack = result.solution, result.lack_of_fit_p
     known = result.knowledge.known or (nothing_known(result),)
-    fit = '' if lack is None else f'; lack of fit: p = {text.p_value(lack)}'.replace('= <', '< ').replace('= >', '> ')
+    fit = '' if lack is None else f'; lack of fit: {p_words(lack)}'
     if lack is not None and lack < UNLIKELY:
         fit += ', the model does NOT fit: diagnose each run (rosette diagnose RUN)'
     return [('Model', f'{solution.model.unknowns} unknowns, rank {solution.rank}, {solution.dof} degrees of freedom; '
@@ -166,7 +167,7 @@ def joint_json(result: JointResult, tolerances: Mapping[str, float] | None = Non
         'seat': sharing.seat, 'by_sense': sharing.by_sense, 'cmm_is_calibrated': sharing.cmm_is_calibrated,
         'tests': [{'item': test.item, 'declared': test.item in result.declared, 'dof': test.dof, 'p': test.p,
                    'f': None if test.p is None else test.f, 'used': test.is_used, 'contradicted': test.is_contradicted,
-                   'text': test_result(test, result)} for test in result.tests],
+                   'text': test_result(test)} for test in result.tests],
         'unknowns': model.unknowns, 'rank': solution.rank, 'hidden': solution.hidden.shape[1],
         'hidden_in_curves': solution.hidden_in_curves, 'known': result.knowledge.known,
         'not_known': result.knowledge.hidden,
