@@ -6,7 +6,7 @@ import pytest
 from synthetic import synthetic_run
 
 from rosette_ros.analysis import analyse
-from rosette_ros.core.diagnosis.diagnosis import judge
+from rosette_ros.core.diagnosis.diagnosis import diagnose, judge
 from rosette_ros.core.diagnosis.noise_search import NoiseProblem, estimate
 from rosette_ros.core.diagnosis.verdict import Outcome
 from rosette_ros.core.errors import InvalidModel
@@ -336,3 +336,35 @@ def test_a_check_of_other_axes_is_no_noise_of_the_run():
         repeatability_axes=tuple(check.tolist())))
     assert verdict.outcome is Outcome.FITS
     assert 'The stated repeatability is ' in verdict.sentence and 'unequally' not in verdict.sentence
+
+
+@pytest.mark.parametrize('seed', [0, 2, 4])
+def test_the_residual_under_heavy_tails_is_that_of_their_variance(seed):
+    """Student's noise of the stated standard deviation is no scatter: the residual is that of least squares, to 5 %."""
+    run = noisy(student(seed, 4), seed)
+    left = fit(run)
+    verdict = judge(run)
+    found = fit(run, Model(), (), estimated(student(seed, 4), seed).noise)
+    assert found.noise.tail
+    assert found.rms == pytest.approx(left.rms, rel=0.05)
+    assert verdict.outcome != Outcome.SCATTERS and 'Student' in verdict.sentence
+
+
+BESIDE = {
+    'all of one ball': lambda run: (run.ball == 9)[:, None] * np.array([1.0, -0.4, 0]),
+    'a radius that drifts': lambda run: (run.time / run.time[-1])[:, None] * np.stack(
+        [np.cos(run.alpha), np.sin(run.alpha), 0 * run.alpha], axis=1),
+    'a scale that drifts': lambda run: (run.time / run.time[-1] * np.cos(run.alpha))[:, None] * np.array([1.0, 0, 0]),
+}
+
+
+@pytest.mark.parametrize('kind', BESIDE)
+def test_the_noise_beside_an_effect_is_not_what_the_effect_alone_looks_like(kind):
+    """An effect of 40 sigma looks like a loud ball, a wander or unequal axes: beside it no more is left than without it."""
+    run = noisy(student(2, 4), 2)
+    moved = BESIDE[kind](run)
+    visible = np.linalg.norm(fit(run.replace(centre=run.centre + 1e-6 * moved)).residual - fit(run).residual)
+    found = diagnose(run.replace(centre=run.centre + 40 * SIGMA * 1e-6 / visible * moved))
+    assert len(found.missing) == 1
+    assert found.final.rms == pytest.approx(fit(run).rms, rel=0.05)
+    assert not found.final.noise.by and not found.final.noise.wander.any()

@@ -68,9 +68,18 @@ def under_best_noise(white: 'RunSearch', again: Callable[[Noise], 'RunSearch']) 
         waiting = [(one, of) for one, of in ((alone, NO_NAMES), (beside, names)) if not one.noise.is_white]
         waiting = waiting[:1] if beside is alone else waiting
         hopes[names] = best_score + beside.score
+    if alone.noise.tail and 'outlier' in white.chosen.names:  # single readings may be tails beside the other effects
+        steady = [member for member in white.chosen.members if member.name != 'outlier']
+        if steady and (beside := _estimated(white, steady)).noise.tail:
+            names = tuple(member.name for member in steady)
+            waiting.append((beside, names))
+            hopes[names] = white.problem.select(steady).score + beside.score
+    unsettled: tuple[float, RunSearch] | None = None
+    settled: set[tuple[tuple[str, ...], tuple[str, ...]]] = set()
     for _ in range(MOST_NOISES):
         # what was found beside a noise already is about as good as a search under it makes it
-        waiting = [(one, of) for one, of in waiting if hopes.get(of, np.inf) > best_score]
+        waiting = [(one, of) for one, of in waiting
+                   if (of, one.noise.kinds) not in settled and hopes.get(of, np.inf) > best_score]
         if not waiting:
             break
         one, of = waiting.pop(0)
@@ -84,10 +93,16 @@ def under_best_noise(white: 'RunSearch', again: Callable[[Noise], 'RunSearch']) 
             score -= ALONE * outliers
         if alone.noise.wander.any():
             score -= STEADY * len(members)
+        if not found.noise.is_white and (search.chosen.names, found.noise.kinds) != (of, one.noise.kinds):
+            # its effects are judged under the noise that is left beside them, not under that without them
+            waiting.insert(0, (found, search.chosen.names))
+            unsettled = max(unsettled or (-np.inf, search), (score, search), key=lambda each: each[0])
+            continue
+        settled.add((search.chosen.names, found.noise.kinds))
         if score > best_score - (margin if best is white else 0.0):
             best, best_score = search, score
-        if not found.noise.is_white and (search.chosen.names, found.noise.kinds) != (of, one.noise.kinds):
-            waiting.insert(0, (found, search.chosen.names))
+    if unsettled and (best is None or unsettled[0] > best_score + ALONE):
+        best = unsettled[1]
     if best is None or (is_tried and best.chosen.names == white.chosen.names and not all(
             member.named for member in white.chosen.members)):
         return white

@@ -411,8 +411,8 @@ def _noise(run: Run, rss: float, dof: int, noise: Noise) -> tuple[float, str, fl
     chi = (rms / known)**2
     # the check was made at one place, which may be the quietest one; heavy tails make its variance uncertain
     least, of_tail = chi * noise.quietest**2, max(1 - 3 / max(noise.tail_dof - 1, 1.0), FEWEST)
-    p = float(special.chdtrc(dof, least * dof) if known_dof is None
-              else special.fdtrc(dof, known_dof * of_tail, least))
+    p = float(special.chdtrc(dof * of_tail, least * dof * of_tail) if known_dof is None
+              else special.fdtrc(dof * of_tail, known_dof * of_tail, least))
     if p < UNLIKELY:
         return rms, 'residuals (larger than the repeatability)', chi, p
     if noise.by or noise.tail:

@@ -114,12 +114,11 @@ class Noise:
         return out
 
     def scaled(self) -> 'Noise':
-        """Return the same noise with a variance of 1 within CHECK readings in a row."""
+        """Return the same noise with a variance of 1 within CHECK readings in a row; Student weights keep it as it is."""
         apart = np.arange(1, CHECK)
         grown = apart if self.phi == 1 else 1 - self.phi**apart
         within = 2 * np.sum((CHECK - apart) * grown) / (CHECK * (CHECK - 1))
-        wider = 1 / (1 - 2 / max(self.tail_dof, 3.0))  # variance of Student's distribution, where it has one
-        total = float(np.mean(self.axes**2) * wider + np.mean(self.wander) * within)
+        total = float(np.mean(self.axes**2) + np.mean(self.wander) * within)
         return replace(self, axes=self.axes / np.sqrt(total), wander=self.wander / total)
 
 
