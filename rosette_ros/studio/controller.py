@@ -93,6 +93,7 @@ class Controller:
         self.budget: tuple[Ticket | None, Budget] | None = None
         self.overlaid: tuple[Ticket | None, dict[str, ErrorMotions]] | None = None
         self._refreshed: Ticket | None = None
+        self._asked = 0
         self.joint: JointResult | None = None
 
     # Actions
@@ -128,14 +129,21 @@ class Controller:
         if session.current is None:
             return
         model, self.previewing = make(), name
+        self._asked = asked = self._asked + 1
         self.changed.emit()
         try:
             result = await self.do_quick(self._if_current(ticket, change), session.current.run, session.model, model)
-            if session.is_current(ticket):
+            if session.is_current(ticket) and asked == self._asked:
                 session.set_preview(Preview(name, result))
         finally:
-            self.previewing = ''
-            self.changed.emit()
+            if asked == self._asked:
+                self.previewing = ''
+                self.changed.emit()
+
+    def drop_preview(self) -> None:
+        """Show the model as it is, also where a preview is still being calculated."""
+        self._asked, self.previewing = self._asked + 1, ''
+        self.act(self.session.set_preview, None)
 
     async def cross_check(self, place: int) -> None:
         """Check on another opened run what the diagnosis of this one claims."""

@@ -55,7 +55,6 @@ class Page:
         self._client = ui.context.client
         self._is_reporting = False
         self._add = partial(self._act, self._session.add)
-        self._drop_preview = partial(controller.act, self._session.set_preview, None)
         self._dark = ui.dark_mode(None)
         self._dialog = OpenDialog(controller, options.suggestions, folder, self.refresh)
         self._build_bar()
@@ -70,7 +69,8 @@ class Page:
             'o': ('open a run', self._dialog.show),
             'p': ('preview all missing effects', self._preview_missing),
             'a': ('add the preview, or all missing effects', self._add_best),
-            'Escape': ('close the preview', self._drop_preview), 'u': ('undo', partial(self._act, self._session.undo)),
+            'Escape': ('close the preview', controller.drop_preview),
+            'u': ('undo', partial(self._act, self._session.undo)),
             'r': ('redo', partial(self._act, self._session.redo)),
             'v': ('switch between present model and preview', self._figures.switch),
             's': ('save the model', self._save_model), 'd': ('light or dark', self._change_theme),
@@ -137,7 +137,7 @@ class Page:
                         CustomTermPanel(controller, self._preview_entry, partial(self._act, self._session.add_entry)),
                         CrossCheckPanel(controller, lambda place: self._run(controller.cross_check(place))))
                 with ui.element('div').classes('main'):
-                    self._figures = FiguresPanel(controller, self._add_preview, self._drop_preview)
+                    self._figures = FiguresPanel(controller, self._add_preview, controller.drop_preview)
                     below = (
                         BudgetPanel(controller, lambda path: self._run(controller.make_budget(path))),
                         OverlayPanel(controller, lambda places: self._run(controller.lay_over(places))),

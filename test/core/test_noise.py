@@ -360,7 +360,7 @@ BESIDE = {
 
 @pytest.mark.parametrize('kind', BESIDE)
 def test_the_noise_beside_an_effect_is_not_what_the_effect_alone_looks_like(kind):
-    """An effect of 40 sigma looks like a loud ball, a wander or unequal axes: beside it no more is left than without it."""
+    """40 sigma look like a loud ball, a wander or unequal axes: beside the effect no more is left than without it."""
     run = noisy(student(2, 4), 2)
     moved = BESIDE[kind](run)
     visible = np.linalg.norm(fit(run.replace(centre=run.centre + 1e-6 * moved)).residual - fit(run).residual)

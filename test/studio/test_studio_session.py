@@ -253,6 +253,17 @@ def test_a_preview_is_dropped_with_the_model_it_was_made_for(controller, run):
     in_loop(preview_late())
     assert session.preview is None
 
+    async def dropped_early():
+        late = asyncio.create_task(controller.preview('frame_drift', lambda: other))
+        while not controller.previewing:
+            await asyncio.sleep(0)
+        controller.drop_preview()
+        assert not controller.previewing
+        await late
+
+    in_loop(dropped_early())
+    assert session.preview is None
+
 
 def test_a_second_run_is_checked(controller, run, tmp_path):
     """What is found in one is confirmed in the other, which is opened by its path."""

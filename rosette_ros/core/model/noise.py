@@ -114,7 +114,7 @@ class Noise:
         return out
 
     def scaled(self) -> 'Noise':
-        """Return the same noise with a variance of 1 within CHECK readings in a row; Student weights keep it as it is."""
+        """Return the same noise with a variance of 1 within CHECK readings in a row; Student weights keep it."""
         apart = np.arange(1, CHECK)
         grown = apart if self.phi == 1 else 1 - self.phi**apart
         within = 2 * np.sum((CHECK - apart) * grown) / (CHECK * (CHECK - 1))

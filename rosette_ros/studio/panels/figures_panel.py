@@ -88,6 +88,7 @@ class FiguresPanel:
         self._changes.show(self._show_preview, preview)
         self._preview_card.set_visibility(bool(preview or busy))
         self._busy.set_visibility(bool(busy))
+        self._words.set_visibility(not busy)
         self._switch.set_enabled(preview is not None)
         self._add.set_enabled(preview is not None and not busy)
         names = (busy or (preview.name if preview else '')).split(' and ')
