@@ -368,3 +368,26 @@ def test_the_noise_beside_an_effect_is_not_what_the_effect_alone_looks_like(kind
     assert len(found.missing) == 1
     assert found.final.rms == pytest.approx(fit(run).rms, rel=0.05)
     assert not found.final.noise.by and not found.final.noise.wander.any()
+
+
+@pytest.mark.parametrize('seed', [1, 2, 6, 9, 11])
+def test_a_wander_beside_an_effect_is_no_course_of_the_frame(seed):
+    """Beside a ball that stands off by 25 sigma a random walk of 2 sigma is a wander, as it is alone."""
+    run = noisy(walk(seed, 2.0), seed)
+    moved = BESIDE['all of one ball'](run)
+    visible = np.linalg.norm(fit(run.replace(centre=run.centre + 1e-6 * moved)).residual - fit(run).residual)
+    found = diagnose(run.replace(centre=run.centre + 25 * SIGMA * 1e-6 / visible * moved))
+    assert found.missing == ('ball_machine_offset',)
+    assert found.final.noise.wander.any() or not found.unexplained
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_a_drift_beside_an_effect_is_no_wander(seed):
+    """In white noise both are named, the drift of 15 sigma, too."""
+    run = noisy(white(seed)[0], seed)
+    for moved, size in ((BESIDE['all of one ball'](run), 25), (run.time[:, None] * np.array([1e-4, 0, 5e-5]), 15)):
+        visible = np.linalg.norm(fit(run.replace(centre=run.centre + 1e-6 * moved)).residual - fit(run).residual)
+        run = run.replace(centre=run.centre + size * SIGMA * 1e-6 / visible * moved)
+    missing = diagnose(run).missing
+    assert missing[0] == 'ball_machine_offset' and len(missing) == 2
+    assert missing[1] in ('frame_drift', 'frame_warmup')

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects and noise compete: which noise a run has, with what is found under it.
 
-What white noise leaves beside the effects found is tested, and so is what it leaves without them. Where a test fails,
-the noise is estimated, and the search is made again under it; the best of noise and effects together stays.
+What white noise leaves beside the effects found is tested, and so is what it leaves without them, or without those that
+may be noise themselves. Where a test fails, the noise is estimated, and the search is made again under it, until the
+noise is that beside what is found; the best of noise and effects together stays.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,6 +15,7 @@ import numpy as np
 from rosette_ros.core.diagnosis.noise_search import NO_AXIS, SEEN, NoiseFit, NoiseProblem, check_of, estimate
 from rosette_ros.core.diagnosis.noise_statistics import two_sided_f
 from rosette_ros.core.diagnosis.search import MOST_EFFECTS, Member
+from rosette_ros.core.effects.frame_effects import FrameEffect
 from rosette_ros.core.model.base_model import BaseLines
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import Fit
@@ -63,17 +65,17 @@ def under_best_noise(white: 'RunSearch', again: Callable[[Noise], 'RunSearch']) 
                 margin = -CURVED
             elif set(names) == {'outlier'} and not _is_tailed(beside, alone.noise):
                 margin = -ALONE
-            if alone.score < best_score - margin:
-                return white
         waiting = [(one, of) for one, of in ((alone, NO_NAMES), (beside, names)) if not one.noise.is_white]
-        waiting = waiting[:1] if beside is alone else waiting
+        if beside.noise.is_white and alone.score < best_score - margin:
+            waiting = []
+        elif beside is alone:
+            waiting = waiting[:1]
         hopes[names] = best_score + beside.score
-    if alone.noise.tail and 'outlier' in white.chosen.names:  # single readings may be tails beside the other effects
-        steady = [member for member in white.chosen.members if member.name != 'outlier']
-        if steady and (beside := _estimated(white, steady)).noise.tail:
-            names = tuple(member.name for member in steady)
-            waiting.append((beside, names))
-            hopes[names] = white.problem.select(steady).score + beside.score
+        for one, rest in _instead(white, alone.noise):
+            of = tuple(member.name for member in rest)
+            waiting.append((one, of))
+            # wrong readings give way to tails that are better, courses also to a wander that is as good
+            hopes[of] = white.problem.select(rest).score + one.score + (margin if one.noise.wander.any() else 0.0)
     unsettled: tuple[float, RunSearch] | None = None
     settled: set[tuple[tuple[str, ...], tuple[str, ...]]] = set()
     for _ in range(MOST_NOISES):
@@ -107,6 +109,22 @@ def under_best_noise(white: 'RunSearch', again: Callable[[Noise], 'RunSearch']) 
             member.named for member in white.chosen.members)):
         return white
     return best
+
+
+def _instead(white: 'RunSearch', alone: Noise) -> list[tuple[NoiseFit, list[Member]]]:
+    """Return noises that can stand for some of the members found in white noise, each with the other members.
+
+    Courses of the frame in time may be a wander beside the others, wrong readings heavy tails where the noise alone,
+    without any effects, has them."""
+    members, found = white.chosen.members, list[tuple[NoiseFit, list[Member]]]()
+    for kind, rest in (('tail', [one for one in members if one.name != 'outlier']),
+                       ('wander', [one for one in members if not isinstance(one.effect, FrameEffect)
+                                   and one.name != 'free_time'])):
+        if 0 < len(rest) < len(members) and (kind != 'tail' or alone.tail):
+            beside = _estimated(white, rest)
+            if any(one.startswith(kind) for one in beside.noise.kinds):
+                found.append((beside, rest))
+    return found
 
 
 def noise_problem(fitted: Fit, members: Sequence[Member] = ()) -> NoiseProblem:
