@@ -6,6 +6,7 @@ import contextlib
 import functools
 import os
 import random
+import re
 import shutil
 import signal
 import socket
@@ -15,7 +16,7 @@ from pathlib import Path
 import hypothesis
 import pytest
 import yaml
-from forked_nodes import ForkedNode, preload
+from forked_nodes import OUTPUTS, ForkedNode, preload
 
 from rosette_ros.cell.supervisor import Cell, added_environment
 from rosette_ros.cli.demo_cell import is_free
@@ -50,6 +51,23 @@ def pytest_collection_modifyitems(items):
 def pytest_collection_finish():
     """Say what processes that fork load, after all modules of tests have said it."""
     preload()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(call):
+    """Add to a test that fails what nodes of its process have said meanwhile."""
+    report = yield
+    for output in map(Path, OUTPUTS) if report.failed else ():
+        if output.exists() and output.stat().st_mtime >= call.start:
+            report.sections.append((f'output of {output.parent.parent.name}/{output.name}', '\n'.join(
+                line for line in output.read_text('utf-8', 'replace').splitlines() if _is_since(line, call.start))))
+    return report
+
+
+def _is_since(line, begin):
+    """Return whether a line of a node's output has no time of its own, or a later one."""
+    time_of = re.match(r'\[\w+\] \[([\d.]+)\]', line)
+    return time_of is None or float(time_of[1]) >= begin
 
 
 @pytest.fixture(autouse=True)

@@ -22,11 +22,16 @@ def preload():
     forkserver.set_forkserver_preload(PRELOADED)
 
 
+OUTPUTS: dict[str, None] = {}
+"""The files to which nodes have written, in the order of their start."""
+
+
 class ForkedNode:
     """What a Cell uses of subprocess.Popen, for `python -m MODULE ARGUMENTS`."""
 
     def __init__(self, command, stdin, stdout, stderr, start_new_session, env):
         assert command[:2] == [sys.executable, '-m'] and start_new_session
+        OUTPUTS[stdout.name] = None
         self._process = _CONTEXT.Process(target=_run, args=(command[2:], env, os.getcwd(), stdout.name))
         self._process.start()
         self.pid = self._process.pid
@@ -61,6 +66,7 @@ class ForkedNode:
 
 def _run(command, environment, folder, output):
     """Be the node: in a session of its own, with an environment, a folder and an output like those of a new process."""
+    os.close(forkserver._forkserver._forkserver_alive_fd)  # else it outlives tests that are killed, and the nodes do
     os.setsid()
     os.chdir(folder)
     os.environ.clear()
