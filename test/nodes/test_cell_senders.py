@@ -118,6 +118,16 @@ def disturbed_run(client, cell, join, leave, is_enough, options=WAIT):
     return outcome, told
 
 
+def taken_by(client, topic):
+    """Return the list to which the messages of a topic are appended once the client has taken them."""
+    taken = []
+    for subscription in client._node.subscriptions:
+        if subscription.topic_name == client._node.resolve_topic_name(topic):
+            subscription.callback = (lambda message, callback=subscription.callback:
+                                     (callback(message), taken.append(message)))
+    return taken
+
+
 def is_held(told):
     return any('waiting for the end of one' in text for text in told)
 
@@ -178,9 +188,16 @@ def test_what_another_node_says_does_not_end_or_change_a_run(cell, client, stran
     forger, (kind, profile, messages) = Forger(stranger), FORGED[topic]
     recorder = cell.processes['recorder']
     said = len(recorder.text())
+    forged, taken = [], taken_by(client, topic)
+
+    def join(run_id):
+        forged.extend(messages(run_id))
+        forger.publish(kind, topic, profile, *forged)
+
     outcome, _ = disturbed_run(  # who leaves before a node has looked may not be seen by it (docs/security.md)
-        client, cell, lambda run_id: forger.publish(kind, topic, profile, *messages(run_id)), forger.leave,
-        lambda told: is_held(told) and f'2 nodes publish /rosette/{topic}' in recorder.text()[said:])
+        client, cell, join, forger.leave,
+        lambda told: (is_held(told) and f'2 nodes publish /rosette/{topic}' in recorder.text()[said:]
+                      and (topic != names.RUN_STATE or all(message in taken for message in forged))))
     assert outcome.success, outcome.message
     assert f'2 nodes publish /rosette/{topic}' in outcome.message
     log = read_log(outcome.log)
