@@ -105,7 +105,7 @@ class Report:
 
 
 def publisher_main(topic, keeps_last):
-    """Publish as standard input asks, `RATE SECONDS` a line; answer each with what was sent."""
+    """Publish as standard input asks, `RUN_ID RATE SECONDS` a line; answer each with what was sent."""
     rclpy.init()
     kind, profile = KINDS[topic]
     node = Node(f'load_{topic}', namespace=names.NAMESPACE, enable_rosout=False)
@@ -113,7 +113,7 @@ def publisher_main(topic, keeps_last):
     if not keeps_last:
         profile.history = HistoryPolicy.KEEP_ALL
     publisher = node.create_publisher(kind, topic, profile)
-    message = kind(run_id=RUN_ID, table_position=1, ball=1, cmm_position=1)
+    message = kind(table_position=1, ball=1, cmm_position=1)
     message.header.frame_id = 'machine'
     message.header.stamp = node.get_clock().now().to_msg()
     while not publisher.get_subscription_count():
@@ -122,7 +122,8 @@ def publisher_main(topic, keeps_last):
         sys.exit(f'somebody else publishes {topic} in ROS domain {DOMAIN}')
     print('ready', flush=True)
     for line in sys.stdin:
-        rate, seconds = (float(word) for word in line.split())
+        message.run_id, *numbers = line.split()
+        rate, seconds = map(float, numbers)
         print(publish(publisher, message, rate, seconds), flush=True)
     node.destroy_node()
     rclpy.try_shutdown()
@@ -172,10 +173,10 @@ class Publishers:
         """Their processes."""
         return [process.pid for process in self._processes]
 
-    def send(self, rate, seconds):
-        """Let both publish; return how many messages each has sent, by topic."""
+    def send(self, run_id, rate, seconds):
+        """Let both publish messages of a run; return how many messages each has sent, by topic."""
         for process in self._processes:
-            process.stdin.write(f'{rate} {seconds}\n')
+            process.stdin.write(f'{run_id} {rate} {seconds}\n')
             process.stdin.flush()
         return {topic: int(process.stdout.readline()) for topic, process in zip(KINDS, self._processes, strict=True)}
 
@@ -300,7 +301,7 @@ def highest_rate(publishers, recording, numbers):
         rate = 0.5 * (low + high) if high < float('inf') else max(2 * low, FIRST_RATE)
         run_id = f'trial_{next(numbers)}'
         recording.start(run_id)
-        sent = publishers.send(rate, TRIAL_SECONDS)
+        sent = publishers.send(run_id, rate, TRIAL_SECONDS)
         recording.stop(run_id)
         slowest = min(sent.values()) / TRIAL_SECONDS
         tried.append((rate, slowest))
@@ -341,7 +342,7 @@ def one_rate(publishers, recording, run_id, rate, seconds):
     """Return the Result of so many seconds at a rate."""
     recording.start(run_id)
     usage = Usage(recorder_pid(), [os.getpid(), *publishers.pids])
-    sent = publishers.send(rate, seconds)
+    sent = publishers.send(run_id, rate, seconds)
     used = usage.end()
     answer = recording.stop(run_id)
     return _result(Path(answer.log), rate, sent, seconds, answer.lost, used)

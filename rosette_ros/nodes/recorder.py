@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from rcl_interfaces.msg import Log
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
-from rosette_msgs.msg import Heartbeat, RunState
+from rosette_msgs.msg import Heartbeat, ProbeTarget, RunState
 from rosette_msgs.srv import Recall, Recorded, StartRecording, StopRecording
 from rosgraph_msgs.msg import Clock
 from service_msgs.msg import ServiceEventInfo
@@ -41,7 +41,7 @@ WANTED = (
     Wanted('least_free_mb', 20, 'a log is not begun with less room on the disk, MB', 0, 1_000_000),
     Wanted('simulated', False, 'whether logs say that no real CMM measured; on a simulated clock they do anyway',
            read_only=True), *LOG)
-LAST_MESSAGES = 2.0
+LAST_MESSAGES = 4.0
 """How long an open log waits for what belongs to its end, and an ending recorder for the sequencer to close it, after
 the last answer, s."""
 
@@ -133,15 +133,24 @@ class Recorder(CellNode):
             elif topic == self._rosout_topic and not names.is_of_cell(decoded(data, Log).name, self.get_namespace()):
                 return
             log_time = self._simulated_now if self._is_simulated and self._simulated_now else time.time_ns()
+            kind = self._kinds.get(topic, object)
+            if kind is ProbeTarget and self._is_of_another_run(data):
+                return
             message = Message(topic, data, log_time, log_time, self.seconds())
             is_in_log = self._session.take(message) or (self._replace_damaged() and self._session.take(message))
-            kind = self._kinds.get(topic, object)
             if is_in_log and kind in RunContents.KINDS:
                 self._contents.receive(kind, message)
             if kind in HANDLED:
                 self._handle(topic, decoded(data, kind))
         except InvalidData as error:
             self.get_logger().error(f'{topic}: {error}')
+
+    def _is_of_another_run(self, data: bytes) -> bool:
+        """Return whether a target is not of the open log: a new subscription may get those of earlier runs late.
+
+        By the name of the run as it stands in CDR, with its final zero: to decode a target takes a hundred times as
+        long."""
+        return self._session.is_open and f'{self._session.run_id}\0'.encode() not in data
 
     def _handle(self, topic: str, message: Any) -> None:
         if isinstance(message, Heartbeat):

@@ -34,7 +34,7 @@ CELL = (
     Wanted('recorder_timeout_s', 10.0, 'wall time for opening, verifying or closing a log, s', 0.1, 1e4),
     Wanted('state_rate_hz', 10.0, 'most states per second of wall time while a phase lasts, Hz', 0.1, 1e4))
 RECALL_TIMEOUT = 60.0  # how long the recorder may read in the log of an earlier part, s
-ANSWERS_TIMEOUT = 2.0  # how long answers may be under way to the log, s; then they are asked again
+ANSWERS_TIMEOUT = 4.0  # how long answers may be under way to the log, s: Fast DDS repeats what was lost after 3 s
 TELL = 60.0  # a run logs its progress so often, s
 REMARKS = 5  # so many of the last warnings of a run are in /diagnostics
 

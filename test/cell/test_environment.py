@@ -12,6 +12,8 @@ import pytest
 
 from rosette_ros.cell import supervisor
 from rosette_ros.cell.supervisor import LOCAL, MODULES, PROFILES, RANGE, TRANSPORTS, added_environment
+from rosette_ros.nodes.recorder import LAST_MESSAGES
+from rosette_ros.nodes.sequencer import ANSWERS_TIMEOUT
 
 PROFILE = Path(supervisor.__file__).with_name('fastdds.xml')
 
@@ -41,6 +43,15 @@ def test_the_profile_offers_the_loopback_address_alone():
     root = ElementTree.parse(PROFILE).getroot()
     assert [one.get('is_default_profile') for one in root.iterfind('.//f:participant', space)] == ['true']
     assert {one.text for one in root.iterfind('.//f:address', space)} == {'127.0.0.1'}
+
+
+def test_what_is_lost_is_repeated_before_it_is_missed():
+    """The heartbeat period of writers, with a third as long again for the repetition, against what waits for a log."""
+    space = {'f': 'http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles'}
+    period = ElementTree.parse(PROFILE).getroot().find('.//f:data_writer/f:times/f:heartbeatPeriod', space)
+    seconds = int(period.find('f:sec', space).text) + 1e-9 * int(period.find('f:nanosec', space).text)
+    for period in (seconds, 3.0):  # here, and by default
+        assert 4 / 3 * period <= min(LAST_MESSAGES, ANSWERS_TIMEOUT)
 
 
 def test_the_nodes_of_a_cell_listen_on_loopback_alone(cell_of, domain_id, monkeypatch):

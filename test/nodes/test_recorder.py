@@ -79,6 +79,15 @@ def test_a_request_to_the_evaluator_does_not_prevent_a_run(recorder, tmp_path):
     assert all(not read_log(path).truncated for path in tmp_path.iterdir())
 
 
+def test_latched_targets_of_an_earlier_run_that_arrive_late(recorder, tmp_path):
+    """A recorder that was started anew gets them, on a busy computer when the next log is open: it was of two runs."""
+    assert start(recorder, 'second').success
+    for run_id in ('first', 'second'):
+        receive(recorder, 'probe_target', ProbeTarget(run_id=run_id, seq=1, attempt=1, phase=ProbeTarget.PHASE_RUN))
+    assert stop(recorder, 'second').success
+    assert [target.run_id for target in read_log(tmp_path / 'second').targets] == ['second']
+
+
 def test_a_sequencer_that_is_restarted_while_a_log_is_open(recorder, tmp_path):
     """Its idle state closes the log once, and the answer to a late request names the reason."""
     assert start(recorder, 'run').success
