@@ -193,7 +193,7 @@ def test_rosette_cell_takes_the_namespace(domain_id, tmp_path, wait_until):
              '--machine', tmp_path / 'machine.yaml', '--params', tmp_path / 'cell.yaml', '-o', tmp_path / 'runs'],
             stdout=stream, stderr=subprocess.STDOUT, start_new_session=True)
     try:
-        wait_until(lambda: 'The cell is running' in output.read_text() or process.poll() is not None)
+        wait_until(lambda: 'Ctrl-C ends the cell' in output.read_text() or process.poll() is not None)
         assert f'rosette calibrate --domain {domain_id} --namespace cell2' in output.read_text()
         with CellClient(domain_id, 'cell2') as client:
             outcome = client.calibrate(timeout=120)
