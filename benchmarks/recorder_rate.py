@@ -62,8 +62,8 @@ class Result:
 
     rate: messages per second of the slower publisher; asked: of each; sent: how many by topic.
 
-    lost, repeated: by comparing the log with what was sent; told: what the recorder says that it lost; growth:
-    of its resident memory while the publishers sent; others: CPU seconds of whatever else ran on the computer.
+    lost, repeated: by comparing the log with what was sent; growth: of the recorder's resident memory while the
+    publishers sent; others: CPU seconds of whatever else ran on the computer.
     """
 
     rate: float
@@ -74,7 +74,6 @@ class Result:
     recorded: int
     lost: dict
     repeated: int
-    told: int
     files: int
     log_bytes: int
     cpu_seconds: float
@@ -345,10 +344,10 @@ def one_rate(publishers, recording, run_id, rate, seconds):
     sent = publishers.send(run_id, rate, seconds)
     used = usage.end()
     answer = recording.stop(run_id)
-    return _result(Path(answer.log), rate, sent, seconds, answer.lost, used)
+    return _result(Path(answer.log), rate, sent, seconds, used)
 
 
-def _result(log, asked, sent, seconds, told, used):
+def _result(log, asked, sent, seconds, used):
     recorded, lost, repeated = 0, {}, 0
     for topic, (kind, _) in KINDS.items():
         seqs = seqs_in(log, topic, kind)
@@ -360,7 +359,7 @@ def _result(log, asked, sent, seconds, told, used):
     return Result(
         rate=min(sent.values()) / seconds, asked=asked, sent=sent, seconds=seconds,
         published=sum(sent.values()), recorded=recorded, lost=lost,
-        repeated=repeated, told=told, files=len(files), log_bytes=sum(path.stat().st_size for path in files),
+        repeated=repeated, files=len(files), log_bytes=sum(path.stat().st_size for path in files),
         cpu_seconds=cpu, peak_memory=peak, growth=growth, others=others)
 
 
@@ -371,8 +370,8 @@ def words_of(result):
         f'{"kept" if result.is_kept else "not kept"}: '
         f'{", ".join(f"{topic} {count / result.seconds:.0f}" for topic, count in result.sent.items())} 1/s, '
         f'{result.published / result.seconds:.0f} messages/s in all\n'
-        f'    published {result.published}, recorded {result.recorded}, lost {sum(result.lost.values())} '
-        f'(the recorder says {result.told}), twice {result.repeated}\n'
+        f'    published {result.published}, recorded {result.recorded}, lost {sum(result.lost.values())}, '
+        f'twice {result.repeated}\n'
         f'    log of {result.log_bytes / MEGABYTE:.1f} MB in {result.files} file(s)\n'
         f'    recorder: {result.cpu_seconds:.1f} CPU seconds ({100 * result.cpu_seconds / result.seconds:.0f} % of a '
         f'core), peak memory {result.peak_memory / MEGABYTE:.0f} MB, growth {result.growth / MEGABYTE:+.1f} MB\n'

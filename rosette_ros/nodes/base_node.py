@@ -29,7 +29,7 @@ from rclpy.time import Time
 from std_msgs.msg import Header
 
 from rosette_ros.calibration.settings import Wanted
-from rosette_ros.core.errors import RosetteError, counted
+from rosette_ros.core.errors import RosetteError
 from rosette_ros.nodes import names, qos
 from rosette_ros.nodes.liveliness import HeartbeatPublisher, NodeMonitor
 from rosette_ros.nodes.parameters import Parameters, refuse_unknown_sections
@@ -66,19 +66,19 @@ class CellNode(Node):
 
     def on(self, name: str, message_class: type, handler: Callable[[Any], None], profile: QoSProfile,
            raw: bool = False, from_one: bool = False) -> Subscription:
-        """Subscribe and count lost messages; raw: the handler gets CDR bytes; from_one: of a topic in names.PUBLISHERS
-        nothing is handled while several nodes publish it."""
-        topic = self.resolve_topic_name(name)
+        """Subscribe; raw: the handler gets CDR bytes; from_one: of a topic in names.PUBLISHERS nothing is handled while
+        several nodes publish it.
+
+        Nobody is told of messages that were lost in transport: rmw_fastrtps 8.4 can hang a node that takes this event
+        while another message is lost (rmw_fastrtps pull request 890)."""
         sender = self.sender(name) if from_one and name in names.PUBLISHERS else None
 
         def admitted(message: Any) -> None:
             if sender is None or sender.admits():
                 handler(message)
 
-        events = SubscriptionEventCallbacks(
-            message_lost=lambda event: self._on_lost(topic, event.total_count_change),
-            matched=None if sender is None else lambda event: sender.look())
-        made = self.create_subscription(message_class, topic, admitted, profile, raw=raw, event_callbacks=events)
+        events = SubscriptionEventCallbacks(matched=None if sender is None else lambda event: sender.look())
+        made = self.create_subscription(message_class, name, admitted, profile, raw=raw, event_callbacks=events)
         if sender is not None:
             sender.judge(made)
         return made
@@ -127,15 +127,6 @@ class CellNode(Node):
         deadline = self.seconds() + timeout
         while not condition() and self.seconds() < deadline:
             self.executor.spin_once(timeout_sec=_SIGNAL_PERIOD)
-
-    def _on_lost(self, topic: str, count: int) -> None:
-        if count > 0:  # Fast DDS also reports that none was lost
-            self.lost(topic, count)
-
-    def lost(self, topic: str, count: int) -> None:
-        """Take note of messages that were lost in transport."""
-        self.get_logger().error(f'{counted(count, "message")} on {topic} {"was" if count == 1 else "were"} lost in '
-                                'transport')
 
     def wake(self) -> None:
         """Do what is due by the wall clock; called every WAKE_PERIOD."""

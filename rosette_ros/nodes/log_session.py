@@ -178,11 +178,6 @@ class LogSession:
             self._recent.append(message)
         return False
 
-    def lose(self, count: int) -> None:
-        """Take note of messages that were lost in transport while a log is open."""
-        if self.is_open:
-            self.lost += count
-
     def open(self, directory: Path, run_id: str, now: float, log_time: int, earlier: Iterable[Message] = (),
              custom_data: Mapping[str, str] | None = None, is_follow_up: bool = False) -> None:
         """Open the log of a run; messages of an earlier part, latched and recent ones come first.

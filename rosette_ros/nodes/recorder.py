@@ -26,7 +26,7 @@ from rosette_ros.io.log_run import RESUMES_KEY, SIMULATED_KEY
 from rosette_ros.io.messages import nanoseconds
 from rosette_ros.io.type_definitions import TypeLibrary
 from rosette_ros.nodes import conversions, names, qos
-from rosette_ros.nodes.base_node import ERROR, OK, WAKE_PERIOD, WARN, CellNode, Health, run_node
+from rosette_ros.nodes.base_node import ERROR, OK, WAKE_PERIOD, CellNode, Health, run_node
 from rosette_ros.nodes.interfaces import decoded, interface_class, introspected_service
 from rosette_ros.nodes.log_recall import find_part, iter_copied, next_part, recall
 from rosette_ros.nodes.log_session import LOG, FollowUp, LogSession, Message, Retention, RunContents, free_name
@@ -185,10 +185,6 @@ class Recorder(CellNode):
             self.get_logger().warning(f'the answer is not recorded: {error}')
         else:
             self._contents, self._follow_up.is_open = RunContents(name, self.get_logger().error), True
-
-    def lost(self, topic: str, count: int) -> None:
-        """Count what was lost in transport."""
-        self._session.lose(count)
 
     def _discover(self) -> None:
         home = self.get_namespace().rstrip('/') + '/'
@@ -371,8 +367,6 @@ class Recorder(CellNode):
         values = {'run_id': session.run_id, 'messages': session.messages, 'lost': session.lost}
         if session.failure:
             return ERROR, session.failure, values
-        if session.lost:
-            return WARN, f'{session.lost} messages were lost in transport', values
         return OK, f'recording run {session.run_id}: {session.messages} messages', values
 
 

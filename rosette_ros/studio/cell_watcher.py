@@ -10,7 +10,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.logging import LoggingSeverity
 from rosette_msgs.msg import BallCentre, Diagnosis, ErrorMotions, ProbeTarget, RunState
 from tf2_msgs.msg import TFMessage
@@ -106,8 +105,7 @@ class CellWatcher(GraphClient):
 
     def _subscribe(self, topic: str, kind: type, profile: Any) -> None:
         resolved = self._node.resolve_topic_name(topic)
-        events = SubscriptionEventCallbacks(message_lost=lambda event: self._lost(resolved, event.total_count_change))
-        self._node.create_subscription(kind, topic, partial(self._receive, resolved), profile, event_callbacks=events)
+        self._node.create_subscription(kind, topic, partial(self._receive, resolved), profile)
 
     def _receive(self, topic: str, message: Any) -> None:
         with self.lock:
@@ -115,10 +113,6 @@ class CellWatcher(GraphClient):
                 self._take(message)
             except RosetteError as error:
                 self.state.add_fault(_clock(), f'{topic}: not used: {error}')
-
-    def _lost(self, topic: str, count: int) -> None:
-        with self.lock:
-            self.state.add_fault(_clock(), f'{count} messages on {topic} were lost')
 
     def _take(self, message: Any) -> None:
         """Put what a message states into `state`; Any: messages of rclpy have no types."""

@@ -15,7 +15,7 @@ from rclpy.node import Node
 
 from rosette_ros.cell.client import CellClient
 from rosette_ros.core.errors import CellError
-from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.messages import Phase
 from rosette_ros.nodes import names
 from rosette_ros.nodes.sequencer import Sequencer
@@ -160,8 +160,7 @@ def test_a_cmm_that_is_stopped_hangs_and_is_told(cell, client):
 def test_a_recorder_that_stands_still_for_a_moment_loses_nothing(cell_of, domain_id):
     """As where disk or processor is busy: what is sent meanwhile waits in the buffer, and nothing is asked again.
 
-    Of 300 balls that were sent to a recorder that stood still for 0.3 s, 230 messages were lost in transport and had to
-    be repeated, the last of them after 3 s."""
+    In 0.2 MB of it, which is what Linux gives unless asked, 37 of 302 clocks were lost."""
     stopped = []
     with cell_of(16, sequencer={'repeats': 0}) as cell, CellClient(domain_id) as client:
         recorder = cell.processes[names.RECORDER]
@@ -178,8 +177,8 @@ def test_a_recorder_that_stands_still_for_a_moment_loses_nothing(cell_of, domain
         assert outcome.success, outcome.message
         targets = read_log(outcome.log).targets
         assert len(targets) == len({target.seq for target in targets}) == 16 * 16 + 2 * 16 + 1
-        if int(Path('/proc/sys/net/core/rmem_max').read_text()) >= 4 << 20:
-            assert ' messages, 0 lost' in recorder.text()
+        if int(Path('/proc/sys/net/core/rmem_max').read_text()) >= 4 << 20:  # of a clock only the last ten are repeated
+            assert sum(one.topic.endswith(names.CLOCK) for one in iter_log(outcome.log)) >= len(targets)
 
 
 def killed_cmm(cell, client, integrator):

@@ -120,17 +120,6 @@ def test_refusing_disk_is_kept_in_words_and_counted(tmp_path, monkeypatch):
     assert session.lost == 2
 
 
-def test_losses_count_only_while_a_log_is_open(tmp_path):
-    """What was lost before does not make a good log look bad."""
-    session = make_session()
-    session.lose(5)
-    session.open(tmp_path / 'a', 'a', 0.0, 1)
-    assert session.lost == 0
-    session.lose(2)
-    session.close()
-    assert session.lost == 2
-
-
 # Logs that follow a run
 
 
