@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Causes that machines have and single shapes do not describe, by name."""
 
-from benchmarks.blind import frame_causes, further_causes, machine_causes, plate_causes
+from benchmarks.blind import frame_causes, further_causes, machine_causes, plate_causes, support_causes
 from benchmarks.blind.cause import Cause
 
 CAUSES: dict[str, type[Cause]] = {
@@ -37,6 +37,10 @@ BEYOND: dict[str, type[Cause]] = {
     'unsteady_cycle': further_causes.UnsteadyCycle,
     'expansion_lagged': further_causes.ExpansionLagged,
     'two_balls_creep': further_causes.TwoBallsCreep,
+    'foot_settles': support_causes.FootSettles,
+    'foot_drops': support_causes.FootDrops,
+    'plate_soaks': support_causes.PlateSoaks,
+    'plate_turns_settling': support_causes.PlateTurnsSettling,
 }
 """Causes that no family was written for."""
 

@@ -17,6 +17,7 @@ from rosette_ros.simulation.motion import Moment
 class PlateCreepSettles(Cause):
     """The plate slides on the table, fast first, then slower."""
 
+    right = ('plate_creep_settling',)
     family = ('plate_creep', 'plate_slip')
     variables = said('time angle', 'time')
     frame = 'plate'
@@ -114,7 +115,8 @@ class UnsteadyCycle(Cause):
 class ExpansionLagged(Cause):
     """The plate follows the temperature late: it is thick."""
 
-    right = ('plate_expansion',)
+    right = ('plate_expansion_lag',)
+    family = ('plate_expansion',)
     variables = said('temperature', 'time', 'temperature position', 'time position')
     frame = 'plate'
     groups = {'climate': {'cycle_K': 0.1, 'cycle_min': 70.0}}  # noqa: RUF012

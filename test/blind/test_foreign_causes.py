@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Foreign causes are the physics that they claim, of the strength asked for, and answers to them are judged rightly."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from scipy.spatial.distance import pdist
 
 from benchmarks.blind.answers import Answer, Claim, told_axes, told_variables
 from benchmarks.blind.cause import lagged
-from benchmarks.blind.causes_table import displaced, judged
+from benchmarks.blind.causes_table import MachineWithCause, displaced, judged
 from benchmarks.blind.foreign_causes import EVERY
 from benchmarks.blind.library_effects import visible_part
-from benchmarks.blind.runs import ORDERS, SIGMA, Plan
+from benchmarks.blind.runs import ORDERS, SIGMA, Plan, machine_config, measure
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.geometry import rotate_z
-from rosette_ros.simulation.hidden.hidden_effect import HOOKS
+from rosette_ros.core.geometry import nominal_angles, rotate_z
+from rosette_ros.simulation.hidden.hidden_effect import HOOKS, Draw, Situation
 
 ABSORBED = ('encoder_harmonics',)
 BY_BALL = ('ball_creep_exponential', 'ball_creep_linear', 'ball_rattle', 'ball_fixed_in_machine', 'two_balls_creep')
@@ -93,6 +96,91 @@ def test_a_pulse_comes_back_and_a_drift_begins():
     cause, clean, _, shift = drawn('drift_from')
     still = clean.time < 3600 * (cause.at_h - cause.until_h) + clean.time[-1] - 60
     assert np.ptp(shift[still], axis=0).max() < 1e-3 * np.ptp(shift, axis=0).max()
+
+
+def unscaled(kind):
+    """Return a cause, the run without it, and its displacements as they were drawn, turned to the plate, (N, 3), m."""
+    cause, clean, *_ = drawn(kind)
+    made = Plan(12, 'sensitive', 1)
+    with_cause = measure(MachineWithCause(machine_config(made.seed, made.n), cause), made)[0]
+    return cause, clean, rotate_z(-clean.phi, with_cause.centre - clean.centre)
+
+
+FOOT = 0.12
+"""Radius of the circle of the feet, m."""
+
+
+def on_feet(kind, sink_um, foot=0.7, height=0.06, radius=0.1825):
+    """Return places and displacements of twelve balls, of two over the other feet where the radius is theirs, m."""
+    made = EVERY[kind](sink_um, foot, height, radius, 1.0, *((0.2,) if kind == 'foot_settles' else ()))
+    azimuth = foot + np.deg2rad(120) * np.array([1, -1]) if radius == FOOT else nominal_angles(12)
+    place = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), np.full(azimuth.shape, height)], axis=-1)
+    # 50 time constants after the first reading the foot has come to rest
+    moment = SimpleNamespace(hours=np.full((azimuth.size, 1), 11.0), azimuth=azimuth[:, None])
+    return place, made.ball_shift(moment)[:, 0]
+
+
+@pytest.mark.parametrize('kind', ['foot_settles', 'foot_drops'])
+@pytest.mark.parametrize('height', [0.02, 0.06, 0.1])
+def test_a_plate_with_a_sinking_foot_stays_rigid(kind, height):
+    """Distances between balls and feet, one lower by s, stay to second order: they change by (s / 1.5 r_f)² / 2."""
+    # a lean to the other side would change those from balls to feet by about s h / 1.5 r_f, 2 µm and more
+    foot, change = 0.7, []
+    for sink_um in (18.0, 36.0):
+        balls, shift = on_feet(kind, sink_um, foot, height)
+        azimuth = foot + np.deg2rad([0, 120, 240])
+        feet = FOOT * np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth], axis=-1)
+        lower = np.array([[0, 0, -1e-6 * sink_um], [0, 0, 0], [0, 0, 0]])
+        before, after = (pdist(np.concatenate(points)) for points in ((balls, feet), (balls + shift, feet + lower)))
+        tilt = 1e-6 * sink_um / (1.5 * FOOT)
+        assert np.abs(after - before).max() <= 0.51 * tilt**2 * before.max() < 1e-8
+        change.append(after - before)
+    assert change[1] == pytest.approx(4 * change[0], abs=1e-13)
+    assert np.abs(change[1]).max() > 1e-10
+
+
+@pytest.mark.parametrize('kind', ['foot_settles', 'foot_drops'])
+def test_a_ball_over_another_foot_keeps_its_height(kind):
+    """It stands over the line about which the plate turns; at the height of the feet it does not move at all."""
+    assert on_feet(kind, 18.0, radius=FOOT)[1][:, 2] == pytest.approx(0, abs=1e-18)
+    assert on_feet(kind, 18.0, radius=FOOT, height=0.0)[1] == pytest.approx(0, abs=1e-18)
+
+
+def test_a_foot_that_settles_turns_with_the_plate():
+    """In the plate's axes the displacements are one pattern times 1 − exp(−t/τ)."""
+    cause, clean, moved = unscaled('foot_settles')
+    pattern = on_feet('foot_settles', cause.sink_um, cause.foot, cause.height, cause.radius)[1][clean.ball - 1]
+    hours = clean.time / 3600
+    wanted = (1 - np.exp(-hours / cause.constant_h))[:, None] * pattern
+    # the 20 touches of a reading take 24 s; the plate lies 0.2 mm off and turned by 0.3 mrad
+    assert moved == pytest.approx(wanted, abs=(0.01 + 24 / 3600 / cause.constant_h) * np.abs(pattern).max())
+    assert 0.2 <= cause.constant_h / hours[-1] <= 0.6
+
+
+def test_a_foot_that_drops_turns_with_the_plate():
+    """In the plate's axes nothing moves before, and one pattern stays after; one reading may be made meanwhile."""
+    cause, clean, moved = unscaled('foot_drops')
+    pattern = on_feet('foot_drops', cause.sink_um, cause.foot, cause.height, cause.radius)[1][clean.ball - 1]
+    allowed = 0.01 * np.abs(pattern).max()
+    before, after = (np.flatnonzero(np.abs(moved - course * pattern).max(axis=1) < allowed) for course in (0, 1))
+    assert before.size + after.size >= clean.size - 1 and before.size and after.size
+    assert before.max() < after.min() and 0.25 < before.size / clean.size < 0.85
+
+
+@pytest.mark.parametrize(('kind', 'axis', 'size', 'longest'), [
+    ('plate_soaks', 0, 'growth_ppm', 0.5), ('plate_turns_settling', 1, 'turn_urad', 0.4)])
+def test_a_plate_that_comes_to_rest(kind, axis, size, longest):
+    """All balls move by R e (1 − exp(−t/τ)), radially as the plate soaks, tangentially as it turns, in either sense."""
+    cause, clean, moved = unscaled(kind)
+    hours = clean.time / 3600
+    largest = 1e-6 * getattr(cause, size) * clean.radius
+    wanted = np.outer(1 - np.exp(-hours / cause.constant_h), largest * np.eye(3)[axis])
+    polar = rotate_z(clean.phi - clean.alpha, moved)
+    # the 20 touches of a reading take 24 s; the plate lies 0.2 mm off and turned by 0.3 mrad
+    assert polar == pytest.approx(wanted, abs=(0.01 + 24 / 3600 / cause.constant_h) * abs(largest))
+    assert 0.1 <= cause.constant_h / hours[-1] <= longest
+    by = Draw(np.random.default_rng(1), 1.0, Situation(12, 0.1825, 0.5, 1.2, 0.1))
+    assert {np.sign(getattr(EVERY[kind].draw(by), size)) for _ in range(20)} == {-1.0, 1.0}
 
 
 def test_what_lags_solves_its_equation():
