@@ -114,9 +114,10 @@ def test_every_effect_says_what_it_shares_with_the_next_run():
     carries = {name: effect.carries for name, effect in EFFECTS.items()}
     assert {name for name, word in carries.items() if word == 'nothing'} == {
         'frame_step', 'frame_pulse', 'frame_drift_onset', 'plate_slip', 'ball_slip', 'ball_creep',
-        'ball_rattle', 'outlier', 'frame_recovery', 'axis_tilt_step', 'table_zero_step'}
+        'ball_rattle', 'outlier', 'frame_recovery', 'axis_tilt_step', 'table_zero_step', 'plate_tilt_step'}
     assert {name for name, word in carries.items() if word == 'shape'} == {
-        'frame_drift_curved', 'frame_warmup', 'frame_cycle', 'asynchronous_motion', 'table_warmup'}
+        'frame_drift_curved', 'frame_warmup', 'frame_cycle', 'asynchronous_motion', 'table_warmup',
+        'plate_creep_settling', 'plate_tilt_settling', 'plate_soaking', 'table_zero_warmup', 'axis_tilt_warmup'}
     assert set(carries.values()) == {'all', 'shape', 'nothing'}
 
 

@@ -21,10 +21,11 @@ EVERY = [*EFFECTS.values(), *FREE_FORMS.values()]
 FIXED_NAMES = {
     'frame_drift', 'frame_drift_onset', 'frame_drift_curved', 'frame_warmup', 'frame_temperature',
     'frame_temperature_lag', 'frame_cycle', 'frame_step', 'frame_pulse', 'frame_recovery',
-    'table_zero_step', 'axis_tilt_step',
+    'table_zero_step', 'axis_tilt_step', 'table_zero_warmup', 'axis_tilt_warmup',
     'table_zero_drift', 'axis_tilt_drift', 'table_backlash', 'table_backlash_angle', 'encoder_interpolation',
-    'asynchronous_motion', 'table_warmup', 'plate_creep', 'plate_slip', 'plate_expansion', 'plate_warp',
-    'plate_support', 'ball_slip', 'ball_creep', 'ball_rattle', 'ball_machine_offset', 'ball_sag', 'ball_form',
+    'asynchronous_motion', 'table_warmup', 'plate_creep', 'plate_creep_settling', 'plate_slip', 'plate_tilt_step',
+    'plate_tilt_settling', 'plate_expansion', 'plate_expansion_lag', 'plate_soaking', 'plate_warp', 'plate_support',
+    'ball_slip', 'ball_creep', 'ball_rattle', 'ball_machine_offset', 'ball_sag', 'ball_form',
     'cmm_scale_drift', 'cmm_squareness_drift', 'cmm_reversal', 'cmm_reversal_position', 'probe_approach', 'outlier'}
 
 
@@ -166,6 +167,9 @@ def test_directions_of_the_forms():
     }
     for name, columns in expected.items():
         assert np.allclose(EFFECTS[name].columns(run, Setting())[at], columns, atol=1e-12), name
+    body = EFFECTS['plate_tilt_step'].columns(run, Setting(motion='all', t0=run.time[at] - 1))[at]
+    assert np.allclose(body, [[c, -s, 0, 0, 0], [s, c, 0, 0, 0], [0, 0, 1, 0, -RADIUS]], atol=1e-12)
+    assert not np.any(EFFECTS['plate_tilt_step'].columns(run, Setting(motion='all', t0=run.time[at] + 1))[at])
     growth = EFFECTS['plate_expansion'].columns(run, Setting(driver='time'))[at]
     assert np.allclose(growth, RADIUS * t * np.array([[c], [s], [0]]), atol=1e-12)
     form = EFFECTS['ball_form'].columns(run, Setting(ball=1, harmonic=2))[at]

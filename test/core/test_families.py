@@ -38,6 +38,15 @@ def of_ball(run, ball, course, direction):
     return rotate_z(run.phi, (course * (run.ball == ball))[:, None] * np.array(direction))
 
 
+def on_a_soft_foot(run, sinks, circle=0.12, above=0.06):
+    """Return what the balls, so high above three feet, do where the foot at x of the plate sinks.
+
+    The plate turns about the line of the two others, at x = -circle / 2."""
+    turn = sinks / (1.5 * circle)
+    x = RADIUS * np.cos(run.beta) + circle / 2
+    return rotate_z(run.phi, np.stack([turn * above, 0 * turn, -turn * x], axis=1))
+
+
 Z, X = np.array([0, 0, 1.0]), np.array([1.0, 0, 0])
 TRUTHS = {
     'frame_drift_onset': lambda run: np.maximum(share(run) - 0.6, 0)[:, None] * X,
@@ -48,10 +57,20 @@ TRUTHS = {
     'table_zero_step': lambda run: (share(run) > 0.6)[:, None] * np.stack(
         [-np.sin(run.alpha), np.cos(run.alpha), 0 * run.alpha], axis=1),
     'axis_tilt_step': lambda run: ((share(run) > 0.4) * np.sin(run.alpha - 1))[:, None] * Z,
+    'table_zero_warmup': lambda run: -np.expm1(-share(run) / 0.2)[:, None] * np.stack(
+        [-np.sin(run.alpha), np.cos(run.alpha), 0 * run.alpha], axis=1),
+    'axis_tilt_warmup': lambda run: (np.expm1(-share(run) / 0.2) * np.sin(run.alpha - 1))[:, None] * Z,
     'probe_approach': lambda run: np.cos(3 * last_move(run)[0] - 1)[:, None] * Z,
     'table_backlash_angle': lambda run: (run.approach * np.cos(run.phi - 1))[:, None] * np.stack(
         [-np.sin(run.alpha), np.cos(run.alpha), 0 * run.alpha], axis=1),
     'plate_support': lambda run: (np.cos(run.phi - 0.3) * np.cos(3 * run.beta + 1))[:, None] * Z,
+    'plate_creep_settling': lambda run: rotate_z(run.phi, -np.expm1(-share(run) / 0.2)[:, None] * [0.8, -0.6, 0]),
+    'plate_tilt_step': lambda run: ((share(run) > 0.4) * np.sin(run.beta - 1))[:, None] * Z,
+    'plate_tilt_settling': lambda run: on_a_soft_foot(run, -np.expm1(-share(run) / 0.3)),
+    'plate_soaking': lambda run: -np.expm1(-share(run) / 0.3)[:, None] * np.stack(
+        [np.cos(run.alpha), np.sin(run.alpha), 0 * run.alpha], axis=1),
+    'plate_expansion_lag': lambda run: lagged(run.time, run.temperature - 20, 1500.0)[:, None] * np.stack(
+        [np.cos(run.alpha), np.sin(run.alpha), 0 * run.alpha], axis=1),
     'ball_creep': lambda run: of_ball(run, 5, -np.expm1(-share(run) / 0.25), [1, 0.5, -0.7]),
     'ball_rattle': lambda run: of_ball(run, 7, (share(run) > 0.3) & (share(run) < 0.7), [1, -1, 0.5]),
     'ball_machine_offset': lambda run: (run.ball == 4)[:, None] * np.array([1, -0.4, 0]),
@@ -81,7 +100,7 @@ FOREIGN = {
     'growing ever faster': (lambda run: np.exp(5 * share(run))[:, None] * X, 'time', 'in x'),
     'a plate that grows by spurts': (lambda run: (share(run) + 0.3 * np.sin(12 * share(run)))[:, None] * np.stack(
         [np.cos(run.alpha), np.sin(run.alpha), 0 * run.alpha], axis=1), 'with time', 'in the radial direction'),
-    'a plate that slides ever more slowly': (lambda run: rotate_z(run.phi, np.exp(-6 * share(run))[:, None] * X),
+    'a plate that slides to and fro': (lambda run: rotate_z(run.phi, np.sin(13 * share(run)**2)[:, None] * X),
                                              'with time', "along the plate's x"),
     'a ball that wanders': (lambda run: of_ball(run, 6, np.sin(17 * share(run)**2), [0, 0, 1]), 'ball 6', 'in z'),
 }

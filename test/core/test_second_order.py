@@ -17,7 +17,8 @@ from rosette_ros.core.scheme import plan
 RADIUS = 0.1825
 NANOMETRE = 1e-9
 MILLIMETRE = 1e-3
-HOURS = 3600.0
+LAST = 30.0 * (12**2 - 1)
+"""Time of the last reading of 12 balls, s."""
 
 
 def rigid_run(n=12, seed=0, order='random', turn=0.0, worse=1.0, noise=0.0, motion=None, axis=(0.0, 0.0)):
@@ -65,7 +66,20 @@ MOTIONS = {
         ball, [5e-3 * np.cos(0.41 * travel), 5e-3 * np.sin(0.41 * travel), 0]), {'motion': 'tilt', 'nu': 0.41}),
     'plate_expansion': (lambda t, travel, ball, approach: (
         ball + 5e-3 * t * np.array([1, 1, 0]) * (ball - np.array([1e-4, -2e-4, 0])), [0, 0, 0]), {'driver': 'time'}),
-    'plate_creep': (lambda t, travel, ball, approach: (ball + t * np.array([6e-4, -8e-4, 0]), [0, 0, 0]), {})}
+    'plate_creep': (lambda t, travel, ball, approach: (ball + t * np.array([6e-4, -8e-4, 0]), [0, 0, 0]), {}),
+    'axis_tilt_warmup': (lambda t, travel, ball, approach: (
+        ball, -np.expm1(-t * LAST / 600) * np.array([3e-3, -4e-3, 0])), {'tau': 600.0}),
+    'plate_creep_settling': (lambda t, travel, ball, approach: (
+        ball - np.expm1(-t * LAST / 600) * np.array([6e-4, -8e-4, 0]), [0, 0, 0]), {'tau': 600.0}),
+    'plate_soaking': (lambda t, travel, ball, approach: (
+        ball - 5e-3 * np.expm1(-t * LAST / 600) * np.array([1, 1, 0]) * (ball - np.array([1e-4, -2e-4, 0])),
+        [0, 0, 0]), {'tau': 600.0}),
+    'plate_tilt_step': (lambda t, travel, ball, approach: (
+        Rotation.from_rotvec((t > 0.4) * np.array([3e-3, -4e-3, 0])).apply(ball), [0, 0, 0]),
+        {'motion': 'tilt', 't0': 0.4 * LAST}),
+    'plate_tilt_settling': (lambda t, travel, ball, approach: (
+        Rotation.from_rotvec(-np.expm1(-t * LAST / 600) * np.array([3e-3, -4e-3, 0])).apply(ball), [0, 0, 0]),
+        {'motion': 'tilt', 'tau': 600.0})}
 
 
 PARTS = {'complete': lambda run: np.ones(run.size, dtype=bool),
@@ -95,10 +109,13 @@ def test_effects_of_a_millimetre_are_found_to_the_nanometre(name, turn):
     found = fit(run, Model(terms=(Term(effect(name)),)), [Setting(setting)])
     assert np.abs(found.beyond).max() > 0.3 * NANOMETRE
     assert found.rms < 5 * NANOMETRE
-    size = max(abs(part.value) for part in found.effects[0].parameters if part.unit in ('m/s', 'rad/s', '1/s', 'rad'))
+    size = max(abs(part.value) for part in found.effects[0].parameters
+               if part.unit in ('m/s', 'rad/s', '1/s', 'rad', 'm', 'm/m'))
     wanted = {'table_zero_drift': MILLIMETRE / RADIUS, 'axis_tilt_drift': 4e-3, 'asynchronous_motion': 5e-3,
-              'plate_expansion': 5e-3, 'plate_creep': 8e-4}[name]
-    assert size * (1 if name == 'asynchronous_motion' else run.time[-1]) == pytest.approx(wanted, rel=1e-5)
+              'plate_expansion': 5e-3, 'plate_creep': 8e-4, 'plate_creep_settling': 8e-4, 'plate_soaking': 5e-3,
+              'axis_tilt_warmup': 4e-3, 'plate_tilt_step': 4e-3, 'plate_tilt_settling': 4e-3}[name]
+    assert size * (1 if MOTIONS[name][1].keys() & {'nu', 'tau', 't0'} else run.time[-1]) == pytest.approx(
+        wanted, rel=1e-5)
     assert np.abs(found.error_motions.values - curves)[:, :3].max() < 10 * NANOMETRE
 
 

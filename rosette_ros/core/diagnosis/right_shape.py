@@ -27,6 +27,8 @@ MERGE = 25.0
 A single claim that is better by as much as this keeps its name, whatever a free form has more."""
 IN_TIME: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
     'table_zero_drift': ('CMM position', (('free_time', 'tangential'),)),
+    'table_zero_warmup': ('CMM position', (('free_time', 'tangential'),)),
+    'axis_tilt_warmup': ('CMM position', (('free_growth', 'z'),)),
     'plate_expansion': ('CMM position', (('free_time', 'radial'),)),
     'cmm_scale_drift': ('CMM position', (('free_growth', 'xy'),)),
     'cmm_squareness_drift': ('CMM position', (('free_growth', 'xy'),)),
@@ -34,7 +36,11 @@ IN_TIME: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
     'axis_tilt_step': ('CMM position', (('free_growth', 'z'),)),
     'table_zero_step': ('CMM position', (('free_time', 'tangential'),)),
     'plate_creep': ('table angle', (('free_time', 'plate xy'),)),
+    'plate_creep_settling': ('table angle', (('free_time', 'plate xy'),)),
     'plate_slip': ('table angle', (('free_time', 'plate xy'), ('free_time', 'tangential'))),
+    'plate_soaking': ('CMM position', (('free_time', 'radial'),)),
+    'plate_tilt_step': ('ball', (('free_growth', 'z'),)),
+    'plate_tilt_settling': ('ball', (('free_growth', 'z'),)),
     'plate_warp': ('ball', (('free_growth', 'z'),))}
 """What else an effect that changes with time depends on, and the free forms beside it with their axes."""
 ONE = 12.0

@@ -34,8 +34,8 @@ UNNAMED_PRIOR = 10.0
 """An unnamed term must beat named effects by this score."""
 REPEATABLE = (
     'outlier', 'ball_slip', 'ball_creep', 'ball_rattle', 'ball_form', 'ball_machine_offset', 'frame_cycle',
-    'frame_step', 'frame_pulse', 'plate_slip', 'asynchronous_motion', 'plate_support', 'table_backlash_angle',
-    'encoder_interpolation')
+    'frame_step', 'frame_pulse', 'plate_slip', 'plate_tilt_step', 'asynchronous_motion', 'plate_support',
+    'table_backlash_angle', 'encoder_interpolation')
 """Effects that can be present more than once."""
 MOST_EFFECTS = 5
 BEAM = 4

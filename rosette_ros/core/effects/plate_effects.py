@@ -6,8 +6,9 @@ import numpy as np
 
 from rosette_ros.core.effects import run_functions as on
 from rosette_ros.core.effects.effect import LEAST_KNOWN, Effect, Motion, Quantity, Searched, Setting, grid, per_axis
-from rosette_ros.core.effects.factored_effect import FactoredEffect, Step
-from rosette_ros.core.effects.run_functions import plate_axes, seconds
+from rosette_ros.core.effects.factored_effect import FactoredEffect, LaggedTemperature, Step, WarmUp
+from rosette_ros.core.effects.run_functions import plate_axes, seconds, temperature_waves
+from rosette_ros.core.geometry import rotate_z
 from rosette_ros.core.records import Floats, Run
 
 STANDING = 'standing'
@@ -31,6 +32,27 @@ class PlateCreep(Effect):
 
     def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
         return Motion(shift=seconds(run)[:, None] * [*amplitudes, 0])
+
+
+class PlateCreepSettling(FactoredEffect):
+    name = 'plate_creep_settling'
+    plain = 'creep of the plate that comes to rest'
+    meaning = 'The plate slides on the table ever more slowly, until it rests.'
+    look = 'Wax, glue or magnets that hold the plate; let the plate rest after clamping.'
+    formula = 'R_z(phi) d (1 - exp(-t/tau))'
+    source = 'physics of clamping'
+    depends_on = ('time',)
+    quantities = per_axis('xy', Quantity('d', 'm', "final shift along the plate's"))
+    searched = (Searched('tau', 's', 'time constant', 'scale'),)
+    function = WarmUp()
+    acts = 0, 1
+
+    def directions(self, run: Run) -> Floats:
+        return np.moveaxis(plate_axes(run)[..., :2], -1, 0)
+
+    def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
+        course = self.function.at(run, np.array([[setting.number('tau')]]))[0, 0]
+        return Motion(shift=course[:, None] * [*amplitudes, 0])
 
 
 class PlateSlip(FactoredEffect):
@@ -86,6 +108,104 @@ class PlateExpansion(Effect):
 
     def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
         return Motion(growth=amplitudes[0] * self._driver(run, setting))
+
+
+class PlateGrowth(FactoredEffect):
+    """The plate grows by functions of the readings with a time constant."""
+
+    def directions(self, run: Run) -> Floats:
+        return run.radius * on.radial(run.alpha)[None]
+
+    def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
+        return Motion(growth=amplitudes @ self.function.at(run, np.array([[setting.number('tau')]]))[0])
+
+
+class PlateSoaking(PlateGrowth):
+    name = 'plate_soaking'
+    plain = 'expansion of the plate until it has soaked'
+    meaning = 'The plate grows or shrinks towards a size as it takes the temperature of the cell.'
+    look = 'A plate from a store, a washer or warm hands; let it soak before measuring.'
+    formula = 'epsilon R e_r (1 - exp(-t/tau))'
+    source = 'ISO 1 and ISO 10360 (thermal expansion)'
+    depends_on = ('time',)
+    quantities = (Quantity('epsilon', 'm/m', 'final relative growth'),)
+    searched = (Searched('tau', 's', 'time constant', 'scale'),)
+    function = WarmUp()
+
+
+class PlateExpansionLag(PlateGrowth):
+    name = 'plate_expansion_lag'
+    plain = 'expansion of the plate behind the temperature'
+    meaning = 'The plate grows and shrinks with the measured temperature, but later.'
+    look = 'A thick plate, or a sensor that is not on the plate: measure the temperature of the plate itself.'
+    formula = "epsilon R e_r T', where tau dT'/dt = T - T0 - T'"
+    source = 'ISO 1 and ISO 10360 (thermal expansion)'
+    depends_on = ('temperature',)
+    searched = (Searched('tau', 's', 'time constant', 'scale'),)
+    carries = 'all'
+    function = LaggedTemperature()
+
+    def independent_settings(self, run: Run) -> int:
+        """To follow at once is the simpler story: where one ball is measured after the other, they differ little."""
+        return 10 * super().independent_settings(run)
+
+    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
+        """Return the growth per kelvin, and of gaps of the record the ways in which it may have gone."""
+        return (Quantity('epsilon', '1/K', 'relative growth'),
+                *(Quantity(f'gap{k}', 'm/m', f'growth by way {k} in gaps of the record')
+                  for k in range(1, len(temperature_waves(run)))))
+
+
+_TILT, _ALL = 'tilt', 'all'
+
+
+class PlateOnSupports(FactoredEffect):
+    """A support of the plate gives way: the plate tilts in its own axes, or moves as a body without turning about z."""
+
+    source = 'kinematics of a plate on three supports'
+    depends_on = ('time',)
+    choices = grid(motion=(_ALL, _TILT))
+    _which = Searched('motion', '', 'tilt alone, or tilt and shift')
+
+    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
+        shift = per_axis('xyz', Quantity('d', 'm', "shift along the plate's"))
+        tilt = per_axis('xy', Quantity('theta', 'rad', "tilt about the plate's"))
+        return (*shift, *tilt) if setting.word('motion') == _ALL else tilt
+
+    def directions(self, run: Run) -> Floats:
+        """Return shifts along the plate's x, y, z and what tilts about its x and y do at the ball, (5, N, 3)."""
+        tilts = run.radius * np.stack([np.sin(run.beta), -np.cos(run.beta)])[..., None] * on.unit(2, run.size)
+        return np.concatenate([np.moveaxis(plate_axes(run), -1, 0), tilts])
+
+    def which(self, setting: Setting) -> tuple[int, ...]:
+        return (0, 1, 2, 3, 4) if setting.word('motion') == _ALL else (3, 4)
+
+    def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
+        values = [setting.number(one.name) for one in self.searched[1:]]
+        course = self.function.at(run, np.array([values]))[0, 0][:, None]
+        tilt = rotate_z(run.phi, course * [*amplitudes[-2:], 0])
+        return Motion(tilt, shift=course * (amplitudes[:3] if setting.word('motion') == _ALL else np.zeros(3)))
+
+
+class PlateTiltStep(PlateOnSupports):
+    name = 'plate_tilt_step'
+    plain = 'sudden tilt of the plate'
+    meaning = 'At one moment the plate tilted on the table, and stayed so.'
+    look = 'Feet, shims and clamps of the plate: one that was not seated, a chip that broke, a clamp that let go.'
+    formula = '(R_z(phi) (d + theta x b)) H(t - t0), theta along x and y'
+    searched = (PlateOnSupports._which, Searched('t0', 's', 'moment of the tilt, since the first reading', 'instant'))
+    carries = 'nothing'
+    function = Step()
+
+
+class PlateTiltSettling(PlateOnSupports):
+    name = 'plate_tilt_settling'
+    plain = 'settling of the plate on its supports'
+    meaning = 'The plate tilts on the table ever more slowly, until it rests.'
+    look = 'Feet on soft or warm ground, wax, pads, shims; clamp the plate and let it rest before measuring.'
+    formula = '(R_z(phi) (d + theta x b)) (1 - exp(-t/tau)), theta along x and y'
+    searched = (PlateOnSupports._which, Searched('tau', 's', 'time constant', 'scale'))
+    function = WarmUp()
 
 
 class PlateWarp(Effect):

@@ -14,7 +14,7 @@ from rosette_ros.core.effects.effect import (
     grid,
     per_axis,
 )
-from rosette_ros.core.effects.factored_effect import FactoredEffect, RunFunction, Step
+from rosette_ros.core.effects.factored_effect import FactoredEffect, RunFunction, Step, WarmUp
 from rosette_ros.core.effects.run_functions import axial_tilts, seconds, tangential, travel, unit
 from rosette_ros.core.geometry import TWO_PI
 from rosette_ros.core.records import Floats, Run
@@ -89,6 +89,43 @@ class AxisTiltStep(FactoredEffect):
 
     def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
         return Motion((seconds(run) > setting.number('t0'))[:, None] * np.append(amplitudes, 0.0))
+
+
+class TableZeroWarmup(FactoredEffect, TurningEffect):
+    name = 'table_zero_warmup'
+    plain = "warm-up of the table's angle"
+    meaning = "The table's angle drifts relative to its encoder while the table warms up, and settles."
+    look = 'Encoder mount, coupling, heat of the torque motor; a plate that turns on the table until it rests.'
+    formula = 'omega R e_t (1 - exp(-t/tau))'
+    source = 'ISO 230-3 (distortion caused by rotary motion)'
+    depends_on = ('time',)
+    quantities = (Quantity('omega', 'rad', 'final turn of the zero'),)
+    searched = (Searched('tau', 's', 'time constant', 'scale'),)
+    function = WarmUp()
+
+    def directions(self, run: Run) -> Floats:
+        return run.radius * tangential(run.alpha)[None]
+
+
+class AxisTiltWarmup(FactoredEffect):
+    name = 'axis_tilt_warmup'
+    plain = "warm-up of the table's tilt"
+    meaning = 'The table axis tilts in the machine while the machine warms up, and settles.'
+    look = 'One-sided heat on the machine bed, coolant, time since switching on; start after a warm-up cycle.'
+    formula = 'R (theta_x sin alpha - theta_y cos alpha) (1 - exp(-t/tau)) along z'
+    source = 'ISO 230-3 (thermal distortion)'
+    depends_on = ('time',)
+    quantities = per_axis('xy', Quantity('theta', 'rad', 'final tilt about'))
+    searched = (Searched('tau', 's', 'time constant', 'scale'),)
+    function = WarmUp()
+    acts = 0, 1
+
+    def directions(self, run: Run) -> Floats:
+        return np.moveaxis(axial_tilts(run), -1, 0)
+
+    def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
+        course = self.function.at(run, np.array([[setting.number('tau')]]))[0, 0]
+        return Motion(course[:, None] * np.append(amplitudes, 0.0))
 
 
 class TableBacklash(TurningEffect):
