@@ -236,10 +236,18 @@ class FactoredEffect(Effect, ABC):
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         return {**super().brackets(run, setting), **self.function.brackets(run, setting)}
 
+    def _values(self, setting: Setting) -> tuple[float, ...]:
+        """Return the values of the function's parameters; one that counts nothing where it has none."""
+        names = [one.name for one in self.searched[-self.function.parameters:] if one.kind != 'choice'] or ['']
+        return tuple([float(setting.get(name, 0.0)) for name in names])
+
+    def course(self, run: Run, setting: Setting) -> Floats:
+        """Return the functions of a setting at each reading, (m, N)."""
+        return np.asarray(self.function.at(run, np.array([self._values(setting)]))[0])
+
     def factors(self, run: Run, settings: Sequence[Setting]) -> Factors:
         """Return the Factors of many settings; each value is worked out once."""
-        names = [one.name for one in self.searched[-self.function.parameters:] if one.kind != 'choice'] or ['']
-        every = [tuple([float(setting.get(name, 0.0)) for name in names]) for setting in settings]
+        every = [self._values(setting) for setting in settings]
         values = {value: place for place, value in enumerate(dict.fromkeys(every))}
         waves = self.function.at(run, np.array(list(values)))
         return Factors(waves, self.directions(run), tuple(

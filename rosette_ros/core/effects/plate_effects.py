@@ -6,7 +6,7 @@ import numpy as np
 
 from rosette_ros.core.effects import run_functions as on
 from rosette_ros.core.effects.effect import LEAST_KNOWN, Effect, Motion, Quantity, Searched, Setting, grid, per_axis
-from rosette_ros.core.effects.factored_effect import FactoredEffect, LaggedTemperature, Step, WarmUp
+from rosette_ros.core.effects.factored_effect import Drift, FactoredEffect, LaggedTemperature, Step, WarmUp
 from rosette_ros.core.effects.run_functions import plate_axes, seconds, temperature_waves
 from rosette_ros.core.geometry import rotate_z
 from rosette_ros.core.records import Floats, Run
@@ -16,43 +16,40 @@ TRAVELLING = {'against': -1, 'with': 1}
 """Senses in which a load turns in the frame of the plate, beside the table's."""
 
 
-class PlateCreep(Effect):
-    name = 'plate_creep'
-    plain = 'creep of the plate'
-    meaning = 'The plate slides slowly on the table.'
-    look = 'Clamps, wax or magnets that hold the plate; forces of cables on the plate.'
-    formula = 'R_z(phi) d t'
+class PlateShift(FactoredEffect):
+    """The plate slides on the table along its x and y."""
+
     source = 'physics of clamping'
-    depends_on = ('time',)
-    quantities = per_axis('xy', Quantity('d', 'm/s', "creep rate along the plate's"))
-    carries = 'all'
-
-    def columns(self, run: Run, setting: Setting) -> Floats:
-        return seconds(run)[:, None, None] * plate_axes(run)[..., :2]
-
-    def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
-        return Motion(shift=seconds(run)[:, None] * [*amplitudes, 0])
-
-
-class PlateCreepSettling(FactoredEffect):
-    name = 'plate_creep_settling'
-    plain = 'creep of the plate that comes to rest'
-    meaning = 'The plate slides on the table ever more slowly, until it rests.'
-    look = 'Wax, glue or magnets that hold the plate; let the plate rest after clamping.'
-    formula = 'R_z(phi) d (1 - exp(-t/tau))'
-    source = 'physics of clamping'
-    depends_on = ('time',)
-    quantities = per_axis('xy', Quantity('d', 'm', "final shift along the plate's"))
-    searched = (Searched('tau', 's', 'time constant', 'scale'),)
-    function = WarmUp()
+    depends_on: tuple[str, ...] = ('time',)
     acts = 0, 1
 
     def directions(self, run: Run) -> Floats:
         return np.moveaxis(plate_axes(run)[..., :2], -1, 0)
 
     def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
-        course = self.function.at(run, np.array([[setting.number('tau')]]))[0, 0]
-        return Motion(shift=course[:, None] * [*amplitudes, 0])
+        return Motion(shift=self.course(run, setting).T * [*amplitudes, 0])
+
+
+class PlateCreep(PlateShift):
+    name = 'plate_creep'
+    plain = 'creep of the plate'
+    meaning = 'The plate slides slowly on the table.'
+    look = 'Clamps, wax or magnets that hold the plate; forces of cables on the plate.'
+    formula = 'R_z(phi) d t'
+    quantities = per_axis('xy', Quantity('d', 'm/s', "creep rate along the plate's"))
+    carries = 'all'
+    function = Drift()
+
+
+class PlateCreepSettling(PlateShift):
+    name = 'plate_creep_settling'
+    plain = 'creep of the plate that comes to rest'
+    meaning = 'The plate slides on the table ever more slowly, until it rests.'
+    look = 'Wax, glue or magnets that hold the plate; let the plate rest after clamping.'
+    formula = 'R_z(phi) d (1 - exp(-t/tau))'
+    quantities = per_axis('xy', Quantity('d', 'm', "final shift along the plate's"))
+    searched = (Searched('tau', 's', 'time constant', 'scale'),)
+    function = WarmUp()
 
 
 class PlateSlip(FactoredEffect):
@@ -76,7 +73,7 @@ class PlateSlip(FactoredEffect):
         return np.concatenate([np.moveaxis(plate_axes(run)[..., :2], -1, 0), turn])
 
     def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
-        since = 1.0 * (seconds(run) > setting.number('t0'))[:, None]
+        since = self.course(run, setting).T
         return Motion(since * [0, 0, amplitudes[2]], shift=since * [*amplitudes[:2], 0])
 
 
@@ -117,7 +114,7 @@ class PlateGrowth(FactoredEffect):
         return run.radius * on.radial(run.alpha)[None]
 
     def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
-        return Motion(growth=amplitudes @ self.function.at(run, np.array([[setting.number('tau')]]))[0])
+        return Motion(growth=amplitudes @ self.course(run, setting))
 
 
 class PlateSoaking(PlateGrowth):
@@ -181,8 +178,7 @@ class PlateOnSupports(FactoredEffect):
         return (0, 1, 2, 3, 4) if setting.word('motion') == _ALL else (3, 4)
 
     def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
-        values = [setting.number(one.name) for one in self.searched[1:]]
-        course = self.function.at(run, np.array([values]))[0, 0][:, None]
+        course = self.course(run, setting).T
         tilt = rotate_z(run.phi, course * [*amplitudes[-2:], 0])
         return Motion(tilt, shift=course * (amplitudes[:3] if setting.word('motion') == _ALL else np.zeros(3)))
 

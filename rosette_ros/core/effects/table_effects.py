@@ -14,118 +14,106 @@ from rosette_ros.core.effects.effect import (
     grid,
     per_axis,
 )
-from rosette_ros.core.effects.factored_effect import FactoredEffect, RunFunction, Step, WarmUp
-from rosette_ros.core.effects.run_functions import axial_tilts, seconds, tangential, travel, unit
+from rosette_ros.core.effects.factored_effect import Drift, FactoredEffect, RunFunction, Step, WarmUp
+from rosette_ros.core.effects.run_functions import axial_tilts, tangential, travel, unit
 from rosette_ros.core.geometry import TWO_PI
 from rosette_ros.core.records import Floats, Run
 
 
-class TableZeroDrift(TurningEffect):
+class TableZero(FactoredEffect, TurningEffect):
+    """The zero of the table's angle moves relative to its encoder."""
+
+    depends_on: tuple[str, ...] = ('time',)
+
+    def directions(self, run: Run) -> Floats:
+        return run.radius * tangential(run.alpha)[None]
+
+
+class TableZeroDrift(TableZero):
     name = 'table_zero_drift'
     plain = "drift of the table's angle"
     meaning = "The table's angle drifts steadily relative to its encoder."
     look = 'Encoder mount, coupling between encoder and table, heat of the torque motor.'
     formula = 'omega t R e_t'
     source = 'ISO 230-3 (distortion caused by rotary motion)'
-    depends_on = ('time',)
     quantities = (Quantity('omega', 'rad/s', 'rate of turn of the zero'),)
     carries = 'all'
-
-    def columns(self, run: Run, setting: Setting) -> Floats:
-        return (run.radius * seconds(run)[:, None] * tangential(run.alpha))[..., None]
+    function = Drift()
 
 
-class AxisTiltDrift(Effect):
-    name = 'axis_tilt_drift'
-    plain = "drift of the table's tilt"
-    meaning = 'The table axis tilts steadily in the machine.'
-    look = 'Foundation, levelling feet, one-sided heat on the machine bed.'
-    formula = 'R (theta_x sin alpha - theta_y cos alpha) t along z'
-    source = 'ISO 230-3 (thermal distortion)'
-    depends_on = ('time',)
-    quantities = per_axis('xy', Quantity('theta', 'rad/s', 'tilt rate about'))
-    carries = 'all'
-
-    def columns(self, run: Run, setting: Setting) -> Floats:
-        return seconds(run)[:, None, None] * axial_tilts(run)
-
-    def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
-        return Motion(seconds(run)[:, None] * np.append(amplitudes, 0.0))
-
-
-class TableZeroStep(FactoredEffect, TurningEffect):
-    name = 'table_zero_step'
-    plain = "jump of the table's angle"
-    meaning = "At one moment the table's angle jumped relative to its encoder."
-    look = 'Encoder: lost counts, referencing again, a coupling that slipped; a collision.'
-    formula = 'omega R e_t H(t - t0)'
-    source = 'physics of incremental encoders'
-    depends_on = ('time',)
-    quantities = (Quantity('omega', 'rad', 'jump of the angle'),)
-    searched = (Searched('t0', 's', 'moment of the jump, since the first reading', 'instant'),)
-    carries = 'nothing'
-    function = Step()
-
-    def directions(self, run: Run) -> Floats:
-        return run.radius * tangential(run.alpha)[None]
-
-
-class AxisTiltStep(FactoredEffect):
-    name = 'axis_tilt_step'
-    plain = "sudden tilt of the table's axis"
-    meaning = 'At one moment the table axis tilted in the machine, and stayed so.'
-    look = 'Levelling feet and foundation that settle, a load set on the machine bed, a collision.'
-    formula = 'R (theta_x sin alpha - theta_y cos alpha) H(t - t0) along z'
-    source = 'physics of machine beds'
-    depends_on = ('time',)
-    quantities = per_axis('xy', Quantity('theta', 'rad', 'tilt about'))
-    searched = (Searched('t0', 's', 'moment of the tilt, since the first reading', 'instant'),)
-    carries = 'nothing'
-    function = Step()
-    acts = 0, 1
-
-    def directions(self, run: Run) -> Floats:
-        return np.moveaxis(axial_tilts(run), -1, 0)
-
-    def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
-        return Motion((seconds(run) > setting.number('t0'))[:, None] * np.append(amplitudes, 0.0))
-
-
-class TableZeroWarmup(FactoredEffect, TurningEffect):
+class TableZeroWarmup(TableZero):
     name = 'table_zero_warmup'
     plain = "warm-up of the table's angle"
     meaning = "The table's angle drifts relative to its encoder while the table warms up, and settles."
     look = 'Encoder mount, coupling, heat of the torque motor; a plate that turns on the table until it rests.'
     formula = 'omega R e_t (1 - exp(-t/tau))'
     source = 'ISO 230-3 (distortion caused by rotary motion)'
-    depends_on = ('time',)
     quantities = (Quantity('omega', 'rad', 'final turn of the zero'),)
     searched = (Searched('tau', 's', 'time constant', 'scale'),)
     function = WarmUp()
 
-    def directions(self, run: Run) -> Floats:
-        return run.radius * tangential(run.alpha)[None]
+
+class TableZeroStep(TableZero):
+    name = 'table_zero_step'
+    plain = "jump of the table's angle"
+    meaning = "At one moment the table's angle jumped relative to its encoder."
+    look = 'Encoder: lost counts, referencing again, a coupling that slipped; a collision.'
+    formula = 'omega R e_t H(t - t0)'
+    source = 'physics of incremental encoders'
+    quantities = (Quantity('omega', 'rad', 'jump of the angle'),)
+    searched = (Searched('t0', 's', 'moment of the jump, since the first reading', 'instant'),)
+    carries = 'nothing'
+    function = Step()
 
 
-class AxisTiltWarmup(FactoredEffect):
-    name = 'axis_tilt_warmup'
-    plain = "warm-up of the table's tilt"
-    meaning = 'The table axis tilts in the machine while the machine warms up, and settles.'
-    look = 'One-sided heat on the machine bed, coolant, time since switching on; start after a warm-up cycle.'
-    formula = 'R (theta_x sin alpha - theta_y cos alpha) (1 - exp(-t/tau)) along z'
-    source = 'ISO 230-3 (thermal distortion)'
-    depends_on = ('time',)
-    quantities = per_axis('xy', Quantity('theta', 'rad', 'final tilt about'))
-    searched = (Searched('tau', 's', 'time constant', 'scale'),)
-    function = WarmUp()
+class AxisTilt(FactoredEffect):
+    """The table axis tilts in the machine."""
+
+    depends_on: tuple[str, ...] = ('time',)
     acts = 0, 1
 
     def directions(self, run: Run) -> Floats:
         return np.moveaxis(axial_tilts(run), -1, 0)
 
     def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
-        course = self.function.at(run, np.array([[setting.number('tau')]]))[0, 0]
-        return Motion(course[:, None] * np.append(amplitudes, 0.0))
+        return Motion(self.course(run, setting).T * np.append(amplitudes, 0.0))
+
+
+class AxisTiltDrift(AxisTilt):
+    name = 'axis_tilt_drift'
+    plain = "drift of the table's tilt"
+    meaning = 'The table axis tilts steadily in the machine.'
+    look = 'Foundation, levelling feet, one-sided heat on the machine bed.'
+    formula = 'R (theta_x sin alpha - theta_y cos alpha) t along z'
+    source = 'ISO 230-3 (thermal distortion)'
+    quantities = per_axis('xy', Quantity('theta', 'rad/s', 'tilt rate about'))
+    carries = 'all'
+    function = Drift()
+
+
+class AxisTiltWarmup(AxisTilt):
+    name = 'axis_tilt_warmup'
+    plain = "warm-up of the table's tilt"
+    meaning = 'The table axis tilts in the machine while the machine warms up, and settles.'
+    look = 'One-sided heat on the machine bed, coolant, time since switching on; start after a warm-up cycle.'
+    formula = 'R (theta_x sin alpha - theta_y cos alpha) (1 - exp(-t/tau)) along z'
+    source = 'ISO 230-3 (thermal distortion)'
+    quantities = per_axis('xy', Quantity('theta', 'rad', 'final tilt about'))
+    searched = (Searched('tau', 's', 'time constant', 'scale'),)
+    function = WarmUp()
+
+
+class AxisTiltStep(AxisTilt):
+    name = 'axis_tilt_step'
+    plain = "sudden tilt of the table's axis"
+    meaning = 'At one moment the table axis tilted in the machine, and stayed so.'
+    look = 'Levelling feet and foundation that settle, a load set on the machine bed, a collision.'
+    formula = 'R (theta_x sin alpha - theta_y cos alpha) H(t - t0) along z'
+    source = 'physics of machine beds'
+    quantities = per_axis('xy', Quantity('theta', 'rad', 'tilt about'))
+    searched = (Searched('t0', 's', 'moment of the tilt, since the first reading', 'instant'),)
+    carries = 'nothing'
+    function = Step()
 
 
 class TableBacklash(TurningEffect):
@@ -283,8 +271,7 @@ class AsynchronousMotion(FactoredEffect):
     def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion | None:
         if 3 not in self.which(setting):
             return None
-        waves = self.function.at(run, np.array([[setting.number('nu')]]))[0]
-        tilt = waves.T @ amplitudes.reshape(2, -1)[:, -2:]
+        tilt = self.course(run, setting).T @ amplitudes.reshape(2, -1)[:, -2:]
         return Motion(np.hstack([tilt, np.zeros((run.size, 1))]))
 
 
