@@ -46,7 +46,8 @@ class Scale(NamedTuple):
 SCALES = {'1': Scale(1.0, ''), 's': Scale(1 / 60, 'min'), 'm': Scale(1e6, 'µm'), 'rad': Scale(1e6, 'µrad'),
           'm/s': Scale(3.6e9, 'µm/h'), 'm/s^2': Scale(1.296e13, 'µm/h²'),
           'rad/s': Scale(3.6e9, 'µrad/h'), '1/s': Scale(3.6e9, 'ppm/h'),
-          'm/m': Scale(1e6, 'ppm'), 'm/K': Scale(1e6, 'µm/K'), '1/K': Scale(1e6, 'ppm/K')}
+          'm/m': Scale(1e6, 'ppm'), 'm/K': Scale(1e6, 'µm/K'),
+          'rad/K': Scale(1e6, 'µrad/K'), '1/K': Scale(1e6, 'ppm/K')}
 """SI unit: how it is shown; a unit that is not here is shown as it is."""
 
 OF_PARAMETER = {'psi0': Scale(0.5 / math.pi, 'turns'), 'nu': Scale(1.0, 'per turn')}

@@ -60,6 +60,9 @@ TRUTHS = {
     'table_zero_warmup': lambda run: -np.expm1(-share(run) / 0.2)[:, None] * np.stack(
         [-np.sin(run.alpha), np.cos(run.alpha), 0 * run.alpha], axis=1),
     'axis_tilt_warmup': lambda run: (np.expm1(-share(run) / 0.2) * np.sin(run.alpha - 1))[:, None] * Z,
+    'table_zero_temperature': lambda run: (run.temperature - 20)[:, None] * np.stack(
+        [-np.sin(run.alpha), np.cos(run.alpha), 0 * run.alpha], axis=1),
+    'axis_tilt_temperature': lambda run: ((run.temperature - 20) * np.sin(run.alpha - 1))[:, None] * Z,
     'probe_approach': lambda run: np.cos(3 * last_move(run)[0] - 1)[:, None] * Z,
     'table_backlash_angle': lambda run: (run.approach * np.cos(run.phi - 1))[:, None] * np.stack(
         [-np.sin(run.alpha), np.cos(run.alpha), 0 * run.alpha], axis=1),

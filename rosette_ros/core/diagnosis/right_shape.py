@@ -28,6 +28,8 @@ A single claim that is better by as much as this keeps its name, whatever a free
 IN_TIME: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
     'table_zero_drift': ('CMM position', (('free_time', 'tangential'),)),
     'table_zero_warmup': ('CMM position', (('free_time', 'tangential'),)),
+    'table_zero_temperature': ('CMM position', (('free_time', 'tangential'),)),
+    'axis_tilt_temperature': ('CMM position', (('free_growth', 'z'),)),
     'axis_tilt_warmup': ('CMM position', (('free_growth', 'z'),)),
     'plate_expansion': ('CMM position', (('free_time', 'radial'),)),
     'cmm_scale_drift': ('CMM position', (('free_growth', 'xy'),)),

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rosette_ros.core.effects.effect import Bracket, Effect, Factors, Setting, grid
+from rosette_ros.core.effects.effect import Bracket, Effect, Factors, Quantity, Setting, grid
 from rosette_ros.core.effects.run_functions import (
     between_readings,
     duration,
@@ -78,6 +78,12 @@ class Temperature(RunFunction):
 
     def at(self, run: Run, values: Floats) -> Floats:
         return np.tile(temperature_waves(run), (len(values), 1, 1))
+
+
+def gaps(run: Run, unit: str, along: str = '') -> tuple[Quantity, ...]:
+    """Return the amplitudes, in a unit, by which the temperature may have gone another way in gaps of its record."""
+    return tuple(Quantity(f'gap{k}', unit, f'way {k} in gaps of the record{along}')
+                 for k in range(1, len(temperature_waves(run))))
 
 
 class Cycle(RunFunction):

@@ -16,6 +16,7 @@ from rosette_ros.core.effects.factored_effect import (
     Step,
     Temperature,
     WarmUp,
+    gaps,
     shortest,
 )
 from rosette_ros.core.effects.run_functions import (
@@ -24,7 +25,6 @@ from rosette_ros.core.effects.run_functions import (
     cmm_axes_names,
     radial,
     seconds,
-    temperature_waves,
 )
 from rosette_ros.core.records import Floats, Run
 
@@ -107,9 +107,8 @@ class FrameOfTemperature(FrameEffect):
     carries = 'all'
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
-        gaps = tuple(Quantity(f'gap{k}', 'm', f'way {k} in gaps of the record along')
-                     for k in range(1, len(temperature_waves(run))))
-        return tuple(one for quantity in (*self.quantities, *gaps) for one in per_axis(setting.word('axes'), quantity))
+        return tuple(one for quantity in (*self.quantities, *gaps(run, 'm', ' along'))
+                     for one in per_axis(setting.word('axes'), quantity))
 
 
 class FrameTemperature(FrameOfTemperature):

@@ -14,9 +14,10 @@ from rosette_ros.core.records import Run
 EFFECTS: dict[str, Effect] = {one.name: one for one in (
     frame.FrameDrift(), frame.FrameDriftOnset(), frame.FrameDriftCurved(), frame.FrameWarmup(),
     frame.FrameTemperature(), frame.FrameTemperatureLag(), frame.FrameCycle(), frame.FrameStep(), frame.FramePulse(),
-    frame.FrameRecovery(), table.TableZeroDrift(), table.TableZeroWarmup(), table.TableZeroStep(),
-    table.AxisTiltDrift(), table.AxisTiltWarmup(), table.AxisTiltStep(), table.TableBacklash(),
-    table.TableBacklashAngle(), table.EncoderInterpolation(), table.AsynchronousMotion(), table.TableWarmup(),
+    frame.FrameRecovery(), table.TableZeroDrift(), table.TableZeroWarmup(), table.TableZeroTemperature(),
+    table.TableZeroStep(), table.AxisTiltDrift(), table.AxisTiltWarmup(), table.AxisTiltTemperature(),
+    table.AxisTiltStep(), table.TableBacklash(), table.TableBacklashAngle(), table.EncoderInterpolation(),
+    table.AsynchronousMotion(), table.TableWarmup(),
     plate.PlateCreep(), plate.PlateCreepSettling(), plate.PlateSlip(), plate.PlateTiltStep(),
     plate.PlateTiltSettling(), plate.PlateExpansion(), plate.PlateExpansionLag(), plate.PlateSoaking(),
     plate.PlateWarp(), plate.PlateSupport(),

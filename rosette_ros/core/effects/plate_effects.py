@@ -6,8 +6,8 @@ import numpy as np
 
 from rosette_ros.core.effects import run_functions as on
 from rosette_ros.core.effects.effect import LEAST_KNOWN, Effect, Motion, Quantity, Searched, Setting, grid, per_axis
-from rosette_ros.core.effects.factored_effect import Drift, FactoredEffect, LaggedTemperature, Step, WarmUp
-from rosette_ros.core.effects.run_functions import plate_axes, seconds, temperature_waves
+from rosette_ros.core.effects.factored_effect import Drift, FactoredEffect, LaggedTemperature, Step, WarmUp, gaps
+from rosette_ros.core.effects.run_functions import plate_axes, seconds
 from rosette_ros.core.geometry import rotate_z
 from rosette_ros.core.records import Floats, Run
 
@@ -138,6 +138,7 @@ class PlateExpansionLag(PlateGrowth):
     formula = "epsilon R e_r T', where tau dT'/dt = T - T0 - T'"
     source = 'ISO 1 and ISO 10360 (thermal expansion)'
     depends_on = ('temperature',)
+    quantities = (Quantity('epsilon', '1/K', 'relative growth'),)
     searched = (Searched('tau', 's', 'time constant', 'scale'),)
     carries = 'all'
     function = LaggedTemperature()
@@ -147,10 +148,7 @@ class PlateExpansionLag(PlateGrowth):
         return 10 * super().independent_settings(run)
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
-        """Return the growth per kelvin, and of gaps of the record the ways in which it may have gone."""
-        return (Quantity('epsilon', '1/K', 'relative growth'),
-                *(Quantity(f'gap{k}', 'm/m', f'growth by way {k} in gaps of the record')
-                  for k in range(1, len(temperature_waves(run)))))
+        return (*self.quantities, *gaps(run, 'm/m'))
 
 
 _TILT, _ALL = 'tilt', 'all'

@@ -14,7 +14,15 @@ from rosette_ros.core.effects.effect import (
     grid,
     per_axis,
 )
-from rosette_ros.core.effects.factored_effect import Drift, FactoredEffect, RunFunction, Step, WarmUp
+from rosette_ros.core.effects.factored_effect import (
+    Drift,
+    FactoredEffect,
+    RunFunction,
+    Step,
+    Temperature,
+    WarmUp,
+    gaps,
+)
 from rosette_ros.core.effects.run_functions import axial_tilts, tangential, travel, unit
 from rosette_ros.core.geometry import TWO_PI
 from rosette_ros.core.records import Floats, Run
@@ -39,6 +47,22 @@ class TableZeroDrift(TableZero):
     quantities = (Quantity('omega', 'rad/s', 'rate of turn of the zero'),)
     carries = 'all'
     function = Drift()
+
+
+class TableZeroTemperature(TableZero):
+    name = 'table_zero_temperature'
+    plain = "table's angle follows the temperature"
+    meaning = "The table's angle moves relative to its encoder with the measured temperature."
+    look = 'Encoder mount and coupling, air conditioning, sunlight on one side of the table.'
+    formula = 'omega R e_t (T - T0)'
+    source = 'ISO 230-3 (environmental temperature variation error)'
+    depends_on = ('temperature',)
+    quantities = (Quantity('omega', 'rad/K', 'turn of the zero per kelvin'),)
+    carries = 'all'
+    function = Temperature()
+
+    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
+        return (*self.quantities, *gaps(run, 'rad'))
 
 
 class TableZeroWarmup(TableZero):
@@ -76,7 +100,8 @@ class AxisTilt(FactoredEffect):
         return np.moveaxis(axial_tilts(run), -1, 0)
 
     def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
-        return Motion(self.course(run, setting).T * np.append(amplitudes, 0.0))
+        tilt = self.course(run, setting).T @ amplitudes.reshape(-1, 2)
+        return Motion(np.hstack([tilt, np.zeros((run.size, 1))]))
 
 
 class AxisTiltDrift(AxisTilt):
@@ -89,6 +114,22 @@ class AxisTiltDrift(AxisTilt):
     quantities = per_axis('xy', Quantity('theta', 'rad/s', 'tilt rate about'))
     carries = 'all'
     function = Drift()
+
+
+class AxisTiltTemperature(AxisTilt):
+    name = 'axis_tilt_temperature'
+    plain = "table's tilt follows the temperature"
+    meaning = 'The table axis tilts in the machine with the measured temperature.'
+    look = 'Air conditioning, sunlight or a wall on one side of the machine bed; layers of warm air.'
+    formula = 'R (theta_x sin alpha - theta_y cos alpha) (T - T0) along z'
+    source = 'ISO 230-3 (environmental temperature variation error)'
+    depends_on = ('temperature',)
+    quantities = per_axis('xy', Quantity('theta', 'rad/K', 'tilt per kelvin about'))
+    carries = 'all'
+    function = Temperature()
+
+    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
+        return (*self.quantities, *(one for gap in gaps(run, 'rad', ' about') for one in per_axis('xy', gap)))
 
 
 class AxisTiltWarmup(AxisTilt):
