@@ -180,6 +180,23 @@ def test_directions_of_the_forms():
     assert np.allclose(warp, t * np.array([[0, 0], [0, 0], [1, 0]]), atol=1e-12)
 
 
+@pytest.mark.parametrize('subject', [one for one in EFFECTS.values() if one.moves_plate], ids=lambda e: e.name)
+def test_a_rigid_motion_begins_with_the_columns(subject):
+    """To first order its rotation, growth and shift are what the columns say, also where temperatures are missing."""
+    run = warm_run(8)
+    run = run.replace(temperature=np.where((run.time > 700) & (run.time < 1300), np.nan, run.temperature))
+    arm = RADIUS * np.stack([np.cos(run.alpha), np.sin(run.alpha), 0 * run.alpha], axis=1)
+    tilts = [one for one in subject.settings(run) if one.get('motion') == 'tilt']
+    for setting in (*few_settings(subject, run), *tilts[:3]):
+        columns = subject.columns(run, setting)
+        amplitudes = np.random.default_rng(1).standard_normal(columns.shape[2])
+        motion = subject.motion(run, setting, amplitudes)
+        # an axis that moves sideways, too, shifts the plate in the machine: that is linear
+        if motion is not None and not (subject.name == 'asynchronous_motion' and setting['motion'] == 'all'):
+            found = np.cross(motion.rotation, arm) + motion.growth[:, None] * arm + rotate_z(run.phi, motion.shift)
+            assert found == pytest.approx(columns @ amplitudes, abs=1e-12 * np.abs(columns).max())
+
+
 def test_records_that_are_missing():
     """Without temperatures or senses an effect says that it cannot be judged."""
     run, *_ = synthetic_run(6)
