@@ -112,7 +112,7 @@ def true_parameters(run: Run, effect: Effect, setting: Setting, shift: Floats) -
         tried = Setting({**setting, **dict(zip(continuous, values))})
         columns = np.moveaxis(effect.columns(run, tried), -1, 0)
         flat = space.residual(columns.astype(float)).reshape(len(columns), -1).T
-        scale = np.linalg.norm(flat, axis=0)
+        scale = np.maximum(np.linalg.norm(flat, axis=0), 1e-300)  # a column of which nothing is seen
         amplitude = np.linalg.lstsq(flat / scale, target, rcond=1e-9)[0] / scale
         return amplitude, np.linalg.norm(target - flat @ amplitude)
 

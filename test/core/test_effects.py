@@ -168,9 +168,9 @@ def test_directions_of_the_forms():
     }
     for name, columns in expected.items():
         assert np.allclose(EFFECTS[name].columns(run, Setting())[at], columns, atol=1e-12), name
-    body = EFFECTS['plate_tilt_step'].columns(run, Setting(motion='all', t0=run.time[at] - 1))[at]
-    assert np.allclose(body, [[c, -s, 0, 0, 0], [s, c, 0, 0, 0], [0, 0, 1, 0, -RADIUS]], atol=1e-12)
-    assert not np.any(EFFECTS['plate_tilt_step'].columns(run, Setting(motion='all', t0=run.time[at] + 1))[at])
+    body = EFFECTS['plate_tilt_step'].columns(run, Setting(height=0.05, t0=run.time[at] - 1))[at]
+    assert np.allclose(body, [[0, 0.05 * s, 0.05 * c], [0, -0.05 * c, 0.05 * s], [1, 0, -RADIUS]], atol=1e-12)
+    assert not np.any(EFFECTS['plate_tilt_step'].columns(run, Setting(height=0.05, t0=run.time[at] + 1))[at])
     growth = EFFECTS['plate_expansion'].columns(run, Setting(driver='time'))[at]
     assert np.allclose(growth, RADIUS * t * np.array([[c], [s], [0]]), atol=1e-12)
     form = EFFECTS['ball_form'].columns(run, Setting(ball=1, harmonic=2))[at]

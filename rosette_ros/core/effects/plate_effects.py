@@ -1,11 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Effects of the ball plate: it creeps, slips, grows, warps; its balls move or are not round."""
+"""Effects of the ball plate: it creeps, slips, tilts, grows, warps."""
 
+from collections.abc import Sequence
 
 import numpy as np
 
 from rosette_ros.core.effects import run_functions as on
-from rosette_ros.core.effects.effect import LEAST_KNOWN, Effect, Motion, Quantity, Searched, Setting, grid, per_axis
+from rosette_ros.core.effects.effect import (
+    LEAST_KNOWN,
+    Bracket,
+    Effect,
+    Factors,
+    Motion,
+    Quantity,
+    Searched,
+    Setting,
+    grid,
+    per_axis,
+)
 from rosette_ros.core.effects.factored_effect import Drift, FactoredEffect, LaggedTemperature, Step, WarmUp, gaps
 from rosette_ros.core.effects.run_functions import plate_axes, seconds
 from rosette_ros.core.geometry import rotate_z
@@ -151,34 +163,53 @@ class PlateExpansionLag(PlateGrowth):
         return (*self.quantities, *gaps(run, 'm/m'))
 
 
-_TILT, _ALL = 'tilt', 'all'
+HIGHEST = 0.3
+"""Greatest height of the balls above the supports or clamps of the plate that is tried, or below them, m."""
 
 
 class PlateOnSupports(FactoredEffect):
-    """A support of the plate gives way: the plate tilts in its own axes, or moves as a body without turning about z."""
+    """A support of the plate gives way: the plate turns about a horizontal line in the plane of its supports.
+
+    That is a tilt theta, a lean h theta x e_z of the balls, which are h above the supports, and a shift along z. Beyond
+    that the lean is right to h theta^2 / 2.
+    """
 
     source = 'kinematics of a plate on three supports'
     depends_on = ('time',)
-    choices = grid(motion=(_ALL, _TILT))
-    _which = Searched('motion', '', 'tilt alone, or tilt and shift')
+    quantities = (Quantity('d_z', 'm', 'shift along z'),
+                  *per_axis('xy', Quantity('theta', 'rad', "tilt about the plate's")))
+    choices = grid(height=(0.0, 0.1, -0.1))
+    height = Searched('height', 'm', 'h, height of the balls above the supports, negative below', 'phase')
 
-    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
-        shift = per_axis('xyz', Quantity('d', 'm', "shift along the plate's"))
-        tilt = per_axis('xy', Quantity('theta', 'rad', "tilt about the plate's"))
-        return (*shift, *tilt) if setting.word('motion') == _ALL else tilt
+    def independent_settings(self, run: Run) -> int:
+        """A shift along the axes is the simpler story, and where one ball is measured after the other, a near one."""
+        return 10 * super().independent_settings(run)
+
+    def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
+        return {**super().brackets(run, setting), 'height': (-HIGHEST, HIGHEST)}
 
     def directions(self, run: Run) -> Floats:
-        """Return shifts along the plate's x, y, z and what tilts about its x and y do at the ball, (5, N, 3)."""
-        tilts = run.radius * np.stack([np.sin(run.beta), -np.cos(run.beta)])[..., None] * on.unit(2, run.size)
-        return np.concatenate([np.moveaxis(plate_axes(run), -1, 0), tilts])
+        """Return the shift along z, what tilts about the plate's x and y do along z, and lean per height, (5, N, 3)."""
+        up = on.unit(2, run.size)
+        tilts = run.radius * np.stack([np.sin(run.beta), -np.cos(run.beta)])[..., None] * up
+        x, y, _ = np.moveaxis(plate_axes(run), -1, 0)
+        return np.stack([up, *tilts, -y, x])
 
-    def which(self, setting: Setting) -> tuple[int, ...]:
-        return (0, 1, 2, 3, 4) if setting.word('motion') == _ALL else (3, 4)
+    def factors(self, run: Run, settings: Sequence[Setting]) -> Factors:
+        """Return the Factors, with directions of each height."""
+        heights = list(dict.fromkeys(setting.number('height') for setting in settings))
+        up, *tilts, x, y = self.directions(run)
+        directions = [up, *(tilt + height * lean for height in heights for tilt, lean in zip(tilts, (x, y)))]
+        first = {height: 1 + 2 * place for place, height in enumerate(heights)}
+        made = super().factors(run, settings)
+        return Factors(made.waves, np.stack(directions), tuple(
+            (wave, (0, place, place + 1)) for (wave, _), place in zip(
+                made.of_setting, (first[setting.number('height')] for setting in settings))))
 
     def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
-        course = self.course(run, setting).T
-        tilt = rotate_z(run.phi, course * [*amplitudes[-2:], 0])
-        return Motion(tilt, shift=course * (amplitudes[:3] if setting.word('motion') == _ALL else np.zeros(3)))
+        course, (d_z, x, y) = self.course(run, setting).T, amplitudes
+        lean = setting.number('height') * np.array([y, -x])
+        return Motion(rotate_z(run.phi, course * [x, y, 0]), shift=course * [*lean, d_z])
 
 
 class PlateTiltStep(PlateOnSupports):
@@ -186,8 +217,8 @@ class PlateTiltStep(PlateOnSupports):
     plain = 'sudden tilt of the plate'
     meaning = 'At one moment the plate tilted on the table, and stayed so.'
     look = 'Feet, shims and clamps of the plate: one that was not seated, a chip that broke, a clamp that let go.'
-    formula = '(R_z(phi) (d + theta x b)) H(t - t0), theta along x and y'
-    searched = (PlateOnSupports._which, Searched('t0', 's', 'moment of the tilt, since the first reading', 'instant'))
+    formula = '(d_z + R_z(phi) theta x (b + h e_z)) H(t - t0), theta along the plate x and y'
+    searched = (PlateOnSupports.height, Searched('t0', 's', 'moment of the tilt, since the first reading', 'instant'))
     carries = 'nothing'
     function = Step()
 
@@ -197,8 +228,8 @@ class PlateTiltSettling(PlateOnSupports):
     plain = 'settling of the plate on its supports'
     meaning = 'The plate tilts on the table ever more slowly, until it rests.'
     look = 'Feet on soft or warm ground, wax, pads, shims; clamp the plate and let it rest before measuring.'
-    formula = '(R_z(phi) (d + theta x b)) (1 - exp(-t/tau)), theta along x and y'
-    searched = (PlateOnSupports._which, Searched('tau', 's', 'time constant', 'scale'))
+    formula = '(d_z + R_z(phi) theta x (b + h e_z)) (1 - exp(-t/tau)), theta along the plate x and y'
+    searched = (PlateOnSupports.height, Searched('tau', 's', 'time constant', 'scale'))
     function = WarmUp()
 
 
