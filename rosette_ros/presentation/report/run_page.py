@@ -44,7 +44,7 @@ from rosette_ros.presentation.table_format import Table
 from rosette_ros.presentation.tables import base_name, curves, tables_of
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table
 
-MOST_CANDIDATES, MOST_SPECTRA, MOST_SHARES = 8, 3, 5
+MOST_CANDIDATES, MOST_SPECTRA, MOST_SHARES = 8, 3, 3
 COLUMNS = {'candidates': ('effect', 'claimed', 'p', 'size', 'visible_fraction', 'held_out_rms_after_um', 'look_alikes'),
            'spheres': ('ball', 'readings', 'radius_mm', 'form_um', 'largest_form_um', 'systematic_um', 'p', 'moved_um'),
            'visibility': ('effect', 'typical_visible_fraction', 'visible_fraction', 'detectable_rms_um',
