@@ -112,7 +112,8 @@ def test_without_temperatures_their_effects_are_not_judged(rosette):
     run = simulated_table(temperature=(float('nan'),) * 64, approach=(0,) * 64)
     got = diagnosed(rosette, run)
     assert got['unavailable'] == {
-        'frame_temperature': 'the run has no temperatures', 'frame_temperature_lag': 'the run has no temperatures',
+        **dict.fromkeys(('frame_temperature', 'frame_temperature_lag', 'table_zero_temperature',
+                         'axis_tilt_temperature', 'plate_expansion_lag'), 'the run has no temperatures'),
         'table_backlash': 'the run does not say in which sense the table moved',
         'table_backlash_angle': 'the run does not say in which sense the table moved',
         'encoder_interpolation': 'what it depends on does not change in this run'}
