@@ -42,6 +42,6 @@ BEYOND: dict[str, type[Cause]] = {
     'plate_soaks': support_causes.PlateSoaks,
     'plate_turns_settling': support_causes.PlateTurnsSettling,
 }
-"""Causes that no family was written for."""
+"""Causes that no family had been written for when they were drawn first."""
 
 EVERY = {**CAUSES, **BEYOND}

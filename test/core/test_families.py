@@ -104,7 +104,7 @@ FOREIGN = {
     'a plate that grows by spurts': (lambda run: (share(run) + 0.3 * np.sin(12 * share(run)))[:, None] * np.stack(
         [np.cos(run.alpha), np.sin(run.alpha), 0 * run.alpha], axis=1), 'with time', 'in the radial direction'),
     'a plate that slides to and fro': (lambda run: rotate_z(run.phi, np.sin(13 * share(run)**2)[:, None] * X),
-                                             'with time', "along the plate's x"),
+                                       'with time', "along the plate's x"),
     'a ball that wanders': (lambda run: of_ball(run, 6, np.sin(17 * share(run)**2), [0, 0, 1]), 'ball 6', 'in z'),
 }
 

@@ -81,10 +81,10 @@ MOTIONS = {
         ball - 5e-3 * np.expm1(-t * LAST / 600) * np.array([1, 1, 0]) * (ball - np.array([1e-4, -2e-4, 0])),
         [0, 0, 0]), {'tau': 600.0}),
     'plate_tilt_step': (lambda t, travel, ball, approach: (
-        about_the_feet((t > 0.4) * np.array([6e-4, -8e-4, 0]), ball), [0, 0, 0]),
+        about_the_feet((t > 0.4) * np.array([3e-3, -4e-3, 0]), ball), [0, 0, 0]),
         {'height': 0.06, 't0': 0.4 * LAST}),
     'plate_tilt_settling': (lambda t, travel, ball, approach: (
-        about_the_feet(-np.expm1(-t * LAST / 600) * np.array([6e-4, -8e-4, 0]), ball), [0, 0, 0]),
+        about_the_feet(-np.expm1(-t * LAST / 600) * np.array([3e-3, -4e-3, 0]), ball), [0, 0, 0]),
         {'height': 0.06, 'tau': 600.0})}
 
 
@@ -119,7 +119,7 @@ def test_effects_of_a_millimetre_are_found_to_the_nanometre(name, turn):
                if part.unit in ('m/s', 'rad/s', '1/s', 'rad', 'm', 'm/m') and part.name != 'height')
     wanted = {'table_zero_drift': MILLIMETRE / RADIUS, 'axis_tilt_drift': 4e-3, 'asynchronous_motion': 5e-3,
               'plate_expansion': 5e-3, 'plate_creep': 8e-4, 'plate_creep_settling': 8e-4, 'plate_soaking': 5e-3,
-              'axis_tilt_warmup': 4e-3, 'plate_tilt_step': 8e-4, 'plate_tilt_settling': 8e-4}[name]
+              'axis_tilt_warmup': 4e-3, 'plate_tilt_step': 4e-3, 'plate_tilt_settling': 4e-3}[name]
     assert size * (1 if MOTIONS[name][1].keys() & {'nu', 'tau', 't0'} else run.time[-1]) == pytest.approx(
         wanted, rel=1e-5)
     assert np.abs(found.error_motions.values - curves)[:, :3].max() < 10 * NANOMETRE

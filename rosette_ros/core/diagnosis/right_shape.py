@@ -26,24 +26,16 @@ MERGE = 25.0
 
 A single claim that is better by as much as this keeps its name, whatever a free form has more."""
 IN_TIME: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
-    'table_zero_drift': ('CMM position', (('free_time', 'tangential'),)),
-    'table_zero_warmup': ('CMM position', (('free_time', 'tangential'),)),
-    'table_zero_temperature': ('CMM position', (('free_time', 'tangential'),)),
-    'axis_tilt_temperature': ('CMM position', (('free_growth', 'z'),)),
-    'axis_tilt_warmup': ('CMM position', (('free_growth', 'z'),)),
-    'plate_expansion': ('CMM position', (('free_time', 'radial'),)),
-    'cmm_scale_drift': ('CMM position', (('free_growth', 'xy'),)),
-    'cmm_squareness_drift': ('CMM position', (('free_growth', 'xy'),)),
-    'axis_tilt_drift': ('CMM position', (('free_growth', 'z'),)),
-    'axis_tilt_step': ('CMM position', (('free_growth', 'z'),)),
-    'table_zero_step': ('CMM position', (('free_time', 'tangential'),)),
-    'plate_creep': ('table angle', (('free_time', 'plate xy'),)),
-    'plate_creep_settling': ('table angle', (('free_time', 'plate xy'),)),
+    **dict.fromkeys(('table_zero_drift', 'table_zero_temperature', 'table_zero_warmup', 'table_zero_step'),
+                    ('CMM position', (('free_time', 'tangential'),))),
+    **dict.fromkeys(('axis_tilt_drift', 'axis_tilt_temperature', 'axis_tilt_warmup', 'axis_tilt_step'),
+                    ('CMM position', (('free_growth', 'z'),))),
+    **dict.fromkeys(('plate_expansion', 'plate_expansion_lag', 'plate_soaking'),
+                    ('CMM position', (('free_time', 'radial'),))),
+    **dict.fromkeys(('cmm_scale_drift', 'cmm_squareness_drift'), ('CMM position', (('free_growth', 'xy'),))),
+    **dict.fromkeys(('plate_creep', 'plate_creep_settling'), ('table angle', (('free_time', 'plate xy'),))),
     'plate_slip': ('table angle', (('free_time', 'plate xy'), ('free_time', 'tangential'))),
-    'plate_soaking': ('CMM position', (('free_time', 'radial'),)),
-    'plate_tilt_step': ('ball', (('free_growth', 'z'),)),
-    'plate_tilt_settling': ('ball', (('free_growth', 'z'),)),
-    'plate_warp': ('ball', (('free_growth', 'z'),))}
+    **dict.fromkeys(('plate_tilt_step', 'plate_tilt_settling', 'plate_warp'), ('ball', (('free_growth', 'z'),)))}
 """What else an effect that changes with time depends on, and the free forms beside it with their axes."""
 ONE = 12.0
 """By how much the score of several claims must exceed that of one effect in their place."""

@@ -100,14 +100,19 @@ class Factors:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What effects do to the plate as a body: rotation vector (N, 3), rad, growth (N,), shift on the table (N, 3)."""
+    """What effects do to the plate as a body: rotation vector (N, 3), rad, growth (N,), shift on the table (N, 3), m.
+
+    beyond: what the shift is beyond first order in the amplitudes, (N, 3), m.
+    """
 
     rotation: Floats = field(default_factory=lambda: np.zeros((1, 3)))
     growth: Floats = field(default_factory=lambda: np.zeros(1))
     shift: Floats = field(default_factory=lambda: np.zeros((1, 3)))
+    beyond: Floats = field(default_factory=lambda: np.zeros((1, 3)))
 
     def __add__(self, other: 'Motion') -> 'Motion':
-        return Motion(self.rotation + other.rotation, self.growth + other.growth, self.shift + other.shift)
+        return Motion(self.rotation + other.rotation, self.growth + other.growth, self.shift + other.shift,
+                      self.beyond + other.beyond)
 
 
 class Effect:

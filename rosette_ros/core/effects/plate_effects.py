@@ -156,7 +156,7 @@ class PlateExpansionLag(PlateGrowth):
     function = LaggedTemperature()
 
     def independent_settings(self, run: Run) -> int:
-        """To follow at once is the simpler story: where one ball is measured after the other, they differ little."""
+        """Return ten times as many: to follow at once is simpler, and looks alike where an order hides much."""
         return 10 * super().independent_settings(run)
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
@@ -170,8 +170,7 @@ HIGHEST = 0.3
 class PlateOnSupports(FactoredEffect):
     """A support of the plate gives way: the plate turns about a horizontal line in the plane of its supports.
 
-    That is a tilt theta, a lean h theta x e_z of the balls, which are h above the supports, and a shift along z. Beyond
-    that the lean is right to h theta^2 / 2.
+    That is a tilt theta, a lean h theta x e_z of the balls, which are h above the supports, and a shift along z.
     """
 
     source = 'kinematics of a plate on three supports'
@@ -182,7 +181,7 @@ class PlateOnSupports(FactoredEffect):
     height = Searched('height', 'm', 'h, height of the balls above the supports, negative below', 'phase')
 
     def independent_settings(self, run: Run) -> int:
-        """A shift along the axes is the simpler story, and where one ball is measured after the other, a near one."""
+        """Return ten times as many: a shift along axes is simpler, and little else in the time of a table position."""
         return 10 * super().independent_settings(run)
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
@@ -207,9 +206,10 @@ class PlateOnSupports(FactoredEffect):
                 made.of_setting, (first[setting.number('height')] for setting in settings))))
 
     def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
-        course, (d_z, x, y) = self.course(run, setting).T, amplitudes
-        lean = setting.number('height') * np.array([y, -x])
-        return Motion(rotate_z(run.phi, course * [x, y, 0]), shift=course * [*lean, d_z])
+        course, height, (d_z, x, y) = self.course(run, setting).T, setting.number('height'), amplitudes
+        # the balls turn about the supports, not about their own centre: h (e_z - R' e_z), to second order
+        return Motion(rotate_z(run.phi, course * [x, y, 0]), shift=course * [height * y, -height * x, d_z],
+                      beyond=course**2 * [0, 0, 0.5 * height * (x**2 + y**2)])
 
 
 class PlateTiltStep(PlateOnSupports):

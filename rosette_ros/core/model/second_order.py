@@ -50,7 +50,7 @@ def second_order(run: Run, lever: float, base: BaseParameters, motion: Motion | 
     turn = delta
     if motion is not None:
         centre = np.nanmean(plate, axis=0)
-        at = at + motion.shift + motion.growth[:, None] * np.array([1.0, 1.0, 0.0]) * (at - centre)
+        at = at + motion.shift + motion.beyond + motion.growth[:, None] * np.array([1.0, 1.0, 0.0]) * (at - centre)
         turn = delta + motion.rotation[:, 2]
         arm = arm * (run.radius / lever)
         linear = linear + np.cross(motion.rotation, arm) + motion.growth[:, None] * arm
