@@ -217,7 +217,7 @@ class PlateTiltStep(PlateOnSupports):
     plain = 'sudden tilt of the plate'
     meaning = 'At one moment the plate tilted on the table, and stayed so.'
     look = 'Feet, shims and clamps of the plate: one that was not seated, a chip that broke, a clamp that let go.'
-    formula = '(d_z + R_z(phi) theta x (b + h e_z)) H(t - t0), theta along the plate x and y'
+    formula = 'R_z(phi) (d_z e_z + theta x (b + h e_z)) H(t - t0), theta in x and y'
     searched = (PlateOnSupports.height, Searched('t0', 's', 'moment of the tilt, since the first reading', 'instant'))
     carries = 'nothing'
     function = Step()
@@ -228,7 +228,7 @@ class PlateTiltSettling(PlateOnSupports):
     plain = 'settling of the plate on its supports'
     meaning = 'The plate tilts on the table ever more slowly, until it rests.'
     look = 'Feet on soft or warm ground, wax, pads, shims; clamp the plate and let it rest before measuring.'
-    formula = '(d_z + R_z(phi) theta x (b + h e_z)) (1 - exp(-t/tau)), theta along the plate x and y'
+    formula = 'R_z(phi) (d_z e_z + theta x (b + h e_z)) (1 - exp(-t/tau)), theta in x and y'
     searched = (PlateOnSupports.height, Searched('tau', 's', 'time constant', 'scale'))
     function = WarmUp()
 
