@@ -31,6 +31,7 @@ EXCEPTIONS = {
     'table_acceleration_n8_random': 'the library has got a name for it: frame_drift_curved',
     'table_asynchronous_n12_diagonal_missing': 'the order is refined once more: it moves in its fifth digit',
     'table_outlier_n6_sensitive_norep': 'compare fails where the search names an effect, as diagnose does',
+    'table_step_cycle_n12_sensitive': 'the searched period is found again jointly: rms smaller in its eighth digit',
     'table_temperature_n7_random_norep': 'compare fails where the search names an effect, as diagnose does'}
 """Input (as its test is called): why it is decided otherwise now, in one line. DECIDED is not compared then."""
 DECIDED = ('missing', 'unexplained', 'claimed', 'failing', 'final', 'invisible_bias')
@@ -60,6 +61,8 @@ KNOWN = ('frame_drift', 'frame_warmup', 'frame_temperature', 'frame_cycle', 'fra
          'axis_tilt_drift', 'table_backlash', 'asynchronous_motion', 'table_warmup', 'plate_creep', 'plate_slip',
          'plate_expansion', 'plate_warp', 'ball_slip', 'ball_form', 'cmm_reversal', 'outlier')
 
+IN_SINGLE = {'size_sigma': 2.0**-23}
+"""Keys of numbers whose expected value ends with a root in single precision, and how far that rounds it."""
 WORDS = ('verdict', 'unexplained_text', 'summary', 'text')
 """Keys of sentences: that there are some is all that counts."""
 REASONS = ('not_judged', 'unavailable')
@@ -92,7 +95,8 @@ def differences(expected, got, tolerance, keys=(), skip=(), size=0.0):
                 yield f'{where(keys)}: wanted the key {name!r}, got none'
                 continue
             beside = 1.0 if name in SIZE_ONE else size_of(expected.get(SIZE_BESIDE.get(name)))
-            yield from differences(value, got[name], tolerance, (*keys, name), skip, max(size, beside))
+            yield from differences(value, got[name], max(tolerance, IN_SINGLE.get(name, 0.0)), (*keys, name), skip,
+                                   max(size, beside))
     elif isinstance(expected, list) and isinstance(got, list) and len(expected) == len(got):
         size = max(size, size_of(expected))
         for number, pair in enumerate(zip(expected, got)):
