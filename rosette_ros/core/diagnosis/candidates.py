@@ -233,9 +233,11 @@ def families(run: Run, effects: Sequence[Effect], project: Projection, keep_hidd
                 else _families(run, effect, settings, chances, project, like))
 
     judged = [effect for effect in effects if not effect.unavailable(run)]
-    # of a large run, most of the time is spent in products of arrays, during which another thread can run
-    with ThreadPoolExecutor(1 if 3 * run.size <= SMALL else THREADS) as threads:
-        found = list(threads.map(of_effect, judged))
+    if 3 * run.size <= SMALL:
+        found = list(map(of_effect, judged))
+    else:  # most of the time is spent in products of arrays, during which another thread can run
+        with ThreadPoolExecutor(THREADS) as threads:
+            found = list(threads.map(of_effect, judged))
     return tuple(family for family in chain(*found) if keep_hidden or family.ranks.any())
 
 

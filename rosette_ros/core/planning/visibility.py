@@ -96,5 +96,9 @@ def _alike(entry: Visibility, shapes: dict[str, Floats]) -> tuple[str, ...]:
     own = shapes.get(entry.name)
     if own is None or not len(own) or entry.hidden:
         return ()
-    return tuple(name for name, rows in shapes.items()
-                 if name != entry.name and len(rows) and np.linalg.norm(own @ rows.T, 2) > SAME_SHAPE)
+    return tuple(name for name, rows in shapes.items() if name != entry.name and _reaches(own @ rows.T, SAME_SHAPE))
+
+
+def _reaches(product: Floats, least: float) -> bool:
+    """Return whether the largest singular value is above `least`; it is at most the root of the sum of squares."""
+    return bool(product.size and np.vdot(product, product) > least**2 and np.linalg.norm(product, 2) > least)
