@@ -31,15 +31,18 @@ hypothesis.settings.register_profile('rosette', deadline=None)
 hypothesis.settings.load_profile('rosette')
 
 LONG = (
-    'test_one_verdict.py', 'studio/test_studio_page.py', 'nodes/test_several_cells.py', 'cli/test_cell_verbs.py',
-    'studio/test_studio_look.py', 'test_golden.py', 'nodes/test_cell_faults.py', 'presentation/test_paper.py',
-    'cli/test_degenerate_runs.py', 'presentation/test_run_page.py', 'nodes/test_cell_dme.py', 'core/test_families.py',
-    'studio/test_studio_session.py', 'nodes/test_cell_kills.py', 'nodes/test_cell_machine_faults.py',
-    'studio/test_server.py', 'core/test_noise.py', 'studio/test_live_cell.py', 'test_layers.py',
-    'cli/test_hidden_demo.py', 'cell/test_supervisor.py', 'cell/test_cmm_check.py', 'nodes/test_cell_senders.py',
-    'core/test_diagnosis.py', 'nodes/test_trend_monitor.py', 'nodes/test_between_steps.py',
-    'studio/test_archive_tab.py', 'archive/test_run_adding.py', 'blind/test_blind_tables.py')
-"""Files that take longest, in the order of starting: all would wait for one that starts last."""
+    'studio/test_studio_page.py', 'nodes/test_cell_kills.py', 'test_one_verdict.py', 'cell/test_cmm_check.py',
+    'studio/test_live_cell.py', 'cli/test_cell_verbs.py', 'studio/test_studio_look.py', 'nodes/test_several_cells.py',
+    'presentation/test_paper.py', 'nodes/test_cell_senders.py', 'cli/test_degenerate_runs.py',
+    'nodes/test_cell_faults.py', 'core/test_noise.py', 'cli/test_hidden_demo.py', 'core/test_families.py',
+    'cell/test_supervisor.py', 'presentation/test_run_page.py', 'nodes/test_cell_dme.py', 'test_golden.py',
+    'nodes/test_cell_machine_faults.py', 'studio/test_studio_session.py', 'nodes/test_trend_monitor.py',
+    'studio/test_server.py', 'nodes/test_between_steps.py', 'core/test_diagnosis.py', 'nodes/test_cell_lifecycle.py',
+    'studio/test_archive_tab.py', 'nodes/test_both_senses.py', 'certificate/test_pages.py', 'nodes/test_cell.py',
+    'archive/test_run_adding.py', 'nodes/test_cell_other_cmm.py', 'blind/test_blind_tables.py',
+    'cli/test_circle_demo.py', 'cli/test_trend_verb.py', 'cli/test_verification_demo.py', 'cli/test_report.py',
+    'dme/test_dme_resume.py', 'test_layers.py', 'nodes/test_sros2_policy.py')
+"""Files that take longest, in the order of starting: those that compute between those that wait for cells."""
 
 
 def pytest_collection_modifyitems(items):
