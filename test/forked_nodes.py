@@ -11,9 +11,10 @@ from multiprocessing import forkserver
 
 from rosette_ros.cell.supervisor import MODULES
 from rosette_ros.nodes.names import PARENT_PID
+from rosette_ros.studio import worker
 
 _CONTEXT = multiprocessing.get_context('forkserver')
-PRELOADED = [*MODULES.values(), 'rosette_ros.presentation.report']
+PRELOADED = [*MODULES.values(), *worker.PRELOADED]
 """What cells and the processes of the studio load."""
 
 

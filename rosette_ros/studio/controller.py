@@ -6,69 +6,31 @@ a long diagnosis delays nothing. A result that belongs to another run or model b
 """
 
 import asyncio
-import multiprocessing
-import resource
-import signal
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
-from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from nicegui import Event
 
-from rosette_ros.analysis import analyse, change, cross_check, evaluate_jointly, ladder, summarise
-from rosette_ros.core.budget_inputs import BudgetInputs
+from rosette_ros.analysis import analyse, change, cross_check, ladder, summarise
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import not_determinable
 from rosette_ros.core.error_summary import doubt_of
 from rosette_ros.core.errors import NotDeterminable, RosetteError, one_line
 from rosette_ros.core.joint.joint_evaluation import JointResult
-from rosette_ros.core.joint.readings import Readings
-from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import ErrorMotions, Run
-from rosette_ros.core.uncertainty_budget import Budget, budget, touch_scatter
+from rosette_ros.core.uncertainty_budget import Budget
 from rosette_ros.io.budget_file import read_budget
-from rosette_ros.io.log_reader import read_log
-from rosette_ros.io.open_run import is_log
-from rosette_ros.presentation.plots.touch_plots import touch_directions, touch_residuals
 from rosette_ros.presentation.report import report_html
-from rosette_ros.presentation.report.page_parts import inline_svgs
 from rosette_ros.presentation.report.provenance import Source
-from rosette_ros.presentation.report.run_page import NO_TOUCHES, touches_of
-from rosette_ros.presentation.table_format import Table
-from rosette_ros.presentation.touch_results import sphere_rows, sphere_table
+from rosette_ros.studio.calculations import ShownTouches, budget_of, joint_of, shown_touches
 from rosette_ros.studio.studio_session import OpenedRun, Preview, Session, Ticket
+from rosette_ros.studio.worker import Superseded, Worker
 
 T = TypeVar('T')
-STEP, VALUE, ERROR = 'step', 'value', 'error'
-"""What the process sends."""
-READ_MEMORY = 2 << 30
-"""Most memory for reading a run that was uploaded, bytes; it takes READ_WITHIN at most."""
 LOOK_AGAIN = 0.1  # s
-_CONTEXT = multiprocessing.get_context('forkserver')
-_CONTEXT.set_forkserver_preload(['rosette_ros.analysis', 'rosette_ros.presentation.report'])
-
-
-class Superseded(Exception):
-    """The result is not wanted any more."""
-
-
-class WorkerFailed(RosetteError):
-    """The process has ended without a result."""
-
-
-@dataclass(frozen=True)
-class ShownTouches:
-    """What the touches of a run show: (name, text) rows, pictures (SVG) by their words, tables; missing: why not."""
-
-    rows: tuple[tuple[str, str], ...] = ()
-    pictures: Mapping[str, str] = field(default_factory=dict)
-    tables: tuple[Table, ...] = ()
-    missing: tuple[str, ...] = ()
 
 
 class Controller:
@@ -264,113 +226,3 @@ class Controller:
                        self.toucher):
             worker.stop()
         self._quick.shutdown(wait=False, cancel_futures=True)
-
-
-def budget_of(fit: Fit, source: Source | None, inputs: BudgetInputs | None, doubt: str) -> Budget:
-    """Return the Budget of a fit, with the scatter of touches where the log of the run has them."""
-    refit = touches_of(source)[0]
-    return budget(fit, inputs, touch_scatter(refit) if refit else None, doubt=doubt)
-
-
-def shown_touches(source: Source | None) -> ShownTouches:
-    """Return what the touches in the log of a run show."""
-    refit, missing = touches_of(source)
-    if refit is None:
-        return ShownTouches(missing=tuple(missing or [NO_TOUCHES]))
-    drawn = inline_svgs({'touch_residuals': touch_residuals(refit), 'touch_directions': touch_directions(refit)})
-    return ShownTouches(tuple(sphere_rows(refit)), {
-        'Distance of each touch from its sphere; below, the radius of each sphere.': str(drawn['touch_residuals']),
-        'Mean residuals by direction, seen from the pole: lobing of the probe, form of each ball.':
-            str(drawn['touch_directions'])}, (sphere_table(refit),))
-
-
-def joint_of(opened: Sequence[OpenedRun]) -> JointResult:
-    """Return the JointResult of opened runs, with their table frames where their logs are still there."""
-    runs = []
-    for one in opened:
-        path = Path(one.source.path) if one.source else None
-        is_there = path is not None and path.exists() and is_log(path)
-        runs.append(Readings.of(one.run, read_log(path).frame_of(one.run.run_id) if path and is_there else None))
-    return evaluate_jointly(runs)
-
-
-class Worker:
-    """Does one piece of work at a time: the next one ends the one before."""
-
-    def __init__(self) -> None:
-        self._process: BaseProcess | None = None
-        self._thread = ThreadPoolExecutor(1, 'worker')
-
-    async def run(self, function: Callable[..., T], *arguments: object, on_step: Callable[[str], None] | None = None,
-                  within: float | None = None, memory: int | None = None) -> T:
-        """Return function(*arguments), calculated in another process.
-
-        on_step: passed to the function; called here; within, memory: most time, s, and most memory, bytes, that it may
-        take. Raises what the function raises, Superseded where `stop` or other work has ended it, and WorkerFailed.
-        """
-        self.stop()
-        loop = asyncio.get_running_loop()
-        receiver, sender = _CONTEXT.Pipe(duplex=False)
-        process = _CONTEXT.Process(target=_work, args=(sender, function, arguments, on_step is not None, memory),
-                                   daemon=True)
-        self._process = process
-
-        def receive() -> tuple[str, Any]:
-            _start(process)
-            sender.close()
-            if self._process is not process:
-                process.kill()
-            try:
-                while (answer := receiver.recv())[0] == STEP:
-                    if on_step:
-                        loop.call_soon_threadsafe(on_step, answer[1])
-                return answer
-            except EOFError:
-                return ERROR, Superseded() if self._process is not process else WorkerFailed(
-                    f'{function.__name__}: its process ended without a result; is there enough memory?')
-            finally:
-                receiver.close()
-                process.join()
-
-        try:
-            async with asyncio.timeout(within):
-                kind, value = await loop.run_in_executor(self._thread, receive)
-        except TimeoutError:
-            if self._process is process:
-                self.stop()
-            raise WorkerFailed(f'wanted a result within {within:g} s, got none') from None
-        if self._process is process:
-            self._process = None
-        if kind == ERROR:
-            raise value
-        result: T = value
-        return result
-
-    def stop(self) -> None:
-        """End the work that is running; who waits for it gets Superseded."""
-        process, self._process = self._process, None
-        if process is not None and process.pid is not None:
-            process.kill()
-
-
-def _start(process: BaseProcess) -> None:
-    """Start a process that Ctrl-C does not reach: the studio ends it."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        process.start()
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _work(sender: Connection, function: Callable[..., object], arguments: tuple[object, ...], with_steps: bool,
-          memory: int | None) -> None:
-    """Work in the other process; send the steps, then the value or the error."""
-    if memory is not None:
-        resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
-    steps = {'on_step': lambda step: sender.send((STEP, step))} if with_steps else {}
-    try:
-        sender.send((VALUE, function(*arguments, **steps)))
-    except RosetteError as error:
-        sender.send((ERROR, error))
-    except MemoryError:
-        sender.send((ERROR, WorkerFailed(f'wanted at most {(memory or 0) >> 20} MB of memory, got more')))

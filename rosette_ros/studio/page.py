@@ -14,7 +14,7 @@ from rosette_ros.core.errors import RosetteError
 from rosette_ros.core.model.model import Model
 from rosette_ros.io.model_file import format_model
 from rosette_ros.nodes.names import NAMESPACE
-from rosette_ros.studio.controller import Controller, Superseded
+from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels.archive_panel import ArchivePanel
 from rosette_ros.studio.panels.budget_panel import BudgetPanel
 from rosette_ros.studio.panels.diagnosis_panel import CandidatesPanel, CrossCheckPanel, VerdictPanel
@@ -26,6 +26,7 @@ from rosette_ros.studio.panels.open_dialog import OpenDialog
 from rosette_ros.studio.panels.overlay_panel import OverlayPanel
 from rosette_ros.studio.panels.touch_panel import TouchPanel
 from rosette_ros.studio.panels.widgets import ErrorLine, button, input_field, marked
+from rosette_ros.studio.worker import Superseded
 
 RUN, LIVE, ARCHIVE = 'Run', 'Live cell', 'Archive'
 THEMES = {None: ('brightness_auto', 'Colours follow the system (d)'), True: ('dark_mode', 'Dark (d)'),

@@ -18,6 +18,7 @@ from rosette_ros.studio.access_control import LOOPBACK, AccessControl
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.page import Page, StudioOptions
 from rosette_ros.studio.panels.live_panel import CellWatchers
+from rosette_ros.studio.worker import prepare
 
 MOST_BROWSERS = 16
 """The state of so many browsers is kept; of more, that of the one not seen for longest is dropped."""
@@ -54,6 +55,7 @@ def serve(options: StudioOptions, on_ready: Callable[[str], object] | None = Non
     name = f'[{options.host}]' if ':' in options.host else options.host
     address = f'http://{"localhost" if name in ("0.0.0.0", "[::]") else name}:{port}/'
     controllers, cells = Controllers(), CellWatchers()
+    prepare()
     with TemporaryDirectory(prefix='rosette_studio_') as folder:
         async def build() -> None:
             await ui.context.client.connected(CONNECTED_WITHIN)  # what only loads the page keeps nothing here

@@ -19,7 +19,8 @@ from rosette_ros.core.errors import RosetteError
 from rosette_ros.io.bag_metadata import TOP_KEY
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_repair import repair_log
-from rosette_ros.studio.panels.open_dialog import read_upload, safe_name
+from rosette_ros.studio.calculations import read_upload
+from rosette_ros.studio.panels.open_dialog import safe_name
 
 NAMES = [
     'version', 'storage_identifier', 'relative_file_paths', 'custom_data', 'message_count', 'files', TOP_KEY,

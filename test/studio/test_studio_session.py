@@ -19,8 +19,9 @@ from rosette_ros.core.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.presentation.report import open_source
 from rosette_ros.simulation import Machine, MachineConfig
-from rosette_ros.studio.controller import Controller, Superseded, Worker, WorkerFailed
+from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.studio_session import MOST_KEPT, Session
+from rosette_ros.studio.worker import PRELOADED, Superseded, Worker, WorkerFailed
 
 HIDDEN = {'kind': 'frame_drift', 'rate_um_per_h': [3.0, 0.0, 1.5]}
 
@@ -345,6 +346,13 @@ def test_a_worker_passes_errors_on():
     """As if the function were called here."""
     with pytest.raises(InvalidData, match='wanted this, got that'):
         in_loop(Worker().run(refuse, 'wanted this, got that'))
+
+
+def test_a_worker_loads_nothing_of_the_page():
+    """It calculates at once; loading the page took longer than most calculations."""
+    loaded = in_loop(Worker().run(eval, "[*__import__('sys').modules]"))
+    assert set(PRELOADED) <= set(loaded)
+    assert [name for name in loaded if name.partition('.')[0] in ('nicegui', 'fastapi', 'plotly')] == []
 
 
 def test_stopped_work_is_superseded():

@@ -13,7 +13,7 @@ from rosette_ros.core.errors import InvalidData, RosetteError, counted, one_line
 from rosette_ros.core.records import ErrorMotions
 from rosette_ros.presentation.plots.plot_style import COLOURS
 from rosette_ros.presentation.trend_results import events_table, forecast_table
-from rosette_ros.studio.controller import Controller, Superseded
+from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.figures import Curves, curves_figure, trend_figure
 from rosette_ros.studio.panels.figures_panel import WIDTH
 from rosette_ros.studio.panels.widgets import (
@@ -28,6 +28,7 @@ from rosette_ros.studio.panels.widgets import (
     row,
     set_words,
 )
+from rosette_ros.studio.worker import Superseded
 
 if TYPE_CHECKING:
     from rosette_ros.archive.cell_trend import CellTrend

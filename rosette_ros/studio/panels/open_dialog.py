@@ -3,7 +3,6 @@
 
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -16,9 +15,13 @@ from rosette_ros.io.log_reader import READ_WITHIN
 from rosette_ros.presentation.report import open_source
 from rosette_ros.presentation.report.provenance import Source
 from rosette_ros.studio.access_control import MOST_UPLOAD, TOO_LARGE
-from rosette_ros.studio.controller import READ_MEMORY, Controller, Superseded, WorkerFailed
+from rosette_ros.studio.calculations import read_upload
+from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels.widgets import ErrorLine, button, input_field, marked, row
+from rosette_ros.studio.worker import Superseded, WorkerFailed
 
+READ_MEMORY = 2 << 30
+"""Most memory for reading a run that was uploaded, bytes; it takes READ_WITHIN at most."""
 MOST_NAME = 120
 """Longest name of a file, bytes; systems take 255."""
 
@@ -94,16 +97,6 @@ class OpenDialog:
 
     def _reject(self) -> None:
         self._error.set(f'upload: {TOO_LARGE}; open a larger file by its path')
-
-
-def read_upload(path: Path) -> tuple[Run, Source]:
-    """Return Run and Source of an uploaded file; both name the file as the person knows it."""
-    try:
-        run, source = open_source(path)
-    except RosetteError as error:
-        raise type(error)(str(error).replace(f'{path.parent}/', '')) from None
-    files = tuple(replace(one, path=path.name) for one in source.files)
-    return run.replace(source=path.name), replace(source, path=path.name, files=files)
 
 
 def safe_name(name: str) -> str:

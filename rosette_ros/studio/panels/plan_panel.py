@@ -13,15 +13,15 @@ from rosette_ros.core.planning.plan_comparison import (
     Outlook,
     best_outlook,
     better,
-    outlook,
     outlook_of_order,
     point_of,
 )
 from rosette_ros.core.scheme import ORDERS
 from rosette_ros.core.touches import TOUCHES, Pace
-from rosette_ros.io.plan_file import MOST_BYTES, MeasuringPlan, format_plan, parse_plan
+from rosette_ros.io.plan_file import MOST_BYTES, MeasuringPlan, format_plan
 from rosette_ros.presentation.plan_results import comparison
-from rosette_ros.studio.controller import Controller, Superseded
+from rosette_ros.studio.calculations import outlook_of_file
+from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.figures import PlotlyFigure, pairs_figure, uncertainty_figure
 from rosette_ros.studio.panels.open_dialog import safe_name
 from rosette_ros.studio.panels.widgets import (
@@ -38,6 +38,7 @@ from rosette_ros.studio.panels.widgets import (
     set_words,
     whole_field,
 )
+from rosette_ros.studio.worker import Superseded
 
 if TYPE_CHECKING:
     from rosette_ros.studio.cell_watcher import CellWatcher
@@ -235,12 +236,6 @@ def _readings(made: Outlook) -> tuple[Any, ...]:
     scheme = made.scheme
     return (scheme.n, made.radius, made.expectation.duration, *(part.tobytes() for part in (
         scheme.table_position, scheme.ball, scheme.touches, scheme.approach)), scheme.table_offset)
-
-
-def outlook_of_file(data: bytes, name: str, pace: Pace) -> Outlook:
-    """Return the Outlook of a plan file's bytes; name: of the file. Raises InvalidPlan."""
-    made = parse_plan(data, name)
-    return outlook(name, made.scheme, made.radius, pace=pace)
 
 
 def _balls(value: float | None) -> int:

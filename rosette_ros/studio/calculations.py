@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the studio calculates in other processes besides the functions of `analysis`; nothing of the page."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from rosette_ros.analysis import evaluate_jointly
+from rosette_ros.core.budget_inputs import BudgetInputs
+from rosette_ros.core.errors import RosetteError
+from rosette_ros.core.joint.joint_evaluation import JointResult
+from rosette_ros.core.joint.readings import Readings
+from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.planning.plan_comparison import Outlook, outlook
+from rosette_ros.core.records import Run
+from rosette_ros.core.touches import Pace
+from rosette_ros.core.uncertainty_budget import Budget, budget, touch_scatter
+from rosette_ros.io.log_reader import read_log
+from rosette_ros.io.open_run import is_log
+from rosette_ros.io.plan_file import parse_plan
+from rosette_ros.presentation.plots.touch_plots import touch_directions, touch_residuals
+from rosette_ros.presentation.report import open_source
+from rosette_ros.presentation.report.page_parts import inline_svgs
+from rosette_ros.presentation.report.provenance import Source
+from rosette_ros.presentation.report.run_page import NO_TOUCHES, touches_of
+from rosette_ros.presentation.table_format import Table
+from rosette_ros.presentation.touch_results import sphere_rows, sphere_table
+from rosette_ros.studio.studio_session import OpenedRun
+
+
+@dataclass(frozen=True)
+class ShownTouches:
+    """What the touches of a run show: (name, text) rows, pictures (SVG) by their words, tables; missing: why not."""
+
+    rows: tuple[tuple[str, str], ...] = ()
+    pictures: Mapping[str, str] = field(default_factory=dict)
+    tables: tuple[Table, ...] = ()
+    missing: tuple[str, ...] = ()
+
+
+def read_upload(path: Path) -> tuple[Run, Source]:
+    """Return Run and Source of an uploaded file; both name the file as the person knows it."""
+    try:
+        run, source = open_source(path)
+    except RosetteError as error:
+        raise type(error)(str(error).replace(f'{path.parent}/', '')) from None
+    files = tuple(replace(one, path=path.name) for one in source.files)
+    return run.replace(source=path.name), replace(source, path=path.name, files=files)
+
+
+def outlook_of_file(data: bytes, name: str, pace: Pace) -> Outlook:
+    """Return the Outlook of a plan file's bytes; name: of the file. Raises InvalidPlan."""
+    made = parse_plan(data, name)
+    return outlook(name, made.scheme, made.radius, pace=pace)
+
+
+def budget_of(fit: Fit, source: Source | None, inputs: BudgetInputs | None, doubt: str) -> Budget:
+    """Return the Budget of a fit, with the scatter of touches where the log of the run has them."""
+    refit = touches_of(source)[0]
+    return budget(fit, inputs, touch_scatter(refit) if refit else None, doubt=doubt)
+
+
+def shown_touches(source: Source | None) -> ShownTouches:
+    """Return what the touches in the log of a run show."""
+    refit, missing = touches_of(source)
+    if refit is None:
+        return ShownTouches(missing=tuple(missing or [NO_TOUCHES]))
+    drawn = inline_svgs({'touch_residuals': touch_residuals(refit), 'touch_directions': touch_directions(refit)})
+    return ShownTouches(tuple(sphere_rows(refit)), {
+        'Distance of each touch from its sphere; below, the radius of each sphere.': str(drawn['touch_residuals']),
+        'Mean residuals by direction, seen from the pole: lobing of the probe, form of each ball.':
+            str(drawn['touch_directions'])}, (sphere_table(refit),))
+
+
+def joint_of(opened: Sequence[OpenedRun]) -> JointResult:
+    """Return the JointResult of opened runs, with their table frames where their logs are still there."""
+    runs = []
+    for one in opened:
+        path = Path(one.source.path) if one.source else None
+        is_there = path is not None and path.exists() and is_log(path)
+        runs.append(Readings.of(one.run, read_log(path).frame_of(one.run.run_id) if path and is_there else None))
+    return evaluate_jointly(runs)

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Calculates in another process, which is ended as soon as its result is not wanted any more.
+
+The process is forked from one that has loaded what calculations need, and loads nothing of the page itself.
+"""
+
+import asyncio
+import multiprocessing
+import resource
+import signal
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from multiprocessing import forkserver
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from typing import Any, TypeVar
+
+from rosette_ros.core.errors import RosetteError
+
+T = TypeVar('T')
+STEP, VALUE, ERROR = 'step', 'value', 'error'
+"""What the process sends."""
+PRELOADED = ('rosette_ros.studio.calculations', 'rosette_ros.studio.worker')
+_CONTEXT = multiprocessing.get_context('forkserver')
+_CONTEXT.set_forkserver_preload(list(PRELOADED))
+
+
+def prepare() -> None:
+    """Start the process that others are forked from, so that the first calculation need not wait for it."""
+    _start(forkserver.ensure_running)
+
+
+def _start(start: Callable[[], object]) -> None:
+    """Start a process that Ctrl-C does not reach: the studio ends it."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class Superseded(Exception):
+    """The result is not wanted any more."""
+
+
+class WorkerFailed(RosetteError):
+    """The process has ended without a result."""
+
+
+class Worker:
+    """Does one piece of work at a time: the next one ends the one before."""
+
+    def __init__(self) -> None:
+        self._process: BaseProcess | None = None
+        self._thread = ThreadPoolExecutor(1, 'worker')
+
+    async def run(self, function: Callable[..., T], *arguments: object, on_step: Callable[[str], None] | None = None,
+                  within: float | None = None, memory: int | None = None) -> T:
+        """Return function(*arguments), calculated in another process.
+
+        on_step: passed to the function; called here; within, memory: most time, s, and most memory, bytes, that it may
+        take. Raises what the function raises, Superseded where `stop` or other work has ended it, and WorkerFailed.
+        """
+        self.stop()
+        loop = asyncio.get_running_loop()
+        receiver, sender = _CONTEXT.Pipe(duplex=False)
+        process = _CONTEXT.Process(target=_work, args=(sender, function, arguments, on_step is not None, memory),
+                                   daemon=True)
+        self._process = process
+
+        def receive() -> tuple[str, Any]:
+            _start(process.start)
+            sender.close()
+            if self._process is not process:
+                process.kill()
+            try:
+                while (answer := receiver.recv())[0] == STEP:
+                    if on_step:
+                        loop.call_soon_threadsafe(on_step, answer[1])
+                return answer
+            except EOFError:
+                return ERROR, Superseded() if self._process is not process else WorkerFailed(
+                    f'{function.__name__}: its process ended without a result; is there enough memory?')
+            finally:
+                receiver.close()
+                process.join()
+
+        try:
+            async with asyncio.timeout(within):
+                kind, value = await loop.run_in_executor(self._thread, receive)
+        except TimeoutError:
+            if self._process is process:
+                self.stop()
+            raise WorkerFailed(f'wanted a result within {within:g} s, got none') from None
+        if self._process is process:
+            self._process = None
+        if kind == ERROR:
+            raise value
+        result: T = value
+        return result
+
+    def stop(self) -> None:
+        """End the work that is running; who waits for it gets Superseded."""
+        process, self._process = self._process, None
+        if process is not None and process.pid is not None:
+            process.kill()
+
+
+def _work(sender: Connection, function: Callable[..., object], arguments: tuple[object, ...], with_steps: bool,
+          memory: int | None) -> None:
+    """Work in the other process; send the steps, then the value or the error."""
+    if memory is not None:
+        resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
+    steps = {'on_step': lambda step: sender.send((STEP, step))} if with_steps else {}
+    try:
+        sender.send((VALUE, function(*arguments, **steps)))
+    except RosetteError as error:
+        sender.send((ERROR, error))
+    except MemoryError:
+        sender.send((ERROR, WorkerFailed(f'wanted at most {(memory or 0) >> 20} MB of memory, got more')))
