@@ -4,7 +4,6 @@
 import ctypes
 import functools
 import re
-from base64 import b64encode
 from collections import Counter
 from typing import NamedTuple
 
@@ -83,9 +82,11 @@ def tab(chromium):
 
 
 @pytest.fixture(scope='module', params=KINDS)
-def opened(request, tab):
+def opened(request, tab, tmp_path_factory):
     """Open a report in the browser; the kind, the tab."""
-    tab.goto(f'data:text/html;base64,{b64encode(html_of(request.param).encode()).decode()}')
+    path = tmp_path_factory.mktemp('paper') / 'report.html'
+    path.write_text(html_of(request.param), 'utf-8')
+    tab.goto(path.as_uri())
     return request.param, tab
 
 

@@ -85,7 +85,7 @@ def shared_page(request, module_pages, studio):
 
 
 def _is_foreign(url):
-    return not url.startswith(('http://127.0.0.1:', 'http://localhost:', 'ws://127.0.0.1:', 'data:', 'blob:'))
+    return not url.startswith(('http://127.0.0.1:', 'http://localhost:', 'ws://127.0.0.1:', 'file:', 'data:', 'blob:'))
 
 
 def _environment():
