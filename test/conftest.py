@@ -4,6 +4,7 @@
 import asyncio
 import contextlib
 import functools
+import gc
 import os
 import random
 import re
@@ -52,8 +53,11 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_collection_finish():
-    """Say what processes that fork load, after all modules of tests have said it."""
+    """Say what processes that fork load, after all modules of tests have said it; and let garbage be looked for among
+    what tests make alone, and less often: figures are made of many objects."""
     preload()
+    gc.freeze()
+    gc.set_threshold(10_000)
 
 
 @pytest.hookimpl(wrapper=True)
