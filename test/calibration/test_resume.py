@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from test_state_machine import LIMITS, RUN_ID, TAUGHT, answer_to, last_ask, moved, run_through
+from sequences import LIMITS, RUN_ID, TAUGHT, answer_to, last_ask, moved, run_through
 
 from rosette_ros.calibration.calibration_plan import plan_calibration
 from rosette_ros.calibration.goal import earlier_answers, refuse_other_plan

@@ -8,73 +8,20 @@ import hypothesis
 import numpy as np
 import pytest
 from hypothesis import strategies as st
+from sequences import LIMITS, RESULTS, TRUE, answer_to, last_ask, make_sequence, moved, nominal, run_through
 
-from rosette_ros.calibration.calibration_plan import plan_calibration
 from rosette_ros.calibration.goal import Job, Request
 from rosette_ros.calibration.state_machine import (
     PACE_FROM,
     Ask,
     Finish,
-    Limits,
     Locate,
     PublishState,
     Remark,
-    Results,
-    Sequence,
-    Verify,
     complaint,
 )
-from rosette_ros.core.geometry import Frame, rotation_matrix
-from rosette_ros.core.scheme import ORDERS, nominal_places, plan
-from rosette_ros.io.messages import STATUS_REFUSED, Answer, Phase
-
-RUN_ID = 'run_a'
-TRUE = Frame(rotation_matrix(np.array([2e-4, -1e-4, 3e-4])), np.array([0.1003, 0.2, -0.0002]))
-TAUGHT = Frame(np.eye(3), np.array([0.1, 0.2, 0.0]))
-LIMITS = Limits(answer_timeout=2.0, attempts=3, skips=0, evaluation_timeout=5.0)
-RESULTS = Results(99, 'readings', 'hash', True)
-
-
-def make_sequence(n=3, order='diagonal', limits=LIMITS, repeats=2):
-    return Sequence(RUN_ID, plan_calibration(plan(n, order), 0.1, TAUGHT, repeats), limits)
-
-
-def nominal(target):
-    return nominal_places(target.balls, target.radius, target.table_position, target.ball)
-
-
-def answer_to(target, frame_id='machine', **changes):
-    """Answer as a perfect CMM whose table truly is at TRUE."""
-    centre = nominal(target) if frame_id.endswith('table') else TRUE.to_outer(nominal(target))
-    right = Answer(
-        RUN_ID, target.seq, target.table_position, target.ball, target.cmm_position, 0, '', target.table_angle,
-        target.table_angle, 1, tuple(centre.tolist()), 0.0, 20.0, frame_id, 0)
-    return right._replace(**changes)
-
-
-def moved(answer, *by):
-    """Return an answer whose centre lies elsewhere, by m."""
-    return answer._replace(centre=tuple(np.add(answer.centre, by).tolist()))
-
-
-def last_ask(commands):
-    """Return the Target that is asked for, None where none is."""
-    asks = [command.target for command in commands if isinstance(command, Ask)]
-    assert len(asks) <= 1
-    return asks[0] if asks else None
-
-
-def run_through(sequence, frame_id='machine'):
-    """Answer everything at once; return all commands in order."""
-    commands = list(sequence.begin(0.0))
-    ask = last_ask(commands)
-    while ask:
-        step = sequence.answer(answer_to(ask, frame_id), 0.0)
-        if step == (Verify(1),):
-            step = sequence.verified(set(sequence.answers.good_stamps()), (), 0.0)
-        commands += step
-        ask = last_ask(step)
-    return commands
+from rosette_ros.core.scheme import ORDERS, plan
+from rosette_ros.io.messages import STATUS_REFUSED, Phase
 
 
 @pytest.mark.parametrize('order', ORDERS)
@@ -368,55 +315,6 @@ def test_nothing_is_left_out_of_the_alignment():
     end = missed(sequence, last_ask(sequence.begin(0.0)))[-1]
     assert end.phase is Phase.FAILED
     assert end.text.endswith('dirty; nothing was measured')
-
-
-# The end: what the log holds
-
-
-def logged(missing=()):
-    """Return (sequence, commands) of a run whose log holds all answers, after its results were published."""
-    sequence = make_sequence()
-    sequence.verifies = True
-    commands = run_through(sequence)
-    assert commands[-1] == Verify(sequence.plan.total)
-    assert sequence.verified(set(sequence.answers.good_stamps()), (), 0.0) == (PublishState(),)
-    assert sequence.phase is Phase.EVALUATION
-    assert sequence.evaluated(RESULTS, 0.0) == (Verify(sequence.plan.total, RESULTS),)
-    assert sequence.phase is Phase.EVALUATION
-    return sequence, sequence.verified((), missing, 0.0)
-
-
-def test_success_is_said_when_the_log_holds_results_and_last_state():
-    """First the results, then the state DONE; only then the calibration has ended."""
-    sequence, commands = logged()
-    assert commands == (PublishState(), Verify(sequence.plan.total, RESULTS, Phase.DONE))
-    assert sequence.phase is Phase.DONE
-    assert sequence.verified((), (), 0.0) == (Finish(Phase.DONE, 'error motions are published'),)
-
-
-def test_a_log_without_its_results_is_no_success():
-    """It says what is missing; nothing is asked again."""
-    sequence, commands = logged(('error motions', 'a diagnosis'))
-    assert commands[-1].phase is Phase.FAILED
-    assert 'the log lacks error motions, a diagnosis; all ball centres are in it' in commands[-1].text
-    assert sequence.verified((), (), 0.0) == ()
-
-
-@pytest.mark.parametrize('at_once', [True, False])
-def test_a_log_without_its_last_state_is_no_success(at_once):
-    """Whether the recorder reports that it is missing, or does not answer."""
-    sequence, _ = logged()
-    step = sequence.verified((), ('state done',), 0.0) if at_once else sequence.not_verified('it is silent', 0.0)
-    assert step[-1].phase is Phase.FAILED
-    assert step[-1].text.startswith('the log lacks state done' if at_once else 'the log cannot be verified: it is')
-
-
-def test_a_cancelled_run_is_not_verified_any_more():
-    """An answer of the recorder that comes late has no consequence."""
-    sequence = make_sequence()
-    sequence.begin(0.0)
-    sequence.cancel()
-    assert sequence.verified((), ('error motions',), 0.0) == ()
 
 
 def test_mistakes_of_the_cmm_are_told_after_the_alignment():

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 import yaml
-from test_state_machine import answer_to, last_ask, moved, nominal
+from sequences import answer_to, last_ask, moved, nominal
 
 from rosette_ros.calibration.settings import LIMITS, PLANNED, format_settings, limits_of, parse_settings, plan_of
 from rosette_ros.calibration.state_machine import Ask, Finish, Limits, Locate, Sequence
