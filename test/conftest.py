@@ -60,6 +60,11 @@ def pytest_collection_finish():
     gc.set_threshold(10_000)
 
 
+def pytest_unconfigure():
+    """Let all be cleared up at the end; libraries tell of what is left."""
+    gc.unfreeze()
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(call):
     """Add to a test that fails what nodes of its process have said meanwhile."""
