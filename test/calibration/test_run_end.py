@@ -1,15 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The end of a run: success is said of what the log holds."""
 
-
 import pytest
 from sequences import RESULTS, make_sequence, run_through
 
-from rosette_ros.calibration.state_machine import (
-    Finish,
-    PublishState,
-    Verify,
-)
+from rosette_ros.calibration.state_machine import Finish, PublishState, Verify
 from rosette_ros.io.messages import Phase
 
 
