@@ -78,7 +78,8 @@ class Sender:
             before, self.bound = self.bound, alive
             if before:
                 self.on_change()
-        self.is_bound = alive <= self.bound
+        # a publisher is matched a moment before it is on the graph, and its first message may be there by then
+        self.is_bound = alive <= self.bound and (self._subscription is None or self._matched <= len(self._names))
 
     def _count(self) -> int:
         subscription = self._subscription

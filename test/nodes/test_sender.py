@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which messages of a topic are used while its publishers are found: what DDS and the graph know at each moment."""
+
+from types import SimpleNamespace
+
+from rosette_ros.nodes.senders import Sender
+
+
+class Topic:
+    """What a node and a subscription are told of a topic: publishers on the graph, and how many are matched."""
+
+    def __init__(self):
+        """Start without a publisher."""
+        self.on_graph, self.matched = [], 0
+
+    def resolve_topic_name(self, name):
+        """Return the name of the topic."""
+        return f'/rosette/{name}'
+
+    def get_publishers_info_by_topic(self, _):
+        """Return the publishers on the graph."""
+        return [SimpleNamespace(endpoint_gid=[number] * 16, node_namespace='/rosette', node_name=f'node_{number}')
+                for number in self.on_graph]
+
+    def get_publisher_count(self):
+        """Return how many are matched."""
+        return self.matched
+
+
+def test_a_publisher_that_is_matched_but_not_on_the_graph_is_not_used():
+    """Its first message may be there before the graph shows it: a forged idle state closed the log of a run."""
+    topic = Topic()
+    sender = Sender(topic, 'run_state', SimpleNamespace(publishers=list, running=lambda: 0))
+    sender.judge(topic)
+    topic.on_graph, topic.matched = [1], 1
+    assert sender.admits()
+    topic.matched = 2
+    assert not sender.admits()
+    topic.on_graph = [1, 2]
+    sender.watch()
+    assert not sender.admits()
+    assert sender.rivals == '2 nodes publish /rosette/run_state (/rosette/node_1 and /rosette/node_2)'
+    topic.on_graph, topic.matched = [1], 1
+    assert sender.admits()
+    assert sender.refused == 2
