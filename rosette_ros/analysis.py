@@ -7,7 +7,7 @@ another run confirms it (`cross_check`), the next measurement (`advise`, `advise
 Several runs give one evaluation (`evaluate_jointly`).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -52,6 +52,15 @@ def compare(run: Run, model: Model | None = None) -> Comparison:
 
 
 @dataclass(frozen=True, eq=False)
+class LadderStep:
+    """A model of a ladder: the effect added last ('' for the base model), and the error of its cross-validation, m."""
+
+    added: str
+    fit: Fit
+    cross_validation: float
+
+
+@dataclass(frozen=True, eq=False)
 class Change:
     """What changes when a model is replaced by another on the same run.
 
@@ -68,10 +77,10 @@ class Change:
     hurts: bool
 
 
-def change(run: Run, before: Model, after: Model) -> Change:
-    """Return the Change from model `before` to model `after` on a run."""
-    old, new = analyse(run, before), analyse(run, after)
-    error, left = (cross_validation_rms(run, one) for one in (old, new))
+def change(run: Run, before: Model, after: Model, known: Sequence[LadderStep] = ()) -> Change:
+    """Return the Change from model `before` to model `after` on a run; known: as of `ladder`."""
+    (old, error), (new, left) = ((one.fit, one.cross_validation) for one in (
+        _step(run, model, known) for model in (before, after)))
     shift = np.abs(new.error_motions.values - old.error_motions.values).max(axis=0)
     # in units of sigma^2 the square sum of 3 N errors falls by more than 12 + 2 k by chance for k amplitudes in less
     # than one of a thousand cases (chi square of the gain)
@@ -80,23 +89,21 @@ def change(run: Run, before: Model, after: Model) -> Change:
     return Change(old, new, error, left, shift, bool(left < error * chance), bool(error < left * chance))
 
 
-@dataclass(frozen=True, eq=False)
-class LadderStep:
-    """A model of a ladder: the effect added last ('' for the base model), and the error of its cross-validation, m."""
+def ladder(run: Run, model: Model, known: Sequence[LadderStep] = ()) -> tuple[LadderStep, ...]:
+    """Return the LadderSteps from the base terms of a model to the whole of it, effect after effect.
 
-    added: str
-    fit: Fit
-    cross_validation: float
+    known: steps of the same run, which are not calculated again.
+    """
+    return tuple(_step(run, replace(model, terms=model.terms[:count]), known)
+                 for count in range(len(model.terms) + 1))
 
 
-def ladder(run: Run, model: Model) -> tuple[LadderStep, ...]:
-    """Return the LadderSteps from the base terms of a model to the whole of it, effect after effect."""
-    steps = []
-    for count in range(len(model.terms) + 1):
-        found = analyse(run, replace(model, terms=model.terms[:count]))
-        added = str(model.terms[count - 1]) if count else ''
-        steps.append(LadderStep(added, found, cross_validation_rms(run, found)))
-    return tuple(steps)
+def _step(run: Run, model: Model, known: Sequence[LadderStep]) -> LadderStep:
+    for step in known:
+        if step.fit.model == model:
+            return step
+    found = analyse(run, model)
+    return LadderStep(str(model.terms[-1]) if model.terms else '', found, cross_validation_rms(run, found))
 
 
 def claimed_model(diagnosis: Diagnosis) -> Model:
@@ -163,29 +170,43 @@ class Summary:
         return visibility(self.run, self.run.repeatability or self.final.sigma)
 
 
-def summarise(run: Run, model: Model | None = None, on_step: Callable[[str], object] | None = None) -> Summary:
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What is known of a run: steps of its ladders, and the advice for the next run."""
+
+    steps: tuple[LadderStep, ...] = ()
+    advice: Advice | None = None
+
+
+def summarise(run: Run, model: Model | None = None, on_step: Callable[[str], object] | None = None,
+              on_part: Callable[[str, object], object] | None = None, known: Known | None = None) -> Summary:
     """Return the Summary of a run under a model (the base model if none is given).
 
-    on_step: called with the name of each of STEPS before it is calculated. Raises NotDeterminable where the run does
-    not determine the model.
+    on_step: called with the name of each of STEPS before it is calculated; on_part: with 'fit' and with 'ladder', the
+    one up to the model as given, as soon as they are there; known: of the run, is not calculated again. Raises
+    NotDeterminable where the run does not determine the model.
     """
-    step = on_step or (lambda name: None)
+    step, part = on_step or (lambda name: None), on_part or (lambda name, value: None)
+    model, known = model or Model(), known or Known()
     step('evaluate')
-    found = analyse(run, model)
+    found = next((one.fit for one in known.steps if one.fit.model == model), None) or analyse(run, model)
+    part('fit', found)
     step('compare')
     compared = comparison.compare(found)
     step('diagnose')
     diagnosis = diagnose(run, model)
     step('ladder')
-    steps = ladder(run, claimed_model(diagnosis))
+    steps = ladder(run, model, known.steps)
+    part('ladder', steps)
+    steps = ladder(run, claimed_model(diagnosis), steps)
     if diagnosis.terms:  # what the search found, which a search by name may miss by a little
         steps = (*steps[:-1], replace(steps[-1], fit=diagnosis.final))
     step('advise')
-    advice = advise_run(run) if run.n <= MOST_BALLS_ADVISED else None
+    advice = known.advice or (advise_run(run) if run.n <= MOST_BALLS_ADVISED else None)
     return Summary(found, compared, diagnosis, steps, advice)
 
 
 __all__ = [
-    'MOST_BALLS_ADVISED', 'MOST_BALLS_JUDGED', 'STEPS', 'Change', 'LadderStep', 'Summary', 'Verdict', 'advise',
+    'MOST_BALLS_ADVISED', 'MOST_BALLS_JUDGED', 'STEPS', 'Change', 'Known', 'LadderStep', 'Summary', 'Verdict', 'advise',
     'advise_run', 'analyse', 'change', 'claimed_model', 'compare', 'cross_check', 'diagnose', 'evaluate_jointly',
     'find', 'judge', 'ladder', 'summarise']

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the calculations of a Session and updates the panels: quick ones first, the diagnosis afterwards.
+"""Runs the calculations of a Session and updates the panels as soon as a part is there.
 
-Quick work runs in a thread, slow work in a process that is ended as soon as its result is not wanted any more, so that
+Previews run in a thread, slow work in a process that is ended as soon as its result is not wanted any more, so that
 a long diagnosis delays nothing. A result that belongs to another run or model by now is kept, but not shown.
 """
 
@@ -13,7 +13,7 @@ from typing import TypeVar
 
 from nicegui import Event
 
-from rosette_ros.analysis import analyse, change, cross_check, ladder, summarise
+from rosette_ros.analysis import LadderStep, analyse, change, cross_check, summarise
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import not_determinable
 from rosette_ros.core.error_summary import doubt_of
@@ -26,7 +26,7 @@ from rosette_ros.io.budget_file import read_budget
 from rosette_ros.presentation.report import report_html
 from rosette_ros.presentation.report.provenance import Source
 from rosette_ros.studio.calculations import ShownTouches, budget_of, joint_of, shown_touches
-from rosette_ros.studio.studio_session import OpenedRun, Preview, Session, Ticket
+from rosette_ros.studio.studio_session import KeptResults, OpenedRun, Preview, Session, Ticket
 from rosette_ros.studio.worker import Superseded, Worker
 
 T = TypeVar('T')
@@ -34,7 +34,7 @@ LOOK_AGAIN = 0.1  # s
 
 
 class Controller:
-    """A Session with its calculations; `changed` is emitted for the views.
+    """A Session with its calculations; `changed` is emitted for the views; kept: results that sessions share.
 
     step: the one of analysis.STEPS that is running, '' when none is; previewing: what a preview is calculated of, ''
     when none is; error: words of what failed last; check: name of a second run and what it shows of the diagnosis;
@@ -44,8 +44,8 @@ class Controller:
     with their run.
     """
 
-    def __init__(self) -> None:
-        self.session, self.changed = Session(), Event[[]]()
+    def __init__(self, kept: KeptResults | None = None) -> None:
+        self.session, self.changed = Session(kept or KeptResults()), Event[[]]()
         self.step = self.error = self.previewing = ''
         self.check: tuple[str, CrossCheck] | None = None
         self._quick, self._worker, self._reader = ThreadPoolExecutor(1, 'quick'), Worker(), Worker()
@@ -94,7 +94,11 @@ class Controller:
         self._asked = asked = self._asked + 1
         self.changed.emit()
         try:
-            result = await self.do_quick(self._if_current(ticket, change), session.current.run, session.model, model)
+            run = session.current.run
+            result = await self.do_quick(self._if_current(ticket, change), run, session.model, model,
+                                         session.kept.known(run).steps)
+            session.keep((run, model), previewed=LadderStep(
+                str(model.terms[-1]) if model.terms else '', result.after, result.cross_validation_after))
             if session.is_current(ticket) and asked == self._asked:
                 session.set_preview(Preview(name, result))
         finally:
@@ -181,22 +185,19 @@ class Controller:
                 one_line(error), [str(term) for term in session.model.terms]))
         except RosetteError as error:
             session.keep(ticket, problem=one_line(error))
-        except Exception as error:
-            session.keep(ticket, problem=f'a program error, reported on the console: {one_line(error)}')
-            self._begin(ticket, '')
-            raise
         self._begin(ticket, '')
 
     async def _calculate(self, ticket: Ticket, opened: OpenedRun, model: Model, unasked: bool) -> None:
-        session, run = self.session, opened.run
+        results, run = self.session.results, opened.run
         self._begin(ticket, 'evaluate')
-        if session.results.fit is None:
-            self._keep(ticket, fit=await self.do_quick(self._if_current(ticket, analyse), run, model))
-        if session.results.ladder is None and not opened.is_large:
-            self._keep(ticket, ladder=await self.do_quick(self._if_current(ticket, ladder), run, model))
-        if session.results.summary is None and not (unasked and opened.is_large):
-            self._keep(ticket, summary=await self._worker.run(summarise, run, model,
-                                                              on_step=lambda step: self._begin(ticket, step)))
+        if opened.is_large and unasked:
+            if results.fit is None:
+                self._keep(ticket, fit=await self._worker.run(analyse, run, model))
+        elif results.summary is None:
+            self._keep(ticket, summary=await self._worker.run(
+                summarise, run, model, known=self.session.kept.known(run),
+                calls={'on_step': lambda step: self._begin(ticket, step),
+                       'on_part': lambda name, part: self._keep(ticket, **{name: part})}))
 
     def _begin(self, ticket: Ticket, step: str) -> None:
         if self.session.is_current(ticket) and step != self.step:
@@ -204,9 +205,8 @@ class Controller:
             self.changed.emit()
 
     def _keep(self, ticket: Ticket, **results: object) -> None:
-        if not self.session.keep(ticket, **results):
-            raise Superseded
-        self.changed.emit()
+        if self.session.keep(ticket, **results):
+            self.changed.emit()
 
     def _if_current(self, ticket: Ticket | None, function: Callable[..., T]) -> Callable[..., T]:
         """Return a function that only begins while its ticket is current."""

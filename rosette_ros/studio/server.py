@@ -18,6 +18,7 @@ from rosette_ros.studio.access_control import LOOPBACK, AccessControl
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.page import Page, StudioOptions
 from rosette_ros.studio.panels.live_panel import CellWatchers
+from rosette_ros.studio.studio_session import KeptResults
 from rosette_ros.studio.worker import prepare
 
 MOST_BROWSERS = 16
@@ -32,12 +33,13 @@ class Controllers:
 
     def __init__(self) -> None:
         self._controllers: OrderedDict[str, Controller] = OrderedDict()
+        self._kept = KeptResults()
 
     def of(self, browser: str) -> tuple[Controller, bool]:
         """Return the Controller of a browser, and whether it is new."""
         is_new = browser not in self._controllers
         if is_new:
-            self._controllers[browser] = Controller()
+            self._controllers[browser] = Controller(self._kept)
         self._controllers.move_to_end(browser)
         while len(self._controllers) > MOST_BROWSERS:
             self._controllers.popitem(last=False)[1].close()
@@ -47,6 +49,12 @@ class Controllers:
         """End all calculations."""
         for controller in self._controllers.values():
             controller.close()
+
+
+REMOVED_FIGURE = """<script>addEventListener('unhandledrejection', event => {
+    if (event.reason?.message?.startsWith('Resize must be passed a displayed plot div')) event.preventDefault();
+})</script>"""
+"""A figure that is removed before its browser has drawn it cannot follow the size of the window; nobody needs it to."""
 
 
 def serve(options: StudioOptions, on_ready: Callable[[str], object] | None = None) -> None:
@@ -64,6 +72,7 @@ def serve(options: StudioOptions, on_ready: Callable[[str], object] | None = Non
 
         ui.page('/', title='rosette studio', favicon='◎', language='en-US')(build)
         ui.add_css(resources.files('rosette_ros.studio').joinpath('style.css').read_text('utf-8'), shared=True)
+        ui.add_head_html(REMOVED_FIGURE, shared=True)
         app.colors(primary='#00598c')
         if on_ready:
             app.on_startup(lambda: background_tasks.create(_call_when_ready(options.host, port, address, on_ready)))

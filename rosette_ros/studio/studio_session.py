@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
-from rosette_ros.analysis import MOST_BALLS_JUDGED, Change, LadderStep, Summary, Verdict
+from rosette_ros.analysis import MOST_BALLS_JUDGED, Change, Known, LadderStep, Summary, Verdict
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.model import Model
@@ -19,8 +19,8 @@ from rosette_ros.presentation.report.provenance import Source
 
 MOST_KEPT = 24
 """Results of so many pairs of run and model are kept."""
-Ticket = tuple[int, str]
-"""What a result belongs to: the place of the run among those opened, and the model."""
+Ticket = tuple[Run, Model]
+"""What a result belongs to."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +39,12 @@ class OpenedRun:
 
 @dataclass(frozen=True, eq=False)
 class RunResults:
-    """The results of a run under a model so far; refusal: why it cannot determine it; problem: what else failed."""
+    """The results of a run under a model so far.
 
+    previewed: what a preview has calculated; refusal: why the run cannot determine the model; problem: what else
+    failed."""
+
+    previewed: LadderStep | None = None
     fit: Fit | None = None
     ladder: tuple[LadderStep, ...] | None = None
     summary: Summary | None = None
@@ -60,16 +64,41 @@ class Preview(NamedTuple):
     change: Change
 
 
+class KeptResults:
+    """The results that were asked for last, by their tickets; all browsers share them, as a run has one result."""
+
+    def __init__(self) -> None:
+        self._results: OrderedDict[Ticket, RunResults] = OrderedDict()
+
+    def of(self, ticket: Ticket) -> RunResults:
+        """Return the results of a run under a model so far."""
+        if ticket in self._results:
+            self._results.move_to_end(ticket)
+        return self._results.get(ticket, RunResults())
+
+    def keep(self, ticket: Ticket, **results: Any) -> None:
+        """Keep results, fields of RunResults."""
+        self._results[ticket] = replace(self.of(ticket), **results)
+        while len(self._results) > MOST_KEPT:
+            self._results.popitem(last=False)
+
+    def known(self, run: Run) -> Known:
+        """Return what is known of a run, under whatever model."""
+        every = [results for (other, _), results in self._results.items() if other == run]
+        steps = [step for one in every for step in (*(one.ladder or ()), one.previewed) if step]
+        return Known(tuple(steps), next((one.summary.advice for one in every if one.summary), None))
+
+
 @dataclass(eq=False)
 class Session:
     """Opened runs, the model with undo and redo, results, a preview."""
 
+    kept: KeptResults = field(default_factory=KeptResults)
     runs: tuple[OpenedRun, ...] = ()
     current: OpenedRun | None = None
     preview: Preview | None = None
     _history: list[tuple[Model, str]] = field(default_factory=lambda: [(Model(), '')])
     _place: int = 0
-    _results: OrderedDict[Ticket, RunResults] = field(default_factory=OrderedDict)
 
     # Runs
 
@@ -150,7 +179,7 @@ class Session:
     @property
     def ticket(self) -> Ticket | None:
         """The Ticket of the run and the model that are shown, None where no run is open."""
-        return (self.runs.index(self.current), f'{self.model.hash}{self.model.repeated}') if self.current else None
+        return (self.current.run, self.model) if self.current else None
 
     def is_current(self, ticket: Ticket | None) -> bool:
         """Return whether a ticket is that of the run and the model that are shown."""
@@ -158,16 +187,13 @@ class Session:
 
     def keep(self, ticket: Ticket, **results: Any) -> bool:
         """Keep results, fields of RunResults; return whether they belong to what is shown."""
-        self._results[ticket] = replace(self._results.get(ticket, RunResults()), **results)
-        self._results.move_to_end(ticket)
-        while len(self._results) > MOST_KEPT:
-            self._results.popitem(last=False)
+        self.kept.keep(ticket, **results)
         return self.is_current(ticket)
 
     @property
     def results(self) -> RunResults:
         """The results of the run under the model that are shown."""
-        return self._results.get(self.ticket, RunResults()) if self.ticket else RunResults()
+        return self.kept.of(self.ticket) if self.ticket else RunResults()
 
     def set_preview(self, preview: Preview | None) -> None:
         """Show what a change would do, or the model as it is."""

@@ -8,18 +8,18 @@ import asyncio
 import multiprocessing
 import resource
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
-from rosette_ros.core.errors import RosetteError
+from rosette_ros.core.errors import RosetteError, one_line
 
 T = TypeVar('T')
-STEP, VALUE, ERROR = 'step', 'value', 'error'
-"""What the process sends."""
+VALUE, ERROR = 'value', 'error'
+"""What the process sends at the end; before that, calls of functions by their names."""
 PRELOADED = ('rosette_ros.studio.calculations', 'rosette_ros.studio.worker')
 _CONTEXT = multiprocessing.get_context('forkserver')
 _CONTEXT.set_forkserver_preload(list(PRELOADED))
@@ -54,18 +54,21 @@ class Worker:
         self._process: BaseProcess | None = None
         self._thread = ThreadPoolExecutor(1, 'worker')
 
-    async def run(self, function: Callable[..., T], *arguments: object, on_step: Callable[[str], None] | None = None,
-                  within: float | None = None, memory: int | None = None) -> T:
-        """Return function(*arguments), calculated in another process.
+    async def run(self, function: Callable[..., T], *arguments: object, within: float | None = None,
+                  memory: int | None = None, calls: Mapping[str, Callable[..., object]] | None = None,
+                  **options: object) -> T:
+        """Return function(*arguments, **options), calculated in another process.
 
-        on_step: passed to the function; called here; within, memory: most time, s, and most memory, bytes, that it may
-        take. Raises what the function raises, Superseded where `stop` or other work has ended it, and WorkerFailed.
+        within, memory: most time, s, and most memory, bytes, that it may take; calls: options of the function by name
+        that it calls: they are called here. Raises what the function raises, Superseded where `stop` or other work has
+        ended it, and WorkerFailed.
         """
         self.stop()
+        called = calls or {}
         loop = asyncio.get_running_loop()
         receiver, sender = _CONTEXT.Pipe(duplex=False)
-        process = _CONTEXT.Process(target=_work, args=(sender, function, arguments, on_step is not None, memory),
-                                   daemon=True)
+        process = _CONTEXT.Process(target=_work, daemon=True, args=(
+            sender, function, arguments, options, tuple(called), memory))
         self._process = process
 
         def receive() -> tuple[str, Any]:
@@ -74,11 +77,11 @@ class Worker:
             if self._process is not process:
                 process.kill()
             try:
-                while (answer := receiver.recv())[0] == STEP:
-                    if on_step:
-                        loop.call_soon_threadsafe(on_step, answer[1])
+                while (answer := receiver.recv())[0] not in (VALUE, ERROR):
+                    name, values = answer
+                    loop.call_soon_threadsafe(called[name], *values)
                 return answer
-            except EOFError:
+            except (EOFError, OSError):  # it was ended, perhaps in the middle of what it said
                 return ERROR, Superseded() if self._process is not process else WorkerFailed(
                     f'{function.__name__}: its process ended without a result; is there enough memory?')
             finally:
@@ -106,15 +109,18 @@ class Worker:
             process.kill()
 
 
-def _work(sender: Connection, function: Callable[..., object], arguments: tuple[object, ...], with_steps: bool,
-          memory: int | None) -> None:
-    """Work in the other process; send the steps, then the value or the error."""
+def _work(sender: Connection, function: Callable[..., object], arguments: tuple[object, ...],
+          options: Mapping[str, object], calls: Collection[str], memory: int | None) -> None:
+    """Work in the other process; send what it calls, then the value or the error."""
     if memory is not None:
         resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
-    steps = {'on_step': lambda step: sender.send((STEP, step))} if with_steps else {}
     try:
-        sender.send((VALUE, function(*arguments, **steps)))
+        sender.send((VALUE, function(*arguments, **options, **{
+            name: lambda *values, name=name: sender.send((name, values)) for name in calls})))
     except RosetteError as error:
         sender.send((ERROR, error))
     except MemoryError:
         sender.send((ERROR, WorkerFailed(f'wanted at most {(memory or 0) >> 20} MB of memory, got more')))
+    except Exception as error:
+        sender.send((ERROR, WorkerFailed(f'a program error, reported on the console: {one_line(error)}')))
+        raise

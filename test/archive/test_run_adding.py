@@ -269,7 +269,7 @@ def test_a_scheduler_without_a_port_is_told_in_one_line(address):
         DaskEngine(address)
 
 
-@pytest.mark.filterwarnings('error')
+@pytest.mark.filterwarnings('error::UserWarning')
 def test_a_second_cluster_on_this_computer_is_nothing_to_warn_of():
     """Both have ports of their own."""
     with DaskEngine(workers=1) as first, DaskEngine(workers=1) as second:

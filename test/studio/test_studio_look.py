@@ -95,12 +95,12 @@ def test_the_result_is_on_the_first_screen(opened):
     assert box['y'] + box['height'] < 800
 
 
-@pytest.mark.parametrize('width', [1280, 390])
-def test_the_answer_of_a_preview_is_in_view(opened, width):
+@pytest.mark.parametrize('width, name', [(1280, 'plate_creep'), (390, 'ball_creep')])
+def test_the_answer_of_a_preview_is_in_view(opened, width, name):
     """Wherever it was asked; with a sign while it is calculated; before and after in the colours of the report."""
     page = opened(width=width)
     page.get_by_text('Another effect of the library').click()
-    page.get_by_test_id('other-effect').fill('plate_creep')
+    page.get_by_test_id('other-effect').fill(name)
     page.get_by_role('option').first.click()
     page.get_by_test_id('other-preview').scroll_into_view_if_needed()
     page.evaluate('''() => {
@@ -108,14 +108,15 @@ def test_the_answer_of_a_preview_is_in_view(opened, width):
         new MutationObserver(() => { window.busy ||= card.checkVisibility(); })
             .observe(document.body, {subtree: true, attributes: true, childList: true}); }''')
     page.get_by_test_id('other-preview').click()
-    expect(page.get_by_test_id('preview-title')).to_have_text('Preview: with creep of the plate (plate_creep)')
+    expect(page.get_by_test_id('preview-title')).to_have_text(f'Preview: with {words_of(name)}')
     expect(page.get_by_test_id('preview-words')).to_be_in_viewport(ratio=1)
     expect(page.get_by_test_id('preview-add')).to_be_in_viewport(ratio=1)
     expect(page.get_by_test_id('preview-busy')).to_be_hidden()
     assert page.evaluate('window.busy')
-    lines = page.locator('#curves .scatterlayer .js-line, [data-testid=curves] .scatterlayer .js-line')
-    colours = set(lines.evaluate_all('every => every.map(one => one.style.stroke).filter(one => one)'))
-    assert {f'rgb{tuple(bytes.fromhex(colour[1:]))}' for colour in (BEFORE, AFTER)} <= colours
+    page.wait_for_function('''wanted => {
+        const lines = [...document.querySelectorAll('[data-testid=curves] .scatterlayer .js-line')];
+        return wanted.every(colour => lines.some(one => one.style.stroke === colour)); }''', arg=[
+        f'rgb{tuple(bytes.fromhex(colour[1:]))}' for colour in (BEFORE, AFTER)])
     page.get_by_test_id('preview-drop').click()
     expect(page.get_by_test_id('preview-words')).to_be_hidden()
 

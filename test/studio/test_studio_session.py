@@ -20,7 +20,7 @@ from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.presentation.report import open_source
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.studio.controller import Controller
-from rosette_ros.studio.studio_session import MOST_KEPT, Session
+from rosette_ros.studio.studio_session import MOST_KEPT, KeptResults, Session
 from rosette_ros.studio.worker import PRELOADED, Superseded, Worker, WorkerFailed
 
 HIDDEN = {'kind': 'frame_drift', 'rate_um_per_h': [3.0, 0.0, 1.5]}
@@ -126,6 +126,8 @@ def test_runs_keep_apart(session, run):
     second = session.open(run, 'a.csv')
     assert second.name == 'a.csv (2)'
     assert session.current is second
+    assert session.ticket == first  # the same readings have the same results
+    session.open(run.replace(source='b.csv'), 'b.csv')
     assert session.ticket != first
     assert session.model.names[-1] == 'frame_drift'
     session.select(0)
@@ -171,6 +173,27 @@ def test_the_verdict_is_that_of_all_interfaces(controller, run):
     assert in_loop(controller.report()).lower().lstrip().startswith('<!doctype html')
 
 
+def test_what_is_known_is_not_calculated_again(run, monkeypatch):
+    """Results of another browser are shown at once; a model that was previewed takes its steps from there."""
+    kept = KeptResults()
+    first, second = Controller(kept), Controller(kept)
+    for controller in (first, second):
+        controller.act(controller.session.open, run, 'a.csv')
+    in_loop(first.refresh())
+    assert second.session.results is first.session.results
+    model = first.session.model_with('frame_drift')
+    in_loop(first.preview('frame_drift', lambda: model))
+    known = kept.known(run)
+    assert [step.added for step in known.steps] == ['', 'frame_drift'] and known.advice is not None
+    monkeypatch.setattr('rosette_ros.analysis.analyse', None)
+    monkeypatch.setattr('rosette_ros.analysis.advise_run', None)
+    found, expected = summarise(run, model, known=known), first.session.preview.change
+    assert (found.fit, found.ladder[-1].cross_validation) == (expected.after, expected.cross_validation_after)
+    assert found.advice is known.advice
+    for controller in (first, second):
+        controller.close()
+
+
 def test_a_large_run_is_only_fitted(controller, run, monkeypatch):
     """Until the diagnosis is requested."""
     monkeypatch.setattr('rosette_ros.studio.studio_session.MOST_BALLS_JUDGED', run.n - 1)
@@ -197,15 +220,16 @@ def test_a_model_that_the_run_cannot_determine_has_a_verdict(controller, run):
 
 def test_a_mistake_of_the_program_is_shown(controller, run, monkeypatch):
     """No step is left running, and the traceback goes to the console."""
-    def stumble(*_):
-        raise ValueError('cannot reshape')
-
-    monkeypatch.setattr('rosette_ros.studio.controller.analyse', stumble)
+    monkeypatch.setattr('rosette_ros.studio.controller.summarise', stumble)
     controller.act(controller.session.open, run, 'a.csv')
-    with pytest.raises(ValueError, match='cannot reshape'):
-        in_loop(controller.refresh())
+    in_loop(controller.refresh())
     assert controller.step == ''
     assert controller.session.results.problem == 'a program error, reported on the console: cannot reshape'
+
+
+def stumble(*_, **__):
+    """Be a mistake of the program."""
+    raise ValueError('cannot reshape')
 
 
 def test_all_base_terms_can_be_removed(controller, run):
