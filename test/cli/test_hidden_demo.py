@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """rosette demo --hidden: the analysis of a run, and the envelope beside the answer."""
 
+import contextlib
+import io
 import re
-import subprocess
 import sys
 from types import SimpleNamespace
 
@@ -13,29 +14,26 @@ from terminal import Terminal
 
 from rosette_ros.analysis import analyse, diagnose
 from rosette_ros.cli.hidden_demo import answer, content, visible_strengths
-from rosette_ros.cli.main import parse
+from rosette_ros.cli.main import main, parse
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.model_file import read_model
 from rosette_ros.simulation import Machine, MachineConfig, load_machine
 from rosette_ros.simulation.envelope import open_envelope
 
-SEED, BALLS, TIMEOUT = 3, 6, 180
+SEED, BALLS = 3, 6
 
 
 @pytest.fixture(scope='module')
 def shown(tmp_path_factory, module_domain_id):
     """Run the demo once; return what it printed and the folder of its log."""
     runs = tmp_path_factory.mktemp('hidden') / 'runs'
-    command = [sys.executable, '-m', 'rosette_ros.cli.main', 'demo', '--hidden', SEED, '--balls',
-               BALLS, '-o', runs, '--domain', module_domain_id]
-    done = subprocess.run([str(word) for word in command], capture_output=True, text=True,
-                          timeout=TIMEOUT, check=False)
-    assert done.returncode == 0, done.stderr
-    log, = runs.iterdir()
-    told = subprocess.run([*command[:3], 'envelope', log], capture_output=True, text=True, timeout=TIMEOUT, check=False)
-    assert told.returncode == 0, told.stderr
-    return done.stdout, told.stdout, log
+    out = []
+    for words in (['demo', '--hidden', SEED, '--balls', BALLS, '-o', runs, '--domain', module_domain_id], ['envelope']):
+        with contextlib.redirect_stdout(io.StringIO()) as printed:
+            assert main([*map(str, words), *(map(str, runs.iterdir()) if out else ())]) == 0
+        out.append(printed.getvalue())
+    return *out, *runs.iterdir()
 
 
 def test_the_envelope_stays_shut_until_it_is_asked_for(shown):
