@@ -2,8 +2,8 @@
 """rosette dme serve: the simulated machine behind an I++ DME server, to try clients without a machine."""
 
 import argparse
-import signal
 import sys
+import time
 
 import yaml
 
@@ -63,7 +63,8 @@ def run(options: argparse.Namespace) -> None:
                   f'{config.probing.tip_radius_mm:g} mm.')
         out.print('Ctrl-C ends it.')
         sys.stdout.flush()
-        signal.pause()
+        while True:  # a signal that comes just before a wait ends it no sooner
+            time.sleep(0.5)
 
 
 def _speed(text: str) -> float | None:
