@@ -206,13 +206,10 @@ class DmeSession:
         async with self._aborting:
             self._events = self._events % 9999 + 1
             pending = self._send(f'E{self._events:04d}', Call('AbortE'))
-            try:
-                async with asyncio.timeout(self._patience.abort):
-                    await asyncio.shield(pending.done)
-            except TimeoutError:
+            if not await _is_done(pending.done, self._patience.abort):
                 self._lose(f'AbortE was not answered within {self._patience.abort:g} s: the machine may still move, '
                            'press the emergency stop')
-                raise DmeLost(self.stop) from None
+                raise DmeLost(self.stop)
             self._stop_for(DmeError(SEVERE, ABORTED, text='aborted'))
             self._expect_the_end()
 
@@ -257,14 +254,11 @@ class DmeSession:
         return pending
 
     async def _within(self, seconds: float, future: 'asyncio.Future[None]', call: Call, what: str) -> None:
-        try:
-            async with asyncio.timeout(seconds):
-                await asyncio.shield(future)
-        except TimeoutError:
+        if not await _is_done(future, seconds):
             words = f'{format_value(call)}: wanted its {what} within {seconds:g} s, got none'
             await self.abort()
             self._stop(f'{words}; it was aborted', for_person=True)
-            raise DmeStopped(self.stop) from None
+            raise DmeStopped(self.stop)
 
     async def _listen(self) -> None:
         try:
@@ -340,3 +334,13 @@ class DmeSession:
             future.set_exception(DmeLost(self.stop) if self.is_lost else
                                  DmeStopped(self.stop or f'{self.where}: aborted'))
             future.exception()  # nobody may wait for it
+
+
+async def _is_done(future: 'asyncio.Future[None]', seconds: float) -> bool:
+    """Wait for a future, which raises what it holds, and return whether it came within the time.
+
+    Before Python 3.11.3 asyncio.timeout does not tell that to work that is being cancelled."""
+    done, _ = await asyncio.wait((future,), timeout=seconds)
+    if done:
+        future.result()
+    return bool(done)
