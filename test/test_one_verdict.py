@@ -82,7 +82,7 @@ def studio(run):
 @pytest.mark.parametrize('n, seed', SIZES)
 @pytest.mark.parametrize('kind', KINDS)
 def test_every_interface_states_one_verdict(kind, n, seed, tmp_path, capsys):
-    """Verbs, JSON, message and studio; the levels follow from the outcome."""
+    """Verbs, JSON, message and, of the smallest runs, studio; the levels follow from the outcome."""
     make, outcomes = KINDS[kind]
     path = tmp_path / 'run.csv'
     write_csv(make(n, seed), path)
@@ -101,7 +101,8 @@ def test_every_interface_states_one_verdict(kind, n, seed, tmp_path, capsys):
     diagnosis = diagnose(run)
     message = diagnosis_message(run, diagnosis, Time())
     assert (message.verdict, message.unexplained) == (verdict.sentence, diagnosis.unexplained)
-    assert studio(run) == verdict
+    if (n, seed) == SIZES[0]:
+        assert studio(run) == verdict
 
 
 @pytest.mark.parametrize('kind', KINDS)
