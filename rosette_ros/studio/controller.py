@@ -96,7 +96,7 @@ class Controller:
         try:
             run = session.current.run
             result = await self.do_quick(self._if_current(ticket, change), run, session.model, model,
-                                         session.kept.known(run).steps)
+                                         session.kept.known(run, model).steps)
             session.keep((run, model), previewed=LadderStep(
                 str(model.terms[-1]) if model.terms else '', result.after, result.cross_validation_after))
             if session.is_current(ticket) and asked == self._asked:
@@ -195,7 +195,7 @@ class Controller:
                 self._keep(ticket, fit=await self._worker.run(analyse, run, model))
         elif results.summary is None:
             self._keep(ticket, summary=await self._worker.run(
-                summarise, run, model, known=self.session.kept.known(run),
+                summarise, run, model, known=self.session.kept.known(run, model),
                 calls={'on_step': lambda step: self._begin(ticket, step),
                        'on_part': lambda name, part: self._keep(ticket, **{name: part})}))
 

@@ -82,11 +82,12 @@ class KeptResults:
         while len(self._results) > MOST_KEPT:
             self._results.popitem(last=False)
 
-    def known(self, run: Run) -> Known:
-        """Return what is known of a run, under whatever model."""
+    def known(self, run: Run, model: Model) -> Known:
+        """Return what is known of a run on the way from the base terms to a model and beyond it."""
         every = [results for (other, _), results in self._results.items() if other == run]
-        steps = [step for one in every for step in (*(one.ladder or ()), one.previewed) if step]
-        return Known(tuple(steps), next((one.summary.advice for one in every if one.summary), None))
+        steps = {step.fit.model: step for one in every for step in (*(one.ladder or ()), one.previewed) if step and all(
+            one == other for one, other in zip(step.fit.model.terms, model.terms))}
+        return Known(tuple(steps.values()), next((one.summary.advice for one in every if one.summary), None))
 
 
 @dataclass(eq=False)

@@ -183,8 +183,9 @@ def test_what_is_known_is_not_calculated_again(run, monkeypatch):
     assert second.session.results is first.session.results
     model = first.session.model_with('frame_drift')
     in_loop(first.preview('frame_drift', lambda: model))
-    known = kept.known(run)
+    known = kept.known(run, model)
     assert [step.added for step in known.steps] == ['', 'frame_drift'] and known.advice is not None
+    assert [step.added for step in kept.known(run, Model().with_effect('plate_creep')).steps] == ['']
     monkeypatch.setattr('rosette_ros.analysis.analyse', None)
     monkeypatch.setattr('rosette_ros.analysis.advise_run', None)
     found, expected = summarise(run, model, known=known), first.session.preview.change
