@@ -15,8 +15,9 @@ from rosette_ros.io.plan_file import MeasuringPlan, format_plan
 from rosette_ros.studio.panels.live_panel import CellWatchers
 
 BALLS = 6
-SILENT = {'kind': 'silent', 'at': [20], 'always': True}
-"""A target without an answer: the calibration is still running when it is cancelled."""
+FAULTS = [{'kind': 'failed', 'at': [5]}, {'kind': 'silent', 'at': [20], 'always': True}]
+"""A ball that cannot be measured at once, and a target without an answer: the calibration still runs when it is
+cancelled."""
 
 
 @pytest.fixture(scope='module')
@@ -40,7 +41,7 @@ def points(figure, name):
 
 
 def test_calibrate_and_cancel_from_the_page(cell, module_domain_id, studio, page):
-    """Health of all nodes, start, curves, done; the log opens; the next one is cancelled and ends in order."""
+    """Health of all nodes, start, curves, done; the log opens; the next one warns, is cancelled and ends in order."""
     connect(page, studio, module_domain_id)
     for node in ('sequencer', 'cmm', 'evaluator', 'recorder'):
         expect(page.get_by_test_id('health-table')).to_contain_text(f'{node}: healthy')
@@ -56,7 +57,7 @@ def test_calibrate_and_cancel_from_the_page(cell, module_domain_id, studio, page
     expect(page.get_by_test_id('run')).not_to_have_value('drifting.csv')
 
     machine = yaml.safe_load(cell.machine.read_text())
-    cell.machine.write_text(yaml.safe_dump({**machine, 'faults': [SILENT]}))
+    cell.machine.write_text(yaml.safe_dump({**machine, 'faults': FAULTS}))
     page.get_by_test_id('tab-live').click()
     page.get_by_test_id('start').click()
     expect(page.get_by_test_id('live-words')).not_to_contain_text('Result of run')
@@ -67,6 +68,7 @@ def test_calibrate_and_cancel_from_the_page(cell, module_domain_id, studio, page
     expect(view).to_contain_text('table position')
     assert points(view, 'current target') == 2  # its ball, and its reading
     assert 0 < points(view, 'measured') <= BALLS + 20
+    expect(page.get_by_test_id('fault-list')).to_contain_text('asking again')
     page.get_by_test_id('cancel').click()
     expect(page.get_by_test_id('outcome')).to_contain_text('cancelled')
     expect(page.get_by_test_id('start')).to_be_enabled()
@@ -126,30 +128,15 @@ def test_a_plan_is_chosen_and_started(cell, module_domain_id, studio, page):
     cell.check()
 
 
-def test_warnings_of_the_nodes_are_shown(cell, module_domain_id, studio, page):
-    """A ball that cannot be measured at once is requested again: the sequencer warns, and the page shows it."""
-    machine = yaml.safe_load(cell.machine.read_text())
-    cell.machine.write_text(yaml.safe_dump({**machine, 'faults': [{'kind': 'failed', 'at': [5]}, SILENT]}))
-    connect(page, studio, module_domain_id)
-    page.get_by_test_id('start').click()
-    expect(page.get_by_test_id('fault-list')).to_contain_text('asking again')
-    page.get_by_test_id('cancel').click()
-    expect(page.get_by_test_id('outcome')).to_contain_text('cancelled')
-    cell.check()
-
-
 def test_a_domain_without_a_cell(studio, domain_id, page):
-    """Nothing can be started, and the page says why."""
-    connect(page, studio, domain_id)
-    expect(page.get_by_test_id('health-table')).to_contain_text('No node of this cell has reported yet')
-    expect(page.get_by_test_id('start')).to_be_disabled()
-    expect(page.get_by_test_id('start-hint')).to_contain_text('The sequencer has not reported yet')
-
-
-def test_a_domain_that_does_not_exist_is_refused(studio, page):
-    """It would end the process: DDS has no ports for it."""
+    """Nothing can be started, and the page says why; a domain that DDS has no ports for would end the process."""
     connect(page, studio, 233)
     expect(page.get_by_text('wanted a whole number from 0 to 232')).to_be_visible()
     assert studio.process.poll() is None
     with pytest.raises(CellError, match='ROS domain: wanted a whole number from 0 to 232, got 233'):
         CellWatchers().watch(233, 'rosette')
+    page.get_by_test_id('domain').fill(str(domain_id))
+    page.get_by_test_id('connect').click()
+    expect(page.get_by_test_id('health-table')).to_contain_text('No node of this cell has reported yet')
+    expect(page.get_by_test_id('start')).to_be_disabled()
+    expect(page.get_by_test_id('start-hint')).to_contain_text('The sequencer has not reported yet')
