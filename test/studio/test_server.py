@@ -40,15 +40,21 @@ def test_what_no_browser_sends_is_refused_in_one_line(studio, head):
     assert len(log.read_text()[before:].splitlines()) == 1
 
 
-def test_pages_that_are_only_loaded_keep_no_memory(start_studio, tmp_path):
+@pytest.fixture(scope='module')
+def empty(start_studio, tmp_path_factory):
+    """Yield a studio of its own, without a run, whose memory is that of these tests."""
+    with start_studio(tmp_path_factory.mktemp('empty')) as running:
+        yield running
+
+
+def test_pages_that_are_only_loaded_keep_no_memory(empty):
     """Clients without websocket and without cookie."""
-    with start_studio(tmp_path) as studio:
-        request = f'GET / HTTP/1.1\r\nHost: {urlsplit(studio.address).netloc}\r\nConnection: close\r\n\r\n'.encode()
-        assert send(studio.address, request) == 'HTTP/1.1 200 OK'
-        before = resident(studio.process)
-        for _ in range(LOADS):
-            send(studio.address, request)
-        assert resident(studio.process) - before < MOST_KEPT
+    request = f'GET / HTTP/1.1\r\nHost: {urlsplit(empty.address).netloc}\r\nConnection: close\r\n\r\n'.encode()
+    assert send(empty.address, request) == 'HTTP/1.1 200 OK'
+    before = resident(empty.process)
+    for _ in range(LOADS):
+        send(empty.address, request)
+    assert resident(empty.process) - before < MOST_KEPT
 
 
 def test_images_on_a_foreign_page_do_not_empty_a_session(studio, chromium):
@@ -68,7 +74,7 @@ def test_images_on_a_foreign_page_do_not_empty_a_session(studio, chromium):
     context.close()
 
 
-def test_an_upload_that_expands_is_refused(start_studio, chromium, tmp_path):
+def test_an_upload_that_expands_is_refused(empty, chromium, tmp_path):
     """A log of 0.1 MB that holds 3 GB takes no memory of the studio, which lives on."""
     bomb = tmp_path / 'bomb.mcap'
     writer = Writer(str(bomb), chunk_size=1 << 30)
@@ -77,10 +83,9 @@ def test_an_upload_that_expands_is_refused(start_studio, chromium, tmp_path):
     for k in range(30):
         writer.add_message(channel, k, bytes(100 << 20), k)
     writer.finish()
-    with start_studio(tmp_path) as studio:
-        page = chromium.new_page()
-        page.goto(studio.address)
-        page.locator('input[type=file]').set_input_files(bomb)
-        expect(page.get_by_test_id('open-error')).to_contain_text('bomb.mcap: ')
-        assert resident(studio.process, 'VmHWM') < 500
-        page.close()
+    page = chromium.new_page()
+    page.goto(empty.address)
+    page.locator('input[type=file]').set_input_files(bomb)
+    expect(page.get_by_test_id('open-error')).to_contain_text('bomb.mcap: ')
+    assert resident(empty.process, 'VmHWM') < 500
+    page.close()
