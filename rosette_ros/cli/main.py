@@ -7,6 +7,7 @@ is imported on demand, so that `rosette plan` loads neither ROS nor the plotting
 
 import argparse
 import codecs
+import gc
 import importlib
 import io
 import os
@@ -57,6 +58,8 @@ VERBS = {
 }
 """Verb: (module in rosette_ros.cli, what it does). A new verb is a new module and a line here."""
 
+FEWER_COLLECTIONS = 10_000
+"""New objects after which garbage is looked for: figures are made of many and leave little; a twelfth of a report."""
 _SOURCE = 'source the set-up file of ROS 2 and of the workspace'
 _ARCHIVE = 'pip install distributed duckdb fsspec pyarrow'
 INSTALL = {'rclpy': _SOURCE, 'rosette_msgs': _SOURCE, 'nicegui': 'pip install nicegui plotly',
@@ -96,6 +99,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     argv: the words after `rosette`; None takes them from the process. What is not a RosetteError is an error of the
     program and leaves its traceback.
     """
+    gc.set_threshold(FEWER_COLLECTIONS)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors='signs')
