@@ -5,16 +5,16 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from rosette_ros.core.axes import taught_frame, unit_axis
-from rosette_ros.core.errors import InvalidConfig, InvalidData
+from rosette_ros.core.axes import taught_frame
+from rosette_ros.core.errors import InvalidConfig
 from rosette_ros.core.geometry import TWO_PI, Floats, Frame
 from rosette_ros.core.touches import TOUCHES, USUAL
 from rosette_ros.dme.dme_session import Patience
 from rosette_ros.dme.wire import PORT, NotDme, format_value
 from rosette_ros.io.safe_yaml import read_yaml
-from rosette_ros.simulation.setting_types import NotNegative, Number, Pair, Positive, Settings, Vector, complaint
+from rosette_ros.simulation.setting_types import Axis, NotNegative, Number, Pair, Positive, Settings, Vector, checked
 
 SCHEMA = 'rosette-dme/1'
 MOST_BYTES = 65536
@@ -96,7 +96,7 @@ class DmeTableSettings(Settings):
     """Where the rotary table stands with its balls, and how it is turned."""
 
     origin_mm: Vector = Field((350.0, 260.0, -300.0), description='centre of the ball centres, machine coordinates')
-    axis: Vector = Field((0.0, 0.0, 1.0), description='direction of the axis to the free side of the plate')
+    axis: Axis = Field((0.0, 0.0, 1.0), description='direction of the axis to the free side of the plate')
     azimuth_deg: Number = Field(0.0, description='of ball 1 at table angle 0, as of table.azimuth_deg of the sequencer')
     radius_mm: Positive = 182.5
     balls: Annotated[int, Field(ge=3, le=720)] = 12
@@ -110,15 +110,6 @@ class DmeTableSettings(Settings):
     limits_deg: Pair | None = Field(None, description='least and greatest R where the table cannot turn on and on')
     overrun_deg: Positive = Field(10.0, description='how far before its place a table with limits turns back')
     tolerance_deg: Positive = Field(0.05, description='by which R may differ from what was commanded')
-
-    @field_validator('axis')
-    @classmethod
-    def _is_axis(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
-        try:
-            unit_axis(value)
-        except InvalidData as error:
-            raise ValueError(str(error)) from error
-        return value
 
     @model_validator(mode='after')
     def _can_turn(self) -> Self:
@@ -179,10 +170,7 @@ def dme_settings(values: Any, source: str = 'settings') -> DmeSettings:
     """Return the settings of a mapping as read from YAML; raises InvalidConfig, naming `source` and the key."""
     if not isinstance(values, dict) or values.get('schema') != SCHEMA:
         raise InvalidConfig(f'{source}: wanted a mapping with "schema: {SCHEMA}", got {values!r:.80}')
-    try:
-        return DmeSettings.model_validate(values)
-    except ValidationError as error:
-        raise InvalidConfig(complaint(error, source, DmeSettings)) from error
+    return checked(DmeSettings, values, source)
 
 
 def load_dme_settings(path: str | Path) -> DmeSettings:

@@ -7,10 +7,10 @@ A new fault is a name in DmeFaultKind, the place that carries it out, and a line
 from collections.abc import Sequence
 from typing import Annotated, Literal, get_args
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from rosette_ros.core.errors import InvalidConfig
-from rosette_ros.simulation.setting_types import NotNegative, Positive, Settings, complaint
+from rosette_ros.simulation.setting_types import NotNegative, Positive, Settings, checked
 
 DmeFaultKind = Literal[
     'surface_not_found', 'collision', 'emergency_stop', 'out_of_limits', 'clamped', 'not_qualified', 'not_homed',
@@ -58,10 +58,7 @@ def fault_of(text: str) -> DmeFault:
             values[name] = float(value) if name == 'seconds' else int(value)
         except ValueError:
             raise InvalidConfig(f'fault: wanted {name}=NUMBER, got {pair!r:.40} in {text!r:.60}') from None
-    try:
-        return DmeFault.model_validate({'kind': kind, **values})
-    except ValidationError as error:
-        raise InvalidConfig(complaint(error, f'fault {text!r:.60}', DmeFault)) from error
+    return checked(DmeFault, {'kind': kind, **values}, f'fault {text!r:.60}')
 
 
 class DmeFaults:

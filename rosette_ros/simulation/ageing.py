@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from rosette_ros.core.errors import InvalidConfig, RosetteError
 from rosette_ros.core.records import Run
@@ -26,7 +26,7 @@ from rosette_ros.io.safe_yaml import read_yaml
 from rosette_ros.simulation.machine import Machine
 from rosette_ros.simulation.machine_config import MAX_BYTES, MachineConfig, machine_config
 from rosette_ros.simulation.motion import MachineState
-from rosette_ros.simulation.setting_types import NotNegative, Positive, Settings, complaint
+from rosette_ros.simulation.setting_types import NotNegative, Positive, Settings, checked
 
 YEAR = 365.25
 _READINGS = 10_000_000
@@ -95,13 +95,7 @@ class AgeingScript(Settings):
 
 def read_ageing(path: Path | str) -> AgeingScript:
     """Return the script of a YAML file; raises InvalidConfig where a setting of it is wrong, on any day."""
-    values = read_yaml(path, 'an ageing script', MAX_BYTES, InvalidConfig)
-    if not isinstance(values, dict):
-        raise InvalidConfig(f'{path}: wanted a mapping of settings, got {values!r:.60}')
-    try:
-        script = AgeingScript.model_validate(values)
-    except ValidationError as error:
-        raise InvalidConfig(complaint(error, str(path), AgeingScript)) from error
+    script = checked(AgeingScript, read_yaml(path, 'an ageing script', MAX_BYTES, InvalidConfig), str(path))
     try:
         for day in (0.0, *(change.day for change in script.changes)):
             plan(script.config(day).plate.balls, script.order)

@@ -8,17 +8,16 @@ stand in settings only, where a person reads and writes them.
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, model_validator
 
-from rosette_ros.core.axes import unit_axis
-from rosette_ros.core.errors import InvalidConfig, InvalidData
+from rosette_ros.core.errors import InvalidConfig
 from rosette_ros.io.safe_yaml import read_yaml
 from rosette_ros.simulation import cell_parts
 from rosette_ros.simulation.faults import FaultList
 from rosette_ros.simulation.hidden import HiddenDraw, HiddenList
 from rosette_ros.simulation.motion import TimingSettings
 from rosette_ros.simulation.probing import ProbingSettings
-from rosette_ros.simulation.setting_types import Number, Seed, Settings, Vector, complaint
+from rosette_ros.simulation.setting_types import Axis, Number, Seed, Settings, Vector, checked
 
 MAX_BYTES = 65536
 
@@ -27,21 +26,12 @@ class PlacementSettings(Settings):
     """Where the table stands in the CMM."""
 
     origin_mm: Vector = Field((350.0, 260.0, -300.0), description='roughly known, machine frame')
-    axis: Vector = Field((0.0, 0.0, 1.0), description='direction of the table axis, machine frame, of any length')
+    axis: Axis = Field((0.0, 0.0, 1.0), description='direction of the table axis, machine frame, of any length')
     azimuth_deg: Number = Field(0.0, description='of ball 1 at table angle 0, about the axis (docs/real-cmm.md)')
     origin_error_mm: Annotated[float, Field(ge=0, le=2)] = Field(
         0.3, description='distance of the true origin; the direction is drawn')
     axis_tilt_mrad: Annotated[float, Field(ge=0, le=10)] = Field(
         0.2, description='table axis relative to `axis`; the direction is drawn')
-
-    @field_validator('axis')
-    @classmethod
-    def _is_direction(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
-        try:
-            unit_axis(value)
-        except InvalidData as error:
-            raise ValueError(str(error)) from error
-        return value
 
 
 class MachineConfig(Settings):
@@ -104,12 +94,7 @@ class MachineConfig(Settings):
 
 def machine_config(values: Any, source: str = 'machine configuration') -> MachineConfig:
     """Return the configuration of a mapping as read from YAML; raise InvalidConfig, naming `source` and the key."""
-    if not isinstance(values, dict):
-        raise InvalidConfig(f'{source}: wanted a mapping of settings, got {values!r:.60}')
-    try:
-        return MachineConfig.model_validate(values)
-    except ValidationError as error:
-        raise InvalidConfig(complaint(error, source, MachineConfig)) from error
+    return checked(MachineConfig, values, source)
 
 
 def load_machine(path: Path | str) -> MachineConfig:

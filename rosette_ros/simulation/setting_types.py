@@ -3,18 +3,29 @@
 
 import difflib
 from collections.abc import Iterator
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError
 from pydantic_core import ErrorDetails
 
-from rosette_ros.core.errors import plain
+from rosette_ros.core.axes import unit_axis
+from rosette_ros.core.errors import InvalidConfig, InvalidData, plain
+
+
+def _direction(value: tuple[float, float, float]) -> tuple[float, float, float]:
+    try:
+        unit_axis(value)
+    except InvalidData as error:
+        raise ValueError(str(error)) from error
+    return value
+
 
 Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
 NotNegative = Annotated[float, Strict(), Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Strict(), Field(gt=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Vector = Annotated[tuple[Number, Number, Number], Strict(False)]
+Axis = Annotated[Vector, AfterValidator(_direction)]
 Pair = Annotated[tuple[Number, Number], Strict(False)]
 Seed = Annotated[int, Strict(), Field(ge=0, lt=2**63)]
 
@@ -31,7 +42,20 @@ class Settings(BaseModel):
     model_config = ConfigDict(frozen=True, extra='forbid', strict=True, allow_inf_nan=False)
 
 
-def complaint(error: ValidationError, source: str, model: type[BaseModel]) -> str:
+_Group = TypeVar('_Group', bound=Settings)
+
+
+def checked(group: type[_Group], values: Any, source: str) -> _Group:
+    """Return settings from a mapping as read from YAML; raises InvalidConfig, naming `source` and the key."""
+    if not isinstance(values, dict):
+        raise InvalidConfig(f'{source}: wanted a mapping of settings, got {values!r:.60}')
+    try:
+        return group.model_validate(values)
+    except ValidationError as error:
+        raise InvalidConfig(_complaint(error, source, group)) from error
+
+
+def _complaint(error: ValidationError, source: str, model: type[BaseModel]) -> str:
     """Return one line on the first error in settings of `model` read from `source`: key, wanted, got."""
     found = error.errors(include_url=False)
     # A misspelt key also leaves the right one missing: the misspelling is the cause.
