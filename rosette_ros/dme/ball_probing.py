@@ -224,7 +224,7 @@ class DmeCmm:
         Raises CellError where it is not where it was sent."""
         position, table = await self.position(), self.settings.table
         self.table.angle = await read_table(self.session.request, table, self.table.angle)
-        steps, _ = lift(self.settings, position, table.frame.to_outer(table.balls_at(np.deg2rad(self.table.angle))))
+        steps = lift(self.settings, position, table.frame.to_outer(table.balls_at(np.deg2rad(self.table.angle))))
         for step in steps:
             await self._moved(go_to(step.point))
         if not steps:

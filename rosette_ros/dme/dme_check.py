@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a server tells about itself: version, tools, axes, limits, thermometers, dialect. Nothing moves."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 from rosette_ros.dme.dme_session import Data, DmeSession
 from rosette_ros.dme.wire import Call, call, named, shown
 
 SPEEDS = tuple(f'Tool.{group}.{name}' for group in ('GoToPar', 'PtMeasPar') for name in ('Speed', 'Accel'))
+NAMES = {'': '', '.Min': 'least ', '.Max': 'most '}
 LENGTHS = tuple(f'Tool.PtMeasPar.{name}' for name in ('Approach', 'Search', 'Retract'))
 
 
@@ -43,13 +43,8 @@ async def look_at(session: DmeSession) -> list[DmeFinding]:
     await asked('position / mm', call('Get', *map(Call, 'XYZ')), wanted=True)
     await asked('table / deg', call('Get', Call('R')), wanted=True)
     for name in (*SPEEDS, *LENGTHS):
-        found = {end: await session.property_of(f'{name}{end}') for end in ('', '.Min', '.Max')}
-        known = _words(found.items())
+        found = {end: await session.property_of(f'{name}{end}') for end in NAMES}
+        known = [f'{NAMES[end]}{value:g}' for end, value in found.items() if value is not None]
         out.append(DmeFinding(name, ', '.join(known) or 'not supported'))
     await asked('temperatures / °C', Call('ReadAllTemperatures'))
     return out
-
-
-def _words(found: Iterable[tuple[str, float | None]]) -> list[str]:
-    names = {'': '', '.Min': 'least ', '.Max': 'most '}
-    return [f'{names[end]}{value:g}' for end, value in found if value is not None]

@@ -162,8 +162,8 @@ def refuse_unsafe(settings: DmeSettings, steps: Sequence[PathStep], around: Obst
                              f'{1e3 * (inner[number, 2] - plate + keep):.1f}; see ball.shaft_length_mm')
 
 
-def lift(settings: DmeSettings, position: Floats, balls: Floats) -> tuple[list[PathStep], Obstacles]:
-    """Return the steps from where the tip stands, (3,), m, to the clearance plane, and what it must not come near.
+def lift(settings: DmeSettings, position: Floats, balls: Floats) -> list[PathStep]:
+    """Return the steps from where the tip stands, (3,), m, to the clearance plane.
 
     From beside a ball, where a run was aborted, it goes away from the ball first. balls: (n, 3), m. Raises UnsafePath.
     """
@@ -178,9 +178,9 @@ def lift(settings: DmeSettings, position: Floats, balls: Floats) -> tuple[list[P
     height = 1e-3 * settings.path.clearance_mm - frame.to_inner(place)[2]
     if height > _ROUND:
         steps.append(PathStep(place + height * frame.rotation[:, 2], 'up to the clearance plane'))
-    around = obstacles(settings, balls, own)
-    refuse_unsafe(settings, [PathStep(position, 'where the tip stands', is_near=True), *steps], around)
-    return steps, around
+    refuse_unsafe(settings, [PathStep(position, 'where the tip stands', is_near=True), *steps],
+                  obstacles(settings, balls, own))
+    return steps
 
 
 def refuse_to_turn(settings: DmeSettings, position: Floats) -> None:

@@ -2,7 +2,7 @@
 """The commands of the simulated server: what each takes, does and answers. Millimetres and degrees as on the wire."""
 
 import math
-from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -64,14 +64,14 @@ class ServedCommands:
         self.report: tuple[str, ...] = AXES
         self.wants_clear = False
         self._unit = INCH if faults.has('inch') else 1.0
-        plain = {'GetDMEVersion': self._version, 'GetMachineClass': self._machine_class, 'IsHomed': self._homed,
-                 'EnableUser': self._user, 'DisableUser': self._user, 'IsUserEnabled': self._user,
-                 'EnumTools': self._tools, 'Tool': self._nothing, 'FoundTool': self._nothing, 'FindTool': self._find,
+        plain = {'GetDMEVersion': self._about, 'GetMachineClass': self._about, 'IsHomed': self._about,
+                 'EnableUser': self._user, 'DisableUser': self._user, 'IsUserEnabled': self._about,
+                 'EnumTools': self._about, 'Tool': self._nothing, 'FoundTool': self._nothing, 'FindTool': self._find,
                  'SetTool': self._set_tool, 'GetProp': self._get_prop, 'GetPropE': self._get_prop,
                  'SetProp': self._set_prop, 'EnumProp': self._enum_prop, 'EnumAllProp': self._enum_prop,
-                 'SetCoordSystem': self._set_system, 'GetCoordSystem': self._get_system, 'Get': self._get,
+                 'SetCoordSystem': self._set_system, 'GetCoordSystem': self._about, 'Get': self._get,
                  'OnPtMeasReport': self._on_report, 'GetErrorInfo': self._error_info,
-                 'GetErrStatusE': self._status, 'GetXtdErrStatus': self._status}
+                 'GetErrStatusE': self._about, 'GetXtdErrStatus': self._about}
         modern = {'GetTemperatureSensors': self._temperatures, 'ReadTemperatureSensor': self._temperatures,
                   'ReadAllTemperatures': self._temperatures, 'EnableRotaryTableVarCsy': self._nothing}
         self.at_once: Mapping[str, Callable[[Call], list[Line]]] = plain | (
@@ -120,19 +120,16 @@ class ServedCommands:
     def _nothing(self, command: Call) -> list[Line]:
         return []
 
-    def _version(self, command: Call) -> list[Line]:
-        return [(call('DMEVersion', VERSIONS[self.settings.dialect]),)]
-
-    def _machine_class(self, command: Call) -> list[Line]:
-        return [(call('GetMachineClass', Word('SimulatedCartCMMWithRotaryTable')),)]
-
-    def _homed(self, command: Call) -> list[Line]:
-        return [(call('IsHomed', float(self.cmm.is_homed)),)]
-
-    def _status(self, command: Call) -> list[Line]:
-        if command.name == 'GetErrStatusE':
-            return [(call('ErrStatus', float(self.wants_clear)),)]
-        return [*self._homed(command), (call('IsUserEnabled', float(self.is_user_enabled)),)]
+    def _about(self, command: Call) -> list[Line]:
+        """Return what the server says of itself: a value a line."""
+        homed, user = call('IsHomed', float(self.cmm.is_homed)), call('IsUserEnabled', float(self.is_user_enabled))
+        answers: dict[str, tuple[Value, ...]] = {
+            'GetDMEVersion': (call('DMEVersion', VERSIONS[self.settings.dialect]),),
+            'GetMachineClass': (call('GetMachineClass', Word('SimulatedCartCMMWithRotaryTable')),), 'IsHomed': (homed,),
+            'IsUserEnabled': (user,), 'EnumTools': tuple(self.tools),
+            'GetCoordSystem': (call('CoordSystem', Word(self.system)),),
+            'GetErrStatusE': (call('ErrStatus', float(self.wants_clear)),), 'GetXtdErrStatus': (homed, user)}
+        return [(value,) for value in answers[command.name]]
 
     def _error_info(self, command: Call) -> list[Line]:
         which = int(_number(command, command.name))
@@ -141,13 +138,8 @@ class ServedCommands:
         return [(PREDEFINED[which][1],)]
 
     def _user(self, command: Call) -> list[Line]:
-        if command.name == 'IsUserEnabled':
-            return [(call('IsUserEnabled', float(self.is_user_enabled)),)]
         self.is_user_enabled = command.name == 'EnableUser'
         return []
-
-    def _tools(self, command: Call) -> list[Line]:
-        return [(name,) for name in self.tools]
 
     def _known_tool(self, command: Call) -> str:
         name = _one(command)
@@ -216,7 +208,7 @@ class ServedCommands:
 
     def _enum_prop(self, command: Call) -> list[Line]:
         """Return names and types below a name; EnumProp: those directly below it, a `Property` has its own."""
-        under = f'{_one_call(command).name}.'
+        under = f'{_calls(Call(command.name, (_one(command),)))[0].name}.'
         known = {name[len(under):]: value for name, value in self._properties(under.partition('.')[0]).items()
                  if name.startswith(under)}
         if not known:
@@ -234,9 +226,6 @@ class ServedCommands:
             raise Refused(509, command.name)
         self.system = str(name)  # no transformation can be set: all are the machine's own
         return []
-
-    def _get_system(self, command: Call) -> list[Line]:
-        return [(call('CoordSystem', Word(self.system)),)]
 
     def _get(self, command: Call) -> list[Line]:
         names = [one.name for one in _calls(command)]
@@ -343,14 +332,10 @@ class ServedCommands:
 
 def _calls(command: Call) -> tuple[Call, ...]:
     """Return the arguments of a command that are all Name(values), each name once."""
-    found = tuple(_named(command.values))
+    found = tuple(one for one in command.values if isinstance(one, Call) and one.name)
     if len(found) < len(command.values) or len({one.name for one in found}) < len(found) or not found:
         raise Refused(502, command.name)
     return found
-
-
-def _named(values: Sequence[Value]) -> Iterator[Call]:
-    return (one for one in values if isinstance(one, Call) and one.name)
 
 
 def _one(command: Call, what: str = '') -> Value:
@@ -370,7 +355,3 @@ def _numbers(given: Call, what: str) -> list[float]:
 def _number(given: Call, what: str) -> float:
     _one(given, what)
     return _numbers(given, what)[0]
-
-
-def _one_call(command: Call) -> Call:
-    return _calls(Call(command.name, (_one(command),)))[0]

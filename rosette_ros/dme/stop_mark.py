@@ -15,7 +15,7 @@ class StopMark:
     complaint: why it could not be written, '' where it could."""
 
     def __init__(self, settings: str | Path) -> None:
-        self.path, self.complaint, self._kept = Path(f'{settings}{SUFFIX}'), '', ''
+        self.path, self.complaint = Path(f'{settings}{SUFFIX}'), ''
 
     def read(self) -> str:
         """Return what it says, '' where there is none."""
@@ -27,23 +27,7 @@ class StopMark:
             return f'{self.path}: cannot be read: {error.strerror}; a person has to look at the machine'
 
     def write(self, words: str) -> None:
-        """Keep why; a machine that is stopped is not moved, so a file that cannot be written is no error."""
-        self._change(words)
-
-    def settle(self, session: DmeSession) -> None:
-        """Keep why a session has stopped where a person has to look; else remove the file: nothing moves any more."""
-        self._change(session.stop if session.for_person else '')
-
-    def keep_refusal(self, error: RosetteError) -> None:
-        """Keep that a server in an error state refused the session; nobody there is no stop, as nothing has moved."""
-        if isinstance(error, DmeStopped) and not isinstance(error, DmeLost):
-            self._change(one_line(error))
-
-    def clear(self) -> None:
-        """Remove it: nothing moves, or a person has looked."""
-        self._change('')
-
-    def _change(self, words: str) -> None:
+        """Keep why, '' to remove the file; nothing moves a stopped machine: one that cannot be written is no error."""
         try:
             if words:
                 self.path.write_text(f'{words}\n', encoding='utf-8')
@@ -53,3 +37,16 @@ class StopMark:
         except OSError as error:
             self.complaint = (f'{self.path}: cannot be written: {error.strerror}; a restart of the cell would forget '
                               'that a person has to look at the machine')
+
+    def settle(self, session: DmeSession) -> None:
+        """Keep why a session has stopped where a person has to look; else remove the file: nothing moves any more."""
+        self.write(session.stop if session.for_person else '')
+
+    def keep_refusal(self, error: RosetteError) -> None:
+        """Keep that a server in an error state refused the session; nobody there is no stop, as nothing has moved."""
+        if isinstance(error, DmeStopped) and not isinstance(error, DmeLost):
+            self.write(one_line(error))
+
+    def clear(self) -> None:
+        """Remove it: nothing moves, or a person has looked."""
+        self.write('')

@@ -71,7 +71,7 @@ def test_lifting(place, steps):
     """From beside a ball away from it first; from above the clearance plane not at all."""
     settings = settings_of()
     balls = settings.table.frame.to_outer(settings.table.balls_at(0.0))
-    path, _ = lift(settings, 1e-3 * np.array(place), balls)
+    path = lift(settings, 1e-3 * np.array(place), balls)
     assert len(path) == steps
     assert not path or path[-1].point[2] == pytest.approx(-0.240)
 
