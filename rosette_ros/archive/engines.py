@@ -7,7 +7,7 @@ import re
 import signal
 import time
 from collections.abc import Callable, Iterable, Iterator
-from types import TracebackType
+from contextlib import AbstractContextManager
 from typing import Any, Protocol, TypeVar
 
 import dask
@@ -53,7 +53,7 @@ class PlainLoop:
             yield item, function(item)
 
 
-class DaskEngine:
+class DaskEngine(AbstractContextManager['DaskEngine']):
     """The workers of a cluster: that of a scheduler, or processes on this computer, one thread each, loopback only.
 
     scheduler: address such as tcp://host:8786, '' for this computer; workers: processes there, 0 for one per core. It
@@ -69,11 +69,7 @@ class DaskEngine:
         self._client: Client | None = None
         self._threads, self._counted = 0, -FRESH
 
-    def __enter__(self) -> 'DaskEngine':
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         for one in (self._client, self._cluster):
             if one is not None:
                 one.close()

@@ -126,12 +126,10 @@ class VirtualCmm:
         """Move the probe to a place and the table to an unwrapped angle, rad; raises Refused."""
         self._may_move(what)
         self._inside(place, 1008, what)
-        if self.faults.strike('out_of_limits'):
+        number = 2500 if self.faults.strike('out_of_limits') else 2504 if self.faults.strike('collision') else 0
+        if number:
             await self._go(0.5 * (self.place + place), self.cell.travel, pace)
-            raise Refused(2500, what)
-        if self.faults.strike('collision'):
-            await self._go(0.5 * (self.place + place), self.cell.travel, pace)
-            raise Refused(2504, what)
+            raise Refused(number, what)
         await self._go(place, self.cell.travel if angle is None else self._turns * angle, pace, what=what)
 
     async def measure(self, nominal: Floats, outwards: Floats, pace: MovePace, probing: TouchParameters,

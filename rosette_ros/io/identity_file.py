@@ -188,5 +188,3 @@ def _tolerance(words: object, is_length: bool, where: str) -> float:
         raise InvalidData(f'{where}: wanted a positive {"length" if is_length else "angle"} with its unit, {_EXAMPLE}, '
                           f'got {words!r:.40}')
     return float(match[1]) * UNITS[match[2]]
-
-

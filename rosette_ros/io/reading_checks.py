@@ -150,4 +150,3 @@ def _echo(pairs: Pairs) -> str:
 def _resolution(centres: ArrayLike, repeated: Floats) -> str:
     spread = float(np.sqrt(np.mean(np.var(repeated, axis=0, ddof=1)))) if len(repeated) > 1 else 0.0
     return resolution_words(centres, spread if spread > ECHO else None)  # all the same: not 0 to the last bit
-

@@ -127,23 +127,17 @@ class RotaryTable:
         smooth = np.arange(1, settings.harmonics + 1)
         peaks = 1e-6 * np.array([settings.translation_um] * 3 + [settings.rotation_urad] * 3)
         maker_peaks = 1e-6 * np.array([0, 0, settings.axial_raw_um, 0, 0, settings.angular_raw_urad])
-        residual, self.maker = _drawn_curves(rng, smooth, peaks), _drawn_curves(rng, smooth, maker_peaks)
-        if settings.fine_orders:
-            orders = np.array(settings.fine_orders)
-            phase = part_generator(seed, 'fine').uniform(0, TWO_PI, (orders.size, 6))
-            size = settings.fine_share * peaks
-            residual = PeriodicCurves(np.concatenate([residual.orders, orders]),
-                                      np.concatenate([residual.cosine, size * np.cos(phase)]),
-                                      np.concatenate([residual.sine, size * np.sin(phase)]))
+        drawn, self.maker = _drawn_curves(rng, smooth, peaks), _drawn_curves(rng, smooth, maker_peaks)
+        parts = [(drawn.orders, drawn.cosine, drawn.sine)]
+        if fine := settings.fine_orders:
+            phase, size = part_generator(seed, 'fine').uniform(0, TWO_PI, (len(fine), 6)), settings.fine_share * peaks
+            parts.append((np.array(fine), size * np.cos(phase), size * np.sin(phase)))
         if settings.added_errors:
             added = [1e-6 * one.amplitude * np.exp(1j * np.deg2rad(one.phase_deg)) *
                      (np.array(CURVES) == one.error) for one in settings.added_errors]
-            residual = PeriodicCurves(
-                np.concatenate([residual.orders, [one.per_turn for one in settings.added_errors]]),
-                np.concatenate([residual.cosine, np.real(added)]), np.concatenate([residual.sine, np.imag(added)]))
-        self.residual = residual
-        off = [False, False, not settings.axial_correction, False, False, not settings.angular_correction]
-        self.switched_off = np.array(off)
+            parts.append((np.array([one.per_turn for one in settings.added_errors]), np.real(added), np.imag(added)))
+        self.residual = PeriodicCurves(*map(np.concatenate, zip(*parts)))
+        self.switched_off = np.array([0, 0, not settings.axial_correction, 0, 0, not settings.angular_correction], bool)
         self._correction = read_correction(settings.correction_file)[0] if settings.correction_file else None
 
     def error(self, angle: Floats, approach: Ints | None = None) -> Floats:
