@@ -13,7 +13,7 @@ from rosette_ros.core.geometry import TWO_PI, Floats, Frame
 from rosette_ros.core.touches import TOUCHES, USUAL
 from rosette_ros.dme.dme_session import Patience
 from rosette_ros.dme.wire import PORT, NotDme, format_value
-from rosette_ros.io.safe_yaml import read_yaml
+from rosette_ros.io.safe_yaml import of_schema, read_yaml
 from rosette_ros.simulation.setting_types import Axis, NotNegative, Number, Pair, Positive, Settings, Vector, checked
 
 SCHEMA = 'rosette-dme/1'
@@ -168,9 +168,7 @@ class DmeSettings(Settings):
 
 def dme_settings(values: Any, source: str = 'settings') -> DmeSettings:
     """Return the settings of a mapping as read from YAML; raises InvalidConfig, naming `source` and the key."""
-    if not isinstance(values, dict) or values.get('schema') != SCHEMA:
-        raise InvalidConfig(f'{source}: wanted a mapping with "schema: {SCHEMA}", got {values!r:.80}')
-    return checked(DmeSettings, values, source)
+    return checked(DmeSettings, of_schema(values, SCHEMA, source, InvalidConfig), source)
 
 
 def load_dme_settings(path: str | Path) -> DmeSettings:

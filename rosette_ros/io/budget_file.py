@@ -8,7 +8,7 @@ from typing import Any
 from rosette_ros.core.budget_inputs import BOUNDS, SECTIONS, BudgetInputs, Entry
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.errors import InvalidData, plain, unknown
-from rosette_ros.io.safe_yaml import read_yaml
+from rosette_ros.io.safe_yaml import of_schema, read_yaml
 
 SCHEMA = 'rosette-budget/1'
 MOST_BYTES, LONGEST = 1 << 16, 300
@@ -28,8 +28,7 @@ def read_stated(path: str | Path) -> dict[str, Any]:
 
 def budget_inputs(given: Any, source: str = 'budget inputs') -> BudgetInputs:
     """Return the BudgetInputs of what YAML says; source: its name in errors."""
-    if not isinstance(given, dict) or given.get('schema') != SCHEMA:
-        raise InvalidData(f'{source}: wanted a mapping with "schema: {SCHEMA}", got {given!r:.80}')
+    of_schema(given, SCHEMA, source, InvalidData)
     values: dict[str, dict[str, float]] = {}
     words: dict[str, str] = {}
     dof: dict[str, float] = {}

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Corrections as files: rosette-correction/1 (YAML), a table (CSV), the compensation file of LinuxCNC."""
 
-import csv
-import io
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -87,9 +85,8 @@ def _motions(values: object, where: str) -> ErrorMotions:
 
 def correction_csv(correction: Correction, angles: Floats) -> str:
     """Return a table of the errors at angles (m,), rad: degrees, µm and µrad, U (k = 2) in the head."""
-    stream = io.StringIO()
     u = COVERAGE_FACTOR * 1e6 * correction.forward.u.max(axis=0)
-    stream.write(
+    head = (
         f'# errors of a rotary table, run: {correction.run_id}\n'
         '# sign: what the table does wrong; a controller takes it off (subtracts it)\n'
         '# at angle_deg the body that was turned by it stands at c + (1 + [r]x) R_z p, c = (ctx, cty, ctz), '
@@ -101,13 +98,12 @@ def correction_csv(correction: Correction, angles: Floats) -> str:
         + '\n' + '# simulated: the run was measured by the simulated machine\n' * correction.simulated)
     names = [f'{curve}_{_unit(curve).replace("µ", "u")}' for curve in CURVES]
     both = correction.backward is not correction.forward
-    writer = csv.writer(stream, lineterminator='\n')
-    writer.writerow(['angle_deg', *(f'{name}_forward' if both else name for name in names),
-                     *(f'{name}_backward' for name in names if both)])
+    columns = ['angle_deg', *(f'{name}_forward' if both else name for name in names),
+               *(f'{name}_backward' for name in names if both)]
     rows = [1e6 * correction.errors(angles, sense) for sense in ((1, -1) if both else (1,))]
-    for angle, *values in zip(np.rad2deg(angles), *rows, strict=True):
-        writer.writerow([f'{angle:.9g}', *(f'{value + 0.0:.6f}' for part in values for value in part)])
-    return stream.getvalue()
+    cells = ([f'{angle:.9g}', *(f'{value + 0.0:.6f}' for part in values for value in part)]
+             for angle, *values in zip(np.rad2deg(angles), *rows, strict=True))
+    return head + ''.join(','.join(row) + '\n' for row in (columns, *cells))
 
 
 def _unit(curve: str) -> str:

@@ -5,6 +5,7 @@ import datetime
 import math
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from rosette_ros.core.axes import iso_names
 from rosette_ros.core.errors import InvalidData, unknown
 from rosette_ros.core.geometry import Floats
 from rosette_ros.core.records import CURVES
-from rosette_ros.io.safe_yaml import parse_yaml
+from rosette_ros.io.safe_yaml import of_schema, parse_yaml
 from rosette_ros.io.text_file import read_limited
 
 SCHEMA = 'rosette-identity/1'
@@ -96,9 +97,7 @@ def read_identity(path: str | Path) -> Identity:
 
 def parse_identity(data: bytes, source: str = 'identity') -> Identity:
     """Return the Identity of a file's bytes; source: its name in errors."""
-    values = parse_yaml(data, source, InvalidData)
-    if not isinstance(values, dict) or values.get('schema') != SCHEMA:
-        raise InvalidData(f'{source}: wanted a mapping with "schema: {SCHEMA}", got {values!r:.80}')
+    values = of_schema(parse_yaml(data, source, InvalidData), SCHEMA, source, InvalidData)
     entries: dict[str, str] = {}
     for section, given in values.items():
         if section in ('schema', 'tolerances') or given is None:
@@ -143,15 +142,12 @@ def words_of_entry(entry: str) -> str:
 
 
 def _entry(section: str, name: str, value: object, where: str) -> str:
-    is_date = name in ('date', 'begin', 'end')
-    if is_date:
+    if name in ('date', 'begin', 'end'):
         if type(value) is datetime.date:
             return value.isoformat()
         if isinstance(value, str):
-            try:
+            with suppress(ValueError):
                 return datetime.date.fromisoformat(value).isoformat()
-            except ValueError:
-                pass
         raise InvalidData(f'{where}: wanted a date such as 2026-04-12, got {value!r:.40}')
     if not isinstance(value, str):
         raise InvalidData(f'{where}: wanted a text in quotes, got {value!r:.40}; without them YAML makes another value '

@@ -16,7 +16,7 @@ from rosette_ros.core.model.base_entries import refuse_undetermined
 from rosette_ros.core.scheme import Scheme, cmm_position, places_in_use, plan
 from rosette_ros.core.touches import TOUCHES
 from rosette_ros.io.keyed_table import is_keyed_table, keyed_table
-from rosette_ros.io.safe_yaml import parse_yaml
+from rosette_ros.io.safe_yaml import of_schema, parse_yaml
 from rosette_ros.io.text_file import read_limited
 
 SCHEMA = 'rosette-plan/1'
@@ -50,9 +50,8 @@ def read_plan(path: str | Path) -> MeasuringPlan:
 
 def parse_plan(data: bytes, source: str) -> MeasuringPlan:
     """Return the plan of a file's bytes; errors as of `read_plan`."""
-    values = _from_csv(data, source) if is_keyed_table(data) else parse_yaml(data, source, InvalidPlan)
-    if not isinstance(values, dict) or values.get('schema') != SCHEMA:
-        raise InvalidPlan(f'{source}: wanted a plan file with "schema: {SCHEMA}", got {values!r:.80}')
+    given = _from_csv(data, source) if is_keyed_table(data) else parse_yaml(data, source, InvalidPlan)
+    values = of_schema(given, SCHEMA, source, InvalidPlan, 'a plan file')
     if 'n' in values and 'radius_m' in values:  # as `rosette plan --json` prints it
         values = {'balls': values.pop('n'), 'radius_mm': _number(values.pop('radius_m'), source, 'radius_m') * 1e3,
                   **values}
@@ -124,8 +123,7 @@ def _of_rows(n: int, values: Mapping[str, Any], source: str) -> Scheme:
     for name, one in columns.items():
         if len(one) != size:
             raise InvalidPlan(f'{source}: {name}: wanted a value for each of {size} readings, got {len(one)}')
-    offset = _number(values.get('table_offset_deg', 0.0), source, 'table_offset_deg')
-    table, on = (_places(n, columns, source, offset, *names) for names in (
+    table, on = (_places(n, columns, source, values.get('table_offset_deg', 0.0), *names) for names in (
         ('table_position', 'table_angle_deg'), ('cmm_position', 'cmm_azimuth_deg')))
     ball = _wholes(columns['ball'], source, 'ball', 1, n) if 'ball' in columns else None
     pairs = _pairs(n, table, ball, on)

@@ -12,7 +12,7 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Floats
 from rosette_ros.core.joint.readings import Plate
 from rosette_ros.io.keyed_table import is_keyed_table, keyed_table
-from rosette_ros.io.safe_yaml import parse_yaml
+from rosette_ros.io.safe_yaml import of_schema, parse_yaml
 from rosette_ros.io.text_file import read_limited
 
 SCHEMA = 'rosette-plate/1'
@@ -31,9 +31,8 @@ def read_plate(path: str | Path) -> Plate:
 
 def parse_plate(data: bytes, path: str = 'plate') -> Plate:
     """Return the Plate of a file's bytes; path: its name in errors."""
-    values = _from_csv(data, path) if is_keyed_table(data) else parse_yaml(data, path, InvalidData)
-    if not isinstance(values, dict) or values.get('schema') != SCHEMA:
-        raise InvalidData(f'{path}: wanted a mapping with "schema: {SCHEMA}", got {values!r:.80}')
+    given = _from_csv(data, path) if is_keyed_table(data) else parse_yaml(data, path, InvalidData)
+    values = of_schema(given, SCHEMA, path, InvalidData)
     for key in values:
         if key not in _KEYS:
             raise InvalidData(f'{path}: {key!r:.40}: wanted one of {", ".join(_KEYS)}')

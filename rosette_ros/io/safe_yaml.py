@@ -58,6 +58,13 @@ def parse_yaml(data: bytes, source: str, kind: type[RosetteError]) -> Any:
         raise kind(f'{source}: wanted YAML, got text that is none: {place}{problem}') from None
 
 
+def of_schema(values: Any, schema: str, source: str, kind: type[RosetteError], wanted: str = 'a mapping') -> Any:
+    """Return what a file says where it is a mapping of a schema; raises an error of a kind, which names `source`."""
+    if not isinstance(values, dict) or values.get('schema') != schema:
+        raise kind(f'{source}: wanted {wanted} with "schema: {schema}", got {values!r:.80}')
+    return values
+
+
 def parse_mapping(text: str, source: str, most: int, example: str, kind: type[RosetteError]) -> dict[Any, Any]:
     """Return the YAML mapping in a text of at most `most` characters, {} for an empty one; raises as parse_yaml."""
     if len(text) > most:

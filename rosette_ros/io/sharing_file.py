@@ -9,7 +9,7 @@ import numpy as np
 
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.sharing import PARTS, SEATS, apart
-from rosette_ros.io.safe_yaml import read_yaml
+from rosette_ros.io.safe_yaml import of_schema, read_yaml
 
 SCHEMA = 'rosette-sharing/1'
 MOST_BYTES = 65536
@@ -20,9 +20,7 @@ def read_sharing(path: str | Path | None, runs: int) -> dict[str, Any]:
     """Return the fields of Sharing that a file declares for so many runs, {} without a file; raises InvalidData."""
     if path is None:
         return {}
-    values = read_yaml(path, 'a sharing file', MOST_BYTES, InvalidData)
-    if not isinstance(values, dict) or values.get('schema') != SCHEMA:
-        raise InvalidData(f'{path}: wanted a mapping with "schema: {SCHEMA}", got {values!r:.80}')
+    values = of_schema(read_yaml(path, 'a sharing file', MOST_BYTES, InvalidData), SCHEMA, str(path), InvalidData)
     declared: dict[str, Any] = {}
     for key, value in values.items():
         if key not in _KEYS:
@@ -31,13 +29,11 @@ def read_sharing(path: str | Path | None, runs: int) -> dict[str, Any]:
             declared['cmm_is_calibrated'] = True
         elif key in PARTS:
             declared[key] = _names(value, runs, f'{path}: {key}')
-        elif key == 'seat':
-            if value not in SEATS:
-                raise InvalidData(f'{path}: seat: wanted one of {", ".join(SEATS)}, got {value!r:.80}')
-            declared[key] = value
-        elif key == 'by_sense':
-            if not isinstance(value, bool):
-                raise InvalidData(f'{path}: by_sense: wanted true or false, got {value!r:.80}')
+        elif key == 'seat' and value not in SEATS:
+            raise InvalidData(f'{path}: seat: wanted one of {", ".join(SEATS)}, got {value!r:.80}')
+        elif key == 'by_sense' and not isinstance(value, bool):
+            raise InvalidData(f'{path}: by_sense: wanted true or false, got {value!r:.80}')
+        elif key in ('seat', 'by_sense'):
             declared[key] = value
         elif key == 'plate_turned_deg':
             declared['turn'] = tuple(np.deg2rad(_angles(value, runs, f'{path}: {key}')).tolist())
