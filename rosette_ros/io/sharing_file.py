@@ -29,7 +29,7 @@ def read_sharing(path: str | Path | None, runs: int) -> dict[str, Any]:
             declared['cmm_is_calibrated'] = True
         elif key in PARTS:
             declared[key] = _names(value, runs, f'{path}: {key}')
-        elif key == 'seat' and value not in SEATS:
+        elif key == 'seat' and value not in tuple(SEATS):  # also of what cannot be a key
             raise InvalidData(f'{path}: seat: wanted one of {", ".join(SEATS)}, got {value!r:.80}')
         elif key == 'by_sense' and not isinstance(value, bool):
             raise InvalidData(f'{path}: by_sense: wanted true or false, got {value!r:.80}')

@@ -128,6 +128,7 @@ def test_runs_about_different_axes_are_refused(refused, tmp_path):
     (SHARED + 'tabel: shared\n', "'tabel': wanted one of schema, table, plate"),
     (SHARED + 'table: [a]\n', r'table: wanted shared, separate, or a name for each of 2 runs such as [1, 2]'),
     (SHARED + 'seat: cone\n', "seat: wanted one of free, plane, pilot, both, got 'cone'"),
+    (SHARED + 'seat: [1]\n', 'seat: wanted one of free, plane, pilot, both, got [1]'),
     (SHARED + 'by_sense: 1\n', 'by_sense: wanted true or false, got 1'),
     (SHARED + 'plate_turned_deg: [0, .nan]\n', 'plate_turned_deg: wanted an angle in degrees for each of 2 runs'),
     (SHARED + 'plate_turned_deg: [0, 10]\n', 'turned by 10 deg: wanted whole pitches of 45 deg')])
