@@ -9,11 +9,9 @@ from rosette_ros.core.uncertainty_budget import Budget
 from rosette_ros.presentation.budget_results import contributions, stated_inputs
 from rosette_ros.studio import figures
 from rosette_ros.studio.controller import Controller
-from rosette_ros.studio.panels.widgets import Area, Figure, button, folded_card, input_field, marked, plain_table, row
+from rosette_ros.studio.panels.figures_panel import WIDTH
+from rosette_ros.studio.panels.widgets import Figure, button, folded_card, input_field, plain_table, result_area, row
 from rosette_ros.studio.studio_session import OpenedRun
-
-WIDTH = 720
-"""Least width of the bars, px."""
 
 
 class BudgetPanel:
@@ -28,8 +26,7 @@ class BudgetPanel:
             with row():
                 path = input_field(ui.input('file of inputs (YAML), optional'), 'budget-inputs', 'min-width: 320px')
                 button('Calculate', lambda: on_make((path.value or '').strip()), 'stacked_bar_chart', 'budget-go')
-            self._result = Area(marked(ui.element('div').classes('list small').props('role=status aria-live=polite'),
-                                       'budget-result'))
+            self._result = result_area('budget-result')
 
     def show(self, opened: OpenedRun) -> None:
         """Show the budget, where it is of the run and the model that are shown."""

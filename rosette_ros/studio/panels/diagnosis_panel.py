@@ -218,8 +218,7 @@ class CrossCheckPanel:
             with row():
                 self._other = widgets.input_field(ui.select({}, label='second run'), 'check-run', 'min-width: 190px')
                 self._start = button('Check', lambda: on_check(self._other.value), 'fact_check', 'check-go')
-            result = ui.element('div').classes('list small').props('role=status aria-live=polite')
-            self._result = widgets.Area(marked(result, 'check-result'))
+            self._result = widgets.result_area('check-result')
 
     def show(self, opened: OpenedRun) -> None:
         """Show the runs that can be chosen, and the result."""

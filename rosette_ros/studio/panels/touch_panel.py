@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable
 from nicegui import ui
 
 from rosette_ros.studio.controller import Controller, ShownTouches
-from rosette_ros.studio.panels.widgets import Area, button, folded_card, marked, plain_table
+from rosette_ros.studio.panels.widgets import button, folded_card, plain_table, result_area
 from rosette_ros.studio.studio_session import OpenedRun
 
 
@@ -18,8 +18,7 @@ class TouchPanel:
         self._controller = controller
         with folded_card('Touches', 'touches'):
             button('Fit the spheres', on_read, 'sports_baseball', 'touches-go')
-            self._result = Area(marked(ui.element('div').classes('list small').props('role=status aria-live=polite'),
-                                       'touches-result'))
+            self._result = result_area('touches-result')
 
     def show(self, opened: OpenedRun) -> None:
         """Show what was found, where it is of the run that is shown."""

@@ -96,6 +96,11 @@ class Area:
                 build(*what)
 
 
+def result_area(mark: str) -> Area:
+    """Return the area of a result, which a screen reader tells when it changes."""
+    return Area(marked(ui.element('div').classes('list small').props('role=status aria-live=polite'), mark))
+
+
 def named(name: str) -> None:
     """Show an effect in words, and its identifier."""
     plain = plain_name(name)
