@@ -97,7 +97,7 @@ class Page:
 
     async def _open_archive(self) -> None:
         with self._client:
-            await self._archive.begin()
+            await self._archive.open()
 
     # Building
 

@@ -73,9 +73,11 @@ class ArchivePanel:
             marked(self._list.props('dense flat aria-label="Runs of the archive"'), 'archive-runs')
             self._list.on('rowClick', self._clicked, js_handler='(event, row) => emit(row.key)')
             with row() as self._actions:
-                button('Curves of the chosen runs', self._overlay, 'stacked_line_chart', 'archive-overlay')
-                button('Differences to the earliest', self._differences, 'difference', 'archive-differences')
-                button('Trend of the table', self._show_trend, 'trending_up', 'archive-trend')
+                button('Curves of the chosen runs', lambda: self._do(self._draw_curves, False), 'stacked_line_chart',
+                       'archive-overlay')
+                button('Differences to the earliest', lambda: self._do(self._draw_curves, True), 'difference',
+                       'archive-differences')
+                button('Trend of the table', lambda: self._do(self._draw_trend), 'trending_up', 'archive-trend')
                 self._busy = ui.spinner(size='22px')
         self._busy.set_visibility(False)
         with card('', 'archive-result') as self._result:
@@ -87,11 +89,6 @@ class ArchivePanel:
 
     def _choice(self, words: str, mark: str) -> ui.select:
         return input_field(ui.select({'': ANY}, label=words, value='', on_change=self._filter), mark, 'width: 190px')
-
-    async def begin(self) -> None:
-        """Open the archive that was named at the start, if one was."""
-        if self._folder.value:
-            await self.open()
 
     async def open(self) -> None:
         """Open the archive in the field."""
@@ -154,12 +151,6 @@ class ArchivePanel:
 
     # What is chosen
 
-    async def _overlay(self) -> None:
-        await self._do(self._draw_curves, False)
-
-    async def _differences(self) -> None:
-        await self._do(self._draw_curves, True)
-
     async def _draw_curves(self, less_first: bool) -> None:
         keys, least = [one['key'] for one in self._list.selected], 2 if less_first else 1
         if self._runs is None or not least <= len(keys) <= MOST_CURVES:
@@ -173,9 +164,6 @@ class ArchivePanel:
         self._trend = None
         self._draw(f'{words}, with U (k = 2)', (words, self._runs.model, tuple(keys)), curves_figure, drawn)
         self._tables.show(lambda: None)
-
-    async def _show_trend(self) -> None:
-        await self._do(self._draw_trend)
 
     async def _draw_trend(self) -> None:
         if self._runs is None:

@@ -9,20 +9,14 @@ from nicegui import background_tasks, ui
 from nicegui.events import UploadEventArguments
 
 from rosette_ros.core.errors import RosetteError, one_line
-from rosette_ros.core.planning.plan_comparison import (
-    Outlook,
-    best_outlook,
-    better,
-    outlook_of_order,
-    point_of,
-)
+from rosette_ros.core.planning.plan_comparison import Outlook, best_outlook, better, outlook_of_order, point_of
 from rosette_ros.core.scheme import ORDERS
 from rosette_ros.core.touches import TOUCHES, Pace
 from rosette_ros.io.plan_file import MOST_BYTES, MeasuringPlan, format_plan
 from rosette_ros.presentation.plan_results import comparison
 from rosette_ros.studio.calculations import outlook_of_file
 from rosette_ros.studio.controller import Controller
-from rosette_ros.studio.figures import PlotlyFigure, pairs_figure, uncertainty_figure
+from rosette_ros.studio.figures import pairs_figure, uncertainty_figure
 from rosette_ros.studio.panels.open_dialog import safe_name
 from rosette_ros.studio.panels.widgets import (
     Area,
@@ -146,7 +140,7 @@ class PlanPanel:
         self._facts.show(_show_facts, made)
         set_words(self._words, _words(made) if made else '')
         if made is not None:
-            self._picture.draw((made,), _figure, made)
+            self._picture.draw((made,), pairs_figure, made.scheme)
             self._compare()
 
     def _set(self, made: Outlook | None) -> None:
@@ -273,7 +267,3 @@ def _words(made: Outlook) -> str:
     effects = f'Shows {len(made.shown)} of {len(made.judged)} effects well. ' if made.effects else ''
     weak = f'Weakly or not at all: {", ".join(hidden)}. ' if hidden else ''
     return f'{effects}{weak}Unobservable: {"; ".join(made.expectation.unobservable)}.'
-
-
-def _figure(made: Outlook) -> PlotlyFigure:
-    return pairs_figure(made.scheme)
