@@ -2,6 +2,7 @@
 """rosette trend: how a table changes over the runs of an archive, what changed when, when to calibrate again."""
 
 from argparse import ArgumentParser, Namespace
+from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
@@ -11,18 +12,15 @@ from rosette_ros.archive.table_history import PEAK_TO_VALLEY, History, read_hist
 from rosette_ros.cli.arguments import add_shared, made_folder
 from rosette_ros.cli.console import console, print_json, print_parts
 from rosette_ros.core.errors import counted
-from rosette_ros.core.trend import Event
+from rosette_ros.core.records import CURVES
+from rosette_ros.core.trend import Event, Forecast
 from rosette_ros.io.text_file import refuse_existing, write_text
+from rosette_ros.presentation.json_output import CURVE_KEYS, Json, by_curve, plain
 from rosette_ros.presentation.plots import plot_style, trend_plots
 from rosette_ros.presentation.report.trend_page import trend_html
-from rosette_ros.presentation.trend_results import (
-    Charts,
-    charts_table,
-    component_name,
-    events_table,
-    forecast_table,
-    trend_json,
-)
+from rosette_ros.presentation.trend_results import Charts, charts_table, component_name, events_table, forecast_table
+
+SCHEMA = 'rosette-trend/1'
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -44,7 +42,6 @@ def run(options: Namespace) -> None:
         refuse_existing(options.output, options.force)
     history = read_history(RunArchive(options.archive), options.table, options.model)
     events = history.events()
-    exchanged = [history.exchanged(event.run) for event in events]
     forecasts = history.forecasts(events)
     charts = history.charts()
     pictures = _pictures(history, events, charts) if options.figures or options.output else {}
@@ -52,7 +49,8 @@ def run(options: Namespace) -> None:
     said = [f'Table {history.serial or "without serial number"}: {counted(len(history.runs), "run")} from '
             f'{history.dates[0]:%Y-%m-%d} to {history.dates[-1]:%Y-%m-%d}, model {history.model_hash[:12]}',
             *trend_notes(history, events)]
-    tables = [events_table(events, history.dates, history.runs, exchanged)] if events else []
+    tables = [events_table(events, history.dates, history.runs, [
+        history.exchanged(event.run) for event in events])] if events else []
     tables += [forecast_table(forecasts, history.tolerances, history.dates[-1])] if forecasts else []
     if options.output:
         write_text(options.output, trend_html(
@@ -60,9 +58,7 @@ def run(options: Namespace) -> None:
             [*tables, charts_table(charts, history.dates)], pictures, options.command_line, history.simulated),
             options.force)
     if options.json:
-        print_json(trend_json(history.serial, history.model_hash, history.dates, history.runs,
-                              (history.range, history.U), events, exchanged, forecasts, charts, history.left_out,
-                              history.too_few(events), history.residual_course(events), history.other_balls))
+        print_json(_json(history, events, forecasts, charts))
         return
     out = console()
     for words in said:
@@ -72,6 +68,31 @@ def run(options: Namespace) -> None:
         out.print(f'Picture: {path}', markup=False, soft_wrap=True)
     if options.output:
         out.print(f'Page: {options.output}', markup=False, soft_wrap=True)
+
+
+def _json(history: History, events: tuple[Event, ...], forecasts: Mapping[str, Forecast], charts: Charts) -> Json:
+    """Return the trend, schema rosette-trend/1."""
+    runs, dates, names = history.runs, history.dates, dict(zip(CURVES, CURVE_KEYS, strict=True))
+    return plain({
+        'schema': SCHEMA, 'table': history.serial, 'model_hash': history.model_hash,
+        'runs': [{'run_id': run, 'measured_at': date.isoformat()} for run, date in zip(runs, dates, strict=True)],
+        'left_out': history.left_out, 'other_balls': history.other_balls,
+        'ranges': by_curve({'value': value, 'U': spread}
+                           for value, spread in zip(history.range.T, history.U.T, strict=True)),
+        'events': [{
+            'run_id': runs[event.run], 'not_before': dates[event.earliest - 1].isoformat(),
+            'not_after': dates[event.latest].isoformat(), 'owners': event.owners,
+            'exchanged': history.exchanged(event.run), 'steps': [
+                {'quantity': step.series.name, 'owner': step.series.owner, 'size': step.size, 'U': 2 * step.u,
+                 'p': step.p} for step in event.steps]} for event in events],
+        'forecasts': {names[curve]: {
+            'level': one.level, 'per_day': one.slope, 'u_per_day': one.slope_u, 'interval_d': one.interval,
+            'expected_d': one.expected, 'soonest_d': one.soonest} for curve, one in forecasts.items()},
+        'too_few_runs': {names[curve]: count for curve, count in history.too_few(events).items()},
+        'residual_course_m': history.residual_course(events),
+        'charts': [{'quantity': series.name, 'component': part, 'ewma': one.ewma, 'ewma_limit': one.ewma_limit,
+                    'cusum_high': one.high, 'cusum_low': one.low, 'cusum_limit': one.cusum_limit,
+                    'alarms': [runs[alarm] for alarm in one.alarms]} for series, part, one in charts]})
 
 
 def _pictures(history: History, events: tuple[Event, ...], charts: Charts) -> dict[str, Figure]:

@@ -8,13 +8,11 @@ import numpy as np
 
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.errors import counted
-from rosette_ros.core.records import CURVES, Floats
+from rosette_ros.core.records import CURVES
 from rosette_ros.core.trend import CONSEQUENT, LEAST_LINE, Chart, Event, Forecast, Shift, TimeSeries
 from rosette_ros.presentation import formatting as text
-from rosette_ros.presentation.json_output import CURVE_KEYS, Json, plain
 from rosette_ros.presentation.table_format import Table, column, words
 
-SCHEMA = 'rosette-trend/1'
 Dates = Sequence[datetime.datetime]
 Charts = Sequence[tuple[TimeSeries, int, Chart]]
 """Quantity, its component, their control chart."""
@@ -116,36 +114,3 @@ def _date(last: datetime.datetime, ahead: float, passed: str) -> str:
     if ahead <= 0:
         return passed
     return 'not in sight' if ahead > 36525 else f'{last + datetime.timedelta(days=ahead):%Y-%m-%d}'
-
-
-def trend_json(serial: str, model_hash: str, dates: Dates, runs: Sequence[str], ranges: tuple[Floats, Floats],
-               events: Sequence[Event], exchanged: Sequence[Mapping[str, tuple[str, str]]],
-               forecasts: Mapping[str, Forecast], charts: Charts = (), left_out: Sequence[str] = (),
-               too_few: Mapping[str, int] | None = None, course: tuple[float, float] | None = None,
-               other_balls: Sequence[str] = ()) -> Json:
-    """Return a trend as rosette-trend/1; ranges: (m, 6) of the errors and their U; too_few: runs since the last change
-    of curves without a forecast; course: of the residual; other_balls: as of History."""
-    names = dict(zip(CURVES, CURVE_KEYS, strict=True))
-    return plain({
-        'schema': SCHEMA, 'table': serial, 'model_hash': model_hash,
-        'runs': [{'run_id': run, 'measured_at': date.isoformat()} for run, date in zip(runs, dates, strict=True)],
-        'left_out': left_out, 'other_balls': other_balls,
-        'ranges': {key: {'value': value, 'U': spread}
-                   for key, value, spread in zip(CURVE_KEYS, ranges[0].T, ranges[1].T, strict=True)},
-        'events': [{
-            'run_id': runs[event.run], 'not_before': dates[event.earliest - 1].isoformat(),
-            'not_after': dates[event.latest].isoformat(), 'owners': event.owners,
-            'exchanged': changed, 'steps': [_step_json(step) for step in event.steps]}
-            for event, changed in zip(events, exchanged)],
-        'forecasts': {names[curve]: {
-            'level': one.level, 'per_day': one.slope, 'u_per_day': one.slope_u, 'interval_d': one.interval,
-            'expected_d': one.expected, 'soonest_d': one.soonest} for curve, one in forecasts.items()},
-        'too_few_runs': {names[curve]: count for curve, count in (too_few or {}).items()},
-        'residual_course_m': course,
-        'charts': [{'quantity': series.name, 'component': part, 'ewma': one.ewma, 'ewma_limit': one.ewma_limit,
-                    'cusum_high': one.high, 'cusum_low': one.low, 'cusum_limit': one.cusum_limit,
-                    'alarms': [runs[alarm] for alarm in one.alarms]} for series, part, one in charts]})
-
-
-def _step_json(step: Shift) -> Json:
-    return {'quantity': step.series.name, 'owner': step.series.owner, 'size': step.size, 'U': 2 * step.u, 'p': step.p}
