@@ -22,7 +22,8 @@ def identity_rows(identity: Identity, contradictions: Sequence[str] = ()) -> lis
             *((f'{words[0].upper()}{words[1:]}', device(identity, name)) for name, words in DEVICES.items()),
             ('Remarks', identity['certificate.remarks']),
             ('Tolerances', ', '.join(f'{name} {words}' for name, words in identity.tolerances.items())),
-            ('Contradiction', '; '.join(contradictions)), ('Not stated', missing_entries(identity))]
+            ('Contradiction', '; '.join(contradictions)),
+            ('Not stated', ', '.join(map(words_of_entry, identity.missing)))]
     return [row for row in rows if row[1]]
 
 
@@ -48,8 +49,3 @@ def device(identity: Identity, name: str) -> str:
     words = {'serial': 'No. ', 'calibration': 'calibration '}
     parts = {entry: identity[f'{name}.{entry}'] for entry in ('maker', 'model', 'serial', 'calibration', 'remarks')}
     return ', '.join(f'{words.get(entry, "")}{value}' for entry, value in parts.items() if value)
-
-
-def missing_entries(identity: Identity) -> str:
-    """Return in words what a certificate lacks (ISO/IEC 17025, 7.8), '' where it is complete."""
-    return ', '.join(map(words_of_entry, identity.missing))

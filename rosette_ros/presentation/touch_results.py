@@ -4,7 +4,7 @@
 import numpy as np
 
 from rosette_ros.core.diagnosis.verdict import UNLIKELY
-from rosette_ros.core.sphere_refit import DirectionMap, SphereRefit
+from rosette_ros.core.sphere_refit import SphereRefit
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.json_output import Json
 from rosette_ros.presentation.json_output import plain as plain_json
@@ -104,7 +104,8 @@ def spheres_json(refit: SphereRefit) -> Json:
         'outliers': [{'seq': touched.seq[row], 'touch': int(np.sum(touched.owner[:place] == row)) + 1,
                       'residual_m': refit.residual[place]}
                      for place, row in zip(refit.outliers, touched.owner[refit.outliers], strict=True)],
-        'lobing': {**_map_json(refit.lobing), 'text': lobing_words(refit)}, 'form_text': form_words(refit),
+        'lobing': {'systematic_m': refit.lobing.systematic, 'p': refit.lobing.p, 'text': lobing_words(refit)},
+        'form_text': form_words(refit),
         'balls': [{'ball': ball, 'systematic_m': systematic, 'p': p}
                   for ball, systematic, p in zip(refit.balls, forms.systematic, forms.p, strict=True)],
         'readings': [{
@@ -112,7 +113,3 @@ def spheres_json(refit: SphereRefit) -> Json:
             'centre_m': refit.centre[row], 'sent_m': touched.sent[row], 'moved_m': refit.moved[row],
             'radius_m': refit.radius[row], 'form_m': refit.form[row], 'touch_sd_m': refit.rms[row],
             'residual_m': residuals[row]} for row in range(refit.radius.size)]})
-
-
-def _map_json(found: DirectionMap) -> Json:
-    return {'systematic_m': found.systematic, 'p': found.p}

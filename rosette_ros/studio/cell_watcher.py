@@ -48,7 +48,8 @@ class CellWatcher(GraphClient):
         super().__init__('studio', domain_id, namespace, make_executor,
                          cli_args=['--ros-args', *names.remap_arguments(names.remappings(namespace))])
         for topic, kind, profile in TOPICS:
-            self._subscribe(topic, kind, profile)
+            resolved = self._node.resolve_topic_name(topic)
+            self._node.create_subscription(kind, topic, partial(self._receive, resolved), profile)
         self._thread = threading.Thread(target=self._spin, name='cell watcher', daemon=True)
         self._thread.start()
 
@@ -102,10 +103,6 @@ class CellWatcher(GraphClient):
     def _spin(self) -> None:
         while not self._is_closed.is_set():
             self._executor.spin_once(timeout_sec=0.1)
-
-    def _subscribe(self, topic: str, kind: type, profile: Any) -> None:
-        resolved = self._node.resolve_topic_name(topic)
-        self._node.create_subscription(kind, topic, partial(self._receive, resolved), profile)
 
     def _receive(self, topic: str, message: Any) -> None:
         with self.lock:

@@ -43,12 +43,6 @@ def apply(action: Action, candidate: Candidate | None) -> Awaitable[None] | None
     return action(candidate.effect, Setting(candidate.setting) if candidate.setting else None) if candidate else None
 
 
-def meaning_of(name: str | None) -> str:
-    """Return what an effect means and where to look, '' for none."""
-    effect = MEANINGS.get(name or '')
-    return f'{effect.meaning} Look at: {effect.look}' if effect else ''
-
-
 class VerdictPanel:
     """The banner: outcome by icon, words and colour; sentence; action; the calculation that is running."""
 
@@ -144,7 +138,8 @@ class CandidatesPanel:
                                f'other-{words.lower()}')
 
     def _explain(self) -> None:
-        set_words(self._meaning, meaning_of(self._other.value))
+        effect = MEANINGS.get(self._other.value or '')
+        set_words(self._meaning, f'{effect.meaning} Look at: {effect.look}' if effect else '')
 
     def show(self, _: OpenedRun) -> None:
         """Show the candidates."""
