@@ -22,18 +22,7 @@ from rosette_ros.core.error_summary import peak_to_valley
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import CURVES, Floats, Ints
-from rosette_ros.presentation.formatting import (
-    CURVE_UNITS,
-    P_NOISE,
-    curve_names,
-    fixed,
-    iso_range,
-    micro,
-    millimetres,
-    model_words,
-    p_value,
-    signed,
-)
+from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.identity_words import simulated_words
 from rosette_ros.presentation.plots.result_plots import Extra, Series, differences, six_curves
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
@@ -51,7 +40,7 @@ SURE = 0.001
 """Runs of a smaller p (noise alone) differ."""
 MAKER_COLUMNS = ('table_angle_deg', 'ctz_um', 'crz_urad')
 LARGEST_FILE = 10_000_000
-DIGITS = tuple(3 if unit == 'µm' else 2 for unit in CURVE_UNITS)
+DIGITS = tuple(3 if unit == 'µm' else 2 for unit in text.CURVE_UNITS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +157,7 @@ class Verification:
     def verdict(self) -> Conclusion:
         """The conclusion: do the runs agree, and how well."""
         shift, turn = self.overall
-        size = f'{micro(shift)} µm and {micro(turn, 2)} µrad (the paper: 0.02 µm and 0.2 µrad)'
+        size = f'{text.micro(shift)} µm and {text.micro(turn, 2)} µrad (the paper: 0.02 µm and 0.2 µrad)'
         if self.agrees:
             return Conclusion(Level.GOOD, 'The error motions are the same under all conditions: they reproduce within '
                               f'{size}.', 'Nothing needs to be done.')
@@ -188,8 +177,8 @@ def verify(runs: Sequence[tuple[Fit, Source]], maker: MakerTable | None = None) 
     first = runs[0][0].run
     for fit, source in runs[1:]:
         if fit.run.n != first.n or not math.isclose(fit.run.radius, first.radius, rel_tol=1e-9):
-            raise InvalidData(f'{source.path}: wanted {first.n} balls on R = {millimetres(first.radius)} as in '
-                              f'{runs[0][1].path}, got {fit.run.n} on {millimetres(fit.run.radius)}')
+            raise InvalidData(f'{source.path}: wanted {first.n} balls on R = {text.millimetres(first.radius)} as in '
+                              f'{runs[0][1].path}, got {fit.run.n} on {text.millimetres(fit.run.radius)}')
     members = tuple(VerificationRun(label, fit, source, apart)
                     for (label, apart), (fit, source) in zip(ROLES, runs, strict=False))
     return Verification(members, maker)
@@ -238,13 +227,13 @@ def verification_html(verification: Verification, command: str = '',
     files = {(file.path, file.sha256): file for one in members for file in one.source.files}
     simulated = [one.label for one in members if one.fit.run.simulated]
     return PAGES.get_template('verification.html.j2').render(
-        verification=verification, iso=iso_range(verification.rotation),
+        verification=verification, iso=text.iso_range(verification.rotation),
         sizes=_bars(verification), files=tuple(files.values()), command=command,
         pictures=inline_svgs(pictures), tables={table.name: table for table in verification_tables(verification)},
-        p=f'{P_NOISE} of the differences: {p_value(verification.p)}', maker=maker_rows(verification),
+        p=f'{text.P_NOISE} of the differences: {text.p_value(verification.p)}', maker=maker_rows(verification),
         counts=dict(zip(CURVES, verification.counts.tolist(), strict=True)),
         numbers={name: place for place, name in enumerate(pictures, 1)}, software=software(),
-        simulated=simulated_words(simulated, len(members)), model=model_words(members[0].fit.model),
+        simulated=simulated_words(simulated, len(members)), model=text.model_words(members[0].fit.model),
         running=f'Verification, {len(members)} runs, the first {_name(members[0])}{" (SIMULATED)" * bool(simulated)}')
 
 
@@ -277,19 +266,19 @@ def _bars(verification: Verification) -> list[tuple[str, list[tuple[str, float, 
         values = (('Reproducibility of these runs', verification.overall[place], 'after'),
                   ('Noise alone', expected[place], 'noise'), ('Kniel et al. (2019)', PAPER[place], 'before'))
         groups.append((f'{heading}, {unit}', [
-            (label, value, f'{fixed(1e6 * value, digits)} {unit}', kind) for label, value, kind in values]))
+            (label, value, f'{text.fixed(1e6 * value, digits)} {unit}', kind) for label, value, kind in values]))
     return groups
 
 
 def maker_rows(verification: Verification) -> list[tuple[str, ...]]:
     """Return correction, curve, and the changes when it is switched off: whole, minus the maker's table, remainder."""
-    out, names = [], curve_names(verification.rotation)
+    out, names = [], text.curve_names(verification.rotation)
     for what, place in (('axial', 2), ('angular', 5)):
-        curve, unit = CURVES[place], CURVE_UNITS[place]
+        curve, unit = CURVES[place], text.CURVE_UNITS[place]
         off, left = verification.switched(curve), verification.remainder(curve)
         if off is not None:
             changes = [off, *([left, left - verification.mean[:, place]] if left is not None else [])]
-            out.append((what, names[place], *(f'{micro(float(np.abs(one).max()), 2)} {unit}' for one in changes)))
+            out.append((what, names[place], *(f'{text.micro(float(np.abs(one).max()), 2)} {unit}' for one in changes)))
     return out
 
 
@@ -300,10 +289,12 @@ def verification_tables(verification: Verification) -> tuple[Table, ...]:
             ('expected', 'noise alone', verification.expected), ('paper', 'the paper', np.repeat(PAPER, 3)),
             ('largest_difference', 'largest difference to the mean', sizes))
     reproducibility = Table('reproducibility', 'Reproducibility of each curve: standard deviation over the runs', (
-        words('curve', 'curve', curve_names(verification.rotation)), column('runs', 'runs', verification.counts, str),
-        words('unit', 'unit', CURVE_UNITS),
+        words('curve', 'curve', text.curve_names(verification.rotation)),
+        column('runs', 'runs', verification.counts, str),
+        words('unit', 'unit', text.CURVE_UNITS),
         *(Column(f'{key}_in_unit', name, tuple((1e6 * values).tolist()),
-                 tuple(f'{micro(value, digits)} {unit}' for value, digits, unit in zip(values, DIGITS, CURVE_UNITS)))
+                 tuple(f'{text.micro(value, digits)} {unit}'
+                       for value, digits, unit in zip(values, DIGITS, text.CURVE_UNITS)))
           for key, name, values in rows)))
     members, fits = verification.members, [one.fit for one in verification.members]
     conditions = Table('runs', 'The runs and their conditions', (
@@ -315,13 +306,13 @@ def verification_tables(verification: Verification) -> tuple[Table, ...]:
     spans = Table('run_spans', 'Peak to valley of the curves of each run', (
         words('run', 'run', [one.label for one in members]),
         *(column(f'span_{curve}_{key}', curve, [1e6 * float(peak_to_valley(one.error_motions[curve])) for one in fits],
-                 partial(fixed, places=digits), unit)
-          for curve, key, unit, digits in zip(CURVES, FILE_UNITS, CURVE_UNITS, DIGITS, strict=True))))
-    columns = [column('table_angle_deg', 'angle', np.rad2deg(verification.angle), partial(fixed, places=1), '°')]
+                 partial(text.fixed, places=digits), unit)
+          for curve, key, unit, digits in zip(CURVES, FILE_UNITS, text.CURVE_UNITS, DIGITS, strict=True))))
+    columns = [column('table_angle_deg', 'angle', np.rad2deg(verification.angle), partial(text.fixed, places=1), '°')]
     for place, one in enumerate(members, 1):
         columns += [column(f'run{place}_{curve}_{key}', curve, 1e6 * one.fit.error_motions[curve],
-                           partial(signed, places=digits) if place == 1 else None, unit)
-                    for curve, key, unit, digits in zip(CURVES, FILE_UNITS, CURVE_UNITS, DIGITS, strict=True)]
+                           partial(text.signed, places=digits) if place == 1 else None, unit)
+                    for curve, key, unit, digits in zip(CURVES, FILE_UNITS, text.CURVE_UNITS, DIGITS, strict=True)]
     curves = Table('verification_curves', f'The curves of run {members[0].label}', tuple(columns))
     return reproducibility, conditions, spans, curves
 

@@ -15,19 +15,9 @@ from rosette_ros.presentation.plots.plot_style import COLOURS
 from rosette_ros.presentation.trend_results import events_table, forecast_table
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.figures import Curves, curves_figure, trend_figure
+from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.figures_panel import WIDTH
-from rosette_ros.studio.panels.widgets import (
-    Area,
-    ErrorLine,
-    Figure,
-    button,
-    card,
-    input_field,
-    marked,
-    plain_table,
-    row,
-    set_words,
-)
+from rosette_ros.studio.panels.widgets import Figure, button, card, input_field, marked, plain_table, row, set_words
 from rosette_ros.studio.worker import Superseded
 
 if TYPE_CHECKING:
@@ -64,7 +54,7 @@ class ArchivePanel:
                     input_field(ui.input(words, on_change=self._filter).props('debounce=500'), f'archive-{mark}',
                                 'width: 150px')
                     for words, mark in (('since (2026-01-31)', 'since'), ('until', 'until'), ('effect', 'effect')))
-            self._error = ErrorLine('archive-error')
+            self._error = widgets.ErrorLine('archive-error')
             self._words = marked(ui.label('').classes('soft small').props('role=status aria-live=polite'),
                                  'archive-words')
             self._list = ui.table(columns=[{'name': key, 'label': head, 'field': key, 'sortable': True, 'align': 'left'}
@@ -84,7 +74,7 @@ class ArchivePanel:
             self._title = marked(ui.label('').classes('title'), 'archive-title')
             self._figure = Figure(470, 'Curves of runs, or errors of a table over time', 'archive-figure', WIDTH)
             self._figure.on_click(self._point_clicked)
-            self._tables = Area(marked(ui.element('div').classes('list small'), 'archive-tables'))
+            self._tables = widgets.Area(marked(ui.element('div').classes('list small'), 'archive-tables'))
         self._show()
 
     def _choice(self, words: str, mark: str) -> ui.select:

@@ -18,17 +18,8 @@ from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE
 from rosette_ros.presentation.report.provenance import Source
 from rosette_ros.studio import figures
 from rosette_ros.studio.controller import Controller
-from rosette_ros.studio.panels.widgets import (
-    Area,
-    Figure,
-    button,
-    card,
-    input_field,
-    marked,
-    plain_table,
-    row,
-    set_words,
-)
+from rosette_ros.studio.panels import widgets
+from rosette_ros.studio.panels.widgets import Area, Figure, button, card, marked, plain_table, row, set_words
 from rosette_ros.studio.round_figures import plate_figure, polar_figure
 from rosette_ros.studio.studio_session import OpenedRun, Preview
 
@@ -71,7 +62,8 @@ class FiguresPanel:
             self._maps = Figure(300, 'Residual maps, one per axis', 'maps-figure', least=WIDTH)
             with row():
                 self._reading = ui.number('reading', value=None, format='%d', on_change=self._draw)
-                input_field(self._reading.props('clearable hide-bottom-space debounce=400'), 'reading', 'width: 150px')
+                self._reading.props('clearable hide-bottom-space debounce=400')
+                widgets.input_field(self._reading, 'reading', 'width: 150px')
                 ui.label('Click a reading in the maps or against time, or enter its number: it is marked in all '
                          'figures.').classes('soft small')
             self._facts = Area(marked(ui.element('div').classes('small'), 'reading-facts'))

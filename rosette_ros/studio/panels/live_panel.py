@@ -20,20 +20,10 @@ from rosette_ros.presentation.plots.plot_style import AFTER
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.figures import Curves, curves_figure, filling_figure
 from rosette_ros.studio.live_state import Fault, Health, NodeHealth
+from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.figures_panel import WIDTH
 from rosette_ros.studio.panels.plan_panel import PlanPanel
-from rosette_ros.studio.panels.widgets import (
-    Area,
-    ErrorLine,
-    Figure,
-    button,
-    card,
-    input_field,
-    marked,
-    row,
-    set_words,
-    whole_field,
-)
+from rosette_ros.studio.panels.widgets import Area, Figure, button, card, input_field, marked, row, set_words
 from rosette_ros.studio.round_figures import plan_view_figure
 
 if TYPE_CHECKING:
@@ -59,11 +49,11 @@ class LivePanel:
         self._controller, self._cells, self._on_open = controller, cells, on_open
         with card('Cell', 'cell'):
             with row():
-                self._domain = whole_field('ROS domain', domain, DOMAINS, 'domain')
+                self._domain = widgets.whole_field('ROS domain', domain, DOMAINS, 'domain')
                 self._domain.props('placeholder="of the environment"')
                 self._namespace = input_field(ui.input('namespace', value=namespace), 'namespace', 'width: 130px')
                 self._connect = button('Connect', self.connect, 'link', 'connect', strong=True)
-            self._error = ErrorLine('cell-error')
+            self._error = widgets.ErrorLine('cell-error')
         with ui.element('div') as self._place:
             ui.label('Connect to a running cell to see its progress, curves and health.').classes('soft')
 
@@ -120,7 +110,7 @@ class CellPanel:
         with row():
             orders = {'': 'as configured', **{name: name for name in ORDERS}}
             self._order = input_field(ui.select(orders, label='order', value=''), 'order', 'width: 190px')
-            self._seed = whole_field('seed', 0, SEEDS, 'seed')
+            self._seed = widgets.whole_field('seed', 0, SEEDS, 'seed')
         with row():
             self._start = button('Start', self._calibrate, 'play_arrow', 'start', strong=True)
             self._cancel = button('Cancel', self._watcher.cancel, 'stop', 'cancel')

@@ -17,21 +17,9 @@ from rosette_ros.presentation.plan_results import comparison
 from rosette_ros.studio.calculations import outlook_of_file
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.figures import pairs_figure, uncertainty_figure
+from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.open_dialog import safe_name
-from rosette_ros.studio.panels.widgets import (
-    Area,
-    ErrorLine,
-    Figure,
-    button,
-    card,
-    fact_list,
-    input_field,
-    marked,
-    plain_table,
-    row,
-    set_words,
-    whole_field,
-)
+from rosette_ros.studio.panels.widgets import Area, Figure, button, card, input_field, marked, row, set_words
 from rosette_ros.studio.worker import Superseded
 
 if TYPE_CHECKING:
@@ -62,7 +50,7 @@ class PlanPanel:
             with row():
                 self._order = input_field(ui.select(list(ORDERS), label='order', value='there_and_back',
                                                     on_change=self._change), 'plan-order', 'width: 230px')
-                self._balls = whole_field('balls', 12, BALLS, 'plan-balls', self._change, '90px')
+                self._balls = widgets.whole_field('balls', 12, BALLS, 'plan-balls', self._change, '90px')
             with row():
                 self._radius = self._text('radius / mm', '182.5', 'plan-radius', '100px')
                 self._offset = self._text('first angle / °', '0', 'plan-offset', '100px')
@@ -86,7 +74,7 @@ class PlanPanel:
                                      on_rejected=self._on_rejected, max_file_size=MOST_BYTES).classes('drop')
             self._upload.style('max-height: 46px; overflow: hidden')
             marked(self._upload.props('flat bordered aria-label="Plan file"'), 'plan-file')
-            self._error = ErrorLine('plan-error')
+            self._error = widgets.ErrorLine('plan-error')
             self._facts = Area(marked(ui.element('div'), 'plan-facts'))
             self._words = marked(ui.label('').classes('small').props('role=status aria-live=polite'), 'plan-words')
             with row():
@@ -252,11 +240,11 @@ def _positive(text: str, name: str, or_zero: bool = False) -> float:
 
 def _show_facts(made: Outlook | None) -> None:
     if made is not None:
-        fact_list(comparison([made]).select(*FACTS))
+        widgets.fact_list(comparison([made]).select(*FACTS))
 
 
 def _show_comparison(*plans: Outlook) -> None:
-    plain_table(comparison(plans))
+    widgets.plain_table(comparison(plans))
     for sentence in better(plans):
         ui.label(sentence)
 
