@@ -16,14 +16,12 @@ from rosette_ros.io.model_file import format_model
 from rosette_ros.nodes.names import NAMESPACE
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels.archive_panel import ArchivePanel
-from rosette_ros.studio.panels.budget_panel import BudgetPanel
 from rosette_ros.studio.panels.diagnosis_panel import CandidatesPanel, CrossCheckPanel, VerdictPanel
 from rosette_ros.studio.panels.figures_panel import FiguresPanel
 from rosette_ros.studio.panels.live_panel import CellWatchers, LivePanel
 from rosette_ros.studio.panels.model_panel import CustomTermPanel, Entry, ModelPanel
 from rosette_ros.studio.panels.open_dialog import OpenDialog
-from rosette_ros.studio.panels.several_runs_panels import JointPanel, OverlayPanel
-from rosette_ros.studio.panels.touch_panel import TouchPanel
+from rosette_ros.studio.panels.request_panels import BudgetPanel, JointPanel, OverlayPanel, TouchPanel
 from rosette_ros.studio.panels.widgets import ErrorLine, button, input_field, marked
 from rosette_ros.studio.worker import Superseded
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What comes of several opened runs: their curves laid over each other, and their result as one."""
+"""What is calculated on request: uncertainty budget, touches, runs laid over each other, several runs as one."""
 
 from collections.abc import Awaitable, Callable, Sequence
 
@@ -9,18 +9,55 @@ from rosette_ros.core.error_summary import difference
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.records import ErrorMotions
+from rosette_ros.core.uncertainty_budget import Budget
+from rosette_ros.presentation.budget_results import contributions, stated_inputs
 from rosette_ros.presentation.error_results import differences
 from rosette_ros.presentation.joint_results import joint_errors, joint_rows, reversal_means, sharing_table
 from rosette_ros.presentation.plots.plot_style import COLOURS
-from rosette_ros.studio.controller import Controller
-from rosette_ros.studio.figures import DASHES, Curves, curves_figure
+from rosette_ros.studio.controller import Controller, ShownTouches
+from rosette_ros.studio.figures import DASHES, Curves, budget_figure, budget_height, curves_figure
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.figures_panel import WIDTH
-from rosette_ros.studio.panels.widgets import marked, plain_table, set_words
+from rosette_ros.studio.panels.widgets import button, input_field, marked, plain_table, row, set_words
 from rosette_ros.studio.studio_session import OpenedRun
 
 Start = Callable[[Sequence[int]], Awaitable[None]]
 """Takes the places of the chosen runs."""
+
+
+class BudgetPanel:
+    """What contributes how much to U of each curve; calculated on request."""
+
+    def __init__(self, controller: Controller, on_make: Callable[[str], Awaitable[None]]) -> None:
+        """Build it; on_make(path): calculate the budget, path: of a file of inputs, '' for none."""
+        self._controller = controller
+        with widgets.folded_card('Uncertainty budget (GUM)', 'budget'):
+            ui.label('What the readings do not tell (form of balls, thermal coefficients, alignment, radius) comes '
+                     'from a file of inputs, as of rosette budget --inputs.').classes('soft small')
+            with row():
+                path = input_field(ui.input('file of inputs (YAML), optional'), 'budget-inputs', 'min-width: 320px')
+                button('Calculate', lambda: on_make((path.value or '').strip()), 'stacked_bar_chart', 'budget-go')
+            self._result = widgets.result_area('budget-result')
+
+    def show(self, opened: OpenedRun) -> None:
+        """Show the budget, where it is of the run and the model that are shown."""
+        self._result.show(_fill_budget, self._controller.of_present(self._controller.budget))
+
+
+class TouchPanel:
+    """The touches in the log of the run that is shown; read on request."""
+
+    def __init__(self, controller: Controller, on_read: Callable[[], Awaitable[None]]) -> None:
+        """Build it; on_read(): read and fit the touches."""
+        self._controller = controller
+        with widgets.folded_card('Touches', 'touches'):
+            button('Fit the spheres', on_read, 'sports_baseball', 'touches-go')
+            self._result = widgets.result_area('touches-result')
+
+    def show(self, opened: OpenedRun) -> None:
+        """Show what was found, where it is of the run that is shown."""
+        kept = self._controller.touches
+        self._result.show(_fill_touches, kept[1] if kept and kept[0] is opened else None)
 
 
 class RunsPanel:
@@ -32,10 +69,10 @@ class RunsPanel:
         self._controller = controller
         with widgets.folded_card(heading, mark):
             self._note = ui.label('').classes('soft small')
-            with widgets.row():
+            with row():
                 choice = ui.select({}, label=label, multiple=True)
-                self._chosen = widgets.input_field(choice, f'{mark}-runs', 'min-width: 320px')
-                self._start = widgets.button(words, lambda: on_start(sorted(choice.value)), icon, f'{mark}-go')
+                self._chosen = input_field(choice, f'{mark}-runs', 'min-width: 320px')
+                self._start = button(words, lambda: on_start(sorted(choice.value)), icon, f'{mark}-go')
             self._result = widgets.result_area(f'{mark}-result')
 
     def _offer(self, runs: dict[int, str], is_enough: bool, note: str, missing: str) -> None:
@@ -73,6 +110,38 @@ class JointPanel(RunsPanel):
         self._offer(runs, len(runs) > 1, 'What they share is taken from the runs, and tested.',
                     'Open a second run of the same cell first.')
         self._result.show(_fill_joint, self._controller.joint)
+
+
+def _fill_budget(made: Budget | None) -> None:
+    if made is None:
+        return
+    table = contributions(made)
+    plain_table(table)
+    ui.label(table.note).classes('soft')
+    widgets.Figure(budget_height(made), 'Standard uncertainty of each curve by contribution', 'budget-figure',
+           WIDTH).draw((made,), budget_figure, made)
+    plain_table(stated_inputs(made))
+    ui.label('Not considered').classes('title')
+    for sentence in made.open:
+        ui.label(sentence)
+
+
+def _fill_touches(shown: ShownTouches | None) -> None:
+    if shown is None:
+        return
+    for words in shown.missing:
+        ui.label(words)
+    with ui.element('div').classes('facts'):
+        for name, words in shown.rows:
+            ui.label(name).classes('soft')
+            ui.label(words)
+    for words, drawn in shown.pictures.items():
+        with ui.element('div').classes('scroll'):
+            ui.html(drawn, sanitize=False).classes('paper').props(f'role=img aria-label="{words}"')
+        ui.label(words).classes('soft')
+    for table in shown.tables:
+        plain_table(table)
+        ui.label(table.note).classes('soft')
 
 
 def _fill_overlay(every: dict[str, ErrorMotions] | None) -> None:
