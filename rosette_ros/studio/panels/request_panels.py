@@ -119,7 +119,7 @@ def _fill_budget(made: Budget | None) -> None:
     plain_table(table)
     ui.label(table.note).classes('soft')
     widgets.Figure(budget_height(made), 'Standard uncertainty of each curve by contribution', 'budget-figure',
-           WIDTH).draw((made,), budget_figure, made)
+                   WIDTH).draw((made,), budget_figure, made)
     plain_table(stated_inputs(made))
     ui.label('Not considered').classes('title')
     for sentence in made.open:
