@@ -12,16 +12,7 @@ import numpy as np
 from lxml import etree
 from lxml.builder import ElementMaker
 
-from rosette_ros.certificate.statements import (
-    DOI,
-    METHOD,
-    PAPER,
-    Certificate,
-    CurveSet,
-    Inputs,
-    Measured,
-    release,
-)
+from rosette_ros.certificate.statements import DOI, METHOD, PAPER, Certificate, CurveSet, Inputs, Measured, release
 from rosette_ros.core.error_summary import COVERAGE_FACTOR, DECISION_RULE, AxisError, Conformity
 from rosette_ros.core.records import CURVES, Floats
 from rosette_ros.core.uncertainty_budget import Budget, Contribution

@@ -18,15 +18,7 @@ from rosette_ros.core.touches import fit_spheres
 from rosette_ros.dme.dme_plan import PlannedBall, refuse_target
 from rosette_ros.dme.dme_session import CLAMPED, DmeSession, DmeStopped, SentCommand, ToolNotInUse
 from rosette_ros.dme.dme_settings import DmeSettings
-from rosette_ros.dme.probe_path import (
-    PathStep,
-    ball_path,
-    lift,
-    lifted,
-    obstacles,
-    refuse_to_turn,
-    refuse_unsafe,
-)
+from rosette_ros.dme.probe_path import PathStep, ball_path, lift, lifted, obstacles, refuse_to_turn, refuse_unsafe
 from rosette_ros.dme.rotary_table import TableState, read_table, turn_table, turning_steps
 from rosette_ros.dme.wire import Call, Value, Word, call, format_value, named, number, numbers, shown
 

@@ -11,15 +11,7 @@ from hypothesis import strategies as st
 from sequences import LIMITS, RESULTS, TRUE, answer_to, last_ask, make_sequence, moved, nominal, run_through
 
 from rosette_ros.calibration.goal import Job, Request
-from rosette_ros.calibration.state_machine import (
-    PACE_FROM,
-    Ask,
-    Finish,
-    Locate,
-    PublishState,
-    Remark,
-    complaint,
-)
+from rosette_ros.calibration.state_machine import PACE_FROM, Ask, Finish, Locate, PublishState, Remark, complaint
 from rosette_ros.core.scheme import ORDERS, plan
 from rosette_ros.io.messages import STATUS_REFUSED, Phase
 

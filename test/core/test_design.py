@@ -11,16 +11,7 @@ from rosette_ros.core.model.normal_space import NormalSpace
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import plan
 from rosette_ros.core.sensitive_order import READINGS, SWEEPS, Sweeps, order_from_text, shortest_way
-from tools.design_orders import (
-    MODULE,
-    anneal,
-    design_readings,
-    design_sweeps,
-    reading_text,
-    source,
-    sweeps_text,
-    swept,
-)
+from tools.design_orders import MODULE, anneal, design_readings, design_sweeps, reading_text, source, sweeps_text, swept
 from tools.order_cost import Judge, Order, Pace, journey
 
 PACE = Pace()
