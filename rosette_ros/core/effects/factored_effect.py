@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rosette_ros.core.effects.effect import Bracket, Effect, Factors, Quantity, Setting, grid
+from rosette_ros.core.effects.effect import Bracket, Effect, Factors, Quantity, Searched, Setting, grid
 from rosette_ros.core.effects.run_functions import (
     between_readings,
     duration,
@@ -28,13 +28,15 @@ def shortest(run: Run, moments: Floats) -> Floats:
 
 
 class RunFunction(ABC):
-    """How an effect develops in a run: m functions of the reading, with `parameters` searched ones.
+    """How an effect develops in a run: m functions of the reading, with `searched` parameters.
 
     A subclass gives `at` and, where there are parameters, the settings to try of them, how many of these count as
-    separate chances, and where to refine if not as Effect.brackets does.
+    separate chances, and where to refine if not as Effect.brackets does; depends_on, carries: of every such effect.
     """
 
-    parameters = 1
+    searched: tuple[Searched, ...] = ()
+    depends_on: tuple[str, ...] = ('time',)
+    carries: str = 'shape'
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return (Setting(),)
@@ -45,13 +47,19 @@ class RunFunction(ABC):
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         return {}
 
+    def gaps(self, run: Run) -> tuple[Quantity, ...]:
+        """Return the amplitudes of the functions behind those of every run."""
+        return ()
+
     @abstractmethod
     def at(self, run: Run, values: Floats) -> Floats:
-        """Return the functions at each reading, (v, m, N), for values (v, parameters), zero where there are none."""
+        """Return the functions at each reading, (v, m, N), for values of what is searched, (v, 1 or more)."""
 
 
 class Drift(RunFunction):
     """t."""
+
+    carries = 'all'
 
     def at(self, run: Run, values: Floats) -> Floats:
         return np.tile(seconds(run), (len(values), 1, 1))
@@ -59,6 +67,8 @@ class Drift(RunFunction):
 
 class WarmUp(RunFunction):
     """1 - exp(-t/tau); time constants from a fiftieth of the run to the whole of it, of which neighbours look alike."""
+
+    searched = (Searched('tau', 's', 'time constant', 'scale'),)
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return grid(tau=np.geomspace(duration(run) / 50, duration(run), 14).tolist())
@@ -71,7 +81,16 @@ class WarmUp(RunFunction):
 
 
 class Temperature(RunFunction):
-    """T - T0; nothing to try where the temperature stands still."""
+    """T - T0; nothing to try where the temperature stands still.
+
+    unit, along: of the amplitudes by which the temperature may have gone another way in gaps of its record.
+    """
+
+    depends_on = ('temperature',)
+    carries = 'all'
+
+    def __init__(self, unit: str, along: str = '') -> None:
+        self.unit, self.along = unit, along
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return (Setting(),) if np.any(temperature_change(run)) else ()
@@ -79,11 +98,9 @@ class Temperature(RunFunction):
     def at(self, run: Run, values: Floats) -> Floats:
         return np.tile(temperature_waves(run), (len(values), 1, 1))
 
-
-def gaps(run: Run, unit: str, along: str = '') -> tuple[Quantity, ...]:
-    """Return the amplitudes, in a unit, by which the temperature may have gone another way in gaps of its record."""
-    return tuple(Quantity(f'gap{k}', unit, f'way {k} in gaps of the record{along}')
-                 for k in range(1, len(temperature_waves(run))))
+    def gaps(self, run: Run) -> tuple[Quantity, ...]:
+        return tuple(Quantity(f'gap{k}', self.unit, f'way {k} in gaps of the record{self.along}')
+                     for k in range(1, len(temperature_waves(run))))
 
 
 class Cycle(RunFunction):
@@ -92,6 +109,7 @@ class Cycle(RunFunction):
     Refined by half a cycle to either side. What did not come again in the run is any curve in time, no cycle.
     """
 
+    searched = (Searched('period', 's', 'period', 'scale'),)
     fewest = 2.0
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
@@ -112,7 +130,12 @@ class Cycle(RunFunction):
 class Step(RunFunction):
     """H(t - t0); moments between readings, of which neighbours look alike.
 
-    One reading before or after is a wrong reading."""
+    One reading before or after is a wrong reading. event: what happened at that moment."""
+
+    carries = 'nothing'
+
+    def __init__(self, event: str) -> None:
+        self.searched = (Searched('t0', 's', f'moment of the {event}, since the first reading', 'instant'),)
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return grid(t0=between_readings(run)[1:-1].tolist())
@@ -127,7 +150,9 @@ class Step(RunFunction):
 class Pulse(RunFunction):
     """H(t - t0) - H(t - t1); moments between readings, lengths in steps of a third, of which neighbours look alike."""
 
-    parameters = 2
+    searched = (Searched('t0', 's', 'moment of the shift, since the first reading', 'instant'),
+                Searched('t1', 's', 'moment of the return, since the first reading', 'instant'))
+    carries = 'nothing'
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         instants = between_readings(run)
@@ -149,7 +174,9 @@ class Recovery(RunFunction):
     Each has SHORTEST readings at least.
     """
 
-    parameters = 2
+    searched = (Searched('t0', 's', 'moment of the shift, since the first reading', 'instant'),
+                Searched('tau', 's', 'time constant of its way back', 'scale'))
+    carries = 'nothing'
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         moments = between_readings(run, 60)
@@ -170,6 +197,9 @@ class Recovery(RunFunction):
 
 class Onset(RunFunction):
     """max(0, t - t0); sixteen moments; a steady drift is the simpler story, so that each has to stand against more."""
+
+    searched = (Searched('t0', 's', 'moment at which it begins, since the first reading', 'phase'),)
+    carries = 'nothing'
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return grid(t0=np.linspace(0, duration(run), 18)[1:-1].tolist())
@@ -195,15 +225,16 @@ class Curve(RunFunction):
         return np.tile(seconds(run) ** np.array([[1], [2]]), (len(values), 1, 1))
 
 
-class LaggedTemperature(RunFunction):
+class LaggedTemperature(Temperature):
     """T as a part of the machine with a time constant follows it; from a fiftieth of the run to the whole of it.
 
     To follow at once is the simpler story.
     """
 
+    searched = WarmUp.searched
+
     def settings(self, run: Run) -> tuple[Setting, ...]:
-        return grid(tau=np.geomspace(duration(run) / 50, duration(run), 10).tolist()) if np.any(
-            temperature_change(run)) else ()
+        return grid(tau=np.geomspace(duration(run) / 50, duration(run), 10).tolist()) if super().settings(run) else ()
 
     def chances(self, run: Run) -> float:
         return 20
@@ -216,13 +247,21 @@ class LaggedTemperature(RunFunction):
 class FactoredEffect(Effect, ABC):
     """An effect whose columns are f(reading; value) e(reading): the search is quick.
 
-    function: f, its parameters are the last searched ones; choices: settings of what else is searched, by which `which`
-    chooses among `directions`; acts: the numbers of the directions in which it acts where nothing else is searched.
+    function: f, its parameters are the last searched ones; chosen: what else is searched, and choices: its settings, by
+    which `which` chooses among `directions`; acts: the numbers of the directions where nothing else is searched.
     """
 
     function: RunFunction
     acts: tuple[int, ...] = (0,)
+    chosen: tuple[Searched, ...] = ()
     choices: tuple[Setting, ...] = (Setting(),)
+
+    def __init__(self) -> None:
+        self.searched = (*self.chosen, *self.function.searched)
+        self.depends_on, self.carries = self.function.depends_on, self.function.carries
+
+    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
+        return (*self.quantities, *self.function.gaps(run))
 
     @abstractmethod
     def directions(self, run: Run) -> Floats:
@@ -244,7 +283,7 @@ class FactoredEffect(Effect, ABC):
 
     def _values(self, setting: Setting) -> tuple[float, ...]:
         """Return the values of the function's parameters; one that counts nothing where it has none."""
-        names = [one.name for one in self.searched[-self.function.parameters:] if one.kind != 'choice'] or ['']
+        names = [one.name for one in self.function.searched] or ['']
         return tuple([float(setting.get(name, 0.0)) for name in names])
 
     def course(self, run: Run, setting: Setting) -> Floats:

@@ -16,7 +16,6 @@ from rosette_ros.core.effects.factored_effect import (
     Step,
     Temperature,
     WarmUp,
-    gaps,
     shortest,
 )
 from rosette_ros.core.effects.run_functions import (
@@ -28,18 +27,16 @@ from rosette_ros.core.effects.run_functions import (
 )
 from rosette_ros.core.records import Floats, Run
 
-_AXES = Searched('axes', '', 'which axes move: all three together or one alone')
-
 
 class FrameEffect(FactoredEffect):
     """The machine frame moves along one axis or all three; quantities: of one axis, without its letter."""
 
-    depends_on: tuple[str, ...] = ('time',)
-    searched: tuple[Searched, ...] = (_AXES,)
+    chosen = (Searched('axes', '', 'which axes move: all three together or one alone'),)
     choices = grid(axes=('xyz', 'x', 'y', 'z'))
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
-        return tuple(one for quantity in self.quantities for one in per_axis(setting.word('axes'), quantity))
+        return tuple(one for quantity in super().amplitudes(run, setting)
+                     for one in per_axis(setting.word('axes'), quantity))
 
     def directions(self, run: Run) -> Floats:
         """Return the axes of the machine, (3, N, 3)."""
@@ -57,7 +54,6 @@ class FrameDrift(FrameEffect):
             'let the machine soak or measure faster.')
     formula = 'd t'
     source = 'ISO 230-3 (drift over a stated period); GUM F.1.1.2'
-    carries = 'all'
     quantities = (Quantity('d', 'm/s', 'drift rate along'),)
     function = Drift()
 
@@ -69,9 +65,7 @@ class FrameDriftOnset(FrameEffect):
     look = 'What was switched on, opened or loaded at that moment: a lamp, a door, a cooling unit, a workpiece.'
     formula = 'd max(0, t - t0)'
     source = 'ISO 230-3 (drift over a stated period)'
-    carries = 'nothing'
     quantities = (Quantity('d', 'm/s', 'drift rate along'),)
-    searched = (_AXES, Searched('t0', 's', 'moment at which it begins, since the first reading', 'phase'))
     function = Onset()
 
 
@@ -95,41 +89,29 @@ class FrameWarmup(FrameEffect):
     formula = 'd (1 - exp(-t/tau))'
     source = 'ISO 230-3 (warm-up of the structure)'
     quantities = (Quantity('d', 'm', 'final displacement along'),)
-    searched = (_AXES, Searched('tau', 's', 'time constant', 'scale'))
     function = WarmUp()
 
 
-class FrameOfTemperature(FrameEffect):
-    """What follows the temperature; gaps of its record leave amplitudes open, by which it may have gone in them."""
-
-    source = 'ISO 230-3 (environmental temperature variation error)'
-    depends_on = ('temperature',)
-    carries = 'all'
-
-    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
-        return tuple(one for quantity in (*self.quantities, *gaps(run, 'm', ' along'))
-                     for one in per_axis(setting.word('axes'), quantity))
-
-
-class FrameTemperature(FrameOfTemperature):
+class FrameTemperature(FrameEffect):
     name = 'frame_temperature'
     plain = 'machine follows the temperature'
     meaning = 'The probe moves relative to the table with the measured temperature.'
     look = 'Air conditioning, sunlight, doors; the scales and the quill expand.'
     formula = 'd (T - T0)'
+    source = 'ISO 230-3 (environmental temperature variation error)'
     quantities = (Quantity('d', 'm/K', 'displacement per kelvin along'),)
-    function = Temperature()
+    function = Temperature('m', ' along')
 
 
-class FrameTemperatureLag(FrameOfTemperature):
+class FrameTemperatureLag(FrameEffect):
     name = 'frame_temperature_lag'
     plain = 'drift of the probe behind the temperature'
     meaning = 'The probe moves relative to the table with the measured temperature, but later.'
     look = 'Parts with a large heat capacity: bed, columns, table; where the sensor of the temperature is.'
     formula = "d T', where tau dT'/dt = T - T0 - T'"
+    source = 'ISO 230-3 (environmental temperature variation error)'
     quantities = (Quantity('d', 'm/K', 'displacement per kelvin along'),)
-    searched = (_AXES, Searched('tau', 's', 'time constant', 'scale'))
-    function = LaggedTemperature()
+    function = LaggedTemperature('m', ' along')
 
 
 class FrameCycle(FrameEffect):
@@ -140,7 +122,6 @@ class FrameCycle(FrameEffect):
     formula = 'a cos(2 pi t/P) + b sin(2 pi t/P)'
     source = 'ISO 230-3 (environmental temperature variation error)'
     quantities = (Quantity('a', 'm', 'cosine amplitude along'), Quantity('b', 'm', 'sine amplitude along'))
-    searched = (_AXES, Searched('period', 's', 'period', 'scale'))
     function = Cycle()
 
 
@@ -151,10 +132,8 @@ class FrameStep(FrameEffect):
     look = 'A collision, an exchanged or requalified probe, an axis that was referenced again.'
     formula = 'd H(t - t0)'
     source = 'physics of probe requalification'
-    carries = 'nothing'
     quantities = (Quantity('d', 'm', 'step along'),)
-    searched = (_AXES, Searched('t0', 's', 'moment of the step, since the first reading', 'instant'))
-    function = Step()
+    function = Step('step')
 
 
 class FramePulse(FrameEffect):
@@ -164,10 +143,7 @@ class FramePulse(FrameEffect):
     look = 'A door, a load on the table, a person or vehicle near the machine, a magnet or valve that was on.'
     formula = 'd (H(t - t0) - H(t - t1))'
     source = 'physics of loads'
-    carries = 'nothing'
     quantities = (Quantity('d', 'm', 'shift along'),)
-    searched = (_AXES, Searched('t0', 's', 'moment of the shift, since the first reading', 'instant'),
-                Searched('t1', 's', 'moment of the return, since the first reading', 'instant'))
     function = Pulse()
 
     def instants(self, run: Run, setting: Setting, name: str = 't0') -> Floats:
@@ -183,10 +159,7 @@ class FrameRecovery(FrameEffect):
     look = 'A knock, a load or warm air that was there for a moment; a joint that springs back.'
     formula = 'd H(t - t0) exp(-(t - t0)/tau)'
     source = 'physics of loads and of thermal disturbances'
-    carries = 'nothing'
     quantities = (Quantity('d', 'm', 'shift at first along'),)
-    searched = (_AXES, Searched('t0', 's', 'moment of the shift, since the first reading', 'instant'),
-                Searched('tau', 's', 'time constant of its way back', 'scale'))
     function = Recovery()
 
     def instants(self, run: Run, setting: Setting, name: str = 't0') -> Floats:

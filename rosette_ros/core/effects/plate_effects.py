@@ -18,7 +18,7 @@ from rosette_ros.core.effects.effect import (
     grid,
     per_axis,
 )
-from rosette_ros.core.effects.factored_effect import Drift, FactoredEffect, LaggedTemperature, Step, WarmUp, gaps
+from rosette_ros.core.effects.factored_effect import Drift, FactoredEffect, LaggedTemperature, Step, WarmUp
 from rosette_ros.core.effects.run_functions import plate_axes, seconds
 from rosette_ros.core.geometry import rotate_z
 from rosette_ros.core.records import Floats, Run
@@ -32,7 +32,6 @@ class PlateShift(FactoredEffect):
     """The plate slides on the table along its x and y."""
 
     source = 'physics of clamping'
-    depends_on: tuple[str, ...] = ('time',)
     acts = 0, 1
 
     def directions(self, run: Run) -> Floats:
@@ -49,7 +48,6 @@ class PlateCreep(PlateShift):
     look = 'Clamps, wax or magnets that hold the plate; forces of cables on the plate.'
     formula = 'R_z(phi) d t'
     quantities = per_axis('xy', Quantity('d', 'm/s', "creep rate along the plate's"))
-    carries = 'all'
     function = Drift()
 
 
@@ -60,7 +58,6 @@ class PlateCreepSettling(PlateShift):
     look = 'Wax, glue or magnets that hold the plate; let the plate rest after clamping.'
     formula = 'R_z(phi) d (1 - exp(-t/tau))'
     quantities = per_axis('xy', Quantity('d', 'm', "final shift along the plate's"))
-    searched = (Searched('tau', 's', 'time constant', 'scale'),)
     function = WarmUp()
 
 
@@ -71,12 +68,9 @@ class PlateSlip(FactoredEffect):
     look = 'Clamps; a collision with the plate; acceleration of the table.'
     formula = '(R_z(phi) d + gamma R e_t) H(t - t0)'
     source = 'physics of clamping'
-    depends_on = ('time',)
     quantities = (*per_axis('xy', Quantity('d', 'm', "shift along the plate's")),
                   Quantity('gamma', 'rad', 'turn about z'))
-    carries = 'nothing'
-    searched = (Searched('t0', 's', 'moment of the slip, since the first reading', 'instant'),)
-    function = Step()
+    function = Step('slip')
     acts = 0, 1, 2
 
     def directions(self, run: Run) -> Floats:
@@ -136,9 +130,7 @@ class PlateSoaking(PlateGrowth):
     look = 'A plate from a store, a washer or warm hands; let it soak before measuring.'
     formula = 'epsilon R e_r (1 - exp(-t/tau))'
     source = 'ISO 1 and ISO 10360 (thermal expansion)'
-    depends_on = ('time',)
     quantities = (Quantity('epsilon', 'm/m', 'final relative growth'),)
-    searched = (Searched('tau', 's', 'time constant', 'scale'),)
     function = WarmUp()
 
 
@@ -149,18 +141,12 @@ class PlateExpansionLag(PlateGrowth):
     look = 'A thick plate, or a sensor that is not on the plate: measure the temperature of the plate itself.'
     formula = "epsilon R e_r T', where tau dT'/dt = T - T0 - T'"
     source = 'ISO 1 and ISO 10360 (thermal expansion)'
-    depends_on = ('temperature',)
     quantities = (Quantity('epsilon', '1/K', 'relative growth'),)
-    searched = (Searched('tau', 's', 'time constant', 'scale'),)
-    carries = 'all'
-    function = LaggedTemperature()
+    function = LaggedTemperature('m/m')
 
     def independent_settings(self, run: Run) -> int:
         """Return ten times as many: to follow at once is simpler, and looks alike where an order hides much."""
         return 10 * super().independent_settings(run)
-
-    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
-        return (*self.quantities, *gaps(run, 'm/m'))
 
 
 HIGHEST = 0.3
@@ -174,11 +160,10 @@ class PlateOnSupports(FactoredEffect):
     """
 
     source = 'kinematics of a plate on three supports'
-    depends_on = ('time',)
     quantities = (Quantity('d_z', 'm', 'shift along z'),
                   *per_axis('xy', Quantity('theta', 'rad', "tilt about the plate's")))
     choices = grid(height=(0.0, 0.1, -0.1))
-    height = Searched('height', 'm', 'h, height of the balls above the supports, negative below', 'phase')
+    chosen = (Searched('height', 'm', 'h, height of the balls above the supports, negative below', 'phase'),)
 
     def independent_settings(self, run: Run) -> int:
         """Return ten times as many: a shift along axes is simpler, and little else in the time of a table position."""
@@ -218,9 +203,7 @@ class PlateTiltStep(PlateOnSupports):
     meaning = 'At one moment the plate tilted on the table, and stayed so.'
     look = 'Feet, shims and clamps of the plate: one that was not seated, a chip that broke, a clamp that let go.'
     formula = 'R_z(phi) (d_z e_z + theta x (b + h e_z)) H(t - t0), theta in x and y'
-    searched = (PlateOnSupports.height, Searched('t0', 's', 'moment of the tilt, since the first reading', 'instant'))
-    carries = 'nothing'
-    function = Step()
+    function = Step('tilt')
 
 
 class PlateTiltSettling(PlateOnSupports):
@@ -229,7 +212,6 @@ class PlateTiltSettling(PlateOnSupports):
     meaning = 'The plate tilts on the table ever more slowly, until it rests.'
     look = 'Feet on soft or warm ground, wax, pads, shims; clamp the plate and let it rest before measuring.'
     formula = 'R_z(phi) (d_z e_z + theta x (b + h e_z)) (1 - exp(-t/tau)), theta in x and y'
-    searched = (PlateOnSupports.height, Searched('tau', 's', 'time constant', 'scale'))
     function = WarmUp()
 
 

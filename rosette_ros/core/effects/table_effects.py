@@ -14,15 +14,7 @@ from rosette_ros.core.effects.effect import (
     grid,
     per_axis,
 )
-from rosette_ros.core.effects.factored_effect import (
-    Drift,
-    FactoredEffect,
-    RunFunction,
-    Step,
-    Temperature,
-    WarmUp,
-    gaps,
-)
+from rosette_ros.core.effects.factored_effect import Drift, FactoredEffect, RunFunction, Step, Temperature, WarmUp
 from rosette_ros.core.effects.run_functions import axial_tilts, tangential, travel, unit
 from rosette_ros.core.geometry import TWO_PI
 from rosette_ros.core.records import Floats, Run
@@ -31,7 +23,6 @@ from rosette_ros.core.records import Floats, Run
 class TableZero(FactoredEffect, TurningEffect):
     """The zero of the table's angle moves relative to its encoder."""
 
-    depends_on: tuple[str, ...] = ('time',)
 
     def directions(self, run: Run) -> Floats:
         return run.radius * tangential(run.alpha)[None]
@@ -45,7 +36,6 @@ class TableZeroDrift(TableZero):
     formula = 'omega t R e_t'
     source = 'ISO 230-3 (distortion caused by rotary motion)'
     quantities = (Quantity('omega', 'rad/s', 'rate of turn of the zero'),)
-    carries = 'all'
     function = Drift()
 
 
@@ -56,13 +46,8 @@ class TableZeroTemperature(TableZero):
     look = 'Encoder mount and coupling, air conditioning, sunlight on one side of the table.'
     formula = 'omega R e_t (T - T0)'
     source = 'ISO 230-3 (environmental temperature variation error)'
-    depends_on = ('temperature',)
     quantities = (Quantity('omega', 'rad/K', 'turn of the zero per kelvin'),)
-    carries = 'all'
-    function = Temperature()
-
-    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
-        return (*self.quantities, *gaps(run, 'rad'))
+    function = Temperature('rad')
 
 
 class TableZeroWarmup(TableZero):
@@ -73,7 +58,6 @@ class TableZeroWarmup(TableZero):
     formula = 'omega R e_t (1 - exp(-t/tau))'
     source = 'ISO 230-3 (distortion caused by rotary motion)'
     quantities = (Quantity('omega', 'rad', 'final turn of the zero'),)
-    searched = (Searched('tau', 's', 'time constant', 'scale'),)
     function = WarmUp()
 
 
@@ -85,16 +69,16 @@ class TableZeroStep(TableZero):
     formula = 'omega R e_t H(t - t0)'
     source = 'physics of incremental encoders'
     quantities = (Quantity('omega', 'rad', 'jump of the angle'),)
-    searched = (Searched('t0', 's', 'moment of the jump, since the first reading', 'instant'),)
-    carries = 'nothing'
-    function = Step()
+    function = Step('jump')
 
 
 class AxisTilt(FactoredEffect):
-    """The table axis tilts in the machine."""
+    """The table axis tilts in the machine; quantities: about one axis, without its letter."""
 
-    depends_on: tuple[str, ...] = ('time',)
     acts = 0, 1
+
+    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
+        return tuple(one for quantity in super().amplitudes(run, setting) for one in per_axis('xy', quantity))
 
     def directions(self, run: Run) -> Floats:
         return np.moveaxis(axial_tilts(run), -1, 0)
@@ -111,8 +95,7 @@ class AxisTiltDrift(AxisTilt):
     look = 'Foundation, levelling feet, one-sided heat on the machine bed.'
     formula = 'R (theta_x sin alpha - theta_y cos alpha) t along z'
     source = 'ISO 230-3 (thermal distortion)'
-    quantities = per_axis('xy', Quantity('theta', 'rad/s', 'tilt rate about'))
-    carries = 'all'
+    quantities = (Quantity('theta', 'rad/s', 'tilt rate about'),)
     function = Drift()
 
 
@@ -123,13 +106,8 @@ class AxisTiltTemperature(AxisTilt):
     look = 'Air conditioning, sunlight or a wall on one side of the machine bed; layers of warm air.'
     formula = 'R (theta_x sin alpha - theta_y cos alpha) (T - T0) along z'
     source = 'ISO 230-3 (environmental temperature variation error)'
-    depends_on = ('temperature',)
-    quantities = per_axis('xy', Quantity('theta', 'rad/K', 'tilt per kelvin about'))
-    carries = 'all'
-    function = Temperature()
-
-    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
-        return (*self.quantities, *(one for gap in gaps(run, 'rad', ' about') for one in per_axis('xy', gap)))
+    quantities = (Quantity('theta', 'rad/K', 'tilt per kelvin about'),)
+    function = Temperature('rad', ' about')
 
 
 class AxisTiltWarmup(AxisTilt):
@@ -139,8 +117,7 @@ class AxisTiltWarmup(AxisTilt):
     look = 'One-sided heat on the machine bed, coolant, time since switching on; start after a warm-up cycle.'
     formula = 'R (theta_x sin alpha - theta_y cos alpha) (1 - exp(-t/tau)) along z'
     source = 'ISO 230-3 (thermal distortion)'
-    quantities = per_axis('xy', Quantity('theta', 'rad', 'final tilt about'))
-    searched = (Searched('tau', 's', 'time constant', 'scale'),)
+    quantities = (Quantity('theta', 'rad', 'final tilt about'),)
     function = WarmUp()
 
 
@@ -151,10 +128,8 @@ class AxisTiltStep(AxisTilt):
     look = 'Levelling feet and foundation that settle, a load set on the machine bed, a collision.'
     formula = 'R (theta_x sin alpha - theta_y cos alpha) H(t - t0) along z'
     source = 'physics of machine beds'
-    quantities = per_axis('xy', Quantity('theta', 'rad', 'tilt about'))
-    searched = (Searched('t0', 's', 'moment of the tilt, since the first reading', 'instant'),)
-    carries = 'nothing'
-    function = Step()
+    quantities = (Quantity('theta', 'rad', 'tilt about'),)
+    function = Step('tilt')
 
 
 class TableBacklash(TurningEffect):
@@ -201,6 +176,10 @@ class EncoderLines(RunFunction):
     0.4, and by its remainder in a division by n. Each setting is a chance.
     """
 
+    searched = (Searched('lines', '1', 'L, periods of the encoder per turn of the table', 'instant'),)
+    depends_on = ()
+    carries = 'all'
+
     def _step(self, run: Run) -> float:
         """Return the step of L in whole multiples of n."""
         return max(np.round(0.4 * TWO_PI / np.ptp(run.angle_deviation) / run.n), 1.0) * run.n
@@ -233,8 +212,6 @@ class EncoderInterpolation(FactoredEffect, TurningEffect):
     formula = 'R e_t (a cos(L theta) + b sin(L theta)), theta the actual angle of the table'
     source = 'ISO 230-2 (positioning); interpolation error of incremental encoders'
     quantities = (Quantity('a', 'rad', 'cosine amplitude'), Quantity('b', 'rad', 'sine amplitude'))
-    carries = 'all'
-    searched = (Searched('lines', '1', 'L, periods of the encoder per turn of the table', 'instant'),)
     function = EncoderLines()
 
     def directions(self, run: Run) -> Floats:
@@ -251,6 +228,9 @@ class TableOrder(RunFunction):
     At least two cycles in the run, but for cages of bearings: less is any curve in time, and less beside a whole turn
     any curve in the frame of the plate. Refined by half a resolution to either side.
     """
+
+    searched = (Searched('nu', '1', 'cycles per turn of the table', 'phase'),)
+    depends_on = ('table_travel',)
 
     def _turns(self, run: Run) -> float:
         return max(float(np.ptp(run.table_travel)) / TWO_PI, 1.0)
@@ -289,9 +269,7 @@ class AsynchronousMotion(FactoredEffect):
     look = 'Cage and rolling elements of the bearing (about 0.4 per turn), belt or worm drive.'
     formula = '(radial x, y; axial z; tilt) cos(nu Psi), sin(nu Psi)'
     source = 'ISO 230-7 (asynchronous error motion)'
-    depends_on = ('table_travel',)
-    searched = (Searched('motion', '', 'radial, axial, tilt, or all of them'),
-                Searched('nu', '1', 'cycles per turn of the table', 'phase'))
+    chosen = (Searched('motion', '', 'radial, axial, tilt, or all of them'),)
     function = TableOrder()
     choices = grid(motion=_MOTIONS)
 
