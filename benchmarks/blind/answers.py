@@ -4,10 +4,14 @@
 import re
 import time
 from dataclasses import dataclass
+from typing import Any
 
 from rosette_ros.analysis import diagnose
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.records import Run
+
+Record = dict[str, Any]
+"""One run of a table and what was said of it, by name."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.answers import PLACE, Answer, ask, told_axes, told_variables
+from benchmarks.blind.answers import PLACE, Answer, Record, ask, told_axes, told_variables
 from benchmarks.blind.cause import Cause
 from benchmarks.blind.foreign_causes import BEYOND, CAUSES, EVERY
 from benchmarks.blind.library_effects import remaining, scaled, situation, visible_part
@@ -23,6 +23,7 @@ from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.simulation.hidden import Draw, acting
 
 NAME = 'causes'
+KNOWN = (*EVERY, 'beyond')
 CLASSES = ('named', 'group', 'free form', 'unexplained', 'as noise', 'nothing', 'wrong')
 HEADING = (f'| cause | σ | runs | {" | ".join(CLASSES)} (95 %) | alike in this run | wrong names |\n'
            '|---|---|---|---|---|---|---|---|---|---|---|---|')
@@ -31,7 +32,6 @@ ALIKE = 4.0
 AXIS_SEEN = 2.0
 """An axis of which less than this norm is visible, in σ, is not one of the cause."""
 
-Record = dict[str, Any]
 Axes = dict[str, dict[str, float]]
 
 
@@ -152,9 +152,3 @@ def total(groups: dict[str, list[Record]]) -> str:
                    + f'; wrong {share(len(seen) - sum(map(is_good, seen)), max(len(seen), 1)).split(" | ")[1]}; '
                    f'told without a name {count["free form"] + count["unexplained"]}, truly {count["free form"]}')
     return '\n'.join(out)
-
-
-def check(arguments: Namespace) -> str:
-    """Return what is wrong with the kinds that were asked for, '' where nothing is."""
-    unknown = [kind for kind in arguments.causes or () if kind not in (*EVERY, 'beyond')]
-    return f'--causes: wanted beyond, or some of {", ".join(EVERY)}; got {", ".join(unknown)}' if unknown else ''

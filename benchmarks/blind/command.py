@@ -17,6 +17,7 @@ from types import ModuleType
 from typing import Any
 
 from benchmarks.blind import causes_table, coverage_table, library_table, noise_table, power_table
+from benchmarks.blind.answers import Record
 from benchmarks.blind.noise_kinds import EVERY
 from benchmarks.blind.runs import ORDERS
 from rosette_ros.core.scheme import ORDERS as EVERY_ORDER
@@ -25,8 +26,6 @@ from rosette_ros.core.scheme import TURNINGS
 TABLES: tuple[ModuleType, ...] = (noise_table, causes_table, library_table, power_table, coverage_table)
 UNASKED = TABLES[:3]
 """The tables that are made where none is asked for: the others take hours."""
-
-Record = dict[str, Any]
 
 
 def options(argv: list[str] | None) -> argparse.Namespace:
@@ -53,9 +52,17 @@ def options(argv: list[str] | None) -> argparse.Namespace:
     arguments = parser.parse_args(argv)
     arguments.tables = [one for one in TABLES if getattr(arguments, one.NAME) is not None] or list(UNASKED)
     arguments.seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
-    for complaint in filter(None, (table.check(arguments) for table in arguments.tables)):
+    for complaint in filter(None, (_unknown(table, getattr(arguments, table.NAME)) for table in arguments.tables)):
         parser.error(complaint)
     return arguments
+
+
+def _unknown(table: ModuleType, asked: list[str] | None) -> str:
+    """Return what is wrong with the kinds that were asked for, '' where nothing is."""
+    unknown = [kind for kind in asked or () if kind not in table.KNOWN]
+    beyond = 'beyond, or ' if 'beyond' in table.KNOWN else ''
+    known = ', '.join(kind for kind in table.KNOWN if kind != 'beyond')
+    return f'--{table.NAME}: wanted {beyond}some of {known}; got {", ".join(unknown)}' if unknown else ''
 
 
 def work(task: tuple[str, str, tuple[Any, ...]]) -> tuple[str, Record]:

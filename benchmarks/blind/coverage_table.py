@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.answers import ask
+from benchmarks.blind.answers import Record, ask
 from benchmarks.blind.library_effects import covered, hide
 from benchmarks.blind.library_table import LIBRARY
 from benchmarks.blind.noise_kinds import AXES, BEYOND, EVERY, KINDS, chosen
@@ -21,11 +21,10 @@ from rosette_ros.analysis import analyse
 from rosette_ros.core.records import CURVES, ErrorMotions, remove_gauge
 
 NAME = 'coverage'
+KNOWN = (*EVERY, 'beyond')
 HEADING = ('| noise | runs | curves, clean runs | 95 % | least | curves, effect hidden | 95 % | parameters | 95 % |\n'
            '|---|---|---|---|---|---|---|---|---|')
 STRENGTH = 12.0
-
-Record = dict[str, Any]
 
 
 def tasks(arguments: Namespace) -> Iterator[tuple[str, tuple[Any, ...]]]:
@@ -94,9 +93,3 @@ def difference(pairs: list[tuple[Record, Record]]) -> str:
 def total(groups: dict[str, list[Record]]) -> str:
     """Return the line under the table."""
     return f'Runs: {2 * sum(map(len, groups.values()))}'
-
-
-def check(arguments: Namespace) -> str:
-    """Return what is wrong with the kinds that were asked for, '' where nothing is."""
-    unknown = [kind for kind in arguments.coverage or () if kind not in (*EVERY, 'beyond')]
-    return f'--coverage: wanted beyond, or some of {", ".join(EVERY)}; got {", ".join(unknown)}' if unknown else ''

@@ -10,18 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.answers import Claim, ask
+from benchmarks.blind.answers import Claim, Record, ask
 from benchmarks.blind.library_effects import covered, hide
 from benchmarks.blind.noise_kinds import AXES
 from benchmarks.blind.runs import SIGMA, Plan, noisy
 from rosette_ros.simulation.hidden import NAMED
 
 NAME = 'library'
+KNOWN = NAMED
 HEADING = ('| order | hidden | runs | named | first | identified instead | unexplained | within U | rms/σ |\n'
            '|---|---|---|---|---|---|---|---|---|')
 LIBRARY = tuple(kind for kind in NAMED if kind != 'touch_dust')
-
-Record = dict[str, Any]
 
 
 def tasks(arguments: Namespace) -> Iterator[tuple[str, tuple[Any, ...]]]:
@@ -86,9 +85,3 @@ def total(groups: dict[str, list[Record]]) -> str:
     within = [one for record in seen for one in record.get('covered', ())]
     return (f'Runs: {len(seen)}; set correct: {sum(map(is_good, seen))}; first effect correct: '
             f'{sum(bool(record.get("first")) for record in seen)}; parameters within U: {sum(within)} of {len(within)}')
-
-
-def check(arguments: Namespace) -> str:
-    """Return what is wrong with the kinds that were asked for, '' where nothing is."""
-    unknown = [kind for kind in arguments.library or () if kind not in NAMED]
-    return f'--library: wanted some of {", ".join(NAMED)}; got {", ".join(unknown)}' if unknown else ''

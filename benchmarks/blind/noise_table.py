@@ -8,13 +8,14 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
-from benchmarks.blind.answers import Answer, ask
+from benchmarks.blind.answers import Answer, Record, ask
 from benchmarks.blind.noise_kinds import BEYOND, EVERY, KINDS, chosen
 from benchmarks.blind.proportion import percent, share
 from benchmarks.blind.runs import Plan, machine_config, measure, noisy
 from rosette_ros.simulation import Machine
 
 NAME = 'noise'
+KNOWN = (*EVERY, 'beyond')
 HEADING = ('| noise | σ | runs | false names | 95 % | besides outlier alone | right names | unexplained | noise told | '
            'named |\n|---|---|---|---|---|---|---|---|---|---|')
 TOLD = {
@@ -26,8 +27,6 @@ TOLD = {
 """Words in which a verdict tells a kind of noise, by how its name begins; None where nothing is to be told."""
 NOT_WHITE = 'noise is not'
 """Words of any verdict that tells of noise."""
-
-Record = dict[str, Any]
 
 
 def tasks(arguments: Namespace) -> Iterator[tuple[str, tuple[Any, ...]]]:
@@ -91,9 +90,3 @@ def total(groups: dict[str, list[Record]]) -> str:
     runs = [record for records in groups.values() for record in records]
     bad = sum(not is_good(record) for record in runs)
     return f'Runs: {len(runs)}; with a false name: {bad} ({percent(bad, len(runs))})'
-
-
-def check(arguments: Namespace) -> str:
-    """Return what is wrong with the kinds that were asked for, '' where nothing is."""
-    unknown = [kind for kind in arguments.noise or () if kind not in (*EVERY, 'beyond')]
-    return f'--noise: wanted beyond, or some of {", ".join(EVERY)}; got {", ".join(unknown)}' if unknown else ''

@@ -13,21 +13,20 @@ from typing import Any
 import numpy as np
 from scipy.stats import binom
 
-from benchmarks.blind.answers import ask
+from benchmarks.blind.answers import Record, ask
 from benchmarks.blind.library_effects import hide
-from benchmarks.blind.library_table import LIBRARY, is_named
+from benchmarks.blind.library_table import LIBRARY, is_good, is_named
 from benchmarks.blind.noise_kinds import AXES
 from benchmarks.blind.proportion import share
 from benchmarks.blind.runs import Plan, noisy
 from rosette_ros.simulation.hidden import NAMED
 
 NAME = 'power'
+KNOWN = NAMED
 HEADING = ('| hidden | runs | named at 12 σ | 95 % | half are named at | 95 % | instead at 12 σ |\n'
            '|---|---|---|---|---|---|---|')
 STEPS = np.geomspace(2.5, 12.0, 33)
 """Strengths that are tried: 5 % apart."""
-
-Record = dict[str, Any]
 
 
 def tasks(arguments: Namespace) -> Iterator[tuple[str, tuple[Any, ...]]]:
@@ -58,11 +57,6 @@ def trial(kind: str, made: Plan, beside: str, stated: bool) -> Record:
     # where it is named nowhere on the way but not at 12 σ either, it has no threshold
     threshold = float(STEPS[low]) if low < len(STEPS) - 1 or named else np.inf
     return {**head, 'judged': 'named' if named else 'wrong', 'threshold': threshold, **asdict(top)}
-
-
-def is_good(record: Record) -> bool:
-    """Return whether the effect is named at 12 σ."""
-    return record['judged'] in ('named', 'not observable')
 
 
 def median(thresholds: list[float]) -> tuple[float, float, float]:
@@ -102,9 +96,3 @@ def total(groups: dict[str, list[Record]]) -> str:
     """Return the line under the table."""
     seen = [record for records in groups.values() for record in records if record['judged'] != 'not observable']
     return f'Runs: {len(seen)}; named at 12 σ: {share(sum(map(is_good, seen)), len(seen)).replace(" | ", ", ")}'
-
-
-def check(arguments: Namespace) -> str:
-    """Return what is wrong with the kinds that were asked for, '' where nothing is."""
-    unknown = [kind for kind in arguments.power or () if kind not in NAMED]
-    return f'--power: wanted some of {", ".join(NAMED)}; got {", ".join(unknown)}' if unknown else ''
