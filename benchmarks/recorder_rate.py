@@ -283,12 +283,13 @@ def recorder_pid():
 # The measurement
 
 
-def seqs_in(log, topic, kind):
+def seqs_in(log, topic, kind, validate_crcs=False):
     """Return the seq of every message on a topic in all files of a log, read by the mcap library."""
     found = []
     for path in sorted(log.glob('*.mcap')):
         with open(path, 'rb') as stream:
-            messages = make_reader(stream).iter_messages([f'/{names.NAMESPACE}/{topic}'], log_time_order=False)
+            reader = make_reader(stream, validate_crcs=validate_crcs)
+            messages = reader.iter_messages([f'/{names.NAMESPACE}/{topic}'], log_time_order=False)
             found += [deserialize_message(message.data, kind).seq for _, _, message in messages]
     return found
 

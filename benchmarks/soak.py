@@ -7,7 +7,6 @@ mcap library, counted against what was asked, and deleted. The resident memory o
 
 import argparse
 import itertools
-import os
 import shutil
 import sys
 import tempfile
@@ -15,39 +14,19 @@ import time
 from pathlib import Path
 
 import numpy as np
-from mcap.reader import make_reader
-from rclpy.serialization import deserialize_message
-from rosette_msgs.msg import BallCentre, ProbeTarget
 
+from benchmarks.recorder_rate import KINDS, memory_of, seqs_in
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import MODULES
 from rosette_ros.cli.demo_cell import make_cell, write_machine
-from rosette_ros.nodes import names
 from rosette_ros.simulation import MachineConfig
 
 DOMAIN = 47
 ORDERS = ('diagonal', 'row', 'column', 'random')
 REPEATS = 10
-KINDS = {names.PROBE_TARGET: ProbeTarget, names.BALL_CENTRE: BallCentre}
 FLAT_MB = 10.0
 """A node that grows by more over the second half of the soak, MB, fails it."""
 MB = 1 << 20
-
-
-def resident(pid):
-    """Return the resident memory of a process, MB."""
-    pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
-    return pages * os.sysconf('SC_PAGE_SIZE') / MB
-
-
-def seqs(log, name, kind):
-    """Return the seq of every target or answer in a log, a set, as the mcap library reads it."""
-    found = set()
-    for path in sorted(log.glob('*.mcap')):
-        with open(path, 'rb') as stream:
-            messages = make_reader(stream, validate_crcs=True).iter_messages([f'/{names.NAMESPACE}/{name}'])
-            found |= {deserialize_message(message.data, kind).seq for _, _, message in messages}
-    return found
 
 
 def soak(measurements, balls, folder):
@@ -66,12 +45,12 @@ def soak(measurements, balls, folder):
             if not outcome.success:
                 problems.append(f'{outcome.run_id}: {outcome.message}')
                 break
-            for name, kind in KINDS.items():
-                lost += len(set(range(1, total + 1)) - seqs(outcome.log, name, kind))
+            for name, (kind, _) in KINDS.items():
+                lost += len({*range(1, total + 1)} - {*seqs_in(outcome.log, name, kind, validate_crcs=True)})
             shutil.rmtree(outcome.log)
             measured += total
             for name in MODULES:
-                memory[name].append(resident(cell.processes[name].popen.pid))
+                memory[name].append(memory_of(cell.processes[name].popen.pid, 'VmRSS') / MB)
             if sys.stderr.isatty():
                 print(f'\r{measured} of {measurements}', end='', file=sys.stderr)
         return measured, time.monotonic() - began, memory, lost, problems
