@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Requests of nodes to recorder and evaluator."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +9,7 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.client import Client
 from rclpy.task import Future
 from rosette_msgs.msg import CalibrationEvent
-from rosette_msgs.srv import EvaluateJointly, Recall, Recorded, StartRecording, StopRecording
+from rosette_msgs.srv import Recall, Recorded, StartRecording, StopRecording
 
 from rosette_ros.io.messages import Phase
 from rosette_ros.nodes import names
@@ -62,8 +62,9 @@ class Requests:
             call.client.remove_pending_request(call.future)
         call.done(call.client.srv_type.Response(success=False, message=words))
 
-    def _call(self, client: Client, request: Any, timeout: float, done: Callable[[Any], None],
-              repeat: Callable[[Any], Any] = lambda response: None) -> None:
+    def call(self, client: Client, request: Any, timeout: float, done: Callable[[Any], None],
+             repeat: Callable[[Any], Any] = lambda response: None) -> None:
+        """Send a request of a client; done(response) is called once; timeout, s, repeat: as of _Call."""
         call = _Call(client, request, timeout, done, repeat)
         self._calls.append(call)
         self._send(call)
@@ -100,20 +101,7 @@ class Recalls(Requests):
 
     def recall(self, run: str, timeout: float, done: Callable[[Recall.Response], None]) -> None:
         """Request what is recorded of a run; done(response) is called once."""
-        self._call(self._recall, Recall.Request(run=run), timeout, done)
-
-
-class JointEvaluations(Requests):
-    """Requests to the evaluator to evaluate several runs as one."""
-
-    def __init__(self, node: CellNode) -> None:
-        super().__init__(node, names.EVALUATOR)
-        self._client = node.create_client(EvaluateJointly, names.EVALUATE_JOINTLY)
-
-    def evaluate(self, run_ids: Sequence[str], timeout: float, done: Callable[[EvaluateJointly.Response], None],
-                 ) -> None:
-        """Request the evaluation of runs by name; done(response) is called once."""
-        self._call(self._client, EvaluateJointly.Request(run_ids=run_ids), timeout, done)
+        self.call(self._recall, Recall.Request(run=run), timeout, done)
 
 
 class Progress:
@@ -152,12 +140,12 @@ class RecorderLink(Recalls):
 
     def start(self, run_id: str, resumes: str, timeout: float, done: Callable[[StartRecording.Response], None]) -> None:
         """Request a log; resumes: of the log that the run goes on from, '' for none."""
-        self._call(self._start, StartRecording.Request(run_id=run_id, resumes=resumes), timeout, done)
+        self.call(self._start, StartRecording.Request(run_id=run_id, resumes=resumes), timeout, done)
 
     def stop(self, request: StopRecording.Request, timeout: float,
              done: Callable[[StopRecording.Response], None]) -> None:
         """Request to close the log of a run that has ended, until the recorder has closed it or says why not."""
-        self._call(self._stop, request, timeout, done,
+        self.call(self._stop, request, timeout, done,
                    lambda response: request if response.missing and not response.log else None)
 
     def recorded(self, request: Recorded.Request, answers: int, patience: float, timeout: float,
@@ -169,4 +157,4 @@ class RecorderLink(Recalls):
             is_early = response.success and (len(response.seq) < answers or response.missing)
             return request if is_early and progress.is_expected(len(response.seq) - len(response.missing)) else None
 
-        self._call(self._recorded, request, timeout, done, repeat)
+        self.call(self._recorded, request, timeout, done, repeat)

@@ -25,7 +25,7 @@ from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, Health, ManagedNode, run_node
 from rosette_ros.nodes.interfaces import CalibrateServer, introspected_service
 from rosette_ros.nodes.liveliness import SETTLING, CellMonitor
-from rosette_ros.nodes.node_requests import END_EVENTS, JointEvaluations, RecorderLink
+from rosette_ros.nodes.node_requests import END_EVENTS, RecorderLink, Requests
 from rosette_ros.nodes.plan_check import PlanCheck
 
 CALIBRATION = (*PLANNED, *LIMITS, IDENTITY)
@@ -55,7 +55,8 @@ class Sequencer(ManagedNode):
         self.on(names.BALL_CENTRE, BallCentre, self._on_ball_centre, qos.ANSWER, from_one=True)
         self.on(names.ERROR_MOTIONS, ErrorMotions, self._on_error_motions, qos.RESULT, from_one=True)
         self.sender(names.ERROR_MOTIONS).on_change = self._on_new_evaluator
-        self._recorder, self._joint = RecorderLink(self), JointEvaluations(self)
+        self._recorder, self._joint = RecorderLink(self), Requests(self, names.EVALUATOR)
+        self._joint_client = self.create_client(EvaluateJointly, names.EVALUATE_JOINTLY)
         self._cell, self._plan_check = CellMonitor(self, self._recorder), PlanCheck(self)
         introspected_service(self, Trigger, names.START_CALIBRATION, self._on_start)
         introspected_service(self, Trigger, names.CANCEL_CALIBRATION, self._on_cancel_service)
@@ -373,7 +374,8 @@ class Sequencer(ManagedNode):
             job.joint = response
             self._close(job)
 
-        self._joint.evaluate([*job.joint_with, job.run_id], job.sequence.limits.evaluation_timeout, on_evaluated)
+        self._joint.call(self._joint_client, EvaluateJointly.Request(run_ids=[*job.joint_with, job.run_id]),
+                         job.sequence.limits.evaluation_timeout, on_evaluated)
 
     def _close(self, job: Job, end_is_recorded: bool = True) -> None:
         """Close the log of a job that is over; while it is being opened, wait for that."""
