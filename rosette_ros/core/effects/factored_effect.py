@@ -248,13 +248,15 @@ class FactoredEffect(Effect, ABC):
     """An effect whose columns are f(reading; value) e(reading): the search is quick.
 
     function: f, its parameters are the last searched ones; chosen: what else is searched, and choices: its settings, by
-    which `which` chooses among `directions`; acts: the numbers of the directions where nothing else is searched.
+    which `which` chooses among `directions`; acts: the numbers of the directions where nothing else is searched;
+    simpler: how many times as much a setting has to stand against, as another story is simpler.
     """
 
     function: RunFunction
     acts: tuple[int, ...] = (0,)
     chosen: tuple[Searched, ...] = ()
     choices: tuple[Setting, ...] = (Setting(),)
+    simpler: int = 1
 
     def __init__(self) -> None:
         self.searched = (*self.chosen, *self.function.searched)
@@ -276,7 +278,7 @@ class FactoredEffect(Effect, ABC):
         return tuple(Setting({**choice, **value}) for choice in self.choices for value in values)
 
     def independent_settings(self, run: Run) -> int:
-        return max(1, int(len(self.choices) * self.function.chances(run)))
+        return self.simpler * max(1, int(len(self.choices) * self.function.chances(run)))
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         return {**super().brackets(run, setting), **self.function.brackets(run, setting)}

@@ -176,7 +176,6 @@ class CmmScaleDrift(Effect):
     formula = 'e_x x t along x, e_y y t along y'
     source = 'ISO 230-3; ISO 10360-2 (thermal expansion of the scales)'
     depends_on = ('time',)
-    quantities = per_axis('xy', Quantity('e', '1/s', 'rate of the scale of'))  # of an upright table
     carries = 'all'
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
@@ -196,7 +195,6 @@ class CmmSquarenessDrift(Effect):
     formula = 's y t along x'
     source = 'ISO 230-1 (squareness error); ISO 230-3'
     depends_on = ('time',)
-    quantities = (Quantity('s', 'rad/s', 'rate of the squareness error of y to x'),)
     carries = 'all'
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:

@@ -20,15 +20,15 @@ from rosette_ros.core.geometry import TWO_PI
 from rosette_ros.core.records import Floats, Run
 
 
-class TableZero(FactoredEffect, TurningEffect):
-    """The zero of the table's angle moves relative to its encoder."""
+class TableAngle(FactoredEffect, TurningEffect):
+    """The table's angle is another one than its encoder shows."""
 
 
     def directions(self, run: Run) -> Floats:
         return run.radius * tangential(run.alpha)[None]
 
 
-class TableZeroDrift(TableZero):
+class TableZeroDrift(TableAngle):
     name = 'table_zero_drift'
     plain = "drift of the table's angle"
     meaning = "The table's angle drifts steadily relative to its encoder."
@@ -39,7 +39,7 @@ class TableZeroDrift(TableZero):
     function = Drift()
 
 
-class TableZeroTemperature(TableZero):
+class TableZeroTemperature(TableAngle):
     name = 'table_zero_temperature'
     plain = "table's angle follows the temperature"
     meaning = "The table's angle moves relative to its encoder with the measured temperature."
@@ -50,7 +50,7 @@ class TableZeroTemperature(TableZero):
     function = Temperature('rad')
 
 
-class TableZeroWarmup(TableZero):
+class TableZeroWarmup(TableAngle):
     name = 'table_zero_warmup'
     plain = "warm-up of the table's angle"
     meaning = "The table's angle drifts relative to its encoder while the table warms up, and settles."
@@ -61,7 +61,7 @@ class TableZeroWarmup(TableZero):
     function = WarmUp()
 
 
-class TableZeroStep(TableZero):
+class TableZeroStep(TableAngle):
     name = 'table_zero_step'
     plain = "jump of the table's angle"
     meaning = "At one moment the table's angle jumped relative to its encoder."
@@ -140,23 +140,21 @@ class TableBacklash(TurningEffect):
     formula = '1/2 b approach R e_t'
     source = 'ISO 230-2 (reversal value B)'
     depends_on = ('approach',)
-    quantities = (Quantity('b', 'rad', 'reversal value of the table angle'),)
+    quantities: tuple[Quantity, ...] = (Quantity('b', 'rad', 'reversal value of the table angle'),)
     carries = 'all'
 
     def columns(self, run: Run, setting: Setting) -> Floats:
         return (0.5 * run.radius * run.approach[:, None] * tangential(run.alpha))[..., None]
 
 
-class TableBacklashAngle(TurningEffect):
+class TableBacklashAngle(TableBacklash):
     name = 'table_backlash_angle'
     plain = 'backlash that depends on the table angle'
     meaning = 'The backlash of the table differs from angle to angle.'
     look = 'Worm gear: wear, eccentricity and mesh; unequal friction or load around the table.'
     formula = '1/2 approach R e_t (b_c cos(m phi) + b_s sin(m phi))'
     source = 'ISO 230-2 (reversal value B at each position)'
-    depends_on = ('approach',)
     quantities = (Quantity('bc', 'rad', 'cosine of the reversal value'), Quantity('bs', 'rad', 'sine'))
-    carries = 'all'
     searched = (Searched('order', '1', 'm, waves per turn of the table'),)
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
@@ -164,8 +162,7 @@ class TableBacklashAngle(TurningEffect):
         return grid(order=range(1, min(4, (run.n - 1) // 2) + 1))
 
     def columns(self, run: Run, setting: Setting) -> Floats:
-        angle = setting.number('order') * run.phi
-        half = 0.5 * run.radius * run.approach[:, None] * tangential(run.alpha)
+        angle, half = setting.number('order') * run.phi, super().columns(run, setting)[..., 0]
         return np.stack([np.cos(angle)[:, None] * half, np.sin(angle)[:, None] * half], axis=-1)
 
 
@@ -204,7 +201,7 @@ class EncoderLines(RunFunction):
         return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-class EncoderInterpolation(FactoredEffect, TurningEffect):
+class EncoderInterpolation(TableAngle):
     name = 'encoder_interpolation'
     plain = 'interpolation error of the encoder'
     meaning = "The table's angle has an error that repeats with every period of its encoder."
@@ -213,9 +210,6 @@ class EncoderInterpolation(FactoredEffect, TurningEffect):
     source = 'ISO 230-2 (positioning); interpolation error of incremental encoders'
     quantities = (Quantity('a', 'rad', 'cosine amplitude'), Quantity('b', 'rad', 'sine amplitude'))
     function = EncoderLines()
-
-    def directions(self, run: Run) -> Floats:
-        return run.radius * tangential(run.alpha)[None]
 
 
 _MOTIONS = {'radial': (0, 1), 'axial': (2,), 'tilt': (3, 4), 'all': (0, 1, 2, 3, 4)}
