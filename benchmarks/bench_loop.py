@@ -14,12 +14,10 @@ import time
 from pathlib import Path
 
 import rclpy
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rosette_msgs.msg import BallCentre, ProbeTarget
 
-from rosette_ros.cell.client import CellClient
+from rosette_ros.cell.client import CellClient, GraphClient
 from rosette_ros.cell.supervisor import Cell, added_environment, cell_environment
 from rosette_ros.io.messages import Phase
 from rosette_ros.nodes import qos
@@ -46,17 +44,13 @@ def echo():
     rclpy.spin(node)
 
 
-class Bare:
-    """The asking side of the bare round trip."""
+class Bare(GraphClient):
+    """The asking side of the bare round trip; a context manager."""
 
     def __init__(self):
-        self.context = Context()
-        self.context.init(domain_id=DOMAIN + 1)
-        self.node = Node('ask', context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-        self.publisher = self.node.create_publisher(ProbeTarget, 'bare_target', qos.ORDER)
-        self.node.create_subscription(BallCentre, 'bare_centre', self._on_answer, qos.ANSWER)
+        super().__init__('ask', DOMAIN + 1, '')
+        self.publisher = self._node.create_publisher(ProbeTarget, 'bare_target', qos.ORDER)
+        self._node.create_subscription(BallCentre, 'bare_centre', self._on_answer, qos.ANSWER)
         self.trips = 0
 
     def _on_answer(self, answer):
@@ -67,40 +61,30 @@ class Bare:
         """Send a target of usual size."""
         target = ProbeTarget(run_id=RUN_ID, seq=self.trips, balls=12, radius=0.1825)
         target.header.frame_id = 'machine'
-        target.header.stamp = self.node.get_clock().now().to_msg()
+        target.header.stamp = self._node.get_clock().now().to_msg()
         self.publisher.publish(target)
 
     def rate(self, seconds):
         """Return round trips per second, measured for so long."""
-        while not self.publisher.get_subscription_count() or not self._is_heard():
-            self.executor.spin_once(timeout_sec=0.1)
+        while not (self.publisher.get_subscription_count() and self._node.count_publishers('bare_centre')):
+            self._executor.spin_once(timeout_sec=0.1)
         if not self.trips:
             self.ask()
         trips, began = self.trips, time.perf_counter()
         while time.perf_counter() - began < seconds:
-            self.executor.spin_once()
+            self._executor.spin_once()
         return (self.trips - trips) / (time.perf_counter() - began)
-
-    def _is_heard(self):
-        return self.node.count_publishers('bare_centre') > 0
-
-    def close(self):
-        """Leave the graph."""
-        self.executor.shutdown()
-        self.node.destroy_node()
-        self.context.try_shutdown()
 
 
 def bare_rate():
     """Return round trips per second between this process and another one."""
     other = subprocess.Popen([sys.executable, __file__, 'echo'],
                              env=cell_environment(DOMAIN + 1), stderr=subprocess.DEVNULL)
-    bare = Bare()
     try:
-        bare.rate(0.5)
-        return bare.rate(BARE_SECONDS)
+        with Bare() as bare:
+            bare.rate(0.5)
+            return bare.rate(BARE_SECONDS)
     finally:
-        bare.close()
         other.kill()
         other.wait()
 

@@ -31,9 +31,7 @@ from pathlib import Path
 
 import rclpy
 from mcap.reader import make_reader
-from rclpy.context import Context
 from rclpy.duration import Duration
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy
@@ -41,6 +39,7 @@ from rclpy.serialization import deserialize_message
 from rosette_msgs.msg import BallCentre, ProbeTarget
 from rosette_msgs.srv import StartRecording, StopRecording
 
+from rosette_ros.cell.client import GraphClient
 from rosette_ros.cell.supervisor import MODULES, Cell, added_environment, cell_environment
 from rosette_ros.nodes import names, qos
 
@@ -190,28 +189,14 @@ class Publishers:
 # The recorder: its services, its process
 
 
-class Recording:
+class Recording(GraphClient):
     """Opens and closes logs by the recorder's services; a context manager."""
 
     def __init__(self):
         """Join the graph."""
-        self._context = Context()
-        self._context.init(domain_id=DOMAIN)
-        self._node = Node('load', namespace=names.NAMESPACE, context=self._context, enable_rosout=False)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
+        super().__init__('load', DOMAIN, names.NAMESPACE, enable_rosout=False)
         self._start = self._node.create_client(StartRecording, names.START_RECORDING)
         self._stop = self._node.create_client(StopRecording, names.STOP_RECORDING)
-
-    def __enter__(self):
-        """Return itself."""
-        return self
-
-    def __exit__(self, *_):
-        """Leave the graph."""
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self._context.try_shutdown()
 
     def start(self, run_id):
         """Open a log."""
