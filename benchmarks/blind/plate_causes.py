@@ -13,11 +13,6 @@ from rosette_ros.simulation.hidden.hidden_effect import UM, Draw, along
 from rosette_ros.simulation.motion import Moment
 
 
-def load_direction(moment: Moment, phase: float) -> Floats:
-    """Return the direction in the plate's frame of a load that is fixed in the machine, (N, 1), rad."""
-    return phase - moment.angle
-
-
 @dataclass(frozen=True)
 class PlateOnThreeFeet(Cause):
     """A plate on three feet on a table whose axis is not vertical: gravity's transverse part turns in its frame.
@@ -36,7 +31,7 @@ class PlateOnThreeFeet(Cause):
     higher_phase: float
 
     def ball_shift(self, moment: Moment) -> Floats:
-        load = load_direction(moment, self.phase)
+        load = self.phase - moment.angle  # direction in the plate's frame of a load that is fixed in the machine
         bend = (self.bend_um * np.cos(2 * moment.azimuth + load)
                 + self.higher_um * np.cos(4 * moment.azimuth - load + self.higher_phase))
         return along((0.0, 0.0, 1.0), bend)

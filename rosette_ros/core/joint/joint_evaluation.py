@@ -149,9 +149,10 @@ def evaluate_jointly(runs: Sequence[Readings], declared: Mapping[str, Any] | Non
     if solution.dof <= 0:
         raise NotDeterminable(f'{solution.model.size} ball centres leave {solution.dof} degrees of freedom; measure '
                               'more balls or share more')
-    dropped = list[SharingTest]()
+    dropped, calibrated = list[SharingTest](), any(run.plate.is_calibrated for run in runs)
     while True:
-        tests = [_tested(solution, item) for item in _items(solution)]
+        tests = [_tested(solution, item) for item in solution.model.sharing.items
+                 if item != 'calibrated plate' or calibrated]
         untrue = [test for test in tests if test.is_contradicted and _FIELDS.get(test.item, test.item) not in declared]
         if not untrue:
             break
@@ -266,12 +267,6 @@ def _distances(run: Readings) -> Floats:
 def _are_near(one: Frame, other: Frame | None) -> bool:
     return bool(other and np.abs(one.origin - other.origin).max() < NEAR
                 and np.abs(one.rotation - other.rotation).max() < NEARLY_ALONG)
-
-
-def _items(solution: JointSolution) -> list[str]:
-    model = solution.model
-    calibrated = any(run.plate.is_calibrated for run in model.runs)
-    return [item for item in model.sharing.items if item != 'calibrated plate' or calibrated]
 
 
 def _tested(solution: JointSolution, item: str) -> SharingTest:

@@ -47,7 +47,7 @@ def knowledge(solution: JointSolution) -> Knowledge:
         hidden += [f'reversal: harmonics {_numbers(waves)}'] if waves else []
     common = [name for name in (SCALE, HEIGHT) if _is_hidden(solution, name)]
     known += [name for name in (SCALE, HEIGHT) if name not in common]
-    return Knowledge(tuple(_once(known)), tuple(_once([*hidden, *common])))
+    return Knowledge(tuple(dict.fromkeys(known)), tuple(dict.fromkeys([*hidden, *common])))
 
 
 def pairs_of_senses(solution: JointSolution) -> list[tuple[TableSet, TableSet]]:
@@ -96,7 +96,3 @@ def _numbers(waves: Iterable[int]) -> str:
         else:
             spans.append([wave, wave])
     return ', '.join(str(low) if low == high else f'{low} to {high}' for low, high in spans)
-
-
-def _once(words: Iterable[str]) -> Iterable[str]:
-    return dict.fromkeys(words)
