@@ -96,7 +96,7 @@ def cell_rate(folder):
     marks = []
 
     def mark(progress):
-        if progress.phase is Phase.RUN:
+        if progress.phase == Phase.RUN:
             marks.append((time.perf_counter(), progress.done))
 
     with Cell(DOMAIN, machine=machine, params={'sequencer': {'plate.balls': BALLS}},

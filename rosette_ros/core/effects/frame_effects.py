@@ -18,13 +18,7 @@ from rosette_ros.core.effects.factored_effect import (
     WarmUp,
     shortest,
 )
-from rosette_ros.core.effects.run_functions import (
-    along_machine,
-    cmm_axes,
-    cmm_axes_names,
-    radial,
-    seconds,
-)
+from rosette_ros.core.effects.run_functions import along_machine, cmm_axes, cmm_axes_names, radial, seconds
 from rosette_ros.core.records import Floats, Run
 
 

@@ -23,7 +23,6 @@ from rosette_ros.core.records import Floats, Run
 class TableAngle(FactoredEffect, TurningEffect):
     """The table's angle is another one than its encoder shows."""
 
-
     def directions(self, run: Run) -> Floats:
         return run.radius * tangential(run.alpha)[None]
 
