@@ -20,8 +20,8 @@ from rosette_ros.core.geometry import rotate_z
 from rosette_ros.dme.ball_probing import DmeCmm
 from rosette_ros.dme.dme_check import DmeFinding, look_at
 from rosette_ros.dme.dme_plan import refuse_unsafe_plan
-from rosette_ros.dme.dme_session import DmeSession, DmeStopped, Patience, ToolNotInUse
-from rosette_ros.dme.dme_settings import DmeSettings, load_dme_settings
+from rosette_ros.dme.dme_session import DmeSession, DmeStopped, ToolNotInUse
+from rosette_ros.dme.dme_settings import DmeSettings, TimeoutSettings, load_dme_settings
 from rosette_ros.dme.probe_path import ball_path, length, lifted, obstacles, refuse_unsafe
 from rosette_ros.dme.stop_mark import StopMark
 from rosette_ros.dme.wire import PORT
@@ -74,8 +74,7 @@ def _address(text: str) -> tuple[str, int]:
 
 async def _looked(host: str, port: int, settings: DmeSettings | None,
                   trace: Callable[[str], None] | None) -> list[DmeFinding]:
-    patience = settings.timeouts.patience if settings else Patience()
-    session = await DmeSession.connect(host, port, patience, trace)
+    session = await DmeSession.connect(host, port, settings.timeouts if settings else TimeoutSettings(), trace)
     try:
         return [*await look_at(session), *(await _prepared(DmeCmm(session, settings), settings) if settings else ())]
     finally:
@@ -179,7 +178,7 @@ async def _gone_around(settings: DmeSettings, mark: StopMark, count: int | None,
     """Go around the first balls above them; the mark stays where a person has to look at the machine."""
     out, there = console(), settings.server
     try:
-        session = await DmeSession.connect(there.host, there.port, settings.timeouts.patience, trace)
+        session = await DmeSession.connect(there.host, there.port, settings.timeouts, trace)
     except DmeStopped as error:
         mark.keep_refusal(error)
         raise

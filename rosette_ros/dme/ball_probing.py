@@ -67,7 +67,7 @@ class DmeCmm:
     async def start(cls, settings: DmeSettings, trace: Callable[[str], None] | None = None) -> 'DmeCmm':
         """Connect and prepare; raises CellError where the server is not there or the machine is not ready."""
         server = settings.server
-        session = await DmeSession.connect(server.host, server.port, settings.timeouts.patience, trace)
+        session = await DmeSession.connect(server.host, server.port, settings.timeouts, trace)
         cmm = cls(session, settings)
         try:
             await cmm.prepare()

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from rosette_ros.core.errors import CellError
+from rosette_ros.dme.dme_settings import TimeoutSettings
 from rosette_ros.dme.wire import (
     ACK,
     DATA,
@@ -45,6 +46,7 @@ _UNSUPPORTED = frozenset((501, 502, 505, 506, 507, 508, 509, 510, 511))
 SEVERE = 2
 """From this severity on the server takes nothing but ClearAllErrors."""
 
+USUAL = TimeoutSettings()
 Data = list[tuple[Value, ...]]
 """What a command answered: the values of each line of data."""
 
@@ -69,16 +71,6 @@ class DmeRefused(CellError):
         self.error = error
 
 
-@dataclass(frozen=True)
-class Patience:
-    """How long is waited, s: for a connection, an Ack, the end of a command, the end of AbortE."""
-
-    connect: float = 5.0
-    ack: float = 5.0
-    command: float = 60.0
-    abort: float = 2.0
-
-
 @dataclass(eq=False)
 class SentCommand:
     """A command that was sent, and what was answered: data, warnings (severity 0 and 1) and the first error.
@@ -101,8 +93,8 @@ class DmeSession:
     cleared; is_lost: whether the connection has ended; warnings: errors of severity 0 and 1, the newest last."""
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, where: str,
-                 patience: Patience = Patience(), trace: Callable[[str], None] | None = None) -> None:
-        self._reader, self._writer, self.where, self._patience = reader, writer, where, patience
+                 timeouts: TimeoutSettings = USUAL, trace: Callable[[str], None] | None = None) -> None:
+        self._reader, self._writer, self.where, self._timeouts = reader, writer, where, timeouts
         self._trace = trace or (lambda line: None)
         self._pending: dict[str, SentCommand] = {}
         self._tags = self._events = 0
@@ -112,17 +104,17 @@ class DmeSession:
         self._listener = asyncio.create_task(self._listen())
 
     @classmethod
-    async def connect(cls, host: str, port: int = PORT, patience: Patience = Patience(),
+    async def connect(cls, host: str, port: int = PORT, timeouts: TimeoutSettings = USUAL,
                       trace: Callable[[str], None] | None = None, by_person: bool = False) -> 'DmeSession':
         """Return a session that has sent StartSession; raises DmeLost where nobody answers, DmeStopped, DmeRefused.
 
         by_person: whether a person has looked at the machine, so that errors which the server keeps are cleared."""
         where = f'{host}:{port}'
         try:
-            async with asyncio.timeout(patience.connect):
+            async with asyncio.timeout(timeouts.connect_s):
                 reader, writer = await asyncio.open_connection(host, port, limit=LONGEST)
         except TimeoutError:
-            raise DmeLost(f'{where}: wanted a connection within {patience.connect:g} s, got none; is the I++ server '
+            raise DmeLost(f'{where}: wanted a connection within {timeouts.connect_s:g} s, got none; is the I++ server '
                           'started, and is host:port right?') from None
         except OSError as error:
             raise DmeLost(f'{where}: wanted a connection, got {error.strerror or error}; is the I++ server started, '
@@ -130,7 +122,7 @@ class DmeSession:
         connection = writer.get_extra_info('socket')
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        session = cls(reader, writer, where, patience, trace)
+        session = cls(reader, writer, where, timeouts, trace)
         try:
             try:
                 await session.request(Call('StartSession'))
@@ -159,10 +151,10 @@ class DmeSession:
             self._tags = self._tags % 99999 + 1
             pending = self._send(f'{self._tags:05d}', call)
             try:
-                await self._within(self._patience.ack, pending.acked, call, 'Ack')
+                await self._within(self._timeouts.ack_s, pending.acked, call, 'Ack')
             finally:
                 pending.acked.cancel()
-        await self._within(timeout or self._patience.command, pending.done, call, 'end')
+        await self._within(timeout or self._timeouts.command_s, pending.done, call, 'end')
         if self.for_person and not clears:
             raise DmeStopped(self.stop)
         if pending.error:
@@ -206,8 +198,8 @@ class DmeSession:
         async with self._aborting:
             self._events = self._events % 9999 + 1
             pending = self._send(f'E{self._events:04d}', Call('AbortE'))
-            if not await _is_done(pending.done, self._patience.abort):
-                self._lose(f'AbortE was not answered within {self._patience.abort:g} s: the machine may still move, '
+            if not await _is_done(pending.done, self._timeouts.abort_s):
+                self._lose(f'AbortE was not answered within {self._timeouts.abort_s:g} s: the machine may still move, '
                            'press the emergency stop')
                 raise DmeLost(self.stop)
             self._stop_for(DmeError(SEVERE, ABORTED, text='aborted'))
@@ -226,7 +218,7 @@ class DmeSession:
     async def end(self) -> None:
         """Send EndSession, which a server in an error state may refuse, and close the connection."""
         try:
-            await self.request(Call('EndSession'), self._patience.ack)
+            await self.request(Call('EndSession'), self._timeouts.ack_s)
         except CellError:
             pass
         finally:
@@ -310,7 +302,7 @@ class DmeSession:
 
     def _expect_the_end(self) -> None:
         """Give up commands that the server has aborted and does not end within the time of AbortE."""
-        asyncio.get_running_loop().call_later(self._patience.abort, self._give_up, tuple(self._pending.values()))
+        asyncio.get_running_loop().call_later(self._timeouts.abort_s, self._give_up, tuple(self._pending.values()))
 
     def _stop_for(self, error: DmeError) -> None:
         for_person = error.number not in OF_A_COMMAND or error.severity > 3

@@ -11,7 +11,6 @@ from rosette_ros.core.axes import taught_frame
 from rosette_ros.core.errors import InvalidConfig
 from rosette_ros.core.geometry import TWO_PI, Floats, Frame
 from rosette_ros.core.touches import TOUCHES, USUAL
-from rosette_ros.dme.dme_session import Patience
 from rosette_ros.dme.wire import PORT, NotDme, format_value
 from rosette_ros.io.safe_yaml import of_schema, read_yaml
 from rosette_ros.simulation.setting_types import Axis, NotNegative, Number, Pair, Positive, Settings, Vector, checked
@@ -35,11 +34,6 @@ class TimeoutSettings(Settings):
     ack_s: Positive = Field(5.0, description='until the server acknowledges a command')
     command_s: Positive = Field(60.0, description='until a command has ended; more than the longest move')
     abort_s: Positive = Field(2.0, description='until AbortE has ended')
-
-    @property
-    def patience(self) -> Patience:
-        """The same, as the session takes it."""
-        return Patience(self.connect_s, self.ack_s, self.command_s, self.abort_s)
 
 
 class ToolSettings(Settings):

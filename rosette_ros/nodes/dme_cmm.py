@@ -192,12 +192,12 @@ class DmeCmmNode(CmmNode):
 
         by_person: whether a person has looked at the machine."""
         async with self._one:
-            server, patience, self._is_prepared = self._settings.server, self._settings.timeouts.patience, False
+            server, timeouts, self._is_prepared = self._settings.server, self._settings.timeouts, False
             try:
                 cmm = self._cmm
                 if cmm is None or cmm.session.is_lost:
                     self._cmm = None
-                    session = await DmeSession.connect(server.host, server.port, patience, by_person=by_person)
+                    session = await DmeSession.connect(server.host, server.port, timeouts, by_person=by_person)
                     self._cmm = cmm = DmeCmm(session, self._settings)
                 else:
                     await cmm.session.clear(by_person)
@@ -265,10 +265,10 @@ class DmeCmmNode(CmmNode):
     def finish(self) -> None:
         """Abort what moves, end the session, and send the answers that there are."""
         self._wanted = None
-        patience = self._settings.timeouts
+        timeouts = self._settings.timeouts
         leaving = self._do(self._leave())
         try:
-            leaving.result(patience.abort_s + patience.ack_s + END)
+            leaving.result(timeouts.abort_s + timeouts.ack_s + END)
         except TimeoutError:
             self.get_logger().error('the session with the I++ server did not end in time')
         self._loop.call_soon_threadsafe(self._loop.stop)

@@ -9,7 +9,8 @@ from scripted_server import IMPATIENT, OK, error, measured, run, settings_of, un
 
 from rosette_ros.core.errors import CellError
 from rosette_ros.dme.ball_probing import DmeCmm
-from rosette_ros.dme.dme_session import DmeLost, DmeSession, DmeStopped, Patience
+from rosette_ros.dme.dme_session import DmeLost, DmeSession, DmeStopped
+from rosette_ros.dme.dme_settings import TimeoutSettings
 from rosette_ros.dme.wire import ACK, DONE, Response, call, encoded
 
 NANOMETRE = 1e-9
@@ -271,7 +272,7 @@ def test_nobody_there():
     """Said in words, with what to look at."""
     async def scene():
         with pytest.raises(DmeLost, match=r'127.0.0.1:1: wanted a connection, got .*; is the I\+\+ server started'):
-            await DmeSession.connect('127.0.0.1', 1, Patience(connect=1.0))
+            await DmeSession.connect('127.0.0.1', 1, TimeoutSettings(connect_s=1.0))
     asyncio.run(scene())
 
 

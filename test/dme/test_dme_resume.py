@@ -83,7 +83,7 @@ async def interrupted(*faults, **timeouts):
         assert machine.moved == moved
         if cmm.session.is_lost:
             there = settings.server
-            cmm.session = await DmeSession.connect(there.host, there.port, settings.timeouts.patience, by_person=True)
+            cmm.session = await DmeSession.connect(there.host, there.port, settings.timeouts, by_person=True)
         else:
             await cmm.session.clear(by_person=True)
         await cmm.prepare(may_move=False)
