@@ -59,6 +59,11 @@ class LadderStep:
     fit: Fit
     cross_validation: float
 
+    @classmethod
+    def of(cls, fit: Fit, cross_validation: float) -> 'LadderStep':
+        """Return the step to the model of a fit, whose last effect is the one added."""
+        return cls(str(fit.model.terms[-1]) if fit.model.terms else '', fit, cross_validation)
+
 
 @dataclass(frozen=True, eq=False)
 class Change:
@@ -103,7 +108,7 @@ def _step(run: Run, model: Model, known: Sequence[LadderStep]) -> LadderStep:
         if step.fit.model == model:
             return step
     found = analyse(run, model)
-    return LadderStep(str(model.terms[-1]) if model.terms else '', found, cross_validation_rms(run, found))
+    return LadderStep.of(found, cross_validation_rms(run, found))
 
 
 def claimed_model(diagnosis: Diagnosis) -> Model:

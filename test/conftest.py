@@ -21,6 +21,7 @@ from forked_nodes import OUTPUTS, ForkedNode, preload
 
 from rosette_ros.cell.supervisor import Cell, added_environment
 from rosette_ros.cli.demo_cell import is_free
+from rosette_ros.cli.main import FEWER_COLLECTIONS
 
 os.environ.update(added_environment(os.environ))
 Cell.process_of = ForkedNode  # the cells of the commands that tests run as processes start theirs as users do
@@ -57,7 +58,7 @@ def pytest_collection_finish():
     what tests make alone, and less often: figures are made of many objects."""
     preload()
     gc.freeze()
-    gc.set_threshold(10_000)
+    gc.set_threshold(FEWER_COLLECTIONS)
 
 
 def pytest_unconfigure():

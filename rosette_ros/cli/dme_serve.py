@@ -63,7 +63,7 @@ def run(options: argparse.Namespace) -> None:
                   f'{config.probing.tip_radius_mm:g} mm.')
         out.print('Ctrl-C ends it.')
         sys.stdout.flush()
-        while True:  # a signal that comes just before a wait ends it no sooner
+        while True:  # a signal that comes just before a wait is seen after it
             time.sleep(0.5)
 
 

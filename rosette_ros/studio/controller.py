@@ -97,8 +97,7 @@ class Controller:
             run = session.current.run
             result = await self.do_quick(self._if_current(ticket, change), run, session.model, model,
                                          session.kept.known(run, model).steps)
-            session.keep((run, model), previewed=LadderStep(
-                str(model.terms[-1]) if model.terms else '', result.after, result.cross_validation_after))
+            session.keep((run, model), previewed=LadderStep.of(result.after, result.cross_validation_after))
             if session.is_current(ticket) and asked == self._asked:
                 session.set_preview(Preview(name, result))
         finally:
