@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rosette_ros.core.records import CURVES, ErrorMotions, Floats
+from rosette_ros.core.geometry import Floats, same_angles
+from rosette_ros.core.records import CURVES, ErrorMotions
 
 if TYPE_CHECKING:  # what only shows results starts without the least squares
     from rosette_ros.core.diagnosis.verdict import Conclusion, Verdict
@@ -20,10 +21,6 @@ DECISION_RULE = ('ISO 14253-1, guard band U (k = 2) of the range: conforms where
                  'does not conform where range − U is more; otherwise not decidable')
 FEWEST_ANGLES = 4
 """A once-per-turn part is told from the rest of a curve with so many points at least."""
-
-
-SAME_ANGLE = 1e-6
-"""Table angles of runs that differ by no more are the same, rad."""
 
 
 class Conformity(StrEnum):
@@ -119,7 +116,7 @@ def peak_to_valley(values: Floats) -> Floats:
 
 def difference(one: ErrorMotions, other: ErrorMotions) -> ErrorMotions | None:
     """Return the curves of one run less those of another, u^2 = u1^2 + u2^2; None where the table angles differ."""
-    if one.angle.shape != other.angle.shape or np.abs(one.angle - other.angle).max() > SAME_ANGLE:
+    if not same_angles(one.angle, other.angle):
         return None
     return ErrorMotions(one.angle, one.values - other.values, np.hypot(one.u, other.u), one.rotation)
 

@@ -13,12 +13,19 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 TWO_PI = 2.0 * np.pi
+SAME_ANGLE = 1e-6
+"""Nominal table angles that differ by no more are the same, rad."""
 
 
 def wrap(angle: ArrayLike) -> Floats:
     """Return an angle of any shape, rad, brought into [-pi, pi)."""
     wrapped: Floats = (np.asarray(angle, dtype=float) + np.pi) % TWO_PI - np.pi
     return wrapped
+
+
+def same_angles(one: Floats, other: Floats) -> bool:
+    """Return whether two rows of angles, rad, are as many and differ by SAME_ANGLE at most, whole turns apart."""
+    return one.shape == other.shape and bool(np.abs(wrap(one - other)).max(initial=0) <= SAME_ANGLE)
 
 
 def nominal_angles(n: int) -> Floats:

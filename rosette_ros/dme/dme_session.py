@@ -38,7 +38,7 @@ from rosette_ros.dme.wire import (
     read_line,
 )
 
-ABORTED, EMERGENCY_STOP, CLAMPED, NOT_HOMED, NO_SURFACE, COLLISION = 6, 500, 504, 1005, 1006, 2504
+ABORTED, CLAMPED, NO_SURFACE = 6, 504, 1006
 OF_A_COMMAND = frozenset((ABORTED, 501, 502, 505, 506, 507, 508, 509, 510, 511, 513, NO_SURFACE, 1008, 1010, 1502,
                           1503, 2000, 2002, 2500, 2505, 2506))
 """Errors that concern one command: the machine stands as it is used to. After any other severe one a person looks."""

@@ -11,7 +11,7 @@ from rosette_ros.archive.archive_questions import Question
 from rosette_ros.archive.cell_trend import CellTrend, trend_of
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.table_history import read_history
-from rosette_ros.core.error_summary import COVERAGE_FACTOR
+from rosette_ros.core.error_summary import COVERAGE_FACTOR, difference
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.records import ErrorMotions
 from rosette_ros.presentation.json_output import CURVE_KEYS
@@ -66,11 +66,11 @@ def differences(curves: Sequence[tuple[str, ErrorMotions]]) -> list[tuple[str, E
     (first, base), *others = curves
     made = []
     for name, motions in others:
-        if motions.angle.shape != base.angle.shape or not np.allclose(motions.angle, base.angle):
+        less = difference(motions, base)
+        if less is None:
             raise InvalidData(f'wanted runs at the same table angles, got {name} with {len(motions.angle)} and {first} '
                               f'with {len(base.angle)}')
-        made.append((f'{name} less {first}', ErrorMotions(
-            base.angle, motions.values - base.values, np.hypot(motions.u, base.u))))
+        made.append((f'{name} less {first}', less))
     return made
 
 

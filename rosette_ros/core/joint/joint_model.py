@@ -19,14 +19,12 @@ import scipy.linalg
 import scipy.sparse
 
 from rosette_ros.core.errors import InvalidData, NotDeterminable
-from rosette_ros.core.geometry import TWO_PI, Floats, Ints, rotate_z, rotation_matrix
+from rosette_ros.core.geometry import SAME_ANGLE, TWO_PI, Floats, Ints, rotate_z, rotation_matrix
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.sharing import SEATS, Sharing
 
 SAME_PLACE = 1e-4
 """Nominal places of the CMM that are nearer to each other are one, m."""
-SAME_ANGLE = 1e-6
-"""Nominal table angles that are nearer to each other are one, rad."""
 ZERO = 1e-9
 """Eigenvalues of the normal equations below this share of the largest are 0."""
 HIDDEN_PART = 1e-5

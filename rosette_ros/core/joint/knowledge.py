@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rosette_ros.core.geometry import Floats
+from rosette_ros.core.geometry import Floats, same_angles
 from rosette_ros.core.joint.joint_model import JointSolution, TableSet
 
 SEEN = 1e-6
@@ -54,8 +54,7 @@ def pairs_of_senses(solution: JointSolution) -> list[tuple[TableSet, TableSet]]:
     """Return the sets of both senses of the same table at the same angles, counter-clockwise first."""
     sets = solution.model.sets
     return [(one, other) for one in sets for other in sets
-            if (one.name, one.sense, other.sense) == (other.name, 1, -1) and one.angle.size == other.angle.size
-            and np.allclose(one.angle, other.angle, atol=1e-6)]
+            if (one.name, one.sense, other.sense) == (other.name, 1, -1) and same_angles(one.angle, other.angle)]
 
 
 def _of_curves(hidden: Floats, angle: Floats) -> tuple[list[str], list[int]]:

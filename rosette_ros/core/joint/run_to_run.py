@@ -8,9 +8,9 @@ import numpy as np
 
 from rosette_ros.core.error_summary import AxisError, error_lines, extremes
 from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.geometry import Floats, nominal_angles, wrap
+from rosette_ros.core.geometry import Floats, nominal_angles, same_angles
 from rosette_ros.core.joint.joint_evaluation import JointResult
-from rosette_ros.core.joint.joint_model import SAME_ANGLE, JointModel, JointSolution, TableSet
+from rosette_ros.core.joint.joint_model import JointModel, JointSolution, TableSet
 from rosette_ros.core.joint.sharing import Sharing
 from rosette_ros.core.records import ErrorMotions, remove_gauge
 
@@ -44,10 +44,10 @@ def _widths(one: TableSet, runs: Sequence[tuple[tuple[TableSet, ErrorMotions], .
     """Return the largest width of the curves of runs at an angle, and its u, (6,) each, m and rad.
 
     Each curve is freed of what one run cannot know. None where fewer than two were measured at all angles of a turn."""
-    if np.abs(wrap(one.angle - nominal_angles(one.angle.size))).max() > SAME_ANGLE:
+    if not same_angles(one.angle, nominal_angles(one.angle.size)):
         return None
     found = [motions for curves in runs for other, motions in curves if other.sense == one.sense
-             and other.angle.size == one.angle.size and np.abs(wrap(other.angle - one.angle)).max() <= SAME_ANGLE]
+             and same_angles(other.angle, one.angle)]
     if len(found) < 2:
         return None
     curves = np.array([remove_gauge(motions.values) for motions in found])

@@ -67,9 +67,9 @@ class PlanPanel:
             with row():
                 self._hours = self._text('time / h', '', 'plan-hours', '90px', calculates=False)
                 self._drift = self._text('drift / µm', '0.1', 'plan-drift', '90px', calculates=False)
-                self._propose = button('Propose a plan', self._on_propose, 'schedule', 'plan-propose',
-                                       hint='Order, positions and touches that are best in this time where the frame '
-                                            'wanders by this drift in an hour')
+                button('Propose a plan', self._on_propose, 'schedule', 'plan-propose',
+                       hint='Order, positions and touches that are best in this time where the frame wanders by this '
+                            'drift in an hour')
             self._upload = ui.upload(label='or a plan file', on_upload=self._on_file, auto_upload=True,
                                      on_rejected=self._on_rejected, max_file_size=MOST_BYTES).classes('drop')
             self._upload.style('max-height: 46px; overflow: hidden')
