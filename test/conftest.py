@@ -2,6 +2,7 @@
 """What tests of several folders need: a ROS domain of their own, and small cells; and which files start first."""
 
 import asyncio
+import atexit
 import contextlib
 import functools
 import gc
@@ -55,15 +56,12 @@ def pytest_collection_modifyitems(items):
 
 def pytest_collection_finish():
     """Say what processes that fork load, after all modules of tests have said it; and let garbage be looked for among
-    what tests make alone, and less often: figures are made of many objects."""
+    what tests make alone, and less often: figures are made of many objects. At the end all is cleared up; libraries
+    tell of what is left."""
     preload()
     gc.freeze()
+    atexit.register(gc.unfreeze)
     gc.set_threshold(FEWER_COLLECTIONS)
-
-
-def pytest_unconfigure():
-    """Let all be cleared up at the end; libraries tell of what is left."""
-    gc.unfreeze()
 
 
 @pytest.hookimpl(wrapper=True)
