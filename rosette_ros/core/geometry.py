@@ -24,7 +24,7 @@ def wrap(angle: ArrayLike) -> Floats:
 
 
 def same_angles(one: Floats, other: Floats) -> bool:
-    """Return whether two rows of angles, rad, are as many and differ by SAME_ANGLE at most, whole turns apart."""
+    """Return whether two rows of angles, rad, are equally many and differ by at most SAME_ANGLE and whole turns."""
     return one.shape == other.shape and bool(np.abs(wrap(one - other)).max(initial=0) <= SAME_ANGLE)
 
 

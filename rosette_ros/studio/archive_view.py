@@ -68,10 +68,14 @@ def differences(curves: Sequence[tuple[str, ErrorMotions]]) -> list[tuple[str, E
     for name, motions in others:
         less = difference(motions, base)
         if less is None:
-            raise InvalidData(f'wanted runs at the same table angles, got {name} with {len(motions.angle)} and {first} '
-                              f'with {len(base.angle)}')
+            raise InvalidData(f'wanted runs at the same table angles, got {name} with {_angles(motions)} and {first} '
+                              f'with {_angles(base)}')
         made.append((f'{name} less {first}', less))
     return made
+
+
+def _angles(motions: ErrorMotions) -> str:
+    return f'{len(motions.angle)} from {np.rad2deg(motions.angle[0]):.6g}°'
 
 
 def table_trend(folder: str, table: str, model: str) -> CellTrend:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.geometry import Frame, rigid_motion, rotate_z, rotation_matrix, table_frame, wrap
+from rosette_ros.core.geometry import Frame, rigid_motion, rotate_z, rotation_matrix, same_angles, table_frame, wrap
 
 NANOMETRE = 1e-9
 component = st.floats(-3, 3)
@@ -94,3 +94,15 @@ def test_wrong_balls_are_noticed():
     circle = rotate_z(phi, np.array([0.1825, 0.0, 0.0]))
     with pytest.raises(NotDeterminable, match='got 90.0 deg between its normal and the axis'):
         table_frame(circle, circle[:, [0, 2, 1]])
+
+
+def test_table_angles_are_the_same_within_a_microradian_and_whole_turns():
+    """As many, in their order; 1 µrad is 0.1 µm at 100 mm."""
+    angle = np.array([0.0, 2.0, 4.0])
+    assert same_angles(angle, angle + 0.9e-6)
+    assert same_angles(angle, angle + 2 * np.pi * np.array([1, 0, -2]))
+    assert same_angles(angle, np.array([2 * np.pi - 0.9e-6, 2.0, 4.0]))
+    assert not same_angles(angle, angle + np.array([0, 1.1e-6, 0]))
+    assert not same_angles(angle, angle[:2])
+    assert not same_angles(angle, angle[[0, 2, 1]])
+    assert not same_angles(angle, np.array([0.0, np.nan, 4.0]))

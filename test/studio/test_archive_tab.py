@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tab of an archive in a real browser: filter, curves over each other, differences, trend, a click opens a run."""
 
+import numpy as np
 import pytest
 from playwright.sync_api import expect
 
@@ -8,10 +9,14 @@ from rosette_ros.archive.engines import PlainLoop
 from rosette_ros.archive.log_finder import find_logs
 from rosette_ros.archive.run_adding import add_logs
 from rosette_ros.archive.run_archive import RunArchive
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.geometry import nominal_angles
+from rosette_ros.core.records import ErrorMotions
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.studio.archive_view import differences
 
 BALLS, RUNS = 4, 9
 
@@ -61,3 +66,17 @@ def test_an_archive_in_the_studio(page, archive, tmp_path, start_studio):
         page.get_by_test_id('archive-runs').get_by_text('run8').click()
         expect(page.get_by_test_id('verdict')).to_be_visible()
         page.close()
+
+
+def test_differences_want_the_same_table_angles():
+    """Each run less the first, u of both; a run between the steps of the other is refused."""
+    one, other = (ErrorMotions(nominal_angles(4), np.full((4, 6), value), np.full((4, 6), u))
+                  for value, u in ((1e-6, 3e-7), (3e-6, 4e-7)))
+    [(name, less)] = differences([('a', one), ('b', other)])
+    assert name == 'b less a'
+    np.testing.assert_allclose(less.values, 2e-6, rtol=1e-12)
+    np.testing.assert_allclose(less.u, 5e-7, rtol=1e-12)
+    turned = ErrorMotions(other.angle + np.deg2rad(15), other.values, other.u)
+    with pytest.raises(InvalidData, match=(
+            '^wanted runs at the same table angles, got b with 4 from 15° and a with 4 from 0°$')):
+        differences([('a', one), ('b', turned)])
