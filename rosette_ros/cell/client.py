@@ -17,7 +17,6 @@ from rclpy.context import Context
 from rclpy.exceptions import NameValidationException
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.logging import LoggingSeverity
-from rclpy.node import Node
 from rclpy.task import Future
 from rosette_msgs.action import Calibrate
 from rosette_msgs.msg import CalibrationEvent, Diagnosis, RunState
@@ -34,6 +33,7 @@ from rosette_ros.core.records import ErrorMotions
 from rosette_ros.io.messages import CalibrationProgress, Phase, progress_of, verdict_of
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import TakenSignals
+from rosette_ros.nodes.graph_node import GraphNode
 from rosette_ros.nodes.liveliness import NodeMonitor
 from rosette_ros.nodes.senders import Sender
 
@@ -74,7 +74,7 @@ class GraphClient:
         try:
             self._context.init(domain_id=domain_id)
             unique = f'{name}_{uuid.uuid4().hex[:8]}'
-            self._node = Node(unique, namespace=self._where, context=self._context, **settings)
+            self._node = GraphNode(unique, namespace=self._where, context=self._context, **settings)
         except (NameValidationException, RuntimeError, ValueError) as error:
             self._context.try_shutdown()
             where = f'domain {domain_id}, namespace {namespace!r}'
@@ -119,15 +119,20 @@ class CellClient(GraphClient):
         self._action = ActionClient(self._node, Calibrate, names.CALIBRATE)
         # The last one: DDS announces subscriptions in their order, so a sequencer whose state is received knows those
         # of feedback and events, too.
-        self._sequencer = Sender(self._node, names.RUN_STATE, NodeMonitor(self._node, names.SEQUENCER))
+        self._monitor = NodeMonitor(self._node, names.SEQUENCER)
+        self._sequencer = Sender(self._node, names.RUN_STATE, self._monitor)
         self._sequencer.on_change = self._on_restart
         self._sequencer.judge(self._node.create_subscription(RunState, names.RUN_STATE, self._on_state, qos.STATE))
-        self._node.create_timer(_STEP, self._sequencer.watch)
+        self._node.create_timer(_STEP, self._watch)
 
     def close(self) -> None:
         """Leave the graph."""
         self._action.destroy()
         super().close()
+
+    def _watch(self) -> None:
+        self._monitor.watch()
+        self._sequencer.watch()
 
     def wait(self, timeout: float = 10.0) -> None:
         """Wait for a sequencer; raises CellError where none answers in time."""

@@ -15,13 +15,11 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, SimpleManagedEntity, TransitionCallbackReturn
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
@@ -31,6 +29,7 @@ from std_msgs.msg import Header
 from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import RosetteError
 from rosette_ros.nodes import names, qos
+from rosette_ros.nodes.graph_node import GraphNode
 from rosette_ros.nodes.liveliness import HeartbeatPublisher, NodeMonitor
 from rosette_ros.nodes.parameters import Parameters, refuse_unknown_sections
 from rosette_ros.nodes.senders import Sender
@@ -45,7 +44,7 @@ Health = tuple[bytes, str, dict[str, object]]
 """Level of DiagnosticStatus, one sentence, values by name."""
 
 
-class CellNode(Node):
+class CellNode(GraphNode):
     """A node of the cell.
 
     Topics: publishes `/diagnostics` (diagnostic_msgs/DiagnosticArray) every HEALTH_PERIOD and `<node>/alive`
@@ -58,7 +57,7 @@ class CellNode(Node):
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._health_out = self.create_publisher(DiagnosticArray, names.DIAGNOSTICS, qos.HEALTH)
         self.heartbeat = HeartbeatPublisher(self)
-        self.every(qos.HEARTBEAT_PERIOD, self.heartbeat.publish)
+        self._unconnected = frozenset[str]()
         self.every(HEALTH_PERIOD, self._publish_health)
         self._monitors: dict[str, NodeMonitor] = {}
         self._senders: dict[str, Sender] = {}
@@ -67,18 +66,14 @@ class CellNode(Node):
     def on(self, name: str, message_class: type, handler: Callable[[Any], None], profile: QoSProfile,
            raw: bool = False, from_one: bool = False) -> Subscription:
         """Subscribe; raw: the handler gets CDR bytes; from_one: of a topic in names.PUBLISHERS nothing is handled while
-        several nodes publish it.
-
-        Nobody is told of messages that were lost in transport: rmw_fastrtps 8.4 can hang a node that takes this event
-        while another message is lost (rmw_fastrtps pull request 890)."""
+        several nodes publish it."""
         sender = self.sender(name) if from_one and name in names.PUBLISHERS else None
 
         def admitted(message: Any) -> None:
             if sender is None or sender.admits():
                 handler(message)
 
-        events = SubscriptionEventCallbacks(matched=None if sender is None else lambda event: sender.look())
-        made = self.create_subscription(message_class, name, admitted, profile, raw=raw, event_callbacks=events)
+        made = self.create_subscription(message_class, name, admitted, profile, raw=raw)
         if sender is not None:
             sender.judge(made)
         return made
@@ -101,7 +96,15 @@ class CellNode(Node):
         """Whether each topic that is used from one publisher alone has that one and no other."""
         return all(sender.is_bound for sender in self._senders.values())
 
+    def destroy_node(self) -> None:
+        """End the heartbeat and destroy the node."""
+        self.heartbeat.end()
+        super().destroy_node()
+
     def _wake(self) -> None:
+        self.heartbeat.serve()
+        for monitor in self._monitors.values():
+            monitor.watch()
         for sender in self._senders.values():
             sender.watch()
         self.wake()
@@ -155,6 +158,11 @@ class CellNode(Node):
         level, sentence, values = self.health()
         for rivals in filter(None, (sender.rivals for sender in self._senders.values())):
             level, sentence = max(level, WARN), f'{sentence}; {rivals}: what they publish is not used'
+        before, self._unconnected = self._unconnected, frozenset(self.unconnected())
+        for words in sorted(self._unconnected):
+            level, sentence = max(level, WARN), f'{sentence}; {words}'
+            if words not in before:
+                self.get_logger().warning(words)
         status = DiagnosticStatus(
             level=level, name=self.get_fully_qualified_name()[1:], message=sentence,
             hardware_id=self.get_namespace()[1:], values=[KeyValue(key=key, value=str(values[key])) for key in values])

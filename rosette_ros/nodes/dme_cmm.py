@@ -117,9 +117,8 @@ class DmeCmmNode(CmmNode):
             response.success, response.message = True, 'nothing was to be cleared: the machine is ready'
             return response
         self._wanted = None
-        ready, deadline = self._do(self._get_ready(by_person=True)), self.seconds() + RECOVERY
-        while not wait([ready], qos.HEARTBEAT_PERIOD).done and self.seconds() < deadline:
-            self.heartbeat.publish()  # nothing else is called back meanwhile
+        ready = self._do(self._get_ready(by_person=True))
+        wait([ready], RECOVERY)
         problem = ready.result() if ready.done() else f'not ready within {RECOVERY:g} s: /diagnostics'
         response.success = not problem
         self.wake()  # the next goal shall not be refused for what is over

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Heartbeats, and what they and the graph say about a cell: which nodes are present, settled, disconnected, restarted.
 
-Each node publishes rosette_msgs/Heartbeat on `<node>/alive`. The middleware reports that a publisher has disappeared
-(liveliness) or is late (deadline); the name of the process tells a restarted node from the one before. A CMM that
-publishes no heartbeat is judged by its publishers and subscriptions alone."""
+Each node publishes rosette_msgs/Heartbeat on `<node>/alive`, in a thread of its own: also while it computes. A node
+whose heartbeats stay away, or whose publisher is taken down, is disconnected; the name of the process tells a restarted
+node from the one before. A CMM that publishes no heartbeat is judged by its publishers and subscriptions alone."""
 
+import threading
 import time
 import uuid
 from collections.abc import Collection, Iterable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rosette_msgs.msg import Heartbeat
 from std_msgs.msg import Header
@@ -21,8 +21,10 @@ if TYPE_CHECKING:
     from rosette_ros.nodes.base_node import CellNode
     from rosette_ros.nodes.node_requests import RecorderLink
 
+_LONGEST_STEP = 0.3  # between two looks for heartbeats: longer, and the node that looks stood still, s
 _PARTICIPANT = 12  # bytes of a GID that name the participant (DDS-RTPS 2.2, section 8.2.4.1)
 _NODE_WORDS = {names.CMM: 'CMM', names.RECORDER: 'recorder'}
+BUSY = 2.0  # a node that has called nothing back for this time is told in /diagnostics, s
 SETTLING = 1.0  # how long all nodes have to be present before a run: discovery takes its time in each of them, s
 
 
@@ -52,6 +54,8 @@ class HeartbeatPublisher:
         self._problem = ''
         self.hears: tuple[str, ...] = ()
         self._publisher = node.create_publisher(Heartbeat, f'{node.get_name()}/{names.ALIVE}', qos.ALIVE)
+        self._served, self._is_ended = 0.0, threading.Event()
+        self._thread = threading.Thread(target=self._run, name='heartbeat', daemon=True)
 
     def report(self, problem: str) -> None:
         """Say why the node cannot do its work, '' where it can; a change is published at once."""
@@ -60,57 +64,79 @@ class HeartbeatPublisher:
             self._problem = problem
             self.publish()
 
+    def serve(self) -> None:
+        """Take note that the node calls back; called often. With the first call, publishing begins."""
+        self._served = time.monotonic()
+        if self._thread.ident is None:
+            self._thread.start()
+
     def publish(self) -> None:
-        """Publish one; called every HEARTBEAT_PERIOD."""
+        """Publish one."""
         self._publisher.publish(Heartbeat(
             header=Header(stamp=self._node.now().to_msg()), node=self._node.get_name(), process=self.process,
-            problem=self._problem, hears=list(self.hears), period=qos.HEARTBEAT_PERIOD))
+            problem=self._problem, hears=list(self.hears), period=qos.HEARTBEAT_PERIOD,
+            busy=time.monotonic() - self._served if self._served else 0.0))
+
+    def end(self) -> None:
+        """Publish no more; called before the node is destroyed."""
+        self._is_ended.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+
+    def _run(self) -> None:
+        self.publish()
+        while not self._is_ended.wait(qos.HEARTBEAT_PERIOD):
+            self.publish()
 
 
 class NodeMonitor:
     """What the heartbeats say about another node of the cell.
 
-    process: that of the last heartbeat, '' before the first; problem, hears: as in Heartbeat.msg; is_disconnected:
-    whether one was present and neither it nor a successor is; is_late: whether its heartbeat is overdue."""
+    process: that of the last heartbeat, '' before the first; problem, hears, busy: as in Heartbeat.msg."""
 
     def __init__(self, node: Node, peer: str) -> None:
         self._node, self.peer = node, peer
-        self._topic = node.resolve_topic_name(f'{peer}/{names.ALIVE}')
         self._received: dict[str, float] = {}
-        self.process, self.problem, self.hears = '', '', tuple[str, ...]()
-        self._publishers, self.is_disconnected, self.is_late = 0, False, False
-        node.create_subscription(
-            Heartbeat, self._topic, self._on_heartbeat, qos.ALIVE,
-            event_callbacks=SubscriptionEventCallbacks(liveliness=self._on_liveliness, deadline=self._on_deadline))
+        self._waited, self._watched = 0.0, time.monotonic()
+        self.process, self.problem, self.hears, self.busy = '', '', tuple[str, ...](), 0.0
+        self._subscription = node.create_subscription(
+            Heartbeat, node.resolve_topic_name(f'{peer}/{names.ALIVE}'), self._on_heartbeat, qos.ALIVE)
+
+    def watch(self) -> None:
+        """Forget processes whose heartbeats stay away; called every WAKE_PERIOD.
+
+        While this node itself stands still, heartbeats wait for it: that time does not count."""
+        now = time.monotonic()
+        self._waited, self._watched = self._waited + min(now - self._watched, _LONGEST_STEP), now
+        self._received = {process: at for process, at in self._received.items()
+                          if self._waited - at < qos.HEARTBEAT_LOST}
 
     def count(self) -> int:
         """Return how many processes publish heartbeats under this name now."""
-        now = time.monotonic()
-        self._received = {process: at for process, at in self._received.items() if now - at < qos.HEARTBEAT_LOST}
-        return min(len(self._received), self._publishers)
+        return min(len(self._received), self._subscription.get_publisher_count())
+
+    @property
+    def is_disconnected(self) -> bool:
+        """Whether one was present, and neither it nor a successor is."""
+        return bool(self.process) and not self.count()
+
+    @property
+    def is_late(self) -> bool:
+        """Whether a heartbeat is overdue of which is not yet known whether it stays away."""
+        return self.count() > 0 and self._waited - max(self._received.values()) > qos.HEARTBEAT_LATE
 
     def running(self) -> int:
         """Return how many processes run, those counted that have published no heartbeat yet."""
-        return max(self.count(), 0 if self.is_disconnected else 1)
+        return self.count() if self.process else 1
 
     def publishers(self) -> list[Any]:
         """Return the publishers of the heartbeat on the graph, also those of processes that were killed just now."""
-        return self._node.get_publishers_info_by_topic(self._topic)
+        return self._node.get_publishers_info_by_topic(self._subscription.topic_name)
 
     def _on_heartbeat(self, message: Heartbeat) -> None:
         self.process, self.problem, self.hears = message.process, message.problem, tuple(message.hears)
-        self.is_late = False
-        self._received[self.process] = time.monotonic()
-        if self._publishers:  # else it is the last heartbeat of a process that has ended
-            self.is_disconnected = False
-
-    def _on_liveliness(self, event: Any) -> None:
-        self._publishers = event.alive_count
-        if not self._publishers:
-            self.is_disconnected = True
-
-    def _on_deadline(self, event: Any) -> None:
-        self.is_late = True
+        self.busy = message.busy
+        self._received[self.process] = self._waited
 
 
 class Trouble(NamedTuple):
@@ -227,9 +253,14 @@ class CellMonitor:
         return '; '.join(problem for name in nodes if (problem := self._monitors[name].problem)
                          and not self._is_disconnected(name))
 
-    def late(self) -> list[str]:
-        """Return the present nodes whose heartbeat is overdue: they hang, or their computer is overloaded."""
-        return [name for name, monitor in self._monitors.items() if monitor.is_late and not monitor.is_disconnected]
+    def is_late(self, name: str) -> bool:
+        """Return whether it shows within a second whether this node is disconnected."""
+        return self._monitors[name].is_late
+
+    def busy(self) -> list[str]:
+        """Return which present nodes call nothing back, and for how long: they compute, or they hang."""
+        return [f'{name} has answered nothing for {monitor.busy:.0f} s: it computes, hangs or lacks processor time'
+                for name, monitor in self._monitors.items() if monitor.busy > BUSY and not monitor.is_disconnected]
 
     def _is_disconnected(self, name: str) -> bool:
         return self._monitors[name].is_disconnected

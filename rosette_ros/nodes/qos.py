@@ -7,8 +7,7 @@ node sleeps for half of one."""
 
 from typing import Any
 
-from rclpy.duration import Duration
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 
 def _profile(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE, **more: Any) -> QoSProfile:
@@ -28,12 +27,11 @@ CLOCK = _profile(10)
 HEALTH = _profile(10)
 
 HEARTBEAT_PERIOD = 0.5  # a node publishes its heartbeat at this interval, s
-HEARTBEAT_LOST = 2.5 * HEARTBEAT_PERIOD  # a process without a heartbeat for this time is not counted, s
-ALIVE = _profile(10, DurabilityPolicy.TRANSIENT_LOCAL, deadline=Duration(seconds=1),
-                 liveliness=LivelinessPolicy.AUTOMATIC, liveliness_lease_duration=Duration(nanoseconds=700_000_000))
-"""Heartbeats: the middleware reports within the lease that a process has ended, within the deadline that a heartbeat is
-late. On a topic of their own, so that a CMM with other QoS still fits the cell. Ten deep: in a queue of one, the
-heartbeats of two processes of one name would replace each other."""
+HEARTBEAT_LATE = 1.5 * HEARTBEAT_PERIOD  # after this time it is waited for, and nothing is asked again, s
+HEARTBEAT_LOST = 2.5 * HEARTBEAT_PERIOD  # a process without a heartbeat for this time is disconnected, s
+ALIVE = _profile(10, DurabilityPolicy.TRANSIENT_LOCAL)
+"""Heartbeats: on a topic of their own, so that a CMM with other QoS still fits the cell. Ten deep: in a queue of one,
+the heartbeats of two processes of one name would replace each other."""
 
 TRANSFORMS = _profile(100)
 JOINTS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -2,8 +2,9 @@
 """Who publishes what a node uses: one process a topic, and never two at once.
 
 rclpy does not say which publisher a message came from. But a publisher is known before its first message is delivered:
-while a topic has two, none of its messages is used, and another publisher than before is used when it has been alone
-for SETTLING s. The publisher of a process that was killed stays on the graph for up to 20 s; heartbeats tell it apart.
+while a topic has two, and for SETTLING s after, none of its messages is used: what one that has left had published may
+be taken late. Another publisher than before is used when it has been alone for as long. The publisher of a process
+that was killed stays on the graph for up to 20 s; heartbeats tell it apart.
 """
 
 import time
@@ -13,9 +14,8 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
+from rosette_ros.nodes.graph_node import name_of
 from rosette_ros.nodes.liveliness import SETTLING, NodeMonitor, process_of
-
-_UNNAMED = 'one whose name is not known'
 
 
 class Sender:
@@ -39,6 +39,7 @@ class Sender:
         self._names: dict[bytes, str] = {}
         self._first_seen: dict[bytes, float] = {}
         self._matched, self._running, self._since = 0, 0, 0.0
+        self._last_rivals = -SETTLING
 
     def judge(self, subscription: Subscription) -> None:
         """Take note of the subscription whose messages `admits` judges."""
@@ -74,12 +75,15 @@ class Sender:
             self.alive, self._since = alive, now
             if self.rivals:
                 self.on_rivals(self.rivals)
+        if len(alive) > 1:
+            self._last_rivals = now
         if len(alive) == 1 and not alive <= self.bound and (not self.bound or now - self._since >= SETTLING):
             before, self.bound = self.bound, alive
             if before:
                 self.on_change()
         # a publisher is matched a moment before it is on the graph, and its first message may be there by then
-        self.is_bound = alive <= self.bound and (self._subscription is None or self._matched <= len(self._names))
+        self.is_bound = alive <= self.bound and now - self._last_rivals >= SETTLING and (
+            self._subscription is None or self._matched <= len(self._names))
 
     def _count(self) -> int:
         subscription = self._subscription
@@ -90,8 +94,7 @@ class Sender:
 
         Those that were found last are taken to run: a new one is never mistaken for one that has ended."""
         infos: list[Any] = self._node.get_publishers_info_by_topic(self.topic)
-        self._names = {bytes(one.endpoint_gid): _UNNAMED if 'UNKNOWN' in one.node_name else
-                       f'{one.node_namespace.rstrip("/")}/{one.node_name}' for one in infos}
+        self._names = {bytes(one.endpoint_gid): name_of(one) for one in infos}
         self._first_seen = {gid: self._first_seen.get(gid, now) for gid in self._names}
         beating = {process_of(one.endpoint_gid) for one in self._peer.publishers()}
         found = sorted(self._names, key=lambda gid: self._first_seen[gid])

@@ -238,7 +238,8 @@ class Sequencer(ManagedNode):
         else:
             if not (job.opening or job.is_over):
                 self._check_nodes(job, now)
-            self._do(job, job.sequence.tick(now))
+            if not self._cell.is_late(names.CMM):  # else it may not have been there to be asked
+                self._do(job, job.sequence.tick(now))
             if job.has_new_evaluator and job.sequence.phase is Phase.EVALUATION and now - self._published >= SETTLING:
                 self._publish_state(job)  # it publishes its results again
             if job.sequence.left is not None:
@@ -255,7 +256,7 @@ class Sequencer(ManagedNode):
             self._do(job, sequence.fail(problems))
         elif str(trouble) and not sequence.is_held:
             self._do(job, sequence.hold(str(trouble), now, trouble.nodes == [names.CMM], bool(trouble.nodes)))
-        if trouble.gone or trouble.rivals or not sequence.is_held:
+        if trouble.gone or trouble.rivals or not (sequence.is_held and self.is_certain):
             return
         if not (trouble.restarted or trouble.is_refused):
             self._do(job, sequence.resume_asking(now, restarted=False))
@@ -421,8 +422,7 @@ class Sequencer(ManagedNode):
         job = self._job
         if job is not None:
             sequence = job.sequence
-            silent = ''.join(f'; {name} sends no heartbeat: it hangs, or its computer is overloaded'
-                             for name in self._cell.late())
+            silent = ''.join(f'; {words}' for words in self._cell.busy())
             silent += f'; {len(job.remarks)} warnings, the last: {job.remarks[-1]}' if job.remarks else ''
             return WARN if silent or sequence.is_held else OK, f'{job.progress}: {sequence.describe()}{silent}', {
                 'run_id': job.run_id, 'done': sequence.done, 'total': sequence.plan.total,

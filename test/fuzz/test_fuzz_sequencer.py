@@ -79,7 +79,7 @@ class MuteSequencer(Mute, Sequencer):
             _last='',
             _last_level=0,
             _next_job=None,
-            _cell=SimpleNamespace(late=list, missing=lambda with_recorder: [],
+            _cell=SimpleNamespace(busy=list, missing=lambda with_recorder: [],
                                   problems=lambda nodes: ''),
             _active=ACTIVE,
         )

@@ -5,9 +5,17 @@ from types import SimpleNamespace
 
 import pytest
 from builtin_interfaces.msg import Time
+from rosette_msgs.msg import Heartbeat
 
 from rosette_ros.nodes import names, qos
-from rosette_ros.nodes.liveliness import CellMonitor, HeartbeatPublisher
+from rosette_ros.nodes.liveliness import BUSY, CellMonitor, HeartbeatPublisher, NodeMonitor
+
+
+def publisher_of(sent):
+    """Return a HeartbeatPublisher whose messages go to a list."""
+    return HeartbeatPublisher(SimpleNamespace(
+        get_name=lambda: 'recorder', create_publisher=lambda *_, **__: SimpleNamespace(publish=sent.append),
+        now=lambda: SimpleNamespace(to_msg=Time)))
 
 
 @pytest.mark.parametrize(('problem', 'hears'), [
@@ -15,10 +23,7 @@ from rosette_ros.nodes.liveliness import CellMonitor, HeartbeatPublisher
 def test_a_heartbeat_holds_what_it_was_given(problem, hears):
     """The problem is one line; every process has a name of its own."""
     sent = []
-    publisher = SimpleNamespace(publish=sent.append)
-    node = SimpleNamespace(get_name=lambda: 'recorder', create_publisher=lambda *_, **__: publisher,
-                           now=lambda: SimpleNamespace(to_msg=Time))
-    heartbeat, other = HeartbeatPublisher(node), HeartbeatPublisher(node)
+    heartbeat, other = publisher_of(sent), publisher_of(sent)
     heartbeat.hears = hears
     heartbeat.report(problem)
     assert len(sent) == bool(problem), 'a change is published at once'
@@ -49,3 +54,90 @@ def test_a_run_waits_until_the_recorder_receives_from_all(cmm, recorder, hears, 
         names.RECORDER: SimpleNamespace(process=recorder, hears=hears, is_disconnected=is_disconnected)}
     assert monitor.is_settled(10.0) == is_settled
     assert not monitor.is_settled(0.5)
+
+
+def test_a_node_that_computes_says_so_and_is_there(wait_until):
+    """Heartbeats begin with the first callback, are published by another thread, and end before the node does."""
+    sent = []
+    heartbeat = publisher_of(sent)
+    heartbeat.end()
+    assert sent == [], 'a node that was never called back has no thread'
+    heartbeat = publisher_of(sent)
+    heartbeat.serve()
+    wait_until(lambda: len(sent) >= 3)  # nothing is called back meanwhile
+    assert sent[0].busy < sent[1].busy < sent[2].busy
+    heartbeat.serve()
+    heartbeat.end()
+    published = len(sent)
+    heartbeat.publish()
+    assert sent[-1].busy < sent[2].busy
+    assert len(sent) == published + 1
+
+
+class Watched:
+    """A NodeMonitor of a node with a subscription, and the time that it reads."""
+
+    def __init__(self, monkeypatch):
+        """Start at a time of its own, without a publisher."""
+        self.now, self.publishers = 100.0, 0
+        monkeypatch.setattr('rosette_ros.nodes.liveliness.time', SimpleNamespace(monotonic=lambda: self.now))
+        subscription = SimpleNamespace(get_publisher_count=lambda: self.publishers)
+        self.monitor = NodeMonitor(SimpleNamespace(
+            resolve_topic_name=str, create_subscription=lambda *_: subscription), 'cmm')
+
+    def receive(self, process, busy=0.0):
+        """Receive a heartbeat."""
+        self.monitor._on_heartbeat(Heartbeat(process=process, busy=busy))
+
+    def wait(self, duration, step=0.1):
+        """Let time pass in steps of the node that watches."""
+        for _ in range(round(duration / step)):
+            self.now += step
+            self.monitor.watch()
+
+
+def test_a_node_whose_heartbeats_stay_away_is_disconnected(monkeypatch):
+    """Killed: its publisher stays on the graph; taken down in good order: its publisher is not there any more."""
+    watched = Watched(monkeypatch)
+    monitor = watched.monitor
+    assert (monitor.is_disconnected, monitor.running()) == (False, 1), 'it may publish none at all'
+    watched.publishers = 1
+    watched.receive('cmm 1')
+    watched.wait(qos.HEARTBEAT_LATE - 0.1)
+    assert (monitor.is_disconnected, monitor.is_late) == (False, False)
+    watched.wait(qos.HEARTBEAT_LOST - qos.HEARTBEAT_LATE)
+    assert (monitor.is_disconnected, monitor.is_late) == (False, True)
+    watched.wait(0.3)
+    assert (monitor.is_disconnected, monitor.is_late, monitor.running()) == (True, False, 0)
+    watched.publishers = 2
+    watched.receive('cmm 2')
+    assert (monitor.is_disconnected, monitor.running(), monitor.process) == (False, 1, 'cmm 2')
+    watched.receive('cmm 3')
+    assert monitor.count() == 2, 'two of one name'
+    watched.publishers = 0
+    assert monitor.is_disconnected
+
+
+def test_heartbeats_that_wait_for_a_node_that_stood_still_are_not_missed(monkeypatch):
+    """After a minute of its own calculation, or of sleep of the computer, no other node seems to be disconnected."""
+    watched = Watched(monkeypatch)
+    watched.publishers = 1
+    watched.receive('cmm 1')
+    watched.wait(60.0, step=60.0)
+    assert not watched.monitor.is_disconnected
+    watched.wait(2.0)
+    assert watched.monitor.is_disconnected
+
+
+def test_a_node_that_answers_nothing_is_told(monkeypatch):
+    """As long as its process runs; what has ended is told as disconnected."""
+    watched = Watched(monkeypatch)
+    cell = CellMonitor.__new__(CellMonitor)
+    cell._monitors = {names.CMM: watched.monitor}
+    watched.publishers = 1
+    watched.receive('cmm 1', busy=BUSY - 0.1)
+    assert cell.busy() == []
+    watched.receive('cmm 1', busy=12.3)
+    assert cell.busy() == ['cmm has answered nothing for 12 s: it computes, hangs or lacks processor time']
+    watched.publishers = 0
+    assert cell.busy() == []

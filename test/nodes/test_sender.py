@@ -3,6 +3,9 @@
 
 from types import SimpleNamespace
 
+import pytest
+
+from rosette_ros.nodes.liveliness import SETTLING
 from rosette_ros.nodes.senders import Sender
 
 
@@ -27,8 +30,18 @@ class Topic:
         return self.matched
 
 
-def test_a_publisher_that_is_matched_but_not_on_the_graph_is_not_used():
-    """Its first message may be there before the graph shows it: a forged idle state closed the log of a run."""
+@pytest.fixture
+def clock(monkeypatch):
+    """Return the time that a sender reads, which tests set."""
+    made = SimpleNamespace(now=100.0)
+    monkeypatch.setattr('rosette_ros.nodes.senders.time', SimpleNamespace(monotonic=lambda: made.now))
+    return made
+
+
+def test_a_publisher_that_is_matched_but_not_on_the_graph_is_not_used(clock):
+    """Its first message may be there before the graph shows it, its last one after it has left.
+
+    closed the log of a run."""
     topic = Topic()
     sender = Sender(topic, 'run_state', SimpleNamespace(publishers=list, running=lambda: 0))
     sender.judge(topic)
@@ -40,6 +53,12 @@ def test_a_publisher_that_is_matched_but_not_on_the_graph_is_not_used():
     sender.watch()
     assert not sender.admits()
     assert sender.rivals == '2 nodes publish /rosette/run_state (/rosette/node_1 and /rosette/node_2)'
+    clock.now += 60.0
+    sender.watch()
     topic.on_graph, topic.matched = [1], 1
+    assert not sender.admits()
+    assert sender.rivals == ''
+    clock.now += SETTLING
+    sender.watch()
     assert sender.admits()
-    assert sender.refused == 2
+    assert sender.refused == 3
