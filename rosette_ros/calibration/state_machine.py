@@ -4,7 +4,7 @@
 Whoever drives it passes the time (steady, s) and carries out the commands that each step returns."""
 
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Collection, Set
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -70,9 +70,10 @@ class PublishState:
 
 @dataclass(frozen=True)
 class Verify:
-    """Find out whether the log holds so many answers, these results and the state of this phase; then `verified`."""
+    """Find out whether the log holds these answers, (seq, stamp in ns), these results and the state of this phase; then
+    `verified`."""
 
-    answers: int
+    answers: frozenset[tuple[int, int]]
     results: Results | None = None
     phase: Phase = Phase.IDLE
 
@@ -148,7 +149,7 @@ class Sequence:
         self._is_received = self._is_whole = False  # the log: has received since the last pause; holds all answers
         self._results: Results | None = None
         self._held, self._is_gone, self.disturbed = '', True, list[str]()
-        self._in_doubt, self._skipped_last = list[tuple[int, int]](), True
+        self._in_doubt, self._skipped_last = frozenset[tuple[int, int]](), True
         self._deadline: float | None = None
         self._frame, self._frame_id = plan.taught, MACHINE_FRAME
         self._pace = deque[float](maxlen=PACE_OF)  # when the last answers were taken, since the last pause
@@ -220,15 +221,15 @@ class Sequence:
             self.disturbed.append(words)
         self._deadline = now + self.limits.return_timeout
         if verify and self.verifies:
-            self._in_doubt = [(target.seq, taken.stamp_ns) for target, taken in self.answers.counting()]
+            self._in_doubt = self._taken()
         remark = Remark(f'{words}; the run waits for {"it" if is_gone else "the end of one"}')
-        return remark, PublishState(), *(Verify(self.done),) * bool(self._in_doubt)
+        return remark, PublishState(), *(Verify(self._in_doubt),) * bool(self._in_doubt)
 
     def resume_asking(self, now: float, restarted: bool) -> Commands:
         """Continue after hold; restarted: a pause lies between, the present target is asked again."""
         if not self._held or self.phase.is_end:
             return ()
-        self._held, self._in_doubt = '', []
+        self._held, self._in_doubt = '', frozenset()
         self._pace.clear()
         self.session += restarted
         self._is_received &= not restarted
@@ -248,9 +249,9 @@ class Sequence:
         if not self.verifies:
             return (*self._done(), Finish(self.phase, self.text))
         self.text, self._deadline = 'verifying that the log holds the results', None
-        return (Verify(self.done, results),)
+        return (Verify(self._taken(), results),)
 
-    def verified(self, recorded: Collection[tuple[int, int]], missing: Collection[str], now: float) -> Commands:
+    def verified(self, recorded: Set[tuple[int, int]], missing: Collection[str], now: float) -> Commands:
         """Take what is in the log: (seq, stamp in ns) of its answers, and what else is missing, in words.
 
         Answers that are not there do not count and are asked again; results or a last state that are not there end the
@@ -258,8 +259,8 @@ class Sequence:
         if self.phase in (Phase.CANCELLED, Phase.FAILED):
             return ()
         if self._held:
-            lost = [seq for seq, stamp_ns in self._in_doubt if (seq, stamp_ns) not in recorded]
-            self._in_doubt = []
+            lost = sorted(seq for seq, _ in self._in_doubt - recorded)
+            self._in_doubt = frozenset()
             return self._drop(lost) if lost else ()
         if self._asked is not None:
             return ()  # the run has continued: the log is verified at its end
@@ -269,8 +270,8 @@ class Sequence:
                                     'evaluate it offline')
             if self.phase is Phase.DONE:
                 return (Finish(self.phase, self.text),)
-            return (*self._done(), Verify(self.done, self._results, self.phase))
-        lost = [target.seq for target, taken in self.answers.counting() if (target.seq, taken.stamp_ns) not in recorded]
+            return (*self._done(), Verify(self._taken(), self._results, self.phase))
+        lost = sorted(seq for seq, _ in self._taken() - recorded)
         if not lost:
             self._losses, self._is_received, self._is_whole = 0, True, True
             return self._next(now)
@@ -283,7 +284,7 @@ class Sequence:
 
     def not_verified(self, words: str, now: float) -> Commands:
         """Take note that the log could not be verified: the recorder may be about to be found disconnected."""
-        self._in_doubt = []
+        self._in_doubt = frozenset()
         if self._held or self._asked is not None or self.phase in (Phase.CANCELLED, Phase.FAILED):
             return ()  # it is verified when the run has continued
         self._refusals += 1
@@ -348,9 +349,12 @@ class Sequence:
         self._deadline = now + self.limits.evaluation_timeout
         return (PublishState(),)
 
+    def _taken(self) -> frozenset[tuple[int, int]]:
+        return frozenset((target.seq, answer.stamp_ns) for target, answer in self.answers.counting())
+
     def _verify(self) -> Commands:
         self.text, self._deadline = 'verifying the log', None
-        return (Verify(self.done),)
+        return (Verify(self._taken()),)
 
     def _drop(self, lost: Collection[int]) -> Commands:
         """Let answers that the log lacks, by seq, not count, and ask for them again after the last target."""

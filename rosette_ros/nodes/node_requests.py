@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Requests of nodes to recorder and evaluator."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -124,6 +124,11 @@ class Progress:
         return self._times * WAKE_PERIOD < self._patience or self._seconds() - self._since < self._patience
 
 
+def recorded_answers(response: Recorded.Response) -> set[tuple[int, int]]:
+    """Return (seq, stamp in ns) of all usable answers that are in a log."""
+    return set(zip(response.seq, response.stamp_ns, strict=True))
+
+
 class RecorderLink(Recalls):
     """The sequencer's side of the protocol with the recorder."""
 
@@ -148,13 +153,14 @@ class RecorderLink(Recalls):
         self.call(self._stop, request, timeout, done,
                    lambda response: request if response.missing and not response.log else None)
 
-    def recorded(self, request: Recorded.Request, answers: int, patience: float, timeout: float,
+    def recorded(self, request: Recorded.Request, answers: Collection[tuple[int, int]], patience: float, timeout: float,
                  done: Callable[[Recorded.Response], None]) -> None:
-        """Request what of a run is in its log; so many answers, and what is named, are waited for as in Progress."""
+        """Request what of a run is in its log; answers, (seq, stamp in ns), and what is named, are waited for as in
+        Progress."""
         progress = Progress(self._node.seconds, patience)
 
         def repeat(response: Recorded.Response) -> Recorded.Request | None:
-            is_early = response.success and (len(response.seq) < answers or response.missing)
-            return request if is_early and progress.is_expected(len(response.seq) - len(response.missing)) else None
+            lacking = len(set(answers) - recorded_answers(response)) + len(response.missing)
+            return request if response.success and lacking and progress.is_expected(lacking) else None
 
         self.call(self._recorded, request, timeout, done, repeat)

@@ -25,7 +25,7 @@ from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, Health, ManagedNode, run_node
 from rosette_ros.nodes.interfaces import CalibrateServer, introspected_service
 from rosette_ros.nodes.liveliness import SETTLING, CellMonitor
-from rosette_ros.nodes.node_requests import END_EVENTS, RecorderLink, Requests
+from rosette_ros.nodes.node_requests import END_EVENTS, RecorderLink, Requests, recorded_answers
 from rosette_ros.nodes.plan_check import PlanCheck
 
 CALIBRATION = (*PLANNED, *LIMITS, IDENTITY)
@@ -352,8 +352,7 @@ class Sequencer(ManagedNode):
             if job.sequence is not sequence or job.verifying is not command:
                 return  # the recorder was restarted, or is asked anew
             if response.success:
-                recorded = set(zip(response.seq, response.stamp_ns, strict=True))
-                self._do(job, sequence.verified(recorded, response.missing, self.seconds()))
+                self._do(job, sequence.verified(recorded_answers(response), response.missing, self.seconds()))
             else:
                 self._do(job, sequence.not_verified(response.message, self.seconds()))
 

@@ -45,13 +45,18 @@ def last_ask(commands):
     return asks[0] if asks else None
 
 
+def verification(sequence, *more):
+    """Return the Verify of all answers that were taken."""
+    return Verify(frozenset((target.seq, answer.stamp_ns) for target, answer in sequence.answers.counting()), *more)
+
+
 def run_through(sequence, frame_id='machine'):
     """Answer everything at once; return all commands in order."""
     commands = list(sequence.begin(0.0))
     ask = last_ask(commands)
     while ask:
         step = sequence.answer(answer_to(ask, frame_id), 0.0)
-        if step == (Verify(1),):
+        if len(sequence.answers.answers) == 1 and step == (verification(sequence),):
             step = sequence.verified(set(sequence.answers.good_stamps()), (), 0.0)
         commands += step
         ask = last_ask(step)

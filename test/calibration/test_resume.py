@@ -154,10 +154,10 @@ def dead_cmm():
     """Return (sequence, present target): a CMM has ended whose second answer of two never arrived at the recorder."""
     sequence = fresh()
     ask = last_ask(sequence.begin(0.0))
-    assert sequence.answer(answer_to(ask, stamp_ns=1), 0.0) == (Verify(1),)
+    assert sequence.answer(answer_to(ask, stamp_ns=1), 0.0) == (Verify(frozenset({(1, 1)})),)
     ask = last_ask(sequence.verified({(1, 1)}, (), 0.0))
     ask = last_ask(sequence.answer(answer_to(ask, stamp_ns=2), 0.0))
-    assert sequence.hold('the CMM is disconnected', 1.0, verify=True)[-1] == Verify(2)
+    assert sequence.hold('the CMM is disconnected', 1.0, verify=True)[-1] == Verify(frozenset({(1, 1), (2, 2)}))
     return sequence, ask
 
 
