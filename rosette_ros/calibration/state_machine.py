@@ -70,8 +70,7 @@ class PublishState:
 
 @dataclass(frozen=True)
 class Verify:
-    """Find out whether the log holds these answers, (seq, stamp in ns), these results and the state of this phase; then
-    `verified`."""
+    """Find out whether the log holds answers, (seq, stamp in ns), results and the state of a phase; then `verified`."""
 
     answers: frozenset[tuple[int, int]]
     results: Results | None = None
@@ -259,8 +258,7 @@ class Sequence:
         if self.phase in (Phase.CANCELLED, Phase.FAILED):
             return ()
         if self._held:
-            lost = sorted(seq for seq, _ in self._in_doubt - recorded)
-            self._in_doubt = frozenset()
+            lost, self._in_doubt = sorted(seq for seq, _ in self._in_doubt - recorded), frozenset()
             return self._drop(lost) if lost else ()
         if self._asked is not None:
             return ()  # the run has continued: the log is verified at its end
