@@ -5,14 +5,12 @@ Everything is reliable. What a late joiner needs is latched (transient local). A
 so that a slow reader loses nothing: a simulated CMM answers 400 targets in a second, and on a computer that is busy a
 node sleeps for half of one."""
 
-from typing import Any
-
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 
-def _profile(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE, **more: Any) -> QoSProfile:
+def _profile(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE) -> QoSProfile:
     return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth, durability=durability,
-                      reliability=ReliabilityPolicy.RELIABLE, **more)
+                      reliability=ReliabilityPolicy.RELIABLE)
 
 
 TARGET = _profile(500, DurabilityPolicy.TRANSIENT_LOCAL)  # commands: latched for observers; a CMM subscribes with ORDER
