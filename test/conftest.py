@@ -61,7 +61,7 @@ def pytest_collection_finish():
     preload()
     gc.freeze()
     atexit.register(gc.unfreeze)
-    gc.set_threshold(FEWER_COLLECTIONS)
+    gc.set_threshold(100 * FEWER_COLLECTIONS)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -3,14 +3,14 @@
 
 from benchmarks.blind.causes_table import displaced
 from benchmarks.blind.runs import Plan, noisy
-from rosette_ros.analysis import diagnose
+from rosette_ros.core.diagnosis.diagnosis import find
 
 
 def told(order, seed):
     """Return what is told of a frame that follows a temperature that was not recorded, 40 sigma, all axes."""
     made = Plan(12, order, seed)
     cause, clean, _, shift = displaced('temperature_missing', made, 40.0, (1, 1, 1))
-    return diagnose(cause.recorded(noisy(clean, made, 'white', True, shift, 'temperature_missing')[0])).unexplained_text
+    return find(cause.recorded(noisy(clean, made, 'white', True, shift, 'temperature_missing')[0])).unexplained_text
 
 
 def test_an_axis_that_the_order_hardly_shows_is_not_excluded():

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from synthetic import RADIUS, synthetic_run
 
-from rosette_ros.core.diagnosis.diagnosis import diagnose
+from rosette_ros.core.diagnosis.diagnosis import diagnose, find
 from rosette_ros.core.diagnosis.verdict import Outcome
 from rosette_ros.core.effects.free_forms import FREE_FORMS
 from rosette_ros.core.effects.library import EFFECTS
@@ -85,7 +85,7 @@ TRUTHS = {
 @pytest.mark.parametrize('name', TRUTHS)
 def test_a_family_is_named(name):
     """A cause of 20 sigma is named alone; what looks the same in this order may be said beside it."""
-    found = diagnose(measured(TRUTHS[name]))
+    found = find(measured(TRUTHS[name]))
     assert found.missing == (name,)
     assert not found.unexplained
 
@@ -93,7 +93,7 @@ def test_a_family_is_named(name):
 def test_the_direction_of_approach_is_judged_where_positions_are_left_out_by_plan():
     """The CMM went from reading to reading; where one is lost, it came from a ball that the run does not have."""
     run = measured(TRUTHS['probe_approach'], 'there_and_back')
-    assert diagnose(run).missing == ('probe_approach',)
+    assert find(run).missing == ('probe_approach',)
     lost = run.take(np.arange(run.size) != 40)
     assert ('probe_approach', EFFECTS['probe_approach'].unavailable(lost)) in diagnose(lost).unavailable
     assert 'where readings are missing' in EFFECTS['probe_approach'].unavailable(lost)
@@ -113,7 +113,7 @@ FOREIGN = {
 def test_a_foreign_shape_has_no_name(kind):
     """No effect is claimed; the free form tells the variable and the axis, and takes away what was found."""
     displacement, variable, axis = FOREIGN[kind]
-    found = diagnose(measured(displacement, strength=40.0))
+    found = find(measured(displacement, strength=40.0))
     assert found.missing == ()
     assert found.verdict.outcome == Outcome.UNNAMED
     assert variable in found.unexplained_text and axis in found.unexplained_text
@@ -125,7 +125,7 @@ def test_what_does_not_come_again_is_no_cycle(order, frame):
     def displacement(run):
         swing = np.sin(2 * np.pi * (1.4 if frame == 'machine' else 1.1) * share(run) + 0.5)[:, None]
         return swing * [0.6, -0.5, 0.6] if frame == 'machine' else rotate_z(run.phi, swing * [0.8, -0.6, 0])
-    found = diagnose(measured(displacement, order, 40.0))
+    found = find(measured(displacement, order, 40.0))
     assert found.missing == () and found.shapes.startswith('it changes with time along a curve')
     assert ("the plate's" in found.shapes) == (frame == 'plate')
 
@@ -149,7 +149,7 @@ def test_a_period_is_searched_from_two_cycles_in_the_run_on(order):
 @pytest.mark.parametrize('order', ['diagonal', 'random'])
 def test_a_cycle_that_changes_its_pace_is_told_as_that(order):
     """Seven swings ever quicker along x and z: no sum of cycles or motions of the axis, one cycle that is unsteady."""
-    found = diagnose(measured(lambda run: np.sin(2 * np.pi * (5.5 * share(run) + 1.5 * share(run)**2))[:, None]
+    found = find(measured(lambda run: np.sin(2 * np.pi * (5.5 * share(run) + 1.5 * share(run)**2))[:, None]
                               * np.array([1, 0, 0.8]), order, 40.0))
     assert found.missing == ()
     assert found.shapes.startswith('it repeats in time, about every ') and ', in x and z' in found.shapes
@@ -160,11 +160,11 @@ def test_what_temperature_may_be_is_said_where_it_is_not_recorded():
     """A steady drift may follow a temperature that nobody recorded, a step may not."""
     drift = measured(lambda run: share(run)[:, None] * X, strength=30.0)
     unknown = np.full(drift.size, np.nan)
-    found = diagnose(drift.replace(temperature=unknown))
+    found = find(drift.replace(temperature=unknown))
     assert found.missing == ('frame_drift',) and 'frame_temperature' in found.look_alikes
-    assert 'frame_temperature' not in diagnose(drift).look_alikes
+    assert 'frame_temperature' not in find(drift).look_alikes
     step = measured(lambda run: (share(run) > 0.4)[:, None] * X, strength=30.0)
-    assert 'frame_temperature' not in diagnose(step.replace(temperature=unknown)).look_alikes
+    assert 'frame_temperature' not in find(step.replace(temperature=unknown)).look_alikes
 
 
 def test_where_angle_is_time_both_stories_are_told():
@@ -172,14 +172,14 @@ def test_where_angle_is_time_both_stories_are_told():
     def growth(run):
         radial = np.stack([np.cos(run.alpha), np.sin(run.alpha), 0 * run.alpha], axis=1)
         return -np.cos(run.phi)[:, None] * radial
-    found = diagnose(measured(growth, 'row', 12.0))
+    found = find(measured(growth, 'row', 12.0))
     assert found.missing == ('plate_support',) and 'plate_expansion' in found.look_alikes
-    assert 'plate_expansion' not in diagnose(measured(growth, strength=12.0)).look_alikes
+    assert 'plate_expansion' not in find(measured(growth, strength=12.0)).look_alikes
 
 
 def test_a_step_is_found_at_its_moment():
     """At 40 sigma a step after reading 50 is found between readings 50 and 51, and nothing beside it."""
-    found = diagnose(measured(lambda run: (np.arange(run.size) >= 50)[:, None] * Z, strength=40.0))
+    found = find(measured(lambda run: (np.arange(run.size) >= 50)[:, None] * Z, strength=40.0))
     assert found.missing == ('frame_step',)
     assert 49 * 40 < found.terms[0].fixed['t0'] < 50 * 40
 
@@ -189,7 +189,7 @@ def test_a_ball_that_is_off_at_its_first_or_last_reading_is_an_outlier(place):
     """The simpler story is told first, the other one as what would look the same."""
     run, *_ = synthetic_run(12, 'random', 3, turning='alternate')
     reading = np.flatnonzero(run.ball == 8)[place]
-    found = diagnose(measured(lambda run: (np.arange(run.size) == reading)[:, None] * np.array([1, 1, -1])))
+    found = find(measured(lambda run: (np.arange(run.size) == reading)[:, None] * np.array([1, 1, -1])))
     assert found.missing == ('outlier',)
     assert 'ball_slip' in found.look_alikes
     assert found.terms[0].fixed['reading'] == reading + 1
@@ -213,14 +213,14 @@ def test_a_gap_of_the_temperatures_leaves_it_open():
     waves = temperature_waves(partial)
     assert len(waves) == 3 and not waves[1:, ~gap].any()
     assert np.allclose(waves[0, ~gap], (run.temperature - run.temperature[0])[~gap])
-    found = diagnose(partial)
+    found = find(partial)
     assert 'frame_temperature_lag' in (*found.missing, *found.look_alikes)
     assert 'no temperatures' in EFFECTS['frame_temperature'].unavailable(run.replace(temperature=np.full(144, np.nan)))
 
 
 def test_a_load_that_turns_in_the_plate_needs_two_amplitudes():
     """A plate on three feet on a tilted table: a wave against the table's sense, and none beside it."""
-    found = diagnose(measured(lambda run: np.cos(2 * run.beta - run.phi + 0.5)[:, None] * Z))
+    found = find(measured(lambda run: np.cos(2 * run.beta - run.phi + 0.5)[:, None] * Z))
     assert [term.name for term in found.terms] == ['plate_support']
     assert found.terms[0].fixed == {'part': 'z', 'p': 1, 'm': 2, 'wave': 'against'}
     assert found.final.effects[0].parameters[0].value != 0 and len(found.final.effects[0].parameters) == 2

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from rosette_ros.analysis import diagnose
+from rosette_ros.core.diagnosis.diagnosis import diagnose, find
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import Model
@@ -72,7 +72,7 @@ def test_what_is_not_recorded_is_not_judged_and_said(hidden, name):
     """Of a shuffled table with rows left out no name is made, where the whole record gives the right one."""
     run = measured('random', hidden=[hidden])
     rows = some(run, 0.1)
-    assert diagnose(run.take(rows)).missing == (name,)
+    assert find(run.take(rows)).missing == (name,)
     lost = as_table(run, rows)
     assert lost.unrecorded == ('table_travel', 'cmm_sense')
     found = diagnose(lost)

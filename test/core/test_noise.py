@@ -6,7 +6,7 @@ import pytest
 from synthetic import synthetic_run
 
 from rosette_ros.analysis import analyse
-from rosette_ros.core.diagnosis.diagnosis import diagnose, judge
+from rosette_ros.core.diagnosis.diagnosis import find, judge
 from rosette_ros.core.diagnosis.noise_search import NoiseProblem, estimate
 from rosette_ros.core.diagnosis.verdict import Outcome
 from rosette_ros.core.errors import InvalidModel
@@ -364,7 +364,7 @@ def test_the_noise_beside_an_effect_is_not_what_the_effect_alone_looks_like(kind
     run = noisy(student(2, 4), 2)
     moved = BESIDE[kind](run)
     visible = np.linalg.norm(fit(run.replace(centre=run.centre + 1e-6 * moved)).residual - fit(run).residual)
-    found = diagnose(run.replace(centre=run.centre + 40 * SIGMA * 1e-6 / visible * moved))
+    found = find(run.replace(centre=run.centre + 40 * SIGMA * 1e-6 / visible * moved))
     assert len(found.missing) == 1
     assert found.final.rms == pytest.approx(fit(run).rms, rel=0.05)
     assert not found.final.noise.by and not found.final.noise.wander.any()
@@ -376,7 +376,7 @@ def test_a_wander_beside_an_effect_is_no_course_of_the_frame(seed):
     run = noisy(walk(seed, 2.0), seed)
     moved = BESIDE['all of one ball'](run)
     visible = np.linalg.norm(fit(run.replace(centre=run.centre + 1e-6 * moved)).residual - fit(run).residual)
-    found = diagnose(run.replace(centre=run.centre + 25 * SIGMA * 1e-6 / visible * moved))
+    found = find(run.replace(centre=run.centre + 25 * SIGMA * 1e-6 / visible * moved))
     assert found.missing == ('ball_machine_offset',)
     assert found.final.noise.wander.any() or not found.unexplained
 
@@ -388,6 +388,6 @@ def test_a_drift_beside_an_effect_is_no_wander(seed):
     for moved, size in ((BESIDE['all of one ball'](run), 25), (run.time[:, None] * np.array([1e-4, 0, 5e-5]), 15)):
         visible = np.linalg.norm(fit(run.replace(centre=run.centre + 1e-6 * moved)).residual - fit(run).residual)
         run = run.replace(centre=run.centre + size * SIGMA * 1e-6 / visible * moved)
-    missing = diagnose(run).missing
+    missing = find(run).missing
     assert missing[0] == 'ball_machine_offset' and len(missing) == 2
     assert missing[1] in ('frame_drift', 'frame_warmup')

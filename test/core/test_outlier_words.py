@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from rosette_ros.analysis import diagnose, judge
+from rosette_ros.core.diagnosis.diagnosis import find
 from rosette_ros.core.diagnosis.verdict import Level, Outcome
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.scheme import plan
@@ -54,7 +55,7 @@ def test_two_effects_of_one_size_are_named_however_large(size_um):
                    {'kind': 'ball_slip', 'ball': 7, 'shift_um': [0.0, size_um, 0.0], 'at_h': 0.5}):
         hidden = [{'kind': 'ball_slip', 'ball': 3, 'shift_um': [size_um, 0.0, 0.0], 'at_h': 0.4}, second]
         run = Machine(MachineConfig().changed(seed=3, plate={'balls': 10}, hidden=hidden)).run(plan(10, 'sensitive'))
-        found = diagnose(run)
+        found = find(run)
         assert set(found.missing) == {one['kind'] for one in hidden}
         assert found.final.rms < 2 * run.repeatability
 
@@ -93,7 +94,7 @@ def test_a_wrong_reading_is_no_shift_that_goes_back_at_once():
     for size in (4e-6, 2e-6):
         centre[rng.integers(5, 61), rng.integers(3)] += size
     kept = np.setdiff1d(np.arange(64), rng.choice(64, 3, replace=False))
-    found = diagnose(run.replace(centre=centre, repeatability=0.2e-6).take(kept))
+    found = find(run.replace(centre=centre, repeatability=0.2e-6).take(kept))
     assert 'frame_recovery' not in found.missing
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from synthetic import synthetic_run
 
-from rosette_ros.analysis import diagnose
+from rosette_ros.core.diagnosis.diagnosis import diagnose, find
 from rosette_ros.core.effects.run_functions import between_readings
 from rosette_ros.core.errors import InvalidData
 
@@ -38,14 +38,14 @@ def test_a_step_in_the_pause_is_found_there(paused):
 def test_drift_knows_how_long_the_pause_was(paused):
     """2 h of 5 nm/min within the pause count."""
     drift = 5e-9 / 60 * (paused.time - paused.time[0])
-    found = diagnose(paused.replace(centre=paused.centre + drift[:, None] * [0.0, 0.0, 1.0]))
+    found = find(paused.replace(centre=paused.centre + drift[:, None] * [0.0, 0.0, 1.0]))
     assert found.missing
     assert found.missing[0] == 'frame_drift'
 
 
 def test_a_pause_alone_is_no_effect(paused):
     """Nothing happened meanwhile: nothing is named."""
-    found = diagnose(paused)
+    found = find(paused)
     assert found.missing == ()
     assert not found.unexplained
 

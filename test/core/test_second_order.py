@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rosette_ros.analysis import diagnose, judge
+from rosette_ros.analysis import judge
+from rosette_ros.core.diagnosis.diagnosis import find
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import effect
 from rosette_ros.core.errors import NotDeterminable
@@ -155,6 +156,6 @@ def test_a_clean_run_of_a_turned_plate_on_a_poor_table_is_clean(order):
 def test_a_millimetre_of_turning_is_named_alone(name, motion):
     """Its square, 2.7 um along the radius, is no expansion of the plate; no free form stands for it."""
     run, _ = rigid_run(7, 1, 'sensitive', motion=motion, noise=1e-7, turn=5e-3)
-    found = diagnose(run)
+    found = find(run)
     assert found.missing == (name,)
     assert found.final.rms < 1.3e-7

@@ -125,11 +125,7 @@ def diagnose(run: Run, model: Model | None = None) -> Diagnosis:
     determine the model, InvalidData where its times, temperatures or travels are such that no calculation ends.
     """
     with _bounded(run):
-        search = _search(run, model or Model())
-        candidates, refused = _candidates(search)
-        return Diagnosis(**vars(search.finding), candidates=candidates,
-                         recovered=recovered_shapes(search.problem, search.chosen),
-                         unavailable=(*search.unavailable, *refused))
+        return _search(run, model or Model()).diagnosis
 
 
 @contextmanager
@@ -182,6 +178,14 @@ class RunSearch:
             self.start.model, self.start, final, missing,
             tuple(Term(member.effect, member.setting) for member in named), '; '.join(shapes),
             tuple(sorted(set(itertools.chain(*self.look_alikes.values())))), self._invisible(missing), self._misfits())
+
+    @cached_property
+    def diagnosis(self) -> Diagnosis:
+        """The finding with candidates and shapes."""
+        candidates, refused = _candidates(self)
+        return Diagnosis(**vars(self.finding), candidates=candidates,
+                         recovered=recovered_shapes(self.problem, self.chosen),
+                         unavailable=(*self.unavailable, *refused))
 
     @cached_property
     def null(self) -> Floats:

@@ -174,6 +174,12 @@ def _together(rows: Floats, axes: Sequence[int]) -> Floats:
     return np.moveaxis(rows.reshape(len(rows), len(axes), -1), 1, 2)
 
 
+def _square_sums(values: Floats) -> Floats:
+    """Return the square sum of each of values (m, N, axes)."""
+    out: Floats = np.einsum('mna,mna->m', values, values)
+    return out
+
+
 def _whitened(white: Whitening, axes: tuple[int, ...], design: Floats) -> Floats:
     if white.is_plain:
         return design
@@ -226,27 +232,27 @@ class NoiseFit:
     def _tests(self) -> Iterator[Misfit]:
         run, (rows, scale) = self.problem.run, self._scaled
         square = (self.whitening.adjoint(rows) / scale)**2
+        of_reading = square @ np.ones(3)
         size, check = np.maximum(self.problem.axis_dof, 1e-9), self.problem.check(self.noise)
-        pooled = (size * np.mean(square, axis=1) + check) / (size + self.problem.check_dof)
+        pooled = (size * (np.ones(run.size) @ square / run.size) + check) / (size + self.problem.check_dof)
         by_axis = np.log(np.maximum(pooled, 1e-12))  # an axis may have no residual at all
         yield Misfit('axes', 'z', two_sided(by_axis[:, 2] - np.log(np.mean(np.exp(by_axis[:, :2]), axis=1))))
         yield Misfit('axes', 'xyz', two_sided(by_axis[:, 0] - by_axis[:, 1]))
         (x, y, z), dof = check[0], self.problem.check_dof
         if size[2] < dof:  # the check says more of z than the readings do
             yield Misfit('axes', 'z', two_sided_f(2 * z / (x + y), dof, 2 * dof))
-        yield Misfit('tail', 'coordinate', one_sided(np.sum(square**2, axis=(1, 2))))
-        yield Misfit('tail', 'reading', one_sided(np.sum(np.sum(square, axis=2)**2, axis=1)))
+        yield Misfit('tail', 'coordinate', one_sided(_square_sums(square)))
+        yield Misfit('tail', 'reading', one_sided(np.sum(of_reading**2, axis=1)))
         for by in GROUPS:
             index = place_of(run, by)
             hot = (index == np.arange(index.max() + 1)[:, None]).astype(float)
-            sums, number = np.sum(square, axis=2) @ hot.T, np.maximum(hot.sum(axis=1), 1)
+            sums, number = of_reading @ hot.T, np.maximum(hot.sum(axis=1), 1)
             yield Misfit('groups', by, one_sided(np.sum((sums - sums[1:].mean(axis=0))**2 / number, axis=1)))
+        latest_first = [self.left[:, ::-1, axes] for axes in PARTS]
+        sizes = [np.maximum(_square_sums(one), NO_RESIDUAL) for one in latest_first]
         for phi in (0.4, 0.9, 1.0):
-            for axes in PARTS:
-                kept = remembered(self.left[:, ::-1, axes], phi)
-                size = np.maximum(np.sum(self.left[..., axes]**2, axis=(1, 2)), NO_RESIDUAL)
-                p = one_sided(np.sum(kept**2, axis=(1, 2)) / size)
-                yield Misfit('wander', 'z' if axes == (2,) else 'xy', p, phi)
+            for of, one, size in zip(('z', 'xy'), latest_first, sizes):
+                yield Misfit('wander', of, one_sided(_square_sums(remembered(one, phi)) / size), phi)
 
     def better(self, kinds: Sequence[str] = KINDS_OF_NOISE) -> 'NoiseFit':
         """Return the fit with a kind of noise more where one is seen and pays, else this one."""
@@ -314,7 +320,7 @@ class NoiseFit:
         for dof in TAILS:
             likelihood, weight = self._tail_of(rows, scale, per, dof)
             gains = likelihood - normal
-            freedom = gains[1:].mean() + divergence(rows[0].size, per, dof) * self._share if len(rows) > 1 else 0.0
+            freedom = gains[1:].mean() + rows[0].size * divergence(per, dof) * self._share if len(rows) > 1 else 0.0
             found.append((gains[0] - freedom, dof, weight))
         gain, dof, weight = max(found, key=lambda one: one[0])
         before = 1.0 if self.noise.weight is None else self.noise.weight
@@ -332,7 +338,7 @@ class NoiseFit:
     @cached_property
     def _scaled(self) -> tuple[Floats, Floats]:
         """What is left in units of its size, and the scatter (N, 3) of each coordinate in these beside all others."""
-        rows = self.left / np.sqrt(np.sum(self.left**2, axis=(1, 2)) / self.problem.dof)[:, None, None]
+        rows = self.left / np.sqrt(_square_sums(self.left) / self.problem.dof)[:, None, None]
         return rows, np.sqrt(np.maximum(np.mean(self.whitening.adjoint(rows[1:])**2, axis=0), 1e-12))
 
     @property

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Numbers beside simulated ones: how probable they are, Student's distribution, and what a memory makes of noise."""
 
+import itertools
+from functools import cache
+
 import numpy as np
-import scipy.linalg
 from scipy import special
 
 from rosette_ros.core.records import Floats
@@ -17,14 +19,15 @@ def log_density(energy: Floats, wide: int, dof: float) -> Floats:
     return out
 
 
-def divergence(size: int, per: str, dof: float) -> float:
-    """Return twice the log likelihood by which normal noise of `size` coordinates prefers the normal distribution."""
+@cache
+def divergence(per: str, dof: float) -> float:
+    """Return twice the log likelihood, per coordinate, by which normal noise prefers the normal distribution."""
     wide = 3 if per == 'reading' else 1
     energy = special.gammaincinv(wide / 2, (np.arange(2000) + 0.5) / 2000) * 2
     scale = np.geomspace(0.3, 1.5, 60)[:, None]  # Student's distribution at its best scale
     loss = -0.5 * energy.mean() - np.max(np.mean(log_density(energy / scale, wide, dof), axis=1)
                                          - wide / 2 * np.log(scale[:, 0]))
-    return 2 * float(loss) * size / wide
+    return 2 * float(loss) / wide
 
 
 def one_sided(values: Floats) -> float:
@@ -43,10 +46,10 @@ def two_sided_f(ratio: float, first: float, second: float) -> float:
 
 def remembered(values: Floats, phi: float) -> Floats:
     """Return y_t = phi y_(t-1) + x_t of values x (runs, N, axes) along their N readings."""
-    runs, n, axes = values.shape
-    band = np.stack([np.ones(n), np.full(n, -phi)])
-    out = scipy.linalg.solve_banded((1, 0), band, values.swapaxes(0, 1).reshape(n, -1), check_finite=False)
-    return np.asarray(out.reshape(n, runs, axes).swapaxes(0, 1))
+    out = values.swapaxes(0, 1).copy()
+    for before, after in itertools.pairwise(out):
+        after += phi * before
+    return out.swapaxes(0, 1)
 
 
 def two_sided(values: Floats) -> float:

@@ -7,6 +7,7 @@ harmlessly, or by the table, as a bias on the six curves.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -56,6 +57,13 @@ def visibility(run: Run, sigma: float = 1e-7, terms: tuple[str, ...] = BASE_TERM
     Only indices, angles, times, temperatures and senses of the run count, not the ball centres. sigma: standard
     deviation of a coordinate, m; terms: of the base model; names: of the effects to look at, all if none.
     """
+    return tuple(replace(entry, detectable=sigma * entry.detectable)
+                 for entry in _of_unit_noise(run, tuple(terms), tuple(names)))
+
+
+@lru_cache(maxsize=64)
+def _of_unit_noise(run: Run, terms: tuple[str, ...], names: tuple[str, ...]) -> tuple[Visibility, ...]:
+    """Return the Visibility of effects for sigma = 1 m; plans of one cell are compared again with each of its runs."""
     space = base_space(run, run.radius, terms)
     project = Projection(space, run.size)
     out, shapes = [], {}
@@ -69,14 +77,13 @@ def visibility(run: Run, sigma: float = 1e-7, terms: tuple[str, ...] = BASE_TERM
         every = sorted(((setting, float(share)) for family in families(run, (effect,), project, keep_hidden=True)
                         for setting, share in zip(family.settings, family.shares)), key=lambda pair: pair[1])
         setting, share = every[len(every) // 2]
-        bias, detectable, shapes[name] = _consequences(run, effect, setting, space, sigma)
+        bias, detectable, shapes[name] = _consequences(run, effect, setting, space)
         out.append(Visibility(name, every[-1][1], share, setting, bias, detectable, (), ''))
     return tuple(replace(entry, alike=_alike(entry, shapes)) for entry in out)
 
 
-def _consequences(run: Run, effect: Effect, setting: Setting, space: BaseSpace,
-                  sigma: float) -> tuple[Floats, float, Floats]:
-    """Return bias on the curves per metre rms, detectable rms size, and visible directions."""
+def _consequences(run: Run, effect: Effect, setting: Setting, space: BaseSpace) -> tuple[Floats, float, Floats]:
+    """Return bias on the curves per metre rms, detectable rms size per sigma, and visible directions."""
     columns = np.moveaxis(effect.columns(run, setting), -1, 0)
     columns = columns - columns.mean(axis=1, keepdims=True)
     size = np.sqrt(np.mean(np.sum(columns**2, axis=2), axis=1))
@@ -87,7 +94,7 @@ def _consequences(run: Run, effect: Effect, setting: Setting, space: BaseSpace,
     visible = space.residual(columns).reshape(len(columns), -1)
     singular, rows = np.linalg.svd(visible, full_matrices=False)[1:]
     weakest = np.linalg.norm(visible, axis=1).max()
-    detectable = DETECTABLE * sigma / weakest if weakest > 1e-6 else np.inf
+    detectable = DETECTABLE / weakest if weakest > 1e-6 else np.inf
     return bias, float(detectable), rows[singular > 1e-3 * max(singular[0], 1e-12)]
 
 
