@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a new run of a cell says about its table: the run is added, the trend is judged, limits that are passed told."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +16,14 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.trend import LEAST_RUNS, Event, Forecast
 from rosette_ros.presentation import formatting as text
-from rosette_ros.presentation.trend_results import residual_words, size_words, too_few_words
+from rosette_ros.presentation.table_format import Table
+from rosette_ros.presentation.trend_results import (
+    events_table,
+    forecast_table,
+    residual_words,
+    size_words,
+    too_few_words,
+)
 
 LATELY = LEAST_RUNS
 """A change is warned of while it is among so many last runs."""
@@ -41,8 +48,31 @@ class CellTrend:
 
     @property
     def notes(self) -> list[str]:
-        """What tables of it do not show, in sentences."""
-        return trend_notes(self.history, self.events)
+        """What its tables do not show, in sentences: what was left out, is steady, or cannot be told."""
+        history, notes = self.history, []
+        if history.left_out:
+            notes.append(f'Left out, as they are between the steps of the table: {", ".join(history.left_out)}.')
+        if history.other_balls:
+            notes.append('Left out of plate, CMM and forecasts, as they have another number of balls than the last '
+                         f'run: {", ".join(history.other_balls)}.')
+        if not self.events:
+            notes.append('No step beyond the scatter of the runs: curves, plate, CMM, effects and residual; slopes in '
+                         'time and temperature are no steps.')
+        if course := history.residual_course(self.events):
+            notes.append(residual_words(course))
+        notes += too_few_words(history.too_few(self.events))
+        if not history.tolerances:
+            notes.append('No tolerances are stated (identity file, tolerances): nothing to forecast.')
+        return notes
+
+    @property
+    def tables(self) -> list[Table]:
+        """What changed when, and when tolerances are reached, where there is any."""
+        history, events = self.history, self.events
+        made = [events_table(events, history.dates, history.runs, [
+            history.exchanged(event.run) for event in events])] if events else []
+        return made + ([forecast_table(self.forecasts, history.tolerances, history.dates[-1])]
+                       if self.forecasts else [])
 
     @property
     def sentence(self) -> str:
@@ -61,25 +91,6 @@ def add_and_judge(archive: RunArchive, log: str, model: Model) -> CellTrend:
     if not added or added[-1]['problem']:
         raise InvalidData(f'{log}: {added[-1]["problem"] if added else "its content is known as another log"}')
     return trend_of(read_history(archive, added[-1]['table_serial'], model.hash, added[-1]['cell'], least=1))
-
-
-def trend_notes(history: History, events: Sequence[Event]) -> list[str]:
-    """Return in sentences what tables of a trend do not show: what was left out, is steady, or cannot be told."""
-    notes = []
-    if history.left_out:
-        notes.append(f'Left out, as they are between the steps of the table: {", ".join(history.left_out)}.')
-    if history.other_balls:
-        notes.append('Left out of plate, CMM and forecasts, as they have another number of balls than the last run: '
-                     f'{", ".join(history.other_balls)}.')
-    if not events:
-        notes.append('No step beyond the scatter of the runs: curves, plate, CMM, effects and residual; slopes in '
-                     'time and temperature are no steps.')
-    if course := history.residual_course(events):
-        notes.append(residual_words(course))
-    notes += too_few_words(history.too_few(events))
-    if not history.tolerances:
-        notes.append('No tolerances are stated (identity file, tolerances): nothing to forecast.')
-    return notes
 
 
 def trend_of(history: History) -> CellTrend:

@@ -77,8 +77,11 @@ def test_a_curve_that_changed_lately_is_named(archive, rosette, tmp_path):
     rosette('archive', 'simulate', script, '--into', tmp_path / 'plant', '--identity', archive.parent / 'identity.yaml')
     found = json.loads(rosette('trend', tmp_path / 'plant', '--table', 'RT-7', '--json').out)
     assert (found['too_few_runs'], list(found['forecasts'])) == ({'crz_rad': 2}, ['ctz_m'])
+    assert found['level'] == 'doubtful'
+    assert found['sentence'].startswith('12 runs: table changed between 2024-09-27 and 2024-10-27: crz, 2 per turn by ')
     words = rosette('trend', tmp_path / 'plant', '--table', 'RT-7', '-o', tmp_path / 'trend.html').out
     said = 'crz: 2 runs since its last change, 3 at different times wanted for a forecast.'
+    assert ' '.join(f'{found["sentence"]}.'.split()) in ' '.join(words.split())
     assert said in words and said in (tmp_path / 'trend.html').read_text(encoding='utf-8')
 
 

@@ -12,7 +12,6 @@ from nicegui.events import GenericEventArguments
 from rosette_ros.core.errors import InvalidData, RosetteError, counted, one_line
 from rosette_ros.core.records import ErrorMotions
 from rosette_ros.presentation.plots.plot_style import COLOURS
-from rosette_ros.presentation.trend_results import events_table, forecast_table
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.figures import Curves, curves_figure, trend_figure
 from rosette_ros.studio.panels import widgets
@@ -198,12 +197,8 @@ async def in_thread(function: Callable[..., Any], *arguments: object) -> Any:
 
 
 def _fill(trend: 'CellTrend') -> None:
-    history = trend.history
     marked(ui.label(trend.sentence), 'archive-sentence')
-    if trend.events:
-        plain_table(events_table(trend.events, history.dates, history.runs,
-                                 [history.exchanged(event.run) for event in trend.events]))
     for words in trend.notes:
         ui.label(words)
-    if trend.forecasts:
-        plain_table(forecast_table(trend.forecasts, history.tolerances, history.dates[-1]))
+    for table in trend.tables:
+        plain_table(table)
