@@ -11,12 +11,14 @@ from typing import Any
 import numpy as np
 from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rosette_msgs.msg import BallCentre, ProbeTarget, Touches
 
 from rosette_ros.calibration.calibration_plan import CalibrationPlan
 from rosette_ros.calibration.settings import LIMITS, PLANNED, changed_settings, limits_of, plan_of
 from rosette_ros.calibration.state_machine import complaint
+from rosette_ros.cell import client
 from rosette_ros.cell.client import CellClient
 from rosette_ros.core.errors import CellError
 from rosette_ros.core.number_words import micrometres, significant
@@ -31,6 +33,8 @@ SEARCH, SETTLING, ECHOES = 5.0, 1.0, 0.5  # for the CMM; for all to discover eac
 CLOCK_OFF = 2.0  # a stamp so long before its target or after its answer is of another clock, s
 PLAUSIBLE_FORM, PLAUSIBLE_TEMPERATURE = 1e-4, (5.0, 45.0)  # m; °C
 LEAST_TOUCHES, SAME_CENTRE = 4, 1e-6  # of a sphere; by which the sphere through them may be off the answer, m
+CONNECTED = ('types', 'quality of service')
+"""Checks of the graph without which no answer can come."""
 HELD = {
     'stamps': 'every answer has a time of its own', 'travel': 'counts on over full turns, forward and backwards',
     'approach': 'the sense of the last move', 'places': 'measured, not repeated from the target',
@@ -68,9 +72,8 @@ class CmmClient(CellClient):
 
     def __init__(self, domain_id: int | None = None, namespace: str = names.NAMESPACE) -> None:
         super().__init__(domain_id, namespace)
-        self.source = 'by default: no sequencer was found'
+        self.has_sequencer = False
         self._received: list[tuple[float, int, Answer]] = []
-        self._targets = self._node.create_publisher(ProbeTarget, names.PROBE_TARGET, qos.TARGET)
         self._touches: list[Touches] = []
         self._node.create_subscription(Touches, names.TOUCHES, self._touches.append, qos.ANSWER)
         self._node.create_subscription(BallCentre, names.BALL_CENTRE, self._on_answer, qos.ANSWER)
@@ -78,20 +81,21 @@ class CmmClient(CellClient):
     def settings(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """Return the settings of the sequencer, the defaults where there is none, changed by those given.
 
-        Waits for the CMM, so that a sequencer beside it is discovered too; `source` says which they are. Raises
-        CellError where there is no CMM, or a calibration is running.
+        Waits for the CMM, and for a sequencer as long as one may take to be discovered; `has_sequencer` says which.
+        Raises CellError where there is no CMM, or a calibration is running.
         """
         self._await_cmm()
         every = (*PLANNED, *LIMITS)
         values = {wanted.name: wanted.default for wanted in every}
         service = self._node.create_client(GetParameters, f'{names.SEQUENCER}/get_parameters')
-        if self._spin_until(service.service_is_ready, SETTLING):
+        if self._spin_until(service.service_is_ready, client.SEARCH):
             response = self._await(service.call_async(GetParameters.Request(names=list(values))), SEARCH, None)
             found = [*map(parameter_value_to_python, response.values)]
             if len(found) < len(values):
                 raise CellError(f'cell {self._where}: the sequencer is of another version; restart the cell')
             values |= {name: value for name, value in zip(values, found, strict=True) if value is not None}
-            self.source = 'as the sequencer is configured'
+            self.has_sequencer = True
+        self._refuse_beside_a_run()
         return values | {wanted.name: wanted.check(given[wanted.name], 'check-cmm') for wanted in every
                          if given.get(wanted.name) is not None}
 
@@ -99,13 +103,19 @@ class CmmClient(CellClient):
               on_progress: Callable[[str], object] | None = None) -> CmmReport:
         """Ask for one ball several times, at some table positions forward and backwards, and for another ball.
 
-        values: as of `settings`.
+        values: as of `settings`. Nothing is asked where no answer can come.
         """
+        graph = self._graph_checks()
+        if not all(check.passed for check in graph if check.name in CONNECTED):
+            return CmmReport(graph, None, None, None)
+        targets = self._node.create_publisher(ProbeTarget, names.PROBE_TARGET, qos.TARGET)
+        self._spin_until(lambda: False, SETTLING)
+        self._refuse_beside_a_run()
         plan, limits = plan_of(changed_settings(values, {})), limits_of(values)
         run, waited, complaints = RunAnswers(f'check_{time.time_ns()}'), list[float](), list[str]()
         asked = _plan(plan, repeats)
         for index in range(asked.total):
-            target = self._ask(run, asked, index)
+            target = self._ask(targets, run, asked, index)
             if on_progress:
                 on_progress(f'{index + 1} of {asked.total}: {target}')
             began = time.monotonic()
@@ -123,13 +133,13 @@ class CmmClient(CellClient):
         each = statistics.median(waited) if waited else None
         return CmmReport(checks, each, each and each * plan.total, run.repeatability()[0])
 
-    def _ask(self, run: RunAnswers, asked: CalibrationPlan, index: int) -> Target:
+    def _ask(self, targets: Publisher, run: RunAnswers, asked: CalibrationPlan, index: int) -> Target:
         """Publish a target as the sequencer would, before its alignment."""
         now = time.time_ns()
         target = asked.placed(asked.target(index), asked.taught, MACHINE_FRAME)._replace(
             run_id=run.run_id, attempt=1, session=1, stamp_ns=now)
         run.add_target(target)
-        self._targets.publish(conversions.target_message(target, conversions.time_message(now)))
+        targets.publish(conversions.target_message(target, conversions.time_message(now)))
         return target
 
     def _await_cmm(self) -> None:
@@ -139,6 +149,8 @@ class CmmClient(CellClient):
                             f'publishes {names.BALL_CENTRE}, got none within {SEARCH:g} s; start it, check namespace '
                             'and ROS_DOMAIN_ID')
         self._spin_until(lambda: False, SETTLING)
+
+    def _refuse_beside_a_run(self) -> None:
         if self._progress.is_running:
             raise CellError(f'cell {self._where}: run {self._progress.run_id} is running; wait for its end or cancel '
                             'it')
@@ -166,7 +178,7 @@ class CmmClient(CellClient):
                       f'{names.BALL_CENTRE} is published by {len(answers)}, {names.PROBE_TARGET} obeyed by '
                       f'{len(listeners)}'),
                 Check('heartbeat', True if beats else None, 'found' if beats else
-                      'none: that the CMM is disconnected is noticed when an answer is overdue'))
+                      'none: a CMM that hangs is noticed when an answer is overdue'))
 
     def _one_answer(self, run: RunAnswers) -> Check:
         answers = [answer.seq for *_, answer in self._of(run.run_id)]

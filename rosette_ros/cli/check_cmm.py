@@ -3,14 +3,16 @@
 
 import argparse
 import sys
+from collections.abc import Mapping
 from dataclasses import asdict
+from typing import Any
 
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.cmm_check import CmmClient, CmmReport
 from rosette_ros.cli.arguments import add_shared, positive, whole
 from rosette_ros.cli.console import console, print_json, print_parts
 from rosette_ros.core.errors import CellError
-from rosette_ros.presentation.formatting import duration
+from rosette_ros.presentation.formatting import duration, signs
 from rosette_ros.presentation.table_format import Table, words
 
 MARKS = {True: '✓', False: '✗', None: '–'}
@@ -50,17 +52,26 @@ def run(options: argparse.Namespace) -> None:
         'limits.answer_timeout_s': options.timeout}
     with CmmClient(options.domain, options.namespace) as client, console(sys.stderr).status('waiting') as status:
         settings = client.settings(given)
+        if not client.has_sequencer:  # said before anything moves
+            status.console.print(f'No sequencer was found. What was not given is by default: {_place(settings)}.')
         report = client.check(settings, options.repeats, status.update)
     if options.json:
         print_json({'schema': 'rosette-cmm-check/1', 'passed': not report.failed,
                     'checks': [asdict(check) for check in report.checks], 'seconds_per_ball': report.seconds_per_ball,
                     'run_seconds': report.run_seconds, 'repeatability_m': report.repeatability})
     else:
-        show(report, f'{settings["plate.balls"]} balls, R = {1e3 * settings["plate.radius_m"]:g} mm; what was not '
-                     f'given is {client.source}.')
+        show(report, f'{_place(settings)}; what was not given is '
+                     f'{"as the sequencer is configured" if client.has_sequencer else "by default"}.')
     if report.failed:
         raise CellError(f'check-cmm: {len(report.failed)} of {len(report.checks)} checks are not passed: '
                         f'{", ".join(report.failed)} (docs/real-cmm.md)')
+
+
+def _place(settings: Mapping[str, Any]) -> str:
+    """Return plate and table in words."""
+    origin = ' '.join(f'{1e3 * value:g}' for value in settings['table.origin_m'])
+    return (f'{settings["plate.balls"]} balls, R = {1e3 * settings["plate.radius_m"]:g} mm, centre of the plate at '
+            f'{signs(origin)} mm')
 
 
 def show(report: CmmReport, plate: str) -> None:

@@ -11,9 +11,12 @@ import pytest
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
 from rosette_msgs.msg import BallCentre, ProbeTarget, RunState, Touches
 from std_srvs.srv import Trigger
 
+from rosette_ros.calibration.settings import LIMITS, PLANNED
+from rosette_ros.cell import client as cell_client
 from rosette_ros.cell.cmm_check import CmmClient
 from rosette_ros.cli.main import main
 from rosette_ros.core.errors import CellError
@@ -86,6 +89,41 @@ def cmm(module_domain_id):
     """Yield a CMM that makes no mistake unless a test makes it."""
     with Cmm(module_domain_id) as running:
         yield running
+
+
+@pytest.fixture(autouse=True)
+def no_long_search(request, monkeypatch):
+    """Search no sequencer where there is none, but in the test of that search."""
+    if 'late_sequencer' not in request.fixturenames:
+        monkeypatch.setattr(cell_client, 'SEARCH', 0.1)
+
+
+@pytest.fixture
+def late_sequencer(domain_id):
+    """Yield the parameters of a sequencer that is on the graph 1.5 s after it was asked for."""
+    context, values = Context(), {**{one.name: one.default for one in (*PLANNED, *LIMITS)}, 'plate.balls': BALLS,
+                                  'table.origin_m': [0.1, 0.2, -0.3]}
+    context.init(domain_id=domain_id)
+    over = threading.Event()
+
+    def live():
+        time.sleep(1.5)
+        node = Node('sequencer', namespace='/rosette', context=context)
+        for name, value in values.items():
+            node.declare_parameter(name, value)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        while not over.is_set():
+            executor.spin_once(timeout_sec=0.05)
+        executor.shutdown()
+        node.destroy_node()
+
+    thread = threading.Thread(target=live)
+    thread.start()
+    yield values
+    over.set()
+    thread.join()
+    context.try_shutdown()
 
 
 @pytest.fixture
@@ -232,7 +270,8 @@ def test_the_verb_prints_ticks_and_json(cmm, module_domain_id, capsys):
     assert main(verb) == 0
     out = capsys.readouterr().out
     assert '✓  travel' in out and '–  heartbeat' in out and 'a calibration about' in out
-    assert f'{BALLS} balls, R = 182.5 mm; what was not given is by default: no sequencer' in ' '.join(out.split())
+    assert (f'{BALLS} balls, R = 182.5 mm, centre of the plate at 350 260 −300 mm; what was not given is by default.'
+            in ' '.join(out.split()))
     cmm.wrong = changed(approach=lambda *_: 0)
     assert main([*verb, '--json']) == 2
     captured = capsys.readouterr()
@@ -240,15 +279,34 @@ def test_the_verb_prints_ticks_and_json(cmm, module_domain_id, capsys):
     found = json.loads(captured.out)
     assert found['schema'] == 'rosette-cmm-check/1' and not found['passed']
     assert [one['name'] for one in found['checks'] if one['passed'] is False] == ['approach']
-    assert captured.err == (f'rosette: check-cmm: 1 of {len(found["checks"])} checks are not passed: approach '
+    assert captured.err.startswith('No sequencer was found. What was not given is by default: 6 balls, R = 182.5 mm, ')
+    assert captured.err.endswith(f'\nrosette: check-cmm: 1 of {len(found["checks"])} checks are not passed: approach '
                             '(docs/real-cmm.md)\n')
 
 
+def test_plate_and_table_are_those_of_a_sequencer_that_is_found_late(domain_id, late_sequencer):
+    """On a busy computer DDS takes seconds to find it: the machine was sent to the default place."""
+    with Cmm(domain_id), CmmClient(domain_id) as client:
+        found = client.settings({})
+        assert client.has_sequencer
+        assert found['plate.balls'] == BALLS and list(found['table.origin_m']) == late_sequencer['table.origin_m']
+
+
+def test_nothing_moves_where_no_answer_can_come(domain_id):
+    """Answers that are published best effort do not reach a sequencer."""
+    with Cmm(domain_id) as cmm, CmmClient(domain_id) as client:
+        cmm.node.create_publisher(BallCentre, 'ball_centre', qos_profile_sensor_data)
+        report = client.check(client.settings({}))
+    assert 'quality of service' in report.failed and report.seconds_per_ball is None
+    assert cmm.travel == 0
+
+
 def test_nothing_moves_while_a_calibration_is_on(cmm, check):
-    """The machine belongs to the sequencer then."""
+    """The machine belongs to the sequencer then, whose run does not wait for us."""
     cmm.states.publish(RunState(run_id='run_a', phase=RunState.PHASE_RUN))
     with pytest.raises(CellError, match='run run_a is running; wait for its end or cancel it'):
         check()
+    assert cmm.node.count_publishers(names.PROBE_TARGET) == 0
     cmm.states.publish(RunState(run_id='run_a', phase=RunState.PHASE_DONE))
 
 
