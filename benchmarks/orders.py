@@ -89,7 +89,7 @@ def times(sizes, pace):
             way = journey(order_of(plan(n, order, 0, turning)), pace)
             hours.append(f'{way.motion / 3600:.2f} of {(way.time[-1] + pace.probing) / 3600:.2f}')
         rows.append((f'{order}, {turning}' if order != 'sensitive' else order, *hours))
-    print_table(('hours of motion, of the whole run', *(f'n = {n}' for n in sizes)), rows)
+    print_table(('hours of motion, of all with 24 s a ball', *(f'n = {n}' for n in sizes)), rows)
 
 
 def main():

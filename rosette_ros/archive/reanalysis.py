@@ -11,7 +11,7 @@ from rosette_ros.archive.table_history import History, read_history
 from rosette_ros.core.diagnosis.verdict import CERTAIN
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.errors import InvalidData, counted
-from rosette_ros.core.model.model import Model
+from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.trend import LEAST_RUNS, Event, Forecast
 from rosette_ros.presentation.json_output import CURVE_KEYS
@@ -39,7 +39,8 @@ class RunChange:
     """A run under two models.
 
     before, after: residual, m; change, of_u: largest change of each of CURVES, m and rad, and in units of the larger U
-    (k = 2) of both; had: effects of the model after that the run has for certain."""
+    (k = 2) of both; had: effects of the model after with a
+    parameter of CERTAIN standard uncertainties."""
 
     measured_at: Any
     table_serial: str
@@ -91,6 +92,12 @@ def side_by_side(archive: RunArchive, before: Model, after: Model) -> list[RunCh
         of_u=tuple(row[f'{curve}_of_U'] for curve in CURVES), had=tuple(row['had'] or ())) for row in rows]
 
 
+def not_evaluated(archive: RunArchive, before: Model, after: Model) -> int:
+    """Return how many runs of an archive could not be evaluated under one of two models."""
+    return int(archive.query("SELECT count(DISTINCT (log_sha256, run_id)) FROM runs WHERE problem <> '' AND "
+                             'model_hash IN (?, ?)', (before.hash, after.hash)).column(0)[0].as_py())
+
+
 def trends_side_by_side(archive: RunArchive, before: Model, after: Model) -> list[TrendComparison]:
     """Return the trend of every table that has at least LEAST_RUNS dated runs under both models."""
     tables = archive.query(
@@ -134,10 +141,14 @@ def trend_conclusion(trends: Sequence[TrendComparison]) -> tuple[str, ...]:
             f'{len(slopes)} curves.')
 
 
-def conclusion(changes: Sequence[RunChange], names: Sequence[str]) -> tuple[str, ...]:
-    """Return in sentences what the comparison says; names: of the effects that the model after has and before lacks."""
+def conclusion(changes: Sequence[RunChange], terms: Sequence[Term], failed: int = 0) -> tuple[str, ...]:
+    """Return in sentences what the comparison says.
+
+    terms: that the model after has and before lacks; failed: number of runs that could not be evaluated."""
+    left = (f'{counted(failed, "run")} could not be evaluated under both models (rosette archive query --problems).',
+            ) if failed else ()
     if not changes:
-        return ('No run was evaluated under both models.',)
+        return ('No run was evaluated under both models.', *left)
 
     def share(chosen: Sequence[RunChange]) -> str:
         return f'{len(chosen)} of {len(changes)} runs'
@@ -146,10 +157,13 @@ def conclusion(changes: Sequence[RunChange], names: Sequence[str]) -> tuple[str,
     said = [f'The residual falls by more than 10 % in {share(falls)}'
             + (f', most in {max(falls, key=lambda one: one.before / one.after).run_id}.' if falls else '.'),
             f'The curves move by more than U (k = 2), the larger one of both models, in {share(moved)}.']
-    for name in names:
-        had = [one for one in changes if name in one.had]
-        dated = [one.measured_at for one in had if one.measured_at]
-        span = f', measured from {min(dated):%Y-%m-%d} to {max(dated):%Y-%m-%d}' if dated else ''
-        said.append(f'{name} is there for certain (a parameter of {CERTAIN} standard uncertainties) in {share(had)}'
-                    f'{span}.')
-    return tuple(said)
+    for term in terms:
+        had = [one for one in changes if term.name in one.had]
+        dated = [f'{one.measured_at:%Y-%m-%d}' for one in had if one.measured_at]
+        span = '' if not dated else f', measured on {dated[0]}' if len(set(dated)) == 1 else (
+            f', measured from {min(dated)} to {max(dated)}')
+        said.append(f'{term.name} has a parameter of {CERTAIN} standard uncertainties in {share(had)}{span}; whether '
+                    'it is there is told by rosette diagnose, which counts that its place was searched.'
+                    if term.is_open else f'{term.name} is there for certain (a parameter of {CERTAIN} standard '
+                                         f'uncertainties) in {share(had)}{span}.')
+    return (*said, *left)

@@ -128,8 +128,8 @@ def judgement(action: str, name: str, done: Change) -> str:
         return f'Whether {name} helps cannot be judged: too few readings for a cross-validation.'
     if action == ADD:
         return f'{name} helps: the cross-validation error falls from {errors}.' if done.helps else (
-            f'{name} does not lower the cross-validation error ({errors}): it only describes noise. '
-            f'Remove it with rosette remove {name}.')
+            f'{name} does not lower the cross-validation error by more than chance ({errors}): it only describes '
+            f'noise. Remove it with rosette remove {name}.')
     if done.hurts:
         return (f'{name} is needed: without it the cross-validation error rises from {errors}. '
                 f'Add it again with rosette add {name}.')

@@ -11,6 +11,7 @@ from rosette_ros.archive.reanalysis import (
     TrendComparison,
     conclusion,
     logs_of,
+    not_evaluated,
     side_by_side,
     trend_conclusion,
     trends_side_by_side,
@@ -21,6 +22,7 @@ from rosette_ros.archive.table_history import History
 from rosette_ros.cli.archive_add import add_engine, progress
 from rosette_ros.cli.arguments import UsageError, add_formats, add_shared
 from rosette_ros.cli.console import console, print_json, print_parts
+from rosette_ros.core.diagnosis.verdict import CERTAIN
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.errors import counted
 from rosette_ros.core.records import CURVES
@@ -56,7 +58,8 @@ def run(options: Namespace) -> None:
             add_logs(archive, logs, engine, model, keep_identity=True, on_progress=show)
     changes = side_by_side(archive, before, after)
     trends = trends_side_by_side(archive, before, after)
-    said = (*conclusion(changes, [name for name in after.names if name not in before.names]), *trend_conclusion(trends))
+    said = (*conclusion(changes, [term for term in after.terms if term.name not in before.names],
+                        not_evaluated(archive, before, after)), *trend_conclusion(trends))
     if options.json:
         print_json({'schema': SCHEMA, 'before': before.to_mapping(), 'after': after.to_mapping(), 'conclusion': said,
                     'gone': gone, 'runs': [_json(one) for one in changes],
@@ -89,7 +92,8 @@ def _table(changes: list[RunChange]) -> Table:
         words('curve', 'most', [CURVES[one.of_u.index(max(one.of_u))] for one in changes]),
         words('had', 'had', [' + '.join(one.had) for one in changes])),
         levels=tuple('strong' if one.had else '' for one in changes),
-        note='before, after: residual; had: effects of the model after that are there for certain')
+        note=f'before, after: residual; had: effects of the model after with a parameter of {CERTAIN} standard '
+             'uncertainties')
 
 
 def _trend_tables(trends: list[TrendComparison]) -> list[Table]:

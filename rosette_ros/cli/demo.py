@@ -93,7 +93,7 @@ def run(options: argparse.Namespace) -> None:
             hidden_demo.seal(out, config, options.hidden, running.machine.parent)
         log_path = running.calibrate(order, options.seed, 'turning: forward')
         if hidden:
-            hidden_demo.show(out, config, options.hidden, log_path, running.seconds, options.open)
+            hidden_demo.show(out, config, options.hidden, order, log_path, running.seconds, options.open)
         else:
             server = running.server
             show(out, config, log_path, running.seconds, None if server is None else server.commands.cmm.clock.now())

@@ -53,7 +53,8 @@ def seal(out: Console, config: MachineConfig, seed: int, folder: Path) -> None:
               f'  sha256 {digest}')
 
 
-def show(out: Console, config: MachineConfig, seed: int, log_path: Path, seconds: float, is_open: bool = False) -> None:
+def show(out: Console, config: MachineConfig, seed: int, order: str, log_path: Path, seconds: float,
+         is_open: bool = False) -> None:
     """Print how badly the base model fits and how to go on; the envelope stays shut until it is asked for.
 
     is_open: whether it is asked for already.
@@ -62,7 +63,8 @@ def show(out: Console, config: MachineConfig, seed: int, log_path: Path, seconds
     out.print(f'\n{head(run)}\nThe residual of the base model is {residual_words(analyse(run))}\n')
     out.print(pairs([
         ('Log', escape(shown(log_path))), ('Took', f'{seconds:.1f} s'),
-        ('Repeat', escape(command('demo', '--hidden', seed, '--seed', config.seed, '--balls', config.plate.balls)))]))
+        ('Repeat', escape(command('demo', '--hidden', seed, '--seed', config.seed, '--balls', config.plate.balls,
+                                  '--order', order, '--axis', *(f'{one:g}' for one in config.placement.axis))))]))
     if not is_open:
         out.print('\nThe envelope is shut. To find out what is hidden:')
         for verb in ('compare', 'diagnose', 'envelope'):
@@ -128,7 +130,8 @@ def show_envelope(out: Console, config: MachineConfig, log_path: Path, run: Run,
         words('parameters', 'with', [content(hidden, begin) for hidden in envelope.hidden]),
         column('strength', 'visible', strengths, sigmas),
         words('answer', 'answer', [text for text, _ in answers])), levels=tuple(level for _, level in answers)))
-    if wrong := [name for name in diagnosis.missing if name not in kinds]:
+    stated = {one.effect for one in diagnosis.candidates if one.claimed and set(one.look_alikes) & {*kinds}}
+    if wrong := [name for name in diagnosis.missing if name not in kinds and name not in stated]:
         out.print(f'[yellow]Named but not hidden: {escape(", ".join(wrong))}[/]')
     out.print('visible: norm of the part of the effect in the readings that table, plate and CMM cannot cause, in σ '
               f'of a coordinate; from {SURE_SIGMA:g} σ a name is expected\n'

@@ -287,8 +287,9 @@ CASES = {
     'diagonal': 'CMM outside, table and plate inside (case 2 of the paper): mean systematic error of the table',
     'column': 'ball outside, CMM and table inside (case 3 of the paper): table and CMM alike',
     'random': 'shuffled: drift in time is spread over all positions',
-    'sensitive': 'designed: shows every effect of the library with little travel',
-    'there_and_back': 'diagonal at half the CMM positions, then the same backwards: shows every effect of the library',
+    'sensitive': 'designed: every effect of the library is observable, with little travel',
+    'there_and_back': 'diagonal at half the CMM positions, then the same backwards: every effect of the library '
+                      'is observable',
     'row_there_and_back': 'row at half the CMM positions, then the same backwards: quickest where the table moves '
                           'slowly',
 }

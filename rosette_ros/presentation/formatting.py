@@ -185,10 +185,11 @@ def setting_words(effect: str, setting: Mapping[str, object], without: Container
     for name, value in setting.items():
         if name not in without:
             scale = scale_of(units.get(name, ''), name)
+            senses = _first_senses(value) if name == 'first' and isinstance(value, str) else None
             if isinstance(value, float) or (isinstance(value, int) and scale.unit):
                 size = value * scale.factor
                 value = f'{exact(size, decimals(abs(size), 4))} {scale.unit}'.rstrip()
-            words.append(_first_senses(str(value)) if name == 'first' else f'{name} {value}')
+            words.append(f'{name} {value}' if senses is None else senses)
     return ', '.join(words)
 
 

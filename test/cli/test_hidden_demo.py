@@ -43,6 +43,7 @@ def test_the_envelope_stays_shut_until_it_is_asked_for(shown):
     assert hidden
     assert not any(kind in out for kind in (*hidden, *diagnose(read_log(log).to_run()).missing))
     assert 'The envelope is shut. To find out what is hidden:' in out
+    assert f'demo --hidden {SEED} --seed 1 --balls {BALLS} --order sensitive --axis 0 0 1' in ' '.join(out.split())
     for verb in ('compare', 'diagnose', 'envelope'):
         assert re.search(rf'^  \S*rosette {verb} {re.escape(str(log))}$', out, re.MULTILINE)
     assert f'sha256 {open_envelope(log / "envelope.json").digest}' in out

@@ -245,6 +245,13 @@ def test_the_recovered_shape_is_the_true_one(order):
     assert np.abs(z.claimed).max() > 5 * z.u.max()
 
 
+def test_what_has_one_size_has_no_shape():
+    """Backlash of one size is no course along anything: a flat line at 0 stood beside its claim, without a band."""
+    found = diagnose(measured(lambda run: run.approach[:, None] * np.stack(
+        [-np.sin(run.alpha), np.cos(run.alpha), 0 * run.alpha], axis=1), strength=40.0))
+    assert found.missing == ('table_backlash',) and found.recovered == ()
+
+
 def test_what_lags_follows_a_step_exponentially():
     """tau y' = x - y: after a ramp of one reading, y goes to the driver as exp(-t/tau)."""
     time = np.linspace(0, 10, 101)

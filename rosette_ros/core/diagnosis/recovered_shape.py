@@ -19,6 +19,7 @@ from rosette_ros.core.effects.free_forms import FREE_FORMS, FreeForm, directions
 from rosette_ros.core.records import Floats
 
 MOST_POINTS = 200
+CONSTANT = 1e-9  # change of a function of the variable below which it is a constant
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +54,9 @@ class Shape:
 
 
 def recovered_shapes(problem: Problem, selection: Selection) -> tuple[Shape, ...]:
-    """Return the Shape of each member of a selection that has one; single wrong readings have none."""
+    """Return the Shape of each member of a selection that has one.
+
+    Single wrong readings have none, nor has what is the same at all values but for a sense of motion."""
     found = (_shape(problem, selection, place) for place in range(len(selection.members)))
     return tuple(shape for shape in found if shape is not None)
 
@@ -83,6 +86,8 @@ def _shape(problem: Problem, selection: Selection, place: int) -> Shape | None:
     at = at[np.unique(np.linspace(0, at.size - 1, MOST_POINTS).round().astype(int))]
     basis = np.array(course.basis)
     basis = (basis - basis[:, where].mean(axis=1, keepdims=True))[:, at]
+    if not np.any(np.abs(basis) > CONSTANT):
+        return None
     curves = []
     labels = [(axis, carrier) for axis in directions(form.setting.word('axes')) for carrier in course.carriers or ('',)]
     for k, (axis, carrier) in enumerate(labels):

@@ -165,7 +165,9 @@ def _judge(before: Fit, after: Fit, pairs: Sequence[Learnt], error_with: float) 
         strength = float(np.linalg.norm(moved)) / after.sigma
         outcome, reason = CONFIRMED, 'it is there'
         if not (p < SURE / len(pairs) and error_with < error_without):
-            outcome, reason = NOT_SEEN, 'the error of the cross-validation does not fall with it'
+            outcome = NOT_SEEN
+            reason = ('the error of the cross-validation does not fall with it' if not error_with < error_without else
+                      f'the residual falls with it by no more than chance makes it fall (p = {p:.2g})')
             if strength < DETECTABLE:
                 outcome, reason = TOO_WEAK, (f'at the size learnt it stands {strength:.1f} sigma above the noise here, '
                                              'too little to be decided')
@@ -197,5 +199,6 @@ def _text(effects: Sequence[CheckedEffect], before: Fit, after: Fit, carried: Fi
     if any(entry.outcome == CONFIRMED for entry in effects):
         parts.append(f'The residual of this run falls from {before.rms * 1e6:.3f} µm to {after.rms * 1e6:.3f} µm.')
     if carried is not None:
-        parts.append(f'With the amplitudes as they were learnt and nothing fitted it is {carried.rms * 1e6:.3f} µm.')
+        parts.append('With the amplitudes as they were learnt and nothing fitted the residual is '
+                     f'{carried.rms * 1e6:.3f} µm.')
     return ' '.join(parts) or 'Nothing was learnt, so there is nothing to check.'
