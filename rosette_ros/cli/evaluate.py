@@ -14,6 +14,7 @@ from rosette_ros.cli.console import console, fit_rows, head, pairs, print_json, 
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
+from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import joint_identity, open_identified, open_readings
@@ -101,5 +102,6 @@ def run_jointly(options: Namespace) -> None:
             out.print(escape('\n'.join((joint_head(one), *one.notes))))
         for note in result.notes:
             out.print(escape(note), soft_wrap=True)
+        print_verdict(out, conclude(result))
         print_parts(out, [*joint_errors(result, tolerances), sharing_table(result), *joint_curves(result),
                           pairs((name, escape(words)) for name, words in joint_rows(result))])

@@ -157,9 +157,10 @@ def joint_head(run: Readings) -> str:
 def joint_json(result: JointResult, tolerances: Mapping[str, float] | None = None) -> Json:
     """Return the results, schema rosette-joint-evaluation/1; u holds standard uncertainties, SI units."""
     solution, sharing = result.solution, result.sharing
-    model, every = solution.model, joint_lines(result, tolerances, doubt_of(conclude(result)))
+    model, verdict = solution.model, conclude(result)
+    every = joint_lines(result, tolerances, doubt_of(verdict))
     return plain({
-        'schema': JOINT,
+        'schema': JOINT, 'level': verdict.level, 'verdict': verdict.sentence, 'action': verdict.action,
         'runs': [{'run_id': run.run_id, 'source': run.source, 'readings': run.size, 'balls': run.plate.balls,
                   'table_positions': np.unique(run.table_position).size, 'plate_turned_rad': turn,
                   'shares': {part: getattr(sharing, part)[place] for part in PARTS}}

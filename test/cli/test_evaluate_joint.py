@@ -29,6 +29,7 @@ def test_there_and_back_as_json(rosette, back):
     answer = rosette('evaluate', back, '--joint', '--json')
     got = json.loads(answer.out, parse_constant=pytest.fail)
     assert got['schema'] == 'rosette-joint-evaluation/1'
+    assert got['level'] == 'good' and got['verdict'].startswith('The run fits one model: residual ')
     assert [got[key] for key in ('unknowns', 'rank', 'hidden', 'hidden_in_curves')] == [198, 185, 13, 10]
     assert [one['sense'] for one in got['curves']] == [1, -1]
     assert len(got['curves'][0]['ctx_m']) == 12
@@ -46,6 +47,7 @@ def test_there_and_back_in_words(rosette, back):
     out = ' '.join(rosette('evaluate', back, '--joint').out.split())
     assert 'Reversal: clockwise less counter-clockwise' in out
     assert '198 unknowns, rank 185' in out
+    assert 'The run fits one model: residual ' in out and 'Nothing needs to be done.' in out
     assert 'beyond what one run knows: the reversal of all six curves, with its means' in out
 
 

@@ -74,7 +74,8 @@ def test_a_wrong_effect_only_describes_noise(rosette, model):
     run = simulated_table(seed=5)
     answer = rosette('add', 'plate_creep', '--model', model, '--run', run)
     flat = ' '.join(answer.out.split())
-    assert re.search(r'plate_creep does not lower the cross-validation error by more than chance \(.*\): it only describes noise', flat)
+    assert re.search(r'plate_creep does not lower the cross-validation error by more than chance \(.*\): '
+                     r'it only describes noise', flat)
     assert 'rosette remove plate_creep' in flat
     flat = ' '.join(rosette('remove', 'plate_creep', '--model', model, '--run', run).out.split())
     assert 'plate_creep is not needed' in flat
