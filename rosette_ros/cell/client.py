@@ -70,7 +70,7 @@ class GraphClient:
                  make_executor: Callable[..., Executor] = SingleThreadedExecutor, **settings: Any) -> None:
         check_messages()
         os.environ.update(added_environment(os.environ))
-        self._where, self._domain_id, self._context = f'/{namespace.strip("/")}', domain_id, Context()
+        self._where, self._context = f'/{namespace.strip("/")}', Context()
         try:
             self._context.init(domain_id=domain_id)
             unique = f'{name}_{uuid.uuid4().hex[:8]}'
@@ -243,9 +243,7 @@ class CellClient(GraphClient):
 
     def resume_command(self, run: str | Path) -> str:
         """Return the command that resumes a run of this cell."""
-        domain = [] if self._domain_id is None else ['--domain', self._domain_id]
-        namespace = [] if self._where == f'/{names.NAMESPACE}' else ['--namespace', self._where[1:]]
-        return command('calibrate', '--resume', run, *domain, *namespace)
+        return command('calibrate', '--resume', run, *names.where(self._context.get_domain_id(), self._where))
 
     @property
     def measured(self) -> int:

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import pytest
 
 from rosette_ros.cell import supervisor
+from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import LOCAL, MODULES, PROFILES, RANGE, TRANSPORTS, added_environment
 from rosette_ros.nodes.recorder import LAST_MESSAGES
 from rosette_ros.nodes.sequencer import ANSWERS_TIMEOUT
@@ -85,3 +86,10 @@ def test_the_nodes_of_a_cell_listen_on_loopback_alone(cell_of, domain_id, monkey
     monkeypatch.setenv(PROFILES, '')
     found, names = heard()
     assert '0.0.0.0' in found and names == {'udp', 'shm'}, 'else the test does not see what it looks for'
+
+
+def test_the_command_that_resumes_names_the_domain_of_the_environment(monkeypatch, domain_id):
+    """It is copied into another terminal, where the environment names another one."""
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain_id))
+    with CellClient() as client:
+        assert client.resume_command('run_a').endswith(f'calibrate --resume run_a --domain {domain_id}')
