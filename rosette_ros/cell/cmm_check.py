@@ -30,6 +30,7 @@ from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.liveliness import obeying
 
 SEARCH, SETTLING, ECHOES = 5.0, 1.0, 0.5  # for the CMM; for all to discover each other; for a second answer, s
+SEQUENCER_SEARCH = client.SEARCH
 CLOCK_OFF = 2.0  # a stamp so long before its target or after its answer is of another clock, s
 PLAUSIBLE_FORM, PLAUSIBLE_TEMPERATURE = 1e-4, (5.0, 45.0)  # m; °C
 LEAST_TOUCHES, SAME_CENTRE = 4, 1e-6  # of a sphere; by which the sphere through them may be off the answer, m
@@ -88,7 +89,7 @@ class CmmClient(CellClient):
         every = (*PLANNED, *LIMITS)
         values = {wanted.name: wanted.default for wanted in every}
         service = self._node.create_client(GetParameters, f'{names.SEQUENCER}/get_parameters')
-        if self._spin_until(service.service_is_ready, client.SEARCH):
+        if self._spin_until(service.service_is_ready, SEQUENCER_SEARCH):
             response = self._await(service.call_async(GetParameters.Request(names=list(values))), SEARCH, None)
             found = [*map(parameter_value_to_python, response.values)]
             if len(found) < len(values):

@@ -16,7 +16,7 @@ from rosette_msgs.msg import BallCentre, ProbeTarget, RunState, Touches
 from std_srvs.srv import Trigger
 
 from rosette_ros.calibration.settings import LIMITS, PLANNED
-from rosette_ros.cell import client as cell_client
+from rosette_ros.cell import cmm_check
 from rosette_ros.cell.cmm_check import CmmClient
 from rosette_ros.cli.main import main
 from rosette_ros.core.errors import CellError
@@ -95,7 +95,7 @@ def cmm(module_domain_id):
 def no_long_search(request, monkeypatch):
     """Search no sequencer where there is none, but in the test of that search."""
     if 'late_sequencer' not in request.fixturenames:
-        monkeypatch.setattr(cell_client, 'SEARCH', 0.1)
+        monkeypatch.setattr(cmm_check, 'SEQUENCER_SEARCH', 0.1)
 
 
 @pytest.fixture
