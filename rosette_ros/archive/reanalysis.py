@@ -39,8 +39,8 @@ class RunChange:
     """A run under two models.
 
     before, after: residual, m; change, of_u: largest change of each of CURVES, m and rad, and in units of the larger U
-    (k = 2) of both; had: effects of the model after with a
-    parameter of CERTAIN standard uncertainties."""
+    (k = 2) of both; had: effects of the model after with a parameter of CERTAIN standard
+    uncertainties."""
 
     measured_at: Any
     table_serial: str

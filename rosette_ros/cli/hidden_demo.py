@@ -130,8 +130,7 @@ def show_envelope(out: Console, config: MachineConfig, log_path: Path, run: Run,
         words('parameters', 'with', [content(hidden, begin) for hidden in envelope.hidden]),
         column('strength', 'visible', strengths, sigmas),
         words('answer', 'answer', [text for text, _ in answers])), levels=tuple(level for _, level in answers)))
-    stated = {one.effect for one in diagnosis.candidates if one.claimed and set(one.look_alikes) & {*kinds}}
-    if wrong := [name for name in diagnosis.missing if name not in kinds and name not in stated]:
+    if wrong := wrongly_named(kinds, diagnosis):
         out.print(f'[yellow]Named but not hidden: {escape(", ".join(wrong))}[/]')
     out.print('visible: norm of the part of the effect in the readings that table, plate and CMM cannot cause, in σ '
               f'of a coordinate; from {SURE_SIGMA:g} σ a name is expected\n'
@@ -151,9 +150,20 @@ def _value(value: Any) -> str:
     return exact(value, 3) if isinstance(value, float) and math.isfinite(value) else str(value)
 
 
+def _named_instead(kind: str, diagnosis: Diagnosis) -> list[str]:
+    """Return the effects that are claimed and of which it is stated that a hidden one looks the same."""
+    return [entry.effect for entry in diagnosis.candidates if entry.claimed and kind in entry.look_alikes]
+
+
+def wrongly_named(kinds: Sequence[str], diagnosis: Diagnosis) -> list[str]:
+    """Return the names that a diagnosis claims and that neither are hidden nor stand for what is, as stated."""
+    right = {*kinds, *(name for kind in kinds for name in _named_instead(kind, diagnosis))}
+    return [name for name in diagnosis.missing if name not in right]
+
+
 def answer(kind: str, strength: float, diagnosis: Diagnosis) -> tuple[str, Level]:
     """Return what the diagnosis found of a hidden effect."""
-    alike = [entry.effect for entry in diagnosis.candidates if entry.claimed and kind in entry.look_alikes]
+    alike = _named_instead(kind, diagnosis)
     if kind in diagnosis.missing:
         return 'named', Level.GOOD
     if alike:

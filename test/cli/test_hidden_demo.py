@@ -13,7 +13,7 @@ import yaml
 from terminal import Terminal
 
 from rosette_ros.analysis import analyse, diagnose
-from rosette_ros.cli.hidden_demo import answer, content, visible_strengths
+from rosette_ros.cli.hidden_demo import answer, content, visible_strengths, wrongly_named
 from rosette_ros.cli.main import main, parse
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.log_reader import read_log
@@ -139,6 +139,7 @@ def test_answers(kind, strength, words):
     found = SimpleNamespace(missing=('frame_drift',), candidates=(claimed,),
                             invisible=('table_backlash',), unexplained=False)
     assert words in answer(kind, strength, found)[0]
+    assert wrongly_named([kind], found) == ([] if kind in ('frame_drift', 'frame_warmup') else ['frame_drift'])
 
 
 def test_content_is_short():
