@@ -346,7 +346,7 @@ def console_scripts() -> list[str]:
 
 
 def compile_imports() -> None:
-    """Compile what rosette_ros imports, once, instead of at the first start or, without a cache, at every start."""
+    """Compile what rosette_ros imports, and the tests, once, instead of at the first start or at every start."""
     run([VENV / 'bin' / 'python', BYTE_CODE])
 
 
