@@ -4,9 +4,9 @@
 
 VENV_PYTHON := .venv/bin/python
 # Tests run in WORKERS processes: cells mostly wait, so more than two for each core of a small computer, which four leave
-# idle for 14 % of the time, five for 3 % and six for 1 %. The tests of a file stay together, as they share a cell or a studio; files
-# start in the order of test/conftest.py, long ones first.
-WORKERS := 6
+# idle for 14 % of the time and five for 4 %; a sixth costs what it gains, as each loads all tests. The tests of a file
+# stay together, as they share a cell or a studio; files start in the order of test/conftest.py, long ones first.
+WORKERS := 5
 SIDE_BY_SIDE := -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 .PHONY: help setup test demo bench blind fuzz soak docs pictures lint lock clean
