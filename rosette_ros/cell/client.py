@@ -106,8 +106,10 @@ class CellClient(GraphClient):
     """Talks to the sequencer of a cell. After a restart of the sequencer, make a new one: until DDS drops what was
     killed, requests of the old one may go there."""
 
+    name = 'client'
+
     def __init__(self, domain_id: int | None = None, namespace: str = names.NAMESPACE) -> None:
-        super().__init__('client', domain_id, namespace)
+        super().__init__(self.name, domain_id, namespace)
         self._rejections: list[str] = []
         self._node.create_subscription(CalibrationEvent, names.CALIBRATION_EVENT, self._on_event, qos.EVENT)
         self._run_id, self._is_restarted, self._has_state = '', False, False

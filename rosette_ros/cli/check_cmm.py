@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.cmm_check import CmmClient, CmmReport
 from rosette_ros.cli.arguments import add_shared, positive, whole
 from rosette_ros.cli.console import console, print_json, print_parts
@@ -42,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Print what was found; raises CellError where a check is not passed."""
     if options.recover:
-        with CellClient(options.domain, options.namespace) as client:
+        with CmmClient(options.domain, options.namespace) as client:
             console().print(client.recover())
         return
     given = {

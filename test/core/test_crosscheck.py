@@ -61,6 +61,14 @@ def test_what_is_not_there_is_not_seen(creeping):
     assert check.cross_validation_after > 0.98 * check.cross_validation_before
 
 
+def test_a_fall_no_larger_than_chance_is_none(creeping):
+    """The error in left-out readings falls a little, but so it does by chance in one run of seven."""
+    entry, = cross_check(machine_run(13), creeping).effects
+    assert entry.cross_validation_with < entry.cross_validation_without
+    assert entry.outcome == 'not seen'
+    assert entry.reason == 'the residual falls with it by no more than chance makes it fall (p = 0.14)'
+
+
 def test_an_order_that_hides_it_cannot_check_it(creeping):
     """Column order shows nothing of a creep."""
     check = cross_check(machine_run(4, CREEP, order='column'), creeping)

@@ -13,6 +13,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 from rosette_ros.cell.client import CellClient
+from rosette_ros.cell.cmm_check import CmmClient
 from rosette_ros.cell.supervisor import MODULES, OPTIONAL
 from rosette_ros.nodes import names
 from rosette_ros.studio.cell_watcher import CellWatcher
@@ -22,7 +23,8 @@ POLICY = ROOT / 'config' / 'sros2' / 'policies.xml'
 SAY, HEAR = 'say', 'hear'
 ENCLAVES = {'sequencer': ('sequencer',), 'cmm': ('cmm',), 'evaluator': ('evaluator',), 'recorder': ('recorder',),
             'trend_monitor': ('trend_monitor',),
-            'operator': ('client_*', 'studio_*', '_ros2cli_*'), 'watcher': ('studio_*', '_ros2cli_*')}
+            'operator': ('client_*', 'studio_*', '_ros2cli_*'), 'check': ('check_*',),
+            'watcher': ('studio_*', '_ros2cli_*')}
 """Enclave to the nodes that run in it; * stands for what is drawn at the start."""
 BY_HAND = (names.START_CALIBRATION, names.CANCEL_CALIBRATION, names.DIAGNOSE, names.ADD_EFFECT, names.REMOVE_EFFECT,
            names.EVALUATE_JOINTLY, names.RECOVER, names.HOLD, names.RELEASE, names.CALIBRATE_NOW)
@@ -31,10 +33,11 @@ EXTRAS = {
         (HEAR, f'rq/rosette/{name}Request'), (SAY, f'rr/rosette/{name}Reply')))},
     'operator': {pair for name in BY_HAND for pair in (
         (SAY, f'rq/rosette/{name}Request'), (HEAR, f'rr/rosette/{name}Reply'))},
+    'check': {(SAY, f'rq/rosette/{names.RECOVER}Request'), (HEAR, f'rr/rosette/{names.RECOVER}Reply')},
     'watcher': {(HEAR, 'rt/rosette/model')},
 }
 """What a person may do with the command line of ROS, and a CMM through I++ DME does; this test uses neither."""
-COMMANDS = {'rt/rosette/probe_target': 'sequencer', 'rt/tf_static': 'sequencer', 'rt/rosette/run_state': 'sequencer',
+COMMANDS = {'rt/tf_static': 'sequencer', 'rt/rosette/run_state': 'sequencer',
             'rt/rosette/calibration_event': 'sequencer', 'rt/rosette/ball_centre': 'cmm', 'rt/clock': 'cmm',
             'rt/rosette/error_motions': 'evaluator', 'rt/rosette/model': 'evaluator',
             'rt/rosette/diagnosis': 'evaluator', 'rq/rosette/recorder/start_recordingRequest': 'sequencer',
@@ -149,17 +152,18 @@ class Witness:
 
 def _without_chance(name):
     """Put * for the part of a name that is drawn at the start of a program."""
-    return re.sub(r'\b(client_|studio_|_ros2cli_)[0-9a-f]+', r'\1*', name)
+    return re.sub(r'\b(client_|check_|studio_|_ros2cli_)[0-9a-f]+', r'\1*', name)
 
 
 @pytest.fixture(scope='module')
 def used(policy, module_domain_id, make_cell, tmp_path_factory):
-    """Return the pairs that each node of a running cell, a client, the studio and a tool use."""
+    """Return the pairs that each node of a running cell, a client, a check of the CMM, the studio and a tool use."""
     folder = tmp_path_factory.mktemp('policy')
     cell = make_cell(module_domain_id, folder, nodes=(*MODULES, *OPTIONAL),
                      params={'trend_monitor': {'archive': str(folder / 'archive')}})
-    with cell, CellClient(module_domain_id) as client:
+    with cell, CellClient(module_domain_id) as client, CmmClient(module_domain_id) as checker:
         client.wait()
+        checker.check(checker.settings({}))
         watch, witness = CellWatcher(module_domain_id), Witness(module_domain_id)
         try:
             return settled(witness.used, lambda found: not any(
@@ -204,11 +208,12 @@ def test_each_enclave_has_the_nodes_that_run_in_it():
 
 
 def test_only_one_may_say_what_counts(policy):
-    """Targets, answers, frames, curves, requests to the recorder, calibrations."""
+    """Targets (and who tries a CMM), answers, frames, curves, requests to the recorder, calibrations."""
+    assert [name for name in policy if (SAY, 'rt/rosette/probe_target') in policy[name]] == ['sequencer', 'check']
     for name, speaker in COMMANDS.items():
         assert [enclave for enclave in policy if (SAY, name) in policy[enclave]] == [speaker], name
     goal = 'rq/rosette/calibrate/_action/send_goalRequest'
-    assert [enclave for enclave in policy if (SAY, goal) in policy[enclave]] == ['trend_monitor', 'operator']
+    assert [enclave for enclave in policy if (SAY, goal) in policy[enclave]] == ['trend_monitor', 'operator', 'check']
 
 
 def test_who_looks_says_nothing_about_a_run(policy):
