@@ -76,9 +76,11 @@ class NodeProcess:
         return self.popen.poll() is not None
 
     def failure(self) -> str:
-        """Return the exit code and the last line of the output that is no information."""
-        lines = [line for line in self.text().strip().splitlines() if not line.startswith('[INFO]')]
-        return f'node {self.name} ended with exit code {self.popen.returncode}{"".join(f": {x}" for x in lines[-1:])}'
+        """Return the exit code, or the signal, and the last line of the output that is an error."""
+        lines = [line for line in self.text().strip().splitlines() if not line.startswith(('[INFO]', '[WARN]'))]
+        code = self.popen.returncode
+        how = f'was ended by {signal.Signals(-code).name}' if code < 0 else f'ended with exit code {code}'
+        return f'node {self.name} {how}{"".join(f": {x}" for x in lines[-1:])}'
 
 
 class Cell:

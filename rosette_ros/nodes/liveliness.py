@@ -171,7 +171,8 @@ class CellMonitor:
         self._senders = {topic: node.sender(topic) for topic in names.PUBLISHERS}
         self._complete_since: float | None = None
         self._endpoints: frozenset[bytes] = frozenset()
-        self.status = ''
+        self.status = self._logged = ''
+        self._status_since = 0.0
 
     def missing(self, with_recorder: bool) -> list[str]:
         """Return what the cell lacks for a calibration, in words."""
@@ -191,17 +192,21 @@ class CellMonitor:
         return missing
 
     def update(self, now: float, with_recorder: bool) -> None:
-        """Check which nodes are present; log what the cell lacks, and when it has become complete and settled."""
+        """Check which nodes are present; log what the cell lacks, and when it has become complete and settled.
+
+        What it lacks is logged after SETTLING s: while nodes discover each other it changes at every moment."""
         lacks = '; '.join(self.missing(with_recorder))
         endpoints = self._find_endpoints()
-        if lacks or endpoints != self._endpoints:
-            self._complete_since, self._endpoints = None, endpoints
+        if lacks or endpoints - self._endpoints:  # those of a node that was killed leave long after it
+            self._complete_since = None
+        self._endpoints = endpoints
         if not lacks and self._complete_since is None:
             self._complete_since = now
         status = lacks or (names.COMPLETE if self.is_settled(now) else 'the nodes are getting connected')
-        was_complete = self.status == names.COMPLETE
         if status != self.status:
-            log, self.status = self._node.get_logger(), status
+            self.status, self._status_since = status, now
+        if status != self._logged and (not lacks or now - self._status_since >= SETTLING):
+            log, was_complete, self._logged = self._node.get_logger(), self._logged == names.COMPLETE, status
             if lacks and was_complete:
                 log.warning(status)
             else:

@@ -22,7 +22,8 @@ class Sender:
     """The publisher of a topic whose messages are used.
 
     peer: monitor of the node that it should be. on_change: called when another process has taken its place; on_rivals:
-    called with the words when there are several; alive: the endpoints of processes that run, their GIDs; bound: the one
+    called with the words when there are several for SETTLING s, as a node that was killed and its successor are not;
+    alive: the endpoints of processes that run, their GIDs; bound: the one
     that is used; is_bound: whether there is no other; refused: number of messages that were not used.
     """
 
@@ -39,7 +40,7 @@ class Sender:
         self._names: dict[bytes, str] = {}
         self._first_seen: dict[bytes, float] = {}
         self._matched, self._running, self._since = 0, 0, 0.0
-        self._last_rivals = -SETTLING
+        self._last_rivals, self._is_told = -SETTLING, False
 
     def judge(self, subscription: Subscription) -> None:
         """Take note of the subscription whose messages `admits` judges."""
@@ -72,11 +73,12 @@ class Sender:
         self._matched, self._running = self._count(), self._peer.running()
         alive = self._find_alive(now)
         if alive != self.alive:
-            self.alive, self._since = alive, now
-            if self.rivals:
-                self.on_rivals(self.rivals)
+            self.alive, self._since, self._is_told = alive, now, False
         if len(alive) > 1:
             self._last_rivals = now
+            if not self._is_told and now - self._since >= SETTLING:
+                self._is_told = True
+                self.on_rivals(self.rivals)
         if len(alive) == 1 and not alive <= self.bound and (not self.bound or now - self._since >= SETTLING):
             before, self.bound = self.bound, alive
             if before:

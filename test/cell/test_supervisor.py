@@ -40,7 +40,7 @@ def test_a_node_that_was_killed_comes_back_and_the_cell_calibrates(watched, wait
     assert cell.restart_failed() == {}
     words = kill(cell, name)
     assert list(words) == [name]
-    assert f'node {name} ended with exit code -9' in words[name]
+    assert f'node {name} was ended by SIGKILL' in words[name]
     wait_until(lambda: cell.processes[name].output.read_text(errors='replace').count(names.READY) == 2)
     with CellClient(domain) as client:
         outcome = _calibrated(client, cell, wait_until)
@@ -115,7 +115,7 @@ def test_the_command_restarts_and_ends_in_order(cell_command, wait_until):
     process, output = cell_command
     victim = children(process.pid)[0]
     os.kill(victim, signal.SIGKILL)
-    wait_until(lambda: 'ended with exit code -9' in output.read_text())
+    wait_until(lambda: 'was ended by SIGKILL' in output.read_text())
     assert '; restarted' in output.read_text()
     wait_until(lambda: len(children(process.pid)) == len(MODULES))
     nodes = children(process.pid)

@@ -39,9 +39,7 @@ def clock(monkeypatch):
 
 
 def test_a_publisher_that_is_matched_but_not_on_the_graph_is_not_used(clock):
-    """Its first message may be there before the graph shows it, its last one after it has left.
-
-    closed the log of a run."""
+    """Its first message may be there before the graph shows it, its last one after it has left."""
     topic = Topic()
     sender = Sender(topic, 'run_state', SimpleNamespace(publishers=list, running=lambda: 0))
     sender.judge(topic)
@@ -62,3 +60,20 @@ def test_a_publisher_that_is_matched_but_not_on_the_graph_is_not_used(clock):
     sender.watch()
     assert sender.admits()
     assert sender.refused == 3
+
+
+def test_a_successor_is_no_rival_and_a_second_node_is_told_once(clock):
+    """A process that was killed is known to have ended a moment after its successor is there."""
+    topic, told = Topic(), []
+    sender = Sender(topic, 'run_state', SimpleNamespace(publishers=list, running=lambda: 0))
+    sender.judge(topic)
+    sender.on_rivals = told.append
+    topic.on_graph, topic.matched = [1], 1
+    sender.watch()
+    for others, seconds, lines in (([1, 2], 0.0, 0), ([1, 2], 0.9 * SETTLING, 0), ([2], 0.1, 0), ([2], 60.0, 0),
+                                   ([2, 3], 0.0, 0), ([2, 3], SETTLING, 1), ([2, 3], 60.0, 1)):
+        topic.on_graph, topic.matched = others, len(others)
+        clock.now += seconds
+        sender.watch()
+        assert len(told) == lines, (others, seconds)
+    assert told == ['2 nodes publish /rosette/run_state (/rosette/node_2 and /rosette/node_3)']
