@@ -46,11 +46,18 @@ def test_candidates_go_from_before_to_after():
 def test_visibility_names_what_is_hidden_and_what_is_not_judged():
     """In words, not by colour alone."""
     present, best = ([record(name=name, typical_share=share, reason='no time' if name == 'c' else '')
-                      for name, share in zip('abc', shares)] for shares in ([0.8, 0.01, 0.0], [0.9, 0.7, 0.0]))
+                      for name, share in zip('abcd', shares)]
+                     for shares in ([0.8, 0.01, 0.0, 0.0], [0.9, 0.2, 0.0, 0.7]))
     made = comparison_plots.visibility(present, best)
-    texts = [text.get_text().strip() for panel in made.axes for text in panel.texts]
-    assert 'not observable' in texts and 'not judged' in texts
-    assert widths(made)[:3] == pytest.approx([0.8, 0.01, 0.0])
+    texts = {text.get_text(): text for panel in made.axes for text in panel.texts}
+    assert texts['not observable'].get_color() != texts['not judged'].get_color()
+    assert widths(made) == pytest.approx([0.8, 0.01, 0.0, 0.0])
+    filled, hollow = made.axes[0].patches
+    assert filled.get_facecolor() != hollow.get_facecolor() == made.legends[0].legend_handles[1].get_facecolor()
+    marks = [panel.lines[0].get_xdata() for panel in made.axes]
+    np.testing.assert_equal(np.concatenate(marks), [0.9, 0.2, np.nan, 0.7])
+    assert made.axes[0].texts[0].xy == (0.2, 1), 'to the right of the mark that it would cross'
+    assert made.axes[1].texts[1].xy == (0.0, 1), 'before a mark that is farther away'
 
 
 def test_differences_are_drawn_in_their_panels():

@@ -2,6 +2,7 @@
 """Bars to compare: errors of nested models, of candidates, observable shares of effects."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,6 +21,9 @@ from rosette_ros.presentation.tables import nested_names
 BAR = 0.34
 ROW = 0.165
 """Height of a row of one line, inch."""
+HIDDEN_LOOK: dict[str, Any] = {'facecolor': 'white', 'edgecolor': style.BEFORE}
+WORDS = 0.45
+"""Length of the words beside a bar, in shares."""
 LONGEST_NAME = 28
 """Characters of a name beside its bar; the rest is cut."""
 
@@ -73,31 +77,36 @@ def visibility(every: Sequence[Visibility], best: Sequence[Visibility] = (),
     rows = -(-len(every) // 2)
     height = ROW * rows + 0.5
     made = style.figure(height, left=0.21, right=0.98, bottom=0.44 / height, top=1 - 0.06 / height, wspace=0.75)
-    recommended = {one.name: one.typical_share for one in best}
+    recommended = {one.name: one.typical_share for one in best if not one.reason}
     for panel, part in zip(style.panels(made, 1, 2)[0], (every[:rows], every[rows:]), strict=True):
         shown = [np.nan if one.reason else one.typical_share for one in part]
-        _bars_of_shares(panel, np.nan_to_num(shown), np.isnan(shown))
+        wanted = np.array([recommended.get(one.name, np.nan) for one in part])
+        _bars_of_shares(panel, np.nan_to_num(shown), np.isnan(shown), wanted)
         if best:
-            wanted = [recommended.get(one.name, np.nan) for one in part]
             panel.plot(wanted, range(len(part)), linestyle='none', marker='D', markersize=4.5, color=style.INK,
                        markerfacecolor='white', markeredgewidth=1.3)
         panel.set_xlim(0, 1.02)
         marks = {share / 100: f'{share} %' for share in range(0, 101, 25)}
         _name_rows(panel, [one.name for one in part], OBSERVABLE, marks, rows)
     looks = [(Patch(color=style.AFTER), labels[0]),
-             (Patch(color=style.BEFORE), f'not observable (below {percent(HIDDEN_SHARE)})')]
+             (Patch(**HIDDEN_LOOK), f'not observable (below {percent(HIDDEN_SHARE)})')]
     if best:
         looks.append((panel.lines[0], labels[1]))
     style.legend(made, [look for look, _ in looks], [style.label_of(label) for _, label in looks])
     return made
 
 
-def _bars_of_shares(panel: Axes, shares: Floats, not_judged: Bools) -> None:
+def _bars_of_shares(panel: Axes, shares: Floats, not_judged: Bools, marks: Floats) -> None:
+    """Draw bars, and words where there are none to see, to the right of a mark that would be in them."""
     rows = np.arange(shares.size)
-    panel.barh(rows, shares, 0.62, color=[style.BEFORE if share < HIDDEN_SHARE else style.AFTER for share in shares])
-    for row, share in zip(rows, shares, strict=True):
-        text = ' not judged' if not_judged[row] else ' not observable' if share < HIDDEN_SHARE else ''
-        panel.text(float(share), float(row), text, va='center', fontsize=style.SMALL, color=style.BEFORE)
+    hidden = shares < HIDDEN_SHARE
+    panel.barh(rows[~hidden], shares[~hidden], 0.62, color=style.AFTER)
+    panel.barh(rows[hidden], shares[hidden], 0.62, **HIDDEN_LOOK)
+    for row in rows[hidden]:
+        text, colour = ('not judged', style.GREY) if not_judged[row] else ('not observable', style.BEFORE)
+        start = float(marks[row] if marks[row] < shares[row] + WORDS else shares[row])
+        panel.annotate(text, (start, row), (5, 0), textcoords='offset points', va='center', fontsize=style.SMALL,
+                       color=colour)
 
 
 def _rows(count: int, per_row: float, foot: float) -> tuple[Figure, Axes]:
