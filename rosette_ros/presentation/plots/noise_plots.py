@@ -22,7 +22,7 @@ SHOWN = ('ball', 'CMM position', 'time')
 def noise(fit: Fit) -> Figure:
     """Return a figure of the residual of a fit in white coordinates, in units of its size: 1 where it is such noise."""
     left = fit.white_residual * np.sqrt(3 * fit.run.size / fit.dof) / max(fit.rms, LEAST_NOISE)
-    made = style.figure(4.1, left=0.06, right=0.99, bottom=0.07, top=0.95, hspace=0.42, wspace=0.22)
+    made = style.figure(4.2, left=0.07, right=0.99, bottom=0.12, top=0.98, hspace=0.35, wspace=0.36)
     panels = style.panels(made, 2, 3)
     _quantiles(panels[0, 0], left)
     _scatter(panels[0, 1], 'axis', AXES, [left[:, axis] for axis in range(3)])
@@ -31,7 +31,7 @@ def noise(fit: Fit) -> Figure:
         _scatter(panel, name, [key.partition('-')[0] for key in keys],
                  [left[index == group] for group in range(len(keys))])
     _correlation(panels[1, 2], left)
-    style.legend_of(made, panels[0, :1])
+    style.legend_of(made, panels[0, :2])
     return made
 
 
@@ -42,7 +42,7 @@ def _quantiles(panel: Axes, left: Floats) -> None:
         panel.plot(wanted, np.sort(left[:, axis]), linestyle='none', markersize=3, label=name, **style.look_of(axis))
     panel.plot(wanted[[0, -1]], wanted[[0, -1]], color=style.INK, linewidth=1, label='normal noise')
     style.scale(panel)
-    style.title(panel, 'quantiles beside normal noise', fontsize=style.TEXT)
+    panel.set(xlabel='quantile of normal noise, in σ', ylabel='residual in order, in σ')
 
 
 def _scatter(panel: Axes, name: str, keys: Sequence[str], groups: Sequence[Floats]) -> None:
@@ -50,12 +50,13 @@ def _scatter(panel: Axes, name: str, keys: Sequence[str], groups: Sequence[Float
     at = np.arange(len(groups))
     size = [float(np.sqrt(np.mean(one**2))) if one.size else np.nan for one in groups]
     spread = [np.sqrt(2 / max(one.size, 1)) for one in groups]
-    panel.errorbar(at, np.ones(len(at)), spread, color=style.GREY, linestyle='none', elinewidth=6, alpha=0.35)
+    panel.errorbar(at, np.ones(len(at)), spread, color=style.GREY, linestyle='none', elinewidth=6, alpha=0.35,
+                   label='where noise lies (k = 2)')
     panel.plot(at, size, linestyle='none', marker='o', markersize=5, color=style.AFTER)
     step = -(-len(keys) // 8)
     style.scale(panel, {int(place): keys[place] for place in at[::step]}, None)
-    panel.set_ylim(0, max(2.0, 1.05 * float(np.nanmax(size))))
-    style.title(panel, f'scatter by {name}' + (' (min)' if name == 'time' else ''), fontsize=style.TEXT)
+    panel.set(xlim=(-0.6, len(at) - 0.4), ylim=(0, max(2.0, 1.05 * float(np.nanmax(size)))),
+              xlabel='section of the time, from minute' if name == 'time' else name, ylabel='rms of residuals, in σ')
 
 
 def _correlation(panel: Axes, left: Floats) -> None:
@@ -69,4 +70,4 @@ def _correlation(panel: Axes, left: Floats) -> None:
     bound = 2 / np.sqrt(len(left))
     panel.axhspan(-bound, bound, color=style.GREY, alpha=0.2, linewidth=0)
     style.scale(panel)
-    style.title(panel, 'correlation by readings apart', fontsize=style.TEXT)
+    panel.set(xlabel='distance in readings', ylabel='correlation')
