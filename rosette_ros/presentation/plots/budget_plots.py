@@ -30,7 +30,7 @@ def budget_bars(made: Budget, found: MonteCarlo | None = None) -> Figure:
     kinds = [*('bound' if one.is_bound else one.kind for one in lines), 'combined']
     values = 1e6 * np.vstack([*(one.mean for one in lines), made.mean])
     rows, height = len(names), 2 * (0.155 * len(names) + 0.52)
-    figure = style.figure(height, left=LEFT, right=0.985, bottom=0.28 / height, top=1 - 0.26 / height, wspace=0.13,
+    figure = style.figure(height, left=LEFT, right=0.985, bottom=0.28 / height, top=1 - 0.26 / height, wspace=0.2,
                           hspace=0.62 / (0.155 * rows + 0.1))
     panels, curves = style.panels(figure, 2, 3), text.curve_names(made.fit.run.rotation)
     for place, panel in enumerate(panels.flat):

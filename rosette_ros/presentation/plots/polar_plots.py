@@ -25,10 +25,10 @@ def polar_motions(motions: ErrorMotions) -> Figure:
 
     The reference circle is the least-squares one: its offset from the centre is the once-per-turn part of the error,
     the distance of the curve from it the rest."""
-    made, handles = style.figure(2.5), list[Any]()
+    made, handles = style.figure(2.3), list[Any]()
     lines = {line.curve: line for line in error_lines(motions)}
     for place, curve in enumerate(SHOWN):
-        panel = made.add_axes((0.005 + 0.25 * place, 0.1, 0.24, 0.8))
+        panel = made.add_axes((0.005 + 0.25 * place, 0.12, 0.24, 0.8))
         handles = _panel(panel, 1e6 * motions[curve], COVERAGE_FACTOR * 1e6 * motions.uncertainty(curve), motions.angle,
                          CURVE_UNITS[CURVES.index(curve)], lines[curve])
         style.title(panel, f'{curve} ({iso_name(curve, motions.rotation)}), {MEANING[curve]}', fontsize=style.TEXT)
@@ -63,6 +63,6 @@ def _panel(panel: Axes, values: Floats, expanded: Floats, angle: Floats, unit: s
     words = f'range {fixed(1e6 * line.range, 2)}, rest {fixed(1e6 * line.residual, 2)} {unit}'
     for x, y, text in ((-1.65 + per_unit * length, -2.05, f'{length:g} {unit}'), (-1.9, -2.42, words)):
         panel.text(x, y, text, ha='left', va='center', fontsize=style.SMALL, color=style.INK)
-    panel.set(xlim=(-1.95, 1.95), ylim=(-2.55, 1.9), aspect='equal')
+    panel.set(xlim=(-2.15, 2.15), ylim=(-2.55, 1.9), aspect='equal')
     panel.axis('off')
     return [curve, band, base, circle]

@@ -103,7 +103,7 @@ def against(series: Sequence[Residuals], noise: float | None = None) -> Figure:
     series: one or two of one run, before and after; noise: standard deviation, m; lines are means of neighbours.
     """
     places = _places(series[0].run)
-    made = style.figure(4.4, left=0.08, right=0.975, bottom=0.1, top=0.98, hspace=0.1, wspace=0.06)
+    made = style.figure(4.4, left=0.08, right=0.975, bottom=0.1, top=0.98, hspace=0.1, wspace=0.13)
     grid = style.panels(made, 3, len(places))
     limit = 1.08 * max(1e-9, *(float(np.abs(1e6 * one.values).max()) for one in series))
     for axis, name in enumerate(AXES):
@@ -189,7 +189,8 @@ def histogram(series: Sequence[Residuals], noise: float | None, dof: Sequence[in
         density = np.exp(-0.5 * (where / shown)**2) / (shown * np.sqrt(2 * np.pi))
         panel.plot(where, size * width * density, color=style.INK, linewidth=1.4, linestyle=':',
                    label=f'noise alone, σ = {fixed(spread, 3)} µm')
-    panel.set(xlim=(edges[0], edges[-1]), xlabel='residual of a coordinate in µm', ylabel='coordinates')
+    panel.set(xlim=(edges[0], edges[-1]), xlabel='residual of a coordinate in µm',
+              ylabel='number of coordinates')
     style.scale(panel, grid='y', steps=(8, 4))
     panel.legend(frameon=False, fontsize=style.TEXT, loc='upper right')
     return made
@@ -222,7 +223,7 @@ def spectrum_maps(rows: Sequence[SpectrumRow], noise: float | None = None) -> Fi
             panel.set_xlabel('waves per turn of CMM positions', **SMALL)
             if side == 0:
                 panel.set_ylabel('waves per turn of the table', **SMALL)
-        style.colour_bar(made.add_axes((0.915, bottom, 0.014, WAVES / height)), 0, limit, 'µm', True, 'cividis')
+        style.colour_bar(made.add_axes((0.965, bottom, 0.014, WAVES / height)), 0, limit, 'µm', True, 'cividis')
     if noise is not None:
         n = len(rows[0].spectrum.waves)
         made.text(0.995, 0.004, f'noise alone: about {1e6 * noise / n:.2g} µm in z, {1e6 * noise * np.sqrt(2) / n:.2g} '
