@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+from figure_texts import faults, texts_of
 from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import to_rgb
 from matplotlib.quiver import Quiver
@@ -89,6 +90,7 @@ def test_residuals_stand_against_time_angle_and_temperature(residuals):
     dots = made.axes[6].patches[-1].get_path().vertices[::2]
     np.testing.assert_allclose(dots[:, 0], 0.5 * np.arange(N**2))
     np.testing.assert_allclose(dots[:, 1], np.arange(N**2) / 10)
+    assert faults(made) == []
 
 
 def test_an_unknown_or_constant_temperature_has_no_column(residuals):
@@ -144,6 +146,23 @@ def test_arrows_have_the_scale_that_is_written_beside_them():
             assert balls.get_clim()[0] == -balls.get_clim()[1]
         tips = [one.get_paths()[0].vertices[:, 1] for one in (up, down)]
         assert abs(tips[0].max()) > abs(tips[0].mean()) and np.allclose(tips[0].max(), -tips[1].min())
+
+
+@pytest.mark.parametrize('n', [6, 12, 24])
+def test_no_arrow_crosses_a_number(n):
+    """All arrows have their greatest length and point to the axis, to neighbours and between them."""
+    beta = 2 * np.pi * np.arange(n) / n
+    for turn in np.deg2rad([0, 20, 45, 70, 90]):
+        cmm = 1e-6 * np.stack([-np.cos(beta + turn), -np.sin(beta + turn), 0 * beta], axis=1)
+        made = deviations(cmm, cmm, 0.1825)
+        field = next(one for one in made.axes[2].collections if isinstance(one, Quiver))
+        ends = field.XY + np.stack([field.U, field.V], axis=1) / field.scale
+        along = np.linspace(field.XY, ends, 50).reshape(-1, 2)
+        numbers = [box for text, box, _ in texts_of(made) if text.isdigit() and made.axes[2].bbox.contains(*box.p0)]
+        assert len(numbers) >= 6
+        assert not any(box.padded(2).contains(*point) for box in numbers
+                       for point in made.axes[2].transData.transform(along))
+    assert faults(made) == []
 
 
 @pytest.mark.parametrize(('longest', 'length'), [

@@ -25,9 +25,13 @@ TRUE_LOOK: dict[str, Any] = {
 EXTRA_LOOKS: tuple[dict[str, str], ...] = ({}, {'color': '#7f4a88', 'marker': '+'})
 LONGEST = 0.33
 """Length of the longest arrow in radii of the circle of balls."""
+NUMBERS = 0.54
+"""Radius of the circle of numbers, likewise: no arrow reaches them."""
 WIDE = 4.0
 """A band that is more than so many times as wide as the narrowest one of its panel is not drawn."""
-MOST_NUMBERS = 24
+MOST_NUMBERS = 20
+LEAST_LIMIT = 1e-3
+"""Of the colours of deviations, µm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +153,7 @@ def deviations(plate: Floats, cmm: Floats, radius: float) -> Figure:
     made.text(0.01, 0.012, f'Removed from the plate: {words}', fontsize=style.SMALL, color=style.GREY)
     for place, (heading, what, values) in enumerate(parts):
         panel = made.add_axes((0.01 + 0.5 * place, 0.17, 0.46, 0.75))
-        limit = max(1e6 * float(np.nanmax(np.abs(values[:, 2]))), 1e-9)
+        limit = max(1e6 * float(np.nanmax(np.abs(values[:, 2]))), LEAST_LIMIT)
         _panel(panel, 1e6 * values, 1e3 * radius, limit)
         style.title(panel, heading, fontsize=style.TEXT)
         style.colour_bar(made.add_axes((0.1 + 0.5 * place, 0.14, 0.28, 0.025)), -limit, limit,
@@ -194,8 +198,8 @@ def _panel(panel: Axes, values: Floats, radius: float, limit: float) -> None:
     known = np.isfinite(values[:, 2])
     panel.quiver(x[known], y[known], values[known, 0], values[known, 1], **arrows)
     for number in range(0, n, -(-n // MOST_NUMBERS)):
-        panel.text(0.8 * x[number], 0.8 * y[number], str(number + 1), ha='center', va='center', fontsize=style.SMALL,
-                   color=style.GREY, zorder=2)
+        panel.text(NUMBERS * x[number], NUMBERS * y[number], str(number + 1), ha='center', va='center',
+                   fontsize=style.SMALL, color=style.GREY, zorder=2)
     length = scale_arrow(longest)
     panel.quiver([-0.5 * length * per_um], [-1.46 * radius], [length], [0], **arrows)
     panel.text(0, -1.41 * radius, f'{length:g} µm', ha='center', va='bottom', fontsize=style.SMALL, color=style.INK)
