@@ -25,7 +25,7 @@ FARTHEST = 4.0
 def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances: Mapping[str, float],
                      events: Sequence[Event], forecasts: Mapping[str, Forecast]) -> Figure:
     """Return a figure of the six errors (peak to valley), (m, 6) with U, over the dates."""
-    made = style.figure(6.0, left=0.075, bottom=0.06, right=0.975, top=0.95, wspace=0.2, hspace=0.42)
+    made = style.figure(6.0, left=0.088, bottom=0.06, right=0.975, top=0.95, wspace=0.2, hspace=0.42)
     panels = style.panels(made, 3, 2)
     when = date2num(list(dates))
     for place, curve in enumerate(CURVES):
@@ -35,11 +35,11 @@ def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances:
                            label=f'± U (k = {COVERAGE_FACTOR})')
         panel.plot(when, y, color=style.AFTER, linewidth=1.0, marker='o', markersize=2.5, label='error of a run')
         top = float(np.max(y + spread))
-        words = f'{curve}, {CURVE_UNITS[place]}, peak to valley'
+        words = f'{curve}, peak to valley'
         if curve in tolerances:
             limit = 1e6 * tolerances[curve]
             if limit > MOST_ROOM * top:
-                words += f'; tolerance {limit:.3g} {CURVE_UNITS[place]}, beyond the axis'
+                words += f'; tolerance {limit:.6g} {CURVE_UNITS[place]}, not drawn'
             else:
                 panel.axhline(limit, color=style.BEFORE, linewidth=1.0, linestyle=style.DASHED, label='tolerance')
                 top = max(top, limit)
@@ -50,8 +50,8 @@ def ranges_over_time(dates: Dates, values: Floats, expanded: Floats, tolerances:
                        linestyle=':', label='forecast')
         _mark(panel, when, [event for event in events if any(step.series.name.startswith(curve)
                                                              for step in event.steps)])
-        panel.set_ylim(0, 1.1 * top)
-        style.title(panel, words)
+        panel.set(ylim=(0, 1.1 * top), ylabel=CURVE_UNITS[place])
+        style.title(panel, words, fontsize=style.TEXT)
         _time_axis(panel)
     style.legend_of(made, panels.flat)
     return made
@@ -94,20 +94,21 @@ def charts_over_time(dates: Dates, charts: Sequence[tuple[str, Chart]], columns:
     limits, of each component (cos, then sin); beyond ± 1 a chart leaves its limits, beyond ± FARTHEST its panel."""
     names = list(dict.fromkeys(name for name, _ in charts))
     rows = -(-len(names) // columns)
-    height = 0.4 + 0.95 * rows
-    made = style.figure(height, left=0.05, bottom=0.35 / height, right=0.985, top=1 - 0.25 / height, wspace=0.3,
-                        hspace=0.75)
+    height = 0.4 + rows
+    made = style.figure(height, left=0.05, bottom=0.35 / height, right=0.975, top=1 - 0.25 / height, wspace=0.3,
+                        hspace=0.95)
     panels = style.panels(made, rows, columns)
     when = date2num(list(dates))
     for place, name in enumerate(names):
         panel = panels[place // columns, place % columns]
         own = [chart for other, chart in charts if other == name]
         for part, chart in enumerate(own):
-            above, sine = chart.high >= chart.low, ', sin' * part
+            above, which = chart.high >= chart.low, (', cos', ', sin')[part] * (len(own) > 1)
             panel.plot(when, chart.ewma / chart.ewma_limit, color=(style.AFTER, style.COLOURS[4])[part],
-                       linewidth=1.0, label=f'EWMA over its limit{sine}')
+                       linewidth=1.0, label=f'EWMA over its limit{which}')
             panel.plot(when, np.where(above, chart.high, -chart.low) / chart.cusum_limit,
-                       color=style.COLOURS[2 + part], linewidth=1.0, label=f'larger CUSUM over its limit{sine}')
+                       color=style.COLOURS[2 + part], linewidth=1.2, linestyle='-.',
+                       label=f'larger CUSUM over its limit{which}')
             for alarm in chart.alarms[:1]:
                 panel.axvline(when[alarm], color=style.BEFORE, linewidth=1.0, linestyle=':', label='first run beyond')
         for sign in (-1, 1):
@@ -139,3 +140,5 @@ def _time_axis(panel: Axes, most: int = 6) -> None:
     locator = AutoDateLocator(minticks=2, maxticks=most)
     panel.xaxis.set_major_locator(locator)
     panel.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+    panel.xaxis.set_tick_params(pad=6)
+    panel.xaxis.offsetText.set_fontsize(style.SMALL)
