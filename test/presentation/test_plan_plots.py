@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of plans: every reading has its mark, plans stand where their uncertainty is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from figure_texts import faults
 
 from rosette_ros.core.planning.plan_comparison import outlook, point_of
 from rosette_ros.core.scheme import plan
@@ -48,3 +51,12 @@ def test_shares_of_effects_side_by_side(plans):
     assert len(texts) == 2 * len(plans[0].effects)
     row = [one.name for one in plans[0].effects].index('table_backlash')
     assert (texts[row, 0], texts[row, 1]) == ('0 %', f'{100 * plans[1].effects[row].typical_share:.0f} %')
+
+
+@pytest.mark.parametrize(('count', 'name'), [(2, 'a plan with a long name that is cut'), (5, 'there_and_back'),
+                                             (7, 'there_and_back'), (8, 'sensitive:50%')])
+def test_names_of_plans_can_be_read(plans, count, name):
+    """Side by side, or upright where they are long."""
+    assert faults(shares_of_plans([replace(plans[0], name=name)] * count)) == []
+    assert faults(uncertainty_by_share(plans[0].scheme.n, list(map(point_of, plans)))) == []
+    assert faults(pairs_in_order(plans[0].scheme, 'diagonal')) == []

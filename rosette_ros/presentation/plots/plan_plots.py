@@ -21,6 +21,8 @@ MOST_JOINED = 400
 MOST_VECTORS = 1500
 """Marks that are drawn one by one in a vector graphic; more are drawn as an image in it."""
 LABEL_LENGTH = 26
+MOST_LETTERS = 70
+"""Of the names of plans beside each other; longer ones stand upright."""
 
 
 def pictures_of_plans(plans: Sequence[Outlook]) -> dict[str, Figure]:
@@ -104,9 +106,14 @@ def shares_of_plans(plans: Sequence[Outlook]) -> Figure:
     """Return a figure: the typical observable share of each effect in several plans, shades with numbers."""
     names = [one.name for one in plans[0].effects]
     values = np.array([[np.nan if one.reason else one.typical_share for one in plan.effects] for plan in plans]).T
-    height = 0.168 * len(names) + 0.75
+    labels = {place: style.label_of(one.name if len(one.name) <= LABEL_LENGTH else f'{one.name[:LABEL_LENGTH - 1]}…')
+              for place, one in enumerate(plans)}
+    longest = max(map(len, labels.values()))
+    upright = longest * len(plans) > MOST_LETTERS
+    head = 0.4 + (0.075 * longest if upright else 0.2)
+    height = 0.168 * len(names) + 0.06 + head
     made = style.figure(height)
-    panel = made.add_axes((0.24, 0.06 / height, 0.68, 1 - 0.6 / height))
+    panel = made.add_axes((0.24, 0.06 / height, 0.68, 1 - (0.06 + head) / height))
     panel.imshow(values, cmap='Blues', vmin=0, vmax=1.15, aspect='auto', interpolation='none')
     for row, line in enumerate(values):
         for place, share in enumerate(line):
@@ -114,11 +121,9 @@ def shares_of_plans(plans: Sequence[Outlook]) -> Figure:
             colour = 'white' if share > 0.75 else style.BEFORE if share < HIDDEN_SHARE else style.INK
             panel.text(place, row, text, ha='center', va='center', fontsize=style.SMALL, color=colour,
                        fontweight='bold' if share < HIDDEN_SHARE else 'normal')
-    labels = {place: style.label_of(one.name if len(one.name) <= LABEL_LENGTH else f'{one.name[:LABEL_LENGTH - 1]}…')
-              for place, one in enumerate(plans)}
     style.scale(panel, labels, {row: style.label_of(name) for row, name in enumerate(names)}, '')
     panel.xaxis.tick_top()
-    panel.xaxis.set_tick_params(length=0, labelsize=style.SMALL if len(plans) < 5 else style.SMALL - 2)
+    panel.xaxis.set_tick_params(length=0, labelsize=style.SMALL, labelrotation=90 * upright)
     made.text(0.01, 1 - 0.12 / height, f'{OBSERVABLE}; well shown from {percent(GOOD_SHARE)} on', fontsize=style.SMALL,
               color=style.INK, va='top')
     for side in panel.spines.values():
