@@ -2,6 +2,7 @@
 """What single touches show: the pictures, the page and its words, with touches and without."""
 
 import pytest
+from figure_texts import faults
 from ideal_cell import ideal_cell
 from page_reader import Page
 from touched_log import write_touched_log
@@ -37,6 +38,7 @@ def test_map_of_the_lobed_ball_has_the_colour(dusty):
     assert float(titles[3].split()[2]) == pytest.approx(0.6 * 0.87 / 2**0.5, rel=0.15)
     largest = [abs(panel.collections[0].get_array()).max() for panel in made.axes[:7]]
     assert max(range(7), key=largest.__getitem__) == 3
+    assert faults(made) == faults(touch_residuals(refit)) == []
 
 
 def test_residuals_show_the_dust(dusty):

@@ -58,8 +58,8 @@ def probe_path(points: Floats, is_touch: Bools, radius: float, shaft: tuple[floa
         panel.set_ylim(*((high[0], low[0]) if up == 0 else (low[2], high[2])))  # x downwards: else it is mirrored
         panel.set_aspect('equal')
         style.scale(panel)
-        panel.set_xlabel('y / mm, along the circle of balls', fontsize=style.TEXT)
-        panel.set_ylabel('x / mm, away from the axis' if up == 0 else 'z / mm', fontsize=style.TEXT)
+        panel.set_xlabel('y / mm, along the circle of balls')
+        panel.set_ylabel('x / mm, away from the axis' if up == 0 else 'z / mm')
         style.title(panel, words, fontsize=style.TEXT)
     made.legend(*panel.get_legend_handles_labels(), loc='lower center', ncols=4, frameon=False, fontsize=style.TEXT)
     return made

@@ -64,8 +64,10 @@ def panels(made: Figure, rows: int = 1, columns: int = 1) -> Any:
 
 
 def plain_axes(panel: Axes) -> None:
-    """Leave out the upper and the right line of axes that were placed by hand."""
+    """Give axes that were placed by hand the look of others: two lines, size of their titles."""
     panel.spines[['top', 'right']].set_visible(False)
+    for axis in (panel.xaxis, panel.yaxis):
+        axis.label.set(fontsize=TEXT, color=INK)
 
 
 def scale(panel: Axes, x: Marks | None = None, y: Marks | None = None, grid: str = 'xy', numbers: str = 'xy',

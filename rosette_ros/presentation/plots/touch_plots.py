@@ -31,7 +31,7 @@ def touch_residuals(refit: SphereRefit) -> Figure:
     drawn = _drawn(residual)
     limit = 1.08 * max(float(np.abs(residual).max()), 1e-9)
     for place, (label, values, step, marks) in enumerate((
-            ('touch of a ball', number, 1, None),
+            ('number of the touch', number, 1, None),
             ('azimuth of the probe in °', azimuth, 5, {angle: str(angle) for angle in range(0, 361, 90)}),
             ('elevation of the probe in °', np.degrees(np.arcsin(np.clip(z, -1, 1))), 4, None))):
         panel = made.add_axes((0.095 + 0.305 * place, 0.57, 0.285, 0.4))
@@ -70,8 +70,8 @@ def _radii(panel: Axes, refit: SphereRefit) -> None:
     panel.plot(number, radius, '.', color=style.AFTER, markersize=4 if radius.size < 500 else 2)
     limit = 1.08 * max(float(np.abs(radius).max()), spread, 1e-9)
     panel.set(xlim=(0, radius.size + 1), ylim=(-limit, limit), xlabel='ball centre, in the order of measuring',
-              ylabel='radius in µm')
-    style.title(panel, f'radius of each sphere − {fixed(1e3 * float(refit.radius.mean()), 5)} mm')
+              ylabel='difference in µm')
+    style.title(panel, f'radius of each sphere less the mean, {fixed(1e3 * float(refit.radius.mean()), 5)} mm')
     style.scale(panel, steps=(10, 5))
 
 
