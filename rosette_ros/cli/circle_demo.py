@@ -37,7 +37,7 @@ TABLE = {'translation_um': 0.8, 'rotation_urad': 5.0, 'axial_correction': False,
 HIDDEN = ({'kind': 'frame_drift', 'rate_um_per_h': (6.0, 0.0, 4.0)},
           {'kind': 'table_zero_drift', 'rate_urad_per_h': 40.0})
 CORRECTION = 'correction.yaml'
-NUMBERED = ('1. calibrated', '2. with what was missing', '3. corrected, calibrated again')
+NUMBERED = ('1. calibrated: base model', '2. with the effects found', '3. corrected, calibrated again')
 
 
 def run(options: Namespace) -> None:
@@ -71,8 +71,9 @@ def run(options: Namespace) -> None:
     picture, model = after_path / 'circle.png', after_path / MODEL
     write_model(final.model, model, force=True)
     title = f'Error motions of a simulated rotary table: {final.run.n} balls on R = {millimetres(final.run.radius)}'
+    labels = (f'{NUMBERED[0]}, which does not fit: no U', *NUMBERED[1:])
     save(six_curves([Series(label, fit.error_motions, banded=fit is not before.fit) for label, fit in
-                     zip(NUMBERED, fits, strict=True)], title), picture)
+                     zip(labels, fits, strict=True)], title), picture)
     out.print(f'\nTook {seconds:.1f} s\n')
     logs = f'{shown(before_path)}\n{shown(after_path)}'
     out.print(pairs([(name, escape(text)) for name, text in (

@@ -89,6 +89,8 @@ def test_truth_and_several_runs_have_their_own_look_and_legend(motions):
     first, second = legend.legend_handles[:2]
     assert first.get_color() != second.get_color()
     assert first.get_marker() != second.get_marker()
+    red, green, blue, _ = legend.legend_handles[-1].get_facecolor()
+    assert red == green == blue, 'the bands of all runs, not that of the first'
 
 
 @pytest.mark.parametrize(('ending', 'begin'), [('png', b'\x89PNG'), ('svg', b'<?xml')])

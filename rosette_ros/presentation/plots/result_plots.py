@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from rosette_ros.core.geometry import nominal_angles, rigid_motion
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats
@@ -71,7 +72,7 @@ def six_curves(series: Sequence[Series], heading: str = '', truth: Floats | None
         known |= _draw_extras(panel, series[0].motions.angle, [one for one in extras if one.curve == curve])
     if panel.collections:
         words = '' if are_all_drawn else f'; one {WIDE:g} times as wide is not drawn'
-        known[f'bands: U (k = {COVERAGE_FACTOR}){words}'] = panel.collections[0]
+        known[f'bands: U (k = {COVERAGE_FACTOR}){words}'] = Patch(color=style.GREY, alpha=0.25, linewidth=0)
     style.legend(made, [*lines, *known.values()], [*labels, *known])
     return made
 
