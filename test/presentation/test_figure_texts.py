@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The texts of every figure of a report can be read: whole, in its panel, none over another one."""
 
+import numpy as np
 import pytest
 from figure_texts import faults, texts_of
 from summaries import summary_of
 
+from rosette_ros.core.diagnosis.recovered_shape import Shape, ShapeCurve
+from rosette_ros.core.effects.effect import Setting
 from rosette_ros.presentation.plots.plot_style import figure
+from rosette_ros.presentation.plots.shape_plots import shapes
 from rosette_ros.presentation.report import pictures_of
 from rosette_ros.presentation.report.run_page import budget_of
 
@@ -33,3 +37,15 @@ def test_every_axis_of_the_noise_has_its_quantity():
     made = pictures_of(summary_of('drift', 8))['noise']
     assert all(panel.get_xlabel() and panel.get_ylabel() for panel in made.axes)
     assert sum('where noise lies' in text for text, _, _ in texts_of(made)) == 1
+
+
+def test_no_curve_crosses_what_multiplies_it():
+    """Nor does the name of a shape, however long."""
+    curve = ShapeCurve('x', 'ball 12', np.array([1e-6, 0.0]), np.array([1e-7, 1e-7]), None)
+    shape = Shape('form', Setting(), 'a function of time for each ball, of which one is shown', '', 'time', 's',
+                  np.array([0.0, 3600.0]), (curve, curve, curve))
+    made = shapes([shape, shape])
+    assert faults(made) == []
+    carriers = [box for text, box, _ in texts_of(made) if text == '× ball 12']
+    assert len(carriers) == 6
+    assert not any(panel.bbox.overlaps(box) for panel in made.axes for box in carriers)
