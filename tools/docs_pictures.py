@@ -62,7 +62,7 @@ def main():
     parser.add_argument('--browser', type=Path, default=BROWSER, help=f'Chromium (default {BROWSER})')
     options = parser.parse_args()
     IMAGES.mkdir(exist_ok=True)
-    config = MachineConfig().changed(seed=3, hidden=HIDDEN)
+    config = MachineConfig().changed(seed=4, hidden=HIDDEN)
     run = Machine(config).run(plan(12, 'random'), run_id='rosette_20261121_083000_random')
     with tempfile.TemporaryDirectory() as folder:
         table = Path(folder) / 'run.csv'
