@@ -34,18 +34,22 @@ hypothesis.settings.register_profile('rosette', deadline=None)
 hypothesis.settings.load_profile('rosette')
 
 LONG = (
-    'studio/test_studio_page.py', 'nodes/test_cell_kills.py', 'test_one_verdict.py', 'cell/test_cmm_check.py',
-    'studio/test_live_cell.py', 'cli/test_cell_verbs.py', 'studio/test_studio_look.py', 'nodes/test_several_cells.py',
-    'presentation/test_paper.py', 'nodes/test_cell_senders.py', 'cli/test_degenerate_runs.py',
-    'nodes/test_cell_faults.py', 'core/test_noise.py', 'cli/test_hidden_demo.py', 'core/test_families.py',
-    'cell/test_supervisor.py', 'presentation/test_run_page.py', 'nodes/test_cell_dme.py', 'test_golden.py',
-    'nodes/test_cell_machine_faults.py', 'studio/test_studio_session.py', 'nodes/test_trend_monitor.py',
-    'studio/test_server.py', 'nodes/test_between_steps.py', 'core/test_diagnosis.py', 'nodes/test_cell_lifecycle.py',
-    'studio/test_archive_tab.py', 'nodes/test_both_senses.py', 'certificate/test_pages.py', 'nodes/test_cell.py',
-    'archive/test_run_adding.py', 'nodes/test_cell_other_cmm.py', 'blind/test_blind_tables.py',
-    'cli/test_circle_demo.py', 'cli/test_trend_verb.py', 'cli/test_verification_demo.py', 'cli/test_report.py',
-    'dme/test_dme_resume.py', 'test_layers.py', 'nodes/test_sros2_policy.py')
-"""Files that take longest, in the order of starting: those that compute between those that wait for cells."""
+    'studio/test_live_cell.py', 'studio/test_studio_page.py', 'nodes/test_cell_senders.py', 'cell/test_supervisor.py',
+    'nodes/test_both_senses.py', 'cli/test_circle_demo.py', 'fuzz/test_fuzz_dme.py', 'studio/test_studio_session.py',
+    'test_one_verdict.py', 'nodes/test_cell_faults.py', 'cli/test_hidden_demo.py', 'test_golden.py',
+    'nodes/test_cell_lifecycle.py', 'dme/test_dme_resume.py', 'cli/test_trend_verb.py',
+    'cli/test_verification_demo.py', 'cli/test_cell_verbs.py', 'studio/test_archive_tab.py',
+    'nodes/test_several_cells.py', 'presentation/test_run_page.py', 'cli/test_degenerate_runs.py',
+    'nodes/test_evaluator_services.py', 'studio/test_studio_look.py', 'nodes/test_sros2_policy.py',
+    'core/test_noise.py', 'blind/test_blind_tables.py', 'nodes/test_between_steps.py', 'archive/test_run_adding.py',
+    'presentation/test_figure_texts.py', 'presentation/test_paper.py', 'nodes/test_cell_machine_faults.py',
+    'nodes/test_cell.py', 'cli/test_report.py', 'nodes/test_reduced_runs.py', 'nodes/test_cell_other_cmm.py',
+    'nodes/test_cell_dme.py', 'core/test_uncertainty_budget.py', 'core/test_families.py', 'core/test_diagnosis.py',
+    'nodes/test_trend_monitor.py', 'studio/test_server.py', 'cell/test_cmm_check.py', 'core/test_outlier_words.py',
+    'nodes/test_split_logs.py', 'core/test_crosscheck.py', 'certificate/test_dcc_check.py',
+    'certificate/test_pages.py', 'test_layers.py', 'nodes/test_cell_kills.py')
+"""Files that take longest, in the order of starting: those that compute between those that wait for cells, so that two
+processors have something to do from the beginning to the end."""
 
 
 def pytest_collection_modifyitems(items):
