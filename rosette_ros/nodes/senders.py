@@ -23,8 +23,8 @@ class Sender:
 
     peer: monitor of the node that it should be. on_change: called when another process has taken its place; on_rivals:
     called with the words when there are several for SETTLING s, as a node that was killed and its successor are not;
-    alive: the endpoints of processes that run, their GIDs; bound: the one
-    that is used; is_bound: whether there is no other; refused: number of messages that were not used.
+    alive: the endpoints of processes that run, their GIDs; bound: the one that is used; is_bound: whether there is no
+    other; refused: number of messages that were not used.
     """
 
     def __init__(self, node: Node, topic: str, peer: NodeMonitor) -> None:
