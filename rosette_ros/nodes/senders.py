@@ -16,6 +16,7 @@ from rclpy.subscription import Subscription
 
 from rosette_ros.nodes.graph_node import name_of
 from rosette_ros.nodes.liveliness import SETTLING, NodeMonitor, process_of
+from rosette_ros.nodes.qos import HEARTBEAT_LOST
 
 
 class Sender:
@@ -63,7 +64,7 @@ class Sender:
 
     def watch(self) -> None:
         """Look where something may have changed without a publisher that comes or goes; call it often."""
-        is_plain = self.is_bound and len(self._names) < 2 and len(self.alive) == len(self._names)
+        is_plain = self.is_bound and len(self.alive) == len(self._names) < 2 and self._running >= len(self.alive)
         if not is_plain or (self._count(), self._peer.running()) != (self._matched, self._running):
             self.look()
 
@@ -94,12 +95,14 @@ class Sender:
     def _find_alive(self, now: float) -> frozenset[bytes]:
         """Return the publishers whose process runs: without heartbeat all, with heartbeat as many as are heard.
 
-        Those that were found last are taken to run: a new one is never mistaken for one that has ended."""
+        Those that were found last are taken to run: a new one is never mistaken for one that has ended, nor before its
+        first heartbeat is received."""
         infos: list[Any] = self._node.get_publishers_info_by_topic(self.topic)
         self._names = {bytes(one.endpoint_gid): name_of(one) for one in infos}
         self._first_seen = {gid: self._first_seen.get(gid, now) for gid in self._names}
         beating = {process_of(one.endpoint_gid) for one in self._peer.publishers()}
         found = sorted(self._names, key=lambda gid: self._first_seen[gid])
         with_heartbeat = [gid for gid in found if process_of(gid) in beating]
-        ended = with_heartbeat[:max(len(with_heartbeat) - self._running, 0)]
+        is_new = any(now - self._first_seen[gid] < HEARTBEAT_LOST for gid in with_heartbeat[-1:])
+        ended = with_heartbeat[:max(len(with_heartbeat) - max(self._running, is_new), 0)]
         return frozenset(self._names) - frozenset(ended)

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from rosette_ros.nodes.liveliness import SETTLING
+from rosette_ros.nodes.qos import HEARTBEAT_LOST
 from rosette_ros.nodes.senders import Sender
 
 
@@ -77,3 +78,26 @@ def test_a_successor_is_no_rival_and_a_second_node_is_told_once(clock):
         sender.watch()
         assert len(told) == lines, (others, seconds)
     assert told == ['2 nodes publish /rosette/run_state (/rosette/node_2 and /rosette/node_3)']
+
+
+def test_a_restarted_node_is_there_before_its_first_heartbeat(clock):
+    """The last heartbeat of the one before is forgotten meanwhile; one that is never heard has ended."""
+    topic, heard = Topic(), 1
+
+    peer = SimpleNamespace(publishers=lambda: topic.get_publishers_info_by_topic(''), running=lambda: heard)
+    sender = Sender(topic, 'ball_centre', peer)
+    sender.judge(topic)
+    topic.on_graph, topic.matched = [1], 1
+    sender.watch()
+    topic.on_graph, topic.matched = [], 0
+    clock.now += 0.4
+    sender.look()
+    topic.on_graph, topic.matched, heard = [2], 1, 0
+    sender.look()
+    assert sender.alive == {bytes([2] * 16)}
+    clock.now += HEARTBEAT_LOST
+    sender.watch()
+    assert not sender.alive
+    heard = 1
+    sender.watch()
+    assert sender.alive == {bytes([2] * 16)}
