@@ -106,7 +106,7 @@ class CellClient(GraphClient):
     """Talks to the sequencer of a cell. After a restart of the sequencer, make a new one: until DDS drops what was
     killed, requests of the old one may go there.
 
-    name: of its node, before what is drawn at the start; SROS2 tells by it what it may do."""
+    name: of its node, before what is drawn at the start; the policy of SROS2 has a profile for it."""
 
     name = 'client'
 
