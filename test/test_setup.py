@@ -364,15 +364,37 @@ def test_python_without_packages_is_refused(tmp_path, version, code):
     assert outcome.stderr == f'setup: PYTHON={python} is Python {version}; 3.11, 3.12 or 3.13 is needed.\n'
 
 
-def test_no_python_at_all(tmp_path):
+@pytest.fixture
+def script(tmp_path):
+    """A copy of setup.sh with nothing beside it, and in `bin` what it needs of other programs."""
+    for folder in ('tools', 'bin'):
+        (tmp_path / folder).mkdir()
+    (tmp_path / 'bin' / 'dirname').symlink_to('/usr/bin/dirname')
+    copy = tmp_path / 'tools' / 'setup.sh'
+    copy.write_text((ROOT / 'tools' / 'setup.sh').read_text())
+    return copy
+
+
+DISTRIBUTION = Path('/usr/bin/python3')
+
+
+@pytest.mark.skipif(not DISTRIBUTION.exists() or re.search(r'python3\.1[123]$', str(DISTRIBUTION.resolve())) is None,
+                    reason='/usr/bin/python3 is not 3.11, 3.12 or 3.13')
+@pytest.mark.parametrize('missing, chosen', [('', str(DISTRIBUTION)), ('python3-dev', 'bin/python3')])
+def test_the_distributions_python_comes_first_if_it_can(script, missing, chosen):
+    """Where it lacks nothing; otherwise the first on PATH makes .venv."""
+    (script.parent / 'setup_venv.py').write_text(
+        f'import sys\nprint({missing!r} if sys.argv[1:] == ["missing"] else sys.executable)\n')
+    programs = script.parents[1] / 'bin'
+    (programs / 'python3').symlink_to(sys.executable)
+    outcome = subprocess.run(['/bin/sh', script], env={'PATH': str(programs)}, capture_output=True, text=True,
+                             check=True)
+    assert outcome.stdout.strip() == str(script.parents[1] / chosen) and outcome.stderr == ''
+
+
+def test_no_python_at_all(script):
     """Without any Python that fits, one line says what to install."""
-    clone = tmp_path / 'clone'
-    (clone / 'tools').mkdir(parents=True)
-    script = clone / 'tools' / 'setup.sh'
-    script.write_text((ROOT / 'tools' / 'setup.sh').read_text())
-    programs = tmp_path / 'bin'
-    programs.mkdir()
-    (programs / 'dirname').symlink_to('/usr/bin/dirname')
+    programs = script.parents[1] / 'bin'
     outcome = subprocess.run(['/bin/sh', script], env={'PATH': str(programs)}, capture_output=True, text=True,
                              check=False)
     assert outcome.returncode == 2

@@ -1,13 +1,18 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # Finds a Python that the pinned packages exist for and lets it run setup_venv.py. PYTHON, if set, is the one to use;
-# otherwise the one that .venv was made with, otherwise the first that fits.
+# otherwise the one that .venv was made with, otherwise the distribution's own if nothing that it needs is missing: it
+# is built with optimisation, which Pythons that version managers compile often are not; otherwise the first that fits.
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 venv=$here/../.venv/bin/python
 
 fits() {
     "$1" -I -S -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null
+}
+
+can_make_venv() {
+    fits "$1" && lacking=$("$1" -I -S "$here/setup_venv.py" missing 2>/dev/null) && [ -z "$lacking" ]
 }
 
 if [ -n "${PYTHON:-}" ]; then
@@ -19,6 +24,9 @@ if [ -n "${PYTHON:-}" ]; then
     exec "$PYTHON" -I -S "$here/setup_venv.py" "$@"
 fi
 
+if ! fits "$venv" && can_make_venv /usr/bin/python3; then
+    exec /usr/bin/python3 -I -S "$here/setup_venv.py" "$@"
+fi
 for python in "$venv" python3 python3.12 python3.13 python3.11; do
     if fits "$python"; then
         exec "$python" -I -S "$here/setup_venv.py" "$@"
