@@ -40,8 +40,9 @@ LEAST_PLACES = 3
 """Fewer balls or CMM positions do not say how they lie together, apart from how each of them deviates."""
 _TOGETHER = {'rotation': slice(0, 1), 'height': slice(1, 2), 'shift': slice(2, 4), 'tilt': slice(4, 6),
              'size': slice(6, 7)}
-"""How all balls (clamping) or CMM positions (frame) lie in the frame of a run, m; rotation and tilt as they move a
-ball. The size, along the radius, is that in the scale of the CMM: rosettes do not tell one from the other."""
+"""How all balls (clamping) or CMM positions (frame) lie in the frame of a run: rotation and tilt in rad, the rest in m.
+The size, along the radius, is that in the scale of the CMM: rosettes do not tell one from the other."""
+_ANGLES = ('rotation', 'tilt')
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +81,8 @@ class History:
 
         Their limits are those of the stated uncertainty times the run-to-run scatter, and hold for all of them."""
         errors = [TimeSeries('table', f'{curve}, {PEAK_TO_VALLEY}', self.range[:, [place]],
-                             self.U[:, [place]] / COVERAGE_FACTOR) for place, curve in enumerate(CURVES)]
+                             self.U[:, [place]] / COVERAGE_FACTOR, _unit(CURVE_KEYS[place]))
+                  for place, curve in enumerate(CURVES)]
         series = [*errors, *(one for one in self.quantities if one.owner in ('table', 'residual'))]
         return control_charts(series, _components(self.days, series))
 
@@ -211,6 +213,11 @@ def _is_between(row: Mapping[str, Any]) -> bool:
     return abs(float(wrap(row['angle_rad'][0]))) > 0.1 * TWO_PI / row['n']
 
 
+def _unit(key: str) -> str:
+    """Return the SI unit of a curve by its key."""
+    return key.partition('_')[2]
+
+
 def _table(rows: Sequence[Mapping[str, Any]]) -> list[TimeSeries]:
     """Return the harmonics of the six curves that all runs determine."""
     most = (min(row['n'] for row in rows) - 1) // 2
@@ -219,7 +226,7 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> list[TimeSeries]:
         parts = [harmonics(np.array(row['angle_rad']), np.array(row[key]), np.array(row[f'U_{key}']) / COVERAGE_FACTOR)
                  for row in rows]
         values, u = (np.array([part[one][:most] for part in parts]) for one in (0, 1))
-        found += [TimeSeries('table', f'{curve}, {order + 1} per turn', values[:, order], u[:, order])
+        found += [TimeSeries('table', f'{curve}, {order + 1} per turn', values[:, order], u[:, order], _unit(key))
                   for order in range(most) if np.any(np.abs(values[:, order]) > LEAST_SHARE * u[:, order])]
     return found
 
@@ -234,7 +241,8 @@ def _places(rows: Sequence[Mapping[str, Any]], what: str, word: str) -> list[Tim
     values, u = (np.array([np.column_stack([row[f'{prefix}{what}_{axis}_m'] for axis in AXES]) if row['n'] == n
                            else np.full((n, 3), np.nan) for row in rows]) for prefix in ('', 'U_'))
     owner = 'CMM' if what == 'cmm' else what
-    together, values = _together('frame' if what == 'cmm' else 'clamping', values, u / COVERAGE_FACTOR)
+    together, values = _together('frame' if what == 'cmm' else 'clamping', values, u / COVERAGE_FACTOR,
+                                 np.array([[row['radius_m']] for row in rows]))
     radial, square = rotate_z(-nominal_angles(n), values), u**2
     cosine, sine = np.cos(nominal_angles(n))**2, np.sin(nominal_angles(n))**2
     spread = np.sqrt(np.stack([cosine * square[..., 0] + sine * square[..., 1],
@@ -250,9 +258,9 @@ def _places(rows: Sequence[Mapping[str, Any]], what: str, word: str) -> list[Tim
     return found
 
 
-def _together(owner: str, values: Floats, u: Floats) -> tuple[list[TimeSeries], Floats]:
-    """Return how places (m, n, 3) with u lie together, of the parts that are not zero by convention, and the rest of
-    each place; both by least squares over the places that a run has."""
+def _together(owner: str, values: Floats, u: Floats, radius: Floats) -> tuple[list[TimeSeries], Floats]:
+    """Return how places (m, n, 3) with u on circles of a radius, (m, 1), lie together, of the parts that are not zero
+    by convention, and the rest of each place; both by least squares over the places that a run has."""
     m, n, _ = values.shape
     angle, zero, one = nominal_angles(n), np.zeros(n), np.ones(n)
     columns = np.stack([np.stack(axes, axis=-1) for axes in (
@@ -269,7 +277,8 @@ def _together(owner: str, values: Floats, u: Floats) -> tuple[list[TimeSeries], 
     size, what = (('size of the CMM positions', 'CMM positions') if owner == 'frame' else
                   ('size of the plate, or scale of the CMM', 'balls'))
     return [TimeSeries(*(('size', size) if name == 'size' else (owner, f'{what} in the frame, {name}')),
-                       parts[:, place], spread[:, place])
+                       *((parts[:, place] / radius, spread[:, place] / radius, 'rad') if name in _ANGLES else
+                         (parts[:, place], spread[:, place])))
             for name, place in _TOGETHER.items()
             if np.any(np.abs(parts[:, place]) > LEAST_SHARE * spread[:, place])], rest
 

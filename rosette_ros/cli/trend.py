@@ -77,8 +77,8 @@ def _json(trend: CellTrend, charts: Charts) -> Json:
             'run_id': runs[event.run], 'not_before': dates[event.earliest - 1].isoformat(),
             'not_after': dates[event.latest].isoformat(), 'owners': event.owners,
             'exchanged': history.exchanged(event.run), 'steps': [
-                {'quantity': step.series.name, 'owner': step.series.owner, 'size': step.size, 'U': 2 * step.u,
-                 'p': step.p} for step in event.steps]} for event in events],
+                {'quantity': step.series.name, 'owner': step.series.owner, 'unit': step.series.unit, 'size': step.size,
+                 'U': 2 * step.u, 'p': step.p} for step in event.steps]} for event in events],
         'forecasts': {names[curve]: {
             'level': one.level, 'per_day': one.slope, 'u_per_day': one.slope_u, 'interval_d': one.interval,
             'expected_d': one.expected, 'soonest_d': one.soonest} for curve, one in trend.forecasts.items()},

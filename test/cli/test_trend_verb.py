@@ -3,6 +3,7 @@
 
 import datetime
 import json
+import re
 
 import numpy as np
 import pytest
@@ -51,7 +52,7 @@ def test_a_change_is_found_with_its_date_and_owner(archive, rosette, refused, tm
     assert event['run_id'] == 'day_0300.0'
     assert event['owners'] == ['table']
     step = event['steps'][0]
-    assert step['quantity'] == 'crz, 2 per turn'
+    assert (step['quantity'], step['unit']) == ('crz, 2 per turn', 'rad')
     off = np.abs(np.array(step['size']) - [3e-6, 0.0])
     assert np.all(off < 1.5 * np.array(step['U'])), 'three standard uncertainties'
     assert set(found['forecasts']) == {'crz_rad', 'ctz_m'}
@@ -208,7 +209,7 @@ def test_a_table_whose_zero_moves_is_a_change_of_the_table():
 
 
 def test_a_plate_that_was_clamped_anew_is_no_other_plate():
-    """All balls have turned by 20 µrad together."""
+    """All balls have turned by 20 µrad together: told as an angle."""
     rows = rows_of(AgeingScript(machine={'plate': {'balls': 5}}, runs=14))
     angle = np.array(rows[0]['angle_rad'])
     for row in rows[8:]:
@@ -217,6 +218,10 @@ def test_a_plate_that_was_clamped_anew_is_no_other_plate():
     [event] = history_of(rows, 'RT-7').events()
     assert (event.run, event.owners, [step.series.name for step in event.steps]) == (
         8, ('clamping',), ['balls in the frame, rotation'])
+    (step,) = event.steps
+    assert step.size == pytest.approx([20e-6], abs=4 * step.u[0]) and step.u[0] < 1e-6
+    assert re.search(r'balls in the frame, rotation \S+ U \(\+(19|2[01])\.\d ± \d+\.\d+ µrad\)',
+                     events_table([event], [START] * 14, ['run'] * 14, [{}]).csv())
 
 
 @pytest.mark.parametrize(('text', 'words'), [
