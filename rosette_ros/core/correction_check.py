@@ -29,18 +29,18 @@ STEP = 1e-4
 class Effectiveness(StrEnum):
     """What became of an error after its correction."""
 
-    VANISHED = 'vanished within U'
+    VANISHED = 'only noise is left'
     REMAINS = 'a part remains'
     NOT_APPLIED = 'was not taken off'
     WRONG_SIGN = 'was added instead of taken off'
     MISPLACED = 'was taken off at other angles'
     UNDECIDED = 'U is too large to tell'
-    WITHIN_U = 'within U before and after'
+    NOISE = 'noise before and after'
     SAME = 'not corrected, unchanged'
     CHANGED = 'not corrected, but changed'
 
 
-GOOD = (Effectiveness.VANISHED, Effectiveness.WITHIN_U, Effectiveness.SAME)
+GOOD = (Effectiveness.VANISHED, Effectiveness.NOISE, Effectiveness.SAME)
 
 
 @dataclass(frozen=True)
@@ -133,11 +133,11 @@ class CorrectionCheck:
             return f'The correction did not do what it promised: {", ".join(lacking)}.'
         if hidden:
             return (f'It cannot be told whether the correction did what it promised: in {", ".join(hidden)} the errors '
-                    'after it agree within U with those expected, and with those before.')
+                    'after it agree within their uncertainty with those expected, and with those before.')
         if not vanished:
-            return 'There was nothing to correct: no corrected error was larger than U.'
+            return 'There was nothing to correct: no corrected error was larger than its noise.'
         rest = ', the rest is unchanged' if len(vanished) < len(self.errors) else ''
-        return f'The correction did what it promised: {", ".join(vanished)} vanished within U{rest}.'
+        return f'The correction did what it promised: of {", ".join(vanished)} only noise is left{rest}.'
 
     @property
     def action(self) -> str:
@@ -200,7 +200,7 @@ def _corrected(place: int, before: Floats, after: Floats, taken: Floats, varianc
     if not is_corrected:
         result = Effectiveness.SAME if p >= UNLIKELY else Effectiveness.CHANGED
     elif _p(taken, np.full(taken.size, own), curve) >= UNLIKELY:
-        result = Effectiveness.WITHIN_U if p >= UNLIKELY else Effectiveness.REMAINS
+        result = Effectiveness.NOISE if p >= UNLIKELY else Effectiveness.REMAINS
     elif p >= UNLIKELY:
         result = Effectiveness.UNDECIDED if unchanged else Effectiveness.VANISHED
     elif gain < -SURE * u_gain:

@@ -23,7 +23,7 @@ def correction_table(correction: Correction) -> Table:
         words('range', 'range', map(text.fixed, values, places)), words('U', 'U', map(text.fixed, u, places)),
         words('what', 'correction', [
             'not corrected' if curve not in correction.corrected else
-            'taken off, although within U: it may be noise' if value < 2 * one else 'taken off'
+            'taken off, although it may be noise' if value < 2 * one else 'taken off'
             for curve, value, one in zip(CURVES, values, u)])),
         note=f'Range: peak to valley; U (k = {COVERAGE_FACTOR}) of a point of the curve.')
 
@@ -37,7 +37,7 @@ def check_table(check: CorrectionCheck) -> Table:
     return Table('correction', 'The errors before and after the correction', (
         words('error', 'error', [one.curve for one in rows]), words('unit', 'unit', text.CURVE_UNITS),
         words('before', 'before', shown['before']), words('promised', 'expected', shown['promised']),
-        words('after', 'after', shown['after']), words('U', 'U', shown['expanded']),
+        words('after', 'after', shown['after']), words('U', 'U of a point', shown['expanded']),
         words('gain', 'taken off', ['' if not np.isfinite(one.gain) else f'{text.percent(one.gain)}' for one in rows]),
         words('result', 'result', [one.result for one in rows])), levels=tuple(one.level for one in rows),
         note=f'Peak to valley; U (k = {COVERAGE_FACTOR}) of a point of the curve after, with that of the correction: '

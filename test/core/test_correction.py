@@ -108,7 +108,7 @@ def test_a_corrected_table_is_error_free_without_noise(tmp_path):
 
 
 def test_what_was_promised_is_confirmed(tmp_path):
-    """20 machines with noise: every corrected error vanishes within U, no other one changes, in 19 or more."""
+    """20 machines with noise: of every corrected error only noise is left, no other one changes, in 19 or more."""
     good = 0
     for seed in range(20):
         first = measured(seed)[1]
@@ -134,7 +134,7 @@ def test_mistakes_are_told_apart(before, tmp_path):
         return check_correction(before, corrected(tmp_path, applied), promised)
 
     right = check(correction)
-    assert right.sentence == ('The correction did what it promised: ctx, cty, ctz, crx, cry, crz vanished within U.')
+    assert right.sentence == 'The correction did what it promised: of ctx, cty, ctz, crx, cry, crz only noise is left.'
     wrong_sign = check(moved(0, -1))
     assert wrong_sign.sentence.startswith('The correction was applied with the wrong sign: ctx (was added instead of')
     assert {one.result for one in wrong_sign.errors} == {Effectiveness.WRONG_SIGN}
@@ -174,8 +174,8 @@ def test_what_a_large_uncertainty_hides_is_not_confirmed(before, tmp_path):
         assert {one.result for one in check.errors} == {Effectiveness.UNDECIDED}
         assert check.level == 'doubtful'
         assert check.sentence == ('It cannot be told whether the correction did what it promised: in ctx, cty, ctz, '
-                                  'crx, cry, crz the errors after it agree within U with those expected, and with '
-                                  'those before.')
+                                  'crx, cry, crz the errors after it agree within their uncertainty with those '
+                                  'expected, and with those before.')
         assert 'under a model that fits' in check.action
 
 
@@ -186,7 +186,7 @@ def test_an_error_within_its_uncertainty_is_nothing_to_correct():
     correction = Correction(first, first, CURVES)
     noise = replace(second, values=second.values - correction.errors(second.angle))
     check = check_correction(first, noise, correction)
-    assert {one.result for one in check.errors} <= {Effectiveness.WITHIN_U, Effectiveness.UNDECIDED}
+    assert {one.result for one in check.errors} <= {Effectiveness.NOISE, Effectiveness.UNDECIDED}
     assert check.sentence.startswith(('There was nothing to correct', 'It cannot be told'))
 
 
