@@ -57,6 +57,15 @@ def test_without_inputs_the_budget_is_the_uncertainty_of_the_fit(make_run, kind)
     assert ('effects in the model' in lines(made)) == (kind == 'effect')
 
 
+@pytest.mark.filterwarnings('error')
+def test_effects_that_do_not_move_a_curve_contribute_nothing(make_run):
+    """The form of all balls leaves ctz alone: rounding makes no variance below 0, whose root is no number."""
+    run = make_run(12, 'diagonal', noise=NOISE)[0]
+    model = Model().with_effect('ball_form', {'ball': 0, 'harmonic': 0, 'part': 'both'})
+    made = budget(fit(run, model, choose_settings(run, model)))
+    assert np.all(np.isfinite(made.combined()))
+
+
 def test_the_six_lines_have_the_uncertainty_of_the_budget(make_run):
     """u(R) alone stretches a curve: its range r gets r u(R) / R; without inputs the lines are those of the fit."""
     fitted = fit(make_run(6, 'random', noise=NOISE)[0])

@@ -239,7 +239,8 @@ class JointSpace:
         """Return the effects' share in the variances of the curves per unit variance, (n, 6)."""
         if not len(self.every):
             return np.zeros((self.space.n, 6))
-        return np.asarray(np.einsum('anc,ab,bnc->nc', self._bias, self.cofactor, self._bias))
+        found = np.einsum('anc,ab,bnc->nc', self._bias, self.cofactor, self._bias)
+        return np.asarray(np.maximum(found, 0.0))  # rounding may leave less
 
     def curve_cofactor(self) -> Floats:
         """Return variances of the curves per unit variance, (n, 6), effects' share included."""
