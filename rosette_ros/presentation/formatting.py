@@ -4,6 +4,7 @@
 import math
 import re
 from collections.abc import Container, Iterable, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -197,6 +198,15 @@ def _first_senses(value: str) -> str:
     """Return in words in which senses the CMM came to its first readings, such as '+-'."""
     return (f'before they turn back, x moves {value[0]} and y {value[1]}'.replace('-', '−') if len(value) == 2 else
             'the first senses of x and y are not known')
+
+
+def joined(parameters: 'Sequence[Parameter]') -> 'list[Parameter]':
+    """Return parameters, those of one unit that are not determined as one: a_1_2 … bz_12_5 (192)."""
+    groups: dict[object, list[Parameter]] = {}
+    for one in parameters:
+        groups.setdefault(one.name if math.isfinite(one.u) else (one.unit,), []).append(one)
+    return [first if len(group) == 1 else replace(first, name=f'{first.name} … {group[-1].name} ({len(group)})')
+            for group in groups.values() for first in group[:1]]
 
 
 def shown_parameter(parameter: 'Parameter') -> tuple[str, str, str]:

@@ -109,7 +109,7 @@ def deviations(fit: Fit) -> Table:
 def effects(fitted: Iterable[tuple[str, Mapping[str, object], Sequence[Parameter]]], title: str) -> Table:
     """Return the parameters of (name, setting, parameters) of fitted effects."""
     rows = [(name, setting, one, [other.name for other in parameters])
-            for name, setting, parameters in fitted for one in parameters]
+            for name, setting, parameters in fitted for one in text.joined(parameters)]
     shown = [text.shown_parameter(one) for _, _, one, _ in rows]
     return Table('effects', f'{title}; {EXPANDED}', (
         words('effect', 'effect', [name for name, _, _, _ in rows]),
@@ -120,7 +120,9 @@ def effects(fitted: Iterable[tuple[str, Mapping[str, object], Sequence[Parameter
         column('expanded_uncertainty', 'U', [one[1] for one in shown], str),
         words('unit', 'unit', [one[2] for one in shown]),
         words('setting', 'searched values',
-              [text.setting_words(name, setting, known) for name, setting, _, known in rows])))
+              [text.setting_words(name, setting, known) for name, setting, _, known in rows])),
+        note='' if all(np.isfinite(one.u) for _, _, one, _ in rows) else
+        'Not determined: the readings do not tell these from other parameters of the model.')
 
 
 def fitted_effects(every: Iterable[FittedEffect], title: str) -> Table:
@@ -295,7 +297,7 @@ def _with_and_without(without: str, present: str, rows: Sequence[Candidate | Che
 
 def size_words(effect: str, parameters: Sequence[Parameter], setting: Mapping[str, object]) -> str:
     """Return the parameters of an effect with expanded uncertainties, and its searched values."""
-    shown = [(one.name, *text.shown_parameter(one)) for one in parameters]
+    shown = [(one.name, *text.shown_parameter(one)) for one in text.joined(parameters)]
     parts = ', '.join(f'{name} {value} {spread} {unit}'.strip() for name, value, spread, unit in shown)
     return '; '.join(filter(None, (parts, text.setting_words(effect, setting, [one.name for one in parameters]))))
 

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from summaries import summary_of, verification_runs
 
+from rosette_ros.core.model.least_squares import Parameter
 from rosette_ros.presentation.json_output import diagnosis_json, evaluation_json
 from rosette_ros.presentation.report.verification import verification_tables, verify
 from rosette_ros.presentation.table_format import Table, column, words
-from rosette_ros.presentation.tables import bars, tables_of
+from rosette_ros.presentation.tables import bars, effects, size_words, tables_of
 
 CURVES = {'ctx': 'm', 'cty': 'm', 'ctz': 'm', 'crx': 'rad', 'cry': 'rad', 'crz': 'rad'}
 WITH_UNIT = re.compile(r'_(um|urad|deg|s|C|si|sigma|in_unit|per_um)$')
@@ -95,6 +96,21 @@ def test_numbers_have_their_unit_in_the_head(hidden):
         for one in table.columns:
             if any(isinstance(value, float) for value in one.values):
                 assert WITH_UNIT.search(one.key) or PURE.match(one.key), f'{table.name}: {one.key}'
+
+
+def test_parameters_that_are_not_determined_are_one_line():
+    """Of a free form of all balls, 192 on a plate of 12; each that is determined has its own."""
+    parameters = [Parameter('b', 1e-6, 1e-7, 'm'), *(Parameter(f'a_{ball}_{m}', 0.0, np.inf, 'm')
+                                                     for ball in (1, 2, 3) for m in (2, 3)),
+                  Parameter('c', 0.0, np.inf, 'rad')]
+    table = effects([('ball_form', {'ball': 0, 'harmonic': 0, 'part': 'xy'}, parameters)], 'Effects')
+    assert [row[1:5] for row in table.rows] == [
+        ('b', '+1.00', '±0.20', 'µm'), ('a_1_2 … a_3_3 (6)', '–', 'not determined', 'µm'),
+        ('c', '–', 'not determined', 'µrad')]
+    assert table.note == 'Not determined: the readings do not tell these from other parameters of the model.'
+    assert size_words('ball_form', parameters, {}) == (
+        'b +1.00 ±0.20 µm, a_1_2 … a_3_3 (6) – not determined µm, c – not determined µrad')
+    assert not effects([('ball_form', {}, parameters[:1])], 'Effects').note
 
 
 def test_what_is_not_known_is_left_empty():
