@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The uncertainty budget for people and programs: contributions, inputs, Monte Carlo."""
 
-from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from scipy import special
@@ -44,20 +44,11 @@ def contributions(made: Budget) -> Table:
             u[place], COVERAGE_FACTOR * u[place], COVERAGE_FACTOR * worst[place])][:WORST + (not is_even)]
         columns.append(column(
             f'u_{curve}_{unit.replace("µ", "u")}', names[place], [1e6 * float(one.mean[place]) for one in lines],
-            _shown(digits), unit, footer=[*footer, shown_dof(float(made.effective_dof[place]))]))
+            partial(text.at_least, places=digits), unit, footer=[*footer, shown_dof(float(made.effective_dof[place]))]))
     for place, curve in enumerate(CURVES):
         columns.append(column(f'sensitivity_{curve}_si', '', [float(one.sensitivity[place]) for one in lines]))
     bounds = ' hidden: a bound, not an estimate.' if _has_bounds(made) else ''
     return Table('budget', 'Uncertainty budget (GUM)', tuple(columns), note=f'{NOTE}{bounds}')
-
-
-def _shown(digits: int) -> Callable[[float], str]:
-    """Return how a contribution is shown: 0 where there is none, else where it would be rounded to 0 its limit."""
-    def show(value: float) -> str:
-        least = 10.0**-digits
-        shown = text.fixed(value, digits) if value >= least / 2 else f'<{text.fixed(least, digits)}'
-        return shown if value else '0'
-    return show
 
 
 def _digits(u: float) -> int:

@@ -119,6 +119,12 @@ def fixed(value: float, places: int) -> str:
     return plain(value, places).replace('-', '−') if math.isfinite(value) else UNKNOWN
 
 
+def at_least(value: float, places: int) -> str:
+    """Return a number of 0 or more with so many decimals, 0 where it is 0, '<0.001' where they would not show it."""
+    least = 10.0**-places
+    return '0' if not value else f'<{fixed(least, places)}' if value < least / 2 else fixed(value, places)
+
+
 def signed(value: float, places: int) -> str:
     """Return a number with its sign and a fixed number of decimals, never −0."""
     return f'{round(value, places) + 0.0:+.{places}f}'.replace('-', '−') if math.isfinite(value) else UNKNOWN

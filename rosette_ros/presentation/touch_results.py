@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the touches of a run show, for people and programs: spheres fitted again, ball form, probe lobing."""
 
+from collections.abc import Iterable
+from functools import partial
+
 import numpy as np
 
 from rosette_ros.core.diagnosis.verdict import UNLIKELY
@@ -8,7 +11,7 @@ from rosette_ros.core.sphere_refit import SphereRefit
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.json_output import Json
 from rosette_ros.presentation.json_output import plain as plain_json
-from rosette_ros.presentation.table_format import Table, column, micrometre_column
+from rosette_ros.presentation.table_format import Column, Table, column
 
 
 def sphere_rows(refit: SphereRefit) -> list[tuple[str, str]]:
@@ -75,6 +78,11 @@ def form_words(refit: SphereRefit) -> str:
     return f'rms over the surface: {", ".join(named[:6])}{more}; turns with the plate'
 
 
+def _lengths(key: str, name: str, metres: Iterable[float]) -> Column:
+    return column(key, name, [1e6 * value for value in metres], partial(text.at_least, places=text.MICRO_DECIMALS),
+                  'µm')
+
+
 def sphere_table(refit: SphereRefit) -> Table:
     """Return radius, form and systematic part of the residuals of each ball."""
     owner, forms = [np.flatnonzero(refit.touched.ball == ball) for ball in refit.balls], refit.ball_forms
@@ -84,12 +92,12 @@ def sphere_table(refit: SphereRefit) -> Table:
         column('ball', 'ball', refit.balls, str), column('readings', 'readings', map(len, owner), str),
         column('radius_mm', 'radius', [1e3 * refit.radius[rows].mean() for rows in owner],
                lambda value: text.fixed(value, 5), 'mm'),
-        micrometre_column('radius_sd_um', 'its standard deviation', spread),
-        micrometre_column('form_um', 'form error of a reading, mean', [refit.form[rows].mean() for rows in owner]),
-        micrometre_column('largest_form_um', 'largest', [refit.form[rows].max() for rows in owner]),
-        micrometre_column('systematic_um', 'form of the ball, rms', forms.systematic),
+        _lengths('radius_sd_um', 'its standard deviation', spread),
+        _lengths('form_um', 'form error of a reading, mean', [refit.form[rows].mean() for rows in owner]),
+        _lengths('largest_form_um', 'largest', [refit.form[rows].max() for rows in owner]),
+        _lengths('systematic_um', 'form of the ball, rms', forms.systematic),
         column('p', text.P_NOISE, p, text.p_value),
-        micrometre_column('moved_um', 'centre moved by at most', [refit.moved[rows].max() for rows in owner])),
+        _lengths('moved_um', 'centre moved by at most', [refit.moved[rows].max() for rows in owner])),
         levels=tuple('doubtful' if value < UNLIKELY else '' for value in p),
         note='The form of a ball is the mean residual by direction on the plate, freed of what all balls show alike.')
 

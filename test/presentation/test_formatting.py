@@ -51,6 +51,7 @@ def test_probabilities(p, shown):
     (text.signed(2, 1), '+2.0'), (text.plain(-1.234, 1), '-1.2'), (text.exact(51.428571, 3), '51.429'),
     (text.exact(-60.0, 3), '−60'), (text.micrometres(9.5e-8), '0.0950 µm'), (text.millimetres(0.1825), '182.5 mm'),
     (text.before_after(5.41e-7, 1.03e-7), '0.541 → 0.103'), (text.before_after(math.nan, math.nan), '–'),
+    (text.at_least(0.0126, 3), '0.013'), (text.at_least(4e-4, 3), '<0.001'), (text.at_least(0.0, 3), '0'),
     (text.percent(0.834), '83 %'), (text.sigmas(3.14), '3.1 σ'), (text.sigmas(0.00098), '0.00098 σ'),
     (text.micrometres(7.36e-4), '736 µm'), (text.micrometres(1e-3), '1000 µm'),
     (text.micrometres(4.09e-11), '0.0000409 µm'),

@@ -35,6 +35,7 @@ def test_map_of_the_lobed_ball_has_the_colour(dusty):
     titles = [panel.get_title() for panel in made.axes]
     assert titles[0].startswith('probe: ')
     assert [title.partition(':')[0] for title in titles[1:7]] == [f'ball {ball}' for ball in range(1, 7)]
+    assert titles[0] == 'probe: noise only'
     assert float(titles[3].split()[2]) == pytest.approx(0.6 * 0.87 / 2**0.5, rel=0.15)
     largest = [abs(panel.collections[0].get_array()).max() for panel in made.axes[:7]]
     assert max(range(7), key=largest.__getitem__) == 3
@@ -77,6 +78,8 @@ def test_silent_cell_is_drawn(tmp_path):
     write_touched_log(tmp_path / 'log', ideal_cell(plate={'balls': MOST_BALLS + 1}))
     refit = open_refitted(tmp_path / 'log')[1]
     assert refit.residual.size > MOST_DOTS
-    assert len(touch_directions(refit).axes) == MOST_BALLS + 2
+    panels = touch_directions(refit).axes
+    assert len(panels) == MOST_BALLS + 2
+    assert {panel.get_title().partition(': ')[2] for panel in panels[:-1]} == {'<0.001 µm'}
     assert len(touch_residuals(refit).axes[1].lines[1].get_xdata()) <= MOST_DOTS
     assert sphere_table(refit).rows[0][:3] == ('1', '15', '7.50000')

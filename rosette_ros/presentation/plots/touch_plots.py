@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from rosette_ros.core.geometry import Floats, Ints
 from rosette_ros.core.sphere_refit import RING, SECTOR, SphereRefit
-from rosette_ros.presentation.formatting import fixed
+from rosette_ros.presentation.formatting import MICRO_DECIMALS, at_least, fixed
 from rosette_ros.presentation.plots import plot_style as style
 
 MOST_DOTS = 4000
@@ -91,7 +91,8 @@ def touch_directions(refit: SphereRefit) -> Figure:
         bottom = 1 - ((row + 1) * (CELL + TOP)) / height
         panel = made.add_axes((0.005 + 0.185 * column, bottom, 0.18, CELL / height))
         _map(panel, 1e6 * mean, limit, reach)
-        style.title(panel, f'{name}: {fixed(1e6 * size, 3)} µm', loc='center', fontsize=style.TEXT, pad=3)
+        words = f'{at_least(1e6 * size, MICRO_DECIMALS)} µm' if size else 'noise only'
+        style.title(panel, f'{name}: {words}', loc='center', fontsize=style.TEXT, pad=3)
     style.colour_bar(made.add_axes((0.968, 1 - (CELL + TOP) / height, 0.014, 0.93 * CELL / height)), -limit, limit,
                      'µm', True)
     return made
