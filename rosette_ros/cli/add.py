@@ -11,7 +11,7 @@ from rich.markup import escape
 from rosette_ros.analysis import Change, analyse, change
 from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, head, print_json, print_parts
-from rosette_ros.core.effects.custom_term import DIRECTIONS, FUNCTIONS, NAMES, PER
+from rosette_ros.core.effects.custom_term import AMPLITUDE, DIRECTIONS, FUNCTIONS, NAMES, PER
 from rosette_ros.core.errors import InvalidModel, NotDeterminable
 from rosette_ros.core.model.model import BASE_TERMS, NOISE_TERMS, Model
 from rosette_ros.core.records import Run
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         'A user-defined term is amplitude x direction x expression, for example\n'
         '  rosette add wave --model m.yaml --direction z --expression "t*cos(3*alpha)"\n'
-        f'Expressions know {", ".join(NAMES)}\nand the functions {", ".join(FUNCTIONS)}.')
+        f'Expressions know {", ".join(NAMES)}\nand the functions {", ".join(FUNCTIONS)}.\n{AMPLITUDE}')
     parser.add_argument('effect', metavar='EFFECT', help='name of an effect (rosette effects), of a '
                         f'part of the base model or of the noise ({", ".join(NOISE_TERMS)}), or, with --expression, '
                         'of a user-defined term')

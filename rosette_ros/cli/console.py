@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from rosette_ros.core.records import Run
-from rosette_ros.presentation.formatting import missing_words, residual_words, run_size, uncertainty_words
+from rosette_ros.presentation.formatting import missing_words, model_words, residual_words, run_size, uncertainty_words
 from rosette_ros.presentation.table_format import Column, Table
 
 if TYPE_CHECKING:  # plan and info start without the least squares
@@ -117,8 +117,7 @@ def fit_rows(fit: 'Fit') -> list[tuple[str, str]]:
     unused = [f'; deviations of {what} {", ".join(map(str, places))}: not measured' for what, used in (
         ('balls', fit.run.ball), ('the CMM at positions', fit.run.cmm_position))
         if (places := sorted({*range(1, fit.run.n + 1)} - {*used.tolist()}))]
-    return [('Model', f'{escape(" + ".join(fit.model.names) or "nothing")} (rank {fit.rank}, {fit.dof} degrees of '
-                      'freedom)'),
+    return [('Model', f'{escape(model_words(fit.model))} (rank {fit.rank}, {fit.dof} degrees of freedom)'),
             ('Residual', residual_words(fit)), ('Uncertainty', uncertainty_words(fit)),
             ('Not observable', f'by any three-rosette run, and removed from the curves: {"; ".join(fit.gauge)}'
                                f'{"".join(unused)}')]

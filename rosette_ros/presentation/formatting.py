@@ -286,8 +286,9 @@ def words_of(name: str) -> str:
 
 
 def model_words(model: 'Model') -> str:
-    """Return a model as a sum, fixed settings with their units."""
-    fixed_ones = [setting_words(term.name, term.fixed) for term in model.terms]
+    """Return a model as a sum, fixed settings with their units, custom terms with their formula."""
+    fixed_ones = [setting_words(term.name, term.fixed) if term.name in MEANINGS else term.effect.formula
+                  for term in model.terms]
     return ' + '.join([*model.base, *(f'{term.name} ({words})' if words else term.name
                                       for term, words in zip(model.terms, fixed_ones, strict=True))]) or 'nothing'
 

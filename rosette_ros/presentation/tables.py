@@ -14,6 +14,7 @@ from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.diagnosis import Candidate
 from rosette_ros.core.diagnosis.second_run import CONFIRMED, CheckedEffect, CrossCheck
 from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level
+from rosette_ros.core.effects.custom_term import AMPLITUDE
 from rosette_ros.core.error_summary import peak_to_valley
 from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter
 from rosette_ros.core.model.model import BASE_TERMS, Model
@@ -121,8 +122,10 @@ def effects(fitted: Iterable[tuple[str, Mapping[str, object], Sequence[Parameter
         words('unit', 'unit', [one[2] for one in shown]),
         words('setting', 'searched values',
               [text.setting_words(name, setting, known) for name, setting, _, known in rows])),
-        note='' if all(np.isfinite(one.u) for _, _, one, _ in rows) else
-        'Not determined: the readings do not tell these from other parameters of the model.')
+        note=' '.join(
+            [*['Not determined: the readings do not tell these from other parameters of the model.'] * any(
+                not np.isfinite(one.u) for _, _, one, _ in rows),
+             *[AMPLITUDE] * any(name.partition('(')[0] not in text.MEANINGS for name, _, _, _ in rows)]))
 
 
 def fitted_effects(every: Iterable[FittedEffect], title: str) -> Table:

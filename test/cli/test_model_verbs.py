@@ -121,6 +121,11 @@ def test_a_term_of_ones_own(rosette, model):
     assert answer.code == 0, answer.err
     assert content(model)['effects'] == [{'own': 'wave', 'direction': 'z',
                                           'expression': 't*cos(3*alpha)', 'per': 'all'}]
+    out = ' '.join(answer.out.split())
+    assert 'cmm_deviations + wave (t*cos(3*alpha) along z)' in out
+    assert 'Amplitude of a custom term: what it adds where its expression is 1, with t in s, T in K and' in out
+    answer = rosette('evaluate', simulated_table(), '--model', model)
+    assert '+ wave (t*cos(3*alpha) along z) (rank' in ' '.join(answer.out.split())
     assert rosette('remove', 'wave', '--model', model).code == 0
     assert content(model)['effects'] == []
 

@@ -42,6 +42,7 @@ _BINARY: dict[type[ast.operator], Function] = {
     ast.Pow: operator.pow}
 _UNARY: dict[type[ast.unaryop], Function] = {ast.UAdd: operator.pos, ast.USub: operator.neg}
 
+AMPLITUDE = 'Amplitude of a custom term: what it adds where its expression is 1, with t in s, T in K and angles in rad.'
 PER = ('all', 'ball', 'table_position', 'cmm_position')
 DIRECTIONS: dict[str, Callable[[Run], Floats]] = {
     'x': lambda run: on.along_machine(run)[0], 'y': lambda run: on.along_machine(run)[1],

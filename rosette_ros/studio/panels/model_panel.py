@@ -7,7 +7,7 @@ from itertools import zip_longest
 
 from nicegui import ui
 
-from rosette_ros.core.effects.custom_term import DIRECTIONS, FUNCTIONS, NAMES, PER
+from rosette_ros.core.effects.custom_term import AMPLITUDE, DIRECTIONS, FUNCTIONS, NAMES, PER
 from rosette_ros.core.errors import InvalidModel, one_line
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.formatting import CROSS_VALIDATION, UNKNOWN, micro
@@ -92,7 +92,7 @@ class CustomTermPanel:
                                         'min-width: 136px')
             self._expression = input_field(ui.input('expression, e.g. t*cos(3*alpha)'), 'custom-expression',
                                            'width: 100%')
-            ui.label(f'Names: {known}; functions: {", ".join(FUNCTIONS)}.').classes('soft small')
+            ui.label(f'Names: {known}; functions: {", ".join(FUNCTIONS)}. {AMPLITUDE}').classes('soft small')
             self._error = widgets.ErrorLine('custom-error')
             with row():
                 self._buttons = (
