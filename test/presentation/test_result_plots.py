@@ -24,6 +24,16 @@ def motions():
     return ErrorMotions(nominal_angles(N), values, np.full((N, 6), 0.05e-6))
 
 
+@pytest.mark.parametrize('low', [-2.0, -0.7, 0.3])
+def test_an_axis_has_three_numbers_at_least(motions, low):
+    """Whatever the curves span: two numbers do not show the scale between them."""
+    panel = six_curves([Series('', motions)]).axes[0]
+    for span in np.geomspace(0.01, 30, 60):
+        panel.set_ylim(low, low + span)
+        numbers = [one for one in panel.get_yticks() if low <= one <= low + span]
+        assert 3 <= len(numbers) <= 7, (low, span, numbers)
+
+
 def panels(made):
     """Return the axes by the name of the curve in their title."""
     return {axes.get_title(loc='left').split()[0]: axes for axes in made.axes}

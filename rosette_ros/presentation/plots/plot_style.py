@@ -32,7 +32,8 @@ WIDTH = 7.2
 SMALL, TEXT, HEAD = 8, 8.5, 9.5
 """Sizes of texts in points; smaller ones are not readable on paper."""
 DPI = 200
-STEPS = 5
+STEPS, LEAST_NUMBERS = 5, 3
+"""Most steps of an axis with round numbers, and fewest numbers on it: two do not show the scale between them."""
 LOOK: dict[Any, Any] = {'svg.fonttype': 'none', 'font.size': TEXT, 'path.simplify': False}
 """Text stays text in SVG: it can be searched, copied and read aloud."""
 AXES_LOOK: dict[Any, Any] = {'axes.spines.top': False, 'axes.spines.right': False, 'axes.edgecolor': INK,
@@ -72,10 +73,11 @@ def plain_axes(panel: Axes) -> None:
 
 def scale(panel: Axes, x: Marks | None = None, y: Marks | None = None, grid: str = 'xy', numbers: str = 'xy',
           steps: tuple[int, int] = (STEPS, STEPS)) -> None:
-    """Draw grid and numbers of axes; x, y: {place: text}, None for round numbers with at most `steps` steps."""
+    """Draw grid and numbers of axes; x, y: {place: text}, None for round numbers with at most `steps` steps,
+    or those of the next finer step where fewer than LEAST_NUMBERS would be seen."""
     for name, axis, places, most in (('x', panel.xaxis, x, steps[0]), ('y', panel.yaxis, y, steps[1])):
         if places is None:
-            axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
+            axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10], min_n_ticks=LEAST_NUMBERS))
         else:
             axis.set_ticks(list(places), list(places.values()))
         axis.set_tick_params(length=0, labelsize=SMALL, labelcolor=INK, label1On=name in numbers)
