@@ -213,7 +213,7 @@ def _error(line: AxisError) -> Element:
     return _dcc('list', _named(f'{line.curve} ({line.name})'), *ranged,
                 *quantity('once-per-turn (fundamental) part, peak to valley', 'once_per_turn', line.once_per_turn),
                 *quantity('residual part, peak to valley', 'residual', line.residual),
-                *quantity('asynchronous part, largest width at an angle', 'asynchronous', line.asynchronous, wide),
+                *quantity('asynchronous error motion value (width)', 'asynchronous', line.asynchronous, wide),
                 refType=f'rosette_line_{line.curve}')
 
 

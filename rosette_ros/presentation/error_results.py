@@ -14,7 +14,7 @@ from rosette_ros.presentation.table_format import Column, Table, words
 LEVELS = {Conformity.CONFORMS: 'good', Conformity.FAILS: 'bad', Conformity.UNDECIDED: 'doubtful', None: ''}
 ARC_SECOND = '1″ = 4.848 µrad'
 WHAT_IS_WHAT = (f'Peak to valley, with U (k = {COVERAGE_FACTOR}) of the range, in brackets of its worst point; '
-                'once-per-turn part and the rest.')
+                'once-per-turn part (fundamental) and the rest (residual synchronous).')
 
 
 def errors(lines: Sequence[AxisError], title: str = 'The six errors of the table (ISO 230-7)',
@@ -35,8 +35,8 @@ def errors(lines: Sequence[AxisError], title: str = 'The six errors of the table
     limited = any(line.tolerance is not None for line in lines)
     doubts = dict.fromkeys(line.doubt for line in lines if line.doubt and line.tolerance is not None)
     arc = f' {ARC_SECOND}.' if limited else ''
-    width = (' Asynchronous: the largest width of the curves of the runs at an angle, with its U.' if several else
-             ' The asynchronous part needs several runs.')
+    width = (' Asynchronous error motion value: the largest width of the curves of the runs at an angle, their noise '
+             'included, with its U.' if several else ' The asynchronous error motion value needs several runs.')
     return Table(name, title, (
         words('error', 'error', [f'{line.curve} ({line.name})'.replace('-', '−') for line in lines]),
         words('unit', 'unit', units), micro('range_in_unit', 'range', [line.range for line in lines]),

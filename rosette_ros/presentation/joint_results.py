@@ -37,6 +37,10 @@ def test_result(test: SharingTest) -> str:
     return 'NOT used: the readings contradict it'
 
 
+REVERSAL_SIGN = ('ISO 230-2 takes the reversal error the other way: counter-clockwi'
+                 'se (the positive sense) less clockwise.')
+
+
 def sharing_table(result: JointResult) -> Table:
     """Return what is shared, and whether the data allow it."""
     tests = result.tests
@@ -76,7 +80,7 @@ def reversal_means(result: JointResult) -> list[Table]:
         column('u_si', '', np.where(one.is_known, one.u_mean, np.nan)),
         words('mean', 'mean', [mean for mean, _ in _means(one)]),
         words('U', f'U (k = {text.COVERAGE_FACTOR})', [spread for _, spread in _means(one)])),
-        note='' if one.p is None else f'{text.P_NOISE} of the whole reversal: {text.p_value(one.p)}')
+        note=REVERSAL_SIGN + ('' if one.p is None else f' {text.P_NOISE} of the whole reversal: {text.p_value(one.p)}'))
         for place, one in enumerate(result.reversals, 1)]
 
 
@@ -123,7 +127,7 @@ def _mean_words(one: Reversal) -> str:
     means = [' ± '.join(filter(None, (f'{curve} {mean}', spread)))
              for curve, (mean, spread) in zip(CURVES, _means(one), strict=True)]
     p = '' if one.p is None else f'; that noise alone makes such a reversal: {p_words(one.p)}'
-    return f'Means: {", ".join(means)}{p}'
+    return f'{REVERSAL_SIGN} Means: {", ".join(means)}{p}'
 
 
 def nothing_known(result: JointResult) -> str:

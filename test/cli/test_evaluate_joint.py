@@ -46,6 +46,9 @@ def test_there_and_back_in_words(rosette, back):
     """What became known, what did not, the rank."""
     out = ' '.join(rosette('evaluate', back, '--joint').out.split())
     assert 'Reversal: clockwise less counter-clockwise' in out
+    assert ('ISO 230-2 takes the reversal error the other way: counter-clockwise (the '
+            'positive sense) less clockwise. Means: ctx') in out
+    assert 'Asynchronous error motion value' not in out  # of one run
     assert '198 unknowns, rank 185' in out
     assert 'The run fits one model: residual ' in out and 'Nothing needs to be done.' in out
     assert 'beyond what one run knows: the reversal of all six curves, with its means' in out

@@ -100,7 +100,7 @@ def test_a_run_with_what_is_no_rotation_is_refused():
 @pytest.mark.parametrize('azimuth_deg', [10.0, 30.0, 45.0])
 @pytest.mark.parametrize('axis', [(0, 0, 1), (1, 0, 0), (0, 0, -1), (0.5, 0, 0.866)])
 def test_reversal_is_along_the_axes_of_the_cmm(axis, azimuth_deg):
-    """Half the reversal value by the sense of each machine axis that goes to and fro, whatever way the table stands."""
+    """Half the reversal error by the sense of each machine axis that goes to and fro, whatever way the table stands."""
     rotation = axes.taught_frame([0, 0, 0], axis, np.deg2rad(azimuth_deg)).rotation
     run = synthetic_run(12, 'sensitive', rotation=rotation)[0]
     place = run.radius * np.stack([np.cos(run.alpha), np.sin(run.alpha), 0 * run.alpha], axis=-1) @ rotation.T

@@ -28,9 +28,9 @@ class CmmReversal(Effect):
     meaning = "The position of the CMM's axes depends on the side from which they approach."
     look = 'Guideways, friction, drives and scales of the CMM; always approach from one side.'
     formula = "1/2 r_x sense_x, 1/2 r_y sense_y along the CMM's own axes; y and z about a table along x"
-    source = 'ISO 230-2 (reversal value B)'
+    source = 'ISO 230-2 (reversal error: from the positive sense less from the negative)'
     depends_on = ('cmm_sense',)
-    quantities = per_axis('xy', Quantity('r', 'm', 'reversal value of'))  # of an upright table
+    quantities = per_axis('xy', Quantity('r', 'm', 'reversal error of'))  # of an upright table
     carries = 'all'
     searched = (Searched('first', '', 'sense of the two axes before they first moved in the run'),)
 
@@ -44,7 +44,7 @@ class CmmReversal(Effect):
         return 1
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
-        """Return the reversal values of the two axes that go to and fro; the third comes down to every ball."""
+        """Return the reversal errors of the two axes that go to and fro; the third comes down to every ball."""
         one = self.quantities[0]
         return per_axis(cmm_axes_names(run), Quantity(one.name[:-2], one.unit, one.meaning[:-2]))
 
@@ -62,12 +62,12 @@ class CmmReversal(Effect):
 
 class CmmReversalPosition(CmmReversal):
     name = 'cmm_reversal_position'
-    plain = 'reversal of the CMM that grows along the axis'
-    meaning = "The reversal value of the CMM's axes grows along the axis."
+    plain = 'reversal error of the CMM that grows along the axis'
+    meaning = "The reversal error of the CMM's axes grows along the axis."
     look = 'Screws, belts and friction of the drives: lost motion that differs along the travel.'
     formula = '1/2 r_x sense_x x/R, 1/2 r_y sense_y y/R'
-    source = 'ISO 230-2 (reversal value B at each position)'
-    quantities = per_axis('xy', Quantity('r', 'm', 'reversal value at R less that in the middle of'))
+    source = 'ISO 230-2 (reversal error at each position)'
+    quantities = per_axis('xy', Quantity('r', 'm', 'reversal error at R less that in the middle of'))
 
     def columns(self, run: Run, setting: Setting) -> Floats:
         return super().columns(run, setting) * (radial(run.alpha) @ cmm_axes(run).T)[:, None]

@@ -137,9 +137,9 @@ class TableBacklash(TurningEffect):
     meaning = 'The angle at which the table stops depends on the sense in which it turned.'
     look = 'Worm gear, clamping, friction between drive and encoder.'
     formula = '1/2 b approach R e_t'
-    source = 'ISO 230-2 (reversal value B)'
+    source = 'ISO 230-2 (reversal error: from the positive sense less from the negative)'
     depends_on = ('approach',)
-    quantities: tuple[Quantity, ...] = (Quantity('b', 'rad', 'reversal value of the table angle'),)
+    quantities: tuple[Quantity, ...] = (Quantity('b', 'rad', 'reversal error of the table angle'),)
     carries = 'all'
 
     def columns(self, run: Run, setting: Setting) -> Floats:
@@ -152,8 +152,8 @@ class TableBacklashAngle(TableBacklash):
     meaning = 'The backlash of the table differs from angle to angle.'
     look = 'Worm gear: wear, eccentricity and mesh; unequal friction or load around the table.'
     formula = '1/2 approach R e_t (b_c cos(m phi) + b_s sin(m phi))'
-    source = 'ISO 230-2 (reversal value B at each position)'
-    quantities = (Quantity('bc', 'rad', 'cosine of the reversal value'), Quantity('bs', 'rad', 'sine'))
+    source = 'ISO 230-2 (reversal error at each position)'
+    quantities = (Quantity('bc', 'rad', 'cosine of the reversal error'), Quantity('bs', 'rad', 'sine'))
     searched = (Searched('order', '1', 'm, waves per turn of the table'),)
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
@@ -257,8 +257,8 @@ class TableOrder(RunFunction):
 
 class AsynchronousMotion(FactoredEffect):
     name = 'asynchronous_motion'
-    plain = 'asynchronous motion of the axis'
-    meaning = 'The axis moves with a period that is no whole fraction of a turn: the motion does not repeat every turn.'
+    plain = 'asynchronous error motion of the axis'
+    meaning = 'The axis moves at no integer multiple of its rotation frequency: the motion does not repeat every turn.'
     look = 'Cage and rolling elements of the bearing (about 0.4 per turn), belt or worm drive.'
     formula = '(radial x, y; axial z; tilt) cos(nu Psi), sin(nu Psi)'
     source = 'ISO 230-7 (asynchronous error motion)'
