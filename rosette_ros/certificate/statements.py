@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a certificate states: identity, curves, summary, conditions, what is not known, where it comes from.
+"""What a certificate states: identity, curves, summary, conditions, what is not known, where it comes from; no advice.
 
 All follows from the files of the runs and from Inputs, so that a certificate can be made again and compared."""
 
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, evaluate_jointly, judge
-from rosette_ros.core.diagnosis.verdict import Conclusion, Level, Verdict
+from rosette_ros.core.diagnosis.verdict import Conclusion, Verdict
 from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.conclusion import conclude
@@ -138,8 +138,8 @@ def _of_one(path: str | Path, inputs: Inputs) -> Certificate:
                       touch_scatter(refit) if refit else None, doubt=doubt)
     motions, lines = (made.error_motions, made.lines(limits, doubt)) if made and inputs.budget else (
         fit.error_motions, fit_lines(fit, limits, doubt))
-    unknown = [*text.not_known(run, fit.gauge), f'Advice: {verdict.action}' if verdict and verdict.action else '',
-               *untouched]
+    facts = run.replace(remarks=tuple(one.partition('; ')[0] for one in run.remarks))  # what to do is no result
+    unknown = [*text.not_known(facts, fit.gauge), *(verdict.limits if verdict else ()), *untouched]
     evaluation = (('Model', text.model_words(fit.model)), ('Residual', text.residual_words(fit)),
                   ('Uncertainty', text.uncertainty_words(fit)))
     return _stated(inputs, identity, contradictions, [measured], [CurveSet('table', motions, lines)], verdict,
@@ -164,8 +164,7 @@ def _of_several(paths: Sequence[str | Path], inputs: Inputs) -> Certificate:
     rows = dict(joint_rows(result))
     evaluation = tuple((name, rows[name]) for name in ('Model', 'Residual', 'Uncertainty', 'Known'))
     unknown = [f'The readings do not tell, and the curves are free of: {rows["Not known"]}.', *(
-        f'{note[0].upper()}{note[1:]}.' for note in result.notes),
-        f'Advice: {verdict.action}' if verdict.level is not Level.GOOD else '']
+        f'{note[0].upper()}{note[1:]}.' for note in result.notes)]
     return _stated(inputs, identity, (*contradictions, *changed), runs, sets, verdict, evaluation, unknown,
                    tuple(dict.fromkeys(file for _, files in opened for file in files)))
 

@@ -12,7 +12,7 @@ from rosette_ros.certificate.dcc import to_xml
 from rosette_ros.certificate.dcc_check import MOST_BYTES, Verified, verify_certificate
 from rosette_ros.certificate.statements import Certificate, Inputs, state
 from rosette_ros.cli.arguments import UsageError, add_shared
-from rosette_ros.cli.console import console, print_json, print_parts
+from rosette_ros.cli.console import console, print_json, print_parts, print_verdict
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.io.budget_file import read_stated
@@ -84,11 +84,14 @@ def pages(certificate: Certificate, data: bytes, name: str) -> bytes:
 
 
 def show(certificate: Certificate, path: Path, pdf: str | None) -> None:
-    """Print what the certificate says, and what it lacks."""
+    """Print what the certificate says, what it lacks, and what to do, which does not stand in it."""
     out = console()
     if certificate.is_simulated:
         out.print(f'[red]{SIMULATED}[/]')
-    out.print(escape(certificate.judgement))
+    if certificate.verdict:
+        print_verdict(out, certificate.verdict)
+    else:
+        out.print(escape(certificate.judgement))
     print_parts(out, [errors(one.lines, f'The six errors of the {one.words} (ISO 230-7)') for one in certificate.sets])
     if certificate.budget and certificate.inputs.budget:
         print_parts(out, [contributions(certificate.budget)])

@@ -75,6 +75,8 @@ def run(options: Namespace) -> None:
     else:
         warn(measured)
     show(out, made, found)
+    if hidden is None:
+        out.print('Bounds of effects that this order hides: --hidden-effects')
     if options.output:
         out.print(f'\nPicture: {escape(options.output)}', soft_wrap=True)
 

@@ -52,10 +52,11 @@ class Run:
     known; repeatability_axes: the same along x, y and z by themselves, m, a third of the degrees of freedom each;
     repeats: whether a (table_position, ball) may stand more than once; session: (N,) 1 and one more after every
     pause (a run that was resumed, a CMM that was started again); source: its name in error messages; remarks: what is
-    wrong with the readings as a whole, notes: how they were read, in words; simulated: whether no real CMM measured it;
-    rotation: (3, 3) of the table frame in the machine frame, its columns are the axes of the table, None where it is
-    not known; table_offset: table angle of table position 1, rad. From there table_angle counts, and there ball 1 is on
-    the x axis of centre and rotation: a run between the steps of the table looks like any other one.
+    wrong with the readings as a whole, and after '; ' what to do, notes: how they were read, in words; simulated:
+    whether no real CMM measured it; rotation: (3, 3) of the table frame in the machine frame, its columns are the axes
+    of the table, None where it is not known; table_offset: table angle of table position 1, rad. From there table_angle
+    counts, and there ball 1 is on the x axis of centre and rotation: a run between the steps of the table looks like
+    any other one.
 
     What was not recorded is derived: angles are nominal, times count readings, temperatures are NaN, approach is 0,
     travel and senses follow from angles, approach and places where it is known where table and CMM went, else the

@@ -402,7 +402,7 @@ def _open(fit: Fit, inputs: BudgetInputs, touch: TouchScatter | None,
     if touch is None:
         out.append('Scatter of single touches: not recorded and not stated (touches); it is part of the repeatability.')
     if hidden is None:
-        out.append('Effects that this order of measurement hides: not asked for (rosette budget --hidden-effects).')
+        out.append('Effects that this order of measurement hides.')
     else:
         harmful = [one.name for one in hidden if not one.reason and not np.isfinite(one.detectable)
                    and one.name not in inputs.bounds

@@ -147,7 +147,8 @@ class LogRun:
     @property
     def damage(self) -> str:
         """What the log lacks, in a line, empty where it is whole."""
-        more = f', and {len(self.problems) - 1} more problems (rosette info)' if len(self.problems) > 1 else ''
+        count = len(self.problems) - 1
+        more = f', and {count} more problems; rosette info lists them' if count > 0 else ''
         return f'the log is damaged: {self.problems[0]}{more}' if self.problems else ''
 
     @property

@@ -141,7 +141,7 @@ def joint_rows(result: JointResult) -> list[tuple[str, str]]:
     known = result.knowledge.known or (nothing_known(result),)
     fit = '' if lack is None else f'; lack of fit: {p_words(lack)}'
     if lack is not None and lack < UNLIKELY:
-        fit += ', the model does NOT fit: diagnose each run (rosette diagnose RUN)'
+        fit += ', the model does NOT fit'
     return [('Model', f'{solution.model.unknowns} unknowns, rank {solution.rank}, {solution.dof} degrees of freedom; '
                       f'{solution.hidden.shape[1]} combinations are hidden, {solution.hidden_in_curves} of them in the '
                       'curves, and removed from them'),

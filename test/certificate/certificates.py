@@ -67,6 +67,11 @@ def made(kind):
     elif kind == 'joint':
         paths = table('first', 'diagonal', 1), table('second', 'there_and_back', 1)
         inputs = Inputs(dated, '2026-11-30', is_joint=True)
+    elif kind == 'rounded':
+        paths, inputs = (GOLDEN / 'tables' / 'table_clean_n12_diagonal_1um.csv',), Inputs(dated, '2026-11-30')
+    elif kind == 'no_fit':
+        paths = table('clean'), table('two', hidden=HIDDEN)
+        inputs = Inputs(dated, '2026-11-30', is_joint=True)
     elif kind == 'without_temperatures':
         paths = (table('cold', change=lambda run: run.replace(temperature=np.full(run.size, np.nan))),)
         inputs = Inputs(dated, '2026-11-30')

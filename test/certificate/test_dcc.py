@@ -207,6 +207,22 @@ def test_what_is_missing_is_listed_and_not_made_up():
     assert texts(root, '//dcc:performanceLocation') == ['other']
 
 
+@pytest.mark.parametrize('kind', [*KINDS, 'rounded', 'no_fit'])
+def test_it_gives_no_advice(kind):
+    """A certificate states results: no command, no advice; what the order of measurement cannot show is stated."""
+    words = [words for words in texts(root_of(kind), '//dcc:content') if words]
+    advice = r'Advice|(?<!-)rosette [a-z]|--[a-z]|(?i:(^|[;:,.] )(add|check|measure|give|diagnose|declare|correct) )'
+    assert [one for one in words if re.search(advice, one)] == []
+    if kind == 'incomplete':
+        assert any(one.startswith('In this order of measurement ') and ' would look nearly the same as ' in one
+                   for one in words)
+    if kind == 'rounded':
+        assert any(one.startswith('This order of measurement cannot show table_zero_drift, ') for one in words)
+        assert 'Readings are rounded to 1 µm, more than the repeatability of 0.10 µm.' in words
+    if kind == 'no_fit':
+        assert any('the model does NOT fit' in one for one in words)
+
+
 def test_a_real_run_does_not_say_that_it_is_simulated():
     """A table without that line in its heading."""
     (path,), certificate, _ = made('clean')

@@ -3,7 +3,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
@@ -71,11 +71,14 @@ LEVELS = {
 
 @dataclass(frozen=True)
 class Verdict:
-    """The outcome, one sentence for a person, and what to do next."""
+    """The outcome, one sentence for a person, what to do next; limits: what the run cannot tell, a sentence each.
+
+    Messages do not carry limits."""
 
     outcome: Outcome
     sentence: str
     action: str
+    limits: tuple[str, ...] = field(default=(), compare=False)
 
     @property
     def level(self) -> Level:
@@ -119,6 +122,7 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = 
     left, rms, wrong = left_over(final, shapes), micrometres(fit.rms), wrong_readings(final)
     basis = ('' if fit.run.repeatability is not None else
              '; the repeatability is not known, so this is judged by the structure of the residual alone')
+    limits = []
     action = [f'check the readings: {remark}' for remark in fit.run.remarks
               if not (final.noise.resolution and remark.startswith(ROUNDED))]  # said with the noise
     if missing:
@@ -135,7 +139,9 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = 
         if outliers:
             action.append('measure the wrong readings again')
         if look_alikes:
-            action.append(f'in this order {" and ".join(look_alikes)} would look nearly the same')
+            alike = f'{" and ".join(look_alikes)} would look nearly the same'
+            action.append(f'in this order {alike}')
+            limits.append(f'In this order of measurement {alike} as {names}.')
     elif shapes:
         outcome, sentence = Outcome.UNNAMED, f'Something is missing that no named effect explains: {left}{basis}.'
         action.append('look at the residual maps, and check the cell for what the residual depends on')
@@ -183,8 +189,9 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = 
         action.append('look at the residual maps (rosette report)')
     if hidden:
         action.append(f'measure next in an order that shows {", ".join(hidden)} (rosette advise)')
+        limits.append(f'This order of measurement cannot show {", ".join(hidden)}.')
     text = '; '.join(action) or 'nothing needs to be done'
-    return Verdict(outcome, sentence, f'{text[0].upper()}{text[1:]}.')
+    return Verdict(outcome, sentence, f'{text[0].upper()}{text[1:]}.', tuple(limits))
 
 
 def outlier_words(final: 'Fit', known: int) -> list[str]:
