@@ -43,12 +43,14 @@ REQUIRED = ('certificate.number', 'laboratory.name', 'laboratory.city', 'laborat
 NAMED = ('place', 'operator', 'signer')
 """Sections that may be a text alone, the name."""
 AT = ('laboratory', 'customer', 'other')
-UNITS = {**dict.fromkeys(('µm', 'μm', 'um'), 1e-6), 'nm': 1e-9, 'mm': 1e-3, **dict.fromkeys(
-    ('µrad', 'μrad', 'urad'), 1e-6), 'mrad': 1e-3, **dict.fromkeys(('arcsec', '″', '"'), math.pi / 648000)}
-"""Units of tolerances in m and rad."""
-_LENGTHS = ('µm', 'μm', 'um', 'nm', 'mm')
-_TOLERANCE = re.compile(r'(\d+(?:\.\d+)?)\s*(\S+)')
-_EXAMPLE = '"1.5 µm" or "2 µrad" or "0.4 arcsec"'
+ARC_SECOND = math.pi / 648000
+"""In rad."""
+_LENGTHS = {**dict.fromkeys(('µm', 'μm', 'um'), 1e-6), 'nm': 1e-9, 'mm': 1e-3}
+_ANGLES = {**dict.fromkeys(('µrad', 'μrad', 'urad'), 1e-6), 'mrad': 1e-3, 'rad': 1.0, **dict.fromkeys(
+    ('arcsec', 'arcsecond', 'arcseconds', '″', '"', "''"), ARC_SECOND)}
+_TOLERANCE = re.compile(r'(\d+(?:\.\d+)?(?:[eE][+-]?\d{1,2})?)\s*(\D+)')
+_OF_LENGTH = 'length with its unit (nm, µm, mm), such as "1.5 µm"'
+_OF_ANGLE = 'angle with its unit (µrad, mrad, rad, arcsec), such as "2 µrad" or "0.4 arcsec"'
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ class Identity:
             curve = curves.get(name, name)
             if curve not in CURVES:
                 raise InvalidData(f'identity: tolerances: {name}: wanted errors of this table, {", ".join(curves)}, '
-                                  'got one of another axis')
+                                  'got one of another axis; ctx … crz go with any axis')
             if curve in found:
                 raise InvalidData(f'identity: tolerances: {name}: wanted each error once, {curve} stands twice')
             found[curve] = _tolerance(words, curve.startswith('ct'), f'identity: tolerances: {name}')
@@ -171,7 +173,8 @@ def _tolerances(given: object, where: str) -> dict[str, str]:
     for name, words in given.items():
         is_length = re.fullmatch('ct[xyz]|E[XYZ][ABC]', str(name))
         if not is_length and not re.fullmatch('cr[xyz]|E[ABC][ABC]', str(name)):
-            raise InvalidData(f'{where}: wanted the name of an error such as EXC or ctx, got {name!r:.40}')
+            raise InvalidData(f'{where}: wanted the name of an error such as EXC or ctx, got {name!r:.40}; a C axis '
+                              'has EXC, EYC, EZC, EAC, EBC, ECC, any axis ctx … crz')
         _tolerance(words, bool(is_length), f'{where}: {name}')
         found[name] = ' '.join(words.split())
     return found
@@ -180,7 +183,9 @@ def _tolerances(given: object, where: str) -> dict[str, str]:
 def _tolerance(words: object, is_length: bool, where: str) -> float:
     """Return a tolerance, m or rad."""
     match = _TOLERANCE.fullmatch(words.strip()) if isinstance(words, str) else None
-    if not match or match[2] not in UNITS or (match[2] in _LENGTHS) != is_length or not float(match[1]) > 0:
-        raise InvalidData(f'{where}: wanted a positive {"length" if is_length else "angle"} with its unit, {_EXAMPLE}, '
-                          f'got {words!r:.40}')
-    return float(match[1]) * UNITS[match[2]]
+    unit = (_LENGTHS if is_length else _ANGLES).get(''.join(match[2].split())) if match else None
+    if not match or not unit or not float(match[1]) > 0:
+        comma = '; write a decimal point' if isinstance(words, str) and ',' in words else ''
+        raise InvalidData(f'{where}: wanted a positive {_OF_LENGTH if is_length else _OF_ANGLE}, got {words!r:.40}'
+                          f'{comma}')
+    return float(match[1]) * unit

@@ -8,11 +8,11 @@ import numpy as np
 
 from rosette_ros.core.error_summary import COVERAGE_FACTOR, DECISION_RULE, AxisError, Conformity
 from rosette_ros.core.records import CURVES, ErrorMotions
+from rosette_ros.io.identity_file import ARC_SECOND
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.table_format import Column, Table, words
 
 LEVELS = {Conformity.CONFORMS: 'good', Conformity.FAILS: 'bad', Conformity.UNDECIDED: 'doubtful', None: ''}
-ARC_SECOND = '1″ = 4.848 µrad'
 WHAT_IS_WHAT = (f'Peak to valley, with U (k = {COVERAGE_FACTOR}) of the range, in brackets of its worst point; '
                 'once-per-turn part (fundamental) and the rest (residual synchronous).')
 
@@ -34,7 +34,7 @@ def errors(lines: Sequence[AxisError], title: str = 'The six errors of the table
     several = any(line.asynchronous is not None for line in lines)
     limited = any(line.tolerance is not None for line in lines)
     doubts = dict.fromkeys(line.doubt for line in lines if line.doubt and line.tolerance is not None)
-    arc = f' {ARC_SECOND}.' if limited else ''
+    arc = ' 1″ = 4.848 µrad.' if limited else ''
     width = (' Asynchronous error motion value: the largest width of the curves of the runs at an angle, their noise '
              'included, with its U.' if several else ' The asynchronous error motion value needs several runs.')
     return Table(name, title, (
@@ -48,7 +48,7 @@ def errors(lines: Sequence[AxisError], title: str = 'The six errors of the table
             '' if value is None else f'{shown(value, place)} ±{shown(_expanded(lines[place]), place)}'))]
           if several else ()),
         *((micro('tolerance_in_unit', 'tolerance', [line.tolerance for line in lines], lambda value, place: (
-            '' if value is None else text.exact(1e6 * value, 3))),
+            '' if value is None else _limit(value, units[place]))),
            words('conformity', 'ISO 14253-1', [line.conformity or '' for line in lines])) if limited else ())),
         levels=tuple(LEVELS[line.conformity] for line in lines),
         note=f'{WHAT_IS_WHAT}{width}{arc}' + f' Decision rule: {DECISION_RULE}.' * limited
@@ -81,6 +81,11 @@ def errors_json(lines: Sequence[AxisError]) -> dict[str, Any]:
         'once_per_turn': line.once_per_turn, 'residual': line.residual, 'asynchronous': line.asynchronous,
         'U_asynchronous': _expanded(line), 'tolerance': line.tolerance, 'conformity': line.conformity and str(
             line.conformity), 'doubt': line.doubt} for line in lines]}
+
+
+def _limit(value: float, unit: str) -> str:
+    """Return a tolerance as a number, of an angle in arc seconds, too."""
+    return text.exact(1e6 * value, 3) + (f' ({text.exact(value / ARC_SECOND, 3)}″)' if unit == 'µrad' else '')
 
 
 def _expanded(line: AxisError) -> float | None:

@@ -9,7 +9,7 @@ IDENTITY = '''schema: rosette-identity/1
 certificate: {number: "7", date: 2026-11-30}
 laboratory: {name: L, country: DE}
 measured: {begin: 2026-04-12}
-tolerances: {EXC: 500 µm}
+tolerances: {EXC: 500 µm, EAC: 0.3 arcsec}
 '''
 
 
@@ -76,6 +76,8 @@ def test_evaluate_and_report_take_the_tolerances(rosette, make_table, identity, 
     table = make_table()
     assert 'ISO 14253-1' in rosette('evaluate', table, '--identity', identity).out
     found = json.loads(rosette('evaluate', table, '--identity', identity, '--json').out)['iso_230_7']
+    assert found['errors'][3]['tolerance'] == pytest.approx(1.454441e-6)  # JSON is in SI units
+    assert ' 1.454 (0.3″) ' in rosette('evaluate', table, '--identity', identity).out
     assert [one['iso_name'] for one in found['errors']] == ['EXC', 'EYC', 'EZC', 'EAC', 'EBC', 'ECC']
     assert found['errors'][0]['conformity'] and found['errors'][1]['conformity'] is None
     page = tmp_path / 'page.html'

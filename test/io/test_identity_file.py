@@ -64,8 +64,11 @@ def test_tolerances_are_lengths_and_angles_of_the_errors_of_the_table():
     """Names follow the axis; an A axis has no EXC."""
     found = parsed('tolerances: {EXC: 1.5 µm, cty: 300 nm, ECC: 1 arcsec, EAC: 2 urad}')
     assert found.limits(None) == pytest.approx({'ctx': 1.5e-6, 'cty': 3e-7, 'crz': np.pi / 648000, 'crx': 2e-6})
+    other = parsed('tolerances: {crx: 2e-6 rad, cry: 2 arc seconds, crz: "3\'\'", EXC: "2um"}')
+    assert other.limits(None) == pytest.approx(
+        {'crx': 2e-6, 'cry': np.pi / 324000, 'crz': np.pi / 216000, 'ctx': 2e-6})
     with pytest.raises(InvalidData, match='tolerances: EXC: wanted errors of this table, EYA, EZA, EXA, EBA, ECA, EAA, '
-                                          'got one of another axis'):
+                                          'got one of another axis; ctx … crz go with any axis'):
         found.limits(rotation_of([1, 0, 0]))
     with pytest.raises(InvalidData, match='wanted each error once, ctx stands twice'):
         parsed('tolerances: {EXC: 1 um, ctx: 2 um}').limits(None)
@@ -85,9 +88,11 @@ def test_tolerances_are_lengths_and_angles_of_the_errors_of_the_table():
     ('operator: "\\x1b[31m"', 'operator.name: wanted at most 200 printable characters'),
     (f'operator: {"x" * 201}', 'operator.name: wanted at most 200 printable characters'),
     ('tolerances: 5', 'tolerances: wanted a mapping such as "EXC: 1.5 µm", got 5'),
-    ('tolerances: {EXX: 1 um}', "tolerances: wanted the name of an error such as EXC or ctx, got 'EXX'"),
-    ('tolerances: {EXC: 1.5}', 'tolerances: EXC: wanted a positive length with its unit, "1.5 µm" .*, got 1.5'),
+    ('tolerances: {EXX: 1 um}', "tolerances: wanted the name of an error such as EXC or ctx, got 'EXX'; a C axis"),
+    ('tolerances: {EXC: 1.5}', 'tolerances: EXC: wanted a positive length with its unit .*, such as "1.5 µm", got 1.5'),
     ('tolerances: {EXC: 1 urad}', 'tolerances: EXC: wanted a positive length'),
+    ('tolerances: {EXC: "1,5 µm"}', "tolerances: EXC: wanted .*, got '1,5 µm'; write a decimal point"),
+    ('tolerances: {ECC: 1 deg}', "tolerances: ECC: wanted a positive angle with its unit .µrad, .*arcsec., .*'1 deg'"),
     ('tolerances: {EAC: 1 um}', 'tolerances: EAC: wanted a positive angle'),
     ('tolerances: {EAC: 0 arcsec}', 'tolerances: EAC: wanted a positive angle')])
 def test_what_is_wrong_is_said(text, words):
