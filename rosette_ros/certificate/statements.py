@@ -225,8 +225,8 @@ def _measured(run: Run, source: Source) -> Measured:
     rows = (
         ('Run', run.run_id or Path(run.source).name), ('Readings', text.run_size(run)),
         ('Order', order_of(run, source)), ('Table axis', text.axis_words(run.rotation)),
-        ('Time', f'{source.begun} to {source.ended}' if days else ''),
-        ('Duration', text.duration(float(np.ptp(run.time)))), ('Pauses', text.pauses(run)),
+        ('Recording', f'{source.begun} to {source.ended}, the whole log' if days else ''),
+        ('Duration', text.run_duration(float(np.ptp(run.time)))), ('Pauses', text.pauses(run)),
         ('Temperature', f'{degrees[0]} °C to {degrees[1]} °C' if degrees else 'not recorded'),
         ('Table angles', f'at most {text.significant(1e6 * np.abs(run.angle_deviation).max())} µrad off nominal'),
         ('Repeatability', text.repeatability_words(run.repeatability, run.repeatability_dof)),

@@ -157,8 +157,7 @@ def run_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
                                    for name, phase in facts['phases'].items())),
             *(('Note', escape(note)) for note in (facts['missing'], *facts['notes'])),
             ('Order', escape(facts['order'] or '')),
-            ('Duration', f'{text.duration(facts["duration_s"])} from the first ball of the run to the last'
-             if facts['duration_s'] else ''),
+            ('Duration', text.run_duration(facts['duration_s'] or 0.0)),
             ('Pauses', facts['pauses']),
             ('Not used', ', '.join(f'{count} answers {reason}' for reason, count in facts['unused'].items())),
             ('Temperature', f'{" to ".join(text.fixed(one, 3) for one in degrees)} °C' if degrees else ''),

@@ -169,6 +169,11 @@ def duration(seconds: float) -> str:
     return f'{minutes} min' if minutes < 90 else f'{minutes // 60} h {minutes % 60} min'
 
 
+def run_duration(seconds: float) -> str:
+    """Return how long the readings of a run took, which is less than its log lasts; '' for one reading."""
+    return f'{duration(seconds)} from the first ball of the run to the last' if seconds else ''
+
+
 def instant(stamp_ns: int) -> str:
     """Return a time in ns since the epoch as date and time of day, '' where it counts from another origin."""
     return '' if stamp_ns < DATED else f'{datetime.fromtimestamp(stamp_ns * 1e-9, UTC):%Y-%m-%d %H:%M:%S UTC}'

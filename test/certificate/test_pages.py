@@ -2,6 +2,7 @@
 """The pages for people: two of them, everything an engineer asks for, the XML attached."""
 
 import io
+import re
 
 import pypdfium2
 import pytest
@@ -45,6 +46,13 @@ def test_an_engineer_finds_what_is_asked_for():
     for words in ('What is not known', 'means of ctx, cty', 'SHA-256', certificate.files[0].sha256, 'rosette_ros 0.1.0',
                   'signature', 'B. Leiter, head of laboratory', 'table angle in degrees'):
         assert words in second, words
+
+
+def test_the_two_times_say_what_they_are_of():
+    """The log lasts longer than the run: alignment and checks are in it."""
+    first, _ = pages_of(to_pdf(*made('simulated')[1:], 'cert.xml'))
+    assert re.search(r'Recording 2026-11-22 [0-9:]{8} UTC to 2026-11-22 [0-9:]{8} UTC, the whole log Duration \d+ min '
+                     'from the first ball of the run to the last', first)
 
 
 def test_the_budget_stands_on_the_pages():
