@@ -26,7 +26,7 @@ def keyed_table(data: bytes, source: str, wrong: type[RosetteError]) -> tuple[di
     head = [name.strip() for name in head]
     for number, row in enumerate(rows, 1):
         if len(row) != len(head):
-            raise wrong(f'{source}: row {number}: wanted {len(head)} cells, got {len(row)}')
+            raise wrong(f'{source}: row {number}: wanted {len(head)} cells, {", ".join(head)}, got {len(row)}')
     if len({*head}) < len(head):
         raise wrong(f'{source}: wanted each column once, got {", ".join(head)}')
     if head and not rows:

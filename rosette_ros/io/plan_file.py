@@ -58,10 +58,10 @@ def parse_plan(data: bytes, source: str) -> MeasuringPlan:
     if 'table_offset_rad' in values:  # likewise
         radians = _number(values.pop('table_offset_rad'), source, 'table_offset_rad')
         values = {'table_offset_deg': float(np.rad2deg(radians)), **values}
-    known = ('schema', *_HEAD, *_ORDER, *_COLUMNS)
+    known = tuple(dict.fromkeys(('schema', *_HEAD, *_ORDER, *_COLUMNS)))
     for key in values:
         if key not in known and key not in _TOLD:
-            raise InvalidPlan(f'{source}: {unknown(str(key)[:40], known)}')
+            raise InvalidPlan(f'{source}: key or column: {unknown(str(key)[:40], known)}')
     n, radius = values.get('balls'), _number(values.get('radius_mm'), source, 'radius_mm')
     if type(n) is not int or not 3 <= n <= MOST_BALLS:
         raise InvalidPlan(f'{source}: balls: wanted a whole number in 3..{MOST_BALLS}, got {n!r:.40}')
@@ -107,7 +107,8 @@ def _of_order(n: int, values: Mapping[str, Any], source: str) -> Scheme:
             places_in_use(text, n) for text in texts))
     except InvalidPlan as error:
         raise InvalidPlan(f'{source}: {error}') from None
-    return replace(scheme, touches=_checked_touches(np.full(scheme.ball.size, touches), source))
+    _checked_touches(np.array([touches]), source)
+    return replace(scheme, touches=np.full(scheme.ball.size, touches))
 
 
 def _of_rows(n: int, values: Mapping[str, Any], source: str) -> Scheme:
@@ -193,7 +194,8 @@ def _senses(n: int, table_position: Ints, approach: Ints) -> Ints:
 
 def _checked_touches(touches: Ints, source: str) -> Ints:
     for row in np.flatnonzero(~np.isin(touches, (0, *TOUCHES)))[:1]:
-        raise InvalidPlan(f'{source}: row {row + 1}: touches: wanted one of {", ".join(map(str, TOUCHES))}, or 0 for '
+        where = f'row {row + 1}: ' if touches.size > 1 else ''
+        raise InvalidPlan(f'{source}: {where}touches: wanted one of {", ".join(map(str, TOUCHES))}, or 0 for '
                           f'as many as the CMM usually makes, got {touches[row]}')
     return touches
 

@@ -84,8 +84,9 @@ SIX = plan(6)
     (HEAD + '# order: row\n# cmm_positions: 3\n', '3 of 6 CMM positions or balls do not determine the curves'),
     (rows_of(SIX, lambda rows: [[1, 7], *rows]), 'row 1: ball: wanted a whole number in 1..6, got 7'),
     (rows_of(SIX, lambda rows: [*rows, [1.5, 1]]), 'row 37: table_position: wanted a whole number in 1..6, got 1.5'),
-    (rows_of(SIX, lambda rows: [*rows, [1]]), 'row 37: wanted 2 cells, got 1'),
-    (rows_of(SIX, head='table_position,bal'), "did you mean 'ball'?"),
+    (rows_of(SIX, lambda rows: [*rows, [1]]), 'row 37: wanted 2 cells, table_position, ball, got 1'),
+    (rows_of(SIX, head='table_position,bal'), "key or column: wanted one of schema, "),
+    (HEAD + '# order: row\n# touches: 7\n', 'mine.csv: touches: wanted one of 6, 8, 9, 12, 16, 20, or 0 for'),
     (rows_of(SIX, head='ball,ball'), 'wanted each column once, got ball, ball'),
     (HEAD + '# order: row\n# turning: alternate\n' + rows_of(SIX)[len(HEAD):],
      'wanted readings or turning, which chooses them, got both; leave out one'),
@@ -104,10 +105,13 @@ SIX = plan(6)
     (HEAD + '# order: Über\n' + rows_of(SIX)[len(HEAD):], "order: wanted a name of at most 40 small letters"),
     (rows_of(SIX, lambda rows: 5556 * rows), 'too large: wanted at most 200000 readings, got 200016'),
     (rows_of(SIX, lambda rows: [row for row in rows if row[0] != 4]),
-     'does not determine the curves: wanted at least 3 balls at each of 6 table positions, got 0 at position 4'),
+     'does not determine the curves: wanted at least 3 different balls at each of the table positions 1 .. 6, got 0 '
+     'balls at table position 4; add readings there'),
+    (rows_of(SIX, lambda rows: [[1, 1], [1, 2], [2, 3]]),
+     'got 2 balls at table position 1, 1 ball at table position 2, 0 balls at table position 3, '),
     (rows_of(SIX, lambda rows: [row for row in rows if sum(row) % 6 in (1, 2, 4)]),
      'does not determine the curves: wanted at least 21 different pairs of table position and ball for 6 balls and 3 '
-     'CMM positions in use, got 18'),
+     'CMM positions in use, got 18; add readings'),
     (rows_of(plan(12), lambda rows: [row for row in rows if sum(row) % 3 == 2]).replace('balls: 6', 'balls: 12'),
      'does not determine the curves: its 48 pairs of table position and ball have rank 95 where 107 is needed; wanted '
      'CMM positions or balls that are not equally spaced'),

@@ -80,7 +80,7 @@ def test_a_plan_file_with_a_pause(client):
 
 def test_plans_that_contradict_themselves_are_refused(client):
     """In one line, before anything is measured."""
-    with pytest.raises(CellError, match='plan: does not determine the curves: wanted at least 3 balls at each of 6'):
+    with pytest.raises(CellError, match='plan: does not determine the curves: wanted at least 3 different balls '):
         client.calibrate(plan='# schema: rosette-plan/1\n# balls: 6\n# radius_mm: 182.5\ntable_position,ball\n1,1\n')
     with pytest.raises(CellError, match='goal: plan: wanted the lines of a file, got .no_such_plan.csv'):
         client.calibrate(plan='no_such_plan.csv')

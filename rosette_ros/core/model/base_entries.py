@@ -46,14 +46,15 @@ def refuse_undetermined(scheme: Scheme, source: str = 'plan') -> None:
     at = np.bincount(pairs // n, minlength=n)
     if at.min() < 3:
         poor = np.flatnonzero(at < 3) + 1
-        more = f' and {poor.size - NAMED} more' if poor.size > NAMED else ''
-        raise InvalidPlan(f'{source}: does not determine the curves: wanted at least 3 balls at each of {n} table '
-                          f'positions, got {at.min()} at position {", ".join(map(str, poor[:NAMED]))}{more}')
+        got = ', '.join(f'{counted(int(at[one - 1]), "ball")} at table position {one}' for one in poor[:NAMED].tolist())
+        more = f' and fewer than 3 at {poor.size - NAMED} more' if poor.size > NAMED else ''
+        raise InvalidPlan(f'{source}: does not determine the curves: wanted at least 3 different balls at each of the '
+                          f'table positions 1 .. {n}, got {got}{more}; add readings there')
     fewest = 3 * n + balls.size + positions.size - 6
     if pairs.size < fewest:
         raise InvalidPlan(f'{source}: does not determine the curves: wanted at least {fewest} different pairs of table '
                           f'position and ball for {balls.size} balls and {counted(positions.size, "CMM position")} in '
-                          f'use, got {pairs.size}')
+                          f'use, got {pairs.size}; add readings')
     if n > MOST_RANKED:
         return
     wanted = 12 * n - 13 - 3 * (n - balls.size) - 3 * (n - positions.size)
