@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import duckdb
 import pyarrow as pa
 
 from rosette_ros.archive.run_archive import RunArchive
@@ -92,7 +93,13 @@ def _time(text: str) -> datetime.datetime:
 
 def ask(archive: RunArchive, sql: str) -> pa.Table:
     """Return the answer to a question in SQL over `runs` and VIEWS; raises InvalidData where it cannot be answered."""
-    return archive.query(sql, views=VIEWS)
+    try:
+        return archive.query(sql, views=VIEWS)
+    except InvalidData as error:
+        if isinstance(error.__cause__, (duckdb.ParserException, duckdb.CatalogException, duckdb.BinderException)):
+            raise InvalidData(f'{error}; there are the views runs, {", ".join(VIEWS)}: --columns explains the columns '
+                              'of runs, the SQL "DESCRIBE curves" lists those of another one') from error
+        raise
 
 
 def ask_for(archive: RunArchive, question: Question) -> pa.Table:

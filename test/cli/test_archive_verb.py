@@ -102,6 +102,20 @@ def test_an_archive_is_no_folder_of_logs(logs, in_this_process, rosette, refused
     assert not other.exists()
 
 
+@pytest.mark.parametrize(('sql', 'words'), [
+    ('selec * from runs', 'syntax error at or near "selec"'), ('select * from run', 'Did you mean "runs"?'),
+    ('select ctx_range from runs', 'Candidate bindings: "ctx_m"')])
+def test_wrong_sql_is_told_what_exists(logs, in_this_process, rosette, refused, tmp_path, sql, words):
+    """What DuckDB says, the tables, and how to see their columns; no traceback."""
+    archive = tmp_path / 'archive'
+    rosette('archive', 'add', logs, '--into', archive)
+    line = refused('archive', 'query', archive, sql)
+    assert line.startswith(f'rosette: {archive}: ') and words in line
+    assert ('; there are the views runs, effects, curves, deviations: --columns explains the columns of runs, the SQL '
+            '"DESCRIBE curves" lists those of another one') in line
+    assert 'angle_rad' in rosette('archive', 'query', archive, 'DESCRIBE curves').out
+
+
 @pytest.mark.parametrize('statement', ["COPY (SELECT 1) TO '{file}'", "SELECT 1; COPY (SELECT 1) TO '{file}'",
                                        'DROP VIEW runs', "ATTACH '{file}'"])
 def test_a_question_changes_nothing(logs, in_this_process, rosette, refused, tmp_path, statement):
