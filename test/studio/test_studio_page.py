@@ -152,7 +152,7 @@ def test_a_chosen_reading_is_seen_everywhere(shared_page):
 def test_errors_of_a_custom_term_are_shown_while_it_is_written(shared_page):
     """In the words of the core; a good one can be added; undo and redo by keyboard."""
     page = shared_page
-    page.get_by_text('Custom term').click()
+    page.get_by_text('Custom term', exact=True).click()
     page.get_by_test_id('custom-expression').fill('t*cos(3*gamma)')
     expect(page.get_by_test_id('custom-error')).to_contain_text("got 'gamma'")
     expect(page.get_by_test_id('custom-add')).to_be_disabled()
