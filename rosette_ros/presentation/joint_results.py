@@ -8,12 +8,11 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.verdict import p_words
 from rosette_ros.core.error_summary import doubt_of
-from rosette_ros.core.joint.conclusion import ITEMS, conclude
+from rosette_ros.core.joint.conclusion import ITEMS, conclude, fits
 from rosette_ros.core.joint.joint_evaluation import JointResult, Reversal, SharingTest
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.run_to_run import joint_lines
 from rosette_ros.core.joint.sharing import PARTS
-from rosette_ros.core.model.least_squares import UNLIKELY
 from rosette_ros.core.records import CURVES, ErrorMotions
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.error_results import errors, errors_json
@@ -140,8 +139,8 @@ def joint_rows(result: JointResult) -> list[tuple[str, str]]:
     solution, lack = result.solution, result.lack_of_fit_p
     known = result.knowledge.known or (nothing_known(result),)
     fit = '' if lack is None else f'; lack of fit: {p_words(lack)}'
-    if lack is not None and lack < UNLIKELY:
-        fit += ', the model does NOT fit'
+    if fits(result) is False:
+        fit += ', too little: they do not fit one model'
     return [('Model', f'{solution.model.unknowns} unknowns, rank {solution.rank}, {solution.dof} degrees of freedom; '
                       f'{solution.hidden.shape[1]} combinations are hidden, {solution.hidden_in_curves} of them in the '
                       'curves, and removed from them'),
