@@ -13,7 +13,7 @@ from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, head, print_json, print_parts
 from rosette_ros.core.effects.custom_term import AMPLITUDE, DIRECTIONS, FUNCTIONS, NAMES, PER
 from rosette_ros.core.errors import InvalidModel, NotDeterminable
-from rosette_ros.core.model.model import BASE_TERMS, NOISE_TERMS, Model
+from rosette_ros.core.model.model import NOISE_TERMS, Model
 from rosette_ros.core.records import Run
 from rosette_ros.io.model_file import read_model, write_model
 from rosette_ros.io.open_run import open_run
@@ -70,8 +70,6 @@ def extended(model: Model, options: argparse.Namespace) -> Model:
                            '--direction and --expression for a user-defined term, got both')
     if own:
         return model.with_entry({'own': name, **own})
-    if name in (*BASE_TERMS, *NOISE_TERMS) and settings:
-        raise InvalidModel(f'{name}: wanted no --set, it has no settings, got {", ".join(settings)}')
     return model.with_effect(name, settings)
 
 

@@ -14,7 +14,7 @@ from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.sharing import PARTS, SEATS
 from rosette_ros.core.model.least_squares import Fit
-from rosette_ros.core.model.model import BASE_TERMS, Model
+from rosette_ros.core.model.model import Model
 from rosette_ros.core.number_words import micrometres, significant
 from rosette_ros.core.records import Run
 from rosette_ros.io.messages import Answer, TableFrame, Target
@@ -262,10 +262,6 @@ def extended(model: Model, effect: str, entry: Mapping[str, Any]) -> Model:
         if effect not in ('', entry['own']):
             raise InvalidModel(f'effect: wanted {entry["own"]!r} as in the definition, or nothing, got {effect!r}')
         return model.with_entry(dict(entry))
-    if effect in BASE_TERMS:
-        if entry:
-            raise InvalidModel(f'definition: wanted none, {effect} has no settings, got {", ".join(entry)}')
-        return model.with_effect(effect)
     settings = dict(entry)
     if 'name' in settings and settings.pop('name') != effect:
         raise InvalidModel(f'definition: name: wanted {effect!r} as in `effect`')

@@ -137,7 +137,7 @@ REFUSED = {
                           "effect frame_warmup: tau: wanted a positive number (s), got 'long'"),
     'negative': (('frame_cycle', '--set', 'period=-3'), 'wanted a positive number (s), got -3'),
     'no assignment': (('frame_warmup', '--set', 'tau'), 'wanted NAME=VALUE such as tau=600'),
-    'base term with a setting': (('cmm_deviations', '--set', 'a=1'), 'wanted no --set'),
+    'base term with a setting': (('cmm_deviations', '--set', 'a=1'), 'cmm_deviations has no settings, got a; leave them out'),
     'base term twice': (('cmm_deviations',), 'cmm_deviations is in the model already'),
     'both kinds': (('wave', '--direction', 'z', '--expression', 't', '--set', 'a=1'), 'got both'),
     'no expression': (('wave', '--direction', 'z'), 'wanted the key expression'),

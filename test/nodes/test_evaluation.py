@@ -105,7 +105,8 @@ def test_an_effect_that_does_not_fit_can_be_removed(in_use):
     ('frame_warmup', 'a: &x 1\ntau: *x', 'definition: line 2: wanted plain YAML, got an alias'),
     ('frame_warmup', 'name: frame_drift', "definition: name: wanted 'frame_warmup'"),
     ('wave', '{own: ripple, direction: z, expression: t}', "effect: wanted 'ripple'"),
-    ('cmm_deviations', 'a: 1', 'definition: wanted none, cmm_deviations has no settings'),
+    ('cmm_deviations', 'a: 1', 'model: cmm_deviations has no settings, got a; leave them out'),
+    ('noise.axes', 'a: 1', 'model: noise.axes has no settings, got a; leave them out'),
     ('wave', '{own: wave, direction: z, expression: "().__class__"}', 'expression: wanted'),
 ])
 def test_definitions_are_refused_in_words(effect, definition, words):

@@ -109,7 +109,9 @@ class Model:
         return hashlib.sha256(json.dumps(self.to_mapping(), sort_keys=True).encode()).hexdigest()
 
     def with_effect(self, name: str, fixed: Mapping[str, float | str] | None = None) -> 'Model':
-        """Return the model with an effect (or base term) more."""
+        """Return the model with an effect, base term or kind of noise more; raise InvalidModel; fixed: of an effect."""
+        if fixed and name in (*BASE_TERMS, *NOISE_TERMS):
+            raise InvalidModel(f'model: {name} has no settings, got {", ".join(fixed)}; leave them out')
         if name in (*self.base, *self.noise):
             raise InvalidModel(f'model: {name} is in the model already')
         if name in BASE_TERMS:
