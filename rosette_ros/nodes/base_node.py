@@ -18,7 +18,6 @@ from rclpy.context import Context
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, SimpleManagedEntity, TransitionCallbackReturn
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
@@ -27,7 +26,7 @@ from rclpy.time import Time
 from std_msgs.msg import Header
 
 from rosette_ros.calibration.settings import Wanted
-from rosette_ros.core.errors import RosetteError
+from rosette_ros.core.errors import InvalidConfig, RosetteError
 from rosette_ros.nodes import names, qos
 from rosette_ros.nodes.graph_node import GraphNode
 from rosette_ros.nodes.liveliness import HeartbeatPublisher, NodeMonitor
@@ -235,15 +234,22 @@ def run_node(name: str, make_node: Callable[[], CellNode], args: list[str] | Non
     0 after a clean end, 2 where the node cannot run as configured: one line on stderr gives the reason."""
     with TakenSignals(signal.SIGINT, signal.SIGTERM) as stop:  # further ones change nothing: the end is bounded in time
         try:
-            rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+            _init(args)
             _spin(make_node, stop, sys.argv if args is None else args)
-        except (RosetteError, NameValidationException, ParameterException,
-                rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError) as error:
+        except (RosetteError, NameValidationException, ParameterException) as error:
             print(f'{name}: {" ".join(str(error).split())}', file=sys.stderr)
             return 2
         finally:
             rclpy.try_shutdown()
     return 0
+
+
+def _init(args: list[str] | None) -> None:
+    """Initialise rclpy, which refuses arguments by a RuntimeError; raises InvalidConfig."""
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        raise InvalidConfig(f'ROS refuses these arguments: {error}') from error
 
 
 def make_executor(context: Context | None = None) -> Executor:
