@@ -22,6 +22,7 @@ EQUAL = 1e-6
 """Largest difference of numbers that are equal, µm, µrad, degrees, °C: 1e-12 m and rad."""
 MOST_TOLD, DEEPEST = 3, 4
 """So many differences are told, and so many of the elements around each."""
+USE = 'the order is --verify CERTIFICATE RUN'
 _NUMBERS = {f'{{{SI}}}{name}' for name in ('value', 'valueXMLList', 'valueExpandedMU', 'valueExpandedMUXMLList')}
 BAD = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
 """What making a certificate from inputs raises that somebody has changed."""
@@ -79,12 +80,13 @@ def parsed(data: bytes, source: str) -> Element:
     try:
         root = etree.fromstring(data, parser)
     except (etree.XMLSyntaxError, ValueError, LookupError) as error:
-        raise InvalidData(f'{source}: wanted a DCC, got XML that is none: '
-                          f'{" ".join(str(getattr(error, "msg", error)).split())}') from None
+        got = ('a PDF; take the XML that is attached to it' if data.startswith(b'%PDF') else
+               f'what is no XML: {" ".join(str(getattr(error, "msg", error)).split())}; {USE}')
+        raise InvalidData(f'{source}: wanted a DCC, got {got}') from None
     if root.getroottree().docinfo.internalDTD is not None or next(root.iter(etree.Entity), None) is not None:
         raise InvalidData(f'{source}: wanted a DCC, got one with a document type or entities of its own')
     if root.tag != f'{{{DCC}}}digitalCalibrationCertificate':
-        raise InvalidData(f'{source}: wanted a DCC, got the element {root.tag!r:.80}')
+        raise InvalidData(f'{source}: wanted a DCC, got the element {root.tag!r:.80}; {USE}')
     if root.getprevious() is not None or root.getnext() is not None:
         raise InvalidData(f'{source}: wanted nothing before and after the certificate, got a comment or an instruction')
     return root

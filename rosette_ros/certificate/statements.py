@@ -179,7 +179,8 @@ def _stated(inputs: Inputs, identity: Identity, contradictions: Sequence[str], r
         lacking += ['measured.begin', 'measured.end']
     if lacking or days is None:
         raise InvalidData(f'certificate: wanted {", ".join(map(words_of_entry, lacking))}, got none; state '
-                          f'{", ".join(lacking)} in the identity file')
+                          f'{", ".join(lacking)} in the identity file (--identity FILE; fill in a copy of '
+                          'config/identity.yaml)')
     _check_issue(identity['certificate.date'], days[1])
     further = [
         'The temperature was not recorded.' if not any(run.temperatures.size for run in runs) else '',

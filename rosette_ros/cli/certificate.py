@@ -46,7 +46,7 @@ def run(options: Namespace) -> None:
     if options.verify:
         check(options)
     elif options.json:
-        raise UsageError('--json: wanted it with --verify; a certificate is a file, XML')
+        raise UsageError('--json: wanted it with --verify; a certificate is a file (XML); leave it out')
     else:
         make(options)
 
@@ -54,7 +54,13 @@ def run(options: Namespace) -> None:
 def make(options: Namespace) -> None:
     """Write the certificate of a run, or of several as one."""
     path = Path(options.output or f'{Path(options.run_path[0]).absolute().stem}.xml')
-    for one in map(Path, filter(None, (path, options.pdf))):
+    for word, name, ending in (('-o', path, '.xml'), ('--pdf', options.pdf, '.pdf')):
+        if not name:
+            continue
+        one = Path(name)
+        if one.suffix.lower() != ending:
+            raise UsageError(f'{word}: wanted a name that ends in {ending}, got {str(name)!r}; -o names the XML, --pdf '
+                             'the pages for people')
         refuse_existing(one, options.force)
         if not one.parent.is_dir():
             raise InvalidData(f'{one}: wanted a name in a folder that exists, got none; make {one.parent} first')

@@ -22,7 +22,7 @@ from rosette_ros.io.text_file import read_limited
 SCHEMA = 'rosette-identity/1'
 MOST_BYTES, LONGEST, LONGEST_REMARKS = 65536, 200, 2000
 _ADDRESS = {'name': 'name', 'street': 'street and number', 'postcode': 'post code', 'city': 'city',
-            'country': 'country, two letters of ISO 3166-1', 'email': 'e-mail', 'phone': 'telephone'}
+            'country': 'country (two letters of ISO 3166-1)', 'email': 'e-mail', 'phone': 'telephone'}
 _DEVICE = {'maker': 'maker', 'model': 'model', 'serial': 'serial number', 'calibration': 'its own calibration',
            'remarks': 'remarks'}
 DEVICES = {'table': 'rotary table', 'cmm': 'CMM', 'probe': 'probe', 'plate': 'ball plate',

@@ -61,7 +61,9 @@ def parse_yaml(data: bytes, source: str, kind: type[RosetteError]) -> Any:
 def of_schema(values: Any, schema: str, source: str, kind: type[RosetteError], wanted: str = 'a mapping') -> Any:
     """Return what a file says where it is a mapping of a schema; raises an error of a kind, which names `source`."""
     if not isinstance(values, dict) or values.get('schema') != schema:
-        raise kind(f'{source}: wanted {wanted} with "schema: {schema}", got {values!r:.80}')
+        got = 'nothing' if values is None else f'{values!r:.80}'
+        add = '; add that line' if isinstance(values, dict) and 'schema' not in values else ''
+        raise kind(f'{source}: wanted {wanted} with "schema: {schema}", got {got}{add}')
     return values
 
 

@@ -118,13 +118,15 @@ def test_another_version_is_compared_by_its_numbers(monkeypatch):
 
 
 @pytest.mark.parametrize(('data', 'words'), [
-    (b'', 'wanted a DCC, got XML that is none: '), (b'<a', 'wanted a DCC, got XML that is none: '),
-    (b'<a/>', "wanted a DCC, got the element 'a'"), (b'\x00\xff', 'wanted a DCC, got XML that is none: '),
+    (b'', 'wanted a DCC, got what is no XML: '), (b'<a', 'wanted a DCC, got what is no XML: '),
+    (b'<a/>', "got the element 'a'; the order is --verify CERTIFICATE RUN"),
+    (b'\x00\xff', 'wanted a DCC, got what is no XML: '),
     (b'<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', 'got one with a document type or entities of its own'),
     (b'<!DOCTYPE a SYSTEM "file:///etc/hostname"><a/>', 'got one with a document type or entities of its own'),
     (b'<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/hostname">]><a>&b;</a>', 'entities of its own'),
-    (b'<?xml version="1.0" encoding="no-such-thing"?><a/>', 'wanted a DCC, got XML that is none: '),
-    (b'<a>' * 300 + b'</a>' * 300, 'wanted a DCC, got XML that is none: '),
+    (b'<?xml version="1.0" encoding="no-such-thing"?><a/>', 'wanted a DCC, got what is no XML: '),
+    (b'%PDF-1.4', 'wanted a DCC, got a PDF; take the XML that is attached to it'),
+    (b'<a>' * 300 + b'</a>' * 300, 'wanted a DCC, got what is no XML: '),
     (b' ' * ((16 << 20) + 1), 'wanted a DCC of at most 16777216 bytes, got more')])
 def test_what_is_no_certificate_is_refused(data, words):
     """Nothing is fetched, no entity is replaced, nothing deep or large is read."""

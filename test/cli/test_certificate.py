@@ -50,7 +50,12 @@ def test_what_does_not_go_together_is_refused(refused, make_table, identity, tmp
     assert '--identity: does not go with --verify' in refused(
         'certificate', '--verify', 'x.xml', table, '--identity', identity)
     assert '--json: wanted it with --verify' in refused('certificate', table, '--json')
-    assert 'wanted certificate number, country' in refused('certificate', table, '-o', tmp_path / 'a.xml')
+    line = refused('certificate', table, '-o', tmp_path / 'a.xml')
+    assert 'wanted certificate number, country (two letters of ISO 3166-1) of the laboratory, first day' in line
+    assert 'in the identity file (--identity FILE; fill in a copy of config/identity.yaml)' in line
+    for word, name, ending in (('-o', 'a.pdf', '.xml'), ('--pdf', 'a.xml', '.pdf')):
+        line = refused('certificate', table, '--identity', identity, word, name)
+        assert f"{word}: wanted a name that ends in {ending}, got '{name}'; -o names the XML, --pdf the pages" in line
     assert 'wanted one RUN, got 2; --joint evaluates several as one' in refused(
         'certificate', table, table, '--identity', identity, '-o', tmp_path / 'a.xml')
     assert 'wanted a certificate that can be read' in refused('certificate', '--verify', tmp_path / 'none.xml', table)

@@ -74,6 +74,17 @@ def test_tolerances_are_lengths_and_angles_of_the_errors_of_the_table():
         parsed('tolerances: {EXC: 1 um, ctx: 2 um}').limits(None)
 
 
+@pytest.mark.parametrize(('data', 'words'), [
+    (b'', 'with "schema: rosette-identity/1", got nothing$'),
+    (b'operator: A', 'with "schema: rosette-identity/1", got .*operator.*; add that line$'),
+    (b'just words', "with .*, got 'just words'$"),
+    (b'schema: rosette-budget/1', "with .*, got {'schema': 'rosette-budget/1'}$")])
+def test_another_file_is_refused(data, words):
+    """It is said which line makes an identity of it."""
+    with pytest.raises(InvalidData, match=f'who.yaml: wanted a mapping {words}'):
+        parse_identity(data, 'who.yaml')
+
+
 @pytest.mark.parametrize(('text', 'words'), [
     ('tabel: {serial: A}', "wanted one of certificate, .*, got 'tabel'; did you mean 'table'?"),
     ('table: {serail: A}', "table: wanted one of maker, .*, got 'serail'; did you mean 'serial'?"),
@@ -99,10 +110,3 @@ def test_what_is_wrong_is_said(text, words):
     """One line: file, entry, what was wanted, what came."""
     with pytest.raises(InvalidData, match=f'who.yaml: {words}'):
         parsed(text)
-
-
-def test_another_file_is_refused():
-    """A mapping without the schema, or none."""
-    for text in ('operator: A', 'just words', ''):
-        with pytest.raises(InvalidData, match='who.yaml: wanted a mapping with "schema: rosette-identity/1"'):
-            parse_identity(text.encode(), 'who.yaml')
