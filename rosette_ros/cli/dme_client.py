@@ -25,7 +25,7 @@ from rosette_ros.dme.dme_settings import DmeSettings, TimeoutSettings, load_dme_
 from rosette_ros.dme.probe_path import ball_path, length, lifted, obstacles, refuse_unsafe
 from rosette_ros.dme.stop_mark import StopMark
 from rosette_ros.dme.wire import PORT
-from rosette_ros.presentation.formatting import duration
+from rosette_ros.presentation.formatting import duration, fixed
 from rosette_ros.presentation.plots import plot_style
 from rosette_ros.presentation.plots.path_plots import probe_path
 from rosette_ros.presentation.table_format import Table, column, words
@@ -106,11 +106,12 @@ def path_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--position', metavar='I', type=whole(1, 720), default=1, help='table position (default 1)')
     parser.add_argument('--figure', metavar='FILE', help='write a picture of it (png, svg, pdf)')
     parser.add_argument('--force', action='store_true', help='replace the file of the picture')
-    parser.add_argument('--csv', action='store_true', help='print the table as CSV')
+    parser.add_argument('--steps', action='store_true', help='list every step (default: a summary)')
+    parser.add_argument('--csv', action='store_true', help='print every step as CSV')
 
 
 def path(options: argparse.Namespace) -> None:
-    """Print the way around a ball; raises UnsafePath where one of the plan is not safe."""
+    """Print the way around a ball, in short or step by step; raises UnsafePath where one of the plan is not safe."""
     settings = load_dme_settings(options.settings)
     table = settings.table
     angle = 2 * np.pi * (options.position - 1) / table.balls
@@ -125,13 +126,19 @@ def path(options: argparse.Namespace) -> None:
     is_touch = np.array([step.normal is not None for step in steps])
     shown = Table('dme_path', f'The way around ball {options.ball} at table position {options.position}', (
         column('step', '', range(1, len(steps) + 1), str), words('why', 'step', [step.why for step in steps]),
-        *(column(f'{axis}_mm', axis, points[:, place], lambda value: f'{value:.3f}', 'mm')
+        *(column(f'{axis}_mm', axis, points[:, place], lambda value: fixed(value, 3), 'mm')
           for place, axis in enumerate('xyz'))), levels=tuple('strong' if one else '' for one in is_touch),
-        note=f'Tip centres in machine coordinates; {1e3 * length(steps, tip):.0f} mm.')
+        note='Tip centres in machine coordinates.')
     if options.csv:
         sys.stdout.write(shown.csv())
     else:
-        print_parts(console(), [shown])
+        within = ', '.join(f'{axis} {fixed(low, 1)} to {fixed(high, 1)}' for axis, low, high in zip(
+            'xyz', points.min(axis=0).tolist(), points.max(axis=0).tolist()))
+        console().print(
+            f'Ball {options.ball} at table position {options.position}: {is_touch.sum()} touches, {len(steps)} steps'
+            f'{"" if options.steps else " (--steps lists them)"}, {1e3 * length(steps, tip):.0f} mm; tip centres in '
+            f'machine coordinates: {within} mm.', soft_wrap=True)
+        print_parts(console(), [shown] if options.steps else [])
     if options.figure:
         turned = rotate_z(-np.arctan2(*table.frame.to_inner(centre)[[1, 0]]), table.frame.to_inner(balls))
         inner = rotate_z(-np.arctan2(*table.frame.to_inner(centre)[[1, 0]]), table.frame.to_inner(1e-3 * points))

@@ -158,6 +158,18 @@ def test_the_path_as_table_and_picture(settings, tmp_path, capfd):
     assert picture.read_bytes().startswith(b'\x89PNG')
 
 
+def test_a_path_is_summed_up(settings, capfd):
+    """Two lines unless the steps are asked for."""
+    assert main(['dme', 'path', settings()]) == 0
+    first, last = capfd.readouterr().out.splitlines()
+    assert first.startswith('Ball 1 at table position 1: 20 touches, 78 steps (--steps lists them), 1275 mm; tip ')
+    assert first.endswith('in machine coordinates: x 512.6 to 552.4, y 240.1 to 279.9, z −302.7 to −240.0 mm.')
+    assert last == 'The ways at all 4 places are safe.'
+    assert main(['dme', 'path', settings(), '--steps']) == 0
+    out = capfd.readouterr().out
+    assert out.startswith('Ball 1') and 'stand-off of touch 1 ' in out and len(out.splitlines()) > 78
+
+
 @pytest.mark.parametrize('count', [4, 12])
 def test_the_picture_of_a_path_is_true(count):
     """Both neighbours are wholly in both views, at their places and to one scale; balls behind the ball in none."""
