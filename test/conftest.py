@@ -37,7 +37,7 @@ LONG = (
     'studio/test_live_cell.py', 'studio/test_studio_page.py', 'nodes/test_cell_senders.py', 'cell/test_supervisor.py',
     'nodes/test_both_senses.py', 'cli/test_circle_demo.py', 'fuzz/test_fuzz_dme.py', 'studio/test_studio_session.py',
     'test_one_verdict.py', 'nodes/test_cell_faults.py', 'cli/test_hidden_demo.py', 'test_golden.py',
-    'nodes/test_cell_lifecycle.py', 'dme/test_dme_resume.py', 'cli/test_trend_verb.py',
+    'nodes/test_cell_lifecycle.py', 'cell/test_hang_detection.py', 'dme/test_dme_resume.py', 'cli/test_trend_verb.py',
     'cli/test_verification_demo.py', 'cli/test_cell_verbs.py', 'studio/test_archive_tab.py',
     'nodes/test_several_cells.py', 'presentation/test_run_page.py', 'cli/test_degenerate_runs.py',
     'nodes/test_evaluator_services.py', 'studio/test_studio_look.py', 'nodes/test_sros2_policy.py',

@@ -34,12 +34,13 @@ from rosette_ros.io.messages import CalibrationProgress, Phase, progress_of, ver
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import TakenSignals
 from rosette_ros.nodes.graph_node import GraphNode
-from rosette_ros.nodes.liveliness import NodeMonitor
+from rosette_ros.nodes.liveliness import RESTART, NodeMonitor
 from rosette_ros.nodes.senders import Sender
 
 CANCEL_TIMEOUT = 30.0
 RECOVERY = 40.0  # a CMM that clears its errors or connects anew answers within this time, s
 SEARCH = 3.5  # how long nodes of a cell are searched: one that was not found at once is found within 3 s, s
+FOUND = 1.0  # likewise, where they have had time to be found, s
 RESUME_TIMEOUT = 90.0  # a sequencer has the recorder read in the log of a run before it accepts to resume it, s
 _STEP = 0.1
 _DISCONNECTED = 3.0  # a sequencer that is not on the graph for so long is taken to be disconnected, s
@@ -144,8 +145,10 @@ class CellClient(GraphClient):
                                 and self._node.count_publishers(names.CALIBRATION_EVENT) > 0, timeout):
             if self._sequencer.rivals:
                 raise CellError(f'cell {self._where}: {self._sequencer.rivals}: wanted one sequencer; end one of them')
-            raise CellError(f'cell {self._where}: wanted a sequencer within {timeout:g} s, got none; start the cell, '
-                            'check namespace and ROS_DOMAIN_ID')
+            others = ', '.join(self.running(FOUND))
+            raise CellError(f'cell {self._where}: wanted a sequencer within {timeout:g} s, got ' + (
+                f'only {others}: the sequencer is not started, has ended or hangs; {RESTART}' if others else
+                'none; start the cell, check namespace and ROS_DOMAIN_ID'))
 
     def running(self, patience: float = SEARCH) -> list[str]:
         """Return which nodes of a cell are found within `patience`, s."""

@@ -18,7 +18,7 @@ import yaml
 
 from rosette_ros.cell.built_messages import check_messages
 from rosette_ros.core.errors import CellError, InvalidConfig
-from rosette_ros.nodes import names
+from rosette_ros.nodes import names, qos
 
 MODULES = {names.RECORDER: 'rosette_ros.nodes.recorder', names.EVALUATOR: 'rosette_ros.nodes.evaluator',
            names.CMM: 'rosette_ros.nodes.simulated_cmm', names.SEQUENCER: 'rosette_ros.nodes.sequencer'}
@@ -52,6 +52,7 @@ class NodeProcess:
     output: Path
     begin: int
     told: int = 0
+    hung: bool = False
 
     def text(self) -> str:
         with open(self.output, 'rb') as stream:
@@ -71,6 +72,12 @@ class NodeProcess:
         is_ready = names.READY in self.text()
         self.popen.send_signal(number if is_ready else max(number, signal.SIGTERM, key=_ESCALATION))
 
+    def kill_hanging(self) -> None:
+        """End one that publishes no heartbeat, and so takes no other signal."""
+        self.hung = True
+        self.popen.send_signal(signal.SIGKILL)
+        _wait(lambda: self.has_ended, _STEPS[-1][1])
+
     @property
     def has_ended(self) -> bool:
         return self.popen.poll() is not None
@@ -80,6 +87,9 @@ class NodeProcess:
         lines = [line for line in self.text().strip().splitlines() if not line.startswith(('[INFO]', '[WARN]'))]
         code = self.popen.returncode
         how = f'was ended by {signal.Signals(-code).name}' if code < 0 else f'ended with exit code {code}'
+        if self.hung:
+            return (f'node {self.name} was running (process {self.popen.pid}) but published no heartbeat for '
+                    f'{qos.HEARTBEAT_HANGS:g} s and {how}')
         return f'node {self.name} {how}{"".join(f": {x}" for x in lines[-1:])}'
 
 
@@ -186,11 +196,13 @@ class Cell:
             if process.has_ended:
                 raise CellError(f'cell: {process.failure()}')
 
-    def restart_failed(self) -> dict[str, str]:
-        """Restart every node that has ended; return its last words by node.
+    def restart_failed(self, hanging: Collection[str] = ()) -> dict[str, str]:
+        """Restart every node that has ended; return its last words by node; hanging: nodes to be ended before.
 
         Raises CellError where a node has failed MOST_FAILURES times within FAILURES_WITHIN seconds: whatever ends it
         would only end it again."""
+        for name in hanging:
+            self.processes[name].kill_hanging()
         now, words = time.monotonic(), {}
         for name in self._nodes:
             if not self.processes[name].has_ended:

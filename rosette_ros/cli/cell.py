@@ -17,6 +17,7 @@ from rich.markup import escape
 from rosette_ros import command
 from rosette_ros.calibration.settings import IDENTITY
 from rosette_ros.cell.client import CellClient
+from rosette_ros.cell.hang_detection import HangDetector
 from rosette_ros.cell.supervisor import CHECK_PERIOD, MODULES, Cell
 from rosette_ros.cli.arguments import IN_LOG, UsageError, add_shared, made_folder, period
 from rosette_ros.cli.console import console
@@ -134,22 +135,28 @@ def keep_running(out: Console, cell: Cell) -> None:
         for words in cell.news():
             if not words.startswith(f'{names.SEQUENCER}: '):  # that it is complete is said above
                 out.print(escape(words), soft_wrap=True)
-        while True:
-            for words in cell.restart_failed().values():
-                print(f'{datetime.now():%H:%M:%S} {words}; restarted', file=sys.stderr, flush=True)
-            for words in cell.news():
-                out.print(f'{datetime.now():%H:%M:%S} {escape(words)}', soft_wrap=True)
-            time.sleep(CHECK_PERIOD)
+        with contextlib.nullcontext() if has_no_enclave() else HangDetector(cell) as detector:
+            while True:
+                for words in cell.restart_failed(detector.hanging() if detector else ()).values():
+                    print(f'{datetime.now():%H:%M:%S} {words}; restarted', file=sys.stderr, flush=True)
+                for words in cell.news():
+                    out.print(f'{datetime.now():%H:%M:%S} {escape(words)}', soft_wrap=True)
+                time.sleep(CHECK_PERIOD)
     except KeyboardInterrupt:
         print('Ending the cell.', file=sys.stderr)
+
+
+def has_no_enclave() -> bool:
+    """Return whether SROS2 is in use: then this process sees nothing of the graph, as it has no enclave."""
+    return os.environ.get('ROS_SECURITY_ENABLE', '').lower() == 'true'
 
 
 def refuse_second_cell(out: Console, cell: Cell) -> None:
     """Raise CellError where a cell runs in the domain and namespace of one that shall be started.
 
-    With SROS2 this process has no enclave and sees nothing: the sequencers refuse calibrations while there are two.
+    With SROS2 it cannot be seen: the sequencers refuse calibrations while there are two.
     """
-    if os.environ.get('ROS_SECURITY_ENABLE', '').lower() == 'true':
+    if has_no_enclave():
         return
     with out.status('searching for another cell'), CellClient(cell.domain_id, cell.namespace) as client:
         found = client.running()

@@ -5,6 +5,7 @@ Each node publishes rosette_msgs/Heartbeat on `<node>/alive`, in a thread of its
 whose heartbeats stay away, or whose publisher is taken down, is disconnected; the name of the process tells a restarted
 node from the one before. A CMM that publishes no heartbeat is judged by its publishers and subscriptions alone."""
 
+import os
 import threading
 import time
 import uuid
@@ -25,6 +26,7 @@ _LONGEST_STEP = 0.3  # between two looks for heartbeats: longer, and the node th
 _PARTICIPANT = 12  # bytes of a GID that name the participant (DDS-RTPS 2.2, section 8.2.4.1)
 _NODE_WORDS = {names.CMM: 'CMM', names.RECORDER: 'recorder'}
 BUSY = 2.0  # a node that has called nothing back for this time is told in /diagnostics, s
+RESTART = f'wait {1.5 * qos.HEARTBEAT_HANGS:g} s for rosette cell to restart it, or restart it'
 SETTLING = 1.0  # how long all nodes have to be present before a run: discovery takes its time in each of them, s
 
 
@@ -45,12 +47,17 @@ def process_of(gid: Any) -> bytes:
     return bytes(gid)[:_PARTICIPANT]
 
 
+def started(node: str, pid: int) -> str:
+    """Return what the name of a node's process begins with in its heartbeats."""
+    return f'{node} {pid} '
+
+
 class HeartbeatPublisher:
     """The heartbeat of a node; hears: as in Heartbeat.msg."""
 
     def __init__(self, node: 'CellNode') -> None:
         self._node = node
-        self.process = f'{node.get_name()} {uuid.uuid4().hex[:12]}'
+        self.process = f'{started(node.get_name(), os.getpid())}{uuid.uuid4().hex[:12]}'
         self._problem = ''
         self.hears: tuple[str, ...] = ()
         self._publisher = node.create_publisher(Heartbeat, f'{node.get_name()}/{names.ALIVE}', qos.ALIVE)
@@ -97,7 +104,7 @@ class NodeMonitor:
     def __init__(self, node: Node, peer: str) -> None:
         self._node, self.peer = node, peer
         self._received: dict[str, float] = {}
-        self._waited, self._watched = 0.0, time.monotonic()
+        self._waited, self._last, self._watched = 0.0, 0.0, time.monotonic()
         self.process, self.problem, self.hears, self.busy = '', '', tuple[str, ...](), 0.0
         self._subscription = node.create_subscription(
             Heartbeat, node.resolve_topic_name(f'{peer}/{names.ALIVE}'), self._on_heartbeat, qos.ALIVE)
@@ -121,6 +128,11 @@ class NodeMonitor:
         return bool(self.process) and not self.count()
 
     @property
+    def silence(self) -> float:
+        """Time since the last heartbeat of any process, s."""
+        return self._waited - self._last
+
+    @property
     def is_late(self) -> bool:
         """Whether a heartbeat is overdue of which is not yet known whether it stays away."""
         return self.count() > 0 and self._waited - max(self._received.values()) > qos.HEARTBEAT_LATE
@@ -136,7 +148,7 @@ class NodeMonitor:
     def _on_heartbeat(self, message: Heartbeat) -> None:
         self.process, self.problem, self.hears = message.process, message.problem, tuple(message.hears)
         self.busy = message.busy
-        self._received[self.process] = self._waited
+        self._received[self.process] = self._last = self._waited
 
 
 class Trouble(NamedTuple):
@@ -181,15 +193,21 @@ class CellMonitor:
                    '(--domain, --namespace)' for words in self.rivals()]
         if not (self._senders[names.BALL_CENTRE].alive and obeying(node)):
             missing.append(f'no CMM: wanted one that subscribes to {names.PROBE_TARGET} and publishes '
-                           f'{names.BALL_CENTRE}, got none; start simulated_cmm or connect a CMM')
+                           f'{names.BALL_CENTRE}, got none; '
+                           f'{self._remedy(names.CMM, "start simulated_cmm or connect a CMM")}')
         elif not node.has_time():
             missing.append('no time: with use_sim_time the CMM publishes /clock, none was received')
         if not self._senders[names.ERROR_MOTIONS].alive:
-            missing.append(f'no evaluator: wanted one that publishes {names.ERROR_MOTIONS}, got none; start it')
+            missing.append(f'no evaluator: wanted one that publishes {names.ERROR_MOTIONS}, got none; '
+                           f'{self._remedy(names.EVALUATOR, "start it")}')
         if with_recorder and (self._is_disconnected(names.RECORDER) or not self._recorder.is_there):
             missing.append(f'no recorder: wanted its service {names.START_RECORDING}, got none; '
-                           'start it, or set require_recorder to false')
+                           f'{self._remedy(names.RECORDER, "start it, or set require_recorder to false")}')
         return missing
+
+    def _remedy(self, name: str, words: str) -> str:
+        """Return what to do where a node is missing: `words`, unless it was there."""
+        return f'it has ended or hangs: {RESTART}' if self._is_disconnected(name) else words
 
     def update(self, now: float, with_recorder: bool) -> None:
         """Check which nodes are present; log what the cell lacks, and when it has become complete and settled.

@@ -27,6 +27,7 @@ HEALTH = _profile(10)
 HEARTBEAT_PERIOD = 0.5  # a node publishes its heartbeat at this interval, s
 HEARTBEAT_LATE = 1.5 * HEARTBEAT_PERIOD  # after this time it is waited for, and nothing is asked again, s
 HEARTBEAT_LOST = 2.5 * HEARTBEAT_PERIOD  # a process without a heartbeat for this time is disconnected, s
+HEARTBEAT_HANGS = 40 * HEARTBEAT_PERIOD  # after this time, its supervisor ends and restarts a process that runs, s
 ALIVE = _profile(10, DurabilityPolicy.TRANSIENT_LOCAL)
 """Heartbeats: on a topic of their own, so that a CMM with other QoS still fits the cell. Ten deep: in a queue of one,
 the heartbeats of two processes of one name would replace each other."""

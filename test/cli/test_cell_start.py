@@ -11,19 +11,23 @@ from rosette_ros.cli.cell import keep_running
 class EndedAtOnce:
     """A cell that is ended as soon as it runs."""
 
-    domain_id, namespace, processes, log_dir = 7, 'rosette', {'cmm': None}, 'runs'
+    namespace, processes, log_dir = 'rosette', {'cmm': None}, 'runs'
+
+    def __init__(self, domain_id):
+        self.domain_id = domain_id
 
     def news(self):
         return ['sequencer: the cell is complete', 'cmm: error 2504: a person has to look at the machine']
 
-    def restart_failed(self):
+    def restart_failed(self, hanging):
+        assert hanging == []
         raise KeyboardInterrupt
 
 
-def test_what_nodes_warn_of_at_the_start_is_shown():
+def test_what_nodes_warn_of_at_the_start_is_shown(domain_id):
     """A machine that waits for a person, a server that is not there: not only after the first run."""
     out = Console(file=io.StringIO(), width=120)
-    keep_running(out, EndedAtOnce())
+    keep_running(out, EndedAtOnce(domain_id))
     said = out.file.getvalue()
     assert 'cmm: error 2504: a person has to look at the machine\n' in said
     assert 'sequencer' not in said

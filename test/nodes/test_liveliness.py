@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Heartbeats: what a node publishes about itself, and when a cell is settled."""
 
+import os
 from types import SimpleNamespace
 
 import pytest
@@ -31,6 +32,7 @@ def test_a_heartbeat_holds_what_it_was_given(problem, hears):
     message = sent[-1]
     assert (message.node, message.period) == ('recorder', qos.HEARTBEAT_PERIOD)
     assert message.process == heartbeat.process != other.process
+    assert message.process.startswith(f'recorder {os.getpid()} ')
     assert message.problem == ' '.join(problem.split())
     assert tuple(message.hears) == hears
 
@@ -125,8 +127,13 @@ def test_heartbeats_that_wait_for_a_node_that_stood_still_are_not_missed(monkeyp
     watched.receive('cmm 1')
     watched.wait(60.0, step=60.0)
     assert not watched.monitor.is_disconnected
+    assert watched.monitor.silence < qos.HEARTBEAT_LOST
     watched.wait(2.0)
     assert watched.monitor.is_disconnected
+    watched.wait(20.0)
+    assert watched.monitor.silence == pytest.approx(22.3)
+    watched.receive('cmm 2')
+    assert watched.monitor.silence == 0.0
 
 
 def test_a_node_that_answers_nothing_is_told(monkeypatch):

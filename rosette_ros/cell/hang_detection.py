@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Finds nodes of a cell that hang: their processes run, but their heartbeats stay away."""
+
+import threading
+
+from rosette_ros.cell.client import GraphClient
+from rosette_ros.cell.supervisor import Cell
+from rosette_ros.nodes import qos
+from rosette_ros.nodes.base_node import make_executor
+from rosette_ros.nodes.liveliness import NodeMonitor, started
+
+_STEP = 0.1
+
+
+class HangDetector(GraphClient):
+    """Receives the heartbeats of the nodes of a running cell, in a thread of its own; a context manager.
+
+    Raises CellError where the graph cannot be joined."""
+
+    def __init__(self, cell: Cell) -> None:
+        super().__init__('supervisor', cell.domain_id, cell.namespace, make_executor)
+        self._processes = cell.processes
+        self._monitors = [NodeMonitor(self._node, name) for name in cell.processes]
+        self._is_closed = threading.Event()
+        self._thread = threading.Thread(target=self._spin, name='hang detector', daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._is_closed.set()
+        self._thread.join()
+        super().close()
+
+    def hanging(self) -> list[str]:
+        """Return the nodes whose present process has published heartbeats, but none for HEARTBEAT_HANGS.
+
+        A node that computes publishes them. None where no heartbeats are received at all: then the fault is here."""
+        if all(monitor.silence > qos.HEARTBEAT_LOST for monitor in self._monitors):
+            return []
+        return [monitor.peer for monitor in self._monitors if monitor.silence > qos.HEARTBEAT_HANGS
+                and monitor.process.startswith(started(monitor.peer, self._processes[monitor.peer].popen.pid))]
+
+    def _spin(self) -> None:
+        while not self._is_closed.is_set():
+            self._executor.spin_once(timeout_sec=_STEP)
+            for monitor in self._monitors:
+                monitor.watch()

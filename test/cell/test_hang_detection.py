@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes whose processes live and publish no heartbeat: found, ended, restarted; a run goes on."""
+
+import signal
+from types import SimpleNamespace
+
+import pytest
+
+from rosette_ros.cell.client import CellClient
+from rosette_ros.cell.hang_detection import HangDetector
+from rosette_ros.core.errors import CellError
+from rosette_ros.io.log_reader import read_log
+from rosette_ros.nodes import names, qos
+
+N, SILENT = 4, 20
+LONG, SHORT = qos.HEARTBEAT_HANGS + 0.1, qos.HEARTBEAT_LOST - 0.1
+
+
+@pytest.mark.parametrize(('recorder', 'cmm', 'hanging'), [
+    (('recorder 71 ab', SHORT), ('cmm 72 cd', LONG), [names.CMM]),
+    (('recorder 71 ab', SHORT), ('cmm 72 cd', qos.HEARTBEAT_HANGS - 0.1), []),
+    (('recorder 71 ab', SHORT), ('cmm 7 cd', LONG), []),  # the one before: this one is still loading its modules
+    (('recorder 71 ab', SHORT), ('', LONG), []),
+    (('recorder 71 ab', LONG), ('cmm 72 cd', LONG), []),  # this process receives nothing at all
+])
+def test_a_node_hangs_that_was_heard_and_is_not_while_others_are(recorder, cmm, hanging):
+    """Only the process that was started here, and only where heartbeats are received at all."""
+    detector = HangDetector.__new__(HangDetector)
+    detector._processes = {name: SimpleNamespace(popen=SimpleNamespace(pid=pid))
+                           for name, pid in (('recorder', 71), ('cmm', 72))}
+    detector._monitors = [SimpleNamespace(peer=name, process=process, silence=silence) for name, (process, silence) in (
+        ('recorder', recorder), ('cmm', cmm))]
+    assert detector.hanging() == hanging
+
+
+def test_a_run_goes_on_when_its_recorder_and_evaluator_hang(cell_of, domain_id, wait_until):
+    """SIGSTOP in the middle: both are ended and restarted, in words, and the run ends with all its readings."""
+    words = {}
+    made = cell_of(N, sequencer={'state_rate_hz': 1e4}, groups={'faults': [{'kind': 'silent', 'at': [SILENT]}]})
+    with made as cell, HangDetector(cell) as detector, CellClient(domain_id) as client:
+        wait_until(lambda: all(monitor.process for monitor in detector._monitors))
+        stopped = {name: cell.processes[name].popen for name in (names.RECORDER, names.EVALUATOR)}
+
+        def look(progress):
+            for popen in stopped.values() if progress.done == SILENT - 1 else ():  # here the CMM lets the run wait
+                popen.send_signal(signal.SIGSTOP)
+
+        outcome = client.calibrate(on_progress=look, options='limits.answer_timeout_s: 5.0',
+                                   check=lambda: words.update(cell.restart_failed(detector.hanging())))
+        assert outcome.success, outcome.message
+        assert words == {name: f'node {name} was running (process {popen.pid}) but published no heartbeat for 20 s and '
+                         'was ended by SIGKILL' for name, popen in stopped.items()}
+        assert outcome.log.name.endswith('_part2')
+        assert read_log(outcome.log).to_run().size == N * N
+
+
+def test_what_is_refused_names_nodes_that_hang(cell_of, domain_id, wait_until):
+    """A node that has been there is not to be started: it has ended or hangs, and who restarts it is said."""
+    restart = 'wait 30 s for rosette cell to restart it, or restart it'
+    missing = '; '.join(f'{words}, got none; it has ended or hangs: {restart}' for words in (
+        'no CMM: wanted one that subscribes to probe_target and publishes ball_centre',
+        'no evaluator: wanted one that publishes error_motions',
+        'no recorder: wanted its service recorder/start_recording'))
+    with cell_of(N) as cell:
+        sequencer = cell.processes[names.SEQUENCER]
+        others = [process.popen for process in cell.processes.values() if process is not sequencer]
+        for popen in others:
+            popen.send_signal(signal.SIGSTOP)
+        wait_until(lambda: missing in sequencer.text())
+        with CellClient(domain_id) as client, pytest.raises(CellError, match=f'calibration refused: {missing}'):
+            client.calibrate()
+        for popen in others:
+            popen.send_signal(signal.SIGCONT)
+        sequencer.popen.send_signal(signal.SIGSTOP)
+        with CellClient(domain_id) as client, pytest.raises(CellError, match='got only cmm, evaluator, recorder: the '
+                                                            f'sequencer is not started, has ended or hangs; {restart}'):
+            client.wait()
+        sequencer.popen.send_signal(signal.SIGCONT)
