@@ -99,7 +99,7 @@ def calibrate(client: CellClient, **goal: Any) -> CalibrationOutcome:
         except TimeoutError as error:
             raise CellError(f'{error}; see the output of the sequencer') from error
     text = outcome.message.removesuffix(f'; {KEPT} the log').removesuffix('; nothing was measured')
-    text += (f'; {KEPT} {outcome.log}, continue with: {client.resume_command(outcome.log)}'
+    text += (f'; {KEPT} {outcome.log}; continue with: {client.resume_command(outcome.log)}'
              if outcome.log and client.measured else '; nothing was measured')
     if outcome.cancelled:
         raise KeyboardInterrupt(text)

@@ -12,15 +12,17 @@ import importlib
 import io
 import os
 import shlex
+import shutil
 import signal
 import sys
+import textwrap
 from collections.abc import Sequence
 from types import FrameType, ModuleType
 from typing import Any, NoReturn
 
 from rosette_ros import __version__
 from rosette_ros.cli.arguments import UsageError, keep_inputs
-from rosette_ros.core.errors import RosetteError, unknown
+from rosette_ros.core.errors import RosetteError, one_line, unknown
 
 SIGNS = {'−': '-', '–': '-', '─': '-', '±': '+-', '→': '->', 'µ': 'u', '°': 'deg', 'σ': 'sigma', 'Δ': 'd', '·': '.',
          '✓': 'ok', '✗': 'x', **dict(zip('▁▂▃▄▅▆▇█', '12345678', strict=True))}
@@ -112,16 +114,35 @@ def main(argv: Sequence[str] | None = None) -> int:
         code = options.run(options)
         sys.stdout.flush()
     except RosetteError as error:
-        print(f'rosette: {" ".join(str(error).split())}', file=sys.stderr)
+        _print_error(one_line(error))
         return EXIT_ERROR
     except KeyboardInterrupt as interrupt:
-        print(f'rosette: {str(interrupt) or "interrupted"}', file=sys.stderr)
+        _print_error(str(interrupt) or 'interrupted')
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         # The reader of our output has closed it; nothing can be written, not even at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK
     return EXIT_OK if code is None else code
+
+
+def _print_error(words: str) -> None:
+    """Print why a command has failed on stderr, in one line; on a terminal where that does not fit, in several."""
+    lines = [f'rosette: {words}']
+    if sys.stderr.isatty() and len(lines[0]) > (width := shutil.get_terminal_size().columns):
+        lines = error_lines(lines[0], width)
+    print('\n'.join(lines), file=sys.stderr)
+
+
+def error_lines(words: str, width: int) -> list[str]:
+    """Return what a '; ' parts in lines of their own, wrapped; a command that follows 'with: ' is not."""
+    lines = list[str]()
+    for part in words.split('; '):
+        text, lead, command = part.partition(' with: ')
+        lines += textwrap.wrap(text + lead.rstrip(), width, initial_indent='  ' if lines else '',
+                               subsequent_indent='    ', break_long_words=False, break_on_hyphens=False)
+        lines += [f'    {command}'] * bool(command)
+    return lines
 
 
 def _end(number: int, frame: FrameType | None) -> NoReturn:

@@ -9,10 +9,11 @@ import sys
 import time
 
 import pytest
+from terminal import Terminal
 
 from rosette_ros import __version__
 from rosette_ros.cli import main as main_module
-from rosette_ros.cli.main import VERBS, main
+from rosette_ros.cli.main import VERBS, error_lines, main
 
 
 def test_unknown_verb_names_the_known_ones(refused):
@@ -135,3 +136,28 @@ def test_a_terminal_without_the_signs_shows_others():
                            '--order', 'row'], capture_output=True, check=True,
                           env={**os.environ, 'PYTHONIOENCODING': 'ascii'})
     assert b'|-91.25 ' in done.stdout and b'?' not in done.stdout
+
+
+def test_a_long_error_has_lines_on_a_terminal(rosette):
+    """What failed comes first, then what to do; a command is whole, so that it can be copied. In a pipe: one line."""
+    words = ('rosette: calibration failed: target 8 (table position 1, ball 2): asked 3 times, last: no answer within '
+             '0.3 s; ball 1 is where it was taught at table angle 0: check that the table counts counter-clockwise '
+             'about table.axis, taught as (0, 0, 1); what was measured is in /data/left/runs/rosette_20261125_2131_row'
+             '; continue with: /opt/rosette/bin/rosette calibrate --resume /data/left/runs/rosette_20261125_2131_row '
+             '--domain 57 --namespace left')
+    assert error_lines(words, 80) == [
+        'rosette: calibration failed: target 8 (table position 1, ball 2): asked 3 times,',
+        '    last: no answer within 0.3 s',
+        '  ball 1 is where it was taught at table angle 0: check that the table counts',
+        '    counter-clockwise about table.axis, taught as (0, 0, 1)',
+        '  what was measured is in /data/left/runs/rosette_20261125_2131_row',
+        '  continue with:',
+        '    /opt/rosette/bin/rosette calibrate --resume /data/left/runs/rosette_20261125_2131_row --domain 57 '
+        '--namespace left']
+    words = ('evaluate', 'no_such_folder/' + 'and_what_is_in_it/' * 3)
+    refused = rosette(*words)
+    assert refused.err.count('\n') == 1
+    with Terminal(sys.executable, '-m', 'rosette_ros.cli.main', *words, COLUMNS='60') as screen:
+        assert screen.end() == 2
+    assert screen.screen.count('\n') > 2
+    assert screen.screen.split() == refused.err.replace('; ', ' ').split()
