@@ -166,6 +166,18 @@ def test_log_holds_the_handshake_of_the_recorder(calibrated):
     assert len(stop) >= 2  # the last response follows the last byte of the log
 
 
+def test_log_names_the_services_whose_traffic_it_holds(calibrated):
+    """As docs/log-format.md lists them; those of a trend monitor where one runs."""
+    content = yaml.safe_load((calibrated[0].log / 'metadata.yaml').read_text())
+    events = {entry['topic_metadata']['name'] for entry in
+              content['rosbag2_bagfile_information']['topics_with_message_count']}
+    assert {name.removesuffix('/_service_event') for name in events if name.endswith('/_service_event')} == {
+        f'/rosette/{name}' for name in (
+            'start_calibration', 'cancel_calibration', 'evaluator/diagnose', 'evaluator/add_effect',
+            'evaluator/remove_effect', 'evaluator/evaluate_jointly', 'recorder/start_recording',
+            'recorder/stop_recording')}
+
+
 def test_metadata_names_qos_and_hashes(calibrated):
     """Latched topics are offered so, and every type has its hash."""
     content = yaml.safe_load((calibrated[0].log / 'metadata.yaml').read_text())
