@@ -2,6 +2,7 @@
 """Finds nodes of a cell that hang: their processes run, but their heartbeats stay away."""
 
 import threading
+import time
 
 from rosette_ros.cell.client import GraphClient
 from rosette_ros.cell.supervisor import Cell
@@ -21,6 +22,7 @@ class HangDetector(GraphClient):
         super().__init__('supervisor', cell.domain_id, cell.namespace, make_executor)
         self._processes = cell.processes
         self._monitors = [NodeMonitor(self._node, name) for name in cell.processes]
+        self._heard_none = time.monotonic()
         self._is_closed = threading.Event()
         self._thread = threading.Thread(target=self._spin, name='hang detector', daemon=True)
         self._thread.start()
@@ -34,8 +36,12 @@ class HangDetector(GraphClient):
     def hanging(self) -> list[str]:
         """Return the nodes whose present process has published heartbeats, but none for HEARTBEAT_HANGS.
 
-        A node that computes publishes them. None where no heartbeats are received at all: then the fault is here."""
+        A node that computes publishes them. None where no heartbeats at all were received within this time: then the
+        fault is here, or all nodes stood still together. To be called often."""
+        now = time.monotonic()
         if all(monitor.silence > qos.HEARTBEAT_LOST for monitor in self._monitors):
+            self._heard_none = now
+        if now - self._heard_none < qos.HEARTBEAT_HANGS:
             return []
         return [monitor.peer for monitor in self._monitors if monitor.silence > qos.HEARTBEAT_HANGS
                 and monitor.process.startswith(started(monitor.peer, self._processes[monitor.peer].popen.pid))]
