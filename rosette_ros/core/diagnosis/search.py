@@ -32,11 +32,6 @@ from rosette_ros.core.records import Floats, Ints, Run
 
 UNNAMED_PRIOR = 10.0
 """An unnamed term must beat named effects by this score."""
-REPEATABLE = (
-    'outlier', 'ball_slip', 'ball_creep', 'ball_rattle', 'ball_form', 'ball_machine_offset', 'frame_cycle',
-    'frame_step', 'frame_pulse', 'plate_slip', 'plate_tilt_step', 'asynchronous_motion', 'plate_support',
-    'table_backlash_angle', 'encoder_interpolation')
-"""Effects that can be present more than once."""
 MOST_EFFECTS = 5
 BEAM = 4
 BRANCHES = 7
@@ -224,7 +219,7 @@ class Problem:
                 stop = start + 1 + len(selection.rows)
                 part = products[..., start:stop]
                 start = stop
-                if family.name in selection.names and family.name not in REPEATABLE and not allow_repeats:
+                if family.name in selection.names and not family.effect.repeatable and not allow_repeats:
                     continue
                 gain = gains(part[..., :1], part[..., 1:])
                 score, best = _best_scores(family, selection.rss, gain, self._left(selection.rows, selection.members))

@@ -21,6 +21,7 @@ class BallSlip(Effect):
     depends_on = ('time',)
     quantities = per_axis('xyz', Quantity('d', 'm', "shift along the plate's"))
     carries = 'nothing'
+    repeatable = True
     searched = (Searched('ball', '1', 'number of the ball'),
                 Searched('t0', 's', 'moment of the slip, since the first reading', 'instant'))
 
@@ -65,6 +66,7 @@ class BallCreep(Effect):
     depends_on = ('time',)
     quantities = per_axis('xyz', Quantity('d', 'm', "displacement at the end of the run along the plate's"))
     carries = 'nothing'
+    repeatable = True
     searched = (Searched('ball', '1', 'number of the ball'),
                 Searched('t0', 's', 'moment at which it begins, since the first reading', 'phase'),
                 Searched('tau', 's', 'time constant; steady where it exceeds the run', 'scale'))
@@ -101,6 +103,7 @@ class BallRattle(Effect):
     depends_on = ('time',)
     quantities = per_axis('xyz', Quantity('d', 'm', "distance of the seats along the plate's"))
     carries = 'nothing'
+    repeatable = True
     searched = (Searched('ball', '1', 'number of the ball'), Searched('motion', '', 'there and back, or by sense'),
                 Searched('t0', 's', 'moment at which it moved, since the first reading', 'instant'),
                 Searched('t1', 's', 'moment at which it came back', 'instant'))
@@ -159,6 +162,7 @@ class BallMachineOffset(_EachBall):
     look = 'The stem of that ball: bending under gravity or probing force; probing from one side, a magnetic ball.'
     formula = 'd along x and y of the machine for one ball'
     source = 'physics of stems and probing'
+    repeatable = True
     quantities: tuple[Quantity, ...] = per_axis('xy', Quantity('d', 'm', "offset along the machine's"))
 
     def columns(self, run: Run, setting: Setting) -> Floats:
@@ -194,6 +198,7 @@ class BallForm(Effect):
     formula = 'a (cos(m phi + psi), -sin(m phi + psi)) in x, y and c cos(m phi + psi_z) in z'
     source = 'Kniel et al. (2019), section 2.1: the form must be as accurate as possible'
     carries = 'all'
+    repeatable = True
     searched = (Searched('ball', '1', 'number of the ball, 0 for all balls'),
                 Searched('harmonic', '1', 'm, waves per turn, 0 for m = 2 to 5 together'),
                 Searched('part', '', 'which part: in the plane (xy), along z, or both'))

@@ -2,7 +2,8 @@
 """What an effect is: a name, its physics as columns, and what it means for an engineer.
 
 To add an effect, write a class with `quantities`, `columns` and, where something has to be searched, `settings`;
-then put an instance of it into the table of names in library.py. Nothing else changes.
+then put an instance of it into the table of names in library.py. The diagnosis knows effects by name in three places,
+docs/adding-an-effect.md lists them: free forms beside a claim, claims on one variable, and look-alikes.
 """
 
 from collections.abc import Iterable, Sequence
@@ -122,7 +123,8 @@ class Effect:
     to look in the cell; formula: the form added to p; source: where it comes from; depends_on: quantities of a reading
     it needs; searched: its nonlinear parameters; quantities: its amplitudes, where all settings have the same; carries:
     what of it a later run of the same cell shares, `all` (settings and amplitudes), `shape` (settings; phases or sizes
-    differ) or `nothing` (an event); needs_tilt: whether only a table with an axis that is not vertical has it.
+    differ) or `nothing` (an event); needs_tilt: whether only a table with an axis that is not vertical has it;
+    repeatable: whether a run can have it more than once.
     """
 
     name: str = ''
@@ -136,6 +138,7 @@ class Effect:
     quantities: tuple[Quantity, ...] = ()
     carries: str = 'shape'
     needs_tilt: bool = False
+    repeatable: bool = False
 
     def __eq__(self, other: object) -> bool:
         return type(self) is type(other) and vars(self) == vars(other)

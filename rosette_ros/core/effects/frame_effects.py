@@ -115,6 +115,7 @@ class FrameCycle(FrameEffect):
     look = 'Air conditioning that switches, cooling units, hydraulic or compressed air cycles.'
     formula = 'a cos(2 pi t/P) + b sin(2 pi t/P)'
     source = 'ISO 230-3 (environmental temperature variation error)'
+    repeatable = True
     quantities = (Quantity('a', 'm', 'cosine amplitude along'), Quantity('b', 'm', 'sine amplitude along'))
     function = Cycle()
 
@@ -126,6 +127,7 @@ class FrameStep(FrameEffect):
     look = 'A collision, an exchanged or requalified probe, an axis that was referenced again.'
     formula = 'd H(t - t0)'
     source = 'physics of probe requalification'
+    repeatable = True
     quantities = (Quantity('d', 'm', 'step along'),)
     function = Step('step')
 
@@ -137,6 +139,7 @@ class FramePulse(FrameEffect):
     look = 'A door, a load on the table, a person or vehicle near the machine, a magnet or valve that was on.'
     formula = 'd (H(t - t0) - H(t - t1))'
     source = 'physics of loads'
+    repeatable = True
     quantities = (Quantity('d', 'm', 'shift along'),)
     function = Pulse()
 

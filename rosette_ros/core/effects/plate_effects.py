@@ -68,6 +68,7 @@ class PlateSlip(FactoredEffect):
     look = 'Clamps; a collision with the plate; acceleration of the table.'
     formula = '(R_z(phi) d + gamma R e_t) H(t - t0)'
     source = 'physics of clamping'
+    repeatable = True
     quantities = (*per_axis('xy', Quantity('d', 'm', "shift along the plate's")),
                   Quantity('gamma', 'rad', 'turn about z'))
     function = Step('slip')
@@ -197,6 +198,7 @@ class PlateTiltStep(PlateOnSupports):
     meaning = 'At one moment the plate tilted on the table, and stayed so.'
     look = 'Feet, shims and clamps of the plate: one that was not seated, a chip that broke, a clamp that let go.'
     formula = 'R_z(phi) (d_z e_z + theta x (b + h e_z)) H(t - t0), theta in x and y'
+    repeatable = True
     function = Step('tilt')
 
 
@@ -243,6 +245,7 @@ class PlateSupport(Effect):
                 Searched('p', '1', 'waves per turn of the table'), Searched('m', '1', 'waves around the plate'),
                 Searched('wave', '', 'standing on the plate, or travelling as a load that turns against or with it'))
     carries = 'all'
+    repeatable = True
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         """Try up to three waves per turn of the table with up to six around the plate."""

@@ -112,6 +112,7 @@ class Outlier(Effect):
     source = 'GUM 3.4.7 (blunders)'
     quantities = per_axis('xyz', Quantity('d', 'm', 'deviation along'))
     carries = 'nothing'
+    repeatable = True
     searched = (Searched('reading', '1', 'number of the reading'),)
 
     def settings(self, run: Run) -> tuple[Setting, ...]:

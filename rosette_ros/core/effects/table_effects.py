@@ -153,6 +153,7 @@ class TableBacklashAngle(TableBacklash):
     look = 'Worm gear: wear, eccentricity and mesh; unequal friction or load around the table.'
     formula = '1/2 approach R e_t (b_c cos(m phi) + b_s sin(m phi))'
     source = 'ISO 230-2 (reversal error at each position)'
+    repeatable = True
     quantities = (Quantity('bc', 'rad', 'cosine of the reversal error'), Quantity('bs', 'rad', 'sine'))
     searched = (Searched('order', '1', 'm, waves per turn of the table'),)
 
@@ -207,6 +208,7 @@ class EncoderInterpolation(TableAngle):
     look = 'Amplitudes, offsets and phase of the encoder signals; dirt on the graduation; interpolation electronics.'
     formula = 'R e_t (a cos(L theta) + b sin(L theta)), theta the actual angle of the table'
     source = 'ISO 230-2 (positioning); interpolation error of incremental encoders'
+    repeatable = True
     quantities = (Quantity('a', 'rad', 'cosine amplitude'), Quantity('b', 'rad', 'sine amplitude'))
     function = EncoderLines()
 
@@ -262,6 +264,7 @@ class AsynchronousMotion(FactoredEffect):
     look = 'Cage and rolling elements of the bearing (about 0.4 per turn), belt or worm drive.'
     formula = '(radial x, y; axial z; tilt) cos(nu Psi), sin(nu Psi)'
     source = 'ISO 230-7 (asynchronous error motion)'
+    repeatable = True
     chosen = (Searched('motion', '', 'radial, axial, tilt, or all of them'),)
     function = TableOrder()
     choices = grid(motion=_MOTIONS)
