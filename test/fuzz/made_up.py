@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all doors share: how many inputs, nasty words, trees and bytes, and the limits of one input."""
+"""What all interfaces share: how many inputs, nasty words, trees and bytes, and the limits of one input."""
 
 import contextlib
 import os
@@ -21,7 +21,7 @@ MOST_BYTES = 400 << 20
 
 
 def tried(share=1.0):
-    """Return the settings of a door: all of the examples in a campaign, else this share of them."""
+    """Return the settings of an interface: all of the examples in a campaign, else this share of them."""
     return settings(
         max_examples=EXAMPLES if IS_CAMPAIGN else max(int(share * EXAMPLES), 1),
         deadline=None,

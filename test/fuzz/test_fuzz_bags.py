@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from made_up import NASTY, SCALARS, TRICKS, bounded, corpus, dumped, mutated, trees, tried
 from made_up_changes import changed_logs
 from made_up_log import calibration, small_log, write_log
-from test_fuzz_doors import TABLE, cells_changed
+from test_fuzz_inputs import TABLE, cells_changed
 
 from rosette_ros.core.errors import RosetteError
 from rosette_ros.io.bag_metadata import TOP_KEY
@@ -130,7 +130,7 @@ def test_a_description(split, data):
 
 @pytest.mark.parametrize('data', corpus('metadata'))
 def test_a_description_of_the_corpus(data, split):
-    """What once broke the door."""
+    """What once caused a failure."""
     check_metadata(data, split)
 
 

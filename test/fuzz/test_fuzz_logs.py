@@ -162,5 +162,5 @@ def test_a_log(folder, data):
 
 @pytest.mark.parametrize('data', corpus('mcap'))
 def test_a_log_of_the_corpus(data, tmp_path):
-    """What once broke the door."""
+    """What once caused a failure."""
     check_log(data, tmp_path)

@@ -116,7 +116,7 @@ REQUESTS = st.lists(
 def test_what_the_recorder_is_asked(log_dir, requests):
     """No log is written over or outside the folder, and every answer says yes or why not in one line."""
     node, before = MuteRecorder(log_dir), kept(log_dir.parent)
-    doors = {
+    callbacks = {
         StartRecording.Request: (node._on_start, StartRecording),
         Recall.Request: (node._on_recall, Recall),
         StopRecording.Request: (node._on_stop, StopRecording),
@@ -125,7 +125,7 @@ def test_what_the_recorder_is_asked(log_dir, requests):
     try:
         with bounded():
             for request in requests:
-                on, kind = doors[type(request)]
+                on, kind = callbacks[type(request)]
                 was_open = node._session.is_open
                 response = on(request, kind.Response())
                 serialize_message(response) if hasattr(response, 'get_fields_and_field_types') else None

@@ -240,7 +240,7 @@ def test_goals(goal):
 
 @pytest.mark.parametrize('text', [data.decode() for data in (*corpus('options'), *corpus('settings'))])
 def test_settings_and_options_of_the_corpus(text):
-    """What once broke the door."""
+    """What once caused a failure."""
     for read in (lambda: goal_changes({'options': text}), lambda: parse_settings(text, 'here')):
         with pytest.raises(RosetteError) as error, bounded():
             read()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A whole cell over DDS in separate processes: results, doors, and the log as witness."""
+"""A whole cell over DDS in separate processes: results, interfaces, and the log."""
 
 import re
 from collections import Counter

@@ -194,8 +194,8 @@ def test_faulty_cmm_is_asked_again_and_the_run_ends_well(cell_and_cmm, client):
     assert np.array_equal(offline.values, outcome.error_motions.values)
 
 
-def test_second_calibration_is_refused_at_both_doors_while_one_is_on(cell_and_cmm, client,
-                                                                     module_domain_id, trigger):
+def test_second_calibration_is_refused_by_service_and_action_while_one_is_on(cell_and_cmm, client,
+                                                                                 module_domain_id, trigger):
     """In words, and the first one goes on to its end."""
     cell, cmm = cell_and_cmm
     refused, said = threading.Event(), []
@@ -306,7 +306,7 @@ def test_a_run_whose_log_lacks_a_result_is_no_success(cell_of, domain_id, make_p
     assert log.to_run().size == N * N
 
 
-def test_missing_parts_are_named_at_both_doors(cell_of, domain_id, trigger):
+def test_missing_parts_are_named_by_service_and_action(cell_of, domain_id, trigger):
     """A calibration does not start without a CMM, an evaluator and a recorder."""
     wanted = (
         'no CMM: wanted one that subscribes to probe_target and publishes ball_centre, got none',

@@ -79,7 +79,7 @@ def calibrated(unasked, cell, module_domain_id):
 
 
 @pytest.fixture(scope='module')
-def story(calibrated, ask):
+def answers(calibrated, ask):
     """Return the answers to diagnose, add, diagnose, wrong add, remove, in this order."""
     return [ask('diagnose'), ask('add_effect', run_id=calibrated.run_id, effect='frame_drift'),
             ask('diagnose'), ask('add_effect', effect='table_backlash'),
@@ -137,9 +137,9 @@ def test_a_joint_evaluation_is_answered_and_published(calibrated, ask, wait_unti
     assert 'wanted different runs, got the same ball centres in both' in refused[3]
 
 
-def test_diagnose_answers_as_the_log_says(story, calibrated):
+def test_diagnose_answers_as_the_log_says(answers, calibrated):
     """The service gives the diagnosis that was published after the run."""
-    answer = story[0]
+    answer = answers[0]
     assert answer.success
     assert answer.diagnosis.missing == ['frame_drift']
     assert answer.message == answer.diagnosis.verdict
@@ -147,9 +147,9 @@ def test_diagnose_answers_as_the_log_says(story, calibrated):
     assert [c.p for c in answer.diagnosis.candidates] == [c.p for c in published.candidates]
 
 
-def test_adding_the_effect_changes_model_and_curves(story, calibrated):
+def test_adding_the_effect_changes_model_and_curves(answers, calibrated):
     """The answer holds both models and the new curves: those of an offline evaluation, bit for bit."""
-    answer = story[1]
+    answer = answers[1]
     assert answer.success, answer.message
     model = Model().with_effect('frame_drift')
     offline = analyse(read_log(calibrated.log).to_run(), model)
@@ -159,39 +159,39 @@ def test_adding_the_effect_changes_model_and_curves(story, calibrated):
     assert answer.after.residual_rms == offline.rms < 0.5 * answer.before.residual_rms
     assert np.array_equal(answer.error_motions.ctx, offline.error_motions['ctx'])
     assert np.array_equal(answer.error_motions.u_crz, offline.error_motions.uncertainty('crz'))
-    assert story[2].diagnosis.missing == []
-    assert story[2].diagnosis.model_hash == model.hash
+    assert answers[2].diagnosis.missing == []
+    assert answers[2].diagnosis.model_hash == model.hash
 
 
 @pytest.mark.parametrize(('place', 'words'), [
     (3, 'table_backlash cannot be seen in this order of measurement'),
     (6, "run_id: wanted one of rosette_"),
 ])
-def test_what_cannot_be_is_refused_in_words(story, place, words):
+def test_what_cannot_be_is_refused_in_words(answers, place, words):
     """And nothing changes."""
-    assert not story[place].success
-    assert words in story[place].message
+    assert not answers[place].success
+    assert words in answers[place].message
 
 
-def test_an_own_term_comes_and_goes(story):
+def test_an_own_term_comes_and_goes(answers):
     """Its definition travels with the model; after its removal the model is as before."""
-    added, removed = story[4], story[5]
+    added, removed = answers[4], answers[5]
     assert added.success, added.message
     definition = yaml.safe_load(added.after.effects[-1].definition)
     assert definition == {'own': 'wave', 'direction': 'z', 'expression': 't*cos(3*alpha)',
                           'per': 'all'}
     assert removed.success
-    assert removed.after.hash == story[1].after.hash
+    assert removed.after.hash == answers[1].after.hash
 
 
-def test_every_change_is_published(story, ask, wait_until):
+def test_every_change_is_published(answers, ask, wait_until):
     """Model, diagnosis and error motions, three times after the run and once with it."""
     wait_until(lambda: len(ask.heard['diagnosis']) == 1 + 2 + 3)
     assert len(ask.heard['error_motions']) == 1 + 3
     assert len(ask.heard['model']) >= 1 + 3  # and the one of the start, if it was heard
 
 
-def test_questions_after_the_run_have_a_log_of_their_own(story, cell, calibrated, wait_until):
+def test_questions_after_the_run_have_a_log_of_their_own(answers, cell, calibrated, wait_until):
     """It holds questions, answers and what was published; the log of the run is not touched."""
     recorder, closed = cell.processes['recorder'], []
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables: exact in the file, with units in the heads, the same numbers as every other door gives."""
+"""Tables: exact in the file, with units in the heads, the same numbers as every other interface gives."""
 
 import csv
 import io

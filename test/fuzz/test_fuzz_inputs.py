@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whatever comes through a door: a value that makes sense or one clear error, nothing else.
+"""Whatever comes in at an interface: a value that makes sense or one clear error, nothing else.
 
-`make fuzz` tries 10 000 inputs at each door, `make test` some of them; what once broke a door stays in
+`make fuzz` tries 10 000 inputs at each interface, `make test` some of them; what once caused a failure stays in
 corpus/ and is tried always. Each input has a time limit, and what is accepted is held against a
 second, independent reading of it.
 """
@@ -98,7 +98,7 @@ def test_a_table(data):
 
 @pytest.mark.parametrize('data', corpus('csv'))
 def test_a_table_of_the_corpus(data):
-    """What once broke the door."""
+    """What once caused a failure."""
     check_table(data)
 
 
@@ -156,7 +156,7 @@ def test_a_model(data):
 
 @pytest.mark.parametrize('data', corpus('model'))
 def test_a_model_of_the_corpus(data):
-    """What once broke the door."""
+    """What once caused a failure."""
     check_model(data)
 
 
@@ -234,7 +234,7 @@ def test_a_machine(tmp_path_factory, data):
 
 @pytest.mark.parametrize('data', corpus('machine'))
 def test_a_machine_of_the_corpus(data, tmp_path):
-    """What once broke the door."""
+    """What once caused a failure."""
     check_machine(data, tmp_path / 'machine.yaml')
 
 
