@@ -267,7 +267,7 @@ def format_settings(values: Mapping[str, Value]) -> str:
 def parse_settings(text: str, where: str) -> dict[str, Value]:
     """Return the settings that format_settings wrote, name to value; raises InvalidConfig in words."""
     given = parse_mapping(text, where, MOST_SETTINGS, 'order: row', InvalidConfig)
-    # than the first logs, or left out
+    # those that the first logs lack, or that are left out
     later = ('table.axis', 'touches', 'table_offset_deg', *PLACES, 'plate.file',
              *(BY_PLAN[2:] if 'plan' in given else ('plan',)))
     known = (*PLANNED, *[IDENTITY] * (IDENTITY.name in given))

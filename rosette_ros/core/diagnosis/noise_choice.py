@@ -36,8 +36,8 @@ CURVED = 40.0
 """Score by which free forms in white noise may be worse: where they leave nothing, what is there is smoother than a
 wander, of which they would leave the quick part."""
 MOST_NOISES = 3
-NO_NAMES: tuple[str, ...] = ()
 """Searches beside that in white noise."""
+NO_NAMES: tuple[str, ...] = ()
 
 
 def under_best_noise(white: 'RunSearch', again: Callable[[Noise], 'RunSearch']) -> 'RunSearch':

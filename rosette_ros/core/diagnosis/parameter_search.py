@@ -17,6 +17,7 @@ from rosette_ros.core.records import Floats, Run
 RELINEARISED = 4
 """How often a search is made again with the second-order terms of what it found."""
 
+
 def choose_settings(run: Run, model: Model, noise: Noise | None = None) -> tuple[Setting, ...]:
     """Return a Setting for each effect of a model: the best on this run, jointly, within what is fixed.
 

@@ -36,6 +36,7 @@ class NormalSpace(BaseSpace):
         if self.rank < wanted:
             missing = self._undetermined() or 'the separation of table, plate and CMM'
             raise _too_few(run, f'give rank {self.rank} where {wanted} is needed', f'; cannot determine {missing}')
+
     @cached_property
     def basis(self) -> Basis:
         """Orthonormal rows that span the base model in white coordinates."""
