@@ -100,7 +100,7 @@ def _grouped(root: str, files: list[str]) -> Iterator[tuple[str, list[str]]]:
             re.fullmatch(rf'{re.escape(folder.name)}_\d+', path.stem) for path in logs)
         if logs and is_one:
             yield str(folder), list(map(str, logs))
-        elif not logs and folder / METADATA in inside:  # its files are gone: it is a log that cannot be read
+        elif not logs and folder / METADATA in inside:  # its files are missing: it is a log that cannot be read
             yield str(folder), [str(folder / METADATA)]
         for path in inside:
             if path.suffix in SUFFIXES and not (is_one and path in logs):

@@ -97,7 +97,7 @@ def _built(certificate: Certificate, figures: Sequence[Figure], share: float, pa
                              topMargin=TOP, bottomMargin=FOOT, title=f'Certificate {_number(certificate)}',
                              author=certificate.identity['laboratory.name'], invariant=1)
     frame = partial(_frame, certificate=certificate, pages=pages)
-    made.build(_story(certificate, places), onFirstPage=frame, onLaterPages=frame)
+    made.build(_flowables(certificate, places), onFirstPage=frame, onLaterPages=frame)
     return stream.getvalue(), places, made.page
 
 
@@ -128,15 +128,15 @@ def _frame(canvas: Any, document: Any, certificate: Certificate, pages: int) -> 
         canvas.drawCentredString(A4[0] / 2, A4[1] - 11 * mm, 'SIMULATED: no real table was measured')
 
 
-def _story(one: Certificate, places: Sequence[FigurePlace]) -> list[Any]:
+def _flowables(one: Certificate, places: Sequence[FigurePlace]) -> list[Any]:
     identity = one.identity
-    story: list[Any] = [
+    flowables: list[Any] = [
         _words('Calibration certificate', TITLE, BOLD), Spacer(1, 1.5 * mm),
         _words(f'<b>No. {_text(_number(one))}</b>, issued {one.inputs.issued}: error motions of a rotary table'),
         Spacer(1, 2 * mm)]
     if one.is_simulated:
-        story += [_boxed(SIMULATED), Spacer(1, 2 * mm)]
-    story += [_pairs([
+        flowables += [_boxed(SIMULATED), Spacer(1, 2 * mm)]
+    flowables += [_pairs([
         ('Laboratory', '; '.join(filter(None, (
             contact(identity, 'laboratory'), identity['laboratory.email'], identity['laboratory.phone'],
             identity['laboratory.accreditation'])))),
@@ -144,43 +144,43 @@ def _story(one: Certificate, places: Sequence[FigurePlace]) -> list[Any]:
                                              if identity['customer.order'] else '')))),
         ('Place, days', f'{identity["place.name"] or NOT_STATED}; {one.days[0]} to {one.days[1]}'),
         ('Operator', identity['operator.name'])])]
-    story += [_heading('What was calibrated, with what'), _grid(
+    flowables += [_heading('What was calibrated, with what'), _grid(
         [('', 'maker', 'model', 'serial number', 'calibration, remarks'), *(
             (f'<b>{words}</b>', *(_text(identity[f'{name}.{entry}'] or NOT_STATED)
                                   for entry in ('maker', 'model', 'serial')), _text('; '.join(filter(None, (
                                       identity[f'{name}.{entry}'] for entry in ('calibration', 'remarks'))))))
             for name, words in DEVICES.items())], (0.15, 0.2, 0.2, 0.2, 0.25))]
-    story += [_heading('What was measured, and how'), _words(f'{_text(METHOD)} {_text(PAPER)}, '
-                                                             f'<link href="{DOI}">{DOI.partition("org/")[2]}</link>.'),
-              Spacer(1, 1 * mm), _pairs([*_measured(one.runs), *one.evaluation])]
-    story += [_heading('Result: the six errors of the table, ISO 230-7'), _words(f'<b>{_text(one.judgement)}</b>'),
-              Spacer(1, 1 * mm)]
+    flowables += [_heading('What was measured, and how'),
+                  _words(f'{_text(METHOD)} {_text(PAPER)}, <link href="{DOI}">{DOI.partition("org/")[2]}</link>.'),
+                  Spacer(1, 1 * mm), _pairs([*_measured(one.runs), *one.evaluation])]
+    flowables += [_heading('Result: the six errors of the table, ISO 230-7'), _words(f'<b>{_text(one.judgement)}</b>'),
+                  Spacer(1, 1 * mm)]
     for curves in one.sets:
         table = error_results.errors(curves.lines)
         known = {column.key for column in table.columns}
         table = table.select(*(key for key in SHOWN if key in known))
         if len(one.sets) > 1:
-            story += [_words(f'<b>{_text(curves.words)}</b>')]
-        story += [_grid([tuple(column.head for column in table.shown), *(
+            flowables += [_words(f'<b>{_text(curves.words)}</b>')]
+        flowables += [_grid([tuple(column.head for column in table.shown), *(
             (*map(_text, row[:-1]), _coloured(row[-1], line.conformity))
             for row, line in zip(table.rows, curves.lines, strict=True))], _shares(table.shown),
             [place for place, column in enumerate(table.shown) if column.number])]
     note = error_results.errors([line for curves in one.sets for line in curves.lines]).note
-    story += [Spacer(1, 1 * mm), _words(_text(note), soft=True)]
+    flowables += [Spacer(1, 1 * mm), _words(_text(note), soft=True)]
     if words := identity['certificate.remarks']:
-        story += [Spacer(1, 1 * mm), _words(f'<b>Remarks</b>: {_text(words)}')]
+        flowables += [Spacer(1, 1 * mm), _words(f'<b>Remarks</b>: {_text(words)}')]
     if one.budget:
-        story += _budget(one.budget)
-    story += [_heading('The six error motions over the table angle, with the band of U (k = 2)'), *places]
-    story += [_heading('What is not known'), *_bullets(one.unknown)]
+        flowables += _budget(one.budget)
+    flowables += [_heading('The six error motions over the table angle, with the band of U (k = 2)'), *places]
+    flowables += [_heading('What is not known'), *_bullets(one.unknown)]
     if one.missing:
-        story += [_heading('Not stated by the laboratory'), _words(_text(', '.join(one.missing)))]
-    story += [_heading('Data and software'), *_bullets(
+        flowables += [_heading('Not stated by the laboratory'), _words(_text(', '.join(one.missing)))]
+    flowables += [_heading('Data and software'), *_bullets(
         [*(f'{file.path}: SHA-256 {file.sha256}' for file in one.files),
          ', '.join(f'{name} {version}' for name, version in one.inputs.programs if version[:1].isdigit()),
          'The digital certificate (DCC, XML) is attached to this file; it counts, these pages are for reading. It has '
          'the curves in numbers: rosette certificate --verify compares it with the run.'])]
-    return [*story, _signature(one)]
+    return [*flowables, _signature(one)]
 
 
 def _budget(made: Budget) -> Iterable[Any]:

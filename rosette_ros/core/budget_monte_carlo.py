@@ -92,13 +92,13 @@ class MonteCarlo:
 
 def monte_carlo(made: Budget, trials: int, seed: int = 0, on_step: Callable[[int], object] | None = None) -> MonteCarlo:
     """Return what `trials` repetitions of the run give; on_step: called with how many more are done."""
-    rng, world = np.random.default_rng(seed), _World(made)
+    rng, simulated = np.random.default_rng(seed), _SimulatedReadings(made)
     run = made.fit.run
-    most = max(1, CHUNK // (3 * run.size * (world.touches or 1)))
+    most = max(1, CHUNK // (3 * run.size * (simulated.touches or 1)))
     curves = np.empty((trials, run.n, 6))
     for start in range(0, trials, most):
         count = min(most, trials - start)
-        curves[start:start + count] = world.refitted(world.readings(rng, count))
+        curves[start:start + count] = simulated.refitted(simulated.readings(rng, count))
         if on_step:
             on_step(count)
     off = curves - made.fit.error_motions.values
@@ -133,7 +133,7 @@ def _agreement(off: Floats, expected: Floats) -> Agreement:
                      float(scatter), float(0.5 * 10.0**np.floor(np.log10(mean))))
 
 
-class _World:
+class _SimulatedReadings:
     """What is drawn, and how readings follow from it; what stays the same in all trials."""
 
     def __init__(self, made: Budget) -> None:

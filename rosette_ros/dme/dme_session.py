@@ -56,7 +56,7 @@ class DmeStopped(CellError):
 
 
 class DmeLost(DmeStopped):
-    """The connection is gone, or what comes through it cannot be trusted."""
+    """The connection is lost, or what comes through it cannot be trusted."""
 
 
 class ToolNotInUse(CellError):

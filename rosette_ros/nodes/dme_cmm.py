@@ -45,11 +45,11 @@ class DmeCmmNode(CmmNode):
     """A CMM through I++ DME.
 
     A target is measured as the settings say, or answered as failed with the server's number and words. When a run ends,
-    when who asked for the target is gone, and when the node ends, what moves is aborted (AbortE). A collision, an
-    emergency stop, a lost connection, a crash of this node: the heartbeat says so, by which a run fails, and nothing
-    moves until a person calls the service `cmm/recover`, which clears the errors or connects anew; a file beside the
-    settings keeps that over the end of the node. Nothing moves but for a target: a tool is changed before the first
-    ball. The service `cmm/check_plan` says of a whole plan whether it can be measured. Parameters: WANTED."""
+    when the node that requested the target is disconnected, and when this node ends, what moves is aborted (AbortE). A
+    collision, an emergency stop, a lost connection, a crash of this node: the heartbeat says so, by which a run fails,
+    and nothing moves until a person calls the service `cmm/recover`, which clears the errors or connects anew; a file
+    beside the settings keeps that over the end of the node. Nothing moves but for a target: a tool is changed before
+    the first ball. The service `cmm/check_plan` says of a whole plan whether it can be measured. Parameters: WANTED."""
 
     def __init__(self) -> None:
         super().__init__(WANTED)
@@ -131,7 +131,8 @@ class DmeCmmNode(CmmNode):
             raise self._failure
         self._publish_found()
         if self._wanted is not None and not self._askers <= self._all_askers():
-            self.get_logger().warning(f'who asked for ball {self._wanted.ball} is gone; its measurement is aborted')
+            self.get_logger().warning(
+                f'the node that requested ball {self._wanted.ball} is disconnected; its measurement is aborted')
             self._stop_measuring()
         problem, cmm = self._problem(), self._cmm
         self.heartbeat.report(problem)

@@ -43,4 +43,5 @@ COLLECT_LATCHED = _profile(5000, DurabilityPolicy.TRANSIENT_LOCAL)
 RECORD = _profile(10_000)
 RECORD_LATCHED = _profile(10_000, DurabilityPolicy.TRANSIENT_LOCAL)
 """For the recorder: deeper than the 5000 messages that Fast DDS holds for a reader. What does not fit is then refused,
-requested again and, where it is gone, reported as lost; in a queue of 5000 it would replace another unreported."""
+requested again and, where its sender has it no more, reported as lost; in a queue of 5000 it would replace another
+unreported."""

@@ -126,7 +126,7 @@ class TrendMonitor(CellNode):
         return response
 
     def wake(self) -> None:
-        """Begin what is due; take up what was added; notice that the sequencer is gone."""
+        """Begin what is due; take up what was added; notice that the sequencer is disconnected."""
         now = self.seconds()
         if self._reason_until and now > self._reason_until:
             self._refused('the sequencer refused it, see its log')

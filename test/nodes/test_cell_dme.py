@@ -226,7 +226,7 @@ def test_a_server_that_is_restarted(cell, client, served, wait_until, trigger):
 
 
 def test_a_check_that_is_interrupted(cell, served, module_domain_id, wait_until):
-    """Who asked for the ball is gone: AbortE, nothing is sent after it."""
+    """The node that requested the ball is disconnected: AbortE, nothing is sent after it."""
     class Interrupted(CmmClient):
         def _is_answered(self, target):
             if served.when('< .* PtMeas', began):
@@ -240,7 +240,7 @@ def test_a_check_that_is_interrupted(cell, served, module_domain_id, wait_until)
         gone = time.monotonic()
         wait_until(lambda: served.when('< E.* AbortE', began))
         assert served.when('< E.* AbortE', began) < gone + 1.0
-        wait_until(lambda: 'who asked for ball 1 is gone' in cell.processes[names.CMM].text())
+        wait_until(lambda: 'requested ball 1 is disconnected' in cell.processes[names.CMM].text())
         assert served.when(MOVE, served.when('< E.* AbortE', began)) is None
 
 

@@ -37,7 +37,7 @@ COARSE = 1.5
 LEFT = 1e-3
 """Probability, over all tests, below which the rest is not noise of the run's kind."""
 NOISELESS = 1e-10
-"""Residual rms, m, below which nothing is searched: a tenth of a nanometre concerns nobody."""
+"""Residual rms, m, below which nothing is searched: a tenth of a nanometre is negligible."""
 
 
 @dataclass(frozen=True, eq=False)

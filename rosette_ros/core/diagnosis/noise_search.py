@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which noise a run has: tests of what a fit leaves, and estimates by restricted maximum likelihood.
 
-The noise competes with effects in one currency, twice the log likelihood less what its parameters cost: with the model
-and the effects beside it as columns B in white coordinates, -2 L = dof ln RSS + ln det C + ln det B'B.
+Noise and effects compete by the same score, twice the log likelihood less what the parameters cost: with the model and
+the effects beside it as columns B in white coordinates, -2 L = dof ln RSS + ln det C + ln det B'B.
 """
 
 from collections.abc import Iterator, Sequence

@@ -196,7 +196,7 @@ class Recovery(RunFunction):
 
 
 class Onset(RunFunction):
-    """max(0, t - t0); sixteen moments; a steady drift is the simpler story, so that each has to stand against more."""
+    """max(0, t - t0); sixteen moments; a steady drift is simpler, so that each has to stand against more."""
 
     searched = (Searched('t0', 's', 'moment at which it begins, since the first reading', 'phase'),)
     carries = 'nothing'
@@ -228,7 +228,7 @@ class Curve(RunFunction):
 class LaggedTemperature(Temperature):
     """T as a part of the machine with a time constant follows it; from a fiftieth of the run to the whole of it.
 
-    To follow at once is the simpler story.
+    To follow at once is simpler.
     """
 
     searched = WarmUp.searched
@@ -249,7 +249,7 @@ class FactoredEffect(Effect, ABC):
 
     function: f, its parameters are the last searched ones; chosen: what else is searched, and choices: its settings, by
     which `which` chooses among `directions`; acts: the numbers of the directions where nothing else is searched;
-    simpler: how many times as much a setting has to stand against, as another story is simpler.
+    simpler: how many times as much a setting has to stand against, as another explanation is simpler.
     """
 
     function: RunFunction

@@ -98,7 +98,7 @@ class JointModel:
         if self.unknowns > MOST_UNKNOWNS:
             raise NotDeterminable(f'wanted at most {MOST_UNKNOWNS} unknowns in all runs together, got {self.unknowns}; '
                                   'evaluate fewer runs or positions')
-        self._refuse_strangers()
+        self._refuse_unjoined_runs()
 
     def _fix(self, balls: Ints) -> None:
         """Mark what is known or is a reference as not free."""
@@ -125,7 +125,7 @@ class JointModel:
         """N, readings of all runs."""
         return self.phi.size
 
-    def _refuse_strangers(self) -> None:
+    def _refuse_unjoined_runs(self) -> None:
         """Refuse runs that too few table angles, balls and CMM positions join."""
         kinds = {'table angles': (self.table, 2), 'balls': (self.ball, 3), 'CMM positions': (self.cmm, 3)}
         if self.sharing.cmm_is_calibrated:

@@ -20,7 +20,7 @@ from rosette_ros.core.records import Floats, Run
 NEGLIGIBLE = 1e-9
 """Second-order terms that change neither curves nor residuals by more, m, are left out,"""
 SHARE = 0.03
-"""nor by more than this share of what the fit leaves: it concerns nobody."""
+"""nor by more than this share of what the fit leaves: it is negligible."""
 ROUNDING, CONVERGED = 1e-15, 1e-12
 """Changes of the offset of any ball, m: the last step changes it by less than rounding, at worst by a picometre."""
 MOST_STEPS = 40
