@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every table of results, built once: shown on the terminal, in the report and in the studio, and written as CSV."""
+"""Tables of a run, a diagnosis, orders and changes, built once for terminal, report, studio and CSV."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
