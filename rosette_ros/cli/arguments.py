@@ -13,6 +13,7 @@ from rosette_ros.core.errors import RosetteError
 from rosette_ros.io.text_file import refuse_read
 from rosette_ros.nodes.names import DOMAINS, NAMESPACE
 
+PICTURES = ('.png', '.svg', '.pdf')
 WRITTEN = ('output', 'pdf', 'figure', 'noise_picture')
 """Options that name a file to write; a file that another one names is read."""
 IN_LOG = 'who, what and where (YAML, rosette-identity/1), kept in the log of each run'
@@ -44,6 +45,13 @@ def period(text: str) -> float:
     if not 1.0 <= value <= 1e9:
         raise argparse.ArgumentTypeError(f'wanted a time of at least 1s, such as 7d, 12h or 30min, got {text!r}')
     return value
+
+
+def picture_file(text: str) -> Path:
+    """Read the name of a picture to write."""
+    if Path(text).suffix.lower() not in PICTURES:
+        raise argparse.ArgumentTypeError(f'wanted a file name that ends with {", ".join(PICTURES)}, got {text!r}')
+    return Path(text)
 
 
 def _reader(kind: Callable[[str], Value], is_right: Callable[[Value], bool], wanted: str) -> Callable[[str], Value]:
@@ -91,6 +99,13 @@ SHARED: dict[str, dict[str, Any]] = {
                                               'what the log states'},
     '--refit-spheres': {'action': 'store_true', 'help': 'recalculate the ball centres from the touches in the log, and '
                         'show these: radii, form of the balls, lobing of the probe'},
+    '--plate': {'metavar': 'FILE', 'help': 'plate file (rosette-plate/1) of balls at other places than an equal pitch; '
+                                           '--balls is then the number of table positions'},
+    '--inputs': {'metavar': 'FILE', 'help': 'of one run: what the readings do not tell its uncertainty budget, such as '
+                 'form of the balls, temperature, alignment (YAML, rosette-budget/1, see config/budget.yaml)'},
+    '--format': {'choices': ('svg', 'png'), 'help': 'of the files of --figures (default svg)'},
+    '--force': {'action': 'store_true', 'help': 'overwrite existing files'},
+    '--trace': {'action': 'store_true', 'help': 'show every line that is sent and received, on stderr'},
     '--json': {'action': 'store_true', 'help': 'print one JSON object and nothing else'},
     '--output': {'metavar': 'DIR', 'default': 'rosette-runs',
                  'help': 'folder of the logs, one folder per run (default rosette-runs)'},

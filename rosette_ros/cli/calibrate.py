@@ -46,8 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_table_offset(parser)
     parser.add_argument('--plan', metavar='FILE', help='measure a plan file (rosette plan --output FILE) instead of '
                         'an order')
-    parser.add_argument('--plate', metavar='FILE', help='plate file (rosette-plate/1) of balls at other places than an '
-                        'equal pitch; --balls is then the number of table positions')
+    add_shared(parser, '--plate')
     parser.add_argument('--options', metavar='YAML', default='',
                         help='further options of the goal, such as "limits.answer_timeout_s: 30"; '
                              f'known: {", ".join(one.name for one in OPTIONS)}')

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rosette_ros.certificate.dcc import to_xml
 from rosette_ros.certificate.dcc_check import MOST_BYTES, Verified, verify_certificate
 from rosette_ros.certificate.statements import Certificate, Inputs, state
-from rosette_ros.cli.arguments import UsageError, add_shared
+from rosette_ros.cli.arguments import SHARED, UsageError, add_shared
 from rosette_ros.cli.console import console, print_json, print_parts, print_verdict
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
 from rosette_ros.core.errors import InvalidData
@@ -33,12 +33,11 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('-o', '--output', metavar='FILE', help='the certificate to write, XML (default: named as the '
                         'run, in this folder)')
     parser.add_argument('--pdf', metavar='FILE', help='write it for people, too: two pages, the XML attached')
-    parser.add_argument('--inputs', metavar='FILE', help='of one run: what its uncertainty budget needs besides the '
-                        'readings (YAML, rosette-budget/1); U is that of the budget then')
+    add_shared(parser, '--inputs', help=f'{SHARED["--inputs"]["help"]}; U is that of the budget then')
     parser.add_argument('--verify', metavar='CERT', help='compare a certificate with its run instead: curves, hash, '
                         'all that is in it')
     add_shared(parser, '--json', help='with --verify: print one JSON object and nothing else')
-    parser.add_argument('--force', action='store_true', help='overwrite existing files')
+    add_shared(parser, '--force')
 
 
 def run(options: Namespace) -> None:

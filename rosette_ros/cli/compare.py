@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """rosette compare: where a model and a measurement differ, and by how much of the noise."""
 
-from argparse import ArgumentParser, ArgumentTypeError, Namespace
-from pathlib import Path
+from argparse import ArgumentParser, Namespace
 
 import numpy as np
 from rich.console import Console
@@ -10,7 +9,7 @@ from rich.markup import escape
 from rich.text import Text
 
 from rosette_ros.analysis import compare, diagnose, judge, ladder
-from rosette_ros.cli.arguments import add_shared
+from rosette_ros.cli.arguments import add_shared, picture_file
 from rosette_ros.cli.console import console, head, print_json, print_parts, print_verdict
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.verdict import Verdict
@@ -27,7 +26,6 @@ WIDEST_MAP = 40
 """Most balls for which the map of the readings fits on a screen."""
 LOW, HIGH = 2.0, 3.0
 """Residual of a reading in σ from which it is shown as a digit, and in red."""
-FORMATS = ('.png', '.svg', '.pdf')
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -38,15 +36,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--noise-picture', metavar='FILE', type=picture_file,
                         help='write the picture of the noise that the report has: quantiles, scatter by axis, ball, '
                         'CMM position and time, correlation of neighbours (.png, .svg or .pdf)')
-    parser.add_argument('--force', action='store_true', help='overwrite an existing picture')
-    add_shared(parser, '--json')
-
-
-def picture_file(text: str) -> Path:
-    """Read the name of a picture to write."""
-    if Path(text).suffix not in FORMATS:
-        raise ArgumentTypeError(f'wanted a file name that ends with {", ".join(FORMATS)}, got {text!r}')
-    return Path(text)
+    add_shared(parser, '--force', '--json')
 
 
 def run(options: Namespace) -> None:

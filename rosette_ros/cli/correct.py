@@ -44,7 +44,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--range', metavar=('MIN', 'MAX'), nargs=2, type=float,
                         help='angles of the table, deg; for linuxcnc MIN_LIMIT and MAX_LIMIT of the axis '
                              '(default 0 360)')
-    parser.add_argument('--force', action='store_true', help='overwrite the file')
+    add_shared(parser, '--force')
 
 
 def run(options: Namespace) -> None:

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from rosette_ros import command
-from rosette_ros.cli.arguments import UsageError, add_shared, whole
+from rosette_ros.cli.arguments import UsageError, add_shared, picture_file, whole
 from rosette_ros.cli.console import console, print_json, print_parts
 from rosette_ros.core.errors import CellError, InvalidPlan, RosetteError
 from rosette_ros.core.geometry import rotate_z
@@ -39,8 +39,7 @@ def check_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = 'Nothing moves. With a settings file the paths of all its balls are checked too.'
     parser.add_argument('server', metavar='HOST[:PORT]', nargs='?', help=f'where the server listens (port {PORT})')
     parser.add_argument('--settings', metavar='FILE', help='settings file of the CMM (rosette-dme/1), which names it')
-    parser.add_argument('--trace', action='store_true', help='show every line that is sent and received, on stderr')
-    add_shared(parser, '--json')
+    add_shared(parser, '--trace', '--json')
 
 
 def check(options: argparse.Namespace) -> None:
@@ -104,8 +103,9 @@ def path_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('settings', metavar='FILE', help='settings file of the CMM (rosette-dme/1)')
     parser.add_argument('--ball', metavar='J', type=whole(1, 720), default=1, help='which ball (default 1)')
     parser.add_argument('--position', metavar='I', type=whole(1, 720), default=1, help='table position (default 1)')
-    parser.add_argument('--figure', metavar='FILE', help='write a picture of it (png, svg, pdf)')
-    parser.add_argument('--force', action='store_true', help='replace the file of the picture')
+    parser.add_argument('--figure', metavar='FILE', type=picture_file,
+                        help='write a picture of it (.png, .svg or .pdf)')
+    add_shared(parser, '--force')
     parser.add_argument('--steps', action='store_true', help='list every step (default: a summary)')
     parser.add_argument('--csv', action='store_true', help='print every step as CSV')
 
@@ -158,7 +158,7 @@ def dry_run_arguments(parser: argparse.ArgumentParser) -> None:
                      'emergency stop.')
     parser.add_argument('settings', metavar='FILE', help='settings file of the CMM (rosette-dme/1)')
     parser.add_argument('--balls', metavar='N', type=whole(1, 720), help='the first N balls only')
-    parser.add_argument('--trace', action='store_true', help='show every line that is sent and received, on stderr')
+    add_shared(parser, '--trace')
 
 
 def dry_run(options: argparse.Namespace) -> None:

@@ -7,7 +7,7 @@ import time
 
 import yaml
 
-from rosette_ros.cli.arguments import positive, whole
+from rosette_ros.cli.arguments import add_shared, positive, whole
 from rosette_ros.cli.console import console
 from rosette_ros.dme.dme_server import HOST, check_loopback, serving
 from rosette_ros.dme.serve_settings import KINDS, ServeSettings, fault_of
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='a fault, see below; may be repeated')
     parser.add_argument('--settings', metavar='FILE', dest='output', help='write the settings file of a client '
                         '(rosette dme check --settings FILE, rosette cell --cmm dme) that fits this server')
-    parser.add_argument('--force', action='store_true', help='overwrite that file')
+    add_shared(parser, '--force')
     parser.add_argument('--trace', action='store_true', help='print every line, < received, > sent')
 
 

@@ -14,10 +14,9 @@ from rosette_ros.io.open_run import open_run
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path', '--run-id')
+    add_shared(parser, 'run_path', '--run-id', '--force')
     parser.add_argument('-o', '--output', metavar='CSV', required=True,
                         help='table to write; - for the standard output')
-    parser.add_argument('--force', action='store_true', help='overwrite the table')
 
 
 def run(options: argparse.Namespace) -> None:

@@ -20,6 +20,7 @@ from rosette_ros.cli.arguments import (
     UsageError,
     add_formats,
     add_places,
+    add_shared,
     add_table_offset,
     made_folder,
     positive,
@@ -64,8 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_plan(parser, MOST_BALLS)
     add_places(parser)
     add_table_offset(parser)
-    parser.add_argument('--plate', metavar='FILE', help='plate file (rosette-plate/1) of balls at other places than an '
-                        'equal pitch; --balls is then the number of table positions')
+    add_shared(parser, '--plate')
     parser.add_argument('--touches', type=int, choices=TOUCHES, help='touches of each ball (default: as the CMM '
                         'usually does)')
     parser.add_argument('--sigma-um', metavar='S', type=positive('µm'), default=0.1, help='standard deviation of a '
@@ -82,8 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('-o', '--output', metavar='FILE', help='write the plan as a file for calibrate --plan, .csv or '
                         '.yaml')
     parser.add_argument('--figures', metavar='DIR', help='write the pictures of the plan, or of the comparison')
-    parser.add_argument('--format', choices=('svg', 'png'), help='of these files (default svg)')
-    parser.add_argument('--force', action='store_true', help='overwrite existing files')
+    add_shared(parser, '--format', '--force')
     group = add_formats(parser, csv='print the list as a table, coordinates with two decimals; of several plans what '
                         'they determine')
     group.add_argument('--csv-template', action='store_true', help='print an empty ball-centre table, to be filled in; '
@@ -233,9 +232,8 @@ def draw(plans: Sequence[Outlook], options: argparse.Namespace) -> None:
     """Write the pictures of plans into the folder of the options; matplotlib is loaded only here."""
     plots, style = (importlib.import_module(f'rosette_ros.presentation.plots.{name}')
                     for name in ('plan_plots', 'plot_style'))
-    for name, figure in plots.pictures_of_plans(plans).items():
-        path = made_folder(options.figures, 'to write to', '') / f'{name}.{options.format or "svg"}'
-        style.save(figure, path, options.force)
+    style.save_all(plots.pictures_of_plans(plans), made_folder(options.figures, 'to write to', ''),
+                   options.format or 'svg', options.force)
 
 
 def show(made: Outlook, output: str | None = None) -> None:

@@ -24,7 +24,7 @@ from rosette_ros.io.open_run import joint_identity
 from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.io.touch_log import open_refitted
-from rosette_ros.presentation.plots.plot_style import save
+from rosette_ros.presentation.plots.plot_style import save_all
 from rosette_ros.presentation.plots.result_plots import Series
 from rosette_ros.presentation.report import verification
 from rosette_ros.presentation.report.joint_page import joint_html, joint_pictures, joint_tables, open_with_files
@@ -47,15 +47,12 @@ def add_arguments(parser: ArgumentParser) -> None:
                         '(iii) CMM correction off, (iv) that and the table axial correction off; two more: table '
                         'angular correction off, and on again')
     add_joint(parser)
-    add_shared(parser, '--refit-spheres')
-    parser.add_argument('--inputs', metavar='FILE', help='of one run: what its uncertainty budget needs besides the '
-                        'readings (YAML, rosette-budget/1)')
+    add_shared(parser, '--refit-spheres', '--inputs')
     parser.add_argument('--maker', metavar='FILE', help="with --compare: the maker's correction tables, CSV "
                         'with the columns table_angle_deg,ctz_um,crz_urad')
     parser.add_argument('--figures', metavar='DIR', help='write every figure as a file of its own, too')
-    parser.add_argument('--format', choices=('svg', 'png'), help='of these files (default svg)')
     parser.add_argument('--tables', metavar='DIR', help='write every table as CSV, too')
-    parser.add_argument('--force', action='store_true', help='overwrite existing files')
+    add_shared(parser, '--format', '--force')
 
 
 def run(options: Namespace) -> None:
@@ -156,9 +153,8 @@ def output_of(options: Namespace, name: str) -> Path:
 
 def write_parts(options: Namespace, pictures: Mapping[str, Figure], tables: Iterable[Table]) -> None:
     """Write every figure and every table into the folders that the options name."""
-    for name, figure in pictures.items() if options.figures else ():
-        path = made_folder(options.figures, 'to write to', '') / f'{name}.{options.format or "svg"}'
-        save(figure, path, options.force)
+    if options.figures:
+        save_all(pictures, made_folder(options.figures, 'to write to', ''), options.format or 'svg', options.force)
     for table in tables if options.tables else ():
         path = made_folder(options.tables, 'to write to', '') / f'{table.name.replace(" ", "_")}.csv'
         keep_inputs(options, path)

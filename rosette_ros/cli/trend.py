@@ -29,8 +29,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                         'that of most runs)')
     parser.add_argument('-o', '--output', metavar='FILE', help='write the trend as a page (HTML)')
     parser.add_argument('--figures', metavar='DIR', help='write the pictures (PNG): errors over time, control charts')
-    parser.add_argument('--force', action='store_true', help='replace a page and pictures that are there')
-    add_shared(parser, '--json')
+    add_shared(parser, '--force', '--json')
 
 
 def run(options: Namespace) -> None:
@@ -40,7 +39,8 @@ def run(options: Namespace) -> None:
     history = read_history(RunArchive(options.archive), options.table, options.model)
     trend, charts = trend_of(history), history.charts()
     pictures = _pictures(trend, charts) if options.figures or options.output else {}
-    paths = _save(pictures, options) if options.figures else []
+    paths = plot_style.save_all({f'trend_{name}': figure for name, figure in pictures.items()}, made_folder(
+        options.figures, 'to write to', ''), 'png', options.force) if options.figures else []
     said = [f'Table {history.serial or "without serial number"}, {history.dates[0]:%Y-%m-%d} to '
             f'{history.dates[-1]:%Y-%m-%d}, model {history.model_hash[:12]}',
             f'{trend.sentence}.', *trend.notes]
@@ -105,11 +105,3 @@ def _pictures(trend: CellTrend, charts: Charts) -> dict[str, Figure]:
             'summary': trend_plots.charts_over_time(history.dates, summary, 2),
             **({'harmonics': trend_plots.charts_over_time(history.dates, harmonics, 3)} if harmonics else {}),
             **moved}
-
-
-def _save(pictures: dict[str, Figure], options: Namespace) -> list[str]:
-    """Write the pictures; return their paths."""
-    folder = made_folder(options.figures, 'to write to', '')
-    for name, figure in pictures.items():
-        plot_style.save(figure, folder / f'trend_{name}.png', options.force)
-    return [str(folder / f'trend_{name}.png') for name in pictures]

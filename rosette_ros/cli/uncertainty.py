@@ -4,14 +4,13 @@
 import importlib
 import sys
 from argparse import ArgumentParser, Namespace
-from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import MofNCompleteColumn, Progress
 
 from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, judge
-from rosette_ros.cli.arguments import UsageError, add_shared, whole
+from rosette_ros.cli.arguments import UsageError, add_shared, picture_file, whole
 from rosette_ros.cli.console import console, head, print_json, print_parts, print_verdict, warn
 from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.budget_monte_carlo import MonteCarlo, monte_carlo
@@ -26,23 +25,20 @@ from rosette_ros.io.touch_log import refit_if_touched
 from rosette_ros.presentation.budget_results import agreement_words, budget_json, budget_tables, together_words
 
 FEWEST_TRIALS, MOST_TRIALS = 100, 1_000_000
-PICTURES = ('.png', '.svg', '.pdf')
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    add_shared(parser, 'run_path', '--run-id', '--model')
-    parser.add_argument('--inputs', metavar='FILE', help='what the readings do not tell (YAML, rosette-budget/1, see '
-                        'config/budget.yaml): form of the balls, temperature, alignment, radius')
+    add_shared(parser, 'run_path', '--run-id', '--model', '--inputs')
     parser.add_argument('--hidden-effects', action='store_true', help='add bounds of effects that are not in the model '
                         'and that this order of measurement hides')
     parser.add_argument('--monte-carlo', metavar='N', type=whole(FEWEST_TRIALS, MOST_TRIALS),
                         help='repeat the run N times with drawn contributions and compare (GUM S1, S2); '
                         'fewer than 1000 decide nothing, 10000 are usual')
     parser.add_argument('--seed', type=whole(0, 2**63 - 1), help='of the Monte Carlo (default 0)')
-    add_shared(parser, '--json')
-    parser.add_argument('-o', '--output', metavar='FILE', help='draw the bars (.png, .svg or .pdf)')
-    parser.add_argument('--force', action='store_true', help='overwrite the picture')
+    parser.add_argument('-o', '--output', metavar='FILE', type=picture_file,
+                        help='draw the bars (.png, .svg or .pdf)')
+    add_shared(parser, '--force', '--json')
 
 
 def run(options: Namespace) -> None:
@@ -50,8 +46,6 @@ def run(options: Namespace) -> None:
     if options.seed is not None and not options.monte_carlo:
         raise UsageError('budget: --seed goes with --monte-carlo only; leave it out')
     if options.output:
-        if Path(options.output).suffix.lower() not in PICTURES:
-            raise UsageError(f'--output: wanted a name that ends in {", ".join(PICTURES)}, got {options.output!r}')
         refuse_existing(options.output, options.force)
     inputs = read_budget(options.inputs) if options.inputs else BudgetInputs()
     measured = open_run(options.run_path, options.run_id)
@@ -78,7 +72,7 @@ def run(options: Namespace) -> None:
     if hidden is None:
         out.print('Bounds of effects that this order hides: --hidden-effects')
     if options.output:
-        out.print(f'\nPicture: {escape(options.output)}', soft_wrap=True)
+        out.print(f'\nPicture: {escape(str(options.output))}', soft_wrap=True)
 
 
 def show(out: Console, made: Budget, found: MonteCarlo | None = None) -> None:

@@ -156,3 +156,11 @@ def save(made: Figure, path: Path | str, force: bool = False) -> None:
     with mpl.rc_context(LOOK):
         made.savefig(stream, dpi=DPI, format=Path(path).suffix[1:])
     write_bytes(path, stream.getvalue(), force)
+
+
+def save_all(made: Mapping[str, Figure], folder: Path, ending: str, force: bool = False) -> list[Path]:
+    """Write figures into a folder, each as its name with an ending; return the paths."""
+    paths = [folder / f'{name}.{ending}' for name in made]
+    for one, path in zip(made.values(), paths, strict=True):
+        save(one, path, force)
+    return paths
