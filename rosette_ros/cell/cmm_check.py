@@ -24,7 +24,7 @@ from rosette_ros.core.errors import CellError
 from rosette_ros.core.number_words import micrometres, significant
 from rosette_ros.core.touches import fit_spheres
 from rosette_ros.io.messages import MACHINE_FRAME, Answer, Phase, Target, answer_of
-from rosette_ros.io.reading_checks import check_answers
+from rosette_ros.io.reading_checks import Check, check_answers
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.liveliness import obeying
@@ -41,15 +41,6 @@ HELD = {
     'approach': 'the sense of the last move', 'places': 'measured, not repeated from the target',
     'resolution': 'the coordinates have all digits'}
 """What holds where a check of reading_checks finds nothing wrong."""
-
-
-@dataclass(frozen=True)
-class Check:
-    """One check: its name, whether it is passed (None: for information), and what was found."""
-
-    name: str
-    passed: bool | None
-    text: str
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,9 @@ from typing import Any
 
 from rosette_ros.cell.cmm_check import CmmClient, CmmReport
 from rosette_ros.cli.arguments import add_shared, positive, whole
-from rosette_ros.cli.console import console, print_json, print_parts
+from rosette_ros.cli.console import console, print_checks, print_json
 from rosette_ros.core.errors import CellError
 from rosette_ros.presentation.formatting import duration, signs
-from rosette_ros.presentation.table_format import Table, words
-
-MARKS = {True: '✓', False: '✗', None: '–'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -75,11 +72,6 @@ def _place(settings: Mapping[str, Any]) -> str:
 
 def show(report: CmmReport, plate: str) -> None:
     """Print a report for a person; plate: which one was asked for, in words."""
-    checks = report.checks
     time = '' if report.seconds_per_ball is None or report.run_seconds is None else (
         f'A ball takes {duration(report.seconds_per_ball)}, a calibration about {duration(report.run_seconds)}.')
-    print_parts(console(), [Table('cmm_check', 'What the CMM answers', (
-        words('passed', '', [MARKS[check.passed] for check in checks]),
-        words('check', 'check', [check.name for check in checks]),
-        words('found', 'found', [check.text for check in checks])),
-        levels=tuple('bad' if check.passed is False else '' for check in checks), note=f'{plate} {time}'.strip())])
+    print_checks('cmm_check', 'What the CMM answers', report.checks, f'{plate} {time}'.strip())

@@ -4,7 +4,7 @@
 import json
 import sys
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import IO, TYPE_CHECKING, Any
 
 import rich.table
@@ -14,12 +14,13 @@ from rich.markup import escape
 
 from rosette_ros.core.records import Run
 from rosette_ros.presentation.formatting import missing_words, model_words, residual_words, run_size, uncertainty_words
-from rosette_ros.presentation.table_format import Column, Table
+from rosette_ros.presentation.table_format import Column, Table, words
 
 if TYPE_CHECKING:  # plan and info start without the least squares
     from rosette_ros.core.correction_check import CorrectionCheck
     from rosette_ros.core.diagnosis.verdict import Conclusion, Verdict
     from rosette_ros.core.model.least_squares import Fit
+    from rosette_ros.io.reading_checks import Check
 
 WIDTH = 100
 """Widest output, columns; what is no terminal gets this width."""
@@ -138,6 +139,14 @@ def print_parts(out: Console, parts: Iterable[Any]) -> None:
                 print_table(out, part)
             else:
                 out.print(part)
+
+
+def print_checks(name: str, title: str, checks: 'Sequence[Check]', note: str = '') -> None:
+    """Print the checks of a CMM as a table."""
+    print_parts(console(), [Table(name, title, (
+        words('passed', '', [{True: '✓', False: '✗', None: '–'}[one.passed] for one in checks]),
+        words('check', 'check', [one.name for one in checks]), words('found', 'found', [one.text for one in checks])),
+        levels=tuple('bad' if one.passed is False else '' for one in checks), note=note)])
 
 
 def print_json(mapping: Mapping[str, Any]) -> None:

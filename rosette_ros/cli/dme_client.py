@@ -14,24 +14,24 @@ import numpy as np
 
 from rosette_ros import command
 from rosette_ros.cli.arguments import UsageError, add_shared, picture_file, whole
-from rosette_ros.cli.console import console, print_json, print_parts
+from rosette_ros.cli.console import console, print_checks, print_json, print_parts
 from rosette_ros.core.errors import CellError, InvalidPlan, RosetteError
 from rosette_ros.core.geometry import rotate_z
 from rosette_ros.dme.ball_probing import DmeCmm
-from rosette_ros.dme.dme_check import DmeFinding, look_at
+from rosette_ros.dme.dme_check import look_at
 from rosette_ros.dme.dme_plan import refuse_unsafe_plan
 from rosette_ros.dme.dme_session import DmeSession, DmeStopped, ToolNotInUse
 from rosette_ros.dme.dme_settings import DmeSettings, TimeoutSettings, load_dme_settings
 from rosette_ros.dme.probe_path import ball_path, length, lifted, obstacles, refuse_unsafe
 from rosette_ros.dme.stop_mark import StopMark
 from rosette_ros.dme.wire import PORT
+from rosette_ros.io.reading_checks import Check
 from rosette_ros.presentation.formatting import duration, fixed
 from rosette_ros.presentation.plots import plot_style
 from rosette_ros.presentation.plots.path_plots import probe_path
 from rosette_ros.presentation.table_format import Table, column, words
 
 Result = TypeVar('Result')
-MARKS = {True: '✓', False: '✗', None: '–'}
 
 
 def check_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,11 +55,7 @@ def check(options: argparse.Namespace) -> None:
         print_json({'schema': 'rosette-dme-check/1', 'server': f'{host}:{port}', 'passed': not failed,
                     'checks': [asdict(one) for one in found]})
     else:
-        print_parts(console(), [Table('dme_check', f'What {host}:{port} says', (
-            words('passed', '', [MARKS[one.passed] for one in found]),
-            words('check', 'asked', [one.name for one in found]),
-            words('found', 'found', [one.text for one in found])),
-            levels=tuple('bad' if one.passed is False else '' for one in found))])
+        print_checks('dme_check', f'What {host}:{port} says', found)
     if failed:
         raise CellError(f'dme check: not passed: {", ".join(failed)} (docs/real-cmm.md)')
 
@@ -72,7 +68,7 @@ def _address(text: str) -> tuple[str, int]:
 
 
 async def _looked(host: str, port: int, settings: DmeSettings | None,
-                  trace: Callable[[str], None] | None) -> list[DmeFinding]:
+                  trace: Callable[[str], None] | None) -> list[Check]:
     session = await DmeSession.connect(host, port, settings.timeouts if settings else TimeoutSettings(), trace)
     try:
         return [*await look_at(session), *(await _prepared(DmeCmm(session, settings), settings) if settings else ())]
@@ -80,21 +76,21 @@ async def _looked(host: str, port: int, settings: DmeSettings | None,
         await session.end()
 
 
-async def _prepared(cmm: DmeCmm, settings: DmeSettings) -> list[DmeFinding]:
+async def _prepared(cmm: DmeCmm, settings: DmeSettings) -> list[Check]:
     """Return whether the machine takes the settings, and whether all paths are safe."""
     out = []
     try:
         await cmm.prepare(may_move=False)
-        out.append(DmeFinding('settings', '; '.join(cmm.remarks) or 'taken as they are', True))
+        out.append(Check('settings', True, '; '.join(cmm.remarks) or 'taken as they are'))
     except ToolNotInUse as error:
-        out.append(DmeFinding('settings', str(error), None))
+        out.append(Check('settings', None, str(error)))
     except CellError as error:
-        out.append(DmeFinding('settings', str(error), False))
+        out.append(Check('settings', False, str(error)))
     try:
         count = len(refuse_unsafe_plan(settings))
-        out.append(DmeFinding('paths', f'those at {count} places are safe', True))
+        out.append(Check('paths', True, f'those at {count} places are safe'))
     except InvalidPlan as error:
-        out.append(DmeFinding('paths', str(error), False))
+        out.append(Check('paths', False, str(error)))
     return out
 
 

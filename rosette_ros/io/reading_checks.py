@@ -2,6 +2,7 @@
 """Mistakes of a CMM's node, or of a table of readings, that each single reading hides and all together show."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -18,6 +19,15 @@ ECHO = 1e-12  # an answer that is no farther from the expected place is that pla
 SAME_TURN = 0.1  # a travel that differs by less from what was asked, rad, is that of the asked move
 QUICKEST, TEMPERATURES, REPEATABILITIES = 0.1, (-10.0, 60.0), (1e-9, 1e-3)  # what can be: s a ball; °C; m
 RADIUS = 2e-3  # a radius is wrong that differs by more than this share from the circle of the ball centres
+
+
+@dataclass(frozen=True)
+class Check:
+    """One check of a CMM: its name, whether it is passed (None: for information), and what was found."""
+
+    name: str
+    passed: bool | None
+    text: str
 
 
 def check_answers(pairs: Pairs) -> dict[str, str]:
