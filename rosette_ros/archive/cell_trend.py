@@ -109,6 +109,5 @@ def trend_of(history: History) -> CellTrend:
     for event in recent:
         strongest = event.steps[0]
         said.append(f'{text.names(event.owners)} changed between {history.dates[event.earliest - 1]:%Y-%m-%d} and '
-                    f'{history.dates[event.latest]:%Y-%m-%d}: {strongest.series.name} by {strongest.strength / 2:.1f} '
-                    f'U{size_words(strongest)}')
+                    f'{history.dates[event.latest]:%Y-%m-%d}: {strongest.series.name} by {size_words(strongest)}')
     return CellTrend(history, events, history.forecasts(events), tuple(unkept), recent, tuple(said))

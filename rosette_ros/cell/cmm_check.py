@@ -22,7 +22,7 @@ from rosette_ros.cell import client
 from rosette_ros.cell.client import CellClient
 from rosette_ros.core.errors import CellError
 from rosette_ros.core.number_words import micrometres, significant
-from rosette_ros.core.touches import fit_spheres
+from rosette_ros.core.touches import LEAST_TOUCHES, fit_spheres
 from rosette_ros.io.messages import MACHINE_FRAME, Answer, Phase, Target, answer_of
 from rosette_ros.io.reading_checks import Check, check_answers
 from rosette_ros.io.run_assembly import RunAnswers
@@ -33,7 +33,7 @@ SEARCH, SETTLING, ECHOES = 5.0, 1.0, 0.5  # for the CMM; for all to discover eac
 SEQUENCER_SEARCH = client.SEARCH
 CLOCK_OFF = 2.0  # a stamp so long before its target or after its answer is of another clock, s
 PLAUSIBLE_FORM, PLAUSIBLE_TEMPERATURE = 1e-4, (5.0, 45.0)  # m; °C
-LEAST_TOUCHES, SAME_CENTRE = 4, 1e-6  # of a sphere; by which the sphere through them may be off the answer, m
+SAME_CENTRE = 1e-6  # by which the sphere through them may be off the answer, m
 CONNECTED = ('types', 'quality of service')
 """Checks of the graph without which no answer can come."""
 HELD = {

@@ -135,7 +135,7 @@ def _of_one(path: str | Path, inputs: Inputs) -> Certificate:
     refit, untouched = touches_of(source)
     if inputs.budget or run.n <= MOST_BALLS:
         made = budget(fit, budget_inputs(inputs.budget) if inputs.budget else None,
-                      touch_scatter(refit) if refit else None, doubt=doubt)
+                      touch_scatter(refit), doubt=doubt)
     motions, lines = (made.error_motions, made.lines(limits, doubt)) if made and inputs.budget else (
         fit.error_motions, fit_lines(fit, limits, doubt))
     facts = run.replace(remarks=tuple(one.partition('; ')[0] for one in run.remarks))  # what to do is no result

@@ -26,15 +26,14 @@ from rosette_ros.core.diagnosis.verdict import CERTAIN
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.errors import counted
 from rosette_ros.core.records import CURVES
-from rosette_ros.core.trend import Event, Forecast
+from rosette_ros.core.trend import Event
 from rosette_ros.io.model_file import read_model
-from rosette_ros.presentation.formatting import CURVE_UNITS, fixed, names
+from rosette_ros.presentation.formatting import fixed, names
 from rosette_ros.presentation.json_output import by_curve, plain
 from rosette_ros.presentation.table_format import Table, column, micrometre_column, words
-from rosette_ros.presentation.trend_results import size_words
+from rosette_ros.presentation.trend_results import size_words, slope_words
 
 SCHEMA = 'rosette-archive-reanalysis/1'
-YEAR = 365.25
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -111,8 +110,8 @@ def _trend_tables(trends: list[TrendComparison]) -> list[Table]:
         tables.append(Table('slopes', 'Slopes that alter by more than U', (
             words('table', 'table', [one.before.serial for one, _ in slopes]),
             words('error', 'error', [curve for _, curve in slopes]),
-            words('before', 'before, per year', [_slope(one.slopes[curve][0], curve) for one, curve in slopes]),
-            words('after', 'after, per year', [_slope(one.slopes[curve][1], curve) for one, curve in slopes]))))
+            words('before', 'before, per year', [slope_words(one.slopes[curve][0], curve) for one, curve in slopes]),
+            words('after', 'after, per year', [slope_words(one.slopes[curve][1], curve) for one, curve in slopes]))))
     return tables
 
 
@@ -125,14 +124,7 @@ def _between(history: History, event: Event | None) -> str:
 def _told(event: Event | None) -> str:
     if event is None:
         return '–'
-    step = event.steps[0]
-    return f'{names(event.owners)}: {step.series.name} {step.strength / COVERAGE_FACTOR:.1f} U{size_words(step)}'
-
-
-def _slope(one: Forecast, curve: str) -> str:
-    year = 1e6 * YEAR
-    return (f'{year * one.slope:+.3f} ± {COVERAGE_FACTOR * year * one.slope_u:.3f} '
-            f'{CURVE_UNITS[CURVES.index(curve)]}')
+    return f'{names(event.owners)}: {event.steps[0].series.name} {size_words(event.steps[0])}'
 
 
 def _trend_json(one: TrendComparison) -> dict[str, object]:

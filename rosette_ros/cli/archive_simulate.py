@@ -20,7 +20,7 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import Run
 from rosette_ros.io.identity_file import Identity, format_identity, read_identity
 from rosette_ros.io.model_file import read_model
-from rosette_ros.simulation.ageing import read_ageing
+from rosette_ros.simulation.ageing import YEAR, read_ageing
 
 BEGIN = '2024-01-01'
 
@@ -51,7 +51,7 @@ def run(options: Namespace) -> None:
     runs = track(script.iter_runs(), 'measuring', script.runs, console=out, transient=True,
                  disable=not out.is_terminal)
     archive.add(simulated_rows(runs, begin, identity, model))
-    console().print(f'{counted(script.runs, "run")} of {(script.days[-1]) / 365.25:.1f} years in {options.into}; next: '
+    console().print(f'{counted(script.runs, "run")} of {script.days[-1] / YEAR:.1f} years in {options.into}; next: '
                     f'rosette trend {options.into} --table {identity["table.serial"]}')
 
 

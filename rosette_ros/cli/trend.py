@@ -10,6 +10,7 @@ from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.table_history import PEAK_TO_VALLEY, read_history
 from rosette_ros.cli.arguments import add_shared, made_folder
 from rosette_ros.cli.console import console, print_json, print_parts
+from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.records import CURVES
 from rosette_ros.io.text_file import refuse_existing, write_text
 from rosette_ros.presentation.json_output import CURVE_KEYS, Json, by_curve, plain
@@ -78,7 +79,7 @@ def _json(trend: CellTrend, charts: Charts) -> Json:
             'not_after': dates[event.latest].isoformat(), 'owners': event.owners,
             'exchanged': history.exchanged(event.run), 'steps': [
                 {'quantity': step.series.name, 'owner': step.series.owner, 'unit': step.series.unit, 'size': step.size,
-                 'U': 2 * step.u, 'p': step.p} for step in event.steps]} for event in events],
+                 'U': COVERAGE_FACTOR * step.u, 'p': step.p} for step in event.steps]} for event in events],
         'forecasts': {names[curve]: {
             'level': one.level, 'per_day': one.slope, 'u_per_day': one.slope_u, 'interval_d': one.interval,
             'expected_d': one.expected, 'soonest_d': one.soonest} for curve, one in trend.forecasts.items()},

@@ -53,7 +53,7 @@ def run(options: Namespace) -> None:
     fit = analyse(measured, read_model(options.model))
     hidden = visibility(measured, fit.sigma, fit.model.base) if options.hidden_effects else None
     verdict = judge(fit.run, fit.model) if measured.n <= MOST_BALLS_JUDGED else None
-    made = budget(fit, inputs, touch_scatter(refit) if refit else None, hidden, doubt_of(verdict))
+    made = budget(fit, inputs, touch_scatter(refit), hidden, doubt_of(verdict))
     found = _repeated(made, options.monte_carlo, options.seed or 0) if options.monte_carlo else None
     if options.output:
         plots, style = (importlib.import_module(f'rosette_ros.presentation.plots.{name}')

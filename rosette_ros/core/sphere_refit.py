@@ -9,10 +9,8 @@ import numpy as np
 from scipy import special
 
 from rosette_ros.core.geometry import Floats, Ints, rotate_z
-from rosette_ros.core.touches import fit_spheres, sphere_factors
+from rosette_ros.core.touches import LEAST_TOUCHES, fit_spheres, sphere_factors
 
-LEAST_TOUCHES = 4
-"""A sphere has four unknowns."""
 FLAT = 1e-4
 """Touches that span less of a direction than this share of the widest one determine no sphere."""
 SMALLEST, FARTHEST = 1e-5, 1.0

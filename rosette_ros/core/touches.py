@@ -10,6 +10,8 @@ from rosette_ros.core.geometry import TWO_PI, Floats
 
 TOUCHES = (6, 8, 9, 12, 16, 20)
 """Numbers of touches of a ball that a plan may have: circles of three (6, 9) or four."""
+LEAST_TOUCHES = 4
+"""Touches that determine a sphere, which has four unknowns."""
 USUAL = 20
 """Touches of a ball of which the expected uncertainties and times are told."""
 CIRCLES_AT = (0.867, -0.133)

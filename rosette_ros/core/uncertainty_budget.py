@@ -26,8 +26,8 @@ from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.planning.advice import GOOD_SHARE
 from rosette_ros.core.planning.visibility import Visibility
 from rosette_ros.core.records import ErrorMotions, Floats, remove_gauge
-from rosette_ros.core.sphere_refit import LEAST_TOUCHES, SphereRefit
-from rosette_ros.core.touches import centre_factors, usual_directions
+from rosette_ros.core.sphere_refit import SphereRefit
+from rosette_ros.core.touches import LEAST_TOUCHES, centre_factors, usual_directions
 
 MOST_BALLS = 72
 """Budgets of larger plates would take minutes."""
@@ -200,8 +200,10 @@ def budget(fit: Fit, inputs: BudgetInputs | None = None, touch: TouchScatter | N
     return Budget(fit, inputs, tuple(lines), tuple(_open(fit, inputs, touch, hidden, doubt)), sigma, dof, touch, share)
 
 
-def touch_scatter(refit: SphereRefit) -> TouchScatter:
-    """Return what the touches in a log say: their scatter, and where the first ball was touched."""
+def touch_scatter(refit: SphereRefit | None) -> TouchScatter | None:
+    """Return what the touches in a log say: their scatter, and where the first ball was touched; None without any."""
+    if refit is None:
+        return None
     touched = refit.touched
     dof = max(refit.residual.size - LEAST_TOUCHES * refit.radius.size, 1)
     return TouchScatter(refit.sigma, refit.direction[touched.owner == 0], float(dof), 'touches in the log')

@@ -37,8 +37,8 @@ WANTED = (
     Wanted('model', '', 'model file (YAML) to start with; empty: the base model', read_only=True),
     Wanted('diagnose_after_run', True, 'whether each run is diagnosed, so that the diagnosis is in its log'),
     Wanted('diagnose_most_balls', MOST_BALLS_JUDGED, 'larger plates are diagnosed on request only', 0, 1000))
-RECALL_AFTER, RECALL_PERIOD, RECALL_TIMEOUT = 0.3, 2.0, 60.0
-"""Messages that are missing for so long are requested from the recorder, again after so long, with a timeout, s."""
+RECALL_AFTER, RECALL_PERIOD = 0.3, 2.0
+"""Messages that are missing for so long are requested from the recorder, again after so long, s."""
 
 
 def _callback_of(name: str) -> Callable[[Callable[..., None]], Callable[..., Any]]:
@@ -141,7 +141,7 @@ class Evaluator(CellNode):
             requested = self._recalled.setdefault(run_id, now - RECALL_PERIOD + RECALL_AFTER)
             if now - requested >= RECALL_PERIOD and self._recorder.is_there:
                 self._recalled[run_id] = now
-                self._recorder.recall(run_id, RECALL_TIMEOUT, self._on_recalled)
+                self._recorder.recall(run_id, self._on_recalled)
         for run_id, lacks in self._runs.late(now, self.parameters['patience_s']):
             if run_id not in self._reported:
                 self._reported.add(run_id)

@@ -18,6 +18,7 @@ from rosette_ros.nodes.interfaces import introspected_client
 
 END_EVENTS: dict[int, int] = {Phase.DONE: CalibrationEvent.SUCCEEDED, Phase.CANCELLED: CalibrationEvent.CANCELLED,
                               Phase.FAILED: CalibrationEvent.FAILED}
+RECALL_TIMEOUT = 60.0  # how long the recorder may read in its logs, s
 
 
 @dataclass(eq=False)
@@ -99,9 +100,9 @@ class Recalls(Requests):
         """Whether the service is offered."""
         return self._recall.service_is_ready()
 
-    def recall(self, run: str, timeout: float, done: Callable[[Recall.Response], None]) -> None:
+    def recall(self, run: str, done: Callable[[Recall.Response], None]) -> None:
         """Request what is recorded of a run; done(response) is called once."""
-        self.call(self._recall, Recall.Request(run=run), timeout, done)
+        self.call(self._recall, Recall.Request(run=run), RECALL_TIMEOUT, done)
 
 
 class Progress:

@@ -33,7 +33,6 @@ CELL = (
     Wanted('require_recorder', True, 'whether a run without a log is refused'),
     Wanted('recorder_timeout_s', 10.0, 'wall time for opening, verifying or closing a log, s', 0.1, 1e4),
     Wanted('state_rate_hz', 10.0, 'most states per second of wall time while a phase lasts, Hz', 0.1, 1e4))
-RECALL_TIMEOUT = 60.0  # how long the recorder may read in the log of an earlier part, s
 ANSWERS_TIMEOUT = 4.0  # how long answers may be under way to the log, s: Fast DDS repeats what was lost after 3 s
 TELL = 60.0  # a run logs its progress so often, s
 REMARKS = 5  # so many of the last warnings of a run are in /diagnostics
@@ -102,7 +101,7 @@ class Sequencer(ManagedNode):
         if not self._recorder.is_there:
             return Recall.Response(message='resume: no recorder: it has the log of the run; start it')
         answer = Future()
-        self._recorder.recall(name, RECALL_TIMEOUT, answer.set_result)
+        self._recorder.recall(name, answer.set_result)
         return await answer
 
     def _on_accepted(self, goal_handle: Any) -> None:
@@ -297,7 +296,7 @@ class Sequencer(ManagedNode):
                 job.continue_from(recalled)
             self._on_opened(response)
 
-        self._recorder.recall(job.run_id, RECALL_TIMEOUT, on_recalled)
+        self._recorder.recall(job.run_id, on_recalled)
 
     def _do(self, job: Job, commands: Sequence[Command]) -> None:
         for command in commands:

@@ -16,6 +16,7 @@ from rosette_ros.presentation.table_format import Table, column, words
 Dates = Sequence[datetime.datetime]
 Charts = Sequence[tuple[TimeSeries, int, Chart]]
 """Quantity, its component, their control chart."""
+YEAR = 365.25  # days
 MOST_TOLD = 4
 """Quantities of a change that the table names."""
 
@@ -39,8 +40,7 @@ def events_table(events: Sequence[Event], dates: Dates, runs: Sequence[str],
 
 
 def _told(event: Event) -> str:
-    told = [f'{step.series.name} {step.strength / COVERAGE_FACTOR:.1f} U{size_words(step)}'
-            for step in event.steps[:MOST_TOLD]]
+    told = [f'{step.series.name} {size_words(step)}' for step in event.steps[:MOST_TOLD]]
     rest = len(event.steps) - MOST_TOLD
     return ', '.join(told) + (f' and {rest} more' if rest > 0 else '')
 
@@ -68,13 +68,21 @@ def too_few_words(runs: Mapping[str, int]) -> list[str]:
 
 
 def size_words(step: Shift) -> str:
-    """Return the size of a step with its sign and U in brackets where the quantity has one number, else ''."""
+    """Return the size of a step in units of its U, with sign and U in brackets where the quantity has one number."""
+    words_of_u = f'{step.strength / COVERAGE_FACTOR:.1f} U'
     if step.size.size > 1:
-        return ''
+        return words_of_u
     factor, unit = text.scale_of(step.series.unit)
     expanded = COVERAGE_FACTOR * factor * float(step.u[0])
     places = text.decimals(expanded)
-    return f' ({text.signed(factor * float(step.size[0]), places)} ± {text.fixed(expanded, places)} {unit})'
+    return f'{words_of_u} ({text.signed(factor * float(step.size[0]), places)} ± {text.fixed(expanded, places)} {unit})'
+
+
+def slope_words(one: Forecast, curve: str) -> str:
+    """Return the slope of a curve with its U, per year."""
+    year = 1e6 * YEAR
+    return (f'{year * one.slope:+.3f} ± {COVERAGE_FACTOR * year * one.slope_u:.3f} '
+            f'{text.CURVE_UNITS[CURVES.index(curve)]}')
 
 
 def forecast_table(forecasts: Mapping[str, Forecast], tolerances: Mapping[str, float],
@@ -84,8 +92,7 @@ def forecast_table(forecasts: Mapping[str, Forecast], tolerances: Mapping[str, f
     made = [forecasts[curve] for curve in curves]
     return Table('forecast', 'When tolerances are reached', (
         words('error', 'error', curves),
-        words('slope', 'per year', [f'{1e6 * 365.25 * one.slope:+.3f} ± {2e6 * 365.25 * one.slope_u:.3f} '
-                                    f'{text.CURVE_UNITS[CURVES.index(curve)]}' for curve, one in zip(curves, made)]),
+        words('slope', 'per year', [slope_words(one, curve) for curve, one in zip(curves, made)]),
         words('expected', 'expected', [
             _date(last, one.expected, 'reached' if one.level >= tolerances[curve] else 'not decidable: U')
             for curve, one in zip(curves, made)]),

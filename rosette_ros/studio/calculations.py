@@ -57,7 +57,7 @@ def outlook_of_file(data: bytes, name: str, pace: Pace) -> Outlook:
 def budget_of(fit: Fit, source: Source | None, inputs: BudgetInputs | None, doubt: str) -> Budget:
     """Return the Budget of a fit, with the scatter of touches where the log of the run has them."""
     refit = touches_of(source)[0]
-    return budget(fit, inputs, touch_scatter(refit) if refit else None, doubt=doubt)
+    return budget(fit, inputs, touch_scatter(refit), doubt=doubt)
 
 
 def shown_touches(source: Source | None) -> ShownTouches:

@@ -101,7 +101,7 @@ def budget_of(summary: Summary, refit: SphereRefit | None = None, inputs: Budget
     fit = summary.final
     if fit.run.n > MOST_BALLS or 'table_motions' not in fit.model.base:
         return None
-    return budget(fit, inputs, touch_scatter(refit) if refit else None, doubt=doubt_in(summary))
+    return budget(fit, inputs, touch_scatter(refit), doubt=doubt_in(summary))
 
 
 def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: SphereRefit | None = None,
