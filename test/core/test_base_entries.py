@@ -6,7 +6,7 @@ import pytest
 
 from rosette_ros.core.errors import InvalidPlan, NotDeterminable
 from rosette_ros.core.model.base_entries import refuse_undetermined
-from rosette_ros.core.model.normal_space import NormalSpace
+from rosette_ros.core.model.base_space import NormalSpace
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import Scheme, plan
 

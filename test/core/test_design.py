@@ -7,7 +7,7 @@ import pytest
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.model.base_model import CompleteSpace
-from rosette_ros.core.model.normal_space import NormalSpace
+from rosette_ros.core.model.base_space import NormalSpace
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import plan
 from rosette_ros.core.sensitive_order import READINGS, SWEEPS, Sweeps, order_from_text, shortest_way

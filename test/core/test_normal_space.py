@@ -13,11 +13,10 @@ from synthetic import MICROMETRE, RADIUS, synthetic_run
 from rosette_ros.analysis import analyse
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.base_model import CompleteSpace
-from rosette_ros.core.model.base_space import base_space
+from rosette_ros.core.model.base_space import NormalSpace, base_space
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Whitening
-from rosette_ros.core.model.normal_space import NormalSpace
 from rosette_ros.core.records import remove_gauge
 from rosette_ros.core.reduced_sets import best_members
 
