@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Inputs of an uncertainty budget, schema rosette-budget/1: YAML with a section for each influence."""
 
-import math
 from pathlib import Path
 from typing import Any
 
 from rosette_ros.core.budget_inputs import BOUNDS, SECTIONS, BudgetInputs, Entry
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.errors import InvalidData, plain, unknown
-from rosette_ros.io.safe_yaml import of_schema, read_yaml
+from rosette_ros.core.errors import InvalidData
+from rosette_ros.io.safe_yaml import is_finite, known_keys, of_schema, read_yaml
 
 SCHEMA = 'rosette-budget/1'
 MOST_BYTES, LONGEST = 1 << 16, 300
@@ -33,21 +32,20 @@ def budget_inputs(given: Any, source: str = 'budget inputs') -> BudgetInputs:
     words: dict[str, str] = {}
     dof: dict[str, float] = {}
     bounds: dict[str, float] = {}
+    known_keys((one for one in given if one != 'schema'), (*SECTIONS, BOUNDS), source, InvalidData)
     for section, entries in given.items():
-        where = f'{source}: {plain(str(section))}'
+        where = f'{source}: {section}'
         if section == 'schema' or entries is None:
             continue
-        if section not in SECTIONS and section != BOUNDS:
-            raise InvalidData(f'{source}: {unknown(plain(str(section)), (*SECTIONS, BOUNDS))}')
         if not isinstance(entries, dict):
             raise InvalidData(f'{where}: wanted a mapping, got {entries!r:.80}')
         if section == BOUNDS:
-            bounds = {_known(name, tuple(EFFECTS), where): 1e-6 * _number(size, Entry(''), f'{where}: {name}')
+            known_keys(entries, EFFECTS, where, InvalidData)
+            bounds = {name: 1e-6 * _number(size, Entry(''), f'{where}: {name}')
                       for name, size in entries.items()}
             continue
         known = SECTIONS[section][1]
-        for name in entries:
-            _known(name, (*known, 'dof', 'words'), where)
+        known_keys(entries, (*known, 'dof', 'words'), where, InvalidData)
         values[section] = {name: one.factor * _number(entries[name], one, f'{where}: {name}')
                            for name, one in known.items() if entries.get(name) is not None}
         lacking = [name for name, one in known.items() if one.default is None and name not in values[section]]
@@ -62,18 +60,12 @@ def budget_inputs(given: Any, source: str = 'budget inputs') -> BudgetInputs:
     return BudgetInputs(values, words, dof, bounds)
 
 
-def _known(name: object, known: tuple[str, ...], where: str) -> str:
-    if name not in known:
-        raise InvalidData(f'{where}: {unknown(plain(str(name)), known)}')
-    return str(name)
-
-
 def _number(value: object, entry: Entry, where: str) -> float:
-    if type(value) not in (int, float) or not math.isfinite(value) or (value < 0 and not entry.signed):  # type: ignore[arg-type, operator]
+    if not is_finite(value) or (value < 0 and not entry.signed):
         raise InvalidData(f'{where}: wanted a {"" if entry.signed else "positive "}number, got {value!r:.40}')
     if entry.chosen and value not in entry.chosen:
         raise InvalidData(f'{where}: wanted one of {", ".join(map(str, entry.chosen))}, got {value!r:.40}')
-    return float(value)  # type: ignore[arg-type]
+    return float(value)
 
 
 def _text(value: object, where: str) -> str:

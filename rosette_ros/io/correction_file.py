@@ -11,9 +11,9 @@ import yaml
 
 from rosette_ros.core.correction import Correction
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
-from rosette_ros.core.errors import InvalidConfig, InvalidData, unknown
+from rosette_ros.core.errors import InvalidConfig, InvalidData
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats
-from rosette_ros.io.safe_yaml import read_yaml
+from rosette_ros.io.safe_yaml import is_finite, known_keys, read_yaml
 
 SCHEMA = 'rosette-correction/1'
 MOST_BYTES, MOST_ANGLES = 4 << 20, 4000
@@ -42,9 +42,7 @@ def read_correction(path: str | Path) -> tuple[Correction, str]:
     if not isinstance(values, dict) or values.get('schema') != SCHEMA:
         raise InvalidData(f'{path}: wanted a correction file with "schema: {SCHEMA}" (rosette correct RUN --for ros), '
                           f'got {values!r:.80}')
-    for key in values:
-        if key not in _KEYS:
-            raise InvalidData(f'{path}: {unknown(str(key), _KEYS)}')
+    known_keys(values, _KEYS, str(path), InvalidData)
     corrected = values.get('corrected', [*CURVES])
     if not isinstance(corrected, list) or not corrected or any(one not in CURVES for one in corrected):
         raise InvalidData(f'{path}: corrected: wanted a list of {", ".join(CURVES)}, got {corrected!r:.80}')
@@ -72,8 +70,7 @@ def _motions(values: object, where: str) -> ErrorMotions:
     columns = []
     for name in _NAMES:
         one = values[name]
-        if not isinstance(one, list) or len(one) > MOST_ANGLES or any(
-                type(value) not in (int, float) or not math.isfinite(value) for value in one):
+        if not isinstance(one, list) or len(one) > MOST_ANGLES or not all(map(is_finite, one)):
             raise InvalidData(f'{where}: {name}: wanted a list of at most {MOST_ANGLES} finite numbers, got '
                               f'{one!r:.80}')
         columns.append(one)

@@ -13,10 +13,10 @@ from typing import Any
 import yaml
 
 from rosette_ros.core.axes import iso_names
-from rosette_ros.core.errors import InvalidData, unknown
+from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Floats
 from rosette_ros.core.records import CURVES
-from rosette_ros.io.safe_yaml import of_schema, parse_yaml
+from rosette_ros.io.safe_yaml import known_keys, of_schema, parse_yaml
 from rosette_ros.io.text_file import read_limited
 
 SCHEMA = 'rosette-identity/1'
@@ -101,19 +101,17 @@ def parse_identity(data: bytes, source: str = 'identity') -> Identity:
     """Return the Identity of a file's bytes; source: its name in errors."""
     values = of_schema(parse_yaml(data, source, InvalidData), SCHEMA, source, InvalidData)
     entries: dict[str, str] = {}
+    known_keys((one for one in values if one != 'schema'), (*SECTIONS, 'tolerances'), source, InvalidData)
     for section, given in values.items():
         if section in ('schema', 'tolerances') or given is None:
             continue
-        if section not in SECTIONS:
-            raise InvalidData(f'{source}: {unknown(f"{section}", (*SECTIONS, "tolerances"))}')
         if section in NAMED and not isinstance(given, dict):
             given = {'name': given}
         if not isinstance(given, dict):
             raise InvalidData(f'{source}: {section}: wanted a mapping of {", ".join(SECTIONS[section])}, got '
                               f'{given!r:.80}')
+        known_keys(given, SECTIONS[section], f'{source}: {section}', InvalidData)
         for name, value in given.items():
-            if name not in SECTIONS[section]:
-                raise InvalidData(f'{source}: {section}: {unknown(f"{name}", SECTIONS[section])}')
             if value is not None and value != '':
                 entries[f'{section}.{name}'] = _entry(section, name, value, f'{source}: {section}.{name}')
     if 'measured.begin' in entries and entries.get('measured.end', '9') < entries['measured.begin']:

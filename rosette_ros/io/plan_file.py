@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import yaml
 
-from rosette_ros.core.errors import InvalidPlan, unknown
+from rosette_ros.core.errors import InvalidPlan
 from rosette_ros.core.geometry import TWO_PI, Ints, nominal_angles, wrap
 from rosette_ros.core.model.base_entries import refuse_undetermined
 from rosette_ros.core.scheme import Scheme, cmm_position, places_in_use, plan
 from rosette_ros.core.touches import TOUCHES
 from rosette_ros.io.keyed_table import is_keyed_table, keyed_table
-from rosette_ros.io.safe_yaml import of_schema, parse_yaml
+from rosette_ros.io.safe_yaml import is_finite, known_keys, of_schema, parse_yaml
 from rosette_ros.io.text_file import read_limited
 
 SCHEMA = 'rosette-plan/1'
@@ -31,7 +31,6 @@ _WRITTEN = ('table_position', 'ball', 'cmm_position', 'approach', 'session', 'to
 _TOLD = ('seq', 'x_mm', 'y_mm', 'z_mm', 'centre_m', 'table_angle_rad', 'travel', 'expected')
 """What `rosette plan` prints beside a plan: it follows from the plan and is not read."""
 _WHOLE, _REAL = re.compile(r'[+-]?[0-9]{1,18}'), re.compile(r'[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?')
-LARGE = 1e300  # whole numbers beyond are no float
 _NAME = re.compile(r'[a-z][a-z0-9_]{0,39}')
 
 
@@ -59,9 +58,7 @@ def parse_plan(data: bytes, source: str) -> MeasuringPlan:
         radians = _number(values.pop('table_offset_rad'), source, 'table_offset_rad')
         values = {'table_offset_deg': float(np.rad2deg(radians)), **values}
     known = tuple(dict.fromkeys(('schema', *_HEAD, *_ORDER, *_COLUMNS)))
-    for key in values:
-        if key not in known and key not in _TOLD:
-            raise InvalidPlan(f'{source}: key or column: {unknown(str(key)[:40], known)}')
+    known_keys((key for key in values if key not in _TOLD), known, f'{source}: key or column', InvalidPlan)
     n, radius = values.get('balls'), _number(values.get('radius_mm'), source, 'radius_mm')
     if type(n) is not int or not 3 <= n <= MOST_BALLS:
         raise InvalidPlan(f'{source}: balls: wanted a whole number in 3..{MOST_BALLS}, got {n!r:.40}')
@@ -203,7 +200,7 @@ def _checked_touches(touches: Ints, source: str) -> Ints:
 def _number(value: Any, source: str, name: str) -> float:
     if value is None:
         raise InvalidPlan(f'{source}: {name}: wanted a number, but it is missing')
-    if type(value) not in (int, float) or not abs(value) < LARGE:
+    if not is_finite(value):
         raise InvalidPlan(f'{source}: {name}: wanted a finite number, got {value!r:.40}')
     return float(value)
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A plate of any pitch, schema rosette-plate/1: nominal or calibrated ball centres, as YAML or CSV."""
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Floats
 from rosette_ros.core.joint.readings import Plate
 from rosette_ros.io.keyed_table import is_keyed_table, keyed_table
-from rosette_ros.io.safe_yaml import of_schema, parse_yaml
+from rosette_ros.io.safe_yaml import is_finite, of_schema, parse_yaml
 from rosette_ros.io.text_file import read_limited
 
 SCHEMA = 'rosette-plate/1'
@@ -75,7 +74,7 @@ def _numbers(value: object, count: int, where: str) -> Floats:
     if len(every) != count:
         raise InvalidData(f'{where}: wanted a number, or one for each of {count} balls, got {len(every)}')
     for number, one in enumerate(every, 1):
-        if type(one) not in (int, float) or not math.isfinite(one):
+        if not is_finite(one):
             raise InvalidData(f'{where}: ball {number}: wanted a finite number, got {one!r:.40}')
     return np.array(every, dtype=float)
 

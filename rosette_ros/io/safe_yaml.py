@@ -4,12 +4,14 @@
 A few hundred bytes of aliases within aliases stand for more than fits into a memory, and nesting of some ten
 thousand levels ends the whole process in the loader: both are refused before anything is built."""
 
+import sys
+from collections.abc import Collection, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import yaml
 
-from rosette_ros.core.errors import RosetteError
+from rosette_ros.core.errors import RosetteError, plain, unknown
 from rosette_ros.io.text_file import read_limited
 
 DEEPEST = 20  # collections nested deeper than this are refused
@@ -65,6 +67,18 @@ def of_schema(values: Any, schema: str, source: str, kind: type[RosetteError], w
         add = '; add that line' if isinstance(values, dict) and 'schema' not in values else ''
         raise kind(f'{source}: wanted {wanted} with "schema: {schema}", got {got}{add}')
     return values
+
+
+def known_keys(names: Iterable[object], known: Collection[str], where: str, kind: type[RosetteError]) -> None:
+    """Raise an error of a kind, which says where, at the first name that is none of those known."""
+    for name in names:
+        if name not in known:
+            raise kind(f'{where}: {unknown(plain(str(name), 40), known)}')
+
+
+def is_finite(value: object) -> TypeGuard[float]:
+    """Return whether a value is a finite number, which true and false are not, nor is a whole one beyond all floats."""
+    return isinstance(value, (int, float)) and type(value) is not bool and abs(value) <= sys.float_info.max
 
 
 def parse_mapping(text: str, source: str, most: int, example: str, kind: type[RosetteError]) -> dict[Any, Any]:

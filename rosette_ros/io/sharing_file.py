@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What several runs share, declared in YAML, schema rosette-sharing/1."""
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,7 @@ import numpy as np
 
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.sharing import PARTS, SEATS, apart
-from rosette_ros.io.safe_yaml import of_schema, read_yaml
+from rosette_ros.io.safe_yaml import is_finite, of_schema, read_yaml
 
 SCHEMA = 'rosette-sharing/1'
 MOST_BYTES = 65536
@@ -50,7 +49,6 @@ def _names(value: object, runs: int, where: str) -> tuple[str, ...]:
 
 
 def _angles(value: object, runs: int, where: str) -> list[float]:
-    if isinstance(value, list) and len(value) == runs and all(
-            type(one) in (int, float) and math.isfinite(one) for one in value):
+    if isinstance(value, list) and len(value) == runs and all(map(is_finite, value)):
         return value
     raise InvalidData(f'{where}: wanted an angle in degrees for each of {runs} runs, the first 0, got {value!r:.80}')

@@ -164,6 +164,7 @@ def test_plates_in_yaml_and_csv_are_alike(tmp_path):
     (SCHEMA + 'azimuth_deg: [0, 90]\nradius_mm: 100\n', 'azimuth_deg: wanted a list of 3 to 720 angles'),
     (SCHEMA + 'azimuth_deg: [0, 90, x]\nradius_mm: 100\n', "azimuth_deg: ball 3: wanted a finite number, got 'x'"),
     (SCHEMA + 'azimuth_deg: [0, 90, 180]\n', 'radius_mm: ball 1: wanted a finite number, got None'),
+    (SCHEMA + f'azimuth_deg: [0, 90, 180]\nradius_mm: 1{"0" * 400}\n', 'ball 1: wanted a finite number, got 1000'),
     (SCHEMA + 'azimuth_deg: [0, 90, 180]\nradius_mm: [100, 90]\n', 'radius_mm: wanted a number, or one for each of 3'),
     (SCHEMA + 'azimuth_deg: [0, 90, 180]\nradius_mm: -1\n', 'radius_mm: wanted positive numbers, got -1'),
     (SCHEMA + 'azimuth_deg: [0, 90, 360]\nradius_mm: 100\n', 'got balls 1 and 3 at one'),
