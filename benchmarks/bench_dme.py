@@ -82,7 +82,9 @@ async def ball_seconds(speed):
     config = MachineConfig().changed(timing={'cmm_speed_mm_per_s': speed})
     server = DmeServer(config)
     settings = dme_settings(client_settings(config, ServeSettings(), await server.start()))
-    cmm, commands = await DmeCmm.start(settings), []
+    link = settings.server
+    cmm, commands = DmeCmm(await DmeSession.connect(link.host, link.port, settings.timeouts), settings), []
+    await cmm.prepare()
     carry_out = cmm.session.carry_out  # every command goes through it
     cmm.session.carry_out = lambda *values: commands.append(1) or carry_out(*values)
     taught = settings.table

@@ -5,7 +5,7 @@ Everything is checked before a move is sent, and nothing moves once it was halte
 """
 
 import asyncio
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,19 +62,6 @@ class DmeCmm:
         self.table = TableState(0.0)
         self.remarks: list[str] = []
         self._has_thermometer = True
-
-    @classmethod
-    async def start(cls, settings: DmeSettings, trace: Callable[[str], None] | None = None) -> 'DmeCmm':
-        """Connect and prepare; raises CellError where the server is not there or the machine is not ready."""
-        server = settings.server
-        session = await DmeSession.connect(server.host, server.port, settings.timeouts, trace)
-        cmm = cls(session, settings)
-        try:
-            await cmm.prepare()
-        except BaseException:
-            await session.end()
-            raise
-        return cmm
 
     async def prepare(self, may_move: bool = True) -> None:
         """Bring tool, speeds and reports to what is configured, and read back what came of it; nothing homes.

@@ -207,9 +207,9 @@ def format_value(value: Value) -> str:
     return f'{round(value, 9) + 0.0:.9f}'.rstrip('0').rstrip('.')  # + 0.0: never -0
 
 
-def call(name: str, *values: 'Value | Call', **numbers: float) -> Call:
-    """Return Name(values, KEY(number)...): call('GoTo', X=1.0, Y=2.0)."""
-    return Call(name, (*values, *(Call(key, (number,)) for key, number in numbers.items())))
+def call(name: str, *values: 'Value | Call') -> Call:
+    """Return Name(values): call('GoTo', call('X', 1.0), call('Y', 2.0))."""
+    return Call(name, values)
 
 
 def named(values: Iterable[Value], name: str) -> tuple[Value, ...] | None:

@@ -30,12 +30,11 @@ MAX_SECONDS = 2**31  # seconds that a ROS time stamp can hold
 LATCHED = Qos(durability='transient_local')
 
 
-def write_log(run: Run, directory: str | Path, library: TypeLibrary, name: str | None = None) -> Path:
+def write_log(run: Run, directory: str | Path, library: TypeLibrary) -> Path:
     """Write a Run as a log directory and return its path.
 
-    library: knows rosette_msgs; name: of the files, else the name of the directory. Each reading becomes a ProbeTarget
-    and a BallCentre in the table frame; the rotation of that, where it is known, goes to /tf_static, the repeatability
-    to custom_data. Times are kept to 1 ns, counted from 0.
+    library: knows rosette_msgs. Each reading becomes a ProbeTarget and a BallCentre in the table frame; the rotation of
+    that, where it is known, goes to /tf_static, the repeatability to custom_data. Times are kept to 1 ns, from 0 on.
 
     Raises InvalidData where the directory holds a log, or the run is longer than stamps can hold, CellError where
     the disk refuses; nothing is left then."""
@@ -46,7 +45,7 @@ def write_log(run: Run, directory: str | Path, library: TypeLibrary, name: str |
     stamp = np.rint((run.time - run.time[0]) * 1e9).astype(np.int64)
     targets, answers = zip(*_messages(run, run.run_id or directory.name, stamp), strict=True)
     messages = {}
-    with whole_log(directory, name or directory.name, custom_data=_known(run)) as writer:
+    with whole_log(directory, directory.name, custom_data=_known(run)) as writer:
         for topic, type_name, qos, rows in ((TARGET_TOPIC, PROBE_TARGET, LATCHED, targets),
                                             (ANSWER_TOPIC, BALL_CENTRE, Qos(), answers)):
             definition = library.definition(type_name)

@@ -8,6 +8,7 @@ import numpy as np
 
 from rosette_ros.core.geometry import rotate_z
 from rosette_ros.dme.ball_probing import DmeCmm
+from rosette_ros.dme.dme_session import DmeSession
 from rosette_ros.dme.dme_settings import dme_settings
 from rosette_ros.dme.wire import (
     ACK,
@@ -150,6 +151,18 @@ def settings_of(**changes):
     return dme_settings(values)
 
 
+async def prepared(settings):
+    """Connect, prepare the machine and return it."""
+    server = settings.server
+    cmm = DmeCmm(await DmeSession.connect(server.host, server.port, settings.timeouts), settings)
+    try:
+        await cmm.prepare()
+    except BaseException:
+        await cmm.session.end()
+        raise
+    return cmm
+
+
 def run(scene, settings=None, **replies):
     """Run a scene(server, cmm) with a server and a prepared machine; return what it returns."""
     settings = settings or settings_of()
@@ -157,7 +170,7 @@ def run(scene, settings=None, **replies):
     async def played():
         async with ScriptedServer(settings, **replies) as server:
             there = settings.model_copy(update={'server': settings.server.model_copy(update={'port': server.port})})
-            cmm = await DmeCmm.start(there)
+            cmm = await prepared(there)
             try:
                 return await scene(server, cmm)
             finally:

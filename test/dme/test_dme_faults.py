@@ -5,10 +5,9 @@ import asyncio
 
 import numpy as np
 import pytest
-from scripted_server import IMPATIENT, OK, error, measured, run, settings_of, unsolicited
+from scripted_server import IMPATIENT, OK, error, measured, prepared, run, settings_of, unsolicited
 
 from rosette_ros.core.errors import CellError
-from rosette_ros.dme.ball_probing import DmeCmm
 from rosette_ros.dme.dme_session import DmeLost, DmeSession, DmeStopped
 from rosette_ros.dme.dme_settings import TimeoutSettings
 from rosette_ros.dme.wire import ACK, DONE, Response, call, encoded
@@ -175,7 +174,7 @@ def test_a_server_that_is_restarted():
             await measured(cmm)
         await no_move_after(server, cmm)
         assert len(server.writers) == 1
-        cmm = await DmeCmm.start(cmm.settings)
+        cmm = await prepared(cmm.settings)
         assert np.linalg.norm((await measured(cmm)).centre - [0.5325, 0.26, -0.3]) < NANOMETRE
         await cmm.session.close()
     run(scene)
@@ -207,7 +206,7 @@ def test_the_next_command_waits_for_the_ack():
             assert len(asked) == len(set(asked)) == len([x for x in server.commands if x.name == 'GoTo'])
             return [Response(tag, ACK), Response(tag, DONE)]
         server.replies['GoTo'] = late
-        await asyncio.gather(*(cmm.session.request(call('GoTo', X=float(x))) for x in range(3)))
+        await asyncio.gather(*(cmm.session.request(call('GoTo', call('X', float(x)))) for x in range(3)))
         assert asked == [0, 1, 2]
     run(scene)
 
@@ -299,7 +298,7 @@ def test_cancelled_while_the_tool_is_changed():
         server.replies['ChangeTool'] = lambda tag, asked: started.set() or [Response(tag, ACK)]
         server.replies['GetProp'] = lambda tag, asked: error(tag, 3, 510) if asked.values[0].name == 'Tool.Name' else OK
         there = cmm.settings.model_copy(update={'tool': settings_of(tool={'name': 'P2', 'change': True}).tool})
-        task = asyncio.create_task(DmeCmm.start(there))
+        task = asyncio.create_task(prepared(there))
         await started.wait()
         task.cancel()
         with pytest.raises(asyncio.CancelledError):

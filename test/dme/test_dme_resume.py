@@ -7,12 +7,12 @@ import re
 
 import numpy as np
 import pytest
+from scripted_server import prepared
 
 from rosette_ros.calibration.calibration_plan import plan_calibration
 from rosette_ros.calibration.state_machine import Ask, Limits, Sequence
 from rosette_ros.core.errors import CellError
 from rosette_ros.core.scheme import plan
-from rosette_ros.dme.ball_probing import DmeCmm
 from rosette_ros.dme.dme_server import DmeServer
 from rosette_ros.dme.dme_session import DmeSession, DmeStopped
 from rosette_ros.dme.dme_settings import dme_settings
@@ -71,7 +71,7 @@ async def interrupted(*faults, **timeouts):
     values['ball']['touches'], values['timeouts'] = TOUCHES, timeouts
     settings = dme_settings(values)
     machine, words, asked, sequence = server.commands.cmm, '', [], calibration(settings)
-    cmm = await DmeCmm.start(settings)
+    cmm = await prepared(settings)
     try:
         asked.append(await carry_out(sequence, cmm))
     except Stopped as stopped:

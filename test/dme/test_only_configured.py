@@ -5,10 +5,9 @@ import asyncio
 import sys
 
 import pytest
-from scripted_server import ScriptedServer, measured, settings_of
+from scripted_server import ScriptedServer, measured, prepared, settings_of
 
 from rosette_ros.core.errors import CellError
-from rosette_ros.dme.ball_probing import DmeCmm
 from rosette_ros.dme.dme_server import serving
 from rosette_ros.dme.dme_session import DmeSession
 from rosette_ros.simulation import MachineConfig
@@ -47,7 +46,7 @@ def test_a_client_opens_what_is_configured(audit):
         async with ScriptedServer(settings) as server:
             there = settings.model_copy(update={'server': settings.server.model_copy(update={'port': server.port})})
             audit.used.clear()  # of the server
-            cmm = await DmeCmm.start(there)
+            cmm = await prepared(there)
             await measured(cmm)
             server.replies['GoTo'] = lambda tag, asked: server.writers[-1].close() or []
             for _ in range(2):

@@ -4,10 +4,9 @@
 import asyncio
 
 import pytest
-from scripted_server import OK, error, run, settings_of, unsolicited
+from scripted_server import OK, error, prepared, run, settings_of, unsolicited
 
 from rosette_ros.core.errors import CellError
-from rosette_ros.dme.ball_probing import DmeCmm
 from rosette_ros.dme.stop_mark import StopMark
 
 
@@ -48,7 +47,7 @@ def test_a_session_that_is_refused(tmp_path, number, words):
             server.server.close()
         mark = StopMark(tmp_path / 'dme.yaml')
         with pytest.raises(CellError) as caught:
-            await DmeCmm.start(cmm.settings)
+            await prepared(cmm.settings)
         mark.keep_refusal(caught.value)
         assert words in mark.read()
         assert bool(mark.read()) == bool(number)

@@ -2,17 +2,17 @@
 """A calibration through an I++ server without ROS: the axis, the plane, then a scheme."""
 
 import numpy as np
+from scripted_server import prepared
 
 from rosette_ros.core.geometry import TWO_PI, table_frame
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import nominal_places
-from rosette_ros.dme.ball_probing import DmeCmm
 
 
 async def calibrate(settings, scheme, touches=0):
     """Return the run of a scheme by the machine of the settings, the table frame that is found, and all balls."""
     table, n = settings.table, scheme.n
-    cmm, radius, taught = await DmeCmm.start(settings), 1e-3 * table.radius_mm, table.frame
+    cmm, radius, taught = await prepared(settings), 1e-3 * table.radius_mm, table.frame
     nominal = nominal_places(n, radius, 1, np.arange(1, n + 1))
 
     async def measured(frame, position, ball, approach=1):

@@ -114,6 +114,6 @@ def test_no_log_is_overwritten(library, tmp_path):
 def test_control_characters_of_a_run_id_reach_no_screen(library, tmp_path, run_id):
     """Of a log and of a table; what a terminal would obey becomes spaces."""
     run = replace(make_run(), run_id=run_id)
-    log = read_log(write_log(run, tmp_path / 'log', library, 'log'))
+    log = read_log(write_log(run, tmp_path / 'log', library))
     ids = [*log.runs, log.to_run().run_id, parse_csv(format_csv(run).encode()).run_id]
     assert all(one.isprintable() and one.startswith('a ') for one in ids), ids
