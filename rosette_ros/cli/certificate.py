@@ -14,12 +14,11 @@ from rosette_ros.certificate.statements import Certificate, Inputs, state
 from rosette_ros.cli.arguments import SHARED, UsageError, add_shared
 from rosette_ros.cli.console import console, print_json, print_parts, print_verdict
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
-from rosette_ros.core.errors import InvalidData
 from rosette_ros.io.budget_file import read_stated
 from rosette_ros.io.identity_file import Identity, read_identity
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.sharing_file import read_sharing
-from rosette_ros.io.text_file import read_limited, refuse_existing, write_bytes
+from rosette_ros.io.text_file import read_limited, refuse_output, write_bytes
 from rosette_ros.presentation.budget_results import contributions
 from rosette_ros.presentation.error_results import errors
 from rosette_ros.presentation.identity_words import SIMULATED
@@ -60,9 +59,7 @@ def make(options: Namespace) -> None:
         if one.suffix.lower() != ending:
             raise UsageError(f'{word}: wanted a name that ends in {ending}, got {str(name)!r}; -o names the XML, --pdf '
                              'the pages for people')
-        refuse_existing(one, options.force)
-        if not one.parent.is_dir():
-            raise InvalidData(f'{one}: wanted a name in a folder that exists, got none; make {one.parent} first')
+        refuse_output(one, options.force)
     identity = read_identity(options.identity) if options.identity else Identity()
     several = is_joint(options)
     certificate = state(options.run_path, Inputs(

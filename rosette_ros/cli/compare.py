@@ -15,7 +15,7 @@ from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import open_run
-from rosette_ros.io.text_file import refuse_existing
+from rosette_ros.io.text_file import refuse_output
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.formatting import micrometres, uncertainty_words
 from rosette_ros.presentation.json_output import comparison_json
@@ -42,7 +42,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> None:
     """Print the comparison."""
     if options.noise_picture:
-        refuse_existing(options.noise_picture, options.force)
+        refuse_output(options.noise_picture, options.force)
     measured, model = open_run(options.run_path), read_model(options.model)
     comparison, verdict = compare(measured, model), judge(measured, model)
     steps = ladder(measured, model) if options.ladder else ()

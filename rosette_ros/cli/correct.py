@@ -19,7 +19,7 @@ from rosette_ros.io.correction_file import correction_csv, format_correction, li
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import joint_identity, open_identified, open_readings
 from rosette_ros.io.sharing_file import read_sharing
-from rosette_ros.io.text_file import refuse_existing, write_text
+from rosette_ros.io.text_file import refuse_output, write_text
 from rosette_ros.presentation.correction_results import correction_table
 from rosette_ros.presentation.formatting import SCALES, exact
 
@@ -60,7 +60,7 @@ def run(options: Namespace) -> None:
     if options.target == 'ros' and Path(options.output).suffix.lower() == '.csv':
         raise UsageError(f'--output: wanted a name for YAML with --for ros, got {options.output!r}; --for csv writes a '
                          'table')
-    refuse_existing(options.output, options.force)
+    refuse_output(options.output, options.force)
     correction, table, verdict = _correction(options, corrected)
     step = options.step or STEPS.get(options.target, 0.0)
     low, high = options.range or (0.0, 360.0)

@@ -13,7 +13,7 @@ from rosette_ros.dme.dme_server import HOST, check_loopback, serving
 from rosette_ros.dme.serve_settings import KINDS, ServeSettings, fault_of
 from rosette_ros.dme.virtual_cmm import client_settings
 from rosette_ros.dme.wire import PORT
-from rosette_ros.io.text_file import refuse_existing, write_text
+from rosette_ros.io.text_file import refuse_output, write_text
 from rosette_ros.simulation import MachineConfig, load_machine
 
 
@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> None:
         dialect=options.dialect, speed=options.speed, sign=options.sign, cumulative=options.cumulative,
         compensated=options.compensated, decimals=options.decimals, faults=tuple(map(fault_of, options.fault)))
     if options.output:
-        refuse_existing(options.output, options.force)
+        refuse_output(options.output, options.force)
     out = console()
     say = (lambda line: print(line, flush=True)) if options.trace else (lambda line: None)
     with serving(config, settings, options.port, say, options.host) as (port, server):

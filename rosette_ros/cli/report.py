@@ -22,7 +22,7 @@ from rosette_ros.io.budget_file import read_budget
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import joint_identity
 from rosette_ros.io.sharing_file import read_sharing
-from rosette_ros.io.text_file import refuse_existing, write_text
+from rosette_ros.io.text_file import refuse_output, write_text
 from rosette_ros.io.touch_log import open_refitted
 from rosette_ros.presentation.plots.plot_style import save_all
 from rosette_ros.presentation.plots.result_plots import Series
@@ -143,11 +143,9 @@ def verification_of(paths: Iterable[Path | str], maker: Path | str | None = None
 
 
 def output_of(options: Namespace, name: str) -> Path:
-    """Return the page's path; raises InvalidData where it exists already, before any work is done."""
+    """Return the page's path; raises InvalidData where it cannot be written, before any work is done."""
     path = Path(options.output or f'{name}.html')
-    refuse_existing(path, options.force)
-    if not path.parent.is_dir():
-        raise InvalidData(f'{path}: wanted a name in a folder that exists, got none; make {path.parent} first')
+    refuse_output(path, options.force)
     return path
 
 

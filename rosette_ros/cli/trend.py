@@ -12,7 +12,7 @@ from rosette_ros.cli.arguments import add_shared, made_folder
 from rosette_ros.cli.console import console, print_json, print_parts
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.records import CURVES
-from rosette_ros.io.text_file import refuse_existing, write_text
+from rosette_ros.io.text_file import refuse_output, write_text
 from rosette_ros.presentation.json_output import CURVE_KEYS, Json, by_curve, plain
 from rosette_ros.presentation.plots import plot_style, trend_plots
 from rosette_ros.presentation.report.trend_page import trend_html
@@ -36,7 +36,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> None:
     """Print the trend."""
     if options.output:
-        refuse_existing(options.output, options.force)
+        refuse_output(options.output, options.force)
     history = read_history(RunArchive(options.archive), options.table, options.model)
     trend, charts = trend_of(history), history.charts()
     pictures = _pictures(trend, charts) if options.figures or options.output else {}

@@ -20,7 +20,7 @@ from rosette_ros.core.uncertainty_budget import Budget, budget, touch_scatter
 from rosette_ros.io.budget_file import read_budget
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import open_run
-from rosette_ros.io.text_file import refuse_existing
+from rosette_ros.io.text_file import refuse_output
 from rosette_ros.io.touch_log import refit_if_touched
 from rosette_ros.presentation.budget_results import agreement_words, budget_json, budget_tables, together_words
 
@@ -46,7 +46,7 @@ def run(options: Namespace) -> None:
     if options.seed is not None and not options.monte_carlo:
         raise UsageError('budget: --seed goes with --monte-carlo only; leave it out')
     if options.output:
-        refuse_existing(options.output, options.force)
+        refuse_output(options.output, options.force)
     inputs = read_budget(options.inputs) if options.inputs else BudgetInputs()
     measured = open_run(options.run_path, options.run_id)
     refit = refit_if_touched(options.run_path, options.run_id)

@@ -41,6 +41,13 @@ def refuse_existing(path: str | Path, force: bool = False) -> None:
         raise InvalidData(f'{path}: {EXISTS}')
 
 
+def refuse_output(path: str | Path, force: bool = False) -> None:
+    """Raise InvalidData before any work where a file exists already and `force` is not set, or its folder does not."""
+    refuse_existing(path, force)
+    if not (folder := Path(path).parent).is_dir():
+        raise InvalidData(f'{path}: wanted a name in a folder that exists, got none; make {folder} first')
+
+
 def refuse_read(path: str | Path, read: Iterable[str | Path]) -> None:
     """Raise InvalidData where a file to write is one of those that are read, or of a log or an archive among them."""
     for one in read if os.path.isfile(path) else ():
