@@ -27,9 +27,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.add_argument('folders', metavar='FOLDER', nargs='+', help='folder with logs, at any depth, a log, or a URL '
                         'that fsspec knows (s3://... with its driver)')
-    parser.add_argument('--into', metavar='ARCHIVE', required=True, help='folder of the archive; made where there is '
-                        'none')
-    add_shared(parser, '--model')
+    add_shared(parser, '--into', '--model')
     add_shared(parser, '--identity', help='who, what and where (YAML, rosette-identity/1), for all logs that are new, '
                'in place of what they state')
     parser.add_argument('--force', action='store_true', help='evaluate all logs again, also those that are known')

@@ -12,7 +12,7 @@ import pyarrow as pa
 from rosette_ros.archive.archive_questions import SERIAL, VIEWS, Question, ask, ask_for
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import COLUMNS
-from rosette_ros.cli.arguments import UsageError, add_formats
+from rosette_ros.cli.arguments import UsageError, add_formats, add_shared
 from rosette_ros.cli.console import console, print_json, print_parts
 from rosette_ros.core.errors import counted
 from rosette_ros.presentation.json_output import plain
@@ -23,7 +23,7 @@ SCHEMA = 'rosette-archive-query/1'
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    parser.add_argument('archive', metavar='ARCHIVE', help='folder of the archive')
+    add_shared(parser, 'archive')
     parser.add_argument('sql', metavar='SQL', nargs='?', default='', help=f'a question in SQL (DuckDB) over the views '
                         f'runs, {", ".join(VIEWS)}; in place of the questions below')
     for word, name in SERIAL.items():

@@ -38,7 +38,7 @@ SCHEMA = 'rosette-archive-reanalysis/1'
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    parser.add_argument('archive', metavar='ARCHIVE', help='folder of the archive')
+    add_shared(parser, 'archive')
     add_shared(parser, '--model', required=True, help='model file (YAML) under which all runs are evaluated')
     parser.add_argument('--before', metavar='FILE', help='model to compare with (default: the base model)')
     add_engine(parser)

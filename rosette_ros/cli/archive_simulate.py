@@ -29,11 +29,9 @@ def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.add_argument('script', metavar='SCRIPT', help='ageing script (YAML): interval, seasons, changes of the '
                         'machine (docs/archive.md); rows are kept, no logs: reanalyse needs logs')
-    parser.add_argument('--into', metavar='ARCHIVE', required=True, help='folder of the archive; made where there is '
-                        'none')
     parser.add_argument('--begin', metavar='DAY', default=BEGIN, help='day of the first run, UTC unless it states an '
                         f'offset (default: {BEGIN})')
-    add_shared(parser, '--model', '--identity')
+    add_shared(parser, '--into', '--model', '--identity')
 
 
 def run(options: Namespace) -> None:

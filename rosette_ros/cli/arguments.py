@@ -92,6 +92,8 @@ def namespace(text: str) -> str:
 
 SHARED: dict[str, dict[str, Any]] = {
     'run_path': {'metavar': 'RUN', 'help': 'log directory, .mcap file or ball-centre table (CSV)'},
+    'archive': {'metavar': 'ARCHIVE', 'help': 'folder of the archive'},
+    '--into': {'metavar': 'ARCHIVE', 'required': True, 'help': 'folder of the archive; made where there is none'},
     '--run-id': {'metavar': 'ID', 'help': 'which run, where a log holds several (rosette info names them)'},
     '--model': {'metavar': 'FILE', 'help': 'model file (YAML); without it the base model: table motions, '
                                            'plate deviations, CMM deviations'},

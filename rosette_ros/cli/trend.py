@@ -23,7 +23,7 @@ SCHEMA = 'rosette-trend/1'
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
-    parser.add_argument('archive', metavar='ARCHIVE', help='folder of the archive')
+    add_shared(parser, 'archive')
     parser.add_argument('--table', metavar='SERIAL', default='', help='serial number of the table (default: runs that '
                         'state none)')
     parser.add_argument('--model', metavar='HASH', default='', help='hash of the model, or its beginning (default: '
