@@ -14,7 +14,7 @@ from rosette_ros.archive.run_row import AXES, SERIALS
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.errors import InvalidData, counted
 from rosette_ros.core.geometry import TWO_PI, nominal_angles, rotate_z, wrap
-from rosette_ros.core.records import CURVES, Floats, Ints
+from rosette_ros.core.records import CURVES, SI_UNITS, Floats, Ints
 from rosette_ros.core.trend import (
     LEAST_LINE,
     LEAST_RUNS,
@@ -81,7 +81,7 @@ class History:
 
         Their limits are those of the stated uncertainty times the run-to-run scatter, and hold for all of them."""
         errors = [TimeSeries('table', f'{curve}, {PEAK_TO_VALLEY}', self.range[:, [place]],
-                             self.U[:, [place]] / COVERAGE_FACTOR, _unit(CURVE_KEYS[place]))
+                             self.U[:, [place]] / COVERAGE_FACTOR, SI_UNITS[curve])
                   for place, curve in enumerate(CURVES)]
         series = [*errors, *(one for one in self.quantities if one.owner in ('table', 'residual'))]
         return control_charts(series, _components(self.days, series))
@@ -213,11 +213,6 @@ def _is_between(row: Mapping[str, Any]) -> bool:
     return abs(float(wrap(row['angle_rad'][0]))) > 0.1 * TWO_PI / row['n']
 
 
-def _unit(key: str) -> str:
-    """Return the SI unit of a curve by its key."""
-    return key.partition('_')[2]
-
-
 def _table(rows: Sequence[Mapping[str, Any]]) -> list[TimeSeries]:
     """Return the harmonics of the six curves that all runs determine."""
     most = (min(row['n'] for row in rows) - 1) // 2
@@ -226,7 +221,7 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> list[TimeSeries]:
         parts = [harmonics(np.array(row['angle_rad']), np.array(row[key]), np.array(row[f'U_{key}']) / COVERAGE_FACTOR)
                  for row in rows]
         values, u = (np.array([part[one][:most] for part in parts]) for one in (0, 1))
-        found += [TimeSeries('table', f'{curve}, {order + 1} per turn', values[:, order], u[:, order], _unit(key))
+        found += [TimeSeries('table', f'{curve}, {order + 1} per turn', values[:, order], u[:, order], SI_UNITS[curve])
                   for order in range(most) if np.any(np.abs(values[:, order]) > LEAST_SHARE * u[:, order])]
     return found
 

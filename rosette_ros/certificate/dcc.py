@@ -14,7 +14,7 @@ from lxml.builder import ElementMaker
 
 from rosette_ros.certificate.statements import DOI, METHOD, PAPER, Certificate, CurveSet, Inputs, Measured, release
 from rosette_ros.core.error_summary import COVERAGE_FACTOR, DECISION_RULE, AxisError, Conformity
-from rosette_ros.core.records import CURVES, Floats
+from rosette_ros.core.records import CURVES, SI_UNITS, Floats
 from rosette_ros.core.uncertainty_budget import Budget, Contribution
 from rosette_ros.io.identity_file import DEVICES, Identity
 from rosette_ros.presentation import formatting as text
@@ -196,7 +196,7 @@ def _curves(curves: CurveSet) -> Element:
 
 def _error(line: AxisError) -> Element:
     """Return one error as a list of quantities, with its conformity."""
-    unit = MICRO['µm' if line.curve.startswith('ct') else 'µrad']
+    unit = MICRO[f'µ{SI_UNITS[line.curve]}']
 
     def quantity(name: str, key: str, value: float | None, expanded: float | None = None) -> list[Element]:
         return [] if value is None else [_quantity(name, f'rosette_{line.curve}_{key}', 1e6 * value, unit,

@@ -17,6 +17,8 @@ from rosette_ros.core.scheme import Way, cmm_position, unknown_sense, unwrap_tra
 
 CURVES = ('ctx', 'cty', 'ctz', 'crx', 'cry', 'crz')
 """Names of the six error motions after VDI/VDE 2617, in the order of every (n, 6) array."""
+SI_UNITS = {curve: 'm' if curve.startswith('ct') else 'rad' for curve in CURVES}
+"""The unit of each."""
 
 STEPS = tuple(digit * 10.0**power for power in range(-4, -10, -1) for digit in (10, 5, 2))
 """Steps to which coordinates may be rounded, m: 1 mm, 0.5 mm, 0.2 mm ... 0.2 nm."""

@@ -12,7 +12,7 @@ import yaml
 from rosette_ros.core.correction import Correction
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.errors import InvalidConfig, InvalidData
-from rosette_ros.core.records import CURVES, ErrorMotions, Floats
+from rosette_ros.core.records import CURVES, SI_UNITS, ErrorMotions, Floats
 from rosette_ros.io.safe_yaml import is_finite, known_keys, read_yaml
 
 SCHEMA = 'rosette-correction/1'
@@ -91,9 +91,9 @@ def correction_csv(correction: Correction, angles: Floats) -> str:
         '# forward, backward: sense of the last move of the table\n'
         f'# harmonics: up to {correction.harmonics} of the angle\n'
         f'# U (k = {COVERAGE_FACTOR}) of a point: '
-        + ', '.join(f'{curve} {value:.4g} {_unit(curve)}' for curve, value in zip(CURVES, u))
+        + ', '.join(f'{curve} {value:.4g} µ{SI_UNITS[curve]}' for curve, value in zip(CURVES, u))
         + '\n' + '# simulated: the run was measured by the simulated machine\n' * correction.simulated)
-    names = [f'{curve}_{_unit(curve).replace("µ", "u")}' for curve in CURVES]
+    names = [f'{curve}_u{unit}' for curve, unit in SI_UNITS.items()]
     both = correction.backward is not correction.forward
     columns = ['angle_deg', *(f'{name}_forward' if both else name for name in names),
                *(f'{name}_backward' for name in names if both)]
@@ -101,10 +101,6 @@ def correction_csv(correction: Correction, angles: Floats) -> str:
     cells = ([f'{angle:.9g}', *(f'{value + 0.0:.6f}' for part in values for value in part)]
              for angle, *values in zip(np.rad2deg(angles), *rows, strict=True))
     return head + ''.join(','.join(row) + '\n' for row in (columns, *cells))
-
-
-def _unit(curve: str) -> str:
-    return 'µm' if curve.startswith('ct') else 'µrad'
 
 
 def linuxcnc_compensation(correction: Correction, low: float, high: float, step: float) -> str:

@@ -15,7 +15,7 @@ import yaml
 from rosette_ros.core.axes import iso_names
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Floats
-from rosette_ros.core.records import CURVES
+from rosette_ros.core.records import CURVES, SI_UNITS
 from rosette_ros.io.safe_yaml import known_keys, of_schema, parse_yaml
 from rosette_ros.io.text_file import read_limited
 
@@ -88,7 +88,7 @@ class Identity:
                                   'got one of another axis; ctx … crz go with any axis')
             if curve in found:
                 raise InvalidData(f'identity: tolerances: {name}: wanted each error once, {curve} stands twice')
-            found[curve] = _tolerance(words, curve.startswith('ct'), f'identity: tolerances: {name}')
+            found[curve] = _tolerance(words, SI_UNITS[curve] == 'm', f'identity: tolerances: {name}')
         return found
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.core.error_summary import COVERAGE_FACTOR, DECISION_RULE, AxisError, Conformity
-from rosette_ros.core.records import CURVES, ErrorMotions
+from rosette_ros.core.records import CURVES, SI_UNITS, ErrorMotions
 from rosette_ros.io.identity_file import ARC_SECOND
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.table_format import Column, Table, words
@@ -34,7 +34,7 @@ def errors(lines: Sequence[AxisError], title: str = 'The six errors of the table
     several = any(line.asynchronous is not None for line in lines)
     limited = any(line.tolerance is not None for line in lines)
     doubts = dict.fromkeys(line.doubt for line in lines if line.doubt and line.tolerance is not None)
-    arc = ' 1″ = 4.848 µrad.' if limited else ''
+    arc = f' 1″ = {1e6 * ARC_SECOND:.3f} µrad.' if limited else ''
     width = (' Asynchronous error motion value: the largest width of the curves of the runs at an angle, their noise '
              'included, with its U.' if several else ' The asynchronous error motion value needs several runs.')
     return Table(name, title, (
@@ -76,7 +76,7 @@ def differences(every: Mapping[str, ErrorMotions]) -> Table:
 def errors_json(lines: Sequence[AxisError]) -> dict[str, Any]:
     """Return AxisErrors, SI units; U: expanded uncertainties."""
     return {'coverage_factor': COVERAGE_FACTOR, 'decision_rule': DECISION_RULE, 'errors': [{
-        'curve': line.curve, 'iso_name': line.name, 'unit': 'm' if line.curve.startswith('ct') else 'rad',
+        'curve': line.curve, 'iso_name': line.name, 'unit': SI_UNITS[line.curve],
         'range': line.range, 'U_range': line.expanded, 'U_point': COVERAGE_FACTOR * line.u_point,
         'once_per_turn': line.once_per_turn, 'residual': line.residual, 'asynchronous': line.asynchronous,
         'U_asynchronous': _expanded(line), 'tolerance': line.tolerance, 'conformity': line.conformity and str(

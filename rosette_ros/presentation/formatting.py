@@ -19,14 +19,14 @@ from rosette_ros.core.number_words import UNKNOWN as UNKNOWN
 from rosette_ros.core.number_words import micrometres as micrometres
 from rosette_ros.core.number_words import multiple as multiple
 from rosette_ros.core.number_words import significant as significant
-from rosette_ros.core.records import CURVES, Floats, Run
+from rosette_ros.core.records import CURVES, SI_UNITS, Floats, Run
 from rosette_ros.core.scheme import cmm_position
 
 if TYPE_CHECKING:  # plan and info start without the least squares
     from rosette_ros.core.model.least_squares import Fit, Parameter
     from rosette_ros.core.model.model import Model
 
-CURVE_UNITS = tuple('µm' if curve.startswith('ct') else 'µrad' for curve in CURVES)
+CURVE_UNITS = tuple(f'µ{unit}' for unit in SI_UNITS.values())
 MEANINGS = {effect.name: effect for effect in (*BASE_EFFECTS, *EFFECTS.values())}
 """Every name that a diagnosis can give, with what it means."""
 P_NOISE, CROSS_VALIDATION, OBSERVABLE, LIMIT = (

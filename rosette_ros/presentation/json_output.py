@@ -23,7 +23,7 @@ from rosette_ros.core.model.least_squares import Fit, Parameter
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.planning.advice import Advice, OrderAdvice
 from rosette_ros.core.planning.visibility import Visibility
-from rosette_ros.core.records import CURVES
+from rosette_ros.core.records import SI_UNITS
 from rosette_ros.presentation.error_results import errors_json
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR
 
@@ -31,7 +31,7 @@ EVALUATION, COMPARISON, DIAGNOSIS = 'rosette-evaluation/1', 'rosette-comparison/
 ADVICE, EFFECTS, CHANGE = 'rosette-advice/1', 'rosette-effects/1', 'rosette-change/1'
 STANDARD = 1
 """Coverage factor k of every `u`: standard uncertainties."""
-CURVE_KEYS = tuple(f'{curve}_{"m" if curve.startswith("ct") else "rad"}' for curve in CURVES)
+CURVE_KEYS = tuple(f'{curve}_{unit}' for curve, unit in SI_UNITS.items())
 
 Json = dict[str, Any]
 """An object of JSON: what stands in it depends on the schema."""
