@@ -245,11 +245,11 @@ def run_node(name: str, make_node: Callable[[], CellNode], args: list[str] | Non
 
 
 def _init(args: list[str] | None) -> None:
-    """Initialise rclpy, which refuses arguments by a RuntimeError; raises InvalidConfig."""
+    """Initialise rclpy; raises InvalidConfig where it refuses arguments or environment, by a RuntimeError."""
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
-        raise InvalidConfig(f'ROS refuses these arguments: {error}') from error
+        raise InvalidConfig(f'ROS refuses the arguments or the environment: {error}') from error
 
 
 def make_executor(context: Context | None = None) -> Executor:

@@ -119,3 +119,11 @@ def test_what_it_cannot_run_with_is_refused(module_domain_id, file, parameters, 
     assert outcome.returncode == 2
     assert words in outcome.stderr
     assert len(outcome.stderr.splitlines()) == 1
+
+
+def test_arguments_that_ros_does_not_know_are_refused(module_domain_id):
+    """By every node, in a line."""
+    outcome = subprocess.run([*NODE, '--nonsense'], env=cell_environment(module_domain_id), capture_output=True,
+                             text=True, timeout=60, check=False)
+    assert outcome.returncode == 2
+    assert outcome.stderr == ("table_corrector: ROS refuses the arguments or the environment: ['--nonsense']\n")
