@@ -36,8 +36,8 @@ def test_result(test: SharingTest) -> str:
     return 'NOT used: the readings contradict it'
 
 
-REVERSAL_SIGN = ('ISO 230-2 takes the reversal error the other way: counter-clockwi'
-                 'se (the positive sense) less clockwise.')
+REVERSAL_SIGN = ('ISO 230-2 takes the reversal error the other way: counter-clockwise (the positive sense) less '
+                 'clockwise.')
 
 
 def sharing_table(result: JointResult) -> Table:
@@ -140,7 +140,7 @@ def joint_rows(result: JointResult) -> list[tuple[str, str]]:
     known = result.knowledge.known or (nothing_known(result),)
     fit = '' if lack is None else f'; lack of fit: {p_words(lack)}'
     if fits(result) is False:
-        fit += ', too little: they do not fit one model'
+        fit += ', one model does not fit'
     return [('Model', f'{solution.model.unknowns} unknowns, rank {solution.rank}, {solution.dof} degrees of freedom; '
                       f'{solution.hidden.shape[1]} combinations are hidden, {solution.hidden_in_curves} of them in the '
                       'curves, and removed from them'),

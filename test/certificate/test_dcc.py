@@ -220,7 +220,7 @@ def test_it_gives_no_advice(kind):
         assert any(one.startswith('This order of measurement cannot show table_zero_drift, ') for one in words)
         assert 'Readings are rounded to 1 µm, more than the repeatability of 0.10 µm.' in words
     if kind == 'no_fit':
-        assert any('they do not fit one model' in one for one in words)
+        assert any('one model does not fit' in one for one in words)
 
 
 def test_a_real_run_does_not_say_that_it_is_simulated():
