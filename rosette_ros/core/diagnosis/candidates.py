@@ -228,9 +228,11 @@ def families(run: Run, effects: Sequence[Effect], project: Projection, keep_hidd
             settings = tuple(dict.fromkeys(Setting({**setting, **fixed}) for setting in settings))
         most = max(1, min(effect.independent_settings(run), len(settings))) if fixed else np.inf
         chances = [min(one, most) for one in effect.chances(run, settings)]
-        factors = effect.factors(run, settings) if settings else None
-        return (_wave_families(effect, settings, chances, factors, project) if factors
-                else _families(run, effect, settings, chances, project, like))
+        if settings and _are_waves(effect.factors(run, settings[:1])):
+            each = dict(zip(settings, chances))
+            return list(chain(*(_wave_families(effect, each, one, project)
+                                for one in effect.factors(run, settings))))
+        return _families(run, effect, settings, chances, project, like)
 
     judged = [effect for effect in effects if not effect.unavailable(run)]
     if 3 * run.size <= SMALL:
@@ -239,6 +241,12 @@ def families(run: Run, effects: Sequence[Effect], project: Projection, keep_hidd
         with ThreadPoolExecutor(THREADS) as threads:
             found = list(threads.map(of_effect, judged))
     return tuple(family for family in chain(*found) if keep_hidden or family.ranks.any())
+
+
+def _are_waves(factors: Sequence[Factors]) -> bool:
+    """Return whether columns are best kept as products: those of large runs that are mostly zero are not."""
+    return all(3 * one.waves.shape[2] <= SMALL or np.count_nonzero(one.waves) >= EMPTY * one.waves.size
+               for one in factors) and bool(factors)
 
 
 def _alike(widths: Sequence[int], chances: Sequence[float]) -> list[tuple[int, float, list[int]]]:
@@ -332,8 +340,9 @@ def _compressed(flat: Reals) -> scipy.sparse.csr_array:
     return scipy.sparse.csr_array((values[places], column, start), shape=flat.shape)
 
 
-def _wave_families(effect: Effect, settings: Sequence[Setting], each: Sequence[float], factors: Factors,
+def _wave_families(effect: Effect, each: Mapping[Setting, float], factors: Factors,
                    project: Projection) -> list[Family]:
+    """Return the families of some settings; each: the chances of a setting."""
     m = factors.waves.shape[1]
     scale, moves = _wave_lengths(factors)
     waves = np.empty(factors.waves.shape, np.float32)
@@ -346,7 +355,8 @@ def _wave_families(effect: Effect, settings: Sequence[Setting], each: Sequence[f
     gram = _wave_gram(bank, project) / (scale[:, :, None] * scale[:, None])
     d = len(factors.directions)
     out = []
-    for q, chances, places in _alike([m * len(which) for _, which in factors.of_setting], each):
+    widths, settings = [m * len(which) for _, which in factors.of_setting], factors.settings
+    for q, chances, places in _alike(widths, [each[setting] for setting in settings]):
         wave = np.array([factors.of_setting[place][0] for place in places])
         which = np.array([factors.of_setting[place][1] for place in places])
         column = (np.arange(m)[None, :, None] * d + which[:, None]).reshape(len(places), q)

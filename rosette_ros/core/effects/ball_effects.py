@@ -1,27 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects of single balls: they slip, creep, change seats, stand off or are not round."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
 
 from rosette_ros.core.effects import run_functions as on
-from rosette_ros.core.effects.effect import Bracket, Effect, Quantity, Searched, Setting, grid, per_axis
+from rosette_ros.core.effects.effect import Bracket, Effect, Factors, Quantity, Searched, Setting, grid, per_axis
 from rosette_ros.core.effects.run_functions import duration, plate_axes, seconds
 from rosette_ros.core.records import Floats, Run
 
 
-class BallSlip(Effect):
+class _BallMotion(Effect, ABC):
+    """An effect that moves one ball on the plate, by a function of the reading along each axis of the plate."""
+
+    depends_on = ('time',)
+    carries = 'nothing'
+    repeatable = True
+    source = 'physics of the artefact'
+
+    @abstractmethod
+    def courses(self, run: Run, settings: Sequence[Setting]) -> Floats:
+        """Return the function of many settings at each reading, (b, N)."""
+
+    def blocks(self, run: Run, settings: Sequence[Setting]) -> Floats:
+        return np.asarray(self.courses(run, settings)[:, None, :, None] * np.moveaxis(plate_axes(run), -1, 0))
+
+    def factors(self, run: Run, settings: Sequence[Setting]) -> Sequence[Factors]:
+        return [Factors(settings, self.courses(run, settings)[:, None] * 1.0, np.moveaxis(plate_axes(run), -1, 0),
+                        tuple((place, (0, 1, 2)) for place in range(len(settings))))]
+
+
+class BallSlip(_BallMotion):
     name = 'ball_slip'
     plain = 'slip of one ball'
     meaning = 'At one moment one ball moved on the plate.'
     look = 'The joint of that ball: glue, thread, magnet; a collision of the stylus.'
     formula = 'R_z(phi) d H(t - t0) for one ball'
-    source = 'physics of the artefact'
-    depends_on = ('time',)
     quantities = per_axis('xyz', Quantity('d', 'm', "shift along the plate's"))
-    carries = 'nothing'
-    repeatable = True
     searched = (Searched('ball', '1', 'number of the ball'),
                 Searched('t0', 's', 'moment of the slip, since the first reading', 'instant'))
 
@@ -48,25 +65,19 @@ class BallSlip(Effect):
         """Neighbouring moments of one ball look alike."""
         return max(1, len(run.balls) * min(run.n, 40) // 2)
 
-    def blocks(self, run: Run, settings: Sequence[Setting]) -> Floats:
-        """Return the shifts of many balls and moments, (b, 3, N, 3)."""
+    def courses(self, run: Run, settings: Sequence[Setting]) -> Floats:
         ball = np.array([setting.whole('ball') for setting in settings])[:, None]
         t0 = np.array([setting.number('t0') for setting in settings])[:, None]
-        moved = (run.ball == ball) & (seconds(run) > t0)
-        return np.asarray(moved[:, None, :, None] * np.moveaxis(plate_axes(run), -1, 0))
+        return np.asarray((run.ball == ball) & (seconds(run) > t0))
 
 
-class BallCreep(Effect):
+class BallCreep(_BallMotion):
     name = 'ball_creep'
     plain = 'creep of one ball'
     meaning = 'One ball moves gradually on the plate, steadily or ever more slowly.'
     look = 'The joint of that ball: glue that creeps, a thread or magnet that settles; heat of a hand.'
     formula = 'R_z(phi) d (1 - exp(-(t - t0)/tau)) for one ball from t0 on, d reached at the end of the run'
-    source = 'physics of the artefact'
-    depends_on = ('time',)
     quantities = per_axis('xyz', Quantity('d', 'm', "displacement at the end of the run along the plate's"))
-    carries = 'nothing'
-    repeatable = True
     searched = (Searched('ball', '1', 'number of the ball'),
                 Searched('t0', 's', 'moment at which it begins, since the first reading', 'phase'),
                 Searched('tau', 's', 'time constant; steady where it exceeds the run', 'scale'))
@@ -85,25 +96,21 @@ class BallCreep(Effect):
         t0, tau, end = setting.number('t0'), setting.number('tau'), duration(run)
         return {'t0': (max(t0 - end / 6, 0.0), t0 + end / 6), 'tau': (tau / 3, min(3 * tau, 5 * end))}
 
-    def blocks(self, run: Run, settings: Sequence[Setting]) -> Floats:
+    def courses(self, run: Run, settings: Sequence[Setting]) -> Floats:
         ball, t0, tau = (np.array([setting.number(name) for setting in settings])[:, None]
                          for name in ('ball', 't0', 'tau'))
         since = np.maximum(seconds(run) - t0, 0)
         course = np.expm1(-since / tau) / np.expm1(-np.maximum(since[:, -1:], 1e-9) / tau)
-        return np.asarray((course * (run.ball == ball))[:, None, :, None] * np.moveaxis(plate_axes(run), -1, 0))
+        return np.asarray(course * (run.ball == ball))
 
 
-class BallRattle(Effect):
+class BallRattle(_BallMotion):
     name = 'ball_rattle'
     plain = 'one ball between two seats'
     meaning = 'One ball changes between two seats: it moved and came back, or sits by the sense of the last table move.'
     look = 'The joint of that ball: a loose thread, a magnet with dirt under it, cracked glue.'
     formula = 'R_z(phi) d for one ball between t0 and t1, or 1/2 R_z(phi) d approach'
-    source = 'physics of the artefact'
-    depends_on = ('time',)
     quantities = per_axis('xyz', Quantity('d', 'm', "distance of the seats along the plate's"))
-    carries = 'nothing'
-    repeatable = True
     searched = (Searched('ball', '1', 'number of the ball'), Searched('motion', '', 'there and back, or by sense'),
                 Searched('t0', 's', 'moment at which it moved, since the first reading', 'instant'),
                 Searched('t1', 's', 'moment at which it came back', 'instant'))
@@ -132,12 +139,12 @@ class BallRattle(Effect):
         middle = on.midway(seconds(run)[run.ball == setting.whole('ball')])
         return {name: on.beside(middle, setting.number(name), 1.5 * middle.size / 14) for name in ('t0', 't1')}
 
-    def blocks(self, run: Run, settings: Sequence[Setting]) -> Floats:
+    def courses(self, run: Run, settings: Sequence[Setting]) -> Floats:
         senses = np.array([setting.word('motion', 'pulse') == 'sense' for setting in settings])[:, None]
         ball, t0, t1 = (np.array([float(setting.get(name, 0.0)) for setting in settings])[:, None]
                         for name in ('ball', 't0', 't1'))
         seat = np.where(senses, 0.5 * run.approach, (seconds(run) > t0) & (seconds(run) <= t1))
-        return np.asarray((seat * (run.ball == ball))[:, None, :, None] * np.moveaxis(plate_axes(run), -1, 0))
+        return np.asarray(seat * (run.ball == ball))
 
 
 class _EachBall(Effect):

@@ -88,12 +88,13 @@ def grid(**values: Iterable[float | str]) -> tuple[Setting, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Factors:
-    """Columns of many settings as products w_vm(reading) e_d(reading).
+    """Columns of some settings as products w_vm(reading) e_d(reading).
 
-    waves: (v, m, N); directions: (D, N, 3); of_setting: for each setting its v and the numbers d of
-    its directions. Its columns are w_v1 e_d1, w_v1 e_d2 ... w_v2 e_d1 ...
+    waves: (v, m, N); directions: (D, N, 3); of_setting: for each setting its v and the numbers d of its directions. The
+    columns of a setting, in any order, are w_v1 e_d1, w_v1 e_d2 ... w_v2 e_d1 ...
     """
 
+    settings: Sequence[Setting]
     waves: Floats
     directions: Floats
     of_setting: tuple[tuple[int, tuple[int, ...]], ...]
@@ -180,9 +181,9 @@ class Effect:
         """
         return np.stack([np.moveaxis(self.columns(run, setting), -1, 0) for setting in settings])
 
-    def factors(self, run: Run, settings: Sequence[Setting]) -> Factors | None:
-        """Return the Factors of settings where columns are such products, else None."""
-        return None
+    def factors(self, run: Run, settings: Sequence[Setting]) -> Sequence[Factors]:
+        """Return the Factors of settings where columns are such products, else none; each setting is in one."""
+        return ()
 
     @property
     def moves_plate(self) -> bool:

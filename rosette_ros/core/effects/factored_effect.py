@@ -292,17 +292,17 @@ class FactoredEffect(Effect, ABC):
         """Return the functions of a setting at each reading, (m, N)."""
         return np.asarray(self.function.at(run, np.array([self._values(setting)]))[0])
 
-    def factors(self, run: Run, settings: Sequence[Setting]) -> Factors:
-        """Return the Factors of many settings; each value is worked out once."""
+    def factors(self, run: Run, settings: Sequence[Setting]) -> Sequence[Factors]:
+        """Return the Factors of many settings, their columns in the order of these; each value is worked out once."""
         every = [self._values(setting) for setting in settings]
         values = {value: place for place, value in enumerate(dict.fromkeys(every))}
         waves = self.function.at(run, np.array(list(values)))
-        return Factors(waves, self.directions(run), tuple(
-            (values[value], self.which(setting)) for value, setting in zip(every, settings)))
+        return [Factors(settings, waves, self.directions(run), tuple(
+            (values[value], self.which(setting)) for value, setting in zip(every, settings)))]
 
     def blocks(self, run: Run, settings: Sequence[Setting]) -> Floats:
         """Return the columns of settings that share their number of directions, (b, q, N, 3)."""
-        factors = self.factors(run, settings)
+        factors, = self.factors(run, settings)
         wave, which = (np.array(each) for each in zip(*factors.of_setting))
         out: Floats = factors.waves[wave][:, :, None, :, None] * factors.directions[which][:, None]
         return out.reshape(len(settings), -1, run.size, 3)

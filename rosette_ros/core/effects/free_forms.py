@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from rosette_ros.core.effects import run_functions as on
-from rosette_ros.core.effects.effect import Effect, Quantity, Searched, Setting, grid
+from rosette_ros.core.effects.effect import Effect, Factors, Quantity, Searched, Setting, grid
 from rosette_ros.core.effects.run_functions import duration, seconds
 from rosette_ros.core.records import Bools, Floats, Run
 
@@ -83,20 +83,43 @@ class FreeForm(Effect):
         return tuple(self.grid(run))
 
     def width(self, run: Run, setting: Setting) -> int:
-        course = self.course(run, setting)
-        return len(directions(setting.word('axes'))) * len(course.basis) * max(len(course.carriers), 1)
+        return len(directions(setting.word('axes'))) * len(_functions(self, run, _without_axes(setting)))
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
-        course = self.course(run, setting)
+        count = len(_functions(self, run, _without_axes(setting)))
         return tuple(Quantity(f'c{k + 1}_{axis}', 'm', f'amplitude along {axis}')
-                     for axis in directions(setting.word('axes'))
-                     for k in range(len(course.basis) * max(len(course.carriers), 1)))
+                     for axis in directions(setting.word('axes')) for k in range(count))
 
     def columns(self, run: Run, setting: Setting) -> Floats:
         """Return every basis function of every carrier along every direction, (N, 3, q)."""
-        course, units = self.course(run, setting), unit_vectors(run, setting.word('axes'))
-        scalars = np.array([carrier * one for carrier in course.carried() for one in course.basis])
+        scalars, units = _functions(self, run, _without_axes(setting)), unit_vectors(run, setting.word('axes'))
         return np.asarray((units[:, :, :, None] * scalars.T[:, None, None]).reshape(run.size, 3, -1))
+
+    def factors(self, run: Run, settings: Sequence[Setting]) -> Sequence[Factors]:
+        """Return the Factors of settings by their number of functions."""
+        every = list(map(_without_axes, settings))
+        functions = {each: _functions(self, run, each) for each in dict.fromkeys(every)}
+        axes = list(dict.fromkeys(axis for setting in settings for axis in _single(setting.word('axes'))))
+        units = np.stack([unit_vectors(run, axis)[..., 0] for axis in axes])
+        out = []
+        for count in sorted({len(one) for one in functions.values()}):
+            waves = {each: one for each, one in functions.items() if len(one) == count}
+            number = {each: place for place, each in enumerate(waves)}
+            pairs = [(setting, number[each]) for setting, each in zip(settings, every) if each in number]
+            out.append(Factors([setting for setting, _ in pairs], np.stack(list(waves.values())), units, tuple(
+                (v, tuple(map(axes.index, _single(setting.word('axes'))))) for setting, v in pairs)))
+        return out
+
+
+def _without_axes(setting: Setting) -> Setting:
+    return Setting({name: value for name, value in setting.items() if name != 'axes'})
+
+
+@lru_cache(maxsize=8)
+def _functions(form: FreeForm, run: Run, setting: Setting) -> Floats:
+    """Return every basis function of every carrier, (m, N), which settings that differ in their axes share."""
+    course = form.course(run, setting)
+    return np.array([carrier * one for carrier in course.carried() for one in course.basis])
 
 
 def directions(axes: str) -> list[str]:
@@ -104,6 +127,13 @@ def directions(axes: str) -> list[str]:
     return [axes] if axes in TURNING[1:] else list(axes.rpartition(' ')[2])
 
 
+def _single(axes: str) -> list[str]:
+    """Return a setting's axes one by one, each as axes of a setting."""
+    frame = axes.rpartition(' ')[0]
+    return [f'{frame} {axis}'.strip() for axis in directions(axes)]
+
+
+@lru_cache(maxsize=16)
 def unit_vectors(run: Run, axes: str) -> Floats:
     """Return the unit vectors of a setting's axes in the machine, (N, 3, d)."""
     if axes in TURNING[1:]:

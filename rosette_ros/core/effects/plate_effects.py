@@ -2,6 +2,7 @@
 """Effects of the ball plate: it creeps, slips, tilts, grows, warps."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -174,16 +175,16 @@ class PlateOnSupports(FactoredEffect):
         x, y, _ = np.moveaxis(plate_axes(run), -1, 0)
         return np.stack([up, *tilts, -y, x])
 
-    def factors(self, run: Run, settings: Sequence[Setting]) -> Factors:
+    def factors(self, run: Run, settings: Sequence[Setting]) -> Sequence[Factors]:
         """Return the Factors, with directions of each height."""
         heights = list(dict.fromkeys(setting.number('height') for setting in settings))
         up, *tilts, x, y = self.directions(run)
         directions = [up, *(tilt + height * lean for height in heights for tilt, lean in zip(tilts, (x, y)))]
         first = {height: 1 + 2 * place for place, height in enumerate(heights)}
-        made = super().factors(run, settings)
-        return Factors(made.waves, np.stack(directions), tuple(
+        made, = super().factors(run, settings)
+        return [replace(made, directions=np.stack(directions), of_setting=tuple(
             (wave, (0, place, place + 1)) for (wave, _), place in zip(
-                made.of_setting, (first[setting.number('height')] for setting in settings))))
+                made.of_setting, (first[setting.number('height')] for setting in settings))))]
 
     def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
         course, height, (d_z, x, y) = self.course(run, setting).T, setting.number('height'), amplitudes

@@ -3,11 +3,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE
-from rosette_ros.core.planning.visibility import Visibility, visibility
+from rosette_ros.core.planning.visibility import Share, Visibility, visibility, visible_shares
 from rosette_ros.core.records import Floats, Run
 from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, nominal_places, plan, unwrap_travel
 from rosette_ros.core.touches import USUAL, Pace
@@ -33,14 +34,17 @@ GOOD_SHARE = 0.3
 class OrderAdvice:
     """What one order shows: visibility of each effect, and what the run costs.
 
-    worst: smallest typical share over the wanted effects, and worst_effect, its name; travel_time: s of table and CMM
-    moves; duration: s of the whole run. `visibilities` of orders that are only compared hold the wanted effects alone.
+    run: that is measured so; sigma: standard deviation of a coordinate, m; names: of the effects that are looked at,
+    all if none: of orders that are only compared the wanted ones; worst: smallest typical share over the wanted
+    effects, and worst_effect, its name; travel_time: s of table and CMM moves; duration: s of the whole run.
     """
 
     order: str
     turning: str
     seed: int
-    visibilities: tuple[Visibility, ...]
+    run: Run
+    sigma: float
+    names: tuple[str, ...]
     worst: float
     worst_effect: str
     travel_time: float
@@ -52,9 +56,19 @@ class OrderAdvice:
         plain = (self.order, 'alternate') not in VARIANTS
         return self.order if plain or self.turning == 'forward' else f'{self.order}, turning {self.turning}'
 
+    @cached_property
+    def shares(self) -> dict[str, Share]:
+        """The Share of each effect by its name."""
+        return {one.name: one for one in visible_shares(self.run, names=self.names)}
+
+    @property
+    def visibilities(self) -> tuple[Visibility, ...]:
+        """The Visibility of each effect."""
+        return visibility(self.run, self.sigma, names=self.names)
+
     def share(self, name: str) -> float:
         """Return the typical visible share of an effect."""
-        return next(entry.typical_share for entry in self.visibilities if entry.name == name)
+        return self.shares[name].typical_share
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,12 +116,13 @@ def advise_order(scheme: Scheme, radius: float, sigma: float, wanted: Sequence[s
     was measured so, without it the run is taken as it is expected, with a rotation as of Run.
     """
     planned = planned_run(scheme, radius, rotation=rotation)
-    seen = visibility(run or planned, sigma, names=names)
+    measured, looked_at = run or planned, tuple(names)
+    seen = visible_shares(measured, names=looked_at)
     worst = min((entry for entry in seen if not entry.reason and (not wanted or entry.name in wanted)),
                 key=lambda entry: entry.typical_share)
     turning = 'alternate' if np.any(scheme.approach < 0) else 'forward'
     duration = float(planned.time[-1])
-    return OrderAdvice(scheme.order, turning, scheme.seed, seen, worst.typical_share, worst.name,
+    return OrderAdvice(scheme.order, turning, scheme.seed, measured, sigma, looked_at, worst.typical_share, worst.name,
                        duration - SECONDS_PER_BALL * (planned.size - 1), duration)
 
 
@@ -148,7 +163,7 @@ def scheme_of(run: Run) -> Scheme:
 
 def _advice(present: OrderAdvice, n: int, radius: float, sigma: float, wanted: Sequence[str], seed: int,
             rotation: Floats | None = None, balls: tuple[int, ...] = ()) -> Advice:
-    judged = [entry for entry in present.visibilities if not entry.reason]
+    judged = [entry for entry in present.shares.values() if not entry.reason]
     weak = tuple(entry.name for entry in judged if entry.typical_share < GOOD_SHARE)
     wanted = tuple(wanted) or weak or tuple(entry.name for entry in judged)
     every = tuple(advise_order(plan(n, name, seed, turning, balls=balls), radius, sigma, wanted, names=wanted,

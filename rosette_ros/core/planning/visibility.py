@@ -26,28 +26,37 @@ SAME_SHAPE = 0.95
 
 
 @dataclass(frozen=True, eq=False)
-class Visibility:
-    """What a run shows of one effect.
+class Share:
+    """The visible share of one effect on a run.
 
-    share: of its best setting; typical_share: median over its settings; setting: the typical one; bias: (6,) largest
-    change of each curve, m or rad, for an effect that moves the balls by one metre rms; detectable: rms displacement of
-    the balls that is found nearly always, m, inf where hidden; alike: effects whose visible part has the same shape;
-    reason: why the effect cannot be judged at all, empty where it can.
+    share: of its best setting; typical_share: median over its settings; setting: the typical one; reason: why the
+    effect cannot be judged at all, empty where it can.
     """
 
     name: str
     share: float
     typical_share: float
     setting: Setting
-    bias: Floats
-    detectable: float
-    alike: tuple[str, ...]
     reason: str
 
     @property
     def hidden(self) -> bool:
         """Whether this order hides the effect."""
         return not self.reason and self.share < HIDDEN_SHARE
+
+
+@dataclass(frozen=True, eq=False)
+class Visibility(Share):
+    """What a run shows of one effect.
+
+    bias: (6,) largest change of each curve, m or rad, for an effect that moves the balls by one metre rms; detectable:
+    rms displacement of the balls that is found nearly always, m, inf where hidden; alike: effects whose visible part
+    has the same shape.
+    """
+
+    bias: Floats
+    detectable: float
+    alike: tuple[str, ...] = ()
 
 
 def visibility(run: Run, sigma: float = 1e-7, terms: tuple[str, ...] = BASE_TERMS,
@@ -62,23 +71,33 @@ def visibility(run: Run, sigma: float = 1e-7, terms: tuple[str, ...] = BASE_TERM
 
 
 @lru_cache(maxsize=64)
-def _of_unit_noise(run: Run, terms: tuple[str, ...], names: tuple[str, ...]) -> tuple[Visibility, ...]:
-    """Return the Visibility of effects for sigma = 1 m; plans of one cell are compared again with each of its runs."""
-    space = base_space(run, run.radius, terms)
-    project = Projection(space, run.size)
-    out, shapes = [], {}
+def visible_shares(run: Run, terms: tuple[str, ...] = BASE_TERMS, names: tuple[str, ...] = ()) -> tuple[Share, ...]:
+    """Return the Share of effects; arguments as of `visibility`. Runs of one cell are compared with the same plans."""
+    project = Projection(base_space(run, run.radius, terms), run.size)
+    out = []
     for name, effect in effects_of(run).items():
         if names and name not in names:
             continue
-        reason = why_not_judged(effect, run)
-        if reason:
-            out.append(Visibility(name, 0.0, 0.0, Setting(), np.zeros(6), np.inf, (), reason))
+        if reason := why_not_judged(effect, run):
+            out.append(Share(name, 0.0, 0.0, Setting(), reason))
             continue
         every = sorted(((setting, float(share)) for family in families(run, (effect,), project, keep_hidden=True)
                         for setting, share in zip(family.settings, family.shares)), key=lambda pair: pair[1])
         setting, share = every[len(every) // 2]
-        bias, detectable, shapes[name] = _consequences(run, effect, setting, space)
-        out.append(Visibility(name, every[-1][1], share, setting, bias, detectable, (), ''))
+        out.append(Share(name, every[-1][1], share, setting, ''))
+    return tuple(out)
+
+
+@lru_cache(maxsize=64)
+def _of_unit_noise(run: Run, terms: tuple[str, ...], names: tuple[str, ...]) -> tuple[Visibility, ...]:
+    """Return the Visibility of effects for sigma = 1 m."""
+    space, effects = base_space(run, run.radius, terms), effects_of(run)
+    out, shapes = [], {}
+    for one in visible_shares(run, terms, names):
+        bias, detectable = np.zeros(6), np.inf
+        if not one.reason:
+            bias, detectable, shapes[one.name] = _consequences(run, effects[one.name], one.setting, space)
+        out.append(Visibility(**vars(one), bias=bias, detectable=detectable))
     return tuple(replace(entry, alike=_alike(entry, shapes)) for entry in out)
 
 
