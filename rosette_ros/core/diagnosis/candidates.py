@@ -11,7 +11,7 @@ products of few waves and directions, or nearly empty, and B M B' = B B' - (B Q'
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from itertools import chain, groupby
 
 import numpy as np
@@ -101,11 +101,6 @@ class Family:
     def name(self) -> str:
         """The name of the effect."""
         return self.effect.name
-
-    @cached_property
-    def by_rank(self) -> tuple[tuple[int, Ints], ...]:
-        """Pairs of a rank above 0 and the numbers of the blocks that have it."""
-        return tuple((int(rank), np.flatnonzero(self.ranks == rank)) for rank in np.unique(self.ranks[self.ranks > 0]))
 
     def picked(self, products: Reals) -> Reals:
         """Return U times rows, (blocks, q, m), from the products of the bank with the rows."""

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from rosette_ros.core.diagnosis.right_shape import IN_TIME, free_instead
-from rosette_ros.core.diagnosis.search import UNNAMED_PRIOR, Member, Problem, Selection
+from rosette_ros.core.diagnosis.scores import UNNAMED_PRIOR
+from rosette_ros.core.diagnosis.search import Member, Problem, Selection
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.factored_effect import Curve, Cycle, Drift, Onset, WarmUp
 from rosette_ros.core.effects.free_forms import TURNING

@@ -21,7 +21,7 @@ from rosette_ros.core.diagnosis.noise_statistics import (
     two_sided,
     two_sided_f,
 )
-from rosette_ros.core.diagnosis.search import cost
+from rosette_ros.core.diagnosis.scores import cost
 from rosette_ros.core.model.base_model import Basis
 from rosette_ros.core.model.least_squares import HIDDEN, Fit
 from rosette_ros.core.model.model import KINDS_OF_NOISE

@@ -22,16 +22,15 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from rosette_ros.core.diagnosis.candidates import NO_RESIDUAL, Family, families, gains, products_of, whiten
-from rosette_ros.core.diagnosis.projection import SMALL, Projection, Reals
+from rosette_ros.core.diagnosis.candidates import NO_RESIDUAL, Family, families, gains, whiten
+from rosette_ros.core.diagnosis.projection import SMALL, Projection
+from rosette_ros.core.diagnosis.scores import cost, grouped, products_by_group, search_cost
 from rosette_ros.core.effects.effect import Bracket, Effect, Setting
 from rosette_ros.core.effects.free_forms import SEARCHED_FORMS, FreeForm
-from rosette_ros.core.effects.library import OF_ANY_TABLE, effects_of
+from rosette_ros.core.effects.library import effects_of
 from rosette_ros.core.model.least_squares import JointSpace
-from rosette_ros.core.records import Floats, Ints, Run
+from rosette_ros.core.records import Floats, Run
 
-UNNAMED_PRIOR = 10.0
-"""An unnamed term must beat named effects by this score."""
 MOST_EFFECTS = 5
 BEAM = 4
 BRANCHES = 7
@@ -45,6 +44,8 @@ FINE = 0.3
 """Share of its bracket, times the square root of the gain, to which a parameter is refined."""
 AGAIN = 1.05
 """Factor by which what parameters explain has to grow for them to be refined in turn once more."""
+AT_ONCE = 100
+"""Runs of noise that are looked at together: products with all candidates are kept for each."""
 HOPELESS = -5.0
 """Score gain on the grid below which no refinement of continuous parameters can make it pay."""
 
@@ -128,6 +129,7 @@ class Problem:
         self._made: dict[tuple[str, Setting, float], Member | None] = {}
         self._scale_to(residual)
         self.families = families(run, (*effects, *unnamed), self.project, like=like, fixed=fixed)
+        self._groups = grouped(self.families)
 
     def _scale_to(self, residual: Floats) -> None:
         self.scale = float(np.sqrt(np.sum(residual**2) / self.dof)) or 1.0
@@ -211,19 +213,18 @@ class Problem:
     def _offers(self, selections: Sequence[Selection], names: Sequence[str] | None,
                 allow_repeats: bool) -> list[list[Offer]]:
         stacked = np.concatenate([np.vstack([s.residual[None], s.rows]) for s in selections])
+        stops = np.cumsum([1 + len(s.rows) for s in selections]).tolist()
         offers: list[list[Offer]] = [[] for _ in selections]
-        wanted = [family for family in self.families if names is None or family.name in names]
-        for family, products in products_of(wanted, stacked, self.project):
-            start = 0
-            for selection, found in zip(selections, offers):
-                stop = start + 1 + len(selection.rows)
+        groups = self._groups if names is None else grouped(
+            [family for family in self.families if family.name in names])
+        for group, products in products_by_group(groups, stacked, self.project):
+            for selection, start, stop, found in zip(selections, [0, *stops], stops, offers):
                 part = products[..., start:stop]
-                start = stop
-                if family.name in selection.names and not family.effect.repeatable and not allow_repeats:
-                    continue
-                gain = gains(part[..., :1], part[..., 1:])
-                score, best = _best_scores(family, selection.rss, gain, self._left(selection.rows, selection.members))
-                found.append(Offer(float(score[0]), family, int(best[0])))
+                score, block = group.best(gains(part[..., :1], part[..., 1:])[:, 0], selection.rss,
+                                          self._left(selection.rows, selection.members))
+                found += [Offer(float(one), family, int(place))
+                          for one, family, place in zip(score, group.families, block)
+                          if family.effect.repeatable or allow_repeats or family.name not in selection.names]
         return [sorted(found, key=lambda offer: -offer.score) for found in offers]
 
     def refine(self, member: Member, others: Selection) -> Member:
@@ -383,46 +384,19 @@ class Problem:
         The noise (m, N, 3), in white coordinates, goes through the same projection and the same families; a share of
         about a tenth of the library's score is not refined, alike for noise and data.
         """
+        named = grouped([family for family in self.families if not isinstance(family.effect, FreeForm)])
         left = self.project.free(noise).reshape(len(noise), -1)
-        rss = np.sum(left**2, axis=1)
-        best = np.full(len(left), -np.inf)
-        named = [family for family in self.families if not isinstance(family.effect, FreeForm)]
-        for family, products in products_of(named, left, self.project):
-            best = np.maximum(best, _best_scores(family, rss, gains(products), self.dof)[0])
+        rss, best = np.sum(left**2, axis=1), np.full(len(left), -np.inf)
+        for start in range(0, len(left), AT_ONCE):
+            some = slice(start, start + AT_ONCE)
+            for group, products in products_by_group(named, left[some], self.project):
+                best[some] = np.maximum(best[some], group.best_of_all(gains(products), rss[some], self.dof))
         return best
-
-
-def _best_scores(family: Family, rss: float | Floats, gain: Reals, dof: int) -> tuple[Floats, Ints]:
-    """Return the best score gain of a family's blocks, (m,), and its block, (m,).
-
-    rss: square sums, (m,) or one; gain: (blocks, m), their fall; dof: degrees of freedom of rss. Of blocks of one rank
-    the one with the largest gain has the best score.
-    """
-    columns, rss = np.arange(gain.shape[1]), np.maximum(rss, NO_RESIDUAL)
-    best, block = np.full(gain.shape[1], -np.inf), np.zeros(gain.shape[1], dtype=int)
-    for rank, places in family.by_rank:
-        largest = places[np.argmax(gain[places], axis=0)]
-        fall = gain[largest, columns].astype(float)
-        left = np.maximum(rss - fall, 1e-12 * rss)
-        score = dof * np.log(rss / left) - cost(fall * dof / left, rank) - search_cost(family.effect, family.chances)
-        block = np.where(score > best, largest, block)
-        best = np.maximum(score, best)
-    return best, block
 
 
 def searched_count(members: Sequence[Member]) -> int:
     """Return how many numbers of members are searched; choices do not count."""
     return sum(parameter.kind != 'choice' for member in members for parameter in member.effect.searched)
-
-
-def cost(energy: float | Floats, k: int) -> Floats:
-    """Return the cost of k > 0 amplitudes of a square sum in sigma^2: k (1 + ln(energy / k)), or `energy` below k."""
-    return np.where(energy > k, k * (1 + np.log(np.maximum(energy, k) / k)), energy)
-
-
-def search_cost(effect: Effect, chances: float) -> float:
-    """Return what the search of an effect with so many separate chances costs."""
-    return float(2 * np.log(chances * OF_ANY_TABLE)) + UNNAMED_PRIOR * isinstance(effect, FreeForm)
 
 
 def _gain(member: Member, others: Selection) -> float:
@@ -433,6 +407,9 @@ def gain_and_rank(member: Member, others: Selection) -> tuple[float, int]:
     """Return the fall of the square sum when a member joins a selection, and how many directions it adds."""
     x = member.rows @ others.rows.T
     y = member.rows @ others.residual
+    if len(y) == 1:
+        left = float(1 + 1e-9 - x[0] @ x[0])
+        return (float(y[0]**2) / left, 1) if left > 1e-3 else (0.0, 0)
     gram = np.eye(len(y)) * (1 + 1e-9) - x @ x.T
     value, vector = np.linalg.eigh(gram)
     keep = value > 1e-3

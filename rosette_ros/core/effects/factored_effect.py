@@ -3,6 +3,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -244,6 +245,12 @@ class LaggedTemperature(Temperature):
                          for tau in values[:, 0]])
 
 
+@lru_cache(maxsize=32)
+def _directions(effect: 'FactoredEffect', run: Run) -> Floats:
+    """Return the directions of an effect; refining its parameters asks for them again and again."""
+    return effect.directions(run)
+
+
 class FactoredEffect(Effect, ABC):
     """An effect whose columns are f(reading; value) e(reading): the search is quick.
 
@@ -297,7 +304,7 @@ class FactoredEffect(Effect, ABC):
         every = [self._values(setting) for setting in settings]
         values = {value: place for place, value in enumerate(dict.fromkeys(every))}
         waves = self.function.at(run, np.array(list(values)))
-        return [Factors(settings, waves, self.directions(run), tuple(
+        return [Factors(settings, waves, _directions(self, run), tuple(
             (values[value], self.which(setting)) for value, setting in zip(every, settings)))]
 
     def blocks(self, run: Run, settings: Sequence[Setting]) -> Floats:

@@ -178,10 +178,10 @@ class PlateOnSupports(FactoredEffect):
     def factors(self, run: Run, settings: Sequence[Setting]) -> Sequence[Factors]:
         """Return the Factors, with directions of each height."""
         heights = list(dict.fromkeys(setting.number('height') for setting in settings))
-        up, *tilts, x, y = self.directions(run)
+        made, = super().factors(run, settings)
+        up, *tilts, x, y = made.directions
         directions = [up, *(tilt + height * lean for height in heights for tilt, lean in zip(tilts, (x, y)))]
         first = {height: 1 + 2 * place for place, height in enumerate(heights)}
-        made, = super().factors(run, settings)
         return [replace(made, directions=np.stack(directions), of_setting=tuple(
             (wave, (0, place, place + 1)) for (wave, _), place in zip(
                 made.of_setting, (first[setting.number('height')] for setting in settings))))]

@@ -116,12 +116,14 @@ def tangential(angle: Floats) -> Floats:
     return np.stack([-np.sin(angle), np.cos(angle), np.zeros_like(angle)], axis=-1)
 
 
+@lru_cache(maxsize=4)
 def plate_axes(run: Run) -> Floats:
     """Return unit vectors of the plate's x, y, z in the table frame, (N, 3, 3), last is the axis."""
     out = np.zeros((run.size, 3, 3))
     out[:, :, 0] = radial(run.phi)
     out[:, :, 1] = tangential(run.phi)
     out[:, 2, 2] = 1.0
+    out.setflags(write=False)
     return out
 
 
