@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rosette_ros.nodes.base_node import CellNode
     from rosette_ros.nodes.node_requests import RecorderLink
 
-_LONGEST_STEP = 0.3  # between two looks for heartbeats: longer, and the node that looks stood still, s
+_LONGEST_STEP = 0.4  # between two looks for heartbeats: longer, and the node that looks stood still, s
 _PARTICIPANT = 12  # bytes of a GID that name the participant (DDS-RTPS 2.2, section 8.2.4.1)
 _NODE_WORDS = {names.CMM: 'CMM', names.RECORDER: 'recorder'}
 BUSY = 2.0  # a node that has called nothing back for this time is told in /diagnostics, s

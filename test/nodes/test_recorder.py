@@ -27,6 +27,7 @@ from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_writer import LogWriter
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes import recorder as recorder_module
+from rosette_ros.nodes.base_node import WAKE_PERIOD
 from rosette_ros.nodes.interfaces import decoded
 from rosette_ros.nodes.log_recall import iter_copied
 from rosette_ros.nodes.recorder import Recorder
@@ -117,7 +118,7 @@ def test_a_log_is_closed_when_it_holds_the_end(recorder, tmp_path):
 def test_a_log_that_lacks_its_end_is_closed_after_a_bounded_time(recorder, tmp_path, monkeypatch):
     """The answer says what it lacks, and the run does not end in success; it comes after some requests, not after a
     time alone, in which the recorder may have stood still."""
-    monkeypatch.setattr(recorder_module, 'LAST_MESSAGES', 0.35)
+    monkeypatch.setattr(recorder_module, 'LAST_MESSAGES', 3.5 * WAKE_PERIOD)
     monkeypatch.setattr(recorder, 'seconds', itertools.count(step=10.0).__next__)
     assert start(recorder, 'run').success
     assert not any(stop(recorder, 'run', RunState.PHASE_DONE).log for _ in range(3))
