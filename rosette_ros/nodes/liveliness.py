@@ -104,6 +104,7 @@ class NodeMonitor:
     def __init__(self, node: Node, peer: str) -> None:
         self._node, self.peer = node, peer
         self._received: dict[str, float] = {}
+        self._heard: set[str] = set()  # since the last process began
         self._waited, self._last, self._watched = 0.0, 0.0, time.monotonic()
         self.process, self.problem, self.hears, self.busy = '', '', tuple[str, ...](), 0.0
         self._subscription = node.create_subscription(
@@ -119,8 +120,11 @@ class NodeMonitor:
                           if self._waited - at < qos.HEARTBEAT_LOST}
 
     def count(self) -> int:
-        """Return how many processes publish heartbeats under this name now."""
-        return min(len(self._received), self._subscription.get_publisher_count())
+        """Return how many processes publish heartbeats under this name now.
+
+        One that was not heard since another one began counts no more: killed, it has been replaced by that one."""
+        running = [process for process in self._received if process in self._heard]
+        return min(len(running), self._subscription.get_publisher_count())
 
     @property
     def is_disconnected(self) -> bool:
@@ -148,6 +152,9 @@ class NodeMonitor:
     def _on_heartbeat(self, message: Heartbeat) -> None:
         self.process, self.problem, self.hears = message.process, message.problem, tuple(message.hears)
         self.busy = message.busy
+        if self.process not in self._received:
+            self._heard.clear()
+        self._heard.add(self.process)
         self._received[self.process] = self._last = self._waited
 
 

@@ -88,7 +88,7 @@ def test_a_set_of_names_is_right_with_look_alikes():
 def test_tables_are_printed_written_and_compared(tmp_path, capsys):
     """One run of each table; the second time it is compared with the first."""
     file = tmp_path / 'blind.json'
-    few = ['--orders', 'random', '--seeds', '1', '--jobs', '1', '--strength', '16']
+    few = ['--orders', 'random', '--seeds', '1', '--jobs', '1', '--strength', '16', '--balls', '8']
     asked = ['--noise', 'white', '--causes', 'drift_quadratic', '--library', 'frame_drift', '--coverage', 'z_2']
     assert main([*asked, *few, '--stated', 'yes', '--json', str(file)]) == 0
     text = capsys.readouterr().out

@@ -115,7 +115,11 @@ def test_a_node_whose_heartbeats_stay_away_is_disconnected(monkeypatch):
     watched.receive('cmm 2')
     assert (monitor.is_disconnected, monitor.running(), monitor.process) == (False, 1, 'cmm 2')
     watched.receive('cmm 3')
+    assert monitor.count() == 1, 'the one before may have been killed'
+    watched.receive('cmm 2')
     assert monitor.count() == 2, 'two of one name'
+    watched.receive('cmm 3')
+    assert monitor.count() == 2
     watched.publishers = 0
     assert monitor.is_disconnected
 
