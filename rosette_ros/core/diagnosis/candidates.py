@@ -8,6 +8,7 @@ after A. Since M r = r and M A' = A', the products U r = T (B r) ask for raw col
 products of few waves and directions, or nearly empty, and B M B' = B B' - (B Q')(B Q')' by the basis Q of the model.
 """
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -246,8 +247,10 @@ def _are_waves(factors: Sequence[Factors]) -> bool:
 
 def _alike(widths: Sequence[int], chances: Sequence[float]) -> list[tuple[int, float, list[int]]]:
     """Return number of columns, chances and places of the settings that share both."""
-    kinds = list(zip(widths, chances))
-    return [(*kind, [place for place, other in enumerate(kinds) if other == kind]) for kind in sorted(set(kinds))]
+    places = defaultdict[tuple[int, float], list[int]](list)
+    for place, kind in enumerate(zip(widths, chances)):
+        places[kind].append(place)
+    return [(*kind, places[kind]) for kind in sorted(places)]
 
 
 def _families(run: Run, effect: Effect, settings: Sequence[Setting], each: Sequence[float], project: Projection,
