@@ -7,7 +7,6 @@ import time
 from rosette_ros.cell.client import GraphClient
 from rosette_ros.cell.supervisor import Cell
 from rosette_ros.nodes import qos
-from rosette_ros.nodes.base_node import make_executor
 from rosette_ros.nodes.liveliness import NodeMonitor, started
 
 _STEP = 0.1
@@ -19,7 +18,7 @@ class HangDetector(GraphClient):
     Raises CellError where the graph cannot be joined."""
 
     def __init__(self, cell: Cell) -> None:
-        super().__init__('supervisor', cell.domain_id, cell.namespace, make_executor)
+        super().__init__('supervisor', cell.domain_id, cell.namespace)
         self._processes = cell.processes
         self._monitors = [NodeMonitor(self._node, name) for name in cell.processes]
         self._heard_none = time.monotonic()
