@@ -15,6 +15,7 @@ from rcl_interfaces.msg import Log
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.exceptions import NameValidationException
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.logging import LoggingSeverity
 from rclpy.task import Future
 from rosette_msgs.action import Calibrate
@@ -31,7 +32,7 @@ from rosette_ros.core.errors import CellError, plain
 from rosette_ros.core.records import ErrorMotions
 from rosette_ros.io.messages import CalibrationProgress, Phase, progress_of, verdict_of
 from rosette_ros.nodes import conversions, names, qos
-from rosette_ros.nodes.base_node import TakenSignals, make_executor
+from rosette_ros.nodes.base_node import TakenSignals
 from rosette_ros.nodes.graph_node import GraphNode
 from rosette_ros.nodes.liveliness import RESTART, NodeMonitor
 from rosette_ros.nodes.senders import Sender
@@ -66,7 +67,8 @@ class GraphClient:
     domain_id: ROS domain, None for that of the environment; namespace: of the cell; settings: of the Node. Only cells
     on this computer are seen unless the environment says so. Raises CellError where the graph cannot be joined."""
 
-    def __init__(self, name: str, domain_id: int | None, namespace: str, **settings: Any) -> None:
+    def __init__(self, name: str, domain_id: int | None, namespace: str,
+                 make_executor: Callable[..., Executor] = SingleThreadedExecutor, **settings: Any) -> None:
         check_messages()
         os.environ.update(added_environment(os.environ))
         self._where, self._context = f'/{namespace.strip("/")}', Context()
@@ -78,7 +80,7 @@ class GraphClient:
             self._context.try_shutdown()
             where = f'domain {domain_id}, namespace {namespace!r}'
             raise CellError(f'{name}: {where}: cannot be joined: {error}') from error
-        self._executor = make_executor(self._context)
+        self._executor = make_executor(context=self._context)
         self._executor.add_node(self._node)
 
     def __enter__(self) -> Self:

@@ -7,6 +7,7 @@ import time
 from rosette_ros.cell.client import GraphClient
 from rosette_ros.cell.supervisor import Cell
 from rosette_ros.nodes import qos
+from rosette_ros.nodes.base_node import make_executor
 from rosette_ros.nodes.liveliness import NodeMonitor, started
 
 _STEP = 0.1
@@ -18,7 +19,7 @@ class HangDetector(GraphClient):
     Raises CellError where the graph cannot be joined."""
 
     def __init__(self, cell: Cell) -> None:
-        super().__init__('supervisor', cell.domain_id, cell.namespace)
+        super().__init__('supervisor', cell.domain_id, cell.namespace, make_executor)
         self._processes = cell.processes
         self._monitors = [NodeMonitor(self._node, name) for name in cell.processes]
         self._heard_none = time.monotonic()

@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, redirect_stderr
+from contextlib import AbstractContextManager
 from types import FrameType
 from typing import Any
 
@@ -256,10 +256,8 @@ def make_executor(context: Context | None = None) -> Executor:
     """Return the executor of a node (context: None for the default one).
 
     It costs a tenth of SingleThreadedExecutor, which goes through all entities of the node for every message. Its
-    spin() does not return in rclpy 7.1.6; spin_once does. It has faulthandler write to stderr: to the file that the
-    process began with, as one in its place need not be a file."""
-    with redirect_stderr(sys.__stderr__):
-        return EventsExecutor(context=context)
+    spin() does not return in rclpy 7.1.6; spin_once does."""
+    return EventsExecutor(context=context)
 
 
 def _spin(make_node: Callable[[], CellNode], stop: TakenSignals, arguments: Sequence[str]) -> None:

@@ -18,6 +18,7 @@ from rosette_ros.cell.client import CalibrationOutcome, CellClient, GraphClient
 from rosette_ros.core.errors import CellError, RosetteError, one_line, plain
 from rosette_ros.io.messages import answer_of, progress_of, table_frame_of, target_of, verdict_of
 from rosette_ros.nodes import conversions, names, qos
+from rosette_ros.nodes.base_node import make_executor
 from rosette_ros.studio.live_state import CellState, Health
 
 TOPICS = (
@@ -44,7 +45,7 @@ class CellWatcher(GraphClient):
         self._cell, self._requests = (domain_id, namespace), ThreadPoolExecutor(1, 'calibrate')
         self._is_closed, self._cancel = threading.Event(), threading.Event()
         self._job: Future[None] | None = None
-        super().__init__('studio', domain_id, namespace,
+        super().__init__('studio', domain_id, namespace, make_executor,
                          cli_args=['--ros-args', *names.remap_arguments(names.remappings(namespace))])
         for topic, kind, profile in TOPICS:
             resolved = self._node.resolve_topic_name(topic)
