@@ -127,6 +127,11 @@ class NodeMonitor:
         return min(len(running), self._subscription.get_publisher_count())
 
     @property
+    def is_open(self) -> bool:
+        """Whether it is not known yet if a process that was heard before the newest one began has ended."""
+        return not self._received.keys() <= self._heard
+
+    @property
     def is_disconnected(self) -> bool:
         """Whether one was present, and neither it nor a successor is."""
         return bool(self.process) and not self.count()

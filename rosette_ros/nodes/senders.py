@@ -80,7 +80,8 @@ class Sender:
             if not self._is_told and now - self._since >= SETTLING:
                 self._is_told = True
                 self.on_rivals(self.rivals)
-        if len(alive) == 1 and not alive <= self.bound and (not self.bound or now - self._since >= SETTLING):
+        is_settled = now - self._since >= SETTLING and not self._peer.is_open
+        if len(alive) == 1 and not alive <= self.bound and (not self.bound or is_settled):
             before, self.bound = self.bound, alive
             if before:
                 self.on_change()

@@ -42,7 +42,7 @@ def clock(monkeypatch):
 def test_a_publisher_that_is_matched_but_not_on_the_graph_is_not_used(clock):
     """Its first message may be there before the graph shows it, its last one after it has left."""
     topic = Topic()
-    sender = Sender(topic, 'run_state', SimpleNamespace(publishers=list, running=lambda: 0))
+    sender = Sender(topic, 'run_state', SimpleNamespace(publishers=list, running=lambda: 0, is_open=False))
     sender.judge(topic)
     topic.on_graph, topic.matched = [1], 1
     assert sender.admits()
@@ -66,7 +66,7 @@ def test_a_publisher_that_is_matched_but_not_on_the_graph_is_not_used(clock):
 def test_a_successor_is_no_rival_and_a_second_node_is_told_once(clock):
     """A process that was killed is known to have ended a moment after its successor is there."""
     topic, told = Topic(), []
-    sender = Sender(topic, 'run_state', SimpleNamespace(publishers=list, running=lambda: 0))
+    sender = Sender(topic, 'run_state', SimpleNamespace(publishers=list, running=lambda: 0, is_open=False))
     sender.judge(topic)
     sender.on_rivals = told.append
     topic.on_graph, topic.matched = [1], 1
@@ -84,7 +84,8 @@ def test_a_restarted_node_is_there_before_its_first_heartbeat(clock):
     """The last heartbeat of the one before is forgotten meanwhile; one that is never heard has ended."""
     topic, heard = Topic(), 1
 
-    peer = SimpleNamespace(publishers=lambda: topic.get_publishers_info_by_topic(''), running=lambda: heard)
+    peer = SimpleNamespace(
+        publishers=lambda: topic.get_publishers_info_by_topic(''), running=lambda: heard, is_open=False)
     sender = Sender(topic, 'ball_centre', peer)
     sender.judge(topic)
     topic.on_graph, topic.matched = [1], 1
@@ -101,3 +102,24 @@ def test_a_restarted_node_is_there_before_its_first_heartbeat(clock):
     heard = 1
     sender.watch()
     assert sender.alive == {bytes([2] * 16)}
+
+
+def test_a_successor_is_used_once_it_is_known_that_the_one_before_has_ended(clock):
+    """However long it is alone: the one before may only be late with its heartbeat."""
+    topic = Topic()
+    peer = SimpleNamespace(
+        publishers=lambda: topic.get_publishers_info_by_topic(''), running=lambda: 1, is_open=False)
+    sender = Sender(topic, 'ball_centre', peer)
+    sender.judge(topic)
+    topic.on_graph, topic.matched = [1], 1
+    sender.watch()
+    topic.on_graph, topic.matched, peer.is_open = [1, 2], 2, True
+    sender.watch()
+    clock.now += 2 * SETTLING
+    sender.watch()
+    assert sender.alive == {bytes([2] * 16)} != sender.bound
+    assert not sender.admits()
+    peer.is_open = False
+    sender.watch()
+    assert sender.bound == {bytes([2] * 16)}
+    assert sender.admits()
