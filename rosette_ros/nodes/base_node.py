@@ -47,7 +47,11 @@ class CellNode(GraphNode):
     """A node of the cell.
 
     Topics: publishes `/diagnostics` (diagnostic_msgs/DiagnosticArray) every HEALTH_PERIOD and `<node>/alive`
-    (rosette_msgs/Heartbeat). All callbacks run in one thread, in the order in which messages were received."""
+    (rosette_msgs/Heartbeat). All callbacks run in one thread, in the order in which messages were received.
+
+    wake_period: time between two calls of `wake`, s."""
+
+    wake_period = WAKE_PERIOD
 
     def __init__(self, name: str, wanted: Sequence[Wanted] = ()) -> None:
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
@@ -60,7 +64,7 @@ class CellNode(GraphNode):
         self.every(HEALTH_PERIOD, self._publish_health)
         self._monitors: dict[str, NodeMonitor] = {}
         self._senders: dict[str, Sender] = {}
-        self.every(WAKE_PERIOD, self._wake)
+        self.every(self.wake_period, self._wake)
 
     def on(self, name: str, message_class: type, handler: Callable[[Any], None], profile: QoSProfile,
            raw: bool = False, from_one: bool = False) -> Subscription:
@@ -131,7 +135,7 @@ class CellNode(GraphNode):
             self.executor.spin_once(timeout_sec=_SIGNAL_PERIOD)
 
     def wake(self) -> None:
-        """Do what is due by the wall clock; called every WAKE_PERIOD."""
+        """Do what is due by the wall clock; called every `wake_period`."""
 
     def health(self) -> Health:
         """Return what `/diagnostics` says about this node."""

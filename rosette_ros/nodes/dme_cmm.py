@@ -51,6 +51,8 @@ class DmeCmmNode(CmmNode):
     beside the settings keeps that over the end of the node. Nothing moves but for a target: a tool is changed before
     the first ball. The service `cmm/check_plan` says of a whole plan whether it can be measured. Parameters: WANTED."""
 
+    wake_period = 0.1  # what moves is aborted within this time after its requester is known to be disconnected
+
     def __init__(self) -> None:
         super().__init__(WANTED)
         path = str(self.parameters['settings'])
