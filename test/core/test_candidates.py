@@ -7,9 +7,10 @@ import pytest
 from rosette_ros.core.axes import axis_rotation
 from rosette_ros.core.diagnosis.candidates import RIDGE, families, gains, products_of, whiten
 from rosette_ros.core.diagnosis.projection import FEW, Projection
+from rosette_ros.core.diagnosis.scores import grouped
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free_forms import FREE_FORMS
-from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.effects.library import EFFECTS, OF_ANY_TABLE
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import JointSpace
 from rosette_ros.core.planning.advice import planned_run
@@ -87,6 +88,35 @@ def test_families_give_the_gains_of_whitened_columns(effect, name):
             beside = gains(products[block:block + 1, :, :1], products[block:block + 1, :, 1:])[0, 0]
             gram = np.eye(len(y)) * (1 + RIDGE) - x @ x.T
             assert beside == pytest.approx(y @ np.linalg.solve(gram, y), rel=2e-2, abs=2e-3)
+
+
+def test_groups_give_the_best_block_of_each_family():
+    """By the score written out for every block by itself, alone and of several residuals at once.
+
+    It grows with a gain that is more than one of noise, k rss / dof."""
+    run, space = SPACES['complete']
+    effects = [effect for effect in EVERY if not effect.unavailable(run)]
+    made = families(run, effects, Projection(space, run.size))
+    groups, rng, dof = grouped(made), np.random.default_rng(4), 900
+    assert sorted(id(one) for group in groups for one in group.families) == sorted(map(id, made))
+    for group in groups:
+        ranks = np.concatenate([one.ranks for one in group.families])[:, None]
+        gain = 1.3 * ranks + rng.uniform(0, 300, (len(ranks), 2))
+        rss, start, every = np.array([900.0, 1100.0]), 0, []
+        score, blocks = group.best(gain[:, 0], 900.0, dof)
+        for place, family in enumerate(group.families):
+            scores = np.full((len(family.ranks), 2), -np.inf)
+            for block in np.flatnonzero(family.ranks):
+                k, fall = family.ranks[block], gain[start + block]
+                energy = fall * dof / (rss - fall)
+                spent = np.where(energy > k, k * (1 + np.log(energy / k)), energy)
+                chances = 2 * np.log(family.chances * OF_ANY_TABLE) + 10 * (family.name in FREE_FORMS)
+                scores[block] = dof * np.log(rss / (rss - fall)) - spent - chances
+            assert score[place] == pytest.approx(scores[:, 0].max(), rel=1e-12)
+            assert scores[blocks[place], 0] == pytest.approx(scores[:, 0].max(), rel=1e-12)
+            every.append(scores.max(axis=0))
+            start += len(family.ranks)
+        assert group.best_of_all(gain, rss, dof) == pytest.approx(np.max(every, axis=0), rel=1e-12)
 
 
 @pytest.mark.parametrize(('q', 'k'), [(1, 3), (3, 1), (5, 2), (2, 5)])
