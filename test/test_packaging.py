@@ -35,7 +35,7 @@ ROSDEP_KEYS = {
 ARCHIVE = 'distributed duckdb fsspec pyarrow'
 WITHOUT_KEY = {'nicegui': 'nicegui', 'starlette': 'nicegui', 'reportlab': 'reportlab pypdf', 'pypdf': 'reportlab pypdf',
                **dict.fromkeys(('dask', 'distributed', 'duckdb', 'fsspec', 'pyarrow'), ARCHIVE)}
-"""Imported modules that rosdep does not know, and what installs them; the README says how."""
+"""Imported modules that rosdep does not know, and what installs them; docs/commands.md says how."""
 
 SCRIPT = re.compile(r"'(\w+) = ([\w.]+):(\w+)'")
 
@@ -118,7 +118,7 @@ def test_setup_py_has_the_same_version():
 def test_package_xml_declares_what_is_imported_and_nothing_else():
     """Every module that the package and its launch file import has its rosdep key in package.xml."""
     needed = {ROSDEP_KEYS.get(name, name) for name in imported('rosette_ros', 'launch') - set(WITHOUT_KEY)}
-    assert all(f'pip install {name}' in (ROOT / 'README.md').read_text() for name in WITHOUT_KEY.values())
+    assert all(f'pip install {name}' in (ROOT / 'docs/commands.md').read_text() for name in WITHOUT_KEY.values())
     assert declared(manifest('package.xml'), 'depend', 'exec_depend') == needed
 
 
