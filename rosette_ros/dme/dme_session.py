@@ -14,29 +14,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from rosette_ros.core.errors import CellError
+from rosette_ros.dme import wire
 from rosette_ros.dme.dme_settings import TimeoutSettings
-from rosette_ros.dme.wire import (
-    ACK,
-    DATA,
-    DONE,
-    ERROR,
-    LONGEST,
-    PORT,
-    UNSOLICITED,
-    Call,
-    Command,
-    DmeError,
-    NotDme,
-    Response,
-    Value,
-    encoded,
-    error_of,
-    format_value,
-    named,
-    numbers,
-    parse_response,
-    read_line,
-)
 
 ABORTED, CLAMPED, NO_SURFACE = 6, 504, 1006
 OF_A_COMMAND = frozenset((ABORTED, 501, 502, 505, 506, 507, 508, 509, 510, 511, 513, NO_SURFACE, 1008, 1010, 1502,
@@ -47,7 +26,7 @@ SEVERE = 2
 """From this severity on the server takes nothing but ClearAllErrors."""
 
 USUAL = TimeoutSettings()
-Data = list[tuple[Value, ...]]
+Data = list[tuple[wire.Value, ...]]
 """What a command answered: the values of each line of data."""
 
 
@@ -66,8 +45,8 @@ class ToolNotInUse(CellError):
 class DmeRefused(CellError):
     """A command that the server did not carry out; error: its number and words."""
 
-    def __init__(self, call: Call, error: DmeError) -> None:
-        super().__init__(f'{format_value(call)}: the server answered {error}')
+    def __init__(self, call: wire.Call, error: wire.DmeError) -> None:
+        super().__init__(f'{wire.format_value(call)}: the server answered {error}')
         self.error = error
 
 
@@ -77,13 +56,13 @@ class SentCommand:
 
     data_time: when the first data came, s of the system clock, NaN before; acked, done: when the answers have come."""
 
-    call: Call
+    call: wire.Call
     acked: asyncio.Future[None]
     done: asyncio.Future[None]
     data: Data = field(default_factory=list)
     data_time: float = math.nan
-    warnings: list[DmeError] = field(default_factory=list)
-    error: DmeError | None = None
+    warnings: list[wire.DmeError] = field(default_factory=list)
+    error: wire.DmeError | None = None
 
 
 class DmeSession:
@@ -104,7 +83,7 @@ class DmeSession:
         self._listener = asyncio.create_task(self._listen())
 
     @classmethod
-    async def connect(cls, host: str, port: int = PORT, timeouts: TimeoutSettings = USUAL,
+    async def connect(cls, host: str, port: int = wire.PORT, timeouts: TimeoutSettings = USUAL,
                       trace: Callable[[str], None] | None = None, by_person: bool = False) -> 'DmeSession':
         """Return a session that has sent StartSession; raises DmeLost where nobody answers, DmeStopped, DmeRefused.
 
@@ -112,7 +91,7 @@ class DmeSession:
         where = f'{host}:{port}'
         try:
             async with asyncio.timeout(timeouts.connect_s):
-                reader, writer = await asyncio.open_connection(host, port, limit=LONGEST)
+                reader, writer = await asyncio.open_connection(host, port, limit=wire.LONGEST)
         except TimeoutError:
             raise DmeLost(f'{where}: wanted a connection within {timeouts.connect_s:g} s, got none; is the I++ server '
                           'started, and is host:port right?') from None
@@ -125,22 +104,22 @@ class DmeSession:
         session = cls(reader, writer, where, timeouts, trace)
         try:
             try:
-                await session.request(Call('StartSession'))
+                await session.request(wire.Call('StartSession'))
             except DmeStopped:
                 if session.is_lost or not by_person:
                     raise
                 await session.clear(by_person=True)
-                await session.request(Call('StartSession'))
+                await session.request(wire.Call('StartSession'))
         except BaseException:
             await session.close()
             raise
         return session
 
-    async def request(self, call: Call, timeout: float | None = None) -> Data:
+    async def request(self, call: wire.Call, timeout: float | None = None) -> Data:
         """Return the data of a command; arguments and errors as of `carry_out`."""
         return (await self.carry_out(call, timeout)).data
 
-    async def carry_out(self, call: Call, timeout: float | None = None) -> SentCommand:
+    async def carry_out(self, call: wire.Call, timeout: float | None = None) -> SentCommand:
         """Send a command, wait for its end and return what was answered.
 
         timeout: for its end, s, None for the usual one; after it the command is aborted. Raises DmeRefused for an error
@@ -161,7 +140,7 @@ class DmeSession:
             raise DmeRefused(call, pending.error)
         return pending
 
-    async def optional(self, call: Call) -> Data | None:
+    async def optional(self, call: wire.Call) -> Data | None:
         """Send a command that a server need not have; None where it has not, and its error is cleared."""
         try:
             return await self.request(call)
@@ -174,8 +153,8 @@ class DmeSession:
 
     async def property_of(self, name: str) -> float | None:
         """Return a property such as Tool.PtMeasPar.Speed, None where the server has none; raises NotDme."""
-        values = sum(await self.optional(Call('GetProp', (Call(name),))) or [], ())
-        return None if named(values, name) is None else numbers(values, name)[0]
+        values = sum(await self.optional(wire.Call('GetProp', (wire.Call(name),))) or [], ())
+        return None if wire.named(values, name) is None else wire.numbers(values, name)[0]
 
     async def halt(self) -> None:
         """Send AbortE at once; nothing is sent after that until `resume`. Raises DmeLost."""
@@ -197,12 +176,12 @@ class DmeSession:
             return
         async with self._aborting:
             self._events = self._events % 9999 + 1
-            pending = self._send(f'E{self._events:04d}', Call('AbortE'))
+            pending = self._send(f'E{self._events:04d}', wire.Call('AbortE'))
             if not await _is_done(pending.done, self._timeouts.abort_s):
                 self._lose(f'AbortE was not answered within {self._timeouts.abort_s:g} s: the machine may still move, '
                            'press the emergency stop')
                 raise DmeLost(self.stop)
-            self._stop_for(DmeError(SEVERE, ABORTED, text='aborted'))
+            self._stop_for(wire.DmeError(SEVERE, ABORTED, text='aborted'))
             self._expect_the_end()
 
     async def clear(self, by_person: bool = False) -> None:
@@ -211,14 +190,14 @@ class DmeSession:
             raise DmeStopped(self.stop)
         if by_person:
             self.is_halted = False
-        await self.request(Call('ClearAllErrors'))
+        await self.request(wire.Call('ClearAllErrors'))
         if not self.is_lost:
             self.stop, self.for_person = '', False
 
     async def end(self) -> None:
         """Send EndSession, which a server in an error state may refuse, and close the connection."""
         try:
-            await self.request(Call('EndSession'), self._timeouts.ack_s)
+            await self.request(wire.Call('EndSession'), self._timeouts.ack_s)
         except CellError:
             pass
         finally:
@@ -237,59 +216,59 @@ class DmeSession:
         if self._aborting.locked() or (is_stopped and name != 'EndSession'):
             raise DmeStopped(self.stop or f'{self.where}: aborted')
 
-    def _send(self, tag: str, call: Call) -> SentCommand:
-        line = Command(tag, call).line()
+    def _send(self, tag: str, call: wire.Call) -> SentCommand:
+        line = wire.Command(tag, call).line()
         loop = asyncio.get_running_loop()
         pending = self._pending[tag] = SentCommand(call, loop.create_future(), loop.create_future())
         self._trace(f'> {line}')
-        self._writer.write(encoded(line))
+        self._writer.write(wire.encoded(line))
         return pending
 
-    async def _within(self, seconds: float, future: 'asyncio.Future[None]', call: Call, what: str) -> None:
+    async def _within(self, seconds: float, future: 'asyncio.Future[None]', call: wire.Call, what: str) -> None:
         if not await _is_done(future, seconds):
-            words = f'{format_value(call)}: wanted its {what} within {seconds:g} s, got none'
+            words = f'{wire.format_value(call)}: wanted its {what} within {seconds:g} s, got none'
             await self.abort()
             self._stop(f'{words}; it was aborted', for_person=True)
             raise DmeStopped(self.stop)
 
     async def _listen(self) -> None:
         try:
-            while (line := await read_line(self._reader)) is not None:
+            while (line := await wire.read_line(self._reader)) is not None:
                 self._trace(f'< {line}')
-                self._take(parse_response(line))
+                self._take(wire.parse_response(line))
             words = 'the server closed the connection: it was ended or restarted'
-        except NotDme as error:
+        except wire.NotDme as error:
             words = f'the server sent what is no I++ DME: {error}'
         except OSError as error:
             words = f'the connection broke: {error.strerror or error}'
         self._lose(f'{words}; a person has to look at the machine')
 
-    def _take(self, response: Response) -> None:
+    def _take(self, response: wire.Response) -> None:
         """Sort one line of the server; raises NotDme for a tag that nobody waits for."""
-        if response.tag in UNSOLICITED:
-            if response.kind == ERROR:
-                self._note(error_of(response), None)
+        if response.tag in wire.UNSOLICITED:
+            if response.kind == wire.ERROR:
+                self._note(wire.error_of(response), None)
             return
         pending = self._pending.get(response.tag)
         if pending is None:
-            raise NotDme(f'wanted answers to {", ".join(self._pending) or "nothing"}, got one with the tag '
-                         f'{response.tag}')
-        if response.kind == ACK and not pending.acked.done():
+            raise wire.NotDme(f'wanted answers to {", ".join(self._pending) or "nothing"}, got one with the tag '
+                              f'{response.tag}')
+        if response.kind == wire.ACK and not pending.acked.done():
             pending.acked.set_result(None)
-        elif response.kind == DATA:
+        elif response.kind == wire.DATA:
             pending.data_time = pending.data_time if pending.data else time.time()
             pending.data.append(response.values)
-        elif response.kind == ERROR:
-            self._note(error_of(response), pending)
-        elif response.kind == DONE:
+        elif response.kind == wire.ERROR:
+            self._note(wire.error_of(response), pending)
+        elif response.kind == wire.DONE:
             del self._pending[response.tag]
             for future in (pending.acked, pending.done):
                 if not future.done():
                     future.set_result(None)
 
-    def _note(self, error: DmeError, pending: SentCommand | None) -> None:
+    def _note(self, error: wire.DmeError, pending: SentCommand | None) -> None:
         if error.severity < SEVERE:
-            what = f'{format_value(pending.call)}: ' if pending else ''
+            what = f'{wire.format_value(pending.call)}: ' if pending else ''
             self.warnings.append(f'{what}{error}')
             if pending:
                 pending.warnings.append(error)
@@ -304,7 +283,7 @@ class DmeSession:
         """Give up commands that the server has aborted and does not end within the time of AbortE."""
         asyncio.get_running_loop().call_later(self._timeouts.abort_s, self._give_up, tuple(self._pending.values()))
 
-    def _stop_for(self, error: DmeError) -> None:
+    def _stop_for(self, error: wire.DmeError) -> None:
         for_person = error.number not in OF_A_COMMAND or error.severity > 3
         self._stop(f'{error}{"; a person has to look at the machine" if for_person else ""}', for_person)
 

@@ -14,25 +14,9 @@ from functools import partial
 
 import numpy as np
 
+from rosette_ros.dme import wire
 from rosette_ros.dme.serve_commands import AXES, Line, ServedCommands
 from rosette_ros.dme.serve_errors import Refused
-from rosette_ros.dme.wire import (
-    ACK,
-    DATA,
-    DONE,
-    ERROR,
-    Call,
-    Command,
-    NotDme,
-    Response,
-    Value,
-    Word,
-    decoded,
-    encoded,
-    named,
-    number,
-    parse_command,
-)
 
 EVENTS = ('AbortE', 'GetErrStatusE', 'GetPropE', 'OnMoveReportE')
 MOST_WAITING = 8
@@ -51,8 +35,8 @@ class ServedConnection:
     def __init__(self, commands: ServedCommands, writer: asyncio.StreamWriter, say: Callable[[str], None]) -> None:
         self.commands, self.faults, self._writer, self._say = commands, commands.faults, writer, say
         self._is_open = self._is_mute = False
-        self._waiting: deque[Command] = deque()
-        self._current: Command | None = None
+        self._waiting: deque[wire.Command] = deque()
+        self._current: wire.Command | None = None
         self._work: asyncio.Task[list[Line]] | None = None
         self._changed = asyncio.Condition()
         self._daemons: dict[str, asyncio.Task[None]] = {}
@@ -81,8 +65,8 @@ class ServedConnection:
     async def _take(self, data: bytes) -> None:
         """Take a line: acknowledge a command and carry it out, or let it wait; answer what is none with an error."""
         try:
-            text = decoded(data)
-        except NotDme:
+            text = wire.decoded(data)
+        except wire.NotDme:
             self._fail('E0000', Refused(7, 'Receive'))
             return
         self._say(f'< {text}')
@@ -94,8 +78,8 @@ class ServedConnection:
             self._refuse(tag, Refused(2, 'Receive'))
         else:
             try:
-                command = parse_command(text)
-            except NotDme:
+                command = wire.parse_command(text)
+            except wire.NotDme:
                 self._refuse(tag, Refused(8, 'Receive'))
                 return
             if (command.call.name in EVENTS) != (tag[0] == 'E'):
@@ -106,14 +90,14 @@ class ServedConnection:
                 async with self._changed:
                     await self._changed.wait_for(lambda: len(self._waiting) < FLOOD)
                     if len(self._waiting) < MOST_WAITING:
-                        self._send(Response(tag, ACK))
+                        self._send(tag, wire.ACK)
                     self._waiting.append(command)
                     self._changed.notify_all()
 
-    async def _event(self, command: Command) -> None:
+    async def _event(self, command: wire.Command) -> None:
         """Carry out an event command at once."""
         tag, name = command.tag, command.call.name
-        self._send(Response(tag, ACK))
+        self._send(tag, wire.ACK)
         try:
             if not self._is_open:
                 raise Refused(8, name)
@@ -127,7 +111,7 @@ class ServedConnection:
                 self._answer(tag, self.commands.answer(command.call))
         except Refused as refused:
             self._fail(tag, refused)
-        self._send(Response(tag, DONE))
+        self._send(tag, wire.DONE)
 
     async def _abort(self) -> None:
         """Stop what moves and abort what waits; afterwards only ClearAllErrors is taken."""
@@ -144,14 +128,14 @@ class ServedConnection:
                 await self._changed.wait_for(lambda: self._waiting)
                 self._current = self._waiting.popleft()
                 if len(self._waiting) >= MOST_WAITING:
-                    self._send(Response(self._waiting[MOST_WAITING - 1].tag, ACK))
+                    self._send(self._waiting[MOST_WAITING - 1].tag, wire.ACK)
                 self._changed.notify_all()
             await self._carry_out(self._current)
             async with self._changed:
                 self._current = None
                 self._changed.notify_all()
 
-    async def _carry_out(self, command: Command) -> None:
+    async def _carry_out(self, command: wire.Command) -> None:
         """Carry out a command and answer it to its end."""
         tag, name = command.tag, command.call.name
         try:
@@ -171,11 +155,11 @@ class ServedConnection:
                 self._fail('E0000', Refused(1009, 'HealthCheck'))
         finally:
             self._work = None
-        self._send(Response(tag, DONE))
+        self._send(tag, wire.DONE)
         if self.commands.wants_clear:
             self._abort_waiting()
 
-    async def _result(self, sent: Command) -> list[Line]:
+    async def _result(self, sent: wire.Command) -> list[Line]:
         """Return what a command answers at its end, in the state that the session is in; raises Refused."""
         command, commands = sent.call, self.commands
         name = command.name
@@ -209,14 +193,14 @@ class ServedConnection:
             raise Refused(502, name)
         return []
 
-    def _start_daemon(self, tag: str, command: Call) -> None:
+    def _start_daemon(self, tag: str, command: wire.Call) -> None:
         if tag in self._daemons:
             raise Refused(515, command.name)
-        values = {one.name: one.values for one in command.values if isinstance(one, Call)}
+        values = {one.name: one.values for one in command.values if isinstance(one, wire.Call)}
         names = [name for name in values if name in (*AXES, 'R')]
         try:
-            period, far = (number((named(command.values, name) or (0.0,))[0]) for name in ('Time', 'Dis'))
-        except NotDme:
+            period, far = (wire.number((wire.named(command.values, name) or (0.0,))[0]) for name in ('Time', 'Dis'))
+        except wire.NotDme:
             raise Refused(509, command.name) from None
         if not names or set(values) - {'Time', 'Dis', *names} or period < TICK or len(values) < len(command.values):
             raise Refused(510, command.name)
@@ -230,7 +214,7 @@ class ServedConnection:
             since, place = since + TICK, self.commands.cmm.place
             moved = float(np.linalg.norm(place - last))
             if since >= period - 1e-9 or (far and moved >= far):
-                self._send(Response(tag, DATA, self.commands.place_values(names)))
+                self._send(tag, wire.DATA, self.commands.place_values(names))
                 last, since = place, 0.0
 
     def _stop_daemons(self, *tags: str) -> None:
@@ -240,26 +224,26 @@ class ServedConnection:
     def _abort_waiting(self) -> None:
         for place, command in enumerate(self._waiting):
             if place >= MOST_WAITING:
-                self._send(Response(command.tag, ACK))
+                self._send(command.tag, wire.ACK)
             self._fail(command.tag, Refused(6, command.call.name))
-            self._send(Response(command.tag, DONE))
+            self._send(command.tag, wire.DONE)
         self._waiting.clear()
 
     def _refuse(self, tag: str, refused: Refused) -> None:
         """Answer what is no command: acknowledged, an error, done."""
-        self._send(Response(tag, ACK))
+        self._send(tag, wire.ACK)
         self._fail(tag, refused)
-        self._send(Response(tag, DONE))
+        self._send(tag, wire.DONE)
 
     def _fail(self, tag: str, refused: Refused) -> None:
         """Answer an error; from severity 2 on ClearAllErrors has to follow."""
         if refused.error.severity >= 2:
             self.commands.wants_clear = True
-        self._send(Response(tag, ERROR, (refused.error.value(),)))
+        self._send(tag, wire.ERROR, (refused.error.value(),))
 
     def _answer(self, tag: str, lines: list[Line]) -> None:
         for values in lines:
-            self._send(Response(tag, DATA, values))
+            self._send(tag, wire.DATA, values)
 
     def _touched(self, tag: str, values: Line) -> None:
         """Answer a touch when it is made, with the faults that strike it."""
@@ -273,19 +257,18 @@ class ServedConnection:
         if strike('wrong_tag'):
             tag = f'{int(tag) % 99999 + 1:05d}'
         if strike('nan'):
-            values = tuple(Call(one.name, (Word('nan'),)) if isinstance(one, Call) and one.name == 'X' else one
+            values = tuple(wire.call('X', wire.Word('nan')) if isinstance(one, wire.Call) and one.name == 'X' else one
                            for one in values)
         self._answer(tag, [values])
 
-    def _send(self, response: Response) -> None:
-        values: tuple[Value, ...] = response.values
-        if response.kind == DATA and self.faults.strike('reordered'):
+    def _send(self, tag: str, kind: str, values: Line = ()) -> None:
+        if kind == wire.DATA and self.faults.strike('reordered'):
             values = values[::-1]
-        text = Response(response.tag, response.kind, values).line(self.commands.settings.dialect == '1.4')
+        text = wire.Response(tag, kind, values).line(self.commands.settings.dialect == '1.4')
         if values and self.faults.strike('quoted'):
             text = re.sub(r'\b([0-9]{4})(?=, ")|(?<=\()(-?[0-9.]+)(?=\))', r'"\1\2"', text)
         self._say(f'> {text}')
-        self._write(encoded(text))
+        self._write(wire.encoded(text))
 
     def _write(self, data: bytes) -> None:
         if self._is_mute or self._writer.is_closing():
