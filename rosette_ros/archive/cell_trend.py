@@ -16,14 +16,8 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.trend import LEAST_RUNS, Event, Forecast
 from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation import trend_results as results
 from rosette_ros.presentation.table_format import Table
-from rosette_ros.presentation.trend_results import (
-    events_table,
-    forecast_table,
-    residual_words,
-    size_words,
-    too_few_words,
-)
 
 LATELY = LEAST_RUNS
 """A change is warned of while it is among so many last runs."""
@@ -59,8 +53,8 @@ class CellTrend:
             notes.append('No step beyond the scatter of the runs: curves, plate, CMM, effects and residual; slopes in '
                          'time and temperature are no steps.')
         if course := history.residual_course(self.events):
-            notes.append(residual_words(course))
-        notes += too_few_words(history.too_few(self.events))
+            notes.append(results.residual_words(course))
+        notes += results.too_few_words(history.too_few(self.events))
         if not history.tolerances:
             notes.append('No tolerances are stated (identity file, tolerances): nothing to forecast.')
         return notes
@@ -69,9 +63,9 @@ class CellTrend:
     def tables(self) -> list[Table]:
         """What changed when, and when tolerances are reached, where there is any."""
         history, events = self.history, self.events
-        made = [events_table(events, history.dates, history.runs, [
+        made = [results.events_table(events, history.dates, history.runs, [
             history.exchanged(event.run) for event in events])] if events else []
-        return made + ([forecast_table(self.forecasts, history.tolerances, history.dates[-1])]
+        return made + ([results.forecast_table(self.forecasts, history.tolerances, history.dates[-1])]
                        if self.forecasts else [])
 
     @property
@@ -109,5 +103,6 @@ def trend_of(history: History) -> CellTrend:
     for event in recent:
         strongest = event.steps[0]
         said.append(f'{text.names(event.owners)} changed between {history.dates[event.earliest - 1]:%Y-%m-%d} and '
-                    f'{history.dates[event.latest]:%Y-%m-%d}: {strongest.series.name} by {size_words(strongest)}')
+                    f'{history.dates[event.latest]:%Y-%m-%d}: {strongest.series.name} by '
+                    f'{results.size_words(strongest)}')
     return CellTrend(history, events, history.forecasts(events), tuple(unkept), recent, tuple(said))

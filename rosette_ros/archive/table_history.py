@@ -11,23 +11,12 @@ import numpy as np
 
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import AXES, SERIALS
+from rosette_ros.core import trend
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.errors import InvalidData, counted
 from rosette_ros.core.geometry import TWO_PI, nominal_angles, rotate_z, wrap
 from rosette_ros.core.records import CURVES, SI_UNITS, Floats, Ints
-from rosette_ros.core.trend import (
-    LEAST_LINE,
-    LEAST_RUNS,
-    Chart,
-    Event,
-    Forecast,
-    TimeSeries,
-    control_charts,
-    course,
-    find_events,
-    forecast,
-    harmonics,
-)
+from rosette_ros.core.trend import LEAST_LINE, LEAST_RUNS, Chart, Event, Forecast, TimeSeries
 from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.presentation.json_output import CURVE_KEYS
 
@@ -74,7 +63,7 @@ class History:
 
     def events(self) -> tuple[Event, ...]:
         """Return the changes, in the order of time."""
-        return find_events(self.days, self.quantities, self.temperature)
+        return trend.find_events(self.days, self.quantities, self.temperature)
 
     def charts(self) -> list[tuple[TimeSeries, int, Chart]]:
         """Return the control charts of each component of the harmonics, each error (peak to valley) and the residual.
@@ -84,14 +73,14 @@ class History:
                              self.U[:, [place]] / COVERAGE_FACTOR, SI_UNITS[curve])
                   for place, curve in enumerate(CURVES)]
         series = [*errors, *(one for one in self.quantities if one.owner in ('table', 'residual'))]
-        return control_charts(series, _components(self.days, series))
+        return trend.control_charts(series, _components(self.days, series))
 
     def chart_of(self, event: Event) -> tuple[TimeSeries, int, Chart]:
         """Return the control chart of the component that an event has moved most, in its standard uncertainties."""
         step = event.steps[0]
         part = int(np.argmax(np.abs(step.size / step.u)))
         like = [one for one in self.quantities if one.owner == step.series.owner]
-        return next((series, place, chart) for series, place, chart in control_charts(
+        return next((series, place, chart) for series, place, chart in trend.control_charts(
             like, _components(self.days, self.quantities)) if series is step.series and place == part)
 
     def exchanged(self, run: int) -> dict[str, tuple[str, str]]:
@@ -112,7 +101,8 @@ class History:
             if len(runs) >= LEAST_LINE and np.ptp(self.days[runs]) > 0:
                 expanded = self.U[runs, place]
                 limit = self.tolerances.get(curve, np.inf) - float(np.median(expanded[-LEAST_RUNS:]))
-                found[curve] = forecast(self.days[runs], self.curves[runs, place], expanded / COVERAGE_FACTOR, limit)
+                found[curve] = trend.forecast(self.days[runs], self.curves[runs, place], expanded / COVERAGE_FACTOR,
+                                              limit)
         return found
 
     def too_few(self, events: Sequence[Event]) -> dict[str, int]:
@@ -131,7 +121,7 @@ class History:
         series = self.quantities[-1]
         begin = max((event.run for event in events if 'residual' in event.owners), default=0)
         rms, u = series.values[begin:, 0], series.u[begin:, 0]
-        found = course(self.days[begin:], np.log(rms), u / rms) if np.all(rms > 0) else None
+        found = trend.course(self.days[begin:], np.log(rms), u / rms) if np.all(rms > 0) else None
         return None if found is None else (float(np.exp(found[0])), float(np.exp(found[1])))
 
 
@@ -218,8 +208,8 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> list[TimeSeries]:
     most = (min(row['n'] for row in rows) - 1) // 2
     found = []
     for curve, key in zip(CURVES, CURVE_KEYS, strict=True):
-        parts = [harmonics(np.array(row['angle_rad']), np.array(row[key]), np.array(row[f'U_{key}']) / COVERAGE_FACTOR)
-                 for row in rows]
+        parts = [trend.harmonics(np.array(row['angle_rad']), np.array(row[key]),
+                                 np.array(row[f'U_{key}']) / COVERAGE_FACTOR) for row in rows]
         values, u = (np.array([part[one][:most] for part in parts]) for one in (0, 1))
         found += [TimeSeries('table', f'{curve}, {order + 1} per turn', values[:, order], u[:, order], SI_UNITS[curve])
                   for order in range(most) if np.any(np.abs(values[:, order]) > LEAST_SHARE * u[:, order])]
@@ -246,7 +236,7 @@ def _places(rows: Sequence[Mapping[str, Any]], what: str, word: str) -> list[Tim
         TimeSeries(owner, f'{owner} {word} {place + 1}', radial[:, place], spread[:, place] / COVERAGE_FACTOR)
         for place in range(n))]
     for place, axis in enumerate(AXES):
-        waves = harmonics(nominal_angles(n), values[..., place], u[..., place] / COVERAGE_FACTOR)
+        waves = trend.harmonics(nominal_angles(n), values[..., place], u[..., place] / COVERAGE_FACTOR)
         found += [TimeSeries(owner, f'{owner} {axis}, {order + 1} per turn', waves[0][:, order], waves[1][:, order])
                   for order in range(1, (n - 1) // 2)
                   if np.any(np.abs(waves[0][:, order]) > LEAST_SHARE * waves[1][:, order])]

@@ -4,18 +4,9 @@
 import sys
 from argparse import ArgumentParser, Namespace
 
+from rosette_ros.archive import reanalysis
 from rosette_ros.archive.engines import DaskEngine
-from rosette_ros.archive.reanalysis import (
-    WITHOUT_LOG,
-    RunChange,
-    TrendComparison,
-    conclusion,
-    logs_of,
-    not_evaluated,
-    side_by_side,
-    trend_conclusion,
-    trends_side_by_side,
-)
+from rosette_ros.archive.reanalysis import WITHOUT_LOG, RunChange, TrendComparison
 from rosette_ros.archive.run_adding import add_logs
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.table_history import History
@@ -51,14 +42,15 @@ def run(options: Namespace) -> None:
     if before == after:
         raise UsageError(f'archive reanalyse: wanted two models, got one twice: {after}')
     archive = RunArchive(options.archive)
-    logs, gone = logs_of(archive)
+    logs, gone = reanalysis.logs_of(archive)
     with DaskEngine(options.scheduler, options.workers) as engine, progress() as show:
         for model in (before, after):
             add_logs(archive, logs, engine, model, keep_identity=True, on_progress=show)
-    changes = side_by_side(archive, before, after)
-    trends = trends_side_by_side(archive, before, after)
-    said = (*conclusion(changes, [term for term in after.terms if term.name not in before.names],
-                        not_evaluated(archive, before, after)), *trend_conclusion(trends))
+    changes = reanalysis.side_by_side(archive, before, after)
+    trends = reanalysis.trends_side_by_side(archive, before, after)
+    added = [term for term in after.terms if term.name not in before.names]
+    said = (*reanalysis.conclusion(changes, added, reanalysis.not_evaluated(archive, before, after)),
+            *reanalysis.trend_conclusion(trends))
     if options.json:
         print_json({'schema': SCHEMA, 'before': before.to_mapping(), 'after': after.to_mapping(), 'conclusion': said,
                     'gone': gone, 'runs': [_json(one) for one in changes],

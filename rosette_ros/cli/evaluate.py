@@ -20,16 +20,8 @@ from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import joint_identity, open_identified, open_readings
 from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.io.touch_log import open_refitted
+from rosette_ros.presentation import joint_results as results
 from rosette_ros.presentation.error_results import errors
-from rosette_ros.presentation.joint_results import (
-    joint_csv,
-    joint_curves,
-    joint_errors,
-    joint_head,
-    joint_json,
-    joint_rows,
-    sharing_table,
-)
 from rosette_ros.presentation.json_output import evaluation_json
 from rosette_ros.presentation.tables import curves, deviations, fitted_effects
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table, spheres_json
@@ -93,15 +85,16 @@ def run_jointly(options: Namespace) -> None:
     identity = joint_identity(options.run_path, options.run_id, options.identity)[0]
     tolerances = identity.limits(result.solution.model.runs[0].rotation)
     if options.json:
-        print_json(joint_json(result, tolerances))
+        print_json(results.joint_json(result, tolerances))
     elif options.csv:
-        sys.stdout.write(joint_csv(result))
+        sys.stdout.write(results.joint_csv(result))
     else:
         out = console()
         for one in result.solution.model.runs:
-            out.print(escape('\n'.join((joint_head(one), *one.notes))))
+            out.print(escape('\n'.join((results.joint_head(one), *one.notes))))
         for note in result.notes:
             out.print(escape(note), soft_wrap=True)
         print_verdict(out, conclude(result))
-        print_parts(out, [*joint_errors(result, tolerances), sharing_table(result), *joint_curves(result),
-                          pairs((name, escape(words)) for name, words in joint_rows(result))])
+        print_parts(out, [*results.joint_errors(result, tolerances), results.sharing_table(result),
+                          *results.joint_curves(result),
+                          pairs((name, escape(words)) for name, words in results.joint_rows(result))])

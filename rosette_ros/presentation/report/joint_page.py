@@ -15,17 +15,8 @@ from rosette_ros.io.bag_metadata import find_files
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.open_run import has_plate, is_log, open_readings
 from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation import joint_results as results
 from rosette_ros.presentation.identity_words import NOTHING, identity_rows, signer, simulated_words
-from rosette_ros.presentation.joint_results import (
-    joint_curves,
-    joint_deviations,
-    joint_errors,
-    joint_head,
-    joint_rows,
-    nothing_known,
-    reversal_means,
-    sharing_table,
-)
 from rosette_ros.presentation.plots.result_plots import Extra, Series, six_curves
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
 from rosette_ros.presentation.report.provenance import FileDigest, digest, software
@@ -51,13 +42,13 @@ def joint_html(result: JointResult, files: Sequence[FileDigest] = (), command: s
     simulated = [run.name for run in runs if run.simulated]
     return PAGES.get_template('joint.html.j2').render(
         result=result, iso=text.iso_range(runs[0].rotation), verdict=conclude(result),
-        rows=dict(joint_rows(result)), runs=list(map(joint_head, runs)),
-        known=result.knowledge.known, nothing=nothing_known(result), hidden=result.knowledge.hidden,
+        rows=dict(results.joint_rows(result)), runs=list(map(results.joint_head, runs)),
+        known=result.knowledge.known, nothing=results.nothing_known(result), hidden=result.knowledge.hidden,
         files=tuple(dict.fromkeys(files)),
         notes=[*result.notes, *(f'{run.name}: {note}' for run in runs for note in run.notes)], command=command,
         pictures=inline_svgs(pictures), tables={table.name: table for table in joint_tables(result, identity)},
         identity=identity_rows(identity, contradictions), signer=signer(identity), not_stated=NOTHING,
-        values=[table.name for table in joint_curves(result)], k=text.COVERAGE_FACTOR, software=software(),
+        values=[table.name for table in results.joint_curves(result)], k=text.COVERAGE_FACTOR, software=software(),
         numbers={name: place for place, name in enumerate(pictures, 1)},
         simulated=simulated_words(simulated, len(runs)),
         running=f'{len(runs)} runs as one, the first {runs[0].name}{" (SIMULATED)" * bool(simulated)}')
@@ -78,5 +69,5 @@ def joint_pictures(result: JointResult) -> dict[str, Figure]:
 def joint_tables(result: JointResult, identity: Identity) -> tuple[Table, ...]:
     """Return the tables of a joint evaluation: errors, what is shared, means of reversals, curves, deviations."""
     tolerances = identity.limits(result.solution.model.runs[0].rotation)
-    return (*joint_errors(result, tolerances), sharing_table(result),
-            *reversal_means(result), *joint_curves(result), *joint_deviations(result))
+    return (*results.joint_errors(result, tolerances), results.sharing_table(result),
+            *results.reversal_means(result), *results.joint_curves(result), *results.joint_deviations(result))
