@@ -11,16 +11,8 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Floats, Frame, Ints, rotate_z
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import nominal_places
+from rosette_ros.io import log_run
 from rosette_ros.io.bag_metadata import Qos
-from rosette_ros.io.log_run import (
-    AXES_KEY,
-    BALL_CENTRE,
-    DOF_KEY,
-    PROBE_TARGET,
-    REPEATABILITY_KEY,
-    SIMULATED_KEY,
-    TF_MESSAGE,
-)
 from rosette_ros.io.log_writer import encode_messages, whole_log
 from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, TABLE_FRAME, Phase
 from rosette_ros.io.type_definitions import TypeLibrary
@@ -46,13 +38,13 @@ def write_log(run: Run, directory: str | Path, library: TypeLibrary) -> Path:
     targets, answers = zip(*_messages(run, run.run_id or directory.name, stamp), strict=True)
     messages = {}
     with whole_log(directory, directory.name, custom_data=_known(run)) as writer:
-        for topic, type_name, qos, rows in ((TARGET_TOPIC, PROBE_TARGET, LATCHED, targets),
-                                            (ANSWER_TOPIC, BALL_CENTRE, Qos(), answers)):
+        for topic, type_name, qos, rows in ((TARGET_TOPIC, log_run.PROBE_TARGET, LATCHED, targets),
+                                            (ANSWER_TOPIC, log_run.BALL_CENTRE, Qos(), answers)):
             definition = library.definition(type_name)
             writer.add_topic(topic, definition, (qos,))
             messages[topic] = encode_messages(definition, rows)
         if (rotation := run.from_angle_zero()[1]) is not None:
-            definition = library.definition(TF_MESSAGE)
+            definition = library.definition(log_run.TF_MESSAGE)
             writer.add_topic(FRAME_TOPIC, definition, (LATCHED,))
             writer.write(FRAME_TOPIC, encode_messages(definition, [_frame_message(rotation)])[0], 0, 0)
         for row, time in enumerate(stamp.tolist()):
@@ -90,11 +82,11 @@ def _frame_message(rotation: Floats) -> dict[str, Any]:
 def _known(run: Run) -> dict[str, str]:
     known = {'rosette.source': str(run.source)}
     if run.simulated:
-        known[SIMULATED_KEY] = 'yes'
+        known[log_run.SIMULATED_KEY] = 'yes'
     if run.repeatability is not None:
-        known[REPEATABILITY_KEY] = repr(float(run.repeatability))
+        known[log_run.REPEATABILITY_KEY] = repr(float(run.repeatability))
         if run.repeatability_dof is not None:
-            known[DOF_KEY] = repr(float(run.repeatability_dof))
+            known[log_run.DOF_KEY] = repr(float(run.repeatability_dof))
         if run.repeatability_axes is not None:
-            known[AXES_KEY] = ' '.join(repr(float(one)) for one in run.repeatability_axes)
+            known[log_run.AXES_KEY] = ' '.join(repr(float(one)) for one in run.repeatability_axes)
     return known

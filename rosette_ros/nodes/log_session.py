@@ -7,16 +7,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
-from rosette_msgs.msg import (
-    BallCentre,
-    CalibrationEvent,
-    Diagnosis,
-    ErrorMotions,
-    Model,
-    ProbeTarget,
-    RunState,
-    Touches,
-)
+from rosette_msgs import msg
 from rosette_msgs.srv import Recorded, StopRecording
 from service_msgs.msg import ServiceEventInfo
 from tf2_msgs.msg import TFMessage
@@ -64,11 +55,12 @@ class RunContents:
     """What a log holds of its run."""
 
     _IDENTITIES: ClassVar[dict[type, Callable[[Any], Hashable]]] = {  # what tells messages of one type and run apart
-        RunState: lambda message: message.phase, CalibrationEvent: lambda message: message.kind,
-        Model: lambda message: message.hash, Diagnosis: lambda message: None, StopRecording.Event: lambda message:
-        message.info.event_type, ErrorMotions: lambda message: nanoseconds(message.header.stamp)}
-    UNREAD = (Touches,)  # kept as received: nothing that the recorder tells depends on them
-    KINDS = (ProbeTarget, BallCentre, TFMessage, *UNREAD, *_IDENTITIES)
+        msg.RunState: lambda message: message.phase, msg.CalibrationEvent: lambda message: message.kind,
+        msg.Model: lambda message: message.hash, msg.Diagnosis: lambda message: None,
+        StopRecording.Event: lambda message: message.info.event_type,
+        msg.ErrorMotions: lambda message: nanoseconds(message.header.stamp)}
+    UNREAD = (msg.Touches,)  # kept as received: nothing that the recorder tells depends on them
+    KINDS = (msg.ProbeTarget, msg.BallCentre, TFMessage, *UNREAD, *_IDENTITIES)
 
     def __init__(self, run_id: str, report: Callable[[str], object] = str) -> None:
         """Start empty; report: called with the words about a message that cannot be decoded."""
@@ -106,12 +98,12 @@ class RunContents:
         if not is_frame and self._answers.run_id not in [one.run_id for one in getattr(message, 'request', [message])]:
             return
         if raw is not None:
-            self._kept[raw.topic if kind is RunState else (raw.topic, raw.data)] = raw
+            self._kept[raw.topic if kind is msg.RunState else (raw.topic, raw.data)] = raw
         if is_frame:
             self._answers.frames += filter(None, map(table_frame_of, message.transforms))
-        elif kind is ProbeTarget:
+        elif kind is msg.ProbeTarget:
             self._answers.add_target(target_of(message))
-        elif kind is BallCentre:
+        elif kind is msg.BallCentre:
             self._answers.add_answer(answer_of(message))
         else:
             self._held.add((kind, self._IDENTITIES[kind](message)))
@@ -123,19 +115,19 @@ class RunContents:
         if isinstance(wanted, Recorded.Request):
             if stamp := nanoseconds(wanted.error_motions):
                 missing += ['the table frame'] * bool(answers.lacking(0))
-                wanted_too[ErrorMotions, stamp] = 'the error motions'
+                wanted_too[msg.ErrorMotions, stamp] = 'the error motions'
                 missing += ['the readings of these error motions'] * (wanted.readings_hash != answers.readings_hash)
             if wanted.model_hash:
-                wanted_too[Model, wanted.model_hash] = 'the model'
+                wanted_too[msg.Model, wanted.model_hash] = 'the model'
             if wanted.diagnosis:
-                wanted_too[Diagnosis, None] = 'the diagnosis'
+                wanted_too[msg.Diagnosis, None] = 'the diagnosis'
         else:
             missing += [f'{wanted.answers - answers.answered} answers'] * (answers.answered < wanted.answers)
             wanted_too[StopRecording.Event, ServiceEventInfo.REQUEST_RECEIVED] = 'this request'
             if wanted.phase in END_EVENTS:
-                wanted_too[CalibrationEvent, END_EVENTS[wanted.phase]] = 'the event of the end'
+                wanted_too[msg.CalibrationEvent, END_EVENTS[wanted.phase]] = 'the event of the end'
         if wanted.phase:
-            wanted_too[RunState, wanted.phase] = f'the state {phase_name(wanted.phase).lower()}'
+            wanted_too[msg.RunState, wanted.phase] = f'the state {phase_name(wanted.phase).lower()}'
         return missing + [words for key, words in wanted_too.items() if key not in self._held]
 
 
