@@ -16,16 +16,8 @@ import numpy as np
 from rich.markup import escape
 
 from rosette_ros import program
-from rosette_ros.cli.arguments import (
-    UsageError,
-    add_formats,
-    add_places,
-    add_shared,
-    add_table_offset,
-    made_folder,
-    positive,
-    whole,
-)
+from rosette_ros.cli import arguments
+from rosette_ros.cli.arguments import UsageError, positive, whole
 from rosette_ros.cli.console import console, pairs, print_json, print_parts
 from rosette_ros.core import axes
 from rosette_ros.core.errors import InvalidData, InvalidPlan
@@ -63,9 +55,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('plans', metavar='PLAN', nargs='*', help='plan files or orders, several to compare them; an '
                         'order may name its CMM positions as in there_and_back:8, diagonal:50%% or row:1,5,7,10')
     add_plan(parser, MOST_BALLS)
-    add_places(parser)
-    add_table_offset(parser)
-    add_shared(parser, '--plate')
+    arguments.add_places(parser)
+    arguments.add_table_offset(parser)
+    arguments.add_shared(parser, '--plate')
     parser.add_argument('--touches', type=int, choices=TOUCHES, help='touches of each ball (default: as the CMM '
                         'usually does)')
     parser.add_argument('--sigma-um', metavar='S', type=positive('µm'), default=0.1, help='standard deviation of a '
@@ -82,9 +74,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('-o', '--output', metavar='FILE', help='write the plan as a file for calibrate --plan, .csv or '
                         '.yaml')
     parser.add_argument('--figures', metavar='DIR', help='write the pictures of the plan, or of the comparison')
-    add_shared(parser, '--format', '--force')
-    group = add_formats(parser, csv='print the list as a table, coordinates with two decimals; of several plans what '
-                        'they determine')
+    arguments.add_shared(parser, '--format', '--force')
+    group = arguments.add_formats(parser, csv='print the list as a table, coordinates with two decimals; of several '
+                                  'plans what they determine')
     group.add_argument('--csv-template', action='store_true', help='print an empty ball-centre table, to be filled in; '
                        'rows that stay without coordinates are missing balls')
 
@@ -232,7 +224,7 @@ def draw(plans: Sequence[Outlook], options: argparse.Namespace) -> None:
     """Write the pictures of plans into the folder of the options; matplotlib is loaded only here."""
     plots, style = (importlib.import_module(f'rosette_ros.presentation.plots.{name}')
                     for name in ('plan_plots', 'plot_style'))
-    style.save_all(plots.pictures_of_plans(plans), made_folder(options.figures, 'to write to', ''),
+    style.save_all(plots.pictures_of_plans(plans), arguments.made_folder(options.figures, 'to write to', ''),
                    options.format or 'svg', options.force)
 
 

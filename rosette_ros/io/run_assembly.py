@@ -15,16 +15,8 @@ from rosette_ros.core.errors import InvalidData, counted
 from rosette_ros.core.geometry import Frame, fitted_frame, rotate_z, turned_frame
 from rosette_ros.core.records import Floats, Ints, Run
 from rosette_ros.core.scheme import Way, nominal_places, unwrap_travel
-from rosette_ros.io.messages import (
-    MACHINE_FRAME,
-    STATUS_OK,
-    TABLE_FRAME,
-    Answer,
-    Phase,
-    TableFrame,
-    Target,
-    short_frame,
-)
+from rosette_ros.io import messages
+from rosette_ros.io.messages import MACHINE_FRAME, TABLE_FRAME, Answer, Phase, TableFrame, Target
 from rosette_ros.io.reading_checks import note_on_offset, remarks_on_answers, remarks_on_radius
 
 MOST_EARLY, MOST_ANSWERS = 10_000, 100  # kept of a run: answers to no target so far, answers to one target
@@ -182,7 +174,7 @@ class RunAnswers:
                                 'repeated'), 0)
         for answer in self.answers:
             target = self._last.get(answer.seq)
-            if answer.status != STATUS_OK:
+            if answer.status != messages.STATUS_OK:
                 counts['failed'] += 1
             elif target is None:
                 counts['to no target'] += 1
@@ -199,7 +191,7 @@ class RunAnswers:
             return (f'wanted {expected} targets with answers, got {len(self._last)} targets and answers to '
                     f'{self.answered} of them')
         begin = min(target.stamp_ns for target in self.targets)
-        if (any(one.status == STATUS_OK and one.frame != TABLE_FRAME for one in self.answers)
+        if (any(one.status == messages.STATUS_OK and one.frame != TABLE_FRAME for one in self.answers)
                 and not any(begin <= one.stamp_ns <= self.run_begin(2**63) for one in self.frames)):
             return 'wanted the table frame on /tf_static, got none for this run'
         return ''
@@ -227,7 +219,7 @@ class RunAnswers:
         A CMM that answers in the table frame was sent to the balls of the alignment by the taught pose."""
         if self.is_in_table_frame:
             asked = [one for one in self._last.values()
-                     if one.phase == Phase.ALIGNMENT and short_frame(one.frame_id) == MACHINE_FRAME]
+                     if one.phase == Phase.ALIGNMENT and messages.short_frame(one.frame_id) == MACHINE_FRAME]
             if len(asked) >= LEAST_TAUGHT and asked[0].balls >= 3:
                 n, radius = asked[0].balls, asked[0].radius
                 position, ball = np.array([(one.table_position, one.ball) for one in asked]).T
