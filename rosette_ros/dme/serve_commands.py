@@ -54,7 +54,7 @@ def parameters(cmm_speed: float, is_narrow: bool) -> dict[str, ToolParameter]:
 
 
 class ServedCommands:
-    """The state that commands change, and the commands, by name in `table`: answers are lists of lines of values."""
+    """The state that commands change, and the commands by name, `at_once` and `moving`, that return lines of values."""
 
     def __init__(self, config: MachineConfig, settings: ServeSettings, faults: DmeFaults) -> None:
         self.settings, self.faults, self.cmm = settings, faults, VirtualCmm(config, settings, faults)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the pages of a run and of a verification have in common: templates and figures."""
+"""What all pages have in common: templates and figures."""
 
 import io
 import re
