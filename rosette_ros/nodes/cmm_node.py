@@ -8,10 +8,11 @@ import numpy as np
 from builtin_interfaces.msg import Time as TimeMessage
 from rclpy.duration import Duration
 from rosette_msgs.msg import BallCentre, ProbeTarget, Touches
+from rosette_msgs.srv import CheckPlan
 from std_msgs.msg import Header
 
 from rosette_ros.calibration.settings import Wanted
-from rosette_ros.core.errors import CellError, InvalidPlan, RosetteError
+from rosette_ros.core.errors import CellError, InvalidPlan, RosetteError, one_line
 from rosette_ros.core.geometry import Floats
 from rosette_ros.io.messages import MACHINE_FRAME, short_frame
 from rosette_ros.nodes import conversions, names, qos
@@ -22,20 +23,31 @@ FARTHEST = 100.0  # a centre that is farther from the origin of the machine is t
 
 
 class CmmNode(CellNode, ABC):
-    """A CMM of the cell. Topics: subscribes to `probe_target`; publishes `ball_centre` and `touches`.
+    """A CMM of the cell. Topics: subscribes to `probe_target`; publishes `ball_centre` and `touches`. The service
+    `cmm/check_plan` says of a whole plan whether it can be measured.
 
     measured, failed: how many targets were answered so."""
 
     def __init__(self, wanted: Sequence[Wanted]) -> None:
         super().__init__(names.CMM, wanted)
         self.measured = self.failed = 0
-        self.offer()
+        # Before the topics: whoever finds those has to find the service, too, and DDS announces in this order.
+        self.create_service(CheckPlan, names.CHECK_PLAN, self._on_check_plan)
         self.on(names.PROBE_TARGET, ProbeTarget, self.on_target, qos.ORDER)
         self.answers = self.create_publisher(BallCentre, names.BALL_CENTRE, qos.ANSWER)
         self.touches = self.create_publisher(Touches, names.TOUCHES, qos.ANSWER)
 
-    def offer(self) -> None:
-        """Create services that whoever finds the topics of this CMM has to find, too: DDS announces in this order."""
+    @abstractmethod
+    def check_plan(self, targets: Sequence[ProbeTarget]) -> None:
+        """Raise RosetteError where these targets, in this order, cannot all be measured, as far as is known."""
+
+    def _on_check_plan(self, request: CheckPlan.Request, response: CheckPlan.Response) -> CheckPlan.Response:
+        try:
+            self.check_plan(request.targets)
+        except RosetteError as error:
+            response.message = one_line(error)
+        response.success = not response.message
+        return response
 
     @abstractmethod
     def on_target(self, target: ProbeTarget) -> None:

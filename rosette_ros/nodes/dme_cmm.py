@@ -9,14 +9,13 @@ executor, which publishes it. Neither waits for the other, except when the node 
 import asyncio
 import sys
 import threading
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Sequence
 from concurrent.futures import Future, wait
 from functools import partial
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
 from rosette_msgs.msg import ProbeTarget, RunState
-from rosette_msgs.srv import CheckPlan
 from std_srvs.srv import Trigger
 
 from rosette_ros import command
@@ -49,7 +48,7 @@ class DmeCmmNode(CmmNode):
     collision, an emergency stop, a lost connection, a crash of this node: the heartbeat says so, by which a run fails,
     and nothing moves until a person calls the service `cmm/recover`, which clears the errors or connects anew; a file
     beside the settings keeps that over the end of the node. Nothing moves but for a target: a tool is changed before
-    the first ball. The service `cmm/check_plan` says of a whole plan whether it can be measured. Parameters: WANTED."""
+    the first ball. Parameters: WANTED."""
 
     wake_period = 0.1  # what moves is aborted within this time after its requester is known to be disconnected
 
@@ -73,23 +72,14 @@ class DmeCmmNode(CmmNode):
         if not self._trouble:
             self._do(self._get_ready())
 
-    def offer(self) -> None:
-        self.create_service(CheckPlan, names.CHECK_PLAN, self._on_check_plan)
-
-    def _on_check_plan(self, request: CheckPlan.Request, response: CheckPlan.Response) -> CheckPlan.Response:
-        """Say whether all targets can be measured, as far as the settings know; nothing is asked of the server."""
-        cmm = self._cmm
-        try:
-            plan = []
-            for target in request.targets:
-                aim, pole = self.aim_of(target)
-                plan.append(PlannedBall(target.balls, target.table_position, target.ball, aim, target.table_angle,
-                                        target.approach, pole, target.touches))
-            self._ways |= refuse_plan(self._settings, plan, 0.0 if cmm is None else cmm.table.angle, self._ways)
-        except RosetteError as error:
-            response.message = one_line(error)
-        response.success = not response.message
-        return response
+    def check_plan(self, targets: Sequence[ProbeTarget]) -> None:
+        """Refuse a plan by what the settings know; nothing is asked of the server."""
+        cmm, plan = self._cmm, []
+        for target in targets:
+            aim, pole = self.aim_of(target)
+            plan.append(PlannedBall(target.balls, target.table_position, target.ball, aim, target.table_angle,
+                                    target.approach, pole, target.touches))
+        self._ways |= refuse_plan(self._settings, plan, 0.0 if cmm is None else cmm.table.angle, self._ways)
 
     def on_target(self, target: ProbeTarget) -> None:
         """Have the ball measured, unless it is just being measured."""

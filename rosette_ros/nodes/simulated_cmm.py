@@ -14,7 +14,6 @@ from ament_index_python.packages import PackageNotFoundError, get_package_share_
 from builtin_interfaces.msg import Time as TimeMessage
 from rclpy.time import Time
 from rosette_msgs.msg import BallCentre, ProbeTarget, Touches
-from rosette_msgs.srv import CheckPlan
 from rosgraph_msgs.msg import Clock
 
 from rosette_ros.calibration.settings import Wanted
@@ -42,8 +41,7 @@ class SimulatedCmm(CmmNode):
     not depend on the speed of the computer. A change in the file of the machine applies from the next run on, as when
     a person switches a correction off between two runs.
 
-    Topics: subscribes to `probe_target`; publishes `ball_centre`, `touches` and `/clock`. The service
-    `cmm/check_plan` refuses a plan for another plate. Parameters: WANTED."""
+    Topics: those of CmmNode and `/clock`. A plan for another plate is refused. Parameters: WANTED."""
 
     def __init__(self) -> None:
         super().__init__(WANTED)
@@ -58,19 +56,11 @@ class SimulatedCmm(CmmNode):
         self._publish_time()
         self.every(1.0 / self.parameters['clock_rate_hz'], self._publish_time)
 
-    def offer(self) -> None:
-        self.create_service(CheckPlan, names.CHECK_PLAN, self._on_check_plan)
-
-    def _on_check_plan(self, request: CheckPlan.Request, response: CheckPlan.Response) -> CheckPlan.Response:
-        """Say whether the machine, as its file is when the run begins, has the balls of a plan."""
-        try:
-            config = load_machine(self._file) if self._file.is_file() else self._machine.config
-            for target in request.targets[:1]:
-                _refuse_other_plate(target, config.plate.balls, config.radius)
-        except RosetteError as error:
-            response.message = str(error)
-        response.success = not response.message
-        return response
+    def check_plan(self, targets: Sequence[ProbeTarget]) -> None:
+        """Refuse a plan where the machine, as its file is when the run begins, has not its balls."""
+        config = load_machine(self._file) if self._file.is_file() else self._machine.config
+        for target in targets[:1]:
+            _refuse_other_plate(target, config.plate.balls, config.radius)
 
     def on_target(self, target: ProbeTarget) -> None:
         """Measure the ball at once; the answer may be held back."""
