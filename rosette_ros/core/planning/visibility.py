@@ -5,6 +5,7 @@ For an effect with columns D the visible part is D_perp = D - Q Q' D; what is no
 harmlessly, or by the table, as a bias on the six curves.
 """
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -23,20 +24,24 @@ from rosette_ros.core.records import Floats, Run
 DETECTABLE = 6.0
 """Norm of the visible part, in sigma, that the search finds nearly always."""
 SAME_SHAPE = 0.95
+MOST_CHOICES = 60
+"""Choices of an effect, such as the reading that is wrong, whose bias on the curves is looked at."""
 
 
 @dataclass(frozen=True, eq=False)
 class Share:
     """The visible share of one effect on a run.
 
-    share: of its best setting; typical_share: median over its settings; setting: the typical one; reason: why the
-    effect cannot be judged at all, empty where it can.
+    share: of its best setting; typical_share: median over its settings; setting: the typical one; of_choices: the typical
+    one of each choice (of axes, ball ...), of many every second or so; reason: why the effect cannot be judged at all,
+    empty where it can.
     """
 
     name: str
     share: float
     typical_share: float
     setting: Setting
+    of_choices: tuple[Setting, ...]
     reason: str
 
     @property
@@ -49,9 +54,9 @@ class Share:
 class Visibility(Share):
     """What a run shows of one effect.
 
-    bias: (6,) largest change of each curve, m or rad, for an effect that moves the balls by one metre rms; detectable:
-    rms displacement of the balls that is found nearly always, m, inf where hidden; alike: effects whose visible part
-    has the same shape.
+    bias: (6,) largest change of each curve, m or rad, by an amplitude of any choice that moves the balls by one metre
+    rms; detectable: rms displacement of the balls that is found nearly always, m, inf where hidden; alike:
+    effects whose visible part has the same shape.
     """
 
     bias: Floats
@@ -79,13 +84,24 @@ def visible_shares(run: Run, terms: tuple[str, ...] = BASE_TERMS, names: tuple[s
         if names and name not in names:
             continue
         if reason := why_not_judged(effect, run):
-            out.append(Share(name, 0.0, 0.0, Setting(), reason))
+            out.append(Share(name, 0.0, 0.0, Setting(), (), reason))
             continue
         every = sorted(((setting, float(share)) for family in families(run, (effect,), project, keep_hidden=True)
                         for setting, share in zip(family.settings, family.shares)), key=lambda pair: pair[1])
-        setting, share = every[len(every) // 2]
-        out.append(Share(name, every[-1][1], share, setting, ''))
+        setting, share = _typical(every)
+        choices = {one.name for one in effect.searched if one.kind == 'choice'}
+        alike = defaultdict[frozenset[object], list[tuple[Setting, float]]](list)
+        for one in every:
+            alike[frozenset((name, one[0].get(name)) for name in choices)].append(one)
+        typical = tuple(_typical(some)[0] for some in alike.values())
+        of_choices = typical[::-(-len(typical) // MOST_CHOICES)]
+        out.append(Share(name, every[-1][1], share, setting, of_choices, ''))
     return tuple(out)
+
+
+def _typical(rising: Sequence[tuple[Setting, float]]) -> tuple[Setting, float]:
+    """Return the setting of the median share, and that share."""
+    return rising[len(rising) // 2]
 
 
 @lru_cache(maxsize=64)
@@ -96,25 +112,35 @@ def _of_unit_noise(run: Run, terms: tuple[str, ...], names: tuple[str, ...]) -> 
     for one in visible_shares(run, terms, names):
         bias, detectable = np.zeros(6), np.inf
         if not one.reason:
-            bias, detectable, shapes[one.name] = _consequences(run, effects[one.name], one.setting, space)
+            bias = _bias(run, effects[one.name], one.of_choices, space)
+            detectable, shapes[one.name] = _visible_part(run, effects[one.name], one.setting, space)
         out.append(Visibility(**vars(one), bias=bias, detectable=detectable))
     return tuple(replace(entry, alike=_alike(entry, shapes)) for entry in out)
 
 
-def _consequences(run: Run, effect: Effect, setting: Setting, space: BaseSpace) -> tuple[Floats, float, Floats]:
-    """Return bias on the curves per metre rms, detectable rms size per sigma, and visible directions."""
-    columns = np.moveaxis(effect.columns(run, setting), -1, 0)
+def _of_unit_size(columns: Floats) -> Floats:
+    """Return columns (q, N, 3) less their means that move the balls by one metre rms, without those that do not."""
     columns = columns - columns.mean(axis=1, keepdims=True)
     size = np.sqrt(np.mean(np.sum(columns**2, axis=2), axis=1))
-    columns = columns[size > 0] / size[size > 0][:, None, None]
+    return np.asarray(columns[size > 0] / size[size > 0][:, None, None])
+
+
+def _bias(run: Run, effect: Effect, settings: Sequence[Setting], space: BaseSpace) -> Floats:
+    """Return the largest change of each curve, (6,), by a column of unit size."""
+    columns = np.concatenate([np.moveaxis(effect.columns(run, setting), -1, 0) for setting in settings])
+    return np.asarray(np.abs(space.parameters(_of_unit_size(columns)).curves).max(axis=(0, 1), initial=0.0))
+
+
+def _visible_part(run: Run, effect: Effect, setting: Setting, space: BaseSpace) -> tuple[float, Floats]:
+    """Return the detectable rms size per sigma of a setting, and its visible directions."""
+    columns = _of_unit_size(np.moveaxis(effect.columns(run, setting), -1, 0))
     if not len(columns):
-        return np.zeros(6), np.inf, np.zeros((0, 3 * run.size))
-    bias: Floats = np.abs(space.parameters(columns).curves).max(axis=(0, 1))
+        return np.inf, np.zeros((0, 3 * run.size))
     visible = space.residual(columns).reshape(len(columns), -1)
     singular, rows = np.linalg.svd(visible, full_matrices=False)[1:]
     weakest = np.linalg.norm(visible, axis=1).max()
     detectable = DETECTABLE / weakest if weakest > 1e-6 else np.inf
-    return bias, float(detectable), rows[singular > 1e-3 * max(singular[0], 1e-12)]
+    return float(detectable), rows[singular > 1e-3 * max(singular[0], 1e-12)]
 
 
 def _alike(entry: Visibility, shapes: dict[str, Floats]) -> tuple[str, ...]:
