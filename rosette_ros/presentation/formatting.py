@@ -324,5 +324,10 @@ def residual_words(fit: 'Fit') -> str:
 
 
 def uncertainty_words(fit: 'Fit') -> str:
-    """Return what the uncertainties are worked out from."""
-    return f'from {micrometres(fit.sigma)} per coordinate of a ball centre, estimated from {fit.sigma_source}'
+    """Return what the uncertainties are worked out from, by axis where these repeat unequally."""
+    axes = fit.noise.axes
+    size = f'{micrometres(fit.sigma)} per coordinate of a ball centre'
+    if np.ptp(axes) and not fit.noise.wander.any():
+        x, y, z = (micrometres(fit.sigma * one) for one in axes)
+        size = f'{x} along x, {y} along y and {z} along z of a ball centre'
+    return f'from {size}, estimated from {fit.sigma_source}'

@@ -215,6 +215,15 @@ def test_comparison_says_where_it_fails():
     assert np.allclose(clean.axis_rms, SIGMA, rtol=0.2)
 
 
+def test_neighbours_are_alike_or_not():
+    """A course in time makes neighbours in the sequence alike; what goes to and fro with each reading does not."""
+    run = synthetic_run(8, 'random', 4, noise=SIGMA)[0]
+    drift = 2e-6 * run.time / run.time[-1]
+    for moved, words in ((drift, 'are alike'), (2e-7 * (-1.0)**np.arange(run.size), 'differ more than by chance')):
+        summary = compare(fit(run.replace(centre=run.centre + moved[:, None] * np.eye(3)[0]))).summary
+        assert f'neighbours in the sequence {words}' in summary
+
+
 @pytest.mark.parametrize('model, draws, tolerance', [
     (Model(), 1000, 0.03), (Model().with_effect('frame_drift'), 1000, 0.05),
     (Model().with_effect('frame_warmup'), 60, 0.25)], ids=['base', 'drift', 'warm-up'])

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The noise of a run: whitening makes it white, its estimates are right, and it is never told as a physical effect."""
 
+import re
+
 import numpy as np
 import pytest
 from synthetic import synthetic_run
@@ -14,6 +16,7 @@ from rosette_ros.core.model.least_squares import fit, observed
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.model.noise import Noise, Whitening
 from rosette_ros.core.records import remove_gauge
+from rosette_ros.presentation.formatting import uncertainty_words
 
 SIGMA = 1e-7
 NONE = np.zeros((0, 144, 3))
@@ -170,6 +173,26 @@ def test_rounding_is_told_as_rounding():
     as_much = judge(run.replace(centre=np.round(run.centre, 7)))  # in steps of the noise: no reason to doubt the model
     assert as_much.outcome == Outcome.FITS
     assert 'rounded to 0.100 µm, which makes 9 % of the variance' in as_much.sentence
+
+
+@pytest.mark.parametrize(('axes', 'words', 'look'), [
+    ((5, 1, 1), r'x repeats [45]\.\d times worse than [yz]\.', 'the slide of x;'),
+    ((1, 1, 4), r'z repeats [34]\.\d times worse than x and y\.', 'the slide of z;'),
+    ((6, 2, 1), r'x repeats [567]\.\d times and y repeats [12]\.\d times worse than z\.', 'the slide of x and y;')])
+def test_axes_that_repeat_worse_are_told_once(axes, words, look):
+    """Each axis is compared with the one that repeats best, and the advice names those that repeat worse."""
+    verdict = judge(noisy(white(5)[0] * axes, 5))
+    assert re.search(words, verdict.sentence)
+    assert verdict.action.count('check the probe') == 1 and look in verdict.action
+
+
+def test_unequal_axes_have_uncertainties_of_their_own():
+    """What is printed of the size of the noise is what the uncertainties of the curves rest on: n - 1 of n waves of ctz
+    are free, n - 2 of ctx."""
+    fit = analyse(noisy(white(5)[0] * (1, 1, 4), 5))
+    along_x, along_z = (float(re.search(rf'([\d.]+) µm along {axis}', uncertainty_words(fit))[1]) for axis in 'xz')
+    u = 1e6 * fit.error_motions.u.max(axis=0)
+    assert (along_x, along_z) == pytest.approx((12 * u[0] / np.sqrt(10), 12 * u[2] / np.sqrt(11)), rel=0.01)
 
 
 def test_an_effect_is_named_in_noisy_axes():

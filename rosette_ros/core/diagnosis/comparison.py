@@ -106,7 +106,7 @@ def compare(fitted: Fit, seed: int = 0) -> Comparison:
         axis_rms = axis_rms * np.sqrt(np.mean(whitening.inverse(white)**2, axis=(0, 1)))
     sizes = np.sqrt(np.mean(residual**2 / np.maximum(expected, 1e-12), axis=1))
     return Comparison(fitted, axis_rms, sizes, groupings, correlation, neighbour_p, _worst(fitted, noise, expected),
-                      _harmonics(fitted), _summary(fitted, groupings, neighbour_p, axis_rms))
+                      _harmonics(fitted), _summary(fitted, groupings, correlation, neighbour_p, axis_rms))
 
 
 def _sums(index: Ints, count: int, values: Reals) -> Floats:
@@ -194,12 +194,14 @@ def _harmonics(fit: Fit) -> tuple[Harmonic, ...]:
     return tuple(sorted(lines, key=lambda line: -line.share)[:10])
 
 
-def _summary(fit: Fit, groupings: Sequence[Grouping], neighbour_p: float, axis_rms: Floats) -> str:
+def _summary(fit: Fit, groupings: Sequence[Grouping], correlation: float, neighbour_p: float,
+             axis_rms: Floats) -> str:
     chi = fit.reduced_chi_square
     times = '' if chi is None else f', {multiple(float(np.sqrt(chi)))} times the repeatability'
     places = sorted((one for one in groupings if one.p < UNLIKELY), key=lambda one: one.p)
     where = ''.join(f', at {one.label} {one.keys[one.worst]}' for one in places[:3])
-    alike = '; neighbours in the sequence are alike' if neighbour_p < UNLIKELY else ''
+    like = 'are alike' if correlation > 0 else 'differ more than by chance'
+    alike = f'; neighbours in the sequence {like}' if neighbour_p < UNLIKELY else ''
     return f'The residual is {micrometres(fit.rms)}{times}; most along {AXES[int(np.argmax(axis_rms))]}{where}{alike}.'
 
 

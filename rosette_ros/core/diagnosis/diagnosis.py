@@ -205,7 +205,8 @@ class RunSearch:
         if above >= 10:
             return (above + 1) / (self.null.size + 1)
         edge = self.null[int(0.8 * self.null.size)]
-        scale = max(2.2, 1.1 * float(np.mean(self.null[self.null > edge] - edge)))
+        beyond = self.null[self.null > edge] - edge  # none where rounding makes one score of all
+        scale = max(2.2, 1.1 * float(beyond.mean()) if beyond.size else 0.0)
         return float(min(0.2, 0.2 * np.exp(-(score - edge) / scale)))
 
     def score_beside(self, selection: Selection, place: int) -> float:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rosette_ros.core.number_words import micrometres, multiple
-from rosette_ros.core.records import ROUNDED, Run, resolution_of
+from rosette_ros.core.records import ROUNDED, Floats, Run, resolution_of
 
 if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit
     from rosette_ros.core.model.least_squares import Fit
@@ -39,6 +39,8 @@ OTHER_UNIT = 100.0
 """Ratio of the repeatability of axes from which on a wrong unit is the likelier cause."""
 WANDERING = 0.85
 """Correlation from reading to reading above which noise is told as a wander of the frame."""
+UNEQUAL = 1.3
+"""Ratio of the noise of axes from which on it is told beside what is larger."""
 _LOOK_AT = 'check the probe and the slide of {}; weights follow what was found'
 
 
@@ -238,16 +240,7 @@ def noise_words(noise: 'Noise', sigma: float, run: Run) -> list[tuple[str, str]]
     if noise.resolution:
         out.append((f'the readings are rounded to {micrometres(noise.resolution)}',
                     'export the coordinates with more digits'))
-    total = (noise.axes**2 + noise.wander * (noise.phi < 1))**0.5
-    (x, y, z), plane = total, ((total[0]**2 + total[1]**2) / 2)**0.5
-    if x != y:
-        worse, better = ('x', 'y') if x > y else ('y', 'x')
-        out.append((f'{worse} repeats {max(x, y) / min(x, y):.1f} times worse than {better}', _LOOK_AT.format(worse)))
-    if z != plane and not (noise.wander.any() and max(z, plane) < 1.3 * min(z, plane)):
-        ratio = z / plane
-        out.append((f'z repeats {max(ratio, 1 / ratio):.1f} times {"worse" if ratio > 1 else "better"} than x and y',
-                    _LOOK_AT.format('z' if ratio > 1 else 'x and y') if max(ratio, 1 / ratio) < OTHER_UNIT else
-                    'check that z has the unit of x and y'))
+    out += _unequal_axes((noise.axes**2 + noise.wander * (noise.phi < 1))**0.5, bool(noise.wander.any()))
     if noise.tail:
         out.append((f'single {noise.tail}s stand out more than normal noise allows (Student, {noise.tail_dof:g} '
                     'degrees of freedom)', 'clean balls and stylus; the readings that stand out count less'))
@@ -268,6 +261,22 @@ def noise_words(noise: 'Noise', sigma: float, run: Run) -> list[tuple[str, str]]
             words = f'neighbouring readings are correlated {noise.phi * step / (step + white):.1f}'
         out.append((words, 'look for draughts, vibration and temperature of the frame, or measure faster'))
     return out
+
+
+def _unequal_axes(size: Floats, wanders: bool) -> list[tuple[str, str]]:
+    """Return which axes repeat worse than others, and what to do; size: of the noise along x, y, z."""
+    x, y, z = size
+    if x == y:
+        ratio = max(z / x, x / z)
+        if z == x or (wanders and ratio < UNEQUAL):
+            return []
+        return [(f'z repeats {ratio:.1f} times {"worse" if z > x else "better"} than x and y',
+                 _LOOK_AT.format('z' if z > x else 'x and y') if ratio < OTHER_UNIT else
+                 'check that z has the unit of x and y')]
+    best, *others = size.argsort()
+    worse = sorted(place for place in others if place == others[-1] or size[place] >= UNEQUAL * size[best])
+    ratios = ' and '.join(f'{"xyz"[place]} repeats {size[place] / size[best]:.1f} times' for place in worse)
+    return [(f'{ratios} worse than {"xyz"[best]}', _LOOK_AT.format(' and '.join('xyz'[place] for place in worse)))]
 
 
 def _beside_repeatability(fit: 'Fit') -> str:

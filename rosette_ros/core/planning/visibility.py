@@ -32,9 +32,9 @@ MOST_CHOICES = 60
 class Share:
     """The visible share of one effect on a run.
 
-    share: of its best setting; typical_share: median over its settings; setting: the typical one; of_choices: the typical
-    one of each choice (of axes, ball ...), of many every second or so; reason: why the effect cannot be judged at all,
-    empty where it can.
+    share: of its best setting; typical_share: median over its settings; setting: the typical one; of_choices: the
+    typical one of each choice (of axes, ball ...), of many every second or so; reason: why the effect cannot be judged
+    at all, empty where it can.
     """
 
     name: str
