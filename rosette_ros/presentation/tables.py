@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.analysis import Change, LadderStep, Summary
-from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.diagnosis import Candidate
 from rosette_ros.core.diagnosis.second_run import CONFIRMED, CheckedEffect, CrossCheck
@@ -338,7 +337,7 @@ def visibility(every: Sequence[Visibility], recommended: Sequence[Visibility] = 
                [1e6 * one.detectable if one else None for one in beside], _limit, 'µm'),
         words('remark', 'remark', [_remark(one) for one in every])),
         levels=tuple('' if one.reason or one.typical_share >= GOOD_SHARE else
-                     Level.DOUBTFUL if one.typical_share >= HIDDEN_SHARE else Level.BAD for one in every))
+                     Level.BAD if one.hidden else Level.DOUBTFUL for one in every))
 
 
 def _limit(value: float | None) -> str:

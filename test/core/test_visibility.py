@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What each order shows: golden shares of an independent check, bias, advice."""
 
+import re
+
 import numpy as np
 import pytest
 from synthetic import synthetic_run
@@ -105,6 +107,14 @@ def test_advice_recommends_an_order_that_shows_more():
     assert advice.best.worst > advice.present.worst + 0.1
     assert 'Order diagonal does not show table_zero_drift' in advice.text
     assert 'Measure next in order' in advice.text
+
+
+@pytest.mark.parametrize('order', ['row', 'diagonal', 'column'])
+def test_one_meaning_of_not_observable(order):
+    """What the advice says that an order does not show are the effects that no setting of theirs shows."""
+    made = advise(12, order)
+    words = re.search(r'does not show ([^.]*)\.', made.text)[1].split(', ')
+    assert words == [one.name for one in made.present.visibilities if one.hidden]
 
 
 def test_planned_run_takes_its_time():

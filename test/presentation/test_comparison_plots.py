@@ -45,8 +45,8 @@ def test_candidates_go_from_before_to_after():
 
 def test_visibility_names_what_is_hidden_and_what_is_not_judged():
     """In words, not by colour alone."""
-    present, best = ([record(name=name, typical_share=share, reason='no time' if name == 'c' else '')
-                      for name, share in zip('abcd', shares)]
+    present, best = ([record(name=name, typical_share=share, hidden=share < 0.05,
+                             reason='no time' if name == 'c' else '') for name, share in zip('abcd', shares)]
                      for shares in ([0.8, 0.01, 0.0, 0.0], [0.9, 0.2, 0.0, 0.7]))
     made = comparison_plots.visibility(present, best)
     texts = {text.get_text(): text for panel in made.axes for text in panel.texts}

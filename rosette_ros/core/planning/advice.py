@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE
 from rosette_ros.core.planning.visibility import Share, Visibility, visibility, visible_shares
 from rosette_ros.core.records import Floats, Run
 from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, nominal_places, plan, unwrap_travel
@@ -179,7 +178,7 @@ def _advice(present: OrderAdvice, n: int, radius: float, sigma: float, wanted: S
 
 
 def _text(present: OrderAdvice, best: OrderAdvice, weak: Sequence[str], wanted: Sequence[str]) -> str:
-    hidden = [name for name in weak if present.share(name) < HIDDEN_SHARE]
+    hidden = [name for name in weak if present.shares[name].hidden]
     seen = [name for name in weak if name not in hidden]
     parts = [] if weak else [f'Order {present.label} shows every effect of the library.']
     if hidden:
@@ -192,7 +191,7 @@ def _text(present: OrderAdvice, best: OrderAdvice, weak: Sequence[str], wanted: 
         longer = best.duration / present.duration - 1
         parts.append(f'Measure next in order {best.label}: observable shares {shares}; the run takes '
                      f'{abs(longer):.0%} {"longer" if longer >= 0 else "less"}.')
-    still = [name for name in wanted if best.share(name) < HIDDEN_SHARE]
+    still = [name for name in wanted if best.shares[name].hidden]
     if still:
         parts.append(f'No order here shows {", ".join(still)}: repeat balls after turning the table the other way, or '
                      'check it with another instrument.')

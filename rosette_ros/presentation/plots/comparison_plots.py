@@ -13,7 +13,7 @@ from rosette_ros.analysis import LadderStep
 from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE
 from rosette_ros.core.diagnosis.diagnosis import Candidate
 from rosette_ros.core.planning.visibility import Visibility
-from rosette_ros.core.records import Bools, Floats
+from rosette_ros.core.records import Floats
 from rosette_ros.presentation.formatting import CROSS_VALIDATION, OBSERVABLE, percent
 from rosette_ros.presentation.plots import plot_style as style
 from rosette_ros.presentation.tables import nested_names
@@ -22,7 +22,7 @@ BAR = 0.34
 ROW = 0.165
 """Height of a row of one line, inch."""
 HIDDEN_LOOK: dict[str, Any] = {'facecolor': 'white', 'edgecolor': style.BEFORE}
-WORDS = 0.45
+WORDS = 0.5
 """Length of the words beside a bar, in shares."""
 LONGEST_NAME = 28
 """Characters of a name beside its bar; the rest is cut."""
@@ -81,7 +81,7 @@ def visibility(every: Sequence[Visibility], best: Sequence[Visibility] = (),
     for panel, part in zip(style.panels(made, 1, 2)[0], (every[:rows], every[rows:]), strict=True):
         shown = [np.nan if one.reason else one.typical_share for one in part]
         wanted = np.array([recommended.get(one.name, np.nan) for one in part])
-        _bars_of_shares(panel, np.nan_to_num(shown), np.isnan(shown), wanted)
+        _bars_of_shares(panel, part, np.nan_to_num(shown), wanted)
         if best:
             panel.plot(wanted, range(len(part)), linestyle='none', marker='D', markersize=4.5, color=style.INK,
                        markerfacecolor='white', markeredgewidth=1.3)
@@ -89,21 +89,21 @@ def visibility(every: Sequence[Visibility], best: Sequence[Visibility] = (),
         marks = {share / 100: f'{share} %' for share in range(0, 101, 25)}
         _name_rows(panel, [one.name for one in part], OBSERVABLE, marks, rows)
     looks = [(Patch(color=style.AFTER), labels[0]),
-             (Patch(**HIDDEN_LOOK), f'not observable (below {percent(HIDDEN_SHARE)})')]
+             (Patch(**HIDDEN_LOOK), f'not observable (nowhere above {percent(HIDDEN_SHARE)})')]
     if best:
         looks.append((panel.lines[0], labels[1]))
     style.legend(made, [look for look, _ in looks], [style.label_of(label) for _, label in looks])
     return made
 
 
-def _bars_of_shares(panel: Axes, shares: Floats, not_judged: Bools, marks: Floats) -> None:
+def _bars_of_shares(panel: Axes, every: Sequence[Visibility], shares: Floats, marks: Floats) -> None:
     """Draw bars, and words where there are none to see, to the right of a mark that would be in them."""
     rows = np.arange(shares.size)
-    hidden = shares < HIDDEN_SHARE
+    hidden = np.array([bool(one.reason) or one.hidden for one in every])
     panel.barh(rows[~hidden], shares[~hidden], 0.62, color=style.AFTER)
     panel.barh(rows[hidden], shares[hidden], 0.62, **HIDDEN_LOOK)
     for row in rows[hidden]:
-        text, colour = ('not judged', style.GREY) if not_judged[row] else ('not observable', style.BEFORE)
+        text, colour = ('not judged', style.GREY) if every[row].reason else ('not observable', style.BEFORE)
         start = float(marks[row] if marks[row] < shares[row] + WORDS else shares[row])
         panel.annotate(text, (start, row), (5, 0), textcoords='offset points', va='center', fontsize=style.SMALL,
                        color=colour)
