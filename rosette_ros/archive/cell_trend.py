@@ -52,6 +52,9 @@ class CellTrend:
         if not self.events:
             notes.append('No step beyond the scatter of the runs: curves, plate, CMM, effects and residual; slopes in '
                          'time and temperature are no steps.')
+        if beyond := [results.component_name(series, part) for series, part, one in history.charts()
+                      if one.alarms and one.alarms[-1] == len(one.z) - 1]:
+            notes.append(f'In the last run beyond the limits of their control charts: {"; ".join(beyond)}.')
         if course := history.residual_course(self.events):
             notes.append(results.residual_words(course))
         notes += results.too_few_words(history.too_few(self.events))
@@ -71,9 +74,13 @@ class CellTrend:
     @property
     def sentence(self) -> str:
         """It in a sentence."""
-        runs = counted(len(self.history.runs), 'run')
-        few = f'; changes are looked for from {LEAST_RUNS} runs on' if len(self.history.runs) < LEAST_RUNS else ''
-        return f'{runs}: {"; ".join(self.warnings) or "no limit is passed"}{few}'
+        is_short = len(self.history.runs) < LEAST_RUNS
+        said = [*self.warnings] or ['no tolerance is passed'] * bool(self.history.tolerances)
+        if is_short:
+            said.append(f'changes are looked for from {LEAST_RUNS} runs on')
+        elif not self.warnings:
+            said.append(f'no step in the last {LATELY} runs')
+        return f'{counted(len(self.history.runs), "run")}: {"; ".join(said)}'
 
 
 def add_and_judge(archive: RunArchive, log: str, model: Model) -> CellTrend:

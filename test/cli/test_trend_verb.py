@@ -62,6 +62,8 @@ def test_a_change_is_found_with_its_date_and_owner(archive, rosette, refused, tm
     page = tmp_path / 'trend.html'
     text = rosette('trend', archive, '--table', 'RT-7', '--figures', tmp_path, '-o', page).out
     assert 'crz, 2 per turn' in text
+    beyond = re.search(r'^In the last run beyond the limits of their control charts: (.*)\.$', text, re.MULTILINE)
+    assert beyond[1].count(';') + 1 == sum(found['runs'][-1]['run_id'] in one['alarms'] for one in found['charts'])
     assert 'When tolerances are reached' in text
     assert sorted(path.name for path in tmp_path.iterdir()) == ['trend.html', *(
         f'trend_{name}.png' for name in ('control_chart', 'harmonics', 'ranges', 'summary'))]

@@ -40,7 +40,7 @@ def test_an_archive_in_the_studio(page, archive, tmp_path, start_studio):
         page.goto(studio.address)
         expect(page.get_by_test_id('archive-words')).to_contain_text(f'{RUNS} of {RUNS} runs')
         page.get_by_test_id('archive-trend').click()
-        expect(page.get_by_test_id('archive-sentence')).to_contain_text('9 runs: no limit is passed')
+        expect(page.get_by_test_id('archive-sentence')).to_contain_text('9 runs: no step in the last 8 runs')
         for words in ('No step beyond the scatter of the runs', 'No tolerances are stated'):
             expect(page.get_by_text(words)).to_be_visible()  # as `rosette trend` says it
         expect(page.get_by_test_id('archive-figure').locator('.errorbar').first).to_be_attached()
