@@ -60,10 +60,12 @@ def run(options: Namespace) -> None:
     if options.target == 'ros' and Path(options.output).suffix.lower() == '.csv':
         raise UsageError(f'--output: wanted a name for YAML with --for ros, got {options.output!r}; --for csv writes a '
                          'table')
+    low, high = options.range or (0.0, 360.0)
+    if not low < high:
+        raise UsageError(f'correct: --range: wanted MIN below MAX, got {low:g} and {high:g}')
     refuse_output(options.output, options.force)
     correction, table, verdict = _correction(options, corrected)
     step = options.step or STEPS.get(options.target, 0.0)
-    low, high = options.range or (0.0, 360.0)
     if options.target == 'linuxcnc':
         text = linuxcnc_compensation(correction, low, high, step)
     elif options.target == 'csv':

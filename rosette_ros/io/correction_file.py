@@ -107,13 +107,11 @@ def linuxcnc_compensation(correction: Correction, low: float, high: float, step:
     """Return the text of a compensation file of LinuxCNC (COMP_FILE_TYPE = 1): nominal, forward and reverse trim, deg.
 
     low, high: MIN_LIMIT and MAX_LIMIT of the axis, which is not taken modulo a turn; step: between lines, deg. The trim
-    is added to the motor: -crz. Raises InvalidConfig where LinuxCNC would not read it, or there is no crz in it.
+    is added to the motor: -crz. Raises InvalidConfig where LinuxCNC would not read so many lines, or crz is not in it.
     """
     if 'crz' not in correction.corrected:
         raise InvalidConfig('correct: wanted crz among the errors to correct, since a compensation file turns the '
                             f'table only, got {", ".join(correction.corrected)}')
-    if not low < high:
-        raise InvalidConfig(f'correct: --range: wanted MIN below MAX, got {low:g} and {high:g}')
     lines = math.ceil((high - low) / step - 1e-9) + 1
     if lines > MOST_LINES:
         least = math.ceil((high - low) / (MOST_LINES - 1) * 1000) / 1000

@@ -24,6 +24,7 @@ WAY_COLUMNS = ('table_travel_deg', 'cmm_sense_x', 'cmm_sense_y', 'cmm_sense_z')
 _OPTIONAL = frozenset(('cmm_position', 'temperature_C', 'approach', *WAY_COLUMNS))
 _INTEGERS = frozenset(('seq', 'table_position', 'ball', 'cmm_position', 'approach'))
 _EMPTY = {'temperature_C': 'nan', 'approach': '0'}  # what an empty cell means
+LEAVE_OUT = 'leave out the row of a ball that was not measured'
 _KEYS = ('schema', 'radius_mm', 'repeatability_um', 'repeatability_dof', 'repeatability_axes_um', 'run_id', 'balls',
          'repeated_balls', 'pauses_before', 'frame', 'table_axis', 'table_x', 'simulated', 'note', 'plate',
          'table_positions', 'table_offset_deg')
@@ -296,11 +297,11 @@ def _numbers(cells: Sequence[str], name: str, lines: list[int], source: str) -> 
         values = np.fromiter(map(float, texts), float, len(texts))
     except ValueError:
         at = next(at for at, cell in enumerate(texts) if not _is_number(cell))
-        advice = '' if cells[at].strip() else 'leave out the row of a ball that was not measured'
+        advice = '' if cells[at].strip() else LEAVE_OUT
         raise _wrong(source, lines[at], name, 'a number', repr(cells[at][:80]), advice) from None
     for row in np.flatnonzero(~np.isfinite(values) & ~empty).tolist():
         raise _wrong(source, lines[row], name, 'a finite number', repr(cells[row][:80]),
-                     'leave out the row of a ball that was not measured')
+                     'leave the cell empty where it is not known' if name in _EMPTY else LEAVE_OUT)
     if name not in _INTEGERS:
         return values
     for row in np.flatnonzero((values != np.floor(values)) | (np.abs(values) > 2**53)).tolist():

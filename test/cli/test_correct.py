@@ -95,6 +95,8 @@ def test_the_next_command_has_the_model_of_the_correction(rosette, measure, tmp_
 @pytest.mark.parametrize(('words', 'error'), [
     (['--curves', 'crz,foo'], '--curves: wanted some of ctx,cty,ctz,crx,cry,crz, got'),
     (['--for', 'linuxcnc', '--step', '1'], 'wanted at most 256 lines, which LinuxCNC reads, got 361'),
+    (['--for', 'csv', '--range', '360', '0'], 'correct: --range: wanted MIN below MAX, got 360 and 0'),
+    (['--for', 'linuxcnc', '--range', '90', '90'], 'correct: --range: wanted MIN below MAX, got 90 and 90'),
     (['--step', '-3'], 'wanted a positive number'),
     (['--step', '5'], 'correct: --step goes with --for csv or linuxcnc only; leave it out'),
     (['--range', '0', '90'], 'correct: --range goes with --for csv or linuxcnc only; leave it out'),

@@ -211,7 +211,8 @@ WRONG = {
     'nan': (changed(6, '-86.6', 'NaN'), "line 6: column y_mm: wanted a finite number, got 'NaN'; "
             'leave out the row of a ball that was not measured'),
     'inf': (changed(6, '60', '-inf'), "line 6: column time_s: wanted a finite number, got '-inf'"),
-    'nan temperature': (changed(6, '20.1', 'nan'), 'column temperature_C: wanted a finite number'),
+    'nan temperature': (changed(6, '20.1', 'nan'), "column temperature_C: wanted a finite number, got 'nan'; "
+                        'leave the cell empty where it is not known'),
     'not whole': (changed(4, '1,1,1,1', '1,1.5,1,1'),
                   "line 4: column table_position: wanted a whole number, got '1.5'"),
     'zero-based': (changed(4, '1,1,1,1', '1,0,1,1'),

@@ -89,6 +89,14 @@ def test_an_offset_is_less_than_a_step(degrees):
         plan(N).shifted(degrees)
 
 
+def test_an_offset_that_the_angles_deny_is_refused():
+    """A heading of 20 deg over angles that begin at 0; which is wrong is not known."""
+    run, *_ = cell().calibrate(plan(N, 'diagonal'), run_id='whole')
+    text = format_csv(run).replace('# balls:', '# table_offset_deg: 20\n# balls:')
+    with pytest.raises(InvalidData, match=r'table_angle_deg: wanted about 20, as "# table_offset_deg: 20" says, got 0'):
+        parse_csv(text.encode())
+
+
 def test_tables_and_logs_keep_the_offset(tmp_path, library):
     """The same curves from a run, from its table, and from its log, which state physical angles and places."""
     run, alignment, read = cell().calibrate(plan(N, 'diagonal').shifted(20.0), run_id='half')
