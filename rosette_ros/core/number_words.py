@@ -21,7 +21,9 @@ def significant(value: float, digits: int = 3) -> str:
 
 
 def multiple(value: float) -> str:
-    """Return how many times as large something is: 1.07, 736, 0.00098."""
+    """Return how many times as large something is: 1.07, 736, 0.00098, 'more than a million'."""
+    if value > 1e6:
+        return 'more than a million'
     return f'{value:.2f}' if 0.1 <= value < 100 else significant(value, 2 if value < 0.1 else 3)
 
 

@@ -278,8 +278,8 @@ def _table_angles(table: CsvTable, n: int) -> Floats:
                           _angle_advice(angle, nominal, n))
     if offset and abs(float(np.median(deviation))) > abs(offset) / 2:
         raise table.wrong(0, 'table_angle_deg', f'about {nominal[0] + offset:.6g}, as "# table_offset_deg: '
-                          f'{offset:.6g}" says', table.angle_cells[0].strip(), 'all angles are so: correct the one that is wrong, or '
-                          'leave the line out where table position 1 is at angle 0')
+                          f'{offset:.6g}" says', table.angle_cells[0].strip(), 'correct what is wrong, or leave '
+                          'the line out where table position 1 is at angle 0')
     turns = np.rint((angle - nominal) / 360.0)
     exact = 2 * np.pi * position / n
     exact = np.where(turns == 0, exact, exact + 2 * np.pi * turns)

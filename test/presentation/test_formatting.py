@@ -57,7 +57,7 @@ def test_probabilities(p, shown):
     (text.micrometres(4.09e-11), '0.0000409 µm'),
     (text.micrometres(0), '0 µm'), (text.micrometres(9.999e-7), '1.00 µm'), (text.micrometres(-1e-18), '−1.00e−12 µm'),
     (text.significant(99999, 3), '99999'), (text.significant(math.nan), '–'), (text.multiple(1.073), '1.07'),
-    (text.multiple(0.00098), '0.00098'), (text.multiple(7361.2), '7361'),
+    (text.multiple(0.00098), '0.00098'), (text.multiple(7361.2), '7361'), (text.multiple(3e9), 'more than a million'),
     (setting_words('frame_warmup', {'tau': 1.2e6}), 'tau 20000 min'), (text.duration(41), '41 s'),
     (text.duration(6720), '1 h 52 min'), (text.names(['a', 'b', 'c']), 'a, b and c'),
     (text.repeatability_words(1.079e-7, 27), '0.1079 µm per coordinate, 27 degrees of freedom'),

@@ -190,7 +190,7 @@ def _text(present: OrderAdvice, best: OrderAdvice, weak: Sequence[str], wanted: 
                            for name in wanted[:6])
         longer = best.duration / present.duration - 1
         parts.append(f'Measure next in order {best.label}: observable shares {shares}; the run takes '
-                     f'{abs(longer):.0%} {"longer" if longer >= 0 else "less"}.')
+                     f'{100 * abs(longer):.0f} % {"longer" if longer >= 0 else "less"}.')
     still = [name for name in wanted if best.shares[name].hidden]
     if still:
         parts.append(f'No order here shows {", ".join(still)}: repeat balls after turning the table the other way, or '
