@@ -171,8 +171,8 @@ def check_correction(before: ErrorMotions, after: ErrorMotions, correction: Corr
     if before.angle.size != after.angle.size or np.abs(
             np.angle(np.exp(1j * (before.angle - after.angle)))).max() > 0.01 * TWO_PI / before.angle.size:
         first, second = (f'{one.angle.size} angles from {np.rad2deg(one.angle[0]):.4g}°' for one in (before, after))
-        raise InvalidData(f'verify: wanted two runs at the same angles of the table, got {first} on before and {second} '
-                          'on after the correction; measure both with the same balls and table offset')
+        raise InvalidData(f'verify: wanted two runs at the same angles of the table, got {first} before and {second} '
+                          'after the correction; measure both with the same balls and table offset')
     taken = correction.errors(before.angle)
     variance, own = before.u**2 + after.u**2, (correction.forward.u**2).mean(axis=0)
     same_run = np.abs(taken - before.values)[:, [curve in correction.corrected for curve in CURVES]].max(initial=0)

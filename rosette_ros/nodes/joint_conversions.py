@@ -9,8 +9,9 @@ from rosette_msgs import msg
 from std_msgs.msg import Header
 
 from rosette_ros.core import records
-from rosette_ros.core.joint.conclusion import ITEMS, conclude
+from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.joint_evaluation import JointResult
+from rosette_ros.core.joint.sharing import ITEMS
 
 
 def joint_message(result: JointResult, stamp: Time, frame_id: str) -> msg.JointEvaluation:

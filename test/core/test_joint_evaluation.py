@@ -2,11 +2,13 @@
 """What runs of simulated machines share, whether the data allow it, and what became known."""
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from rosette_ros.core.errors import InvalidData, NotDeterminable
+from rosette_ros.core.geometry import rotate_z
 from rosette_ros.core.joint.joint_evaluation import evaluate_jointly, found_turn
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.records import CURVES, remove_gauge
@@ -120,6 +122,20 @@ def test_what_the_data_contradict_is_not_shared(second, item):
     assert (item in contradicted) if item else contradicted == []
     assert not any(test.is_used for test in result.tests if test.is_contradicted)
     assert result.lack_of_fit_p > 1e-3
+
+
+def test_runs_of_different_cells_have_no_common_curves():
+    """Table, plate and CMM differ: a mean of two tables is refused; of the same table it is tested, and given."""
+    first, again, rng = measured()[1], measured(noise=1)[1], np.random.default_rng(4)
+    angle, place = again.angle[again.table_position - 1], (again.table_position + again.ball - 2) % 8
+    plate, cmm = 2e-6 * rng.standard_normal((2, 8, 3))
+    other = replace(again, centre=again.centre + rotate_z(angle, plate[again.ball - 1]) + cmm[place])
+    same = evaluate_jointly([first, other])
+    assert {test.item: test.is_used for test in same.tests if test.p is not None} == {
+        'table': True, 'plate': False, 'cmm': False}
+    moved = replace(other, centre=other.centre + 2e-6 * np.cos(2 * angle)[:, None] * np.eye(3)[2])
+    with pytest.raises(NotDeterminable, match='contradict each of it: .* table motions; diagnose each run alone'):
+        evaluate_jointly([first, moved])
 
 
 def test_a_declaration_is_used_and_judged():

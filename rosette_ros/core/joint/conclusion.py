@@ -1,15 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a joint evaluation says in one sentence: whether the runs fit one model, and what they do not share."""
 
-from rosette_ros.core.diagnosis.verdict import UNLIKELY, Conclusion, Level
+from rosette_ros.core.diagnosis.verdict import UNLIKELY, Conclusion, Level, p_words
 from rosette_ros.core.joint.joint_evaluation import JointResult
+from rosette_ros.core.joint.sharing import ITEMS
 from rosette_ros.core.number_words import micrometres
-
-ITEMS = {'table': 'table motions', 'plate': 'plate deviations', 'clamping': 'placement of the plate',
-         'cmm': 'CMM deviations at the same positions', 'frame': 'machine frame',
-         'seat': 'what the seat reproduces', 'calibrated plate': 'the calibration of the plate',
-         'calibrated CMM': 'the calibration of the CMM', 'sense': 'curves of both senses of turning'}
-"""What runs can share, in words."""
 
 
 def fits(result: JointResult) -> bool | None:
@@ -27,8 +22,8 @@ def conclude(result: JointResult) -> Conclusion:
         return Conclusion(Level.BAD, f'{who} contradict{s} what was declared the same: {", ".join(untrue)}; '
                           f'{residual}.',
                           'Declare it separate, or measure again.')
-    if fits(result) is False:
-        return Conclusion(Level.BAD, f'{who} {does} not fit one model: {residual}, p = {result.lack_of_fit_p:.1g} '
+    if result.lack_of_fit_p is not None and fits(result) is False:
+        return Conclusion(Level.BAD, f'{who} {does} not fit one model: {residual}, {p_words(result.lack_of_fit_p)} '
                           'beside the repeatability.', 'Diagnose each run: rosette diagnose RUN.')
     if unused:
         return Conclusion(Level.DOUBTFUL, f'{who} fit{s} one model without: {", ".join(unused)}; {residual}.',

@@ -15,7 +15,7 @@ from rosette_ros.core.geometry import Floats, Frame
 from rosette_ros.core.joint.joint_model import JointModel, JointSolution, TableSet
 from rosette_ros.core.joint.knowledge import Knowledge, knowledge, pairs_of_senses
 from rosette_ros.core.joint.readings import Readings
-from rosette_ros.core.joint.sharing import Sharing, apart
+from rosette_ros.core.joint.sharing import ITEMS, Sharing, apart
 from rosette_ros.core.model.least_squares import UNLIKELY
 from rosette_ros.core.records import ErrorMotions
 
@@ -158,6 +158,12 @@ def evaluate_jointly(runs: Sequence[Readings], declared: Mapping[str, Any] | Non
             break
         worst = max(untrue, key=lambda test: test.f)
         dropped.append(replace(worst, is_used=False))
+        if solution.model.sharing.is_all(worst.item):
+            untrue_items = ', '.join(ITEMS[test.item] for test in dropped)
+            raise NotDeterminable(
+                f'{" and ".join(run.name for run in runs)}: wanted runs that have something in common, but the '
+                f'readings contradict each of it: {untrue_items}; diagnose each run alone, as what a model lacks makes '
+                'them differ, too, or declare what is the same (--share)')
         solution = JointSolution(JointModel(runs, solution.model.sharing.without(worst.item)))
     if solution.model.sharing.by_sense:
         tests.append(_sense(solution))
@@ -270,26 +276,28 @@ def _are_near(one: Frame, other: Frame | None) -> bool:
 
 
 def _tested(solution: JointSolution, item: str) -> SharingTest:
-    runs, sharing = solution.model.runs, solution.model.sharing.without(item)
+    runs, sharing = solution.model.runs, solution.model.sharing
     try:
-        free = JointSolution(JointModel(runs, sharing))
-    except NotDeterminable:  # it is all that the runs have in common
+        free = ([JointSolution(JointModel([run], sharing.of_one())) for run in runs] if sharing.is_all(item) else
+                [JointSolution(JointModel(runs, sharing.without(item)))])
+    except NotDeterminable:  # too little else joins the runs
         return SharingTest(item, 0.0, 0, None, True)
-    return _f_test(item, solution, free)
+    return _f_test(item, [solution], free)
 
 
 def _sense(solution: JointSolution) -> SharingTest:
     together = JointSolution(JointModel(solution.model.runs, solution.model.sharing.without('sense')))
-    return replace(_f_test('sense', together, solution), is_used=False)
+    return replace(_f_test('sense', [together], [solution]), is_used=False)
 
 
-def _f_test(item: str, shared: JointSolution, free: JointSolution) -> SharingTest:
-    dof = free.rank - shared.rank
-    if dof <= 0 or free.dof <= 0:
+def _f_test(item: str, shared: Sequence[JointSolution], free: Sequence[JointSolution]) -> SharingTest:
+    """Return the test of what is shared against what is free, each in one solution or in one of each run."""
+    dof, free_dof = sum(one.rank for one in free) - sum(one.rank for one in shared), sum(one.dof for one in free)
+    if dof <= 0 or free_dof <= 0:
         return SharingTest(item, 0.0, 0, None, True)
-    left = max(free.rss / free.dof, NO_NOISE**2)
-    f = max(shared.rss - free.rss, 0.0) / dof / left
-    return SharingTest(item, f, dof, float(special.fdtrc(dof, free.dof, f)), True)
+    rss = sum(one.rss for one in free)
+    f = max(sum(one.rss for one in shared) - rss, 0.0) / dof / max(rss / free_dof, NO_NOISE**2)
+    return SharingTest(item, f, dof, float(special.fdtrc(dof, free_dof, f)), True)
 
 
 def _sigma(solution: JointSolution) -> tuple[float, str, float | None]:

@@ -13,6 +13,11 @@ PARTS = ('table', 'plate', 'clamping', 'cmm', 'frame')
 
 Names = tuple[str, ...]
 """A name for each run: runs of one name share."""
+ITEMS = {'table': 'table motions', 'plate': 'plate deviations', 'clamping': 'placement of the plate',
+         'cmm': 'CMM deviations at the same positions', 'frame': 'machine frame',
+         'seat': 'what the seat reproduces', 'calibrated plate': 'the calibration of the plate',
+         'calibrated CMM': 'the calibration of the CMM', 'sense': 'curves of both senses of turning'}
+"""What runs can share, in words."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +59,15 @@ class Sharing:
         if item == 'clamping':
             changed = {**changed, 'seat': 'free'}
         return replace(self, **changed)
+
+    def of_one(self) -> 'Sharing':
+        """Return the Sharing of one run alone, all else as here."""
+        return Sharing.of(1, by_sense=self.by_sense, seat=self.seat, trusts_plates=self.trusts_plates,
+                          cmm_is_calibrated=self.cmm_is_calibrated)
+
+    def is_all(self, item: str) -> bool:
+        """Return whether an item is all that the runs share of table, plate and CMM."""
+        return [one for one in self.items if one in ('table', 'plate', 'cmm')] == [item]
 
     @property
     def items(self) -> tuple[str, ...]:
