@@ -15,7 +15,9 @@ from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.model.least_squares import fit, observed
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.model.noise import Noise, Whitening
+from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.records import remove_gauge
+from rosette_ros.core.scheme import plan
 from rosette_ros.presentation.formatting import uncertainty_words
 
 SIGMA = 1e-7
@@ -210,6 +212,15 @@ def test_a_complete_run_of_unequal_axes_needs_no_dense_solution():
     axes = np.array([0.5, 0.5, 2.0])
     equal, other = fit(run).joint.curve_cofactor(), fit(run, noise=Noise(axes=axes)).joint.curve_cofactor()
     assert other / equal == pytest.approx(np.tile([0.25, 0.25, 4, 4, 4, 0.25], (6, 1)), rel=1e-12)
+
+
+def test_equal_axes_at_few_cmm_positions_stay_equal():
+    """Balls and CMM positions that were not measured take no degrees of freedom of z; on large plates z alone is told
+    from x and y."""
+    run = planned_run(plan(48, 'diagonal', cmm_positions=(1, 2, 6, 13, 21, 30)), 0.1825)
+    for seed in range(5):
+        offset = SIGMA * np.random.default_rng(seed).standard_normal((run.size, 3))
+        assert analyse(run.replace(centre=run.centre + offset)).noise.is_white, seed
 
 
 def test_what_the_noise_may_be_is_part_of_the_model():

@@ -19,6 +19,7 @@ from rosette_ros.core.effects.frame_effects import FrameEffect
 from rosette_ros.core.model.base_model import BaseLines
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Noise
 
 if TYPE_CHECKING:
@@ -144,11 +145,12 @@ def noise_of_z(fitted: Fit) -> Noise:
     """Return white noise, or one of z and one of x and y where an F-test of a white fit's residuals finds two.
 
     The repeatability by axis counts with its degrees of freedom."""
-    square, size = np.sum(fitted.residual**2, axis=0), fitted.run.size
-    lines = BaseLines.of(fitted.run.n, fitted.model.base)
-    axial = size - int(lines.z.sum())
+    square, run, base = np.sum(fitted.residual**2, axis=0), fitted.run, fitted.model.base
+    absent = sum(run.n - np.unique(used).size for term, used in zip(BASE_TERMS[1:], (run.ball, run.cmm_position))
+                 if term in base)  # balls and CMM positions without a reading have no deviation to be fitted
+    axial = run.size - int(BaseLines.of(run.n, base).z.sum()) + absent
     plane = fitted.dof - axial
-    dof, check = check_of(fitted.run)
+    dof, check = check_of(run)
     square = square + dof * check * square.sum() / fitted.dof
     if min(axial, plane) < 1 or min(square[2], square[:2].sum()) <= NO_AXIS * square.sum():
         return fitted.noise
