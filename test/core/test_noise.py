@@ -8,6 +8,7 @@ import pytest
 from synthetic import synthetic_run
 
 from rosette_ros.analysis import analyse
+from rosette_ros.core.diagnosis.comparison import compare
 from rosette_ros.core.diagnosis.diagnosis import find, judge
 from rosette_ros.core.diagnosis.noise_search import NoiseProblem, estimate
 from rosette_ros.core.diagnosis.verdict import Outcome
@@ -221,6 +222,19 @@ def test_equal_axes_at_few_cmm_positions_stay_equal():
     for seed in range(5):
         offset = SIGMA * np.random.default_rng(seed).standard_normal((run.size, 3))
         assert analyse(run.replace(centre=run.centre + offset)).noise.is_white, seed
+
+
+@pytest.mark.parametrize('by', ['', 'CMM position'])
+def test_a_reading_without_weight_changes_nothing_by_leaving_it_out(by):
+    """What a wrong reading does to the curves is told under the noise of the run."""
+    offset = white(1)[0]
+    offset[70] += 300
+    run, weight = noisy(offset), np.ones((144, 3))
+    weight[70] = 1e-9
+    factors = np.where(np.arange(12) % 3, 1.0, 5.0)
+    found = compare(fit(run, noise=Noise(by=by, factors=factors if by else np.ones(1), weight=weight))).worst[0]
+    assert found.number == 71
+    assert max(found.without) < 1e-11
 
 
 def test_what_the_noise_may_be_is_part_of_the_model():

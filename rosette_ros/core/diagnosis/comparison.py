@@ -160,7 +160,7 @@ def _change_without(fitted: Fit, reading: int) -> tuple[float, ...] | None:
     """Return the largest change of each curve, (6,), by leaving out a reading; None where the others are too few."""
     others = np.delete(np.arange(fitted.run.size), reading)
     try:
-        rest = fit(fitted.run.take(others), fitted.model, fitted.settings)
+        rest = fit(fitted.run.take(others), fitted.model, fitted.settings, fitted.noise.of_readings(fitted.run, others))
     except NotDeterminable:
         return None
     change = remove_gauge(rest.error_motions.values) - remove_gauge(fitted.error_motions.values)

@@ -102,6 +102,15 @@ class Noise:
             sd = sd / np.sqrt(self.weight)
         return Whitening(run.size, sd, self.phi, self.wander)
 
+    def of_readings(self, run: Run, index: Ints) -> 'Noise':
+        """Return the noise of some readings of a run, each with the size that it has among all of them."""
+        if self.weight is None and not self.by:
+            return self
+        weight = np.ones((run.size, 3)) if self.weight is None else self.weight
+        if self.by:
+            weight = weight / self.factors[place_of(run, self.by)][:, None]**2
+        return replace(self, by='', factors=np.ones(1), weight=weight[index])
+
     def noisiest(self, run: Run) -> list[str]:
         """Return the group whose factor is the largest, in words, and what else its readings share in this order."""
         members = place_of(run, self.by) == self.factors.argmax()
