@@ -17,6 +17,8 @@ from rosette_ros.core.geometry import TWO_PI, rotate_z
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats
 
 LEAST_ANGLES = 5
+LEAST_OFF = 0.1
+"""Share of a step from which on angles are between the steps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +55,13 @@ class Correction:
         """Return the six errors at angles (m,), rad, for the sense of the last move, (m, 6); not corrected ones are 0.
 
             e(theta) = a_0 + sum_k (a_k cos k theta + b_k sin k theta),  k = 1 .. n/2
+
+        The highest of even many angles has one wave: cos n/2 (theta - theta_1) where they lie between the steps.
         """
         used = [curve in self.corrected for curve in CURVES]
         motions, amplitudes = ((self.backward, self._amplitudes[1]) if sense < 0 else
                                (self.forward, self._amplitudes[0]))
-        return np.asarray(_waves(np.atleast_1d(np.asarray(angle, dtype=float)), motions.angle.size) @ amplitudes * used)
+        return np.asarray(_waves(np.atleast_1d(np.asarray(angle, dtype=float)), motions.angle) @ amplitudes * used)
 
     def curvature(self) -> Floats:
         """Return bounds of the second derivative of the six errors by the angle, both senses, (6,), m/rad^2, 1/rad."""
@@ -81,7 +85,7 @@ class Correction:
     @cached_property
     def _amplitudes(self) -> tuple[Floats, Floats]:
         both = (self.forward, self.backward)
-        return tuple(np.linalg.lstsq(_waves(one.angle, one.angle.size), one.values)[0]  # type: ignore[return-value]
+        return tuple(np.linalg.lstsq(_waves(one.angle, one.angle), one.values)[0]  # type: ignore[return-value]
                      for one in both)
 
 
@@ -90,8 +94,18 @@ def _orders(count: int) -> Floats:
     return np.concatenate([np.arange(count // 2 + 1), np.arange(1, (count + 1) // 2)]).astype(float)
 
 
-def _waves(angle: Floats, count: int) -> Floats:
-    """Return 1, cos and then sin of the multiples of angles (m,) that `count` angles determine, (m, count)."""
+def _waves(angle: Floats, measured: Floats) -> Floats:
+    """Return 1, cos and then sin of the multiples of angles (m,) that those measured (n,) determine, (m, n)."""
+    count = measured.size
     phase = angle[:, None] * _orders(count)
     cosines = count // 2 + 1
+    if count % 2 == 0:
+        phase[:, cosines - 1] -= 0.5 * count * _beside_step(measured)
     return np.concatenate([np.cos(phase[:, :cosines]), np.sin(phase[:, cosines:])], axis=1)
+
+
+def _beside_step(angle: Floats) -> float:
+    """Return how far angles in equal steps are beside whole multiples of the step, rad, 0 where it is little."""
+    mean = np.mean(np.exp(1j * angle.size * angle))
+    off = float(np.angle(mean))
+    return off / angle.size if abs(mean) > 0.5 and abs(off) > LEAST_OFF * TWO_PI else 0.0

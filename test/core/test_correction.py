@@ -63,6 +63,18 @@ def test_the_curves_are_met_and_known_between(count):
     assert (np.abs(bend).max(axis=0) <= 1.001 * correction.curvature()).all()
 
 
+@pytest.mark.parametrize('count', [6, 9, 12])
+@pytest.mark.parametrize('share', [0.05, 0.4, 0.5])
+def test_the_curves_of_a_run_between_the_steps_are_met(count, share):
+    """At half pitches cos(n/2 angle) is zero: the highest wave counts from the first position."""
+    rng = np.random.default_rng(count)
+    angle = TWO_PI * (np.arange(count) + share) / count + 1e-6 * rng.standard_normal(count)
+    motions = ErrorMotions(angle, 1e-7 * rng.standard_normal((count, 6)), np.full((count, 6), 1e-8))
+    correction = Correction(motions, motions)
+    np.testing.assert_allclose(correction.errors(angle), motions.values, atol=1e-18)
+    assert np.abs(correction.errors(np.linspace(0, 7, 500))).max() < 1e-6
+
+
 def test_only_what_is_wanted_is_taken_off_in_each_sense(before):
     """Other errors are 0; a table that knows both senses of turning gives each its own curves."""
     back = replace(before, values=-before.values)
