@@ -50,6 +50,8 @@ EFFICIENCY = 0.6
 ITERATIONS = 30
 NO_SCATTER = 1e-6
 """Square of the scatter below which runs agree to the last digit."""
+SEEN = 1e-9
+"""Share of the square sum of a step that is left beside the others, below which it is one of them but for rounding."""
 LEAST_SCATTER = 0.3
 """Run-to-run scatter is taken to be at least so many times the stated uncertainty: few runs may agree by chance."""
 
@@ -160,7 +162,7 @@ class _Fit:
             rest = weight * self.y[:, component]
             rest = rest - q @ (q.T @ rest)
             norm = np.sum(columns**2, axis=0)
-            known = norm > 0.05 * np.maximum(np.sum((weight[:, None] * step) ** 2, axis=0).clip(max=1.0), 1e-12)
+            known = norm > SEEN * np.sum((weight[:, None] * step) ** 2, axis=0)
             fall[known] += (columns.T @ rest)[known] ** 2 / norm[known]
             fall[~known] = 0.0
         return fall

@@ -80,6 +80,16 @@ def test_a_plate_that_was_exchanged_is_one_event(size):
     assert (events[1].earliest, events[1].latest, len(events[1].steps)) == (40, 40, 12)
 
 
+@pytest.mark.parametrize('unit', [1e-7, 1.0, 1e3, 1e7])
+@pytest.mark.parametrize('at', [2, 20, 38])
+def test_events_do_not_depend_on_the_unit(unit, at):
+    """A time constant of minutes, in seconds, changes as a curve does, in metres."""
+    values = np.random.default_rng(3).standard_normal((40, 1))
+    values[at:] += 15
+    found = find_events(WEEK * np.arange(40), [TimeSeries('effect', 'tau', unit * values, np.full((40, 1), unit))])
+    assert [event.run for event in found] == [at]
+
+
 def test_two_changes_of_one_series_are_two_events():
     """There and back."""
     events = find_events(*history(2, changes=[(5, 30, 9.0), (5, 55, -9.0)]))
