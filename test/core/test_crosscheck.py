@@ -5,7 +5,10 @@ import numpy as np
 import pytest
 
 from rosette_ros.analysis import claimed_model, cross_check, diagnose, ladder
+from rosette_ros.core.diagnosis.second_run import _same_size
+from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.model.least_squares import FittedEffect, Parameter
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
@@ -51,6 +54,17 @@ def test_another_size_is_said(creeping):
     assert check.effects[0].same_size is False
     assert 'with another size' in check.text
     assert check.carried.rms > 1.3 * check.after.rms
+
+
+def test_amplitudes_that_are_not_determined_say_nothing_of_the_size():
+    """Four standard uncertainties apart in one amplitude are another size, whatever else the effect has."""
+    def fitted(value, others):
+        pairs = [(value, 1.0), *[(0.0, np.inf)] * others]
+        parameters = tuple(Parameter(f'd_{k}', one, u, 'm') for k, (one, u) in enumerate(pairs))
+        return FittedEffect('frame_drift', Setting(), parameters, np.zeros((1, 3)), False)
+
+    assert [_same_size(fitted(0.0, others), fitted(4.5, others)) for others in (0, 2)] == [False, False]
+    assert _same_size(fitted(0.0, 2), fitted(1.0, 2))
 
 
 def test_what_is_not_there_is_not_seen(creeping):

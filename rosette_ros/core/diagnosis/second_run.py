@@ -180,10 +180,9 @@ def _judge(before: Fit, after: Fit, pairs: Sequence[Learnt], error_with: float) 
 
 def _same_size(learnt: FittedEffect, found: FittedEffect) -> bool:
     """Return whether amplitudes of two runs agree: chi square of their differences, 1 %."""
-    pairs = list(zip(learnt.parameters, found.parameters))
-    chi = sum((a.value - b.value)**2 / (a.u**2 + b.u**2) for a, b in pairs
-              if a.name == b.name and np.isfinite(a.u + b.u) and a.u + b.u > 0)
-    return bool(special.chdtrc(max(len(pairs), 1), chi) > SURE)
+    squares = [(a.value - b.value)**2 / (a.u**2 + b.u**2) for a, b in zip(learnt.parameters, found.parameters)
+               if a.name == b.name and np.isfinite(a.u + b.u) and a.u + b.u > 0]
+    return bool(special.chdtrc(max(len(squares), 1), sum(squares)) > SURE)
 
 
 def _text(effects: Sequence[CheckedEffect], before: Fit, after: Fit, carried: Fit | None) -> str:
