@@ -80,8 +80,19 @@ class AgeingScript(Settings):
                 share = 1.0 if day >= end else (day - change.day) / (end - change.day)
                 where = f'changes.{number}.set'
                 values = _between(values, machine_config(_merged(values, change.set), where).model_dump(), share, where)
-        values['climate']['start_degC'] += self.seasons_K * float(np.sin(2 * np.pi * day / YEAR))
+        values['climate']['start_degC'] += self._season(day)
         return machine_config(values, f'day {day:g}')
+
+    def _season(self, day: float) -> float:
+        """Return how much warmer it is at a day than on average over the year, K."""
+        return self.seasons_K * float(np.sin(2 * np.pi * day / YEAR))
+
+    def telling_days(self) -> Iterator[float]:
+        """Yield the first day, those of the changes, and the days of the warmest and the coldest run after each."""
+        every = self.days
+        for begin, end in itertools.pairwise([0.0, *(change.day for change in self.changes), np.inf]):
+            days = [day for day in every if begin <= day < end]
+            yield from (begin, *(pick(days, key=self._season) for pick in (max, min) if days))
 
     def iter_runs(self) -> Iterator[tuple[float, Run]]:
         """Yield day and Run of every calibration; its noise is that of its number."""
@@ -97,7 +108,7 @@ def read_ageing(path: Path | str) -> AgeingScript:
     """Return the script of a YAML file; raises InvalidConfig where a setting of it is wrong, on any day."""
     script = checked(AgeingScript, read_yaml(path, 'an ageing script', MAX_BYTES, InvalidConfig), str(path))
     try:
-        for day in (0.0, *(change.day for change in script.changes)):
+        for day in script.telling_days():
             plan(script.config(day).plate.balls, script.order)
     except RosetteError as error:
         raise InvalidConfig(f'{path}: {error}') from error

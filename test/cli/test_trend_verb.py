@@ -233,6 +233,7 @@ def test_a_plate_that_was_clamped_anew_is_no_other_plate():
     ('changes: [{day: 30, set: {}}, {day: 10, set: {}}]', 'changes.2: wanted a day from 30, that of the change before'),
     ('runs: 3\nchanges: [{day: 30, set: {}}]', 'changes.1: wanted a day from 0, that of the change before, to 14,'),
     ('order: zigzag', 'zigzag'),
+    ('seasons_K: 40', 'day 91: climate.start_degC: wanted less than or equal to 50, got'),
     ('runs: 0', 'runs: wanted'),
     ('[]', 'wanted a mapping of settings'),
 ])
