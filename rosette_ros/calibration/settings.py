@@ -289,5 +289,5 @@ def first_free(name: str, is_taken: Callable[[str], bool]) -> str:
 def unknown_name(where: str, name: str, known: Iterable[str]) -> str:
     """Return the words for a name that does not exist, with the likely and all known ones."""
     near = difflib.get_close_matches(name, known, 1)
-    hint = f'; did you mean {near[0]}?' if near else ''
+    hint = f'; did you mean {near[0]}?' if near else '.'
     return f'{where}: unknown name {name!r}{hint} Known: {", ".join(known)}'
