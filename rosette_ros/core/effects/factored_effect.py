@@ -39,6 +39,12 @@ class RunFunction(ABC):
     depends_on: tuple[str, ...] = ('time',)
     carries: str = 'shape'
 
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and vars(self) == vars(other)
+
+    def __hash__(self) -> int:
+        return hash(type(self))
+
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return (Setting(),)
 
@@ -265,7 +271,14 @@ class FactoredEffect(Effect, ABC):
     choices: tuple[Setting, ...] = (Setting(),)
     simpler: int = 1
 
-    def __init__(self) -> None:
+    def __init__(self, name: str = '', function: RunFunction | None = None, *quantities: Quantity,
+                 **facts: str | bool | int) -> None:
+        """Make the effect that a class is, or one of a family: its name, function and amplitudes.
+
+        facts: what else Effect has, by name; amplitudes that are not given are those of the family.
+        """
+        own = {'name': name, 'function': function, 'quantities': quantities or self.quantities} if function else {}
+        vars(self).update(own, **facts)
         self.searched = (*self.chosen, *self.function.searched)
         self.depends_on, self.carries = self.function.depends_on, self.function.carries
 

@@ -40,98 +40,6 @@ class FrameEffect(FactoredEffect):
         return tuple(['xyz'.index(axis) for axis in setting.word('axes')])
 
 
-class FrameDrift(FrameEffect):
-    name = 'frame_drift'
-    plain = 'drift of the probe relative to the table'
-    meaning = 'The probe drifts steadily relative to the table, in the frame of the machine.'
-    look = ('Temperature of the hall and of the quill, time since switching on, draughts; '
-            'let the machine soak or measure faster.')
-    formula = 'd t'
-    source = 'ISO 230-3 (drift over a stated period); GUM F.1.1.2'
-    quantities = (Quantity('d', 'm/s', 'drift rate along'),)
-    function = Drift()
-
-
-class FrameDriftOnset(FrameEffect):
-    name = 'frame_drift_onset'
-    plain = 'drift of the probe from a moment'
-    meaning = 'At one moment the probe begins to drift steadily relative to the table.'
-    look = 'What was switched on, opened or loaded at that moment: a lamp, a door, a cooling unit, a workpiece.'
-    formula = 'd max(0, t - t0)'
-    source = 'ISO 230-3 (drift over a stated period)'
-    quantities = (Quantity('d', 'm/s', 'drift rate along'),)
-    function = Onset()
-
-
-class FrameDriftCurved(FrameEffect):
-    name = 'frame_drift_curved'
-    plain = 'drift of the probe along a curve'
-    meaning = 'The probe drifts relative to the table, and its rate changes steadily.'
-    look = 'Temperature of the hall and of the quill; let the machine soak or measure faster.'
-    formula = 'd t + c t^2'
-    source = 'ISO 230-3 (drift over a stated period)'
-    quantities = (Quantity('d', 'm/s', 'rate at the first reading along'),
-                  Quantity('c', 'm/s^2', 'half the change of the rate along'))
-    function = Curve()
-
-
-class FrameWarmup(FrameEffect):
-    name = 'frame_warmup'
-    plain = 'warm-up of the machine'
-    meaning = 'The probe moves relative to the table while the machine warms up, and settles.'
-    look = 'Drives, spindle and controller since switching on; start after a warm-up cycle.'
-    formula = 'd (1 - exp(-t/tau))'
-    source = 'ISO 230-3 (warm-up of the structure)'
-    quantities = (Quantity('d', 'm', 'final displacement along'),)
-    function = WarmUp()
-
-
-class FrameTemperature(FrameEffect):
-    name = 'frame_temperature'
-    plain = 'machine follows the temperature'
-    meaning = 'The probe moves relative to the table with the measured temperature.'
-    look = 'Air conditioning, sunlight, doors; the scales and the quill expand.'
-    formula = 'd (T - T0)'
-    source = 'ISO 230-3 (environmental temperature variation error)'
-    quantities = (Quantity('d', 'm/K', 'displacement per kelvin along'),)
-    function = Temperature('m', ' along')
-
-
-class FrameTemperatureLag(FrameEffect):
-    name = 'frame_temperature_lag'
-    plain = 'drift of the probe behind the temperature'
-    meaning = 'The probe moves relative to the table with the measured temperature, but later.'
-    look = 'Parts with a large heat capacity: bed, columns, table; where the sensor of the temperature is.'
-    formula = "d T', where tau dT'/dt = T - T0 - T'"
-    source = 'ISO 230-3 (environmental temperature variation error)'
-    quantities = (Quantity('d', 'm/K', 'displacement per kelvin along'),)
-    function = LaggedTemperature('m', ' along')
-
-
-class FrameCycle(FrameEffect):
-    name = 'frame_cycle'
-    plain = 'periodic motion of the machine'
-    meaning = 'The probe oscillates relative to the table with a fixed period in time.'
-    look = 'Air conditioning that switches, cooling units, hydraulic or compressed air cycles.'
-    formula = 'a cos(2 pi t/P) + b sin(2 pi t/P)'
-    source = 'ISO 230-3 (environmental temperature variation error)'
-    repeatable = True
-    quantities = (Quantity('a', 'm', 'cosine amplitude along'), Quantity('b', 'm', 'sine amplitude along'))
-    function = Cycle()
-
-
-class FrameStep(FrameEffect):
-    name = 'frame_step'
-    plain = 'sudden shift of the machine'
-    meaning = 'At one moment the probe shifted relative to the table, and stayed there.'
-    look = 'A collision, an exchanged or requalified probe, an axis that was referenced again.'
-    formula = 'd H(t - t0)'
-    source = 'physics of probe requalification'
-    repeatable = True
-    quantities = (Quantity('d', 'm', 'step along'),)
-    function = Step('step')
-
-
 class FramePulse(FrameEffect):
     name = 'frame_pulse'
     plain = 'shift of the probe for some time'
@@ -202,3 +110,63 @@ class CmmSquarenessDrift(Effect):
     def columns(self, run: Run, setting: Setting) -> Floats:
         first, second = cmm_axes(run)
         return np.asarray((run.radius * radial(run.alpha) @ second * seconds(run))[:, None, None] * first[:, None])
+
+
+FRAME_EFFECTS: tuple[Effect, ...] = (
+    FrameEffect('frame_drift', Drift(), Quantity('d', 'm/s', 'drift rate along'),
+        plain='drift of the probe relative to the table',
+        meaning='The probe drifts steadily relative to the table, in the frame of the machine.',
+        look='Temperature of the hall and of the quill, time since switching on, draughts; '
+             'let the machine soak or measure faster.',
+        formula='d t',
+        source='ISO 230-3 (drift over a stated period); GUM F.1.1.2'),
+    FrameEffect('frame_drift_onset', Onset(), Quantity('d', 'm/s', 'drift rate along'),
+        plain='drift of the probe from a moment',
+        meaning='At one moment the probe begins to drift steadily relative to the table.',
+        look='What was switched on, opened or loaded at that moment: a lamp, a door, a cooling unit, a workpiece.',
+        formula='d max(0, t - t0)',
+        source='ISO 230-3 (drift over a stated period)'),
+    FrameEffect('frame_drift_curved', Curve(), Quantity('d', 'm/s', 'rate at the first reading along'),
+        Quantity('c', 'm/s^2', 'half the change of the rate along'),
+        plain='drift of the probe along a curve',
+        meaning='The probe drifts relative to the table, and its rate changes steadily.',
+        look='Temperature of the hall and of the quill; let the machine soak or measure faster.',
+        formula='d t + c t^2',
+        source='ISO 230-3 (drift over a stated period)'),
+    FrameEffect('frame_warmup', WarmUp(), Quantity('d', 'm', 'final displacement along'),
+        plain='warm-up of the machine',
+        meaning='The probe moves relative to the table while the machine warms up, and settles.',
+        look='Drives, spindle and controller since switching on; start after a warm-up cycle.',
+        formula='d (1 - exp(-t/tau))',
+        source='ISO 230-3 (warm-up of the structure)'),
+    FrameEffect('frame_temperature', Temperature('m', ' along'),
+        Quantity('d', 'm/K', 'displacement per kelvin along'),
+        plain='machine follows the temperature',
+        meaning='The probe moves relative to the table with the measured temperature.',
+        look='Air conditioning, sunlight, doors; the scales and the quill expand.',
+        formula='d (T - T0)',
+        source='ISO 230-3 (environmental temperature variation error)'),
+    FrameEffect('frame_temperature_lag', LaggedTemperature('m', ' along'),
+        Quantity('d', 'm/K', 'displacement per kelvin along'),
+        plain='drift of the probe behind the temperature',
+        meaning='The probe moves relative to the table with the measured temperature, but later.',
+        look='Parts with a large heat capacity: bed, columns, table; where the sensor of the temperature is.',
+        formula="d T', where tau dT'/dt = T - T0 - T'",
+        source='ISO 230-3 (environmental temperature variation error)'),
+    FrameEffect('frame_cycle', Cycle(), Quantity('a', 'm', 'cosine amplitude along'),
+        Quantity('b', 'm', 'sine amplitude along'),
+        plain='periodic motion of the machine',
+        meaning='The probe oscillates relative to the table with a fixed period in time.',
+        look='Air conditioning that switches, cooling units, hydraulic or compressed air cycles.',
+        formula='a cos(2 pi t/P) + b sin(2 pi t/P)',
+        source='ISO 230-3 (environmental temperature variation error)',
+        repeatable=True),
+    FrameEffect('frame_step', Step('step'), Quantity('d', 'm', 'step along'),
+        plain='sudden shift of the machine',
+        meaning='At one moment the probe shifted relative to the table, and stayed there.',
+        look='A collision, an exchanged or requalified probe, an axis that was referenced again.',
+        formula='d H(t - t0)',
+        source='physics of probe requalification',
+        repeatable=True),
+    FramePulse(), FrameRecovery())
+"""In the order of tables and pages."""

@@ -12,19 +12,10 @@ from rosette_ros.core.errors import InvalidModel, unknown
 from rosette_ros.core.records import Run
 
 EFFECTS: dict[str, Effect] = {one.name: one for one in (
-    frame.FrameDrift(), frame.FrameDriftOnset(), frame.FrameDriftCurved(), frame.FrameWarmup(),
-    frame.FrameTemperature(), frame.FrameTemperatureLag(), frame.FrameCycle(), frame.FrameStep(), frame.FramePulse(),
-    frame.FrameRecovery(), table.TableZeroDrift(), table.TableZeroWarmup(), table.TableZeroTemperature(),
-    table.TableZeroStep(), table.AxisTiltDrift(), table.AxisTiltWarmup(), table.AxisTiltTemperature(),
-    table.AxisTiltStep(), table.TableBacklash(), table.TableBacklashAngle(), table.EncoderInterpolation(),
-    table.AsynchronousMotion(), table.TableWarmup(),
-    plate.PlateCreep(), plate.PlateCreepSettling(), plate.PlateSlip(), plate.PlateTiltStep(),
-    plate.PlateTiltSettling(), plate.PlateExpansion(), plate.PlateExpansionLag(), plate.PlateSoaking(),
-    plate.PlateWarp(), plate.PlateSupport(),
-    ball.BallSlip(), ball.BallCreep(), ball.BallRattle(), ball.BallMachineOffset(), ball.BallSag(),
-    ball.BallForm(),
-    frame.CmmScaleDrift(), frame.CmmSquarenessDrift(), reading.CmmReversal(), reading.CmmReversalPosition(),
-    reading.ProbeApproach(), reading.Outlier())}
+    *frame.FRAME_EFFECTS, *table.TABLE_EFFECTS, *plate.PLATE_EFFECTS, ball.BallSlip(), ball.BallCreep(),
+    ball.BallRattle(), ball.BallMachineOffset(), ball.BallSag(), ball.BallForm(), frame.CmmScaleDrift(),
+    frame.CmmSquarenessDrift(), reading.CmmReversal(), reading.CmmReversalPosition(), reading.ProbeApproach(),
+    reading.Outlier())}
 """By name; their order is that of every table and page."""
 
 

@@ -42,26 +42,6 @@ class PlateShift(FactoredEffect):
         return Motion(shift=self.course(run, setting).T * [*amplitudes, 0])
 
 
-class PlateCreep(PlateShift):
-    name = 'plate_creep'
-    plain = 'creep of the plate'
-    meaning = 'The plate slides slowly on the table.'
-    look = 'Clamps, wax or magnets that hold the plate; forces of cables on the plate.'
-    formula = 'R_z(phi) d t'
-    quantities = per_axis('xy', Quantity('d', 'm/s', "creep rate along the plate's"))
-    function = Drift()
-
-
-class PlateCreepSettling(PlateShift):
-    name = 'plate_creep_settling'
-    plain = 'creep of the plate that comes to rest'
-    meaning = 'The plate slides on the table ever more slowly, until it rests.'
-    look = 'Wax, glue or magnets that hold the plate; let the plate rest after clamping.'
-    formula = 'R_z(phi) d (1 - exp(-t/tau))'
-    quantities = per_axis('xy', Quantity('d', 'm', "final shift along the plate's"))
-    function = WarmUp()
-
-
 class PlateSlip(FactoredEffect):
     name = 'plate_slip'
     plain = 'slip of the plate'
@@ -125,29 +105,6 @@ class PlateGrowth(FactoredEffect):
         return Motion(growth=amplitudes @ self.course(run, setting))
 
 
-class PlateSoaking(PlateGrowth):
-    name = 'plate_soaking'
-    plain = 'expansion of the plate until it has soaked'
-    meaning = 'The plate grows or shrinks towards a size as it takes the temperature of the cell.'
-    look = 'A plate from a store, a washer or warm hands; let it soak before measuring.'
-    formula = 'epsilon R e_r (1 - exp(-t/tau))'
-    source = 'ISO 1 and ISO 10360 (thermal expansion)'
-    quantities = (Quantity('epsilon', 'm/m', 'final relative growth'),)
-    function = WarmUp()
-
-
-class PlateExpansionLag(PlateGrowth):
-    name = 'plate_expansion_lag'
-    plain = 'expansion of the plate behind the temperature'
-    meaning = 'The plate grows and shrinks with the measured temperature, but later.'
-    look = 'A thick plate, or a sensor that is not on the plate: measure the temperature of the plate itself.'
-    formula = "epsilon R e_r T', where tau dT'/dt = T - T0 - T'"
-    source = 'ISO 1 and ISO 10360 (thermal expansion)'
-    quantities = (Quantity('epsilon', '1/K', 'relative growth'),)
-    function = LaggedTemperature('m/m')
-    simpler = 10  # to follow at once is, and looks alike where an order hides much
-
-
 HIGHEST = 0.3
 """Greatest height of the balls above the supports or clamps of the plate that is tried, or below them, m."""
 
@@ -191,25 +148,6 @@ class PlateOnSupports(FactoredEffect):
         # the balls turn about the supports, not about their own centre: h (e_z - R' e_z), to second order
         return Motion(rotate_z(run.phi, course * [x, y, 0]), shift=course * [height * y, -height * x, d_z],
                       beyond=course**2 * [0, 0, 0.5 * height * (x**2 + y**2)])
-
-
-class PlateTiltStep(PlateOnSupports):
-    name = 'plate_tilt_step'
-    plain = 'sudden tilt of the plate'
-    meaning = 'At one moment the plate tilted on the table, and stayed so.'
-    look = 'Feet, shims and clamps of the plate: one that was not seated, a chip that broke, a clamp that let go.'
-    formula = 'R_z(phi) (d_z e_z + theta x (b + h e_z)) H(t - t0), theta in x and y'
-    repeatable = True
-    function = Step('tilt')
-
-
-class PlateTiltSettling(PlateOnSupports):
-    name = 'plate_tilt_settling'
-    plain = 'settling of the plate on its supports'
-    meaning = 'The plate tilts on the table ever more slowly, until it rests.'
-    look = 'Feet on soft or warm ground, wax, pads, shims; clamp the plate and let it rest before measuring.'
-    formula = 'R_z(phi) (d_z e_z + theta x (b + h e_z)) (1 - exp(-t/tau)), theta in x and y'
-    function = WarmUp()
 
 
 class PlateWarp(Effect):
@@ -271,3 +209,44 @@ class PlateSupport(Effect):
             angle = around + TRAVELLING[setting.word('wave')] * turns
             waves = [np.cos(angle), np.sin(angle)]
         return np.asarray(along[setting.word('part')][:, :, None] * np.stack(waves, axis=-1)[:, None])
+
+
+PLATE_EFFECTS: tuple[Effect, ...] = (
+    PlateShift('plate_creep', Drift(), *per_axis('xy', Quantity('d', 'm/s', "creep rate along the plate's")),
+        plain='creep of the plate',
+        meaning='The plate slides slowly on the table.',
+        look='Clamps, wax or magnets that hold the plate; forces of cables on the plate.',
+        formula='R_z(phi) d t'),
+    PlateShift('plate_creep_settling', WarmUp(), *per_axis('xy', Quantity('d', 'm', "final shift along the plate's")),
+        plain='creep of the plate that comes to rest',
+        meaning='The plate slides on the table ever more slowly, until it rests.',
+        look='Wax, glue or magnets that hold the plate; let the plate rest after clamping.',
+        formula='R_z(phi) d (1 - exp(-t/tau))'),
+    PlateSlip(),
+    PlateOnSupports('plate_tilt_step', Step('tilt'),
+        plain='sudden tilt of the plate',
+        meaning='At one moment the plate tilted on the table, and stayed so.',
+        look='Feet, shims and clamps of the plate: one that was not seated, a chip that broke, a clamp that let go.',
+        formula='R_z(phi) (d_z e_z + theta x (b + h e_z)) H(t - t0), theta in x and y',
+        repeatable=True),
+    PlateOnSupports('plate_tilt_settling', WarmUp(),
+        plain='settling of the plate on its supports',
+        meaning='The plate tilts on the table ever more slowly, until it rests.',
+        look='Feet on soft or warm ground, wax, pads, shims; clamp the plate and let it rest before measuring.',
+        formula='R_z(phi) (d_z e_z + theta x (b + h e_z)) (1 - exp(-t/tau)), theta in x and y'),
+    PlateExpansion(),
+    PlateGrowth('plate_expansion_lag', LaggedTemperature('m/m'), Quantity('epsilon', '1/K', 'relative growth'),
+        plain='expansion of the plate behind the temperature',
+        meaning='The plate grows and shrinks with the measured temperature, but later.',
+        look='A thick plate, or a sensor that is not on the plate: measure the temperature of the plate itself.',
+        formula="epsilon R e_r T', where tau dT'/dt = T - T0 - T'",
+        source='ISO 1 and ISO 10360 (thermal expansion)',
+        simpler=10),  # to follow at once is, and looks alike where an order hides much
+    PlateGrowth('plate_soaking', WarmUp(), Quantity('epsilon', 'm/m', 'final relative growth'),
+        plain='expansion of the plate until it has soaked',
+        meaning='The plate grows or shrinks towards a size as it takes the temperature of the cell.',
+        look='A plate from a store, a washer or warm hands; let it soak before measuring.',
+        formula='epsilon R e_r (1 - exp(-t/tau))',
+        source='ISO 1 and ISO 10360 (thermal expansion)'),
+    PlateWarp(), PlateSupport())
+"""In the order of tables and pages."""

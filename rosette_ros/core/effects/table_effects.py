@@ -27,50 +27,6 @@ class TableAngle(FactoredEffect, TurningEffect):
         return run.radius * tangential(run.alpha)[None]
 
 
-class TableZeroDrift(TableAngle):
-    name = 'table_zero_drift'
-    plain = "drift of the table's angle"
-    meaning = "The table's angle drifts steadily relative to its encoder."
-    look = 'Encoder mount, coupling between encoder and table, heat of the torque motor.'
-    formula = 'omega t R e_t'
-    source = 'ISO 230-3 (distortion caused by rotary motion)'
-    quantities = (Quantity('omega', 'rad/s', 'rate of turn of the zero'),)
-    function = Drift()
-
-
-class TableZeroTemperature(TableAngle):
-    name = 'table_zero_temperature'
-    plain = "table's angle follows the temperature"
-    meaning = "The table's angle moves relative to its encoder with the measured temperature."
-    look = 'Encoder mount and coupling, air conditioning, sunlight on one side of the table.'
-    formula = 'omega R e_t (T - T0)'
-    source = 'ISO 230-3 (environmental temperature variation error)'
-    quantities = (Quantity('omega', 'rad/K', 'turn of the zero per kelvin'),)
-    function = Temperature('rad')
-
-
-class TableZeroWarmup(TableAngle):
-    name = 'table_zero_warmup'
-    plain = "warm-up of the table's angle"
-    meaning = "The table's angle drifts relative to its encoder while the table warms up, and settles."
-    look = 'Encoder mount, coupling, heat of the torque motor; a plate that turns on the table until it rests.'
-    formula = 'omega R e_t (1 - exp(-t/tau))'
-    source = 'ISO 230-3 (distortion caused by rotary motion)'
-    quantities = (Quantity('omega', 'rad', 'final turn of the zero'),)
-    function = WarmUp()
-
-
-class TableZeroStep(TableAngle):
-    name = 'table_zero_step'
-    plain = "jump of the table's angle"
-    meaning = "At one moment the table's angle jumped relative to its encoder."
-    look = 'Encoder: lost counts, referencing again, a coupling that slipped; a collision.'
-    formula = 'omega R e_t H(t - t0)'
-    source = 'physics of incremental encoders'
-    quantities = (Quantity('omega', 'rad', 'jump of the angle'),)
-    function = Step('jump')
-
-
 class AxisTilt(FactoredEffect):
     """The table axis tilts in the machine; quantities: about one axis, without its letter."""
 
@@ -85,50 +41,6 @@ class AxisTilt(FactoredEffect):
     def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion:
         tilt = self.course(run, setting).T @ amplitudes.reshape(-1, 2)
         return Motion(np.hstack([tilt, np.zeros((run.size, 1))]))
-
-
-class AxisTiltDrift(AxisTilt):
-    name = 'axis_tilt_drift'
-    plain = "drift of the table's tilt"
-    meaning = 'The table axis tilts steadily in the machine.'
-    look = 'Foundation, levelling feet, one-sided heat on the machine bed.'
-    formula = 'R (theta_x sin alpha - theta_y cos alpha) t along z'
-    source = 'ISO 230-3 (thermal distortion)'
-    quantities = (Quantity('theta', 'rad/s', 'tilt rate about'),)
-    function = Drift()
-
-
-class AxisTiltTemperature(AxisTilt):
-    name = 'axis_tilt_temperature'
-    plain = "table's tilt follows the temperature"
-    meaning = 'The table axis tilts in the machine with the measured temperature.'
-    look = 'Air conditioning, sunlight or a wall on one side of the machine bed; layers of warm air.'
-    formula = 'R (theta_x sin alpha - theta_y cos alpha) (T - T0) along z'
-    source = 'ISO 230-3 (environmental temperature variation error)'
-    quantities = (Quantity('theta', 'rad/K', 'tilt per kelvin about'),)
-    function = Temperature('rad', ' about')
-
-
-class AxisTiltWarmup(AxisTilt):
-    name = 'axis_tilt_warmup'
-    plain = "warm-up of the table's tilt"
-    meaning = 'The table axis tilts in the machine while the machine warms up, and settles.'
-    look = 'One-sided heat on the machine bed, coolant, time since switching on; start after a warm-up cycle.'
-    formula = 'R (theta_x sin alpha - theta_y cos alpha) (1 - exp(-t/tau)) along z'
-    source = 'ISO 230-3 (thermal distortion)'
-    quantities = (Quantity('theta', 'rad', 'final tilt about'),)
-    function = WarmUp()
-
-
-class AxisTiltStep(AxisTilt):
-    name = 'axis_tilt_step'
-    plain = "sudden tilt of the table's axis"
-    meaning = 'At one moment the table axis tilted in the machine, and stayed so.'
-    look = 'Levelling feet and foundation that settle, a load set on the machine bed, a collision.'
-    formula = 'R (theta_x sin alpha - theta_y cos alpha) H(t - t0) along z'
-    source = 'physics of machine beds'
-    quantities = (Quantity('theta', 'rad', 'tilt about'),)
-    function = Step('tilt')
 
 
 class TableBacklash(TurningEffect):
@@ -199,18 +111,6 @@ class EncoderLines(RunFunction):
     def at(self, run: Run, values: Floats) -> Floats:
         angle = values * (run.phi + run.angle_deviation)
         return np.stack([np.cos(angle), np.sin(angle)], axis=1)
-
-
-class EncoderInterpolation(TableAngle):
-    name = 'encoder_interpolation'
-    plain = 'interpolation error of the encoder'
-    meaning = "The table's angle has an error that repeats with every period of its encoder."
-    look = 'Amplitudes, offsets and phase of the encoder signals; dirt on the graduation; interpolation electronics.'
-    formula = 'R e_t (a cos(L theta) + b sin(L theta)), theta the actual angle of the table'
-    source = 'ISO 230-2 (positioning); interpolation error of incremental encoders'
-    repeatable = True
-    quantities = (Quantity('a', 'rad', 'cosine amplitude'), Quantity('b', 'rad', 'sine amplitude'))
-    function = EncoderLines()
 
 
 _MOTIONS = {'radial': (0, 1), 'axial': (2,), 'tilt': (3, 4), 'all': (0, 1, 2, 3, 4)}
@@ -330,3 +230,67 @@ class TableWarmup(Effect):
     def columns(self, run: Run, setting: Setting) -> Floats:
         growth = -np.expm1(-self._travelled(run, setting.word('angle', TURNED)) / setting.number('psi0'))
         return (growth[:, None] * unit(2, run.size))[..., None]
+
+
+TABLE_EFFECTS: tuple[Effect, ...] = (
+    TableAngle('table_zero_drift', Drift(), Quantity('omega', 'rad/s', 'rate of turn of the zero'),
+        plain="drift of the table's angle",
+        meaning="The table's angle drifts steadily relative to its encoder.",
+        look='Encoder mount, coupling between encoder and table, heat of the torque motor.',
+        formula='omega t R e_t',
+        source='ISO 230-3 (distortion caused by rotary motion)'),
+    TableAngle('table_zero_warmup', WarmUp(), Quantity('omega', 'rad', 'final turn of the zero'),
+        plain="warm-up of the table's angle",
+        meaning="The table's angle drifts relative to its encoder while the table warms up, and settles.",
+        look='Encoder mount, coupling, heat of the torque motor; a plate that turns on the table until it rests.',
+        formula='omega R e_t (1 - exp(-t/tau))',
+        source='ISO 230-3 (distortion caused by rotary motion)'),
+    TableAngle('table_zero_temperature', Temperature('rad'),
+        Quantity('omega', 'rad/K', 'turn of the zero per kelvin'),
+        plain="table's angle follows the temperature",
+        meaning="The table's angle moves relative to its encoder with the measured temperature.",
+        look='Encoder mount and coupling, air conditioning, sunlight on one side of the table.',
+        formula='omega R e_t (T - T0)',
+        source='ISO 230-3 (environmental temperature variation error)'),
+    TableAngle('table_zero_step', Step('jump'), Quantity('omega', 'rad', 'jump of the angle'),
+        plain="jump of the table's angle",
+        meaning="At one moment the table's angle jumped relative to its encoder.",
+        look='Encoder: lost counts, referencing again, a coupling that slipped; a collision.',
+        formula='omega R e_t H(t - t0)',
+        source='physics of incremental encoders'),
+    AxisTilt('axis_tilt_drift', Drift(), Quantity('theta', 'rad/s', 'tilt rate about'),
+        plain="drift of the table's tilt",
+        meaning='The table axis tilts steadily in the machine.',
+        look='Foundation, levelling feet, one-sided heat on the machine bed.',
+        formula='R (theta_x sin alpha - theta_y cos alpha) t along z',
+        source='ISO 230-3 (thermal distortion)'),
+    AxisTilt('axis_tilt_warmup', WarmUp(), Quantity('theta', 'rad', 'final tilt about'),
+        plain="warm-up of the table's tilt",
+        meaning='The table axis tilts in the machine while the machine warms up, and settles.',
+        look='One-sided heat on the machine bed, coolant, time since switching on; start after a warm-up cycle.',
+        formula='R (theta_x sin alpha - theta_y cos alpha) (1 - exp(-t/tau)) along z',
+        source='ISO 230-3 (thermal distortion)'),
+    AxisTilt('axis_tilt_temperature', Temperature('rad', ' about'),
+        Quantity('theta', 'rad/K', 'tilt per kelvin about'),
+        plain="table's tilt follows the temperature",
+        meaning='The table axis tilts in the machine with the measured temperature.',
+        look='Air conditioning, sunlight or a wall on one side of the machine bed; layers of warm air.',
+        formula='R (theta_x sin alpha - theta_y cos alpha) (T - T0) along z',
+        source='ISO 230-3 (environmental temperature variation error)'),
+    AxisTilt('axis_tilt_step', Step('tilt'), Quantity('theta', 'rad', 'tilt about'),
+        plain="sudden tilt of the table's axis",
+        meaning='At one moment the table axis tilted in the machine, and stayed so.',
+        look='Levelling feet and foundation that settle, a load set on the machine bed, a collision.',
+        formula='R (theta_x sin alpha - theta_y cos alpha) H(t - t0) along z',
+        source='physics of machine beds'),
+    TableBacklash(), TableBacklashAngle(),
+    TableAngle('encoder_interpolation', EncoderLines(), Quantity('a', 'rad', 'cosine amplitude'),
+        Quantity('b', 'rad', 'sine amplitude'),
+        plain='interpolation error of the encoder',
+        meaning="The table's angle has an error that repeats with every period of its encoder.",
+        look='Amplitudes, offsets and phase of the encoder signals; dirt on the graduation; interpolation electronics.',
+        formula='R e_t (a cos(L theta) + b sin(L theta)), theta the actual angle of the table',
+        source='ISO 230-2 (positioning); interpolation error of incremental encoders',
+        repeatable=True),
+    AsynchronousMotion(), TableWarmup())
+"""In the order of tables and pages."""
