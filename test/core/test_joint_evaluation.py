@@ -100,6 +100,19 @@ def test_the_turn_of_a_plate_shows_in_its_deviations(turn):
     assert found_turn(first, measured(seed=2)[1]) == 0
 
 
+@pytest.mark.parametrize(('balls', 'turn'), [
+    ((1, 2, 4, 8, 9), 0.0), ((1, 3, 4, 6, 8, 9, 10), 0.0), ((1, 3, 4, 6, 8, 9, 10), 90.0)])
+def test_the_turn_of_some_balls_is_not_guessed(balls, turn):
+    """Where a turn brings one or two balls to measured places, no distances are left that could differ."""
+    pitches = round(turn / 30)
+    found = []
+    for angle, used in ((0.0, balls), (turn, sorted((ball - 1 + pitches) % 12 + 1 for ball in balls))):
+        run = Machine(config(n=12, clamping={'plate_turn_deg': angle})).run(plan(12, balls=used))
+        noise = 1e-7 * np.random.default_rng(round(angle)).standard_normal(run.centre.shape)
+        found.append(Readings.of(run.replace(centre=run.centre + len(found) * noise)))
+    assert np.rad2deg(found_turn(*found)) == pytest.approx(turn, abs=1e-9)
+
+
 def test_a_turned_plate_is_one_plate():
     """Its placement is free, its deviations are shared, and the curves agree with the truth."""
     (machine, first), (_, second) = measured(), measured(turn=90.0, noise=1)

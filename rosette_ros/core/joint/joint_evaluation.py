@@ -25,7 +25,9 @@ NO_NOISE = 1e-12
 NEAR, NEARLY_ALONG = 1e-3, 5e-3
 """Table frames that differ by less, m and rad, are two findings of one."""
 SAME_PLATE = 0.5
-"""Distances of balls differ by less than this share of what the best other turn leaves, where a turn is found."""
+"""Distances of balls differ by less than this share of the median of all turns, where a turn is found."""
+LEAST_DISTANCES = 6
+"""Distances, those of four balls, that two runs have in common at least after a turn that is looked at."""
 
 
 @dataclass(frozen=True)
@@ -253,11 +255,16 @@ def found_turn(first: Readings, other: Readings) -> float:
     """
     if not first.plate.is_regular:
         return 0.0
-    n = first.plate.balls
+    n, left = first.plate.balls, dict[int, float]()
     one, two = (_distances(run) for run in (first, other))
-    left = [np.nanstd(two - np.roll(one, (pitches, pitches), (0, 1))) for pitches in range(n)]
-    best = int(np.argmin(left))
-    is_clear = left[best] < SAME_PLATE * float(np.median(left))
+    pairs = np.triu_indices(n, 1)
+    for pitches in range(n):
+        apart = (two - np.roll(one, (pitches, pitches), (0, 1)))[pairs]
+        apart = apart[np.isfinite(apart)]
+        if apart.size >= min(LEAST_DISTANCES, pairs[0].size):
+            left[pitches] = float(np.std(apart))
+    best = min(left, key=lambda pitches: left[pitches], default=0)
+    is_clear = best > 0 and left[best] < SAME_PLATE * float(np.median([*left.values()]))
     return 2 * np.pi * best / n if is_clear else 0.0
 
 
