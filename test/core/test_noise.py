@@ -10,6 +10,7 @@ from synthetic import synthetic_run
 from rosette_ros.analysis import analyse
 from rosette_ros.core.diagnosis.comparison import compare
 from rosette_ros.core.diagnosis.diagnosis import find, judge
+from rosette_ros.core.diagnosis.noise_choice import noise_problem
 from rosette_ros.core.diagnosis.noise_search import NoiseProblem, estimate
 from rosette_ros.core.diagnosis.verdict import Outcome
 from rosette_ros.core.errors import InvalidModel
@@ -222,6 +223,16 @@ def test_equal_axes_at_few_cmm_positions_stay_equal():
     for seed in range(5):
         offset = SIGMA * np.random.default_rng(seed).standard_normal((run.size, 3))
         assert analyse(run.replace(centre=run.centre + offset)).noise.is_white, seed
+
+
+@pytest.mark.parametrize('seed', [5, 8, 9])
+def test_places_without_a_reading_cost_nothing(seed):
+    """At 8 of 24 CMM positions, one of which scatters 2.2 times as much, eight sizes are estimated, not 21."""
+    run = planned_run(plan(24, 'random', cmm_positions=(1, 2, 7, 9, 12, 16, 18, 21)), 0.1825)
+    size = np.where(run.cmm_position == 7, 2.2, 1.0)[:, None]
+    offset = SIGMA * size * np.random.default_rng(seed).standard_normal((run.size, 3))
+    found = fit(run.replace(centre=run.centre + offset))
+    assert estimate(noise_problem(found)).noise.by == 'CMM position'
 
 
 @pytest.mark.parametrize('by', ['', 'CMM position'])

@@ -303,7 +303,7 @@ class NoiseFit:
             factors = np.maximum(np.exp(0.5 * logs * spread / (spread + 2 / dof)), min(max(least, LEAST_FACTOR), 1.0))
             factors = factors / np.sqrt(np.mean(factors[index]**2))
             fitted = self.problem.at(replace(noise, by=by, factors=factors))
-        return self._kept(fitted.noise, len(hot))
+        return self._kept(fitted.noise, int(np.count_nonzero(hot.any(axis=1))))
 
     def _with_tail(self, per: str) -> 'NoiseFit':
         """Return the fit with Student weights, by the degrees of freedom of the largest likelihood.
