@@ -48,8 +48,8 @@ class Correction:
 
     @property
     def harmonics(self) -> int:
-        """The highest harmonic of the table angle."""
-        return self.forward.angle.size // 2
+        """The highest harmonic of the table angle, in the sense in which fewer are known."""
+        return min(self.forward.angle.size, self.backward.angle.size) // 2
 
     def errors(self, angle: ArrayLike, sense: int = 1) -> Floats:
         """Return the six errors at angles (m,), rad, for the sense of the last move, (m, 6); not corrected ones are 0.
@@ -65,8 +65,8 @@ class Correction:
 
     def curvature(self) -> Floats:
         """Return bounds of the second derivative of the six errors by the angle, both senses, (6,), m/rad^2, 1/rad."""
-        orders = _orders(self.forward.angle.size)[:, None]**2
-        return np.asarray(np.max([np.abs(orders * one).sum(axis=0) for one in self._amplitudes], axis=0))
+        bounds = [np.abs(_orders(len(one))[:, None]**2 * one).sum(axis=0) for one in self._amplitudes]
+        return np.asarray(np.max(bounds, axis=0))
 
     def pose(self, angle: float, sense: int = 1) -> tuple[Floats, Floats]:
         """Return how a table at an angle stands in the frame that was turned by it: shift (3,), m, rotation (3,), rad.

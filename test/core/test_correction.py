@@ -92,6 +92,16 @@ def test_the_bound_of_the_bend_holds_in_both_senses(before):
     assert (alone[0] < alone[1]).tolist() == [True] * 3 + [False] * 3
 
 
+def test_senses_known_at_different_angles_go_together():
+    """Each sense has the harmonics of its own angles; the bound of the bend is that of both."""
+    many, few = (ErrorMotions(TWO_PI * np.arange(count) / count, 1e-7 * np.random.default_rng(count).standard_normal(
+        (count, 6)), np.full((count, 6), 1e-8)) for count in (12, 6))
+    both, alone = Correction(many, few), [Correction(one, one).curvature() for one in (many, few)]
+    np.testing.assert_array_equal(both.curvature(), np.maximum(*alone))
+    np.testing.assert_allclose(both.errors(few.angle, -1), few.values, atol=1e-18)
+    assert both.harmonics == 3
+
+
 def test_pose_and_point_are_one_body(before):
     """The pose in the turned frame and a point of the table in the fixed one describe the same place."""
     correction, angle, point = Correction(before, before), 2.1, np.array([0.2, -0.1, 0.05])
