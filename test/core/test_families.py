@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 from synthetic import RADIUS, synthetic_run
 
+from rosette_ros.core.axes import axis_rotation
 from rosette_ros.core.diagnosis.diagnosis import diagnose, find
 from rosette_ros.core.diagnosis.verdict import Outcome
-from rosette_ros.core.effects.free_forms import FREE_FORMS
+from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.effects.free_forms import FREE_FORMS, axes_words
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.effects.run_functions import COARSE, lagged, last_move, temperature_change, temperature_waves
 from rosette_ros.core.geometry import rotate_z
@@ -267,6 +269,17 @@ def test_a_free_form_can_stay_as_a_term():
     assert fit(run).rms > 1.5 * SIGMA
     assert fit(run, model, (model.terms[0].fixed,)).rms < 1.1 * SIGMA
     assert Model.from_mapping(model.to_mapping()) == model
+
+
+@pytest.mark.parametrize(('axis', 'words'), [
+    (None, ''), ((0, 0, 1), ''), ((1, 0, 0), ' of the table'), ((0.3, 0, 1), ' of the table')])
+def test_free_forms_tell_whose_axes_they_are_along(axis, words):
+    """Effects of the frame are named by the axes of the machine, free forms by those of the table."""
+    run = measured(TRUTHS['ball_creep']).replace(rotation=None if axis is None else axis_rotation(axis))
+    assert axes_words(run) == words
+    text = FREE_FORMS['free_time'].describe(Setting(axes='xy', count=4), axes_words(run), 'z')
+    assert text == (f'it changes with time along a curve, in x and y{words}, perhaps in z too, which this order hardly '
+                    'shows')
 
 
 @pytest.mark.parametrize('name', FREE_FORMS)

@@ -20,7 +20,7 @@ from rosette_ros.core.diagnosis.recovered_shape import Shape, recovered_shapes
 from rosette_ros.core.diagnosis.right_shape import free_instead, replaced_words, right_shapes
 from rosette_ros.core.diagnosis.search import BRANCHES, SWAPPED, Member, Problem, Selection, searched_count
 from rosette_ros.core.diagnosis.verdict import Verdict, decide, left_over
-from rosette_ros.core.effects.free_forms import FreeForm
+from rosette_ros.core.effects.free_forms import FreeForm, axes_words
 from rosette_ros.core.effects.library import effects_of
 from rosette_ros.core.errors import InvalidData, NotDeterminable
 from rosette_ros.core.model.least_squares import Fit, FittedEffect, JointSpace, Parameter, fit
@@ -168,7 +168,8 @@ class RunSearch:
         named = tuple(member for member in members if member.named)
         missing = tuple(dict.fromkeys([*self.absent, *(member.name for member in named)]))
         final = self._final
-        shapes = [one.effect.describe(one.setting, axis_open(self.problem, self.chosen, place), replaced_words(one))
+        shapes = [one.effect.describe(one.setting, axes_words(self.run), axis_open(self.problem, self.chosen, place),
+                                      replaced_words(one))
                   for place, one in enumerate(members) if isinstance(one.effect, FreeForm)]
         if beneath := [member.name for member in members if member.beneath]:
             shapes.append(

@@ -15,7 +15,7 @@ from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE
 from rosette_ros.core.diagnosis.right_shape import forms_beside
 from rosette_ros.core.diagnosis.search import Member, Problem, Selection, searched_count
 from rosette_ros.core.effects.effect import Setting
-from rosette_ros.core.effects.free_forms import FREE_FORMS, FreeForm, directions
+from rosette_ros.core.effects.free_forms import FREE_FORMS, FreeForm, axes_words, directions
 from rosette_ros.core.records import Floats
 
 MOST_POINTS = 200
@@ -95,8 +95,8 @@ def _shape(problem: Problem, selection: Selection, place: int) -> Shape | None:
         both = [amplitude[own] @ basis for amplitude in amplitudes]
         u = sigma * np.linalg.norm(root[own].T @ basis, axis=0)
         curves.append(ShapeCurve(axis, carrier, both[0], u, both[1] if member.named else None))
-    return Shape(form.name, form.setting, form.effect.describe(form.setting), member.name if member.named else '',
-                 course.name, course.unit, course.values[at], tuple(curves))
+    return Shape(form.name, form.setting, form.effect.describe(form.setting, axes_words(problem.run)),
+                 member.name if member.named else '', course.name, course.unit, course.values[at], tuple(curves))
 
 
 def _best_form(problem: Problem, rest: Selection, member: Member) -> Member | None:

@@ -53,7 +53,7 @@ class FreeForm(Effect):
     """Carriers times functions of a variable along some directions.
 
     words: what it depends on, with the values of a setting in braces; grid: the settings to try; course: of a setting.
-    Its setting `axes` are axes of the machine (`xz`), or one of TURNING.
+    Its setting `axes` are axes of the table frame (`xz`), which stands still, or one of TURNING.
     """
 
     look = 'What the residual depends on, in the cell.'
@@ -65,15 +65,15 @@ class FreeForm(Effect):
         self.meaning = f'A free form: the residual {words.format_map(_Blanks())}.'
         self.formula = 'any function, as a sum of smooth ones'
         self.grid, self.course = grid, course
-        self.searched = (*searched, Searched('axes', '', 'axes of the machine, of the plate, radial or tangential'))
+        self.searched = (*searched, Searched('axes', '', 'axes of the table frame, of the plate, radial or tangential'))
 
-    def describe(self, setting: Setting, axis_open: str = '', instead: str = '') -> str:
-        """Return what the shape depends on, in words; axis_open: another axis along which it may be, too;
-        instead: how it compares with effects that it replaces, in words."""
+    def describe(self, setting: Setting, of: str = '', axis_open: str = '', instead: str = '') -> str:
+        """Return what the shape depends on, in words; of: whose x, y and z are meant, as of `axes_words`; axis_open:
+        another axis along which it may be, too; instead: how it compares with effects that it replaces, in words."""
         frame, _, axes = setting.word('axes').rpartition(' ')
         along = ' and '.join(axes).replace('x and y and z', 'x, y and z')
         where = {'radial': 'in the radial direction', 'tangential': 'in the tangential direction'}.get(
-            axes, f"along the plate's {along}" if frame else f'in {along}')
+            axes, f"along the plate's {along}" if frame else f'in {along}{of}')
         where += f', perhaps in {axis_open} too, which this order hardly shows' if axis_open else ''
         words = {name: f'{float(f"{value:.4g}"):g}' if isinstance(value, float) else value
                  for name, value in setting.items()}
@@ -111,6 +111,11 @@ class FreeForm(Effect):
         return out
 
 
+def axes_words(run: Run) -> str:
+    """Return whose axes x, y and z of a free form are, in words, where they are not along those of the machine."""
+    return '' if np.array_equal(on.along_machine(run)[:, 0], np.eye(3)) else ' of the table'
+
+
 def _without_axes(setting: Setting) -> Setting:
     return Setting({name: value for name, value in setting.items() if name != 'axes'})
 
@@ -135,7 +140,7 @@ def _single(axes: str) -> list[str]:
 
 @lru_cache(maxsize=16)
 def unit_vectors(run: Run, axes: str) -> Floats:
-    """Return the unit vectors of a setting's axes in the machine, (N, 3, d)."""
+    """Return the unit vectors of a setting's axes in the table frame, (N, 3, d)."""
     if axes in TURNING[1:]:
         return (on.radial if axes == 'radial' else on.tangential)(run.alpha)[:, :, None]
     frame, _, letters = axes.rpartition(' ')

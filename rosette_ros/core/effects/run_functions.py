@@ -157,9 +157,9 @@ def axial_tilts(run: Run) -> Floats:
 
 
 def last_move(run: Run) -> tuple[Floats, Bools]:
-    """Return the direction in the machine of the CMM's last move before each reading, (N,), rad, and if known, (N, 1).
+    """Return the azimuth of the CMM's last move before each reading, (N,), rad, and if known, (N, 1).
 
-    A ball at the same place is reached by the move before.
+    It is one in the table frame. A ball at the same place is reached by the move before.
     """
     move = np.diff(radial(run.alpha), axis=0, prepend=radial(run.alpha)[:1])
     moved = np.linalg.norm(move, axis=1) > 1e-9
