@@ -55,8 +55,8 @@ class Visibility(Share):
     """What a run shows of one effect.
 
     bias: (6,) largest change of each curve, m or rad, by an amplitude of any choice that moves the balls by one metre
-    rms; detectable: rms displacement of the balls that is found nearly always, m, inf where hidden; alike:
-    effects whose visible part has the same shape.
+    rms; detectable: rms displacement of the balls, by the amplitude that is seen best, that is found nearly always, m,
+    inf where hidden; alike: effects whose visible part has the same shape.
     """
 
     bias: Floats
@@ -138,8 +138,8 @@ def _visible_part(run: Run, effect: Effect, setting: Setting, space: BaseSpace) 
         return np.inf, np.zeros((0, 3 * run.size))
     visible = space.residual(columns).reshape(len(columns), -1)
     singular, rows = np.linalg.svd(visible, full_matrices=False)[1:]
-    weakest = np.linalg.norm(visible, axis=1).max()
-    detectable = DETECTABLE / weakest if weakest > 1e-6 else np.inf
+    best_seen = np.linalg.norm(visible, axis=1).max()
+    detectable = DETECTABLE / best_seen if best_seen > 1e-6 else np.inf
     return float(detectable), rows[singular > 1e-3 * max(singular[0], 1e-12)]
 
 
