@@ -167,6 +167,17 @@ def test_noise_is_told_as_noise(kind):
     assert all(words in one.sentence for one in verdicts)
 
 
+@pytest.mark.parametrize('order', ['column', 'diagonal', 'random'])
+@pytest.mark.parametrize('factor', [3.0, 5.0])
+def test_a_ball_that_scatters_more_makes_no_shape(factor, order):
+    """A form of as many coefficients as the ball has readings describes any noise: it is no course of the ball."""
+    run = synthetic_run(12, order, 2, repeatability=SIGMA)[0]
+    size = np.where(run.ball == 7, factor, 1.0)[:, None]
+    verdict = judge(run.replace(centre=run.centre + SIGMA * size * white(52)[0]))
+    assert verdict.outcome in (Outcome.NOISE, Outcome.SCATTERS)
+    assert re.search(r'scatters [1-9]\.\d times as much|stand out', verdict.sentence)
+
+
 def test_rounding_is_told_as_rounding():
     """Readings in steps of 1 um, whose noise is a tenth of that."""
     run = synthetic_run(12, 'diagonal', 1, noise=SIGMA, repeatability=SIGMA)[0]

@@ -62,7 +62,7 @@ def under_best_noise(white: 'RunSearch', again: Callable[[Noise], 'RunSearch']) 
         margin = STEADY * len(names) if alone.noise.kinds == ('wander',) else ALONE
         beside = _estimated(white, white.chosen.members) if names else alone
         if beside.noise.is_white:
-            if not any(member.named for member in white.chosen.members):
+            if alone.noise.wander.any() and not any(member.named for member in white.chosen.members):
                 margin = -CURVED
             elif set(names) == {'outlier'} and not _is_tailed(beside, alone.noise):
                 margin = -ALONE
@@ -96,6 +96,8 @@ def under_best_noise(white: 'RunSearch', again: Callable[[Noise], 'RunSearch']) 
             score -= ALONE * outliers
         if alone.noise.wander.any():
             score -= STEADY * len(members)
+        elif members and not any(member.named for member in members):
+            score -= ALONE  # a form of many coefficients describes what scatters more
         if not found.noise.is_white and (search.chosen.names, found.noise.kinds) != (of, one.noise.kinds):
             # its effects are judged under the noise that is left beside them, not under that without them
             waiting.insert(0, (found, search.chosen.names))
