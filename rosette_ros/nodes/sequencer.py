@@ -228,9 +228,11 @@ class Sequencer(ManagedNode):
             self._cell.update(now, self.parameters['require_recorder'])
         if job is None:
             return
+        if self._plan_check.is_asking:  # that has a time limit of its own
+            job.since = now
         if job.is_waiting and job.is_over:
             self._on_closed(StopRecording.Response(success=True))
-        elif job.is_waiting and now - job.since > self._recorder_timeout + SETTLING and not self._plan_check.is_asking:
+        elif job.is_waiting and now - job.since > self._recorder_timeout + SETTLING:
             self._do(job, job.sequence.fail(self._cell.status))
         elif job.is_waiting:
             self._open_log(job)

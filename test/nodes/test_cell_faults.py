@@ -15,7 +15,7 @@ import yaml
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rosette_msgs.msg import BallCentre, ErrorMotions, Heartbeat, ProbeTarget, RunState
-from rosette_msgs.srv import StartRecording
+from rosette_msgs.srv import CheckPlan, StartRecording
 
 from rosette_ros.analysis import analyse
 from rosette_ros.cell.client import CellClient
@@ -440,3 +440,26 @@ def test_a_section_of_a_parameter_file_that_matches_no_node_is_refused(domain_id
     assert node.returncode == (2 if words else 0), said
     assert said.strip().splitlines()[-1].startswith(f'recorder: {path}: section') == bool(words)
     assert words is None or words in said
+
+
+@pytest.mark.parametrize('reason', ['', 'ball 3 cannot be reached'])
+def test_a_cmm_may_take_its_time_to_judge_a_plan(domain_id, cell_of, make_peer, wait_until, reason):
+    """Longer than an answer of the recorder may take: then the run begins, or fails in the words of the CMM."""
+    peer = make_peer(domain_id)
+    cmm = PeerCmm(peer)
+
+    def judged(_, response):
+        time.sleep(4.0)  # recorder_timeout_s and the time to discover all nodes are over
+        response.success, response.message = not reason, reason
+        return response
+
+    peer.node.create_service(CheckPlan, names.CHECK_PLAN, judged)
+    peer.start()
+    with cell_of(N, nodes=OTHERS, simulated_time=False, sequencer={'recorder_timeout_s': 2.0}) as cell:
+        wait_until(lambda: 'the cell is complete' in cell.processes['sequencer'].text())
+        with CellClient(domain_id) as client:
+            outcome = client.calibrate(check=cell.check)
+    assert outcome.success == (not reason), outcome.message
+    assert not reason or 'the CMM cannot measure this plan: ball 3 cannot be reached' in outcome.message
+    assert bool(cmm.asked) == outcome.success
+    peer.stop()
