@@ -83,9 +83,12 @@ class NodeProcess:
         return self.popen.poll() is not None
 
     def failure(self) -> str:
-        """Return the exit code, or the signal, and the last line of the output that is an error."""
-        lines = [line for line in self.text().strip().splitlines() if not line.startswith(('[INFO]', '[WARN]'))]
+        """Return the exit code, or the signal, and the last line of the output that is an error.
+
+        One that was ended by a signal has said before what it logged as an error: that is not the reason."""
         code = self.popen.returncode
+        logged = '[INFO]', '[WARN]', *(['[ERROR]'] if code < 0 else [])
+        lines = [line for line in self.text().strip().splitlines() if not line.startswith(logged)]
         how = f'was ended by {signal.Signals(-code).name}' if code < 0 else f'ended with exit code {code}'
         if self.hung:
             return (f'node {self.name} was running (process {self.popen.pid}) but published no heartbeat for '

@@ -19,7 +19,7 @@ from rosette_ros.calibration.settings import IDENTITY
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.hang_detection import HangDetector
 from rosette_ros.cell.supervisor import CHECK_PERIOD, MODULES, Cell
-from rosette_ros.cli.arguments import IN_LOG, UsageError, add_shared, made_folder, period
+from rosette_ros.cli.arguments import IN_LOG, SHARED, UsageError, add_shared, made_folder, period
 from rosette_ros.cli.console import console
 from rosette_ros.core.errors import CellError, InvalidConfig
 from rosette_ros.dme.dme_settings import sequencer_parameters
@@ -51,7 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'archive, tell the trend, and warn where a limit is passed')
     parser.add_argument('--every', metavar='TIME', type=period, help='calibrate so often, counted from the last run of '
                         'the archive: 7d, 12h, 30min (default: on a service call only)')
-    add_shared(parser, '--output', '--namespace', '--domain')
+    add_shared(parser, '--output', default=None)
+    add_shared(parser, '--namespace', '--domain')
 
 
 def run(options: argparse.Namespace) -> None:
@@ -76,7 +77,7 @@ def run(options: argparse.Namespace) -> None:
     if options.archive:
         nodes.append(names.TREND_MONITOR)
     cell = Cell(options.domain, options.namespace, machine=options.machine, params_file=options.params, nodes=nodes,
-                log_dir=made_folder(options.output), params={
+                log_dir=made_folder(options.output or log_folder(options.params)), params={
                     names.SEQUENCER: identity_parameter(options.identity) | (sequencer_parameters(cmm) if cmm else {}),
                     names.RECORDER: {'simulated': True} if cmm and cmm.simulated else {},
                     names.TREND_MONITOR: trend_parameters(options)},
@@ -94,13 +95,26 @@ def trend_parameters(options: argparse.Namespace) -> dict[str, Any]:
     return {'archive': str(Path(options.archive).absolute()), 'every_s': options.every or 0.0, 'table': table}
 
 
+def given_parameters(path: str, node: str) -> Iterator[dict[str, Any]]:
+    """Yield the parameters of a node in each section of a parameter file; raises InvalidConfig where it is no YAML."""
+    nodes = read_yaml(path, 'a parameter file', MOST_BYTES, InvalidConfig)
+    for name, section in (nodes if isinstance(nodes, dict) else {}).items():
+        given = section.get('ros__parameters') if isinstance(section, dict) and str(name).endswith(node) else None
+        if isinstance(given, dict):
+            yield given
+
+
+def log_folder(params: str | None) -> str:
+    """Return the folder of the logs that a parameter file states, or the usual one."""
+    stated = [one['log_dir'] for one in (given_parameters(params, names.RECORDER) if params else ()) if
+              isinstance(one.get('log_dir'), str)]
+    return stated[-1] if stated else str(SHARED['--output']['default'])
+
+
 def refuse_other_plate(machine: str | None, params: str) -> None:
     """Raise InvalidConfig where the simulated machine has not the places of the plate file in parameters."""
-    nodes = read_yaml(params, 'a parameter file', MOST_BYTES, InvalidConfig)
-    for name, node in (nodes if isinstance(nodes, dict) else {}).items():
-        given: Any = node if str(name).endswith(names.SEQUENCER) else None
-        for key in ('ros__parameters', 'plate'):
-            given = given.get(key) if isinstance(given, dict) else None
+    for parameters in given_parameters(params, names.SEQUENCER):
+        given = parameters.get('plate')
         if isinstance(given, dict) and given.get('file'):
             plate, config = read_plate(given['file']), load_machine(machine) if machine else MachineConfig()
             n = given.get('balls', config.plate.balls)

@@ -7,16 +7,29 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from rosette_ros.cell.client import CellClient
-from rosette_ros.cell.supervisor import MODULES, MOST_FAILURES
+from rosette_ros.cell.supervisor import MODULES, MOST_FAILURES, NodeProcess
 from rosette_ros.core.errors import CellError
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.nodes import names
 
 N = 4
+
+
+@pytest.mark.parametrize(('code', 'last', 'words'), [
+    (-9, '[ERROR] [1.0] [rosette.recorder]: start_recording refused: no room', 'was ended by SIGKILL'),
+    (-11, 'Fatal Python error: Segmentation fault', 'was ended by SIGSEGV: Fatal Python error: Segmentation fault'),
+    (2, '[ERROR] [1.0] [rosette.cmm]: no such file', 'ended with exit code 2: [ERROR] [1.0] [rosette.cmm]: no such file')])
+def test_why_a_node_ended(tmp_path, code, last, words):
+    """An error of an earlier run is not why a node was killed."""
+    output = tmp_path / 'recorder.log'
+    output.write_text(f'{last}\n[INFO] [2.0] [rosette.recorder]: log opened\n')
+    assert NodeProcess('recorder', SimpleNamespace(returncode=code, pid=1), output, 0).failure() == (
+        f'node recorder {words}')
 
 
 @pytest.fixture(scope='module')

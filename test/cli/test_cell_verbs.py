@@ -14,6 +14,7 @@ import pytest
 import yaml
 
 from rosette_ros.analysis import judge
+from rosette_ros.cli.cell import log_folder
 from rosette_ros.core.records import CURVES
 from rosette_ros.io.log_reader import read_log
 
@@ -201,6 +202,15 @@ def test_calibrate_without_a_cell(domain_id, refused):
     """In words, after some seconds."""
     assert 'cell /rosette: wanted a sequencer within' in refused(
         'calibrate', '--domain', domain_id)
+
+
+def test_a_parameter_file_says_where_logs_go(tmp_path):
+    """Of the recorder, in whichever namespace; where it says nothing, the usual folder."""
+    params = tmp_path / 'cell.yaml'
+    for section, folder in (('/**/recorder', '/data/logs'), ('recorder', 'here'), ('/**/sequencer', 'rosette-runs')):
+        params.write_text(yaml.safe_dump({section: {'ros__parameters': {'log_dir': folder}}}))
+        assert log_folder(str(params)) == folder
+    assert log_folder(None) == 'rosette-runs'
 
 
 def test_a_machine_without_the_places_of_the_plate_is_refused(tmp_path, refused):
