@@ -103,7 +103,8 @@ def _logged(log: LogRun, run_id: str) -> dict[str, Any]:
                       unused=unused, remarks=remarks, identity=dict(identity.entries),
                       tolerances=dict(identity.tolerances),
                       published_curves=len(published), model=published[-1].model_name if published else None,
-                      ended=f'{phase_name(state.phase).lower()}: {state.text}' if state else None, problem=problem)
+                      ended=f'{phase_name(state.phase).lower()}: {state.text}' if state else None, problem=problem,
+                      simulated=log.simulated)
 
 
 def _run_facts(run_id: str, n: int, radius: float, phases: dict[str, dict[str, int]], found: Run | None,

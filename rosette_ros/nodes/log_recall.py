@@ -25,10 +25,13 @@ _COPIED = {'rosette_msgs/msg/ProbeTarget': names.PROBE_TARGET, 'rosette_msgs/msg
 
 
 def find_part(log_dir: Path, wanted: str) -> Path:
-    """Return the folder of the log to continue from; wanted: its name in `log_dir`, its path, or a run_id (last part).
+    """Return the folder of the log to continue from; wanted: its name in `log_dir`, its path or that of its .mcap file,
+    or a run_id (last part).
 
     Raises InvalidData where there is none, it lies elsewhere, or was continued already."""
     path = Path(wanted)
+    if path.suffix == '.mcap' and path.parent.name and path.name.startswith(f'{path.parent.name}_'):
+        path, wanted = path.parent, str(path.parent)
     longest = max(map(len, wanted.encode(errors='replace').split(b'/')))
     if not path.name.strip('.') or longest > 255 or '\0' in wanted:
         raise InvalidData(f'resume: wanted the name of a log in {log_dir}, got {wanted!r:.100}')

@@ -398,7 +398,7 @@ class Sequencer(ManagedNode):
         sequence, words = job.sequence, job.text
         if not response.success:
             lacks = f'it lacks {", ".join(response.missing)}' if response.missing else response.message
-            words = f'{words}; closing the log: {lacks}'
+            words = words if lacks in words else f'{words}; closing the log: {lacks}'
             self.get_logger().error(f'run {job.run_id}: closing the log: {lacks}')
         succeeded = sequence.phase is Phase.DONE and response.success
         self._last = f'last run {job.run_id} {sequence.phase.name.lower()}: {words}'

@@ -23,7 +23,7 @@ N = 4
 @pytest.mark.parametrize(('code', 'last', 'words'), [
     (-9, '[ERROR] [1.0] [rosette.recorder]: start_recording refused: no room', 'was ended by SIGKILL'),
     (-11, 'Fatal Python error: Segmentation fault', 'was ended by SIGSEGV: Fatal Python error: Segmentation fault'),
-    (2, '[ERROR] [1.0] [rosette.cmm]: no such file', 'ended with exit code 2: [ERROR] [1.0] [rosette.cmm]: no such file')])
+    (2, '[ERROR] [1.0] [rosette.cmm]: no file', 'ended with exit code 2: [ERROR] [1.0] [rosette.cmm]: no file')])
 def test_why_a_node_ended(tmp_path, code, last, words):
     """An error of an earlier run is not why a node was killed."""
     output = tmp_path / 'recorder.log'

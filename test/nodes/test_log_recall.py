@@ -17,6 +17,7 @@ def test_a_run_means_its_last_part(tmp_path):
         (tmp_path / name).mkdir()
     assert find_part(tmp_path, 'run') == tmp_path / 'run_part3'
     assert find_part(tmp_path, str(tmp_path / 'other')) == tmp_path / 'other'
+    assert find_part(tmp_path, str(tmp_path / 'other/other_0.mcap')) == tmp_path / 'other'
     assert [path.name for path in parts_of(tmp_path, 'run')] == ['run', 'run_part2', 'run_part3']
     assert next_part(tmp_path, 'run').name == 'run_part4'
     assert next_part(tmp_path, 'other').name == 'other_part2'
