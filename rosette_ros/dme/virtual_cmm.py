@@ -140,13 +140,14 @@ class VirtualCmm:
         self._may_move(what)
         if self.faults.has('not_qualified'):
             raise Refused(2000, what)
-        near = nominal + (probing.approach + self.cell.pattern.tip) * outwards
+        start = probing.approach + self.cell.pattern.tip
+        near = nominal + start * outwards
         self._inside(near, 2500, what)
         await self._go(near, self.cell.travel, pace, what=what)
         # Approach and search are made before the contact is known: it is that of the time when the search began.
-        touch = self.cell.touch(nominal, outwards, self.clock.now())
+        touch = self.cell.touch(nominal, outwards, self.clock.now(), start)
         depth = -np.inf if touch is None else float((touch.tip - nominal) @ outwards)
-        missed = not -probing.search <= depth <= probing.approach + self.cell.pattern.tip
+        missed = not -probing.search <= depth <= start
         if touch is None or missed or self.faults.strike('surface_not_found', touch.ball):
             await self._go(nominal - probing.search * outwards, self.cell.travel, probing.pace,
                            check=touch is None or missed, what=what)

@@ -64,17 +64,19 @@ class TouchByTouch:
         """Return where the balls were when it was last asked for, (n, 3), m, or are now if the table has turned."""
         return self.centres(time) if self._seen is None else self._seen
 
-    def touch(self, aim: Floats, direction: Floats, time: float) -> SingleTouch | None:
-        """Touch the first ball on the way inwards along the line aim + s u; None where the line meets no ball.
+    def touch(self, aim: Floats, direction: Floats, time: float, start: float = np.inf) -> SingleTouch | None:
+        """Touch the first ball on the way inwards along aim + s u from s = start on; None where there is none.
 
         aim: (3,), machine frame, m; direction: u, (3,), unit vector; time: s since power-on, not before the last one.
         """
         off = self.centres(time) - aim
         along = off @ direction
         depth = self.reach**2 - np.vecdot(off, off) + along**2
-        if not (depth > 0).any():
+        contact = along + np.sqrt(np.maximum(depth, 0.0))
+        met = (depth > 0) & (contact <= start)
+        if not met.any():
             return None
-        ball = int(np.argmax(np.where(depth > 0, along + np.sqrt(np.maximum(depth, 0.0)), -np.inf))) + 1
+        ball = int(np.argmax(np.where(met, contact, -np.inf))) + 1
         if ball != self._ball or self._touches == self.pattern.size:
             self._begin(ball, aim + off[ball - 1])
         self._last = time

@@ -57,6 +57,7 @@ def test_the_nearest_ball_on_the_way_is_touched(machines):
     way = (centre[3] - centre[0]) / np.linalg.norm(centre[3] - centre[0])
     assert by_hand.touch(centre[0], way, 1.0).ball == 4
     assert by_hand.touch(centre[0], -way, 1.0).ball == 1
+    assert by_hand.touch(centre[0], way, 1.0, start=0.02).ball == 1, 'the search begins behind ball 4'
 
 
 def test_balls_turn_with_the_table(machines):
