@@ -178,6 +178,15 @@ def test_a_ball_that_scatters_more_makes_no_shape(factor, order):
     assert re.search(r'scatters [1-9]\.\d times as much|stand out', verdict.sentence)
 
 
+@pytest.mark.parametrize('seed', range(3))
+def test_a_noise_that_leaves_readings_out_is_not_taken(seed):
+    """Without noise all that is left is where a plate dropped: other parts of the run would count for everything."""
+    run, *_ = synthetic_run(12, 'row', seed)
+    dropped = np.clip((np.arange(run.size) - 88) / 5, 0, 1) * np.sin(run.beta - 1) * 9e-6 * (run.time < run.time[96])
+    verdict = judge(run.replace(centre=run.centre + dropped[:, None] * np.eye(3)[2]))
+    assert verdict.outcome in (Outcome.NAMED, Outcome.UNNAMED)
+
+
 def test_rounding_is_told_as_rounding():
     """Readings in steps of 1 um, whose noise is a tenth of that."""
     run = synthetic_run(12, 'diagonal', 1, noise=SIGMA, repeatability=SIGMA)[0]

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.noise_search import NO_AXIS, SEEN, NoiseFit, NoiseProblem, check_of, estimate
-from rosette_ros.core.diagnosis.noise_statistics import two_sided_f
+from rosette_ros.core.diagnosis.noise_search import NO_AXIS, SEEN, NoiseFit, NoiseProblem, estimate
+from rosette_ros.core.diagnosis.noise_statistics import check_of, two_sided_f
 from rosette_ros.core.diagnosis.search import MOST_EFFECTS, Member
 from rosette_ros.core.effects.frame_effects import FrameEffect
+from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.base_model import BaseLines
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import Fit
@@ -86,7 +87,11 @@ def under_best_noise(white: 'RunSearch', again: Callable[[Noise], 'RunSearch']) 
         if not waiting:
             break
         one, of = waiting.pop(0)
-        search = again(one.noise)
+        try:
+            search = again(one.noise)
+        except NotDeterminable:  # under this noise a part of the readings counts for nothing
+            white.needed = -np.inf
+            continue
         found = _estimated(white, search.chosen.members) if search.chosen.members else alone
         members = [made for member in search.chosen.members
                    if (made := white.problem.member(member.effect, member.setting, member.chances))]

@@ -14,6 +14,7 @@ import scipy.linalg
 
 from rosette_ros.core.diagnosis.candidates import NO_RESIDUAL
 from rosette_ros.core.diagnosis.noise_statistics import (
+    check_of,
     divergence,
     log_density,
     one_sided,
@@ -37,19 +38,17 @@ FEW = 0.15
 PLAIN = 0.25
 SEEN = 2e-3
 """Probability, over all tests, below which the noise is looked at as other than it was taken."""
-NO_AXIS = 1e-12
+NO_AXIS = 1e-8
 """An axis whose square sum is such a share of another's has no residual: its noise cannot be estimated."""
 KINDS = 6
 """Kinds of noise that are looked for; each has to pay for the choice."""
 TAILS = (2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0)
 MEMORIES = (0.3, 0.6, 0.8, 0.9, 0.97, 1.0)
 """phi of the wander that are tried."""
-EXACT = 3000.0
-"""Degrees of freedom of a repeatability that is known exactly."""
 LONGER = 3.0
 """By how much -2 L may be larger for the longer memory: too short a one makes slow effects too certain."""
 LEAST_FACTOR = 0.01
-"""No group of readings is taken as quieter than that, beside all of them, nor than about what rounding makes them."""
+"""No group of readings is taken as quieter beside the noisiest one, nor than about what rounding makes them."""
 GROUPS = ('time', 'ball', 'CMM position', 'table position')
 MOST_KINDS = 3
 
@@ -152,16 +151,8 @@ class NoiseProblem:
         root = np.linalg.cholesky(design.T @ design)
         taken = scipy.linalg.solve_triangular(root, design.T @ rows, lower=True, check_finite=False)
         dof = rows.size - len(taken)
-        return float(rows @ rows - taken @ taken) / dof, dof, 2 * float(np.sum(np.log(np.diag(root))))
-
-
-def check_of(run: Run) -> tuple[float, Floats]:
-    """Return the degrees of freedom of the repeatability along each axis, 0 where it is not known by axis, and its
-    variances, (3,), of mean 1."""
-    if run.repeatability is None or run.repeatability_axes is None:
-        return 0.0, np.ones(3)
-    square = np.array(run.repeatability_axes)**2
-    return (run.repeatability_dof or EXACT) / 3, square / square.mean()
+        left = max(float(rows @ rows - taken @ taken), 1e-14 * float(rows @ rows))  # not below rounding
+        return left / dof, dof, 2 * float(np.sum(np.log(np.diag(root))))
 
 
 def _one_by_one(rows: Floats, axes: Sequence[int]) -> Floats:
@@ -301,6 +292,7 @@ class NoiseFit:
             spread = max(float(np.average(logs**2 - 2 / dof, weights=dof)), 1e-3)
             least = self.problem.rounding / float(np.sqrt(fitted.rss / self.problem.dof))
             factors = np.maximum(np.exp(0.5 * logs * spread / (spread + 2 / dof)), min(max(least, LEAST_FACTOR), 1.0))
+            factors = np.maximum(factors, LEAST_FACTOR * factors[index].max())
             factors = factors / np.sqrt(np.mean(factors[index]**2))
             fitted = self.problem.at(replace(noise, by=by, factors=factors))
         return self._kept(fitted.noise, int(np.count_nonzero(hot.any(axis=1))))
@@ -324,6 +316,7 @@ class NoiseFit:
             found.append((gains[0] - freedom, dof, weight))
         gain, dof, weight = max(found, key=lambda one: one[0])
         before = 1.0 if self.noise.weight is None else self.noise.weight
+        weight = np.maximum(weight, LEAST_FACTOR**3 * weight.max())
         noise = replace(self.noise, tail=per, tail_dof=dof, weight=before * weight)
         return replace(self.problem.at(noise.scaled()),
                        score=self.score + gain - float(cost(max(gain, 0.0), 2)) - 2 * np.log(KINDS))
@@ -391,6 +384,7 @@ class NoiseFit:
             white = Whitening(len(sd), sd, phi, np.full(3, ratio))
             size[list(axes)] = self.problem.size(axes, white)
             wander[list(axes)] = ratio * size[list(axes)]
+        size = np.maximum(size, NO_AXIS * size.max())
         return self._kept(replace(self.noise, phi=phi, axes=self.noise.axes * np.sqrt(size), wander=wander), 4)
 
     def _ratio(self, axes: tuple[int, ...], sd: Floats, phi: float, none: float) -> tuple[float, float]:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers beside simulated ones: how probable they are, Student's distribution, and what a memory makes of noise."""
+"""Numbers beside simulated ones: how probable they are, Student's distribution, what a memory makes of noise,
+and the repeatability that was measured beside."""
 
 import itertools
 from functools import cache
@@ -7,7 +8,10 @@ from functools import cache
 import numpy as np
 from scipy import special
 
-from rosette_ros.core.records import Floats
+from rosette_ros.core.records import Floats, Run
+
+EXACT = 3000.0
+"""Degrees of freedom of a repeatability that is known exactly."""
 
 
 def log_density(energy: Floats, wide: int, dof: float) -> Floats:
@@ -55,3 +59,12 @@ def remembered(values: Floats, phi: float) -> Floats:
 def two_sided(values: Floats) -> float:
     """Return the probability of values[0] beside simulated values[1:], too large or too small, as of normal numbers."""
     return float(2 * special.ndtr(-abs(values[0] - values[1:].mean()) / values[1:].std()))
+
+
+def check_of(run: Run) -> tuple[float, Floats]:
+    """Return the degrees of freedom of the repeatability along each axis, 0 where it is not known by axis, and its
+    variances, (3,), of mean 1."""
+    if run.repeatability is None or run.repeatability_axes is None:
+        return 0.0, np.ones(3)
+    square = np.array(run.repeatability_axes)**2
+    return (run.repeatability_dof or EXACT) / 3, square / square.mean()
