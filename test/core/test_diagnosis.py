@@ -9,7 +9,7 @@ from synthetic import synthetic_run
 from rosette_ros.analysis import analyse
 from rosette_ros.core.diagnosis.comparison import compare
 from rosette_ros.core.diagnosis.cross_validation import CrossValidation
-from rosette_ros.core.diagnosis.diagnosis import RunSearch, _search, diagnose, find
+from rosette_ros.core.diagnosis.diagnosis import RunSearch, _search, diagnose, find, judge
 from rosette_ros.core.diagnosis.verdict import Outcome
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.least_squares import fit
@@ -202,6 +202,13 @@ def test_a_candidate_without_a_fit_is_not_judged(monkeypatch):
     found = diagnose(run)
     assert ('plate_warp', 'its fit to these readings does not converge') in found.unavailable
     assert {one.effect for one in found.candidates} == {one.effect for one in whole.candidates} - {'plate_warp'}
+
+
+def test_a_model_without_table_motions_says_so():
+    """Curves that nothing has determined are no result of a measurement."""
+    verdict = judge(machine_run('diagonal', n=6), Model(BASE_TERMS[1:]))
+    assert verdict.sentence.endswith('no error motions of the table: their curves are zero by assumption.')
+    assert 'add table_motions to the model' in verdict.action.lower()
 
 
 def test_comparison_says_where_it_fails():

@@ -189,6 +189,9 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = 
         outcome = Outcome.NOISE if outcome == Outcome.FITS else outcome
         sentence += f' What is left is no noise of that kind: {"; ".join(misfits)}.'
         action.append('look at the residual maps (rosette report)')
+    if 'table_motions' not in fit.model.base:
+        sentence += ' The model has no error motions of the table: their curves are zero by assumption.'
+        action.append('add table_motions to the model')
     if hidden:
         action.append(f'measure next in an order that shows {", ".join(hidden)} (rosette advise)')
         limits.append(f'This order of measurement cannot show {", ".join(hidden)}.')
