@@ -175,20 +175,9 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = 
     if present:
         action.append(f'look in the cell for the cause of what the model only describes, {" and ".join(present)}, or '
                       'keep it in the model')
-    if noise := noise_words(final.noise, final.sigma, final.run):
-        outcome = Outcome.NOISE if outcome == Outcome.FITS else outcome
-        sentence += f' The noise is not white and equal: {"; ".join(words for words, _ in noise)}.'
-        action += [advice for _, advice in noise]
-    step = resolution_of(final.run.centre)
-    if COARSE * final.rms < step and not final.noise.resolution and not any(
-            remark.startswith(ROUNDED) for remark in final.run.remarks):
-        share = 100 * (step / final.rms)**2 / 12
-        sentence += (f' The readings are rounded to {micrometres(step)}, which makes {share:.0f} % of the variance of '
-                     'what is left.')
-    if misfits and not missing and not shapes:
-        outcome = Outcome.NOISE if outcome == Outcome.FITS else outcome
-        sentence += f' What is left is no noise of that kind: {"; ".join(misfits)}.'
-        action.append('look at the residual maps (rosette report)')
+    said, advice, is_other = _of_noise(final, () if missing or shapes else misfits)
+    sentence, outcome = sentence + said, Outcome.NOISE if is_other and outcome == Outcome.FITS else outcome
+    action += advice
     if 'table_motions' not in fit.model.base:
         sentence += ' The model has no error motions of the table: their curves are zero by assumption.'
         action.append('add table_motions to the model')
@@ -197,6 +186,24 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = 
         limits.append(f'This order of measurement cannot show {", ".join(hidden)}.')
     text = '; '.join(action) or 'nothing needs to be done'
     return Verdict(outcome, sentence, f'{text[0].upper()}{text[1:]}.', tuple(limits))
+
+
+def _of_noise(final: 'Fit', misfits: Sequence[str]) -> tuple[str, list[str], bool]:
+    """Return what the noise of a fit is like, in sentences, what to do, and whether it is not white and equal."""
+    sentence, action, noise = '', list[str](), noise_words(final.noise, final.sigma, final.run)
+    if noise:
+        sentence += f' The noise is not white and equal: {"; ".join(words for words, _ in noise)}.'
+        action += [advice for _, advice in noise]
+    step = resolution_of(final.run.centre)
+    if COARSE * final.rms < step and not final.noise.resolution and not any(
+            remark.startswith(ROUNDED) for remark in final.run.remarks):
+        share = 100 * (step / final.rms)**2 / 12
+        sentence += (f' The readings are rounded to {micrometres(step)}, which makes {share:.0f} % of the variance of '
+                     'what is left.')
+    if misfits:
+        sentence += f' What is left is no noise of that kind: {"; ".join(misfits)}.'
+        action.append('look at the residual maps (rosette report)')
+    return sentence, action, bool(noise or misfits)
 
 
 def outlier_words(final: 'Fit', known: int) -> list[str]:
