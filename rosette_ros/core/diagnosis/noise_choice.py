@@ -90,7 +90,9 @@ def under_best_noise(white: 'RunSearch', again: Callable[[Noise], 'RunSearch']) 
         try:
             search = again(one.noise)
         except NotDeterminable:  # under this noise a part of the readings counts for nothing
-            white.needed = -np.inf
+            if white.needed > -np.inf:  # the search in white noise may have ended early for it
+                white.needed = -np.inf
+                white.__dict__.pop('chosen', None)
             continue
         found = _estimated(white, search.chosen.members) if search.chosen.members else alone
         members = [made for member in search.chosen.members
