@@ -9,7 +9,9 @@ from synthetic import RADIUS, synthetic_run
 
 from rosette_ros.core.axes import axis_rotation
 from rosette_ros.core.diagnosis.search import Problem
-from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.effects.effect import Quantity, Setting
+from rosette_ros.core.effects.factored_effect import Drift
+from rosette_ros.core.effects.frame_effects import FrameEffect
 from rosette_ros.core.effects.free_forms import FREE_FORMS
 from rosette_ros.core.effects.library import EFFECTS, effect, effects_of
 from rosette_ros.core.errors import InvalidModel
@@ -238,3 +240,9 @@ def test_what_a_scale_cannot_be(value):
     """A time constant is a positive number that a float can hold."""
     with pytest.raises(InvalidModel, match=r'effect frame_warmup: tau: wanted a positive number \(s\), got'):
         Model().with_effect('frame_warmup', {'tau': value})
+
+
+def test_a_fact_that_no_effect_has_is_refused():
+    """A misspelt word of a declaration is not kept beside the right one."""
+    with pytest.raises(TypeError, match='my_drift: wanted facts of FrameEffect, got meanning'):
+        FrameEffect('my_drift', Drift(), Quantity('d', 'm/s', 'rate along'), meanning='It drifts.')

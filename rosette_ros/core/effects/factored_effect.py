@@ -275,8 +275,11 @@ class FactoredEffect(Effect, ABC):
                  **facts: str | bool | int) -> None:
         """Make the effect that a class is, or one of a family: its name, function and amplitudes.
 
-        facts: what else Effect has, by name; amplitudes that are not given are those of the family.
+        facts: what else Effect has, by name; amplitudes that are not given are those of the family. Raises TypeError
+        for a fact that no effect has.
         """
+        if unknown := [fact for fact in facts if not hasattr(type(self), fact)]:
+            raise TypeError(f'{name}: wanted facts of {type(self).__name__}, got {", ".join(unknown)}')
         own = {'name': name, 'function': function, 'quantities': quantities or self.quantities} if function else {}
         vars(self).update(own, **facts)
         self.searched = (*self.chosen, *self.function.searched)
