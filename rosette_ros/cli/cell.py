@@ -51,7 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'archive, tell the trend, and warn where a limit is passed')
     parser.add_argument('--every', metavar='TIME', type=period, help='calibrate so often, counted from the last run of '
                         'the archive: 7d, 12h, 30min (default: on a service call only)')
-    add_shared(parser, '--output', default=None)
+    add_shared(parser, '--output', default=None, help='folder of the logs, one folder per run (default: log_dir of the '
+               'recorder in --params, or rosette-runs)')
     add_shared(parser, '--namespace', '--domain')
 
 

@@ -164,7 +164,7 @@ def evaluate_jointly(runs: Sequence[Readings], declared: Mapping[str, Any] | Non
             untrue_items = ', '.join(ITEMS[test.item] for test in dropped)
             raise NotDeterminable(
                 f'{" and ".join(run.name for run in runs)}: wanted runs that have something in common, but the '
-                f'readings contradict each of it: {untrue_items}; diagnose each run alone, as what a model lacks makes '
+                f'readings contradict all of it: {untrue_items}; diagnose each run alone, as what a model lacks makes '
                 'them differ, too, or declare what is the same (--share)')
         solution = JointSolution(JointModel(runs, solution.model.sharing.without(worst.item)))
     if solution.model.sharing.by_sense:
