@@ -114,18 +114,20 @@ class CellClient(GraphClient):
     def __init__(self, domain_id: int | None = None, namespace: str = names.NAMESPACE) -> None:
         super().__init__(self.name, domain_id, namespace)
         self._rejections: list[str] = []
+        self._monitors: list[NodeMonitor] = []
         self._node.create_subscription(CalibrationEvent, names.CALIBRATION_EVENT, self._on_event, qos.EVENT)
         self._run_id, self._is_restarted, self._has_state = '', False, False
         self._progress = CalibrationProgress()
         self._on_warning: Callable[[str], object] | None = None
         self._node.create_subscription(Log, names.ROSOUT, self._on_log, qos.EVENT)
         self._verdicts: dict[str, Verdict | None] = {}
-        self._node.create_subscription(Diagnosis, names.DIAGNOSIS, self._on_diagnosis, qos.RESULT)
+        self._evaluator = self._sender(names.DIAGNOSIS)
+        self._evaluator.judge(
+            self._node.create_subscription(Diagnosis, names.DIAGNOSIS, self._on_diagnosis, qos.RESULT))
         self._action = ActionClient(self._node, Calibrate, names.CALIBRATE)
         # The last one: DDS announces subscriptions in their order, so a sequencer whose state is received knows those
         # of feedback and events, too.
-        self._monitor = NodeMonitor(self._node, names.SEQUENCER)
-        self._sequencer = Sender(self._node, names.RUN_STATE, self._monitor)
+        self._sequencer = self._sender(names.RUN_STATE)
         self._sequencer.on_change = self._on_restart
         self._sequencer.judge(self._node.create_subscription(RunState, names.RUN_STATE, self._on_state, qos.STATE))
         self._node.create_timer(_STEP, self._watch)
@@ -136,8 +138,14 @@ class CellClient(GraphClient):
         super().close()
 
     def _watch(self) -> None:
-        self._monitor.watch()
-        self._sequencer.watch()
+        for monitor in self._monitors:
+            monitor.watch()
+        for sender in (self._evaluator, self._sequencer):
+            sender.watch()
+
+    def _sender(self, topic: str) -> Sender:
+        self._monitors.append(NodeMonitor(self._node, names.PUBLISHERS[topic]))
+        return Sender(self._node, topic, self._monitors[-1])
 
     def wait(self, timeout: float = 10.0) -> None:
         """Wait for a sequencer; raises CellError where none answers in time."""
@@ -258,7 +266,8 @@ class CellClient(GraphClient):
         return self._progress.done
 
     def _on_diagnosis(self, message: Diagnosis) -> None:
-        self._verdicts = {message.run_id: verdict_of(message)}
+        if self._evaluator.admits():
+            self._verdicts = {message.run_id: verdict_of(message)}
 
     def _on_log(self, message: Log) -> None:
         node = message.name.rpartition('.')[2]
