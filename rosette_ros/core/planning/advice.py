@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from rosette_ros.core.planning.visibility import Share, Visibility, visibility, visible_shares
+from rosette_ros.core.planning.visibility import Share, Visibility, visibility, visible_share, visible_shares
 from rosette_ros.core.records import Floats, Run
 from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, nominal_places, plan, unwrap_travel
 from rosette_ros.core.touches import USUAL, Pace
@@ -23,6 +23,8 @@ AS_MEASURED = 'as measured'
 """Name of an order that is none of the known ones."""
 BETTER = 0.02
 """An order is advised whose smallest share of what is wanted is larger by more than this."""
+ALMOST = 0.9
+"""Worst share of an order beside the best one from which the time that it takes decides."""
 WHOLE = 0.9
 """Measured share of the cells of its balls from which a run lacks the other balls by plan, not by a break."""
 GOOD_SHARE = 0.3
@@ -33,9 +35,9 @@ GOOD_SHARE = 0.3
 class OrderAdvice:
     """What one order shows: visibility of each effect, and what the run costs.
 
-    run: that is measured so; sigma: standard deviation of a coordinate, m; names: of the effects that are looked at,
-    all if none: of orders that are only compared the wanted ones; worst: smallest typical share over the wanted
-    effects, and worst_effect, its name; travel_time: s of table and CMM moves; duration: s of the whole run.
+    run: that is measured so; sigma: standard deviation of a coordinate, m; wanted: names of the effects that count, all
+    that can be judged if none; names: of those that are looked at, likewise; travel_time: s of table and CMM moves;
+    duration: s of the whole run.
     """
 
     order: str
@@ -43,9 +45,8 @@ class OrderAdvice:
     seed: int
     run: Run
     sigma: float
+    wanted: tuple[str, ...]
     names: tuple[str, ...]
-    worst: float
-    worst_effect: str
     travel_time: float
     duration: float
 
@@ -68,6 +69,26 @@ class OrderAdvice:
     def share(self, name: str) -> float:
         """Return the typical visible share of an effect."""
         return self.shares[name].typical_share
+
+    @property
+    def worst(self) -> float:
+        """The smallest typical share over the wanted effects."""
+        return self._least.typical_share
+
+    @property
+    def worst_effect(self) -> str:
+        """The name of the wanted effect of the smallest typical share."""
+        return self._least.name
+
+    @cached_property
+    def _least(self) -> Share:
+        return min((one for one in self.shares.values() if not one.reason and (
+            not self.wanted or one.name in self.wanted)), key=lambda one: one.typical_share)
+
+    def shows(self, names: Sequence[str], least: float) -> bool:
+        """Return whether the typical share of none of some effects is smaller; the first that is ends the search."""
+        seen = (visible_share(self.run, name) for name in names)
+        return all(one.reason or one.typical_share >= least for one in seen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,13 +136,9 @@ def advise_order(scheme: Scheme, radius: float, sigma: float, wanted: Sequence[s
     was measured so, without it the run is taken as it is expected, with a rotation as of Run.
     """
     planned = planned_run(scheme, radius, rotation=rotation)
-    measured, looked_at = run or planned, tuple(names)
-    seen = visible_shares(measured, names=looked_at)
-    worst = min((entry for entry in seen if not entry.reason and (not wanted or entry.name in wanted)),
-                key=lambda entry: entry.typical_share)
     turning = 'alternate' if np.any(scheme.approach < 0) else 'forward'
     duration = float(planned.time[-1])
-    return OrderAdvice(scheme.order, turning, scheme.seed, measured, sigma, looked_at, worst.typical_share, worst.name,
+    return OrderAdvice(scheme.order, turning, scheme.seed, run or planned, sigma, tuple(wanted), tuple(names),
                        duration - SECONDS_PER_BALL * (planned.size - 1), duration)
 
 
@@ -167,8 +184,7 @@ def _advice(present: OrderAdvice, n: int, radius: float, sigma: float, wanted: S
     wanted = tuple(wanted) or weak or tuple(entry.name for entry in judged)
     every = tuple(advise_order(plan(n, name, seed, turning, balls=balls), radius, sigma, wanted, names=wanted,
                                rotation=rotation) for name, turning in VARIANTS)
-    top = max(entry.worst for entry in every)
-    best = min((entry for entry in every if entry.worst >= 0.9 * top), key=lambda entry: entry.travel_time)
+    best = _best(every, sorted(wanted, key=present.share))
     if best.worst > min(present.share(name) for name in wanted) + BETTER:
         best = advise_order(plan(n, best.order, seed, best.turning, balls=balls), radius, sigma, wanted,
                             rotation=rotation)
@@ -177,7 +193,21 @@ def _advice(present: OrderAdvice, n: int, radius: float, sigma: float, wanted: S
     return Advice(present, best, every, weak, wanted, _text(present, best, weak, wanted), balls)
 
 
+def _best(orders: Sequence[OrderAdvice], wanted: Sequence[str]) -> OrderAdvice:
+    """Return the order of the least travel among those whose worst share is within a tenth of the best one.
+
+    wanted: effects that count, those first that tell soonest that an order is none of these."""
+    near: list[OrderAdvice] = []
+    top = 0.0
+    for one in reversed(orders):  # those that show most come last
+        if one.shows(wanted, ALMOST * top):
+            near.append(one)
+            top = max(top, one.worst)
+    return min((one for one in orders if one in near and one.worst >= ALMOST * top), key=lambda one: one.travel_time)
+
+
 def _text(present: OrderAdvice, best: OrderAdvice, weak: Sequence[str], wanted: Sequence[str]) -> str:
+    seen_by_best = {name: visible_share(best.run, name) for name in wanted}
     hidden = [name for name in weak if present.shares[name].hidden]
     seen = [name for name in weak if name not in hidden]
     parts = [] if weak else [f'Order {present.label} shows every effect of the library.']
@@ -186,12 +216,12 @@ def _text(present: OrderAdvice, best: OrderAdvice, weak: Sequence[str], wanted: 
     if seen:
         parts.append(f'It shows {", ".join(seen)} only weakly.')
     if best is not present:
-        shares = ', '.join(f'{name} {100 * present.share(name):.0f} → {100 * best.share(name):.0f} %'
+        shares = ', '.join(f'{name} {100 * present.share(name):.0f} → {100 * seen_by_best[name].typical_share:.0f} %'
                            for name in wanted[:6])
         longer = best.duration / present.duration - 1
         parts.append(f'Measure next in order {best.label}: observable shares {shares}; the run takes '
                      f'{100 * abs(longer):.0f} % {"longer" if longer >= 0 else "less"}.')
-    still = [name for name in wanted if best.shares[name].hidden]
+    still = [name for name in wanted if seen_by_best[name].hidden]
     if still:
         parts.append(f'No order here shows {", ".join(still)}: repeat balls after turning the table the other way, or '
                      'check it with another instrument.')

@@ -75,28 +75,32 @@ def visibility(run: Run, sigma: float = 1e-7, terms: tuple[str, ...] = BASE_TERM
                  for entry in _of_unit_noise(run, tuple(terms), tuple(names)))
 
 
-@lru_cache(maxsize=64)
 def visible_shares(run: Run, terms: tuple[str, ...] = BASE_TERMS, names: tuple[str, ...] = ()) -> tuple[Share, ...]:
-    """Return the Share of effects; arguments as of `visibility`. Runs of one cell are compared with the same plans."""
-    project = Projection(base_space(run, run.radius, terms), run.size)
-    out = []
-    for name, effect in effects_of(run).items():
-        if names and name not in names:
-            continue
-        if reason := why_not_judged(effect, run):
-            out.append(Share(name, 0.0, 0.0, Setting(), (), reason))
-            continue
-        every = sorted(((setting, float(share)) for family in families(run, (effect,), project, keep_hidden=True)
-                        for setting, share in zip(family.settings, family.shares)), key=lambda pair: pair[1])
-        setting, share = _typical(every)
-        choices = {one.name for one in effect.searched if one.kind == 'choice'}
-        alike = defaultdict[frozenset[object], list[tuple[Setting, float]]](list)
-        for one in every:
-            alike[frozenset((name, one[0].get(name)) for name in choices)].append(one)
-        typical = tuple(_typical(some)[0] for some in alike.values())
-        of_choices = typical[::-(-len(typical) // MOST_CHOICES)]
-        out.append(Share(name, every[-1][1], share, setting, of_choices, ''))
-    return tuple(out)
+    """Return the Share of effects; arguments as of `visibility`."""
+    return tuple(visible_share(run, name, terms) for name in effects_of(run) if not names or name in names)
+
+
+@lru_cache(maxsize=4096)
+def visible_share(run: Run, name: str, terms: tuple[str, ...] = BASE_TERMS) -> Share:
+    """Return the Share of one effect. Runs of one cell are compared with the same plans, so it is kept."""
+    effect = effects_of(run)[name]
+    if reason := why_not_judged(effect, run):
+        return Share(name, 0.0, 0.0, Setting(), (), reason)
+    every = sorted(((setting, float(share)) for family in families(run, (effect,), _projection(run, terms), True)
+                    for setting, share in zip(family.settings, family.shares)), key=lambda pair: pair[1])
+    setting, share = _typical(every)
+    choices = {one.name for one in effect.searched if one.kind == 'choice'}
+    alike = defaultdict[frozenset[object], list[tuple[Setting, float]]](list)
+    for one in every:
+        alike[frozenset((name, one[0].get(name)) for name in choices)].append(one)
+    typical = tuple(_typical(some)[0] for some in alike.values())
+    return Share(name, every[-1][1], share, setting, typical[::-(-len(typical) // MOST_CHOICES)], '')
+
+
+@lru_cache(maxsize=1)
+def _projection(run: Run, terms: tuple[str, ...]) -> Projection:
+    """Return the projection on what the base model leaves; of the run that is looked at now only."""
+    return Projection(base_space(run, run.radius, terms), run.size)
 
 
 def _typical(rising: Sequence[tuple[Setting, float]]) -> tuple[Setting, float]:
