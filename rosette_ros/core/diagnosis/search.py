@@ -20,7 +20,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+import scipy  # which loads `optimize` where it is used: 0.08 s, and many runs have nothing to refine
 
 from rosette_ros.core.diagnosis.candidates import NO_RESIDUAL, Family, families, gains, whiten
 from rosette_ros.core.diagnosis.projection import SMALL, Projection
@@ -248,7 +248,7 @@ class Problem:
         if isinstance(bracket, tuple):
             # strong effects want it so exact that what is left of them is no structure
             share = min(5e-3, FINE / max(_gain(member, others), 1.0)**0.5)
-            best = minimize_scalar(loss, bounds=bracket, method='bounded', options={
+            best = scipy.optimize.minimize_scalar(loss, bounds=bracket, method='bounded', options={
                 'maxiter': 9 if share == 5e-3 else 40, 'xatol': share * (bracket[1] - bracket[0])}).x
         else:
             best = min(bracket, key=loss, default=best)
