@@ -24,6 +24,7 @@ OF_A_COMMAND = frozenset((ABORTED, 501, 502, 505, 506, 507, 508, 509, 510, 511, 
 _UNSUPPORTED = frozenset((501, 502, 505, 506, 507, 508, 509, 510, 511))
 SEVERE = 2
 """From this severity on the server takes nothing but ClearAllErrors."""
+_BUSY = 'is another client connected to the server, or is it no I++ server?'
 
 USUAL = TimeoutSettings()
 Data = list[tuple[wire.Value, ...]]
@@ -77,6 +78,7 @@ class DmeSession:
         self._trace = trace or (lambda line: None)
         self._pending: dict[str, SentCommand] = {}
         self._tags = self._events = 0
+        self._is_answered = False  # before the first answer, nothing that this session sent moves the machine
         self._turn, self._aborting = asyncio.Lock(), asyncio.Lock()
         self.stop, self.for_person, self.is_lost, self.is_halted = '', False, False, False
         self.warnings = deque[str](maxlen=100)
@@ -227,6 +229,9 @@ class DmeSession:
     async def _within(self, seconds: float, future: 'asyncio.Future[None]', call: wire.Call, what: str) -> None:
         if not await _is_done(future, seconds):
             words = f'{wire.format_value(call)}: wanted its {what} within {seconds:g} s, got none'
+            if not self._is_answered:
+                self._lose(f'{words}; {_BUSY}')
+                raise DmeLost(self.stop)
             await self.abort()
             self._stop(f'{words}; it was aborted', for_person=True)
             raise DmeStopped(self.stop)
@@ -236,12 +241,13 @@ class DmeSession:
             while (line := await wire.read_line(self._reader)) is not None:
                 self._trace(f'< {line}')
                 self._take(wire.parse_response(line))
+                self._is_answered = True
             words = 'the server closed the connection: it was ended or restarted'
         except wire.NotDme as error:
             words = f'the server sent what is no I++ DME: {error}'
         except OSError as error:
             words = f'the connection broke: {error.strerror or error}'
-        self._lose(f'{words}; a person has to look at the machine')
+        self._lose(f'{words}; a person has to look at the machine' if self._is_answered else f'{words}; {_BUSY}')
 
     def _take(self, response: wire.Response) -> None:
         """Sort one line of the server; raises NotDme for a tag that nobody waits for."""

@@ -107,13 +107,15 @@ async def read_line(reader: asyncio.StreamReader) -> str | None:
     The reader's limit has to be LONGEST. Raises NotDme for a line that is too long, cut off, or not ASCII; what is left
     of a connection after that means nothing."""
     try:
-        data = await reader.readuntil(b'\r\n')
+        data = await reader.readuntil(b'\n')
     except asyncio.IncompleteReadError as error:
         if error.partial:
             raise NotDme(f'wanted a line that ends in CR LF, got {error.partial[-60:]!r} and the end') from None
         return None
     except asyncio.LimitOverrunError:
         raise NotDme(f'wanted a line of at most {LONGEST} bytes, got more') from None
+    if not data.endswith(b'\r\n'):
+        raise NotDme(f'wanted a line that ends in CR LF, got {data[-60:]!r}')
     return decoded(data[:-2])
 
 
@@ -213,8 +215,13 @@ def call(name: str, *values: 'Value | Call') -> Call:
 
 
 def named(values: Iterable[Value], name: str) -> tuple[Value, ...] | None:
-    """Return what stands in the brackets of a name among values, in whatever order they are; None if it is missing."""
-    return next((value.values for value in values if isinstance(value, Call) and value.name == name), None)
+    """Return what stands in the brackets of a name among values, in whatever order they are; None if it is missing.
+
+    Raises NotDme where the name is there more than once, and not with the same values."""
+    found = [value for value in values if isinstance(value, Call) and value.name == name]
+    if any(one != found[0] for one in found):
+        raise NotDme(f'wanted one {name}(...), got {shown(found)}')
+    return found[0].values if found else None
 
 
 def numbers(values: Sequence[Value], name: str, count: int = 1) -> tuple[float, ...]:

@@ -148,6 +148,7 @@ def test_reordered_quoted_split_and_joined():
 @pytest.mark.parametrize(('words', 'said'), [
     ('X(nan), Y(1), Z(2)', 'X: wanted a finite number, got nan'),
     ('X(1), Z(2)', r'wanted Y\(...\) with 1 numbers'),
+    ('X(1), Y(1), Z(2), X(3)', r'wanted one X\(...\), got X\(1\), X\(3\)'),
     ('X(21.4), Y(10.2), Z(-11.8)', 'within 11 mm of .*does the server count in mm'),  # inches
     ('X(0.5379), Y(0.26), Z(-0.286)', 'does the server count in mm'),  # metres
 ])
@@ -273,6 +274,20 @@ def test_nobody_there():
         with pytest.raises(DmeLost, match=r'127.0.0.1:1: wanted a connection, got .*; is the I\+\+ server started'):
             await DmeSession.connect('127.0.0.1', 1, TimeoutSettings(connect_s=1.0))
     asyncio.run(scene())
+
+
+@pytest.mark.parametrize(('reply', 'said'), [
+    (lambda server: server.writers[-1].close(), 'the server closed the connection: it was ended or restarted'),
+    (lambda server: None, r'StartSession\(\): wanted its Ack within 1 s, got none')])
+def test_a_server_that_another_client_uses(reply, said):
+    """It closes the connection or is silent: nothing of this client moves, so there is nothing to abort."""
+    async def scene(server, cmm):
+        server.replies['StartSession'] = lambda tag, asked: reply(server) or []
+        with pytest.raises(DmeLost, match=rf'{said}; is another client connected to the server') as caught:
+            await DmeSession.connect('127.0.0.1', server.port, TimeoutSettings(**IMPATIENT))
+        assert 'emergency stop' not in str(caught.value) and 'a person' not in str(caught.value)
+        assert 'AbortE' not in [one.name for one in server.commands]
+    run(scene)
 
 
 def test_an_error_before_the_ball_is_reached():

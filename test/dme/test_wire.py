@@ -116,6 +116,7 @@ def test_answers_are_read_by_name():
     assert numbers(values, 'Y') == (2.5,)
     assert numbers(values, 'IJK', 3) == (0, 0, 1)
     assert named(values, 'R') is None
+    assert numbers(parse_values('X(2), Y(1), X(2)'), 'X') == (2,)
     for name, words in [('X', 'X: wanted a finite number, got nan'), ('Z', 'Z: wanted a finite number, got nan'),
                         ('R', r'wanted R\(...\) with 1 numbers, got IJK'), ('IJK', 'with 1 numbers')]:
         with pytest.raises(NotDme, match=words):
@@ -170,7 +171,7 @@ def test_framing():
 
 
 @pytest.mark.parametrize(('data', 'words'), [
-    (b'00001 &\n', 'ends in CR LF'), (b'00001 \xff\r\n', 'printable ASCII'), (b'0000\n1 &\r\n', 'printable ASCII'),
+    (b'00001 &\n', 'ends in CR LF'), (b'00001 \xff\r\n', 'printable ASCII'), (b'0000\n1 &\r\n', 'ends in CR LF'),
     (b'x' * (2 * LONGEST) + b'\r\n', 'at most 65536 bytes'),
 ])
 def test_framing_of_what_is_no_line(data, words):
