@@ -75,6 +75,20 @@ def test_what_is_not_there_is_not_seen(creeping):
     assert check.cross_validation_after > 0.98 * check.cross_validation_before
 
 
+def test_a_frame_that_wanders_does_not_confirm_a_drift():
+    """A random walk of 10 sigma passed for the drift in 19 of 20 runs; under the noise of the run in 3."""
+    drifting = diagnose(machine_run(1, {'kind': 'frame_drift', 'rate_um_per_h': [1.5, 0.0, -1.0]}))
+    assert drifting.missing == ('frame_drift',)
+    outcomes = []
+    for seed in range(100, 106):
+        still, rng = machine_run(seed), np.random.default_rng(seed - 100)
+        walk = 10 * SIGMA * np.cumsum(rng.standard_normal((still.size, 3)), axis=0) / np.sqrt(still.size)
+        check = cross_check(still.replace(centre=still.centre + walk), drifting)
+        outcomes.append(check.effects[0].outcome)
+    assert 'Noise of this run, under which all is judged: the frame wanders' in check.text
+    assert outcomes.count('confirmed') <= 1, outcomes
+
+
 def test_a_fall_no_larger_than_chance_is_none(creeping):
     """The error in left-out readings falls a little, but so it does by chance in one run of seven."""
     entry, = cross_check(machine_run(13), creeping).effects

@@ -145,6 +145,15 @@ def noise_problem(fitted: Fit, members: Sequence[Member] = ()) -> NoiseProblem:
     return NoiseProblem(run, space.basis, np.concatenate([joint.every, *columns]), fitted.residual)
 
 
+def noise_beside(fitted: Fit) -> Noise:
+    """Return the noise of a run beside all that a model has, white where no other is seen; fitted: in white noise."""
+    return estimate(noise_problem(fitted), _kinds(fitted)).noise
+
+
+def _kinds(fitted: Fit) -> list[str]:
+    return [name.removeprefix('noise.') for name in fitted.model.noise]
+
+
 def _is_tailed(beside: NoiseFit, noise: Noise) -> bool:
     """Return whether what is left beside outliers, taken as normal, has heavy tails like those of a noise."""
     return bool(noise.tail) and not beside.noise.tail and beside.p_of_tail(noise) < TAILED
@@ -170,5 +179,4 @@ def noise_of_z(fitted: Fit) -> Noise:
 
 
 def _estimated(white: 'RunSearch', members: Sequence[Member]) -> NoiseFit:
-    kinds = [name.removeprefix('noise.') for name in white.base.model.noise]
-    return estimate(noise_problem(white.base, members), kinds)
+    return estimate(noise_problem(white.base, members), _kinds(white.base))

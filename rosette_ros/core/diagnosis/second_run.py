@@ -2,8 +2,9 @@
 """Is what one run taught true in another run that had no part in it?
 
 Effects learnt on run A keep their settings (time constant, period, order ...) on run B; nothing is searched there.
-Their amplitudes are fitted to B, which shows whether the shape is there. Where physics demands that they stay the same
-from run to run they are also taken from A as they are, which asks for everything at once.
+Their amplitudes are fitted to B, which shows whether the shape is there, under the noise that B has beside them: what
+wanders is no drift that has come again. Where physics demands that they stay the same from run to run they are also
+taken from A as they are, which asks for everything at once.
 """
 
 from collections.abc import Sequence
@@ -15,8 +16,10 @@ from scipy import special
 from rosette_ros.core.diagnosis.base_terms import f_test
 from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, whiten
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
+from rosette_ros.core.diagnosis.noise_choice import noise_beside
 from rosette_ros.core.diagnosis.parameter_search import choose_settings
 from rosette_ros.core.diagnosis.projection import Projection
+from rosette_ros.core.diagnosis.verdict import noise_words
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter, fit
@@ -100,6 +103,10 @@ def cross_check(run: Run, model: Model, learnt: Sequence[Learnt]) -> CrossCheck:
     refused = [_refusal(effect, fitted, before) for effect, fitted in learnt]
     usable = [pair for pair, words in zip(learnt, refused) if words is None]
     after = _with(before, usable)
+    noise = noise_beside(after)
+    if not noise.is_white:
+        before = fit(run, model, choose_settings(run, model, noise), noise)
+        after = _with(before, usable)
     error, error_with = _error(before), _error(after)
     carried = _carried(before, usable)
     judged = iter(_judge(before, after, usable, error_with))
@@ -132,7 +139,7 @@ def _with(before: Fit, pairs: Sequence[Learnt]) -> Fit:
     """Return the fit with the effects of some pairs more, at the settings of A."""
     terms = [Term(effect, fitted.setting) for effect, fitted in pairs]
     model = replace(before.model, terms=(*before.model.terms, *terms), repeated=True)
-    return fit(before.run, model, (*before.settings, *(term.fixed for term in terms)))
+    return fit(before.run, model, (*before.settings, *(term.fixed for term in terms)), before.noise)
 
 
 def _error(fitted: Fit) -> float:
@@ -146,7 +153,7 @@ def _carried(before: Fit, pairs: Sequence[Learnt]) -> Fit | None:
     moved = [_displacement(before.run, *pair) for pair in pairs if pair[0].carries == 'all']
     if not moved:
         return None
-    return fit(before.run.replace(centre=before.run.centre - sum(moved)), before.model, before.settings)
+    return fit(before.run.replace(centre=before.run.centre - sum(moved)), before.model, before.settings, before.noise)
 
 
 def _displacement(run: Run, effect: Effect, fitted: FittedEffect) -> Floats:
@@ -200,4 +207,6 @@ def _text(effects: Sequence[CheckedEffect], before: Fit, after: Fit, carried: Fi
     if carried is not None:
         parts.append('With the amplitudes as they were learnt and nothing fitted the residual is '
                      f'{carried.rms * 1e6:.3f} µm.')
+    if words := '; '.join(words for words, _ in noise_words(after.noise, after.sigma, after.run)):
+        parts.append(f'Noise of this run, under which all is judged: {words}.')
     return ' '.join(parts) or 'Nothing was learnt, so there is nothing to check.'
