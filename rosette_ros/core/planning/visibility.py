@@ -89,10 +89,10 @@ def visible_share(run: Run, name: str, terms: tuple[str, ...] = BASE_TERMS) -> S
     every = sorted(((setting, float(share)) for family in families(run, (effect,), _projection(run, terms), True)
                     for setting, share in zip(family.settings, family.shares)), key=lambda pair: pair[1])
     setting, share = _typical(every)
-    choices = {one.name for one in effect.searched if one.kind == 'choice'}
-    alike = defaultdict[frozenset[object], list[tuple[Setting, float]]](list)
+    choices = [one.name for one in effect.searched if one.kind == 'choice']
+    alike = defaultdict[tuple[object, ...], list[tuple[Setting, float]]](list)
     for one in every:
-        alike[frozenset((name, one[0].get(name)) for name in choices)].append(one)
+        alike[tuple([one[0].get(name) for name in choices])].append(one)
     typical = tuple(_typical(some)[0] for some in alike.values())
     return Share(name, every[-1][1], share, setting, typical[::-(-len(typical) // MOST_CHOICES)], '')
 
