@@ -6,7 +6,7 @@ import signal
 import time
 import uuid
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
@@ -19,7 +19,7 @@ from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.logging import LoggingSeverity
 from rclpy.task import Future
 from rosette_msgs.action import Calibrate
-from rosette_msgs.msg import CalibrationEvent, Diagnosis, RunState
+from rosette_msgs.msg import CalibrationEvent, RunState
 from rosette_msgs.srv import HoldCell
 from std_srvs.srv import Trigger
 
@@ -114,20 +114,16 @@ class CellClient(GraphClient):
     def __init__(self, domain_id: int | None = None, namespace: str = names.NAMESPACE) -> None:
         super().__init__(self.name, domain_id, namespace)
         self._rejections: list[str] = []
-        self._monitors: list[NodeMonitor] = []
         self._node.create_subscription(CalibrationEvent, names.CALIBRATION_EVENT, self._on_event, qos.EVENT)
         self._run_id, self._is_restarted, self._has_state = '', False, False
         self._progress = CalibrationProgress()
         self._on_warning: Callable[[str], object] | None = None
         self._node.create_subscription(Log, names.ROSOUT, self._on_log, qos.EVENT)
-        self._verdicts: dict[str, Verdict | None] = {}
-        self._evaluator = self._sender(names.DIAGNOSIS)
-        self._evaluator.judge(
-            self._node.create_subscription(Diagnosis, names.DIAGNOSIS, self._on_diagnosis, qos.RESULT))
         self._action = ActionClient(self._node, Calibrate, names.CALIBRATE)
         # The last one: DDS announces subscriptions in their order, so a sequencer whose state is received knows those
         # of feedback and events, too.
-        self._sequencer = self._sender(names.RUN_STATE)
+        self._monitor = NodeMonitor(self._node, names.SEQUENCER)
+        self._sequencer = Sender(self._node, names.RUN_STATE, self._monitor)
         self._sequencer.on_change = self._on_restart
         self._sequencer.judge(self._node.create_subscription(RunState, names.RUN_STATE, self._on_state, qos.STATE))
         self._node.create_timer(_STEP, self._watch)
@@ -138,14 +134,8 @@ class CellClient(GraphClient):
         super().close()
 
     def _watch(self) -> None:
-        for monitor in self._monitors:
-            monitor.watch()
-        for sender in (self._evaluator, self._sequencer):
-            sender.watch()
-
-    def _sender(self, topic: str) -> Sender:
-        self._monitors.append(NodeMonitor(self._node, names.PUBLISHERS[topic]))
-        return Sender(self._node, topic, self._monitors[-1])
+        self._monitor.watch()
+        self._sequencer.watch()
 
     def wait(self, timeout: float = 10.0) -> None:
         """Wait for a sequencer; raises CellError where none answers in time."""
@@ -232,10 +222,7 @@ class CellClient(GraphClient):
             except (KeyboardInterrupt, TimeoutError):
                 handle.cancel_goal_async()
                 response = self._await(result, CANCEL_TIMEOUT, check)
-        outcome = outcome_of(response)
-        if outcome.success and response.result.error_motions.diagnosed:
-            self._spin_until(lambda: outcome.run_id in self._verdicts, 10.0)  # it may be received after the result
-        return replace(outcome, verdict=self._verdicts.get(outcome.run_id))
+        return outcome_of(response)
 
     def _await(self, future: Future, timeout: float | None, check: Callable[[], object] | None,
                interrupt: TakenSignals | None = None) -> Any:
@@ -264,10 +251,6 @@ class CellClient(GraphClient):
     def measured(self) -> int:
         """Number of balls that the sequencer has reported last."""
         return self._progress.done
-
-    def _on_diagnosis(self, message: Diagnosis) -> None:
-        if self._evaluator.admits():
-            self._verdicts = {message.run_id: verdict_of(message)}
 
     def _on_log(self, message: Log) -> None:
         node = message.name.rpartition('.')[2]
@@ -298,4 +281,5 @@ def outcome_of(response: Any) -> CalibrationOutcome:
     motions = conversions.error_motions_record(result.error_motions) if result.success else None
     return CalibrationOutcome(result.success, response.status == GoalStatus.STATUS_CANCELED, result.message,
                               result.run_id, Path(result.log) if result.log else None, motions,
+                              verdict_of(result.error_motions) if result.success else None,
                               is_joint=bool(result.joint_evaluation.run_ids))

@@ -168,7 +168,7 @@ def progress_of(message: Any) -> CalibrationProgress:
 
 
 def verdict_of(message: Any) -> Verdict | None:
-    """Return the verdict in a Diagnosis; None where its outcome is not one that this version knows."""
+    """Return the verdict in a Diagnosis or ErrorMotions; None where there is none that this version knows."""
     outcome = getattr(message, 'outcome', '')  # older logs have none
     if outcome not in list(Outcome):
         return None

@@ -168,7 +168,7 @@ class Evaluator(CellNode):
                 self._report_failure(run_id, str(error))
                 continue
             diagnosis = self._diagnose_after(fit.run)
-            model, motions = self._publish(fit, is_diagnosed=diagnosis is not None)
+            model, motions = self._publish(fit, diagnosis)
             self._results = _Results(run_id, self.seconds(), (
                 *([(self._diagnosis_out, diagnosis)] if diagnosis else ()), (self._model_out, model),
                 (self._motions_out, motions)))
@@ -204,12 +204,16 @@ class Evaluator(CellNode):
             for publisher, message in last.messages:
                 publisher.publish(message)
 
-    def _publish(self, fit: Fit, is_diagnosed: bool) -> tuple[Model, ErrorMotions]:
-        """Publish model and error motions; these come last, since they end a run."""
+    def _publish(self, fit: Fit, diagnosis: Diagnosis | None) -> tuple[Model, ErrorMotions]:
+        """Publish model and error motions; these come last, since they end a run.
+
+        diagnosis: that is published already, None where none is."""
         stamp = self.now().to_msg()
         model, motions = (conversions.model_message(fit.model, stamp, fit),
                           conversions.error_motions_message(fit, stamp, TABLE_FRAME))
-        motions.diagnosed, motions.readings_hash = is_diagnosed, self._runs.readings_hash(fit.run.run_id)
+        motions.diagnosed, motions.readings_hash = diagnosis is not None, self._runs.readings_hash(fit.run.run_id)
+        if diagnosis is not None:
+            motions.outcome, motions.verdict, motions.action = diagnosis.outcome, diagnosis.verdict, diagnosis.action
         self._model_out.publish(model)
         self._motions_out.publish(motions)
         return model, motions
@@ -250,7 +254,7 @@ class Evaluator(CellNode):
         stamp = self.now().to_msg()
         response.before = conversions.model_message(change.model_before, stamp, change.before)
         response.after = conversions.model_message(change.after.model, stamp, change.after)
-        _, response.error_motions = self._publish(change.after, is_diagnosed=False)
+        _, response.error_motions = self._publish(change.after, None)
         response.message = change.sentence
         try:
             self._diagnose(change.run.run_id)

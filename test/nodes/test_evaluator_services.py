@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 import yaml
 from rclpy.serialization import deserialize_message
-from rosette_msgs.msg import Diagnosis
+from rosette_msgs.msg import Diagnosis, ErrorMotions
 from rosette_msgs.srv import AddEffect, Diagnose, EvaluateJointly, RemoveEffect
 
 from rosette_ros.analysis import analyse, diagnose, evaluate_jointly
 from rosette_ros.cell.client import CellClient
 from rosette_ros.core.model.model import Model
 from rosette_ros.io.log_reader import iter_log, read_log
+from rosette_ros.io.messages import verdict_of
 from rosette_ros.io.open_run import open_readings
 
 N = 6
@@ -100,9 +101,12 @@ def test_without_a_run_there_is_no_answer(unasked, name):
 
 
 def test_the_log_of_a_run_holds_its_diagnosis(calibrated):
-    """Published before the error motions, which end the run; equal to the one made offline."""
+    """Published before the error motions, which end the run and carry its verdict; equal to the one made offline."""
     data, = messages_of(calibrated.log, 'diagnosis')
     message = deserialize_message(data, Diagnosis)
+    motions = deserialize_message(messages_of(calibrated.log, 'error_motions')[0], ErrorMotions)
+    assert motions.diagnosed
+    assert verdict_of(motions) == verdict_of(message) == calibrated.verdict
     offline = diagnose(read_log(calibrated.log).to_run())
     assert offline.missing == ('frame_drift',)
     assert message.run_id == calibrated.run_id
