@@ -37,7 +37,7 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 WAKE_PERIOD, HEALTH_PERIOD = 0.2, 1.0
 AUTOSTART = Wanted('autostart', True, 'whether the node configures and activates itself; false: a lifecycle '
                    'manager does', read_only=True)
-_SIGNAL_PERIOD = 0.1  # a signal, or the end of the parent process, is noticed within this time, s
+_SIGNAL_PERIOD = 0.05  # a signal, or the end of the parent process, is noticed within this time, s
 
 Health = tuple[bytes, str, dict[str, object]]
 """Level of DiagnosticStatus, one sentence, values by name."""

@@ -42,7 +42,8 @@ SETTINGS = {
              'box_high_mm': [850, 760, 200]},
 }
 NANOMETRE, NANORADIAN = 1e-9, 1e-9
-SOON = 0.2
+SOON, HOPS = 0.2, 10
+"""What is promised, s, and how often on its way something waits for the processor."""
 MOVE = r'< \d+ (GoTo|PtMeas|AlignPart|Home|ChangeTool)'
 
 
@@ -80,6 +81,24 @@ class Served:
         """Return when a line with these words came last, None if none did since then."""
         times = [at for at, line in list(self.lines) if re.search(words, line) and at > since]
         return times[-1] if times else None
+
+
+@pytest.fixture
+def soon():
+    """Yield a function that returns SOON and what a busy computer adds: by how much this process wakes too late."""
+    late, ended = [0.0], threading.Event()
+
+    def watch():
+        began = time.monotonic()
+        while not ended.wait(0.01):
+            late.append(time.monotonic() - began - 0.01)
+            began = time.monotonic()
+
+    thread = threading.Thread(target=watch)
+    thread.start()
+    yield lambda: SOON + HOPS * max(late)
+    ended.set()
+    thread.join()
 
 
 @pytest.fixture(scope='module')
@@ -156,7 +175,7 @@ def test_a_plan_that_cannot_be_measured(cell, client, served, goal, words):
     assert served.when('<', began) is None
 
 
-def test_a_cancelled_run_is_aborted_at_once(cell, client, served, module_domain_id, wait_until, trigger):
+def test_a_cancelled_run_is_aborted_at_once(cell, client, served, module_domain_id, wait_until, trigger, soon):
     """AbortE within 0.2 s of the cancel, in the middle of a move; nothing is sent before the next run."""
     with served.slow(), CellClient(module_domain_id) as other:
         outcomes, began = [], time.monotonic()
@@ -167,7 +186,7 @@ def test_a_cancelled_run_is_aborted_at_once(cell, client, served, module_domain_
         cancelled = time.monotonic()
         assert success, words
         wait_until(lambda: served.when('< E.* AbortE', began))
-        assert served.when('< E.* AbortE', began) < cancelled + SOON
+        assert served.when('< E.* AbortE', began) < cancelled + soon()
         thread.join()
         assert outcomes[0].message == 'cancelled on request'
         assert served.when(MOVE, served.when('< E.* AbortE', began)) is None
@@ -225,7 +244,7 @@ def test_a_server_that_is_restarted(cell, client, served, wait_until, trigger):
     assert read_log(whole.log).to_run().size == N * N
 
 
-def test_a_check_that_is_interrupted(cell, served, module_domain_id, wait_until):
+def test_a_check_that_is_interrupted(cell, served, module_domain_id, wait_until, soon):
     """The node that requested the ball is disconnected: AbortE, nothing is sent after it."""
     class Interrupted(CmmClient):
         def _is_answered(self, target):
@@ -239,12 +258,12 @@ def test_a_check_that_is_interrupted(cell, served, module_domain_id, wait_until)
             asking.check(settings, 2)
         gone = time.monotonic()
         wait_until(lambda: served.when('< E.* AbortE', began))
-        assert served.when('< E.* AbortE', began) < gone + 1.0
+        assert served.when('< E.* AbortE', began) < gone + 0.8 + soon()
         wait_until(lambda: 'requested ball 1 is disconnected' in cell.processes[names.CMM].text())
         assert served.when(MOVE, served.when('< E.* AbortE', began)) is None
 
 
-def test_a_node_that_crashed(cell, client, served, module_domain_id, wait_until, trigger):
+def test_a_node_that_crashed(cell, client, served, module_domain_id, wait_until, trigger, soon):
     """While it measured: it connects when a person has looked, and says what is wrong; a tool is changed for a target.
     """
     began, sessions = time.monotonic(), served.server.sessions
@@ -283,14 +302,14 @@ def test_a_node_that_crashed(cell, client, served, module_domain_id, wait_until,
         assert trigger(other, names.CANCEL_CALIBRATION)[0]
         cancelled = time.monotonic()
         wait_until(lambda: served.when('< E.* AbortE', began))
-        assert served.when('< E.* AbortE', began) < cancelled + SOON
+        assert served.when('< E.* AbortE', began) < cancelled + soon()
         thread.join()
         assert served.when(MOVE, served.when('< E.* AbortE', began)) is None
     assert client.calibrate('row').success
     assert commands.tool == 'Probe1'
 
 
-def test_the_end_of_the_node_aborts(cell, client, served, wait_until):
+def test_the_end_of_the_node_aborts(cell, client, served, wait_until, soon):
     """AbortE within 0.2 s of SIGINT, EndSession after it, exit code 0."""
     with served.slow():
         began = time.monotonic()
@@ -300,13 +319,13 @@ def test_the_end_of_the_node_aborts(cell, client, served, wait_until):
         cell.processes[names.CMM].end(signal.SIGINT)
         wait_until(lambda: cell.processes[names.CMM].has_ended)
         aborted = served.when('< E.* AbortE', ended)
-        assert aborted < ended + SOON
+        assert aborted < ended + soon()
         assert served.when('< .* EndSession', aborted)
         assert served.when(MOVE, aborted) is None
         assert cell.processes[names.CMM].popen.returncode == 0
 
 
-def test_a_node_whose_parent_has_ended(served, domain_id, cell, wait_until, tmp_path):
+def test_a_node_whose_parent_has_ended(served, domain_id, cell, wait_until, tmp_path, soon):
     """AbortE within 0.2 s of the end of the process that started the node, however it ended; EndSession after it."""
     wait_until(lambda: cell.processes[names.CMM].has_ended)  # the server has room for one client
     parent = subprocess.Popen(
@@ -330,7 +349,7 @@ def test_a_node_whose_parent_has_ended(served, domain_id, cell, wait_until, tmp_
         parent.kill()
         parent.wait()
         wait_until(lambda: served.when('< E.* AbortE', began))
-        assert ended < served.when('< E.* AbortE', began) < ended + SOON
+        assert ended < served.when('< E.* AbortE', began) < ended + soon()
         wait_until(lambda: served.when('< .* EndSession', ended))
         assert served.when(MOVE, served.when('< E.* AbortE', began)) is None
     assert not StopMark(served.settings).path.exists()
