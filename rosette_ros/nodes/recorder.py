@@ -149,8 +149,11 @@ class Recorder(CellNode):
         """Return whether a target is not of the open log: a new subscription may get those of earlier runs late.
 
         By the name of the run as it stands in CDR, with its final zero: to decode a target takes a hundred times as
-        long."""
-        return self._session.is_open and f'{self._session.run_id}\0'.encode() not in data
+        long. Raises InvalidData where it is no target at all."""
+        is_other = self._session.is_open and f'{self._session.run_id}\0'.encode() not in data
+        if is_other:
+            decoded(data, ProbeTarget)
+        return is_other
 
     def _handle(self, topic: str, message: Any) -> None:
         if isinstance(message, Heartbeat):

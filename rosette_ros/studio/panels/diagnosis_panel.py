@@ -131,11 +131,11 @@ class CandidatesPanel:
                 options = {name: words_of(name) for name in EFFECTS}
                 self._other = ui.select(options, label='effect', with_input=True, on_change=self._explain)
                 widgets.input_field(self._other, 'other-effect', 'width: 100%')
-                self._meaning = ui.label('').classes('soft small')
                 with row():
                     for words, icon, action in (('Preview', 'visibility', on_preview), ('Add', 'add', on_add)):
                         button(words, lambda action=action: self._other.value and action(self._other.value, None), icon,
                                f'other-{words.lower()}')
+                self._meaning = ui.label('').classes('soft small')  # below: buttons that move are missed
 
     def _explain(self) -> None:
         effect = MEANINGS.get(self._other.value or '')
