@@ -65,6 +65,10 @@ def test_an_effect_can_be_wanted(rosette):
     (('--balls', '6', '--order', 'circle'), 'order: wanted one of row, diagonal, column, random'),
     (('--balls', '2', '--order', 'row'), 'number of balls: wanted a whole number of at least 3'),
     (('--balls', '6', '--order', 'row', '--show', 'drift'), 'effect: wanted one of frame_drift'),
+    (('--balls', '6', '--order', 'row', '--show', 'ball_sag'),
+     'ball_sag: wanted an effect that the cell of this run can have, got one that no order shows: the run does not say '
+     'how the table axis stands in the machine'),
+    (('--balls', '6', '--order', 'row', '--show', 'free_time'), 'it is a form without a name'),
     (('nowhere.csv',), 'nowhere.csv'),
 ])
 def test_refused(refused, words, wanted):

@@ -7,6 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
+from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.planning.visibility import Share, Visibility, visibility, visible_share, visible_shares
 from rosette_ros.core.records import Floats, Run
 from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, nominal_places, plan, unwrap_travel
@@ -148,6 +150,7 @@ def advise(n: int, order: str = 'diagonal', radius: float = 0.1825, sigma: float
 
     wanted: names of effects that the next run must show (the weak ones of the present order if none). The best order
     has the largest worst share over what is wanted; of orders within a tenth of it, the one with the least travel.
+    Raises NotDeterminable for an effect that the cell cannot have, whatever the order.
     """
     return _advice(advise_order(plan(n, order, seed, turning), radius, sigma), n, radius, sigma, wanted, seed)
 
@@ -181,6 +184,11 @@ def _advice(present: OrderAdvice, n: int, radius: float, sigma: float, wanted: S
             rotation: Floats | None = None, balls: tuple[int, ...] = ()) -> Advice:
     judged = [entry for entry in present.shares.values() if not entry.reason]
     weak = tuple(entry.name for entry in judged if entry.typical_share < GOOD_SHARE)
+    for name in wanted:
+        if name not in present.shares:
+            why = EFFECTS[name].unavailable(present.run) if name in EFFECTS else 'it is a form without a name'
+            raise NotDeterminable(f'{name}: wanted an effect that the cell of this run can have, got one that no order '
+                                  f'shows: {why}')
     wanted = tuple(wanted) or weak or tuple(entry.name for entry in judged)
     every = tuple(advise_order(plan(n, name, seed, turning, balls=balls), radius, sigma, wanted, names=wanted,
                                rotation=rotation) for name, turning in VARIANTS)
