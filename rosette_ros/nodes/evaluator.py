@@ -254,12 +254,12 @@ class Evaluator(CellNode):
         stamp = self.now().to_msg()
         response.before = conversions.model_message(change.model_before, stamp, change.before)
         response.after = conversions.model_message(change.after.model, stamp, change.after)
-        _, response.error_motions = self._publish(change.after, None)
-        response.message = change.sentence
+        response.message, diagnosis = change.sentence, None
         try:
-            self._diagnose(change.run.run_id)
+            diagnosis = self._diagnose(change.run.run_id)
         except RosetteError as error:
             response.message += f'; not diagnosed: {error}'
+        _, response.error_motions = self._publish(change.after, diagnosis)
         self.get_logger().info(response.message)
 
     def health(self) -> Health:

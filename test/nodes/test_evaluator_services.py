@@ -164,6 +164,7 @@ def test_adding_the_effect_changes_model_and_curves(answers, calibrated):
     assert np.array_equal(answer.error_motions.ctx, offline.error_motions['ctx'])
     assert np.array_equal(answer.error_motions.u_crz, offline.error_motions.uncertainty('crz'))
     assert answers[2].diagnosis.missing == []
+    assert verdict_of(answer.error_motions) == verdict_of(answers[2].diagnosis), 'the curves carry their verdict'
     assert answers[2].diagnosis.model_hash == model.hash
 
 
