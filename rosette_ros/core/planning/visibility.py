@@ -86,7 +86,8 @@ def visible_share(run: Run, name: str, terms: tuple[str, ...] = BASE_TERMS) -> S
     effect = effects_of(run)[name]
     if reason := why_not_judged(effect, run):
         return Share(name, 0.0, 0.0, Setting(), (), reason)
-    every = sorted(((setting, float(share)) for family in families(run, (effect,), _projection(run, terms), True)
+    seen = families(run, (effect,), _projection(run, terms), keep_hidden=True)
+    every = sorted(((setting, float(share)) for family in seen
                     for setting, share in zip(family.settings, family.shares)), key=lambda pair: pair[1])
     setting, share = _typical(every)
     choices = [one.name for one in effect.searched if one.kind == 'choice']
