@@ -89,6 +89,14 @@ def test_a_frame_that_wanders_does_not_confirm_a_drift():
     assert outcomes.count('confirmed') <= 1, outcomes
 
 
+def test_a_second_run_without_noise_has_none(creeping):
+    """What rounding leaves of it has sizes by axis, but is none."""
+    config = MachineConfig().changed(seed=2, plate={'balls': 8}, probing={'repeatability_um': 0.0}, hidden=[CREEP])
+    check = cross_check(Machine(config).run(plan(8, 'random', 2), run_id='silent'), creeping)
+    assert check.effects[0].outcome == 'confirmed'
+    assert 'Noise of this run' not in check.text
+
+
 def test_a_fall_no_larger_than_chance_is_none(creeping):
     """The error in left-out readings falls a little, but so it does by chance in one run of seven."""
     entry, = cross_check(machine_run(13), creeping).effects

@@ -16,6 +16,7 @@ from scipy import special
 from rosette_ros.core.diagnosis.base_terms import f_test
 from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, whiten
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
+from rosette_ros.core.diagnosis.diagnosis import NOISELESS
 from rosette_ros.core.diagnosis.noise_choice import noise_beside
 from rosette_ros.core.diagnosis.parameter_search import choose_settings
 from rosette_ros.core.diagnosis.projection import Projection
@@ -104,7 +105,7 @@ def cross_check(run: Run, model: Model, learnt: Sequence[Learnt]) -> CrossCheck:
     usable = [pair for pair, words in zip(learnt, refused) if words is None]
     after = _with(before, usable)
     noise = noise_beside(after)
-    if not noise.is_white:
+    if not noise.is_white and after.rms >= NOISELESS:
         before = fit(run, model, choose_settings(run, model, noise), noise)
         after = _with(before, usable)
     error, error_with = _error(before), _error(after)
