@@ -5,11 +5,12 @@ import re
 
 import numpy as np
 import pytest
+from noisy_runs import NONE, SIGMA, autoregressive, covariance, estimated, noisy, student, walk, white
 from synthetic import synthetic_run
 
 from rosette_ros.analysis import analyse
 from rosette_ros.core.diagnosis.comparison import compare
-from rosette_ros.core.diagnosis.diagnosis import find, judge
+from rosette_ros.core.diagnosis.diagnosis import judge
 from rosette_ros.core.diagnosis.noise_choice import noise_problem
 from rosette_ros.core.diagnosis.noise_search import NoiseProblem, estimate
 from rosette_ros.core.diagnosis.verdict import Outcome
@@ -21,65 +22,6 @@ from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.records import remove_gauge
 from rosette_ros.core.scheme import plan
 from rosette_ros.presentation.formatting import uncertainty_words
-
-SIGMA = 1e-7
-NONE = np.zeros((0, 144, 3))
-
-
-def noisy(offset, seed=0, order='random'):
-    """Return a run of 12 balls with an offset (N, 3) in sigma on its readings, whose repeatability is known."""
-    run = synthetic_run(12, order, seed, repeatability=SIGMA)[0]
-    return run.replace(centre=run.centre + SIGMA * offset)
-
-
-def white(seed):
-    """Return independent normal numbers for 144 readings, and the generator."""
-    rng = np.random.default_rng([seed, 7])
-    return rng.standard_normal((144, 3)), rng
-
-
-def autoregressive(seed, rho):
-    """Return noise whose neighbours are correlated."""
-    drive, _ = white(seed)
-    out = drive.copy()
-    for place in range(1, 144):
-        out[place] = rho * out[place - 1] + np.sqrt(1 - rho**2) * drive[place]
-    return out
-
-
-def walk(seed, end):
-    """Return white noise on a frame that wanders at random."""
-    noise, rng = white(seed)
-    return noise + end / 12 * np.cumsum(rng.standard_normal((144, 3)), axis=0)
-
-
-def student(seed, dof):
-    """Return noise of heavy tails, the same scale for all axes of a reading."""
-    noise, rng = white(seed)
-    return noise * np.sqrt((dof - 2) / rng.chisquare(dof, (144, 1)))
-
-
-def problem(offset, seed=0, order='random'):
-    """Return the problem of the noise of a run."""
-    run = noisy(offset, seed, order)
-    found = fit(run)
-    return NoiseProblem(run, found.joint.space.basis, NONE, found.residual, 0)
-
-
-def estimated(offset, seed=0, order='random'):
-    """Return the NoiseFit of a run."""
-    return estimate(problem(offset, seed, order))
-
-
-def covariance(sd, phi, wander):
-    """Return the covariance (3 N, 3 N) of a noise, written out."""
-    size = len(sd)
-    k = np.arange(size)
-    kernel = np.minimum(k[:, None], k) + 1.0 if phi == 1 else phi**np.abs(k[:, None] - k)
-    out = np.zeros((size, 3, size, 3))
-    for axis in range(3):
-        out[:, axis, :, axis] = np.diag(sd[:, axis]**2) + wander[axis] * kernel
-    return out.reshape(3 * size, 3 * size)
 
 
 @pytest.mark.parametrize('size', [20, 80])
@@ -167,26 +109,6 @@ def test_noise_is_told_as_noise(kind):
     assert all(words in one.sentence for one in verdicts)
 
 
-@pytest.mark.parametrize('order', ['column', 'diagonal', 'random'])
-@pytest.mark.parametrize('factor', [3.0, 5.0])
-def test_a_ball_that_scatters_more_makes_no_shape(factor, order):
-    """A form of as many coefficients as the ball has readings describes any noise: it is no course of the ball."""
-    run = synthetic_run(12, order, 2, repeatability=SIGMA)[0]
-    size = np.where(run.ball == 7, factor, 1.0)[:, None]
-    verdict = judge(run.replace(centre=run.centre + SIGMA * size * white(52)[0]))
-    assert verdict.outcome in (Outcome.NOISE, Outcome.SCATTERS)
-    assert re.search(r'scatters [1-9]\.\d times as much|stand out', verdict.sentence)
-
-
-@pytest.mark.parametrize('seed', range(3))
-def test_a_noise_that_leaves_readings_out_is_not_taken(seed):
-    """Without noise all that is left is where a plate dropped: other parts of the run would count for everything."""
-    run, *_ = synthetic_run(12, 'row', seed)
-    dropped = np.clip((np.arange(run.size) - 88) / 5, 0, 1) * np.sin(run.beta - 1) * 9e-6 * (run.time < run.time[96])
-    verdict = judge(run.replace(centre=run.centre + dropped[:, None] * np.eye(3)[2]))
-    assert verdict.outcome in (Outcome.NAMED, Outcome.UNNAMED)
-
-
 def test_rounding_is_told_as_rounding():
     """Readings in steps of 1 um, whose noise is a tenth of that."""
     run = synthetic_run(12, 'diagonal', 1, noise=SIGMA, repeatability=SIGMA)[0]
@@ -217,15 +139,6 @@ def test_unequal_axes_have_uncertainties_of_their_own():
     along_x, along_z = (float(re.search(rf'([\d.]+) µm along {axis}', uncertainty_words(fit))[1]) for axis in 'xz')
     u = 1e6 * fit.error_motions.u.max(axis=0)
     assert (along_x, along_z) == pytest.approx((12 * u[0] / np.sqrt(10), 12 * u[2] / np.sqrt(11)), rel=0.01)
-
-
-def test_an_effect_is_named_in_noisy_axes():
-    """A drift is named where z is twice as noisy, and both are told."""
-    run = noisy(white(3)[0] * (1, 1, 2), 3)
-    drift = 1.2e-6 * (run.time / run.time[-1])[:, None] * np.array([1.0, 0.5, 0.0])
-    verdict = judge(run.replace(centre=run.centre + drift))
-    assert verdict.outcome == Outcome.NAMED
-    assert 'lacks frame_drift:' in verdict.sentence and 'z repeats ' in verdict.sentence
 
 
 def test_a_complete_run_of_unequal_axes_needs_no_dense_solution():
@@ -318,30 +231,6 @@ def test_what_is_left_is_tested():
     assert 'no noise of that kind' not in judge(run).sentence
 
 
-def test_heavy_tails_and_unequal_axes_are_both_found():
-    """z twice as noisy, beside Student's distribution of 4 degrees of freedom: one does not stand for the other."""
-    found = [estimated(student(seed, 4) * (1, 1, 2), seed).noise for seed in range(4)]
-    assert all(set(noise.kinds) >= {'axes', 'tail reading'} for noise in found)
-    assert np.mean([noise.axes[2] / noise.axes[0] for noise in found]) == pytest.approx(2, rel=0.15)
-
-
-def test_what_wrong_readings_leave_decides_between_them_and_heavy_tails():
-    """Normal noise is not taken for Student's in more than 5 % of the runs; Student's is known from what is left."""
-    tails = Noise(tail='reading', tail_dof=4.0)
-    normal = [problem(white(seed)[0], seed).start.p_of_tail(tails) for seed in range(40)]
-    assert sum(p < 0.01 for p in normal) <= 2 and 0.3 < np.mean(normal) < 0.7
-    assert sum(problem(student(seed, 3), seed).start.p_of_tail(tails) < 0.01 for seed in range(10)) >= 9
-
-
-@pytest.mark.parametrize(('reading', 'order'), [(0, 'random'), (60, 'column')])
-def test_one_wrong_reading_is_no_other_effect(reading, order):
-    """Off along one axis, the first of a run is no warm-up, the first of its ball no slip of the plate."""
-    offset = white(5)[0]
-    offset[reading] += (9.0, 0.0, 0.0) if reading == 0 else (0.0, 11.0, 0.0)
-    verdict = judge(noisy(offset, 5, order))
-    assert f'lacks outlier (reading {reading + 1},' in verdict.sentence
-
-
 def test_a_repeatability_is_that_of_its_place():
     """Balls that scatter three times as much do not make the others' repeatability wrong; both places are told."""
     loud = np.where(np.arange(144) // 12 % 4 == 1, 3.0, 1.0)[:, None]  # a quarter of the balls, of the time too
@@ -427,46 +316,3 @@ def test_the_residual_under_heavy_tails_is_that_of_their_variance(seed):
     assert found.noise.tail
     assert found.rms == pytest.approx(left.rms, rel=0.05)
     assert verdict.outcome != Outcome.SCATTERS and 'Student' in verdict.sentence
-
-
-BESIDE = {
-    'all of one ball': lambda run: (run.ball == 9)[:, None] * np.array([1.0, -0.4, 0]),
-    'a radius that drifts': lambda run: (run.time / run.time[-1])[:, None] * np.stack(
-        [np.cos(run.alpha), np.sin(run.alpha), 0 * run.alpha], axis=1),
-    'a scale that drifts': lambda run: (run.time / run.time[-1] * np.cos(run.alpha))[:, None] * np.array([1.0, 0, 0]),
-}
-
-
-@pytest.mark.parametrize('kind', BESIDE)
-def test_the_noise_beside_an_effect_is_not_what_the_effect_alone_looks_like(kind):
-    """40 sigma look like a loud ball, a wander or unequal axes: beside the effect no more is left than without it."""
-    run = noisy(student(2, 4), 2)
-    moved = BESIDE[kind](run)
-    visible = np.linalg.norm(fit(run.replace(centre=run.centre + 1e-6 * moved)).residual - fit(run).residual)
-    found = find(run.replace(centre=run.centre + 40 * SIGMA * 1e-6 / visible * moved))
-    assert len(found.missing) == 1
-    assert found.final.rms == pytest.approx(fit(run).rms, rel=0.05)
-    assert not found.final.noise.by and not found.final.noise.wander.any()
-
-
-@pytest.mark.parametrize('seed', [1, 2, 6, 9, 11])
-def test_a_wander_beside_an_effect_is_no_course_of_the_frame(seed):
-    """Beside a ball that stands off by 25 sigma a random walk of 2 sigma is a wander, as it is alone."""
-    run = noisy(walk(seed, 2.0), seed)
-    moved = BESIDE['all of one ball'](run)
-    visible = np.linalg.norm(fit(run.replace(centre=run.centre + 1e-6 * moved)).residual - fit(run).residual)
-    found = find(run.replace(centre=run.centre + 25 * SIGMA * 1e-6 / visible * moved))
-    assert found.missing == ('ball_machine_offset',)
-    assert found.final.noise.wander.any() or not found.unexplained
-
-
-@pytest.mark.parametrize('seed', range(3))
-def test_a_drift_beside_an_effect_is_no_wander(seed):
-    """In white noise both are named, the drift of 15 sigma, too."""
-    run = noisy(white(seed)[0], seed)
-    for moved, size in ((BESIDE['all of one ball'](run), 25), (run.time[:, None] * np.array([1e-4, 0, 5e-5]), 15)):
-        visible = np.linalg.norm(fit(run.replace(centre=run.centre + 1e-6 * moved)).residual - fit(run).residual)
-        run = run.replace(centre=run.centre + size * SIGMA * 1e-6 / visible * moved)
-    missing = find(run).missing
-    assert missing[0] == 'ball_machine_offset' and len(missing) == 2
-    assert missing[1] in ('frame_drift', 'frame_warmup')

@@ -3,15 +3,12 @@
 
 import resource
 import signal
-import subprocess
-import sys
 import threading
 import time
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import yaml
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rosette_msgs.msg import BallCentre, ErrorMotions, Heartbeat, ProbeTarget, RunState
@@ -19,7 +16,7 @@ from rosette_msgs.srv import CheckPlan, StartRecording
 
 from rosette_ros.analysis import analyse
 from rosette_ros.cell.client import CellClient
-from rosette_ros.cell.supervisor import MODULES, cell_environment
+from rosette_ros.cell.supervisor import MODULES
 from rosette_ros.core.errors import CellError
 from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.messages import Phase
@@ -399,47 +396,6 @@ def test_clean_end_on_sigint_and_sigterm_in_the_middle_of_a_run(cell_of, domain_
     assert not log.truncated
     assert log.problems == ()
     assert len(log.answers) >= interrupted[0].done
-
-
-@pytest.mark.parametrize(('module', 'args', 'words'), [
-    ('sequencer', ['-p', 'plate.balls:=2'],
-     'sequencer: node sequencer: parameter: plate.balls: wanted a whole number in 3 .. 1000'),
-    ('simulated_cmm', ['-p', 'machine:=/nowhere/machine.yaml'], '/nowhere/machine.yaml'),
-    ('recorder', ['-p', 'logdir:=x'], "unknown name 'logdir'; did you mean log_dir"),
-    ('recorder', ['--params-file', '/nowhere.yaml'], '/nowhere.yaml'),
-])
-def test_wrong_start_is_one_line_and_exit_code_2(domain_id, module, args, words):
-    """The node's own line is the last one; rcl may have said something before."""
-    done = subprocess.run(
-        [sys.executable, '-m', f'rosette_ros.nodes.{module}', '--ros-args', *args],
-        env=cell_environment(domain_id), capture_output=True, text=True, timeout=60, check=False)
-    assert done.returncode == 2, done.stderr
-    own = [line for line in done.stderr.splitlines() if line.startswith(module.removeprefix('simulated_'))]
-    assert len(own) == 1, done.stderr
-    assert words in own[0]
-    assert 'Traceback' not in done.stderr
-
-
-@pytest.mark.parametrize(('section', 'words'), [
-    ('sequencer', "section 'sequencer': wanted the name of a node in the namespace /rosette, got one that belongs to "
-                  'none; did you mean /**/sequencer?'),
-    ('/**/sequenser', 'did you mean /**/sequencer?'),
-    ('/cell2/evaluator', 'did you mean /**/evaluator?'),
-    ('/**/simulated_cmm', 'did you mean /**/cmm?'),
-    ('rosette/recorder', None), ('/**/recorder', None), ('/*/recorder', None), ('/**', None),
-])
-def test_a_section_of_a_parameter_file_that_matches_no_node_is_refused(domain_id, tmp_path, section, words):
-    """It was ignored, and 144 balls were measured instead of 36."""
-    path = tmp_path / 'cell.yaml'
-    path.write_text(yaml.safe_dump({section: {'ros__parameters': {'use_sim_time': False}}}))
-    command = [sys.executable, '-m', 'rosette_ros.nodes.recorder', '--ros-args', '-r', '__ns:=/rosette',
-               '--params-file', str(path)]
-    with subprocess.Popen(command, env={**cell_environment(domain_id), names.PARENT_PID: '1'},  # ends at once
-                          cwd=tmp_path, stderr=subprocess.PIPE, text=True) as node:
-        said = node.communicate(timeout=60)[1]
-    assert node.returncode == (2 if words else 0), said
-    assert said.strip().splitlines()[-1].startswith(f'recorder: {path}: section') == bool(words)
-    assert words is None or words in said
 
 
 @pytest.mark.parametrize('reason', ['', 'ball 3 cannot be reached'])
