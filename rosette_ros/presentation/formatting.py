@@ -51,7 +51,8 @@ SCALES = {'1': Scale(1.0, ''), 's': Scale(1 / 60, 'min'), 'm': Scale(1e6, 'µm')
           'rad/K': Scale(1e6, 'µrad/K'), '1/K': Scale(1e6, 'ppm/K')}
 """SI unit: how it is shown; a unit that is not here is shown as it is."""
 
-OF_PARAMETER = {'psi0': Scale(0.5 / math.pi, 'turns'), 'nu': Scale(1.0, 'per turn'), 'height': Scale(1e3, 'mm')}
+OF_PARAMETER = {'psi0': Scale(0.5 / math.pi, 'turns'), 'nu': Scale(1.0, 'per turn'), 'height': Scale(1e3, 'mm'),
+                'theta0': Scale(180 / math.pi, '°')}
 """Parameters that are no small deviations and have a scale of their own, by name."""
 
 

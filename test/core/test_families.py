@@ -101,6 +101,24 @@ def test_the_direction_of_approach_is_judged_where_positions_are_left_out_by_pla
     assert 'where readings are missing' in EFFECTS['probe_approach'].unavailable(lost)
 
 
+@pytest.mark.parametrize('part', ['along', 'across'])
+@pytest.mark.parametrize('order', ['column', 'random'])
+def test_the_first_move_of_the_probe_makes_no_wrong_reading(order, part):
+    """The CMM came to the first ball along 130 degrees, which is not recorded: found within 4 u, and no outlier."""
+    def displacement(run):
+        theta, known = last_move(run)
+        theta = np.where(known[:, 0], theta, np.deg2rad(130))
+        return np.stack({'along': [np.cos(theta), np.sin(theta), 0 * theta],
+                         'across': [-np.sin(theta), np.cos(theta), 0 * theta]}[part], axis=1)
+    found = find(measured(displacement, order, 40.0))
+    assert found.missing == ('probe_approach',)
+    (claim,) = found.final.effects
+    assert claim.setting['part'] == part
+    theta0 = claim.parameters[-1]
+    assert theta0.name == 'theta0' and theta0.u < np.deg2rad(15)
+    assert theta0.value == pytest.approx(np.deg2rad(130), abs=4 * theta0.u)
+
+
 FOREIGN = {
     'growing ever faster': (lambda run: np.exp(5 * share(run))[:, None] * X, 'time', 'in x'),
     'a plate that grows by spurts': (lambda run: (share(run) + 0.3 * np.sin(12 * share(run)))[:, None] * np.stack(

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rosette_ros.core.effects.effect import Effect, Quantity, Searched, Setting, grid, per_axis
+from rosette_ros.core.effects.effect import Bracket, Effect, Quantity, Searched, Setting, grid, per_axis
 from rosette_ros.core.effects.run_functions import (
     cmm_axes,
     cmm_axes_names,
@@ -20,6 +20,9 @@ from rosette_ros.core.records import Floats, Run
 UNKNOWN = 'unknown'
 FIRST_SENSES = {UNKNOWN: (0, 0), '++': (1, 1), '+-': (1, -1), '-+': (-1, 1), '--': (-1, -1)}
 """Senses of the two axes before they have moved, by the word for them."""
+
+FIRST_MOVES = np.linspace(-np.pi, np.pi, 8, endpoint=False)
+"""Directions that are tried for a move that is not recorded, rad."""
 
 
 class CmmReversal(Effect):
@@ -82,20 +85,35 @@ class ProbeApproach(Effect):
     source = 'ISO 10360-5 (probing error by direction)'
     carries = 'all'
     searched = (Searched('lobes', '1', 'm, lobes of the probe around its axis'),
-                Searched('part', '', 'along the move, across it, or along z'))
+                Searched('part', '', 'along the move, across it, or along z'),
+                Searched('theta0', 'rad', 'direction of the move to the first ball, which is not recorded', 'phase'))
 
     def unavailable(self, run: Run) -> str:
         """Where readings are missing, moves between them are not those that the CMM made."""
         return '' if run.is_gapless else 'where readings are missing the last move of the CMM is not known'
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
-        return (*grid(lobes=(0, 2, 3, 4), part=('along', 'across')), *grid(lobes=(1, 2, 3, 4), part=('z',)))
+        first = FIRST_MOVES.tolist()
+        return (*grid(lobes=(0, 2, 3, 4), part=('along', 'across'), theta0=first),
+                *grid(lobes=(1, 2, 3, 4), part=('z',), theta0=first))
+
+    def independent_settings(self, run: Run) -> int:
+        """The direction of one move changes one reading."""
+        return 12
+
+    def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
+        """Refine the direction of the first move as far as the next one that is tried, to either side."""
+        theta, step = setting.number('theta0'), FIRST_MOVES[1] - FIRST_MOVES[0]
+        return {'theta0': (theta - step, theta + step)}
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
         return tuple(Quantity(name, 'm', 'deviation') for name in (('a', 'b') if setting.whole('lobes') else ('c',)))
 
     def columns(self, run: Run, setting: Setting) -> Floats:
+        """Return the deviations, (N, 3, q), which is 0 before the first move where theta0 is not given."""
         theta, known = last_move(run)
+        if 'theta0' in setting:
+            theta, known = np.where(known[:, 0], theta, setting.number('theta0')), np.ones_like(known)
         along = known * {'along': radial(theta), 'across': tangential(theta), 'z': unit(2, run.size)}[
             setting.word('part')]
         angle = setting.number('lobes') * theta
