@@ -26,13 +26,14 @@ MERGE = 25.0
 
 A single claim that is better by as much as this keeps its name, whatever a free form has more."""
 IN_TIME: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
-    **dict.fromkeys(('table_zero_drift', 'table_zero_temperature', 'table_zero_warmup', 'table_zero_step'),
-                    ('CMM position', (('free_time', 'tangential'),))),
-    **dict.fromkeys(('axis_tilt_drift', 'axis_tilt_temperature', 'axis_tilt_warmup', 'axis_tilt_step'),
-                    ('CMM position', (('free_growth', 'z'),))),
+    **dict.fromkeys(('table_zero_drift', 'table_zero_temperature', 'table_zero_temperature_lag', 'table_zero_warmup',
+                     'table_zero_step'), ('CMM position', (('free_time', 'tangential'),))),
+    **dict.fromkeys(('axis_tilt_drift', 'axis_tilt_temperature', 'axis_tilt_temperature_lag', 'axis_tilt_warmup',
+                     'axis_tilt_step'), ('CMM position', (('free_growth', 'z'),))),
     **dict.fromkeys(('plate_expansion', 'plate_expansion_lag', 'plate_soaking'),
                     ('CMM position', (('free_time', 'radial'),))),
-    **dict.fromkeys(('cmm_scale_drift', 'cmm_squareness_drift'), ('CMM position', (('free_growth', 'xy'),))),
+    **dict.fromkeys(('cmm_scale_drift', 'cmm_scale_temperature', 'cmm_scale_temperature_lag',
+                     'cmm_squareness_drift'), ('CMM position', (('free_growth', 'xy'),))),
     **dict.fromkeys(('plate_creep', 'plate_creep_settling'), ('table angle', (('free_time', 'plate xy'),))),
     'plate_slip': ('table angle', (('free_time', 'plate xy'), ('free_time', 'tangential'))),
     **dict.fromkeys(('plate_tilt_step', 'plate_tilt_settling', 'plate_warp'), ('ball', (('free_growth', 'z'),)))}

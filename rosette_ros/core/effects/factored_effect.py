@@ -247,8 +247,13 @@ class LaggedTemperature(Temperature):
         return 20
 
     def at(self, run: Run, values: Floats) -> Floats:
-        return np.array([[lagged(seconds(run), wave, float(tau)) for wave in temperature_waves(run)]
-                         for tau in values[:, 0]])
+        return np.array([_behind_temperature(run, float(tau)) for tau in values[:, 0]])
+
+
+@lru_cache(maxsize=64)
+def _behind_temperature(run: Run, tau: float) -> Floats:
+    """Return the waves of the temperature behind it by a time constant, which several effects have, (m, N)."""
+    return np.array([lagged(seconds(run), wave, tau) for wave in temperature_waves(run)])
 
 
 @lru_cache(maxsize=32)

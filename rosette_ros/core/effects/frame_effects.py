@@ -18,7 +18,7 @@ from rosette_ros.core.effects.factored_effect import (
     WarmUp,
     shortest,
 )
-from rosette_ros.core.effects.run_functions import along_machine, cmm_axes, cmm_axes_names, radial, seconds
+from rosette_ros.core.effects.run_functions import along_machine, cmm_axes, cmm_axes_names, radial
 from rosette_ros.core.records import Floats, Run
 
 
@@ -73,43 +73,33 @@ class FrameRecovery(FrameEffect):
         return found[tau >= shortest(run, found)]
 
 
-class CmmScaleDrift(Effect):
-    name = 'cmm_scale_drift'
-    plain = 'growth of the scales of the CMM'
-    meaning = "The scales of the CMM's x and y grow or shrink steadily."
-    look = 'Temperature of the scales; heat from drives beside one axis.'
-    formula = 'e_x x t along x, e_y y t along y'
-    source = 'ISO 230-3; ISO 10360-2 (thermal expansion of the scales)'
-    depends_on = ('time',)
-    carries = 'all'
+class CmmScale(FactoredEffect):
+    """The scales of the two axes of the CMM across the table axis change; quantities: of one, without its letter."""
+
+    acts = 0, 1
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
-        """Return the rates of the two axes of the CMM that lie across the table axis."""
-        return per_axis(cmm_axes_names(run), Quantity('e', '1/s', 'rate of the scale of'))
+        return tuple(one for quantity in super().amplitudes(run, setting)
+                     for one in per_axis(cmm_axes_names(run), quantity))
 
-    def columns(self, run: Run, setting: Setting) -> Floats:
-        along = np.ascontiguousarray(cmm_axes(run).T)
-        return seconds(run)[:, None, None] * along * (run.radius * radial(run.alpha) @ along)[:, None]
+    def directions(self, run: Run) -> Floats:
+        """Return the displacement of every reading along each axis, (2, N, 3)."""
+        along = cmm_axes(run)
+        return np.asarray(run.radius * (along @ radial(run.alpha).T)[..., None] * along[:, None])
 
 
-class CmmSquarenessDrift(Effect):
-    name = 'cmm_squareness_drift'
-    plain = 'drift of the squareness of the CMM'
-    meaning = "The angle between the CMM's x and y changes steadily."
-    look = 'Uneven temperature of the bed or of the portal; a guideway that settles.'
-    formula = 's y t along x'
-    source = 'ISO 230-1 (squareness error); ISO 230-3'
-    depends_on = ('time',)
-    carries = 'all'
+class CmmSquareness(FactoredEffect):
+    """The angle between these two axes changes."""
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
-        """Return the rate of the angle between the two axes of the CMM that lie across the table axis."""
+        """Return the rate of the angle between the two axes."""
         first, second = tuple(cmm_axes_names(run))
         return (Quantity('s', 'rad/s', f'rate of the squareness error of {second} to {first}'),)
 
-    def columns(self, run: Run, setting: Setting) -> Floats:
+    def directions(self, run: Run) -> Floats:
+        """Return the displacement of every reading along the first axis, (1, N, 3)."""
         first, second = cmm_axes(run)
-        return np.asarray((run.radius * radial(run.alpha) @ second * seconds(run))[:, None, None] * first[:, None])
+        return np.asarray((run.radius * radial(run.alpha) @ second)[:, None] * first)[None]
 
 
 FRAME_EFFECTS: tuple[Effect, ...] = (
@@ -170,3 +160,33 @@ FRAME_EFFECTS: tuple[Effect, ...] = (
         repeatable=True),
     FramePulse(), FrameRecovery())
 """In the order of tables and pages."""
+
+CMM_EFFECTS: tuple[Effect, ...] = (
+    CmmScale('cmm_scale_drift', Drift(), Quantity('e', '1/s', 'rate of the scale of'),
+        plain='growth of the scales of the CMM',
+        meaning="The scales of the CMM's x and y grow or shrink steadily.",
+        look='Temperature of the scales; heat from drives beside one axis.',
+        formula='e_x x t along x, e_y y t along y',
+        source='ISO 230-3; ISO 10360-2 (thermal expansion of the scales)'),
+    CmmScale('cmm_scale_temperature', Temperature('m/m', ' of the scale of'),
+        Quantity('e', '1/K', 'relative growth of the scale of'),
+        plain='scales of the CMM follow the temperature',
+        meaning="The scales of the CMM's x and y grow with the measured temperature, each by its own coefficient.",
+        look='Expansion coefficients and temperatures of the scales, each to be corrected by a sensor of its own; '
+             'air that reaches one axis only.',
+        formula='e_x x (T - T0) along x, e_y y (T - T0) along y',
+        source='ISO 10360-2 (thermal expansion of the scales); ISO 230-3'),
+    CmmScale('cmm_scale_temperature_lag', LaggedTemperature('m/m', ' of the scale of'),
+        Quantity('e', '1/K', 'relative growth of the scale of'),
+        plain='scales of the CMM behind the temperature',
+        meaning="The scales of the CMM's x and y grow with the measured temperature, each by its own coefficient, "
+                'but later.',
+        look='Carriers of the scales, whose heat capacity is large; where the sensor of the temperature is.',
+        formula="e_x x T' along x, e_y y T' along y, where tau dT'/dt = T - T0 - T'",
+        source='ISO 10360-2 (thermal expansion of the scales); ISO 230-3'),
+    CmmSquareness('cmm_squareness_drift', Drift(),
+        plain='drift of the squareness of the CMM',
+        meaning="The angle between the CMM's x and y changes steadily.",
+        look='Uneven temperature of the bed or of the portal; a guideway that settles.',
+        formula='s y t along x',
+        source='ISO 230-1 (squareness error); ISO 230-3'))

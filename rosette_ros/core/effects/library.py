@@ -13,9 +13,8 @@ from rosette_ros.core.records import Run
 
 EFFECTS: dict[str, Effect] = {one.name: one for one in (
     *frame.FRAME_EFFECTS, *table.TABLE_EFFECTS, *plate.PLATE_EFFECTS, ball.BallSlip(), ball.BallCreep(),
-    ball.BallRattle(), ball.BallMachineOffset(), ball.BallSag(), ball.BallForm(), frame.CmmScaleDrift(),
-    frame.CmmSquarenessDrift(), reading.CmmReversal(), reading.CmmReversalPosition(), reading.ProbeApproach(),
-    reading.Outlier())}
+    ball.BallRattle(), ball.BallMachineOffset(), ball.BallSag(), ball.BallForm(), *frame.CMM_EFFECTS,
+    reading.CmmReversal(), reading.CmmReversalPosition(), reading.ProbeApproach(), reading.Outlier())}
 """By name; their order is that of every table and page."""
 
 

@@ -14,7 +14,15 @@ from rosette_ros.core.effects.effect import (
     grid,
     per_axis,
 )
-from rosette_ros.core.effects.factored_effect import Drift, FactoredEffect, RunFunction, Step, Temperature, WarmUp
+from rosette_ros.core.effects.factored_effect import (
+    Drift,
+    FactoredEffect,
+    LaggedTemperature,
+    RunFunction,
+    Step,
+    Temperature,
+    WarmUp,
+)
 from rosette_ros.core.effects.run_functions import axial_tilts, tangential, travel, unit
 from rosette_ros.core.geometry import TWO_PI
 from rosette_ros.core.records import Floats, Run
@@ -252,6 +260,13 @@ TABLE_EFFECTS: tuple[Effect, ...] = (
         look='Encoder mount and coupling, air conditioning, sunlight on one side of the table.',
         formula='omega R e_t (T - T0)',
         source='ISO 230-3 (environmental temperature variation error)'),
+    TableAngle('table_zero_temperature_lag', LaggedTemperature('rad'),
+        Quantity('omega', 'rad/K', 'turn of the zero per kelvin'),
+        plain="table's angle behind the temperature",
+        meaning="The table's angle moves relative to its encoder with the measured temperature, but later.",
+        look='Housing of the table and encoder mount, whose heat capacity is large; sunlight on one side of the table.',
+        formula="omega R e_t T', where tau dT'/dt = T - T0 - T'",
+        source='ISO 230-3 (environmental temperature variation error)'),
     TableAngle('table_zero_step', Step('jump'), Quantity('omega', 'rad', 'jump of the angle'),
         plain="jump of the table's angle",
         meaning="At one moment the table's angle jumped relative to its encoder.",
@@ -276,6 +291,13 @@ TABLE_EFFECTS: tuple[Effect, ...] = (
         meaning='The table axis tilts in the machine with the measured temperature.',
         look='Air conditioning, sunlight or a wall on one side of the machine bed; layers of warm air.',
         formula='R (theta_x sin alpha - theta_y cos alpha) (T - T0) along z',
+        source='ISO 230-3 (environmental temperature variation error)'),
+    AxisTilt('axis_tilt_temperature_lag', LaggedTemperature('rad', ' about'),
+        Quantity('theta', 'rad/K', 'tilt per kelvin about'),
+        plain="table's tilt behind the temperature",
+        meaning='The table axis tilts in the machine with the measured temperature, but later.',
+        look='Machine bed and columns, whose heat capacity is large; sunlight or a wall on one side of them.',
+        formula="R (theta_x sin alpha - theta_y cos alpha) T' along z, where tau dT'/dt = T - T0 - T'",
         source='ISO 230-3 (environmental temperature variation error)'),
     AxisTilt('axis_tilt_step', Step('tilt'), Quantity('theta', 'rad', 'tilt about'),
         plain="sudden tilt of the table's axis",
