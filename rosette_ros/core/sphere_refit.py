@@ -56,6 +56,11 @@ class TouchedBalls:
         """Number of touches of each reading, (M,)."""
         return np.bincount(self.owner, minlength=self.seq.size)
 
+    @cached_property
+    def first(self) -> Ints:
+        """Place of the first touch of each reading, (M,)."""
+        return np.cumsum(self.touches) - self.touches
+
     def select(self, chosen: Ints, why: str) -> 'TouchedBalls':
         """Return those of some readings, rows (K,); why: of the others, in words."""
         kept = np.flatnonzero(np.isin(self.owner, chosen))
@@ -155,8 +160,8 @@ class SphereRefit:
     @cached_property
     def form(self) -> Floats:
         """Range of the residuals of each reading, (M,), m."""
-        first = np.concatenate([[0], np.cumsum(self.touched.touches)[:-1]])
-        return np.asarray(np.maximum.reduceat(self.residual, first) - np.minimum.reduceat(self.residual, first))
+        low, high = (one.reduceat(self.residual, self.touched.first) for one in (np.minimum, np.maximum))
+        return np.asarray(high - low)
 
     @cached_property
     def rms(self) -> Floats:
@@ -259,11 +264,10 @@ def refit_spheres(touched: TouchedBalls) -> SphereRefit:
 
 def _alike(touched: TouchedBalls) -> list[tuple[Ints, Ints]]:
     """Return (rows (K,), places of their touches (K, Q)) of the readings with as many touches each."""
-    first = np.concatenate([[0], np.cumsum(touched.touches)[:-1]]) if touched.seq.size else np.zeros(0, dtype=np.int64)
     out = []
     for count in np.unique(touched.touches).tolist():
         rows = np.flatnonzero(touched.touches == count)
-        out.append((rows, first[rows, None] + np.arange(count)))
+        out.append((rows, touched.first[rows, None] + np.arange(count)))
     return out
 
 

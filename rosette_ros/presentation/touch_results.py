@@ -48,9 +48,8 @@ def _radius_words(refit: SphereRefit) -> str:
 def outlier_words(refit: SphereRefit) -> str:
     """Return which touches are far off their sphere, the largest first, in words."""
     touched, order = refit.touched, refit.outliers[np.argsort(-np.abs(refit.residual[refit.outliers]))]
-    first = np.concatenate([[0], np.cumsum(touched.touches)[:-1]])
-    found = [f'table position {touched.table_position[row]}, ball {touched.ball[row]}, touch {place - first[row] + 1}: '
-             f'{text.signed(1e6 * float(refit.residual[place]), 2)} µm'
+    found = [f'table position {touched.table_position[row]}, ball {touched.ball[row]}, touch '
+             f'{place - touched.first[row] + 1}: {text.signed(1e6 * float(refit.residual[place]), 2)} µm'
              for place, row in zip(order[:5], touched.owner[order[:5]], strict=True)]
     return f'{"; ".join(found)}{f" and {order.size - 5} more" if order.size > 5 else ""} (dust, a bump?)'
 
@@ -105,11 +104,11 @@ def sphere_table(refit: SphereRefit) -> Table:
 def spheres_json(refit: SphereRefit) -> Json:
     """Return the fit of the spheres: of the run, of each ball, of each reading with the residual of each touch."""
     touched, forms = refit.touched, refit.ball_forms
-    residuals = np.split(refit.residual, np.cumsum(touched.touches)[:-1])
+    residuals = np.split(refit.residual, touched.first[1:])
     return plain_json({
         'fitted': refit.radius.size, 'touches': refit.residual.size, 'as_sent': dict(touched.left_out),
         'touch_sd_m': refit.sigma, 'moved_max_m': refit.moved.max(), 'radius_m': refit.radius.mean(),
-        'outliers': [{'seq': touched.seq[row], 'touch': int(np.sum(touched.owner[:place] == row)) + 1,
+        'outliers': [{'seq': touched.seq[row], 'touch': place - touched.first[row] + 1,
                       'residual_m': refit.residual[place]}
                      for place, row in zip(refit.outliers, touched.owner[refit.outliers], strict=True)],
         'lobing': {'systematic_m': refit.lobing.systematic, 'p': refit.lobing.p, 'text': lobing_words(refit)},

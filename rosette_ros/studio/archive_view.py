@@ -89,5 +89,3 @@ def paths_of(folder: str, runs: Sequence[str], table: str, model: str) -> list[s
                                         (table, model)).to_pylist()
     known = {row['run_id']: row['path'] for row in rows}
     return [known.get(run, '') for run in runs]
-
-

@@ -24,8 +24,7 @@ def touch_residuals(refit: SphereRefit) -> Figure:
     """Return a figure: residual of each touch by its number, azimuth and elevation; radius of each sphere."""
     made = style.figure(4.6)
     touched, residual = refit.touched, 1e6 * refit.residual
-    first = np.concatenate([[0], np.cumsum(touched.touches)[:-1]])
-    number = np.arange(residual.size) - first[touched.owner] + 1.0
+    number = np.arange(residual.size) - touched.first[touched.owner] + 1.0
     x, y, z = refit.approach.T
     azimuth = (np.degrees(np.arctan2(y, x)) + 2.5) % 360 - 2.5
     drawn = _drawn(residual)
@@ -116,5 +115,3 @@ def _map(panel: Axes, mean: Floats, limit: float, reach: float) -> None:
     edge = reach + 15
     panel.set(xlim=(-edge, edge), ylim=(-edge, edge), aspect='equal')
     panel.set_axis_off()
-
-
