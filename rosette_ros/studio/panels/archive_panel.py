@@ -16,7 +16,7 @@ from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.figures import Curves, curves_figure, trend_figure
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.figures_panel import WIDTH
-from rosette_ros.studio.panels.widgets import Figure, button, card, input_field, marked, plain_table, row, set_words
+from rosette_ros.studio.panels.widgets import Figure, button, card, input_field, marked, plain_table, row
 from rosette_ros.studio.worker import Superseded
 
 if TYPE_CHECKING:
@@ -135,8 +135,8 @@ class ArchivePanel:
         self._result.set_visibility(bool(self._title.text))
         if self._runs is not None:
             shown, total = len(self._runs.lines), self._runs.total
-            set_words(self._words, f'{shown} of {counted(total, "run")} under model {self._runs.model[:12]}; a click '
-                                   'on a run opens it')
+            self._words.set_text(f'{shown} of {counted(total, "run")} under model {self._runs.model[:12]}; a click '
+                                 'on a run opens it')
 
     # What is chosen
 
@@ -175,7 +175,7 @@ class ArchivePanel:
         self._tables.show(_fill, trend)
 
     def _draw(self, words: str, key: tuple[object, ...], make: Callable[..., Any], *arguments: object) -> None:
-        set_words(self._title, words)
+        self._title.set_text(words)
         self._show()
         self._figure.draw(key, make, *arguments)
 

@@ -19,7 +19,7 @@ from rosette_ros.presentation.report.run_page import findings, spans
 from rosette_ros.studio import figures
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels import widgets
-from rosette_ros.studio.panels.widgets import button, card, marked, row, set_words
+from rosette_ros.studio.panels.widgets import button, card, marked, row
 from rosette_ros.studio.studio_session import OpenedRun
 
 Action = Callable[[str, Setting | None], Awaitable[None] | None]
@@ -89,10 +89,10 @@ class VerdictPanel:
         self._icon.set_name(ICONS[level])
         self._box.classes(remove=' '.join(Level), add=level)
         for label, text in zip((self._outcome, self._sentence, self._action), words, strict=True):
-            set_words(label, text)
+            label.set_text(text)
         self._progress.set_visibility(bool(step))
         if step:
-            set_words(self._step, f'step {list(STEPS).index(step) + 1} of {len(STEPS)}: {STEPS[step]} …')
+            self._step.set_text(f'step {list(STEPS).index(step) + 1} of {len(STEPS)}: {STEPS[step]} …')
         self._diagnose.set_visibility(waits)
         missing = findings(results.summary) if results.summary else []
         what = 'it' if len(missing) == 1 else f'all {len(missing)}'
@@ -139,7 +139,7 @@ class CandidatesPanel:
 
     def _explain(self) -> None:
         effect = MEANINGS.get(self._other.value or '')
-        set_words(self._meaning, f'{effect.meaning} Look at: {effect.look}' if effect else '')
+        self._meaning.set_text(f'{effect.meaning} Look at: {effect.look}' if effect else '')
 
     def show(self, _: OpenedRun) -> None:
         """Show the candidates."""
@@ -150,7 +150,7 @@ class CandidatesPanel:
             words = 'Searching …' if self._controller.step else 'Not searched yet.'
         else:
             words = '' if diagnosis.missing else 'No effect of the library is missing.'
-        set_words(self._note, words)
+        self._note.set_text(words)
         for name, one in self._cards.items():
             is_chosen = session.preview is not None and name in session.preview.name.split(' and ')
             one.classes(add='chosen' if is_chosen else '', remove='' if is_chosen else 'chosen')
@@ -224,7 +224,7 @@ class CrossCheckPanel:
                                     next(iter(others), None))
         claims = session.results.summary is not None and bool(session.results.summary.diagnosis.terms)
         self._start.set_enabled(claims and bool(others))
-        set_words(self._note, 'Open a second run of the same cell first.' if not others else (
+        self._note.set_text('Open a second run of the same cell first.' if not others else (
             'The effects found in this run are fitted to the second one, which had no part in finding them.' if claims
             else 'No effect is found in this run, so there is nothing to check.'))
         self._result.show(self._fill, *(self._controller.check or ('', None)))

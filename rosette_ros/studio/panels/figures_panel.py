@@ -19,7 +19,7 @@ from rosette_ros.presentation.report.provenance import Source
 from rosette_ros.studio import figures
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels import widgets
-from rosette_ros.studio.panels.widgets import Area, Figure, button, card, marked, plain_table, row, set_words
+from rosette_ros.studio.panels.widgets import Area, Figure, button, card, marked, plain_table, row
 from rosette_ros.studio.round_figures import plate_figure, polar_figure
 from rosette_ros.studio.studio_session import OpenedRun, Preview
 
@@ -84,7 +84,7 @@ class FiguresPanel:
         self._switch.set_enabled(preview is not None)
         self._add.set_enabled(preview is not None and not busy)
         names = (busy or (preview.name if preview else '')).split(' and ')
-        set_words(self._title, f'{"Calculating" if busy else "Preview"}: with {" and ".join(map(words_of, names))}')
+        self._title.set_text(f'{"Calculating" if busy else "Preview"}: with {" and ".join(map(words_of, names))}')
         is_failed = session.results.refusal is not None or bool(session.results.problem)
         if fit is None and opened is self._run and not is_failed:
             return  # the figures stay for the moment that it takes to fit the new model
@@ -98,7 +98,7 @@ class FiguresPanel:
         if fit is None:
             return
         after, shown = preview.change.after if preview else None, self._shown or fit
-        set_words(self._whose, f'{PREVIEWED}: {preview.name}' if preview and shown is after else PRESENT)
+        self._whose.set_text(f'{PREVIEWED}: {preview.name}' if preview and shown is after else PRESENT)
         verdict = self._controller.session.results.verdict
         self._errors.show(_show_errors, shown, verdict if shown is fit else None, self._run)
         self._identity.show(_show_identity, self._run)
@@ -143,7 +143,7 @@ class FiguresPanel:
     def _show_preview(self, preview: Preview | None) -> None:
         self._switch.set_value(PREVIEWED if preview else PRESENT)
         if preview is not None:
-            set_words(self._words, preview_words(preview.change))
+            self._words.set_text(preview_words(preview.change))
             plain_table(tables.curve_changes(preview.change))
 
 

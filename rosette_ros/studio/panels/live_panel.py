@@ -23,7 +23,7 @@ from rosette_ros.studio.live_state import Fault, Health, NodeHealth
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.figures_panel import WIDTH
 from rosette_ros.studio.panels.plan_panel import PlanPanel
-from rosette_ros.studio.panels.widgets import Area, Figure, button, card, input_field, marked, row, set_words
+from rosette_ros.studio.panels.widgets import Area, Figure, button, card, input_field, marked, row
 from rosette_ros.studio.round_figures import plan_view_figure
 
 if TYPE_CHECKING:
@@ -160,9 +160,9 @@ class CellPanel:
 
     def _show_calibration(self, progress: CalibrationProgress, verdict: Verdict | None) -> None:
         phase = PHASE_WORDS.get(progress.phase) or phase_name(progress.phase)
-        set_words(self._phase, f'{phase}, order {progress.order}' if progress.order else phase)
+        self._phase.set_text(f'{phase}, order {progress.order}' if progress.order else phase)
         count = f'{progress.done} of {progress.total} ball centres. ' if progress.total else ''
-        set_words(self._text, f'{count}{progress.text[:1].upper()}{progress.text[1:]}')
+        self._text.set_text(f'{count}{progress.text[:1].upper()}{progress.text[1:]}')
         self._bar.set_value(progress.done / progress.total if progress.total else 0)
         calibrating = self._watcher.is_calibrating
         outcome, words = None if calibrating else self._watcher.outcome, self._watcher.problem
@@ -171,7 +171,7 @@ class CellPanel:
         elif verdict is not None and not progress.is_running:
             words = f'{verdict.sentence} {verdict.action}'
         self._cancel.set_enabled(calibrating)
-        set_words(self._end, words)
+        self._end.set_text(words)
         self._open.set_visibility(outcome is not None and bool(outcome.log))
 
     def _show_health(self, health: list[NodeHealth]) -> None:
@@ -210,7 +210,7 @@ class CellPanel:
 
     def _show_curves(self, motions: ErrorMotions | None, words: str) -> None:
         """Show curves, or none, with what they are."""
-        set_words(self._curves_words, words)
+        self._curves_words.set_text(words)
         self._curves.draw((motions,), curves_figure, [] if motions is None else [Curves('cell', motions, AFTER)])
         self._curves_card.set_visibility(True)
 

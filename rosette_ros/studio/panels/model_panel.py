@@ -14,7 +14,7 @@ from rosette_ros.presentation.formatting import CROSS_VALIDATION, UNKNOWN, micro
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.figures import ladder_figure
 from rosette_ros.studio.panels import widgets
-from rosette_ros.studio.panels.widgets import button, card, input_field, marked, row, set_words
+from rosette_ros.studio.panels.widgets import button, card, input_field, marked, row
 from rosette_ros.studio.studio_session import OpenedRun
 
 Entry = dict[str, str]
@@ -51,16 +51,16 @@ class ModelPanel:
     def show(self, opened: OpenedRun) -> None:
         """Show the model."""
         session, results, noise = self._session, self._session.results, opened.run.repeatability
-        set_words(self._fit, micro(results.fit.rms) if results.fit else UNKNOWN)
-        set_words(self._cross_validation, micro(results.ladder[-1].cross_validation) if results.ladder else UNKNOWN)
-        set_words(self._noise, micro(noise) if noise else 'not known')
+        self._fit.set_text(micro(results.fit.rms) if results.fit else UNKNOWN)
+        self._cross_validation.set_text(micro(results.ladder[-1].cross_validation) if results.ladder else UNKNOWN)
+        self._noise.set_text(micro(noise) if noise else 'not known')
         fitted = results.fit.effects if results.fit else ()
         sizes = ('',) * len(session.model.base) + tuple(
             tables.size_words(one.name, one.parameters, one.setting) for one in fitted)
         self._parts.show(self._show_parts, session.model_parts, sizes)
         self._undo.set_enabled(bool(session.undo_words))
         self._redo.set_enabled(bool(session.redo_words))
-        set_words(self._last, f'last: {session.undo_words}' if session.undo_words else '')
+        self._last.set_text(f'last: {session.undo_words}' if session.undo_words else '')
         ladder = results.summary.ladder if results.summary else results.ladder
         self._ladder_box.set_visibility(bool(ladder))
         if ladder:

@@ -19,7 +19,7 @@ from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.figures import pairs_figure, uncertainty_figure
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.open_dialog import safe_name
-from rosette_ros.studio.panels.widgets import Area, Figure, button, card, input_field, marked, row, set_words
+from rosette_ros.studio.panels.widgets import Area, Figure, button, card, input_field, marked, row
 from rosette_ros.studio.worker import Superseded
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ class PlanPanel:
     async def _calculate(self, fields: Callable[[], tuple[Any, ...]], make: Callable[..., Outlook]) -> None:
         made, words = None, ''
         self._set(None)
-        set_words(self._words, CALCULATING)
+        self._words.set_text(CALCULATING)
         try:
             made = await self._worker.run(make, *fields(), within=LONGEST)
         except Superseded:
@@ -126,7 +126,7 @@ class PlanPanel:
         self._error.set(words)
         self._set(made)
         self._facts.show(_show_facts, made)
-        set_words(self._words, _words(made) if made else '')
+        self._words.set_text(_words(made) if made else '')
         if made is not None:
             self._picture.draw((made,), pairs_figure, made.scheme)
             self._compare()

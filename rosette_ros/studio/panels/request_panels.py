@@ -18,7 +18,7 @@ from rosette_ros.studio.controller import Controller, ShownTouches
 from rosette_ros.studio.figures import DASHES, Curves, budget_figure, budget_height, curves_figure
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.figures_panel import WIDTH
-from rosette_ros.studio.panels.widgets import button, input_field, marked, plain_table, row, set_words
+from rosette_ros.studio.panels.widgets import button, input_field, marked, plain_table, row
 from rosette_ros.studio.studio_session import OpenedRun
 
 Start = Callable[[Sequence[int]], Awaitable[None]]
@@ -80,7 +80,7 @@ class RunsPanel:
         if runs != self._chosen.options:
             self._chosen.set_options(runs, value=list(runs))
         self._start.set_enabled(is_enough)
-        set_words(self._note, note if is_enough else missing)
+        self._note.set_text(note if is_enough else missing)
 
 
 class OverlayPanel(RunsPanel):

@@ -77,7 +77,7 @@ class ErrorLine:
 
     def set(self, words: str) -> None:
         """Show the words of an error, or none."""
-        set_words(self._label, words)
+        self._label.set_text(words)
         self._box.set_visibility(bool(words))
 
 
@@ -134,11 +134,6 @@ def plain_table(table: Table, icons: Sequence[str] = ()) -> None:
                     with ui.element(tag).classes('number' if column.number else ''):
                         ui.label(text)
 
-
-def set_words(label: ui.label, words: str) -> None:
-    """Change a label's text only where it differs."""
-    if label.text != words:
-        label.set_text(words)
 
 
 class Figure:
