@@ -86,9 +86,9 @@ def monte_carlo_table(made: Budget, found: MonteCarlo) -> Table:
     every = found.agreements
     digits = [_digits(one.expected) for one in every]
 
-    def micro(key: str, head: str, values: list[float], extra: int = 0) -> Column:
+    def micro(key: str, head: str, values: list[float]) -> Column:
         return Column(key, head, tuple(1e6 * value for value in values), tuple(
-            text.fixed(1e6 * value, places + extra) for value, places in zip(values, digits, strict=True)))
+            text.fixed(1e6 * value, places) for value, places in zip(values, digits, strict=True)))
 
     return Table('budget_monte_carlo', f'Monte Carlo, {found.trials} trials, seed {found.seed} (GUM S1)', (
         words('curve', 'curve', text.curve_names(made.fit.run.rotation)), words('unit', 'unit', text.CURVE_UNITS),

@@ -3,7 +3,6 @@
 
 import asyncio
 import ipaddress
-import os
 import secrets
 import socket
 from collections import OrderedDict
@@ -104,8 +103,7 @@ def free_port(host: str, port: int) -> int:
     """Return a port that can be listened on; 0 means any. Raises CellError where it is taken."""
     family = socket.AF_INET6 if ':' in host else socket.AF_INET
     with socket.socket(family, socket.SOCK_STREAM) as probe:
-        if os.name == 'posix':
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((host, port))
         except OSError as error:

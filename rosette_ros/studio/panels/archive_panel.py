@@ -101,7 +101,7 @@ class ArchivePanel:
         await self._do(self._list_runs, view, question)
 
     async def _list_runs(self, view: Any, question: Any) -> None:
-        runs: ArchiveRuns = await in_thread(
+        runs: ArchiveRuns = await asyncio.to_thread(
             view.list_runs, self._folder.value.strip(), question, self._model.value if self._runs else '')
         self._runs = runs
         self._is_filling = True
@@ -145,7 +145,7 @@ class ArchivePanel:
         if self._runs is None or not least <= len(keys) <= MOST_CURVES:
             raise InvalidData(f'wanted {least} to {MOST_CURVES} runs to be chosen in the list, got {len(keys)}')
         view = importlib.import_module('rosette_ros.studio.archive_view')
-        curves: list[tuple[str, ErrorMotions]] = await in_thread(
+        curves: list[tuple[str, ErrorMotions]] = await asyncio.to_thread(
             view.curves_of, self._folder.value.strip(), keys, self._runs.model)
         curves = view.differences(curves) if less_first else curves
         drawn = [Curves(name, motions, COLOURS[place % len(COLOURS)]) for place, (name, motions) in enumerate(curves)]
@@ -165,7 +165,7 @@ class ArchivePanel:
         folder, model = self._folder.value.strip(), self._runs.model
         trend: CellTrend = await self._controller.archivist.run(view.table_trend, folder, table, model)
         self._trend = trend
-        self._paths = await in_thread(view.paths_of, folder, trend.history.runs, table, model)
+        self._paths = await asyncio.to_thread(view.paths_of, folder, trend.history.runs, table, model)
         history = trend.history
         self._draw(f'Table {table or "without serial number"}: the six errors over time, with U (k = 2); shaded: '
                    'between which runs it changed', ('trend', folder, table, model, history.runs), trend_figure,
@@ -189,11 +189,6 @@ class ArchivePanel:
     async def _point_clicked(self, trace: int, points: list[int]) -> None:
         if self._trend is not None and points and self._paths[points[0]]:
             await self._on_open(self._paths[points[0]], self._trend.history.runs[points[0]])
-
-
-async def in_thread(function: Callable[..., Any], *arguments: object) -> Any:
-    """Return function(*arguments), calculated in a thread."""
-    return await asyncio.get_running_loop().run_in_executor(None, function, *arguments)
 
 
 def _fill(trend: 'CellTrend') -> None:

@@ -110,10 +110,10 @@ def named(name: str) -> None:
             ui.label(name).classes('soft small')
 
 
-def fact_list(table: Table, row: int = 0) -> None:
-    """Show one row of a table, each column as a line; empty cells are left out."""
+def fact_list(table: Table) -> None:
+    """Show the first row of a table, each column as a line; empty cells are left out."""
     with ui.element('div').classes('facts'):
-        for column, text in zip(table.shown, table.rows[row], strict=True):
+        for column, text in zip(table.shown, table.rows[0], strict=True):
             if text:
                 ui.label(column.head)
                 ui.label(text)
