@@ -6,6 +6,7 @@ tilted axis, machine frame. Each of its touches is made at its own time on a rea
 the least-squares sphere gives the centre.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -255,10 +256,7 @@ class Machine:
         return np.asarray(np.vecdot(noise[:, None, :], pattern.axes))
 
     def _noise_factor(self, moment: Moment) -> Floats:
-        factor = np.ones((1, 1))
-        for act in self._acting['noise_factor']:
-            factor = factor * act(moment)
-        return factor
+        return math.prod((act(moment) for act in self._acting['noise_factor']), start=np.ones((1, 1)))
 
     def _probe(self, moment: Moment, aim: Floats, draws: Floats,
                pattern: probing.TouchPattern) -> tuple[Floats, Floats, Floats]:

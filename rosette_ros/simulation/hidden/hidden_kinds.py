@@ -243,11 +243,8 @@ class HiddenBallForm(HiddenEffect):
         if self.direction == 'z':
             lobes = turn - self.order * azimuth if self.order % spacing == 0 else turn
             return height * direction[..., 2] * np.cos(lobes)
-        if (self.order + 1) % spacing == 0:
-            return height * around * np.cos(turn - self.order * azimuth)
-        if (self.order - 1) % spacing == 0:
-            return height * around * np.cos(self.order * azimuth - turn)
-        return height * around * np.cos(azimuth + turn)
+        is_seen = (self.order + 1) % spacing == 0 or (self.order - 1) % spacing == 0
+        return height * around * np.cos(turn - self.order * azimuth if is_seen else azimuth + turn)
 
     @classmethod
     def draw(cls, by: Draw) -> Self:
