@@ -166,14 +166,11 @@ class TrendMonitor(CellNode):
             return
         self._doing, self._why_not, self._failure = CALIBRATING, '', ''
         self._process = self._sequencer.process
-        self._keep_attempt()
-        self._goal.get_result_async().add_done_callback(partial(self._on_result, self._goal))
-
-    def _keep_attempt(self) -> None:
         try:
             self._schedule.attempt(_now())
         except RosetteError as error:
             self._fail(f'after a restart of this node the schedule is not known: {plain(str(error))}')
+        self._goal.get_result_async().add_done_callback(partial(self._on_result, self._goal))
 
     def _on_event(self, event: CalibrationEvent) -> None:
         if (event.kind == CalibrationEvent.REJECTED and event.origin == names.CALIBRATE
