@@ -61,18 +61,19 @@ class TouchPanel:
 
 
 class RunsPanel:
-    """Opened runs to choose from, a button, and the result."""
+    """Opened runs to choose from, a button, and the result; label: of the choice; words, icon: of the button."""
 
-    def __init__(self, controller: Controller, heading: str, mark: str, label: str, words: str, icon: str,
-                 on_start: Start) -> None:
-        """Build it; label: of the choice; words, icon: of the button."""
-        self._controller = controller
-        with widgets.folded_card(heading, mark):
+    heading = mark = label = words = icon = ''
+
+    def __init__(self, controller: Controller, on_start: Start) -> None:
+        """Build it; on_start(places): evaluate opened runs."""
+        self._controller, mark = controller, self.mark
+        with widgets.folded_card(self.heading, mark):
             self._note = ui.label('').classes('soft small')
             with row():
-                choice = ui.select({}, label=label, multiple=True)
+                choice = ui.select({}, label=self.label, multiple=True)
                 self._chosen = input_field(choice, f'{mark}-runs', 'min-width: 320px')
-                self._start = button(words, lambda: on_start(sorted(choice.value)), icon, f'{mark}-go')
+                self._start = button(self.words, lambda: on_start(sorted(choice.value)), self.icon, f'{mark}-go')
             self._result = widgets.result_area(f'{mark}-result')
 
     def _offer(self, runs: dict[int, str], is_enough: bool, note: str, missing: str) -> None:
@@ -86,9 +87,7 @@ class RunsPanel:
 class OverlayPanel(RunsPanel):
     """The curves of other opened runs over those of this run, and what they are less this run's."""
 
-    def __init__(self, controller: Controller, on_lay: Start) -> None:
-        """Build it; on_lay(places): evaluate other opened runs under the present model."""
-        super().__init__(controller, 'Runs laid over each other', 'overlay', 'other runs', 'Lay over', 'layers', on_lay)
+    heading, mark, label, words, icon = 'Runs laid over each other', 'overlay', 'other runs', 'Lay over', 'layers'
 
     def show(self, opened: OpenedRun) -> None:
         """Show the runs that can be chosen, and the result where it is of the run and the model that are shown."""
@@ -100,9 +99,7 @@ class OverlayPanel(RunsPanel):
 class JointPanel(RunsPanel):
     """Opened runs evaluated as one: curves, reversal, what is shared, what became known."""
 
-    def __init__(self, controller: Controller, on_evaluate: Start) -> None:
-        """Build it; on_evaluate(places): evaluate opened runs as one."""
-        super().__init__(controller, 'Several runs as one', 'joint', 'runs', 'Evaluate', 'join_full', on_evaluate)
+    heading, mark, label, words, icon = 'Several runs as one', 'joint', 'runs', 'Evaluate', 'join_full'
 
     def show(self, opened: OpenedRun) -> None:
         """Show the runs that can be chosen, and the result."""
