@@ -207,25 +207,28 @@ class CellClient(GraphClient):
         given = {name: Calibrate.Goal.NONE if name in NONE and not value else value for name, value in fields.items()
                  if value is not None}  # Goal.NONE and Goal.NO are the same number
         goal = Calibrate.Goal(order=order, seed=seed, options=options, resume=resume, **given)
-        handle = self._await(self._action.send_goal_async(goal, feedback_callback=on_feedback),
-                             RESUME_TIMEOUT if resume else 10.0, check)
-        if not handle.accepted:
-            self._spin_until(lambda: bool(self._rejections), 2.0)  # the action has no field for the reason
-            reason = self._rejections[-1] if self._rejections else 'see the log of the sequencer'
-            raise CellError(f'cell {self._where}: calibration refused: {reason}')
-        self._on_warning = on_warning
-        result = handle.get_result_async()
         # An exception in the middle of rclpy would break it.
         with TakenSignals(signal.SIGINT, once=True) as interrupt:
+            accepted = self._action.send_goal_async(goal, feedback_callback=on_feedback)
             try:
-                response = self._await(result, timeout, check, interrupt)
+                handle = self._await(accepted, RESUME_TIMEOUT if resume else 10.0, check, interrupt)
+            except (KeyboardInterrupt, TimeoutError):  # else the run begins later, and nobody waits for it
+                handle, timeout = self._await(accepted, CANCEL_TIMEOUT, check), 0.0
+            if not handle.accepted:
+                self._spin_until(lambda: bool(self._rejections), 2.0)  # the action has no field for the reason
+                reason = self._rejections[-1] if self._rejections else 'see the log of the sequencer'
+                raise CellError(f'cell {self._where}: calibration refused: {reason}')
+            self._on_warning = on_warning
+            result = handle.get_result_async()
+            try:
+                response = self._await(result, timeout, check, interrupt, is_run=True)
             except (KeyboardInterrupt, TimeoutError):
                 handle.cancel_goal_async()
                 response = self._await(result, CANCEL_TIMEOUT, check)
         return outcome_of(response)
 
     def _await(self, future: Future, timeout: float | None, check: Callable[[], object] | None,
-               interrupt: TakenSignals | None = None) -> Any:
+               interrupt: TakenSignals | None = None, is_run: bool = False) -> Any:
         began = seen = time.monotonic()
         while not future.done():
             self._executor.spin_once(timeout_sec=_STEP)
@@ -235,7 +238,7 @@ class CellClient(GraphClient):
                 raise KeyboardInterrupt
             now = time.monotonic()
             seen = now if self._action.server_is_ready() else seen
-            if now - seen > _DISCONNECTED or (interrupt and self._is_restarted):
+            if now - seen > _DISCONNECTED or (is_run and self._is_restarted):
                 event = 'was restarted' if self._is_restarted else 'is disconnected'
                 hint = f', resume with: {self.resume_command(self._run_id)}' if self._run_id else ''
                 raise CellError(f'cell {self._where}: the sequencer {event}; what was measured is in the log{hint}')

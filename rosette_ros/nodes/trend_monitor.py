@@ -42,6 +42,8 @@ WANTED = (
 RETRY = 5.0
 """A calibration that was due and could not begin is tried again after so long, s; the first one waits as long."""
 REQUESTING, CALIBRATING = 'requesting a calibration', 'calibrating'
+ANSWER = 30.0
+"""How long the answer of the sequencer to a request is waited for, s."""
 REASON = 2.0
 """How long the reason of a refusal is waited for, s: it comes on another topic than the refusal."""
 
@@ -66,6 +68,8 @@ class TrendMonitor(CellNode):
         self._doing, self._process, self._why_not, self._failure = '', '', '', ''
         self._next_look, self._reason_until = self.seconds() + RETRY, 0.0  # the other nodes of a cell start, too
         self._goal: Any = None
+        self._requested: Future | None = None
+        self._answer_until = 0.0
         self._pool = ThreadPoolExecutor(1, 'archive')
         self._work: Work[CellTrend] | None = None
         self._trend: CellTrend | None = None
@@ -130,6 +134,10 @@ class TrendMonitor(CellNode):
         now = self.seconds()
         if self._reason_until and now > self._reason_until:
             self._refused('the sequencer refused it, see its log')
+        if self._doing == REQUESTING and not self._reason_until and (
+                now > self._answer_until or self._sequencer.is_disconnected):
+            self._requested = None
+            self._refused('the sequencer was requested and did not answer')
         if self._process and (self._sequencer.is_disconnected or self._sequencer.process != self._process):
             self._end('the sequencer has ended or was restarted; resume the run, or wait for the next one')
         if self._work is not None and self._work.done():
@@ -155,11 +163,17 @@ class TrendMonitor(CellNode):
         return '' if self._action.server_is_ready() else 'no sequencer: wanted its action calibrate, got none'
 
     def _request(self) -> None:
-        self._doing = REQUESTING
-        self._action.send_goal_async(Calibrate.Goal()).add_done_callback(self._on_accepted)
+        self._doing, self._answer_until = REQUESTING, self.seconds() + ANSWER
+        self._requested = self._action.send_goal_async(Calibrate.Goal())
+        self._requested.add_done_callback(self._on_accepted)
 
     def _on_accepted(self, future: Future) -> None:
-        self._goal = future.result()
+        goal: Any = future.result()
+        if future is not self._requested:  # given up
+            if goal.accepted:
+                goal.cancel_goal_async()
+            return
+        self._goal = goal
         if not self._goal.accepted:
             if self._doing == REQUESTING:  # else the reason is known already
                 self._reason_until = self.seconds() + REASON
