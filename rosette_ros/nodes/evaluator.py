@@ -122,9 +122,11 @@ class Evaluator(CellNode):
         run_id, now = plain(message.run_id), self.seconds()
         if message.phase == RunState.PHASE_IDLE:
             self._runs.end_all()
+            self._reported.clear()
         elif message.phase in (RunState.PHASE_CANCELLED, RunState.PHASE_FAILED):
             self._runs.forget(run_id)
             self._recalled.pop(run_id, None)
+            self._reported.discard(run_id)  # resumed, it may lack something again
         elif message.phase == RunState.PHASE_EVALUATION:
             self._runs.expect(run_id, message.done, now)
             self._publish_again(run_id, now)

@@ -292,6 +292,10 @@ class FollowUp:
         self._waiting = max(self._waiting - 1, 0)
         self._last = now
 
+    def close(self) -> None:
+        """Take note that the log is closed; what was not answered until then is not waited for any more."""
+        self._waiting, self.is_open = 0 if self.is_open else self._waiting, False
+
     def is_over(self, now: float) -> bool:
         """Return whether the log that was opened can be closed."""
         rest = now - self._last

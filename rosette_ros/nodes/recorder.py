@@ -340,7 +340,7 @@ class Recorder(CellNode):
         session = self._session
         if not self._follow_up.is_open:
             self._last_run = session.run_id
-        self._follow_up.is_open = False
+        self._follow_up.close()
         try:
             session.close()
         except RosetteError as error:

@@ -44,3 +44,20 @@ def test_a_run_in_doubt_is_a_warning_and_the_next_sound_one_is_none(ros):
             assert sentence.startswith(f'run {run_id} is evaluated, 16 ball centres')
             assert ('; readings are rounded to 1 µm' in sentence) == rounded
         node.destroy_node()
+
+
+def test_a_resumed_run_that_lacks_answers_again_is_told_again(ros, monkeypatch):
+    """Until it failed it is told once; the same run, resumed, is another matter."""
+    with ros('-p', 'patience_s:=10.0'):
+        node, now, told = Evaluator(), [0.0], []
+        monkeypatch.setattr(node, 'seconds', lambda: now[0])
+        monkeypatch.setattr(node, '_report_failure', lambda run_id, lacks: told.append((now[0], run_id)))
+        for start in (0.0, 100.0):
+            now[0] = start
+            node._on_state(RunState(run_id='a', phase=RunState.PHASE_EVALUATION, done=5))
+            for late in (20.0, 30.0):
+                now[0] = start + late
+                node.wake()
+            node._on_state(RunState(run_id='a', phase=RunState.PHASE_FAILED))
+        assert told == [(20.0, 'a'), (120.0, 'a')]
+        node.destroy_node()

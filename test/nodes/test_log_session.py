@@ -144,6 +144,11 @@ def test_an_answer_that_never_comes_does_not_keep_the_log_open():
     follow.asked(10.0)
     follow.is_open = True
     assert follow.is_over(10.1 + LONGEST_ANSWER)
+    follow.close()
+    follow.asked(2000.0)
+    follow.is_open = True
+    follow.answered(2001.0)
+    assert follow.is_over(2004.0), 'the next one is not kept open for the answer that never came'
 
 
 def test_follow_up_logs_can_be_switched_off():
