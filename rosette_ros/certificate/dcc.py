@@ -23,11 +23,12 @@ from rosette_ros.presentation.identity_words import NOT_STATED, SIMULATED
 
 DCC, SI, OWN = 'https://ptb.de/dcc', 'https://ptb.de/si', 'urn:rosette:certificate:1'
 SCHEMA = '3.3.0'
-PROBABILITY = '0.95'
 MICRO = {'µm': r'\micro\metre', 'µrad': r'\micro\radian'}
 UNITS = {'m': r'\metre', 'rad': r'\radian', 'K': r'\kelvin', '1/K': r'\kelvin\tothe{-1}',
          'm/K': r'\metre\kelvin\tothe{-1}'}
 """Units of inputs of the budget."""
+NEARLY_NORMAL = 0.945
+"""Probability of U from which on its distribution is stated as normal: 29 degrees of freedom and more."""
 STATUS = {Conformity.CONFORMS: 'pass', Conformity.FAILS: 'fail'}
 Element = Any
 """What lxml makes; it is published without types."""
@@ -163,7 +164,8 @@ def _result(one: Certificate, curves: CurveSet) -> Element:
             for name in DEVICES if name != 'table')),
         _dcc('influenceConditions', *(condition for run in one.runs for condition in _conditions(run))),
         _dcc('results', _curves(curves), _dcc(
-            'result', _named('the six errors after ISO 230-7'), _dcc('data', *map(_error, curves.lines)),
+            'result', _named('the six errors after ISO 230-7'), _dcc('data', *(
+                _error(line, curves.probability) for line in curves.lines)),
             refType='rosette_iso_230_7'), *([_budget(one.budget)] if one.budget else [])),
         _dcc('measurementMetaData', *(_dcc('metaData', _named(name), _rich('declaration', words))
                                       for name, words in one.evaluation),
@@ -188,19 +190,19 @@ def _curves(curves: CurveSet) -> Element:
     names = text.curve_names(motions.rotation)
     listed = [_quantity('table angle', 'rosette_angle', np.rad2deg(motions.angle), r'\degree')]
     listed += [_quantity(names[place], f'rosette_{curve}', 1e6 * motions.values[:, place], MICRO[unit],
-                         1e6 * COVERAGE_FACTOR * motions.u[:, place])
+                         1e6 * COVERAGE_FACTOR * motions.u[:, place], curves.probability)
                for place, (curve, unit) in enumerate(zip(CURVES, text.CURVE_UNITS, strict=True))]
     return _dcc('result', _named(f'six error motions of the {curves.words}'),
                 _dcc('data', _dcc('list', *listed)), refType='rosette_curves')
 
 
-def _error(line: AxisError) -> Element:
-    """Return one error as a list of quantities, with its conformity."""
+def _error(line: AxisError, probability: float) -> Element:
+    """Return one error as a list of quantities, with its conformity; probability: of U."""
     unit = MICRO[f'µ{SI_UNITS[line.curve]}']
 
     def quantity(name: str, key: str, value: float | None, expanded: float | None = None) -> list[Element]:
         return [] if value is None else [_quantity(name, f'rosette_{line.curve}_{key}', 1e6 * value, unit,
-                                                   None if expanded is None else 1e6 * expanded)]
+                                                   None if expanded is None else 1e6 * expanded, probability)]
     wide = None if line.u_asynchronous is None else COVERAGE_FACTOR * line.u_asynchronous
     ranged = quantity('range, peak to valley (synchronous error)', 'range', line.range, line.expanded)
     if line.tolerance is not None and line.conformity is not None:
@@ -261,8 +263,10 @@ def _rich(tag: str, words: str, **attributes: str) -> Element:
 
 
 def _quantity(name: str, kind: str, value: float | Floats, unit: str,
-              expanded: float | Floats | None = None) -> Element:
-    """Return a number, or numbers (m,), with the expanded uncertainty; D-SI names the parts of a list by a suffix."""
+              expanded: float | Floats | None = None, probability: float = 1.0) -> Element:
+    """Return a number, or numbers (m,), with the expanded uncertainty and its probability.
+
+    D-SI names the parts of a list by a suffix."""
     suffix = 'XMLList' * isinstance(value, np.ndarray)
     if not suffix and not np.isfinite(value):
         return _dcc('quantity', _named(name), _rich('noQuantity', 'not determined'), refType=kind)
@@ -273,7 +277,8 @@ def _quantity(name: str, kind: str, value: float | Floats, unit: str,
     if expanded is not None and np.isfinite(expanded).all():
         real.append(part('measurementUncertaintyUnivariate', part(
             'expandedMU', part('valueExpandedMU', _numbers(expanded)), part('coverageFactor', str(COVERAGE_FACTOR)),
-            part('coverageProbability', PROBABILITY), part('distribution', 'normal'))))
+            part('coverageProbability', f'{probability:.2f}'),
+            part('distribution', 'normal' if probability > NEARLY_NORMAL else "Student's t"))))
     return _dcc('quantity', _named(name), real, refType=kind)
 
 

@@ -20,7 +20,7 @@ from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.run_to_run import joint_lines
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import ErrorMotions, Floats, Run
-from rosette_ros.core.uncertainty_budget import MOST_BALLS, Budget, budget, touch_scatter
+from rosette_ros.core.uncertainty_budget import MOST_BALLS, Budget, budget, probability_of_u, touch_scatter
 from rosette_ros.io.budget_file import budget_inputs
 from rosette_ros.io.identity_file import Identity, words_of_entry
 from rosette_ros.io.open_run import has_plate, joint_identity, open_readings
@@ -39,10 +39,10 @@ DAY = datetime.timedelta(1)
 """Dates of a log are UTC, those of an identity local: so much they may differ."""
 NEEDED = ('certificate.number', 'laboratory.country')
 """Entries without which there is no document."""
-CONTENT_OF_U = ('U (k = 2, about 95 %) contains the scatter of the readings and the uncertainty of the effects in the '
-                'model; it does not contain effects that are not in the model, nor the scale of the CMM.')
-OF_BUDGET = ('U (k = 2, about 95 %) is that of the uncertainty budget, the root of the sum of its squares; it does not '
-             'contain effects that are not in the model, nor the scale of the CMM.')
+CONTENT_OF_U = ('U (k = 2, about {share}) contains the scatter of the readings and the uncertainty of the effects in '
+                'the model; it does not contain effects that are not in the model, nor the scale of the CMM.')
+OF_BUDGET = ('U (k = 2, about {share}) is that of the uncertainty budget, the root of the sum of its squares; it does '
+             'not contain effects that are not in the model, nor the scale of the CMM.')
 
 
 @dataclass(frozen=True)
@@ -76,11 +76,17 @@ class Measured:
 
 @dataclass(frozen=True, eq=False)
 class CurveSet:
-    """Six curves with their errors in a line each; words: which table, which sense of turning."""
+    """Six curves with their errors in a line each; words: which table, which sense of turning; dof: of U."""
 
     words: str
     motions: ErrorMotions
     lines: tuple[AxisError, ...]
+    dof: float
+
+    @property
+    def probability(self) -> float:
+        """That U contains the true value."""
+        return probability_of_u(self.dof)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +148,8 @@ def _of_one(path: str | Path, inputs: Inputs) -> Certificate:
     unknown = [*text.not_known(facts, fit.gauge), *(verdict.limits if verdict else ()), *untouched]
     evaluation = (('Model', text.model_words(fit.model)), ('Residual', text.residual_words(fit)),
                   ('Uncertainty', text.uncertainty_words(fit)))
-    return _stated(inputs, identity, contradictions, [measured], [CurveSet('table', motions, lines)], verdict,
+    dof = float(made.effective_dof.min()) if made else fit.dof
+    return _stated(inputs, identity, contradictions, [measured], [CurveSet('table', motions, lines, dof)], verdict,
                    evaluation, unknown, source.files, made)
 
 
@@ -152,7 +159,7 @@ def _of_several(paths: Sequence[str | Path], inputs: Inputs) -> Certificate:
     identity, changed = logged.with_changes(inputs.identity)
     result = evaluate_jointly([run for run, _ in opened], inputs.sharing)
     verdict = conclude(result)
-    sets = [CurveSet(one.words, motions, lines) for one, motions, lines in joint_lines(
+    sets = [CurveSet(one.words, motions, lines, result.solution.dof) for one, motions, lines in joint_lines(
         result, identity.limits(result.solution.model.runs[0].rotation), doubt_of(verdict))]
     runs = []
     for path, readings in zip(paths, result.solution.model.runs, strict=True):
@@ -182,9 +189,11 @@ def _stated(inputs: Inputs, identity: Identity, contradictions: Sequence[str], r
                           f'{", ".join(lacking)} in the identity file (--identity FILE; fill in a copy of '
                           'config/identity.yaml)')
     _check_issue(identity['certificate.date'], days[1])
+    least = min(one.probability for one in sets)
+    content = (OF_BUDGET if made else CONTENT_OF_U).format(share=f'{least:.0%}'.replace('%', ' %'))
     further = [
         'The temperature was not recorded.' if not any(run.temperatures.size for run in runs) else '',
-        *(f'Contradiction: {words}.' for words in contradictions), OF_BUDGET if made else CONTENT_OF_U]
+        *(f'Contradiction: {words}.' for words in contradictions), content]
     paths = {file.path: Path(file.path).name for file in files}
 
     def bare(sentence: str) -> str:  # a path says where a copy lay, not what was measured

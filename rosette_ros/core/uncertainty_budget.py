@@ -150,6 +150,11 @@ class Budget:
         return np.asarray(special.stdtrit(finite, (1 + PROBABILITY) / 2))
 
 
+def probability_of_u(dof: float) -> float:
+    """Return the probability that U (k = 2) contains the true value, P(|t| < k) of Student's t (GUM G.3)."""
+    return float(2 * special.stdtr(min(dof, 1e9), COVERAGE_FACTOR) - 1)
+
+
 def root_mean(u: Floats) -> Floats:
     """Return the root mean square of each column."""
     return np.asarray(np.sqrt(np.mean(u**2, axis=0)))

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from certificates import DAYS, FULL, KINDS, made
+from certificates import DAYS, FULL, KINDS, made, table
 from lxml import etree
 from schematron import Schematron
 
@@ -147,6 +147,18 @@ def test_the_budget_is_that_of_the_run():
     np.testing.assert_allclose(spread, 2e6 * certificate.budget.combined()[:, 5], rtol=1e-12)
     assert any(words.startswith('U (k = 2, about 95 %) is that of the uncertainty budget')
                for words in texts(root, '//dcc:statement//dcc:content'))
+
+
+def test_few_readings_do_not_give_95_percent(schema):
+    """9 ball centres leave 4 degrees of freedom: U (k = 2) contains the true value with 88 %, by Student's t."""
+    path = table('three', n=3, change=lambda run: run.replace(repeatability=None, repeatability_dof=None))
+    certificate = state([path], Inputs(parse_identity((FULL + DAYS).encode()), '2026-11-30'))
+    root = etree.fromstring(to_xml(certificate))
+    schema.assertValid(root)
+    [curve] = root.xpath('//dcc:quantity[@refType="rosette_crz"]', namespaces=NAMES)
+    assert set(curve.findtext('.//si:coverageProbabilityXMLList', '', NAMES).split()) == {'0.88'}
+    assert curve.findtext('.//si:distributionXMLList', '', NAMES) == "Student's t"
+    assert any(words.startswith('U (k = 2, about 88 %)') for words in certificate.unknown)
 
 
 def test_without_inputs_the_budget_says_what_is_not_considered():
