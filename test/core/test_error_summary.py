@@ -93,6 +93,13 @@ def test_u_of_a_range_is_that_of_repeated_runs(share):
     assert all(line.u_range <= 2 * line.u_point for line in fit_lines(found))
 
 
+def test_u_of_a_range_is_no_more_than_any_correlation_makes_it():
+    """Three table positions: the bound of a complete run is 2.45 times that of a point, the sum of both 2 times."""
+    lines = fit_lines(analyse(Machine(MachineConfig().changed(plate={'balls': 3})).run(plan(3, 'diagonal'))))
+    assert all(line.u_range == pytest.approx(2 * line.u_point) for line in lines[2:3])
+    assert all(line.u_range <= 2 * line.u_point * (1 + 1e-12) for line in lines)
+
+
 def test_several_runs_tell_the_asynchronous_part():
     """What one run has in addition at one angle is its width; two sound runs differ by noise."""
     first, other = simulated('diagonal'), simulated('random')

@@ -254,7 +254,9 @@ class JointSpace:
         base, every = self.space.curve_cofactor(), range(6)
         one, other = base[high, every], base[low, every]
         is_even = isinstance(self.space, CompleteSpace)
-        out = (one + other) * len(base) / (len(base) - 2) if is_even else (np.sqrt(one) + np.sqrt(other))**2
+        out = (np.sqrt(one) + np.sqrt(other))**2
+        if is_even:
+            out = np.minimum(out, (one + other) * len(base) / (len(base) - 2))
         if len(self.every):
             step = self._bias[:, high, every] - self._bias[:, low, every]
             out = out + np.einsum('ac,ab,bc->c', step, self.cofactor, step)
