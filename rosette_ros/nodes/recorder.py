@@ -41,6 +41,9 @@ WANTED = (
     Wanted('least_free_mb', 20, 'a log is not begun with less room on the disk, MB', 0, 1_000_000),
     Wanted('simulated', False, 'whether logs say that no real CMM measured; on a simulated clock they do anyway',
            read_only=True), *LOG)
+SETTLED, FORGOTTEN = 5.0, 30.0
+"""A log whose run is over is closed when another run begins so long after that, and by itself after so long, s."""
+OVER = (RunState.PHASE_IDLE, RunState.PHASE_DONE, RunState.PHASE_CANCELLED, RunState.PHASE_FAILED)
 LAST_MESSAGES = 4.0
 """How long an open log waits for what belongs to its end, and an ending recorder for the sequencer to close it, after
 the last answer, s."""
@@ -100,6 +103,7 @@ class Recorder(CellNode):
         self._session = LogSession(self.parameters['recent_s'], self._offered_qos, lambda: self.parameters.values(LOG))
         self._contents = RunContents('', self.get_logger().error)
         self._ending: Progress | None = None  # since the log was to be closed
+        self._told, self._since = ('', RunState.PHASE_IDLE), 0.0  # run and phase that the sequencer told last, and when
         self._follow_up = FollowUp(self.parameters['follow_up_s'])
         self._not_recorded: set[str] = set()
         self._said = {SIMULATED_KEY: 'yes'} if self.parameters['simulated'] else {}
@@ -160,14 +164,27 @@ class Recorder(CellNode):
             self._processes[topic] = message.process
         elif not isinstance(message, RunState):
             self._on_request(message)
-        elif message.phase == RunState.PHASE_IDLE:
-            self._on_restart()
+        else:
+            self._told, self._since = (message.run_id, message.phase), self.seconds()
+            if message.phase == RunState.PHASE_IDLE:
+                self._on_restart()
 
     def _on_restart(self) -> None:
         """Close the log of a run whose sequencer was restarted."""
         if self._session.is_open and not self._follow_up.is_open:
             self.get_logger().warning(f'the sequencer was restarted; the log of run {self._session.run_id} is closed, '
                                       'the run can be resumed')
+            self._close()
+
+    def _close_if_over(self, after: float) -> None:
+        """Close the log of a run of which the sequencer has told for so long, s, that it is over, or tells nothing.
+
+        Its request to open or to close the log was not answered in time, and it requests that no more."""
+        run_id, phase = self._told
+        is_over = run_id != self._session.run_id or phase in OVER
+        if self._session.is_open and not self._follow_up.is_open and is_over and self.seconds() - self._since > after:
+            self.get_logger().warning(f'the log of run {self._session.run_id} is closed as it is: the run is over, and '
+                                      'nothing requested to close it')
             self._close()
 
     def _on_request(self, message: Any) -> None:
@@ -215,8 +232,9 @@ class Recorder(CellNode):
             self._check_room(directory)
             if self._follow_up.is_open:
                 self._close()
+            self._close_if_over(SETTLED)
             self._session.open(directory, request.run_id, self.seconds(), self.now().nanoseconds, earlier, links)
-            self._contents, self._ending = contents, None
+            self._contents, self._ending, self._since = contents, None, self.seconds()
         except RosetteError as error:
             self.get_logger().error(f'start_recording refused: {error}')
             response.success, response.message = False, str(error)
@@ -257,8 +275,12 @@ class Recorder(CellNode):
         return True
 
     def _check_room(self, directory: Path) -> None:
-        there = next(path for path in (directory, *directory.parents) if path.exists())
-        free, wanted = shutil.disk_usage(there).free / 1e6, self.parameters['least_free_mb']
+        try:
+            there = next(path for path in (directory, *directory.parents) if path.exists())
+            free, wanted = shutil.disk_usage(there).free / 1e6, self.parameters['least_free_mb']
+        except OSError as error:
+            raise CellError(f'{directory}: wanted a folder for the log, got: {error.strerror}; choose another folder '
+                            '(log_dir)') from error
         if free < wanted:
             raise CellError(f'{directory}: wanted {wanted} MB of room for the log (least_free_mb), got {free:.1f} MB; '
                             'make room or choose another folder (log_dir)')
@@ -329,6 +351,7 @@ class Recorder(CellNode):
         self.heartbeat.hears = tuple(self._processes.values()) if self._is_connected() and self.is_certain else ()
         if self._follow_up.is_over(self.seconds()):
             self._close()
+        self._close_if_over(FORGOTTEN)
 
     def _is_connected(self) -> bool:
         """Return whether all answers that are published are received."""

@@ -7,6 +7,7 @@ import shutil
 
 import pytest
 from builtin_interfaces.msg import Time
+from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from rosette_msgs.msg import (
     BallCentre,
@@ -265,3 +266,30 @@ def test_a_disk_without_inodes_refuses_a_log_and_nothing_is_left(recorder, tmp_p
     assert 'No space left on device' in response.message
     assert list(tmp_path.rglob('*')) == []
     assert start(recorder, 'run').success
+
+
+def test_a_log_whose_run_is_over_does_not_refuse_the_next_run(recorder, monkeypatch):
+    """Its request to close was not answered in time; every later run was refused, and the log grew."""
+    now = [100.0]
+    monkeypatch.setattr(recorder, 'seconds', lambda: now[0])
+    assert start(recorder, 'a').success
+    receive(recorder, 'run_state', RunState(run_id='a', phase=RunState.PHASE_RUN))
+    now[0] += 1000.0
+    assert 'the log of run a is open' in start(recorder, 'b').message
+    receive(recorder, 'run_state', RunState(run_id='a', phase=RunState.PHASE_FAILED))
+    now[0] += recorder_module.SETTLED + 0.1
+    assert start(recorder, 'b').success
+    receive(recorder, 'run_state', RunState(run_id='b', phase=RunState.PHASE_FAILED))
+    now[0] += recorder_module.FORGOTTEN - 1.0
+    recorder.wake()
+    assert recorder._session.is_open
+    now[0] += 2.0
+    recorder.wake()
+    assert not recorder._session.is_open
+
+
+def test_a_folder_that_cannot_be_looked_at_is_told(recorder, tmp_path):
+    """The name is longer than file systems allow: the recorder ended with a traceback."""
+    recorder.set_parameters([Parameter('log_dir', value=str(tmp_path / ('a' * 300)))])
+    answer = start(recorder, 'a')
+    assert not answer.success and 'wanted a folder for the log, got: File name too long' in answer.message
