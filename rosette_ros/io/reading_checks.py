@@ -35,7 +35,7 @@ def check_answers(pairs: Pairs) -> dict[str, str]:
 
     A check that these targets do not allow is left out: without a move of the table nothing is known of its travel."""
     moves = [_Move(before, after) for before, after in pairwise(pairs) if _is_move(before, after)]
-    found = {'stamps': _stamps([answer.stamp_ns for _, answer in pairs])}
+    found = {'stamps': _stamps(pairs)}
     if len(moves) > 1:
         found |= {'travel': _travel(moves), 'approach': _approach(moves)}
     found['places'] = _echo(pairs)
@@ -119,11 +119,18 @@ def _is_move(before: tuple[Target, Answer], after: tuple[Target, Answer]) -> boo
             and other.approach != 0 and one.table_position != other.table_position)
 
 
-def _stamps(stamps: Sequence[int]) -> str:
+def _stamps(pairs: Pairs) -> str:
+    stamps = [answer.stamp_ns for _, answer in pairs]
     zero, alike = stamps.count(0), len(stamps) - len(set(stamps))  # the first of an imported run is 0
     words = f'0 in {zero}' if zero > 1 else f'the same as another in {alike}'
-    return (f'header.stamp is {words} of {len(stamps)} answers: effects in time cannot be found; give the mean time of '
-            'the touches') if alike else ''
+    if alike:
+        return (f'header.stamp is {words} of {len(stamps)} answers: effects in time cannot be found; give the mean '
+                'time of the touches')
+    once = sorted(((target.session, target.seq, answer.stamp_ns) for target, answer in pairs if target.attempt == 1))
+    back, seq = min(((after[2] - before[2], before[1]) for before, after in pairwise(once) if before[0] == after[0]),
+                    default=(0, 0))
+    return (f'the clock was set back by {-1e-9 * back:.3g} s after target {seq}: times and the order of the readings '
+            'are wrong, and so are effects in time; measure again with a clock that runs evenly') if back < 0 else ''
 
 
 def _travel(moves: Sequence[_Move]) -> str:

@@ -48,10 +48,12 @@ class RunAnswers:
         self.frames: list[TableFrame] = [] if frames is None else frames
         self.targets, self.answers = list[Target](), list[Answer]()
         self._last, self._by_seq, self._answered = dict[int, Target](), dict[int, list[Answer]](), set[int]()
-        self.dropped = self._early = 0
+        self.dropped, self._early, self._earlier = 0, 0, tuple[TableFrame, ...]()
 
     def add_target(self, target: Target) -> None:
         """Take a target of this run."""
+        if not self.targets:
+            self._earlier = tuple(self.frames)
         self.targets.append(target)
         seq, before = target.seq, self._last.get(target.seq)
         self._early -= 0 if before else len(self._by_seq.get(seq, ()))
@@ -95,6 +97,7 @@ class RunAnswers:
             merged.add_target(target)
         for answer in (*recorded.answers, *(one for one in self.answers if (one.seq, one.stamp_ns) not in known)):
             merged.add_answer(answer)
+        merged._earlier = self._earlier
         return merged
 
     def with_centres(self, centres: Mapping[int, tuple[float, float, float]]) -> 'RunAnswers':
@@ -105,6 +108,7 @@ class RunAnswers:
         for answer in self.answers:
             is_changed = id(answer) in counting and answer.seq in centres
             changed.add_answer(answer._replace(centre=centres[answer.seq]) if is_changed else answer)
+        changed._earlier = self._earlier
         return changed
 
     def drop_answers(self, seq: int) -> None:
@@ -204,9 +208,13 @@ class RunAnswers:
         if not self.frames:
             return None
         self._refuse_two_frames(source)
-        begin = self.run_begin(2**63)
-        before = [one for one in self.frames if one.stamp_ns <= begin]
-        return max(before, key=lambda one: one.stamp_ns).frame if before else self.frames[0].frame
+        begin, frames = self.run_begin(2**63), self._own_frames()
+        before = [one for one in frames if one.stamp_ns <= begin]
+        return max(before, key=lambda one: one.stamp_ns).frame if before else frames[0].frame
+
+    def _own_frames(self) -> list[TableFrame]:
+        """Return the frames received after the first target, all where none was: whatever their stamps are."""
+        return [one for one in self.frames if not any(one is each for each in self._earlier)] or self.frames
 
     @property
     def is_in_table_frame(self) -> bool:
@@ -249,7 +257,7 @@ class RunAnswers:
             session = max(aligning, key=lambda one: one.stamp_ns).session
             own = [one for one in own if one.session == session]
         begin, different = min(one.stamp_ns for one in own), list[Floats]()
-        for stamp, frame in self.frames:
+        for stamp, frame in self._own_frames():
             numbers = np.append(frame.rotation, frame.origin)
             if begin <= stamp <= end and not any(np.abs(numbers - one).max() <= SAME_FRAME for one in different):
                 different.append(numbers)

@@ -141,9 +141,13 @@ def other_frame(cell, seed, **changes):
 
 
 def test_two_table_frames_for_one_run_are_refused(make_cell, tmp_path):
-    """Wherever the other one stands in the log: what counts is when it was found."""
+    """One that came before the first target is of an earlier run; its stamp is of a clock that was ahead."""
     cell, other = make_cell(), make_cell(seed=1)
     cell.sent.insert(0, other_frame(cell, other))
+    run = read_log(cell.write(tmp_path / 'earlier')).to_run()
+    np.testing.assert_allclose(run.centre, cell.centre, atol=2e-16)
+    first = next(place for place, entry in enumerate(cell.sent) if entry[0].endswith('probe_target'))
+    cell.sent.insert(first + 1, cell.sent.pop(0))
     log = read_log(cell.write(tmp_path / 'log'))
     words = (r'log: wanted one table frame for run first, got 2 that differ; two cells share /tf_static\? give each '
              'its namespace or domain')

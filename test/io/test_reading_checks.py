@@ -49,6 +49,8 @@ def rounded(step):
 MISTAKES = {
     'zero stamps': ('stamps', {'stamp_ns': lambda _, a: 0}, 'header.stamp is 0 in 59 of 59 answers'),
     'one stamp': ('stamps', {'stamp_ns': lambda _, a: BEGIN}, 'header.stamp is the same as another in 58 of 59'),
+    'clock set back': ('stamps', {'stamp_ns': lambda t, a: a.stamp_ns - (600 * 10**9 if t.seq > 30 else 0)},
+                       'the clock was set back by '),
     'constant travel': ('travel', {'table_travel': lambda _, a: 0.0}, 'table_travel stays the same in 42 moves'),
     'travel within one turn': ('travel', {'table_travel': lambda _, a: a.table_angle},
                                'table_travel is not cumulative: it jumps by whole turns in'),

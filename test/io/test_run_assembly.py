@@ -309,6 +309,21 @@ def test_two_frames_during_an_alignment_are_refused():
     assert collected([aligning[0], *TARGETS], answers, twice).to_run().size == 9
 
 
+@pytest.mark.parametrize('stamp', [S // 5, S // 2, 3600 * S])
+def test_a_frame_of_an_earlier_run_is_not_that_of_this_one(stamp):
+    """The clock of the CMM was ahead, so its stamp lies in this run or after it; it came before the first target."""
+    run = RunAnswers('r', [TableFrame(stamp, Frame(np.eye(3), np.zeros(3)))])
+    run.add_target(target(10, phase=2, stamp_ns=S // 10))
+    run.frames.append(TableFrame(S // 3, FRAME))
+    for one in TARGETS:
+        run.add_target(one)
+    for one in map(in_machine, ANSWERS):
+        run.add_answer(one)
+    assert run.frame() is FRAME and run.to_run().size == 9
+    assert run.merged_with(collected([], [], [])).frame() is FRAME
+    assert run.with_centres({}).frame() is FRAME
+
+
 def transform(parent='machine', child='cell/table', rotation=(0, 0, 0, 1), translation=(1, 2, 3)):
     return SimpleNamespace(
         header=SimpleNamespace(frame_id=parent, stamp=SimpleNamespace(sec=1, nanosec=5)), child_frame_id=child,
