@@ -13,7 +13,7 @@ import numpy as np
 
 from rosette_ros.core.budget_inputs import temperature_course
 from rosette_ros.core.form_field import form_basis, standard_height
-from rosette_ros.core.geometry import nominal_angles, rotate_z, rotation_matrix
+from rosette_ros.core.geometry import nominal_angles, radial, rotate_z, rotation_matrix
 from rosette_ros.core.model.least_squares import observed
 from rosette_ros.core.records import Floats
 from rosette_ros.core.touches import fit_spheres
@@ -142,9 +142,8 @@ class _SimulatedReadings:
         self.place = run.centre - self.fit.residual  # where the model has each ball, (N, 3)
         curves = self.fit.error_motions.values[run.table_position - 1]
         self.body = rotation_matrix(curves[:, 3:])  # (N, 3, 3)
-        spoke = np.stack([np.cos(run.beta), np.sin(run.beta), np.zeros(run.size)], axis=-1)
-        self.spoke, self.angle = spoke, run.phi + run.angle_deviation
-        self.ball = run.radius * spoke + self.fit.plate[run.ball - 1]
+        self.spoke, self.angle = radial(run.beta), run.phi + run.angle_deviation
+        self.ball = run.radius * self.spoke + self.fit.plate[run.ball - 1]
         self.course, self.is_recorded = temperature_course(run)
         self.basis, self.touches = None, 0
         is_touched = made.touch is not None and self.fit.joint.whitening.by_axis
@@ -194,8 +193,7 @@ class _SimulatedReadings:
         if 'radius' in inputs:
             more = inputs.value('radius', 'u_um') * _student(
                 rng, inputs.dof.get('radius', np.inf), count) * rng.standard_normal((count, 1, 1))
-            along = np.stack([np.cos(self.run.alpha), np.sin(self.run.alpha), np.zeros(self.run.size)], axis=-1)
-            off = off + self._carried(more * self.spoke) - more * along
+            off = off + self._carried(more * self.spoke) - more * radial(self.run.alpha)
         return off
 
     def _carried(self, on_plate: Floats) -> Floats:
@@ -256,10 +254,10 @@ class _SimulatedReadings:
         tilt = (cmm[:, used, 2] @ plane.T) * np.array([1.0, 1.0, 0.0])
         at, table = plate[:, run.ball - 1], run.table_position - 1
         shift, turn = curves[:, table, :3], curves[:, :, 3:]
-        arm = lever * np.stack([np.cos(run.alpha), np.sin(run.alpha), np.zeros(run.size)], axis=-1)
         nominal = rotate_z(self.angle, run.radius * self.spoke)
         body = np.einsum('bnij,bnj->bni', rotation_matrix(turn)[:, table], nominal + rotate_z(self.angle, at)) + shift
-        linear = np.cross(turn[:, table] + tilt[:, None], arm) + shift + rotate_z(run.phi, at) + nominal
+        turned = np.cross(turn[:, table] + tilt[:, None], lever * radial(run.alpha))
+        linear = turned + shift + rotate_z(run.phi, at) + nominal
         return np.asarray(body @ np.swapaxes(rotation_matrix(tilt), 1, 2) - linear)
 
 

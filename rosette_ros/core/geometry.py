@@ -33,6 +33,11 @@ def nominal_angles(n: int) -> Floats:
     return TWO_PI * np.arange(n) / n
 
 
+def radial(angle: Floats) -> Floats:
+    """Return the radial unit vectors at azimuths (...), rad, (..., 3)."""
+    return np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
+
+
 def rotate_z(angle: ArrayLike, vector: ArrayLike) -> Floats:
     """Return R_z(angle) vector; angle (...), rad, and vector (..., 3) broadcast."""
     angle, vector = np.asarray(angle, dtype=float), np.asarray(vector, dtype=float)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from rosette_ros.core.axes import ALIGNED, cmm_axes, moving_axes
 from rosette_ros.core.errors import InvalidPlan
-from rosette_ros.core.geometry import TWO_PI, Floats, Ints, nominal_angles, rotate_z, wrap
+from rosette_ros.core.geometry import TWO_PI, Floats, Ints, nominal_angles, radial, rotate_z, wrap
 from rosette_ros.core.reduced_sets import best_members, fewest_members, penalty
 from rosette_ros.core.sensitive_order import sensitive
 
@@ -106,8 +106,7 @@ def cmm_position(n: int, table_position: ArrayLike, ball: ArrayLike) -> Ints:
 
 def nominal_places(n: int, radius: float, table_position: ArrayLike, ball: ArrayLike) -> Floats:
     """Return the nominal ball centres in the table frame, (..., 3), in the unit of the radius."""
-    azimuth = TWO_PI * (cmm_position(n, table_position, ball) - 1) / n
-    return np.asarray(radius * np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth)], axis=-1))
+    return radius * radial(TWO_PI * (cmm_position(n, table_position, ball) - 1) / n)
 
 
 def unwrap_travel(angle: ArrayLike, approach: ArrayLike, n: int) -> Floats:

@@ -20,7 +20,7 @@ from rosette_ros.core.budget_inputs import BOUNDS, SECTIONS, BudgetInputs, tempe
 from rosette_ros.core.error_summary import COVERAGE_FACTOR, AxisError, error_lines, extremes
 from rosette_ros.core.errors import InvalidData, unknown
 from rosette_ros.core.form_field import form_basis, standard_height
-from rosette_ros.core.geometry import rotate_z
+from rosette_ros.core.geometry import radial, rotate_z
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.planning.advice import GOOD_SHARE
@@ -320,7 +320,6 @@ def form_directions(inputs: BudgetInputs, touch: TouchScatter | None) -> Floats:
 
 def _temperature(fit: Fit, inputs: BudgetInputs) -> list[_Displaced]:
     run, (course, is_recorded), out = fit.run, temperature_course(fit.run), []
-    radial = run.radius * np.stack([np.cos(run.alpha), np.sin(run.alpha), np.zeros(run.size)], axis=-1)
     empty = np.zeros((run.n, 6))
     for section, key, unit in (('plate_expansion', 'u_um_per_m_K', '1/K'), ('frame_expansion', 'u_um_per_K', 'm/K')):
         if section not in inputs:
@@ -328,7 +327,7 @@ def _temperature(fit: Fit, inputs: BudgetInputs) -> list[_Displaced]:
         if not is_recorded and not inputs.value(section, 'range_K'):
             raise InvalidData(f'{run.source}: budget: {section}: wanted range_K, as no temperature is recorded, got '
                               'none')
-        rows = (course[:, None] * radial)[None] if section == 'plate_expansion' else np.stack(
+        rows = (course[:, None] * (run.radius * radial(run.alpha)))[None] if section == 'plate_expansion' else np.stack(
             [course[:, None] * np.eye(3)[axis] for axis in range(3)])
         words, dof = inputs.words.get(section, 'inputs'), inputs.dof.get(section, np.inf)
         value, size = inputs.value(section, key), inputs.value(section, 'range_K') / np.sqrt(3)

@@ -9,7 +9,7 @@ from pydantic import Field, field_validator, model_validator
 
 from rosette_ros.core.axes import taught_frame
 from rosette_ros.core.errors import InvalidConfig
-from rosette_ros.core.geometry import TWO_PI, Floats, Frame
+from rosette_ros.core.geometry import TWO_PI, Floats, Frame, radial
 from rosette_ros.core.touches import TOUCHES, USUAL
 from rosette_ros.dme.wire import PORT, NotDme, format_value
 from rosette_ros.io.safe_yaml import of_schema, read_yaml
@@ -120,8 +120,7 @@ class DmeTableSettings(Settings):
         """Return where the balls are at a table angle, rad, in the table frame as taught, (n, 3), m."""
         azimuth = TWO_PI * np.arange(self.balls) / self.balls if self.azimuths_deg is None else np.deg2rad(
             self.azimuths_deg)
-        angle = azimuth + table_angle
-        return 1e-3 * self.radius_mm * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
+        return 1e-3 * self.radius_mm * radial(azimuth + table_angle)
 
 
 class DmeSettings(Settings):

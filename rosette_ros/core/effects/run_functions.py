@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from rosette_ros.core import axes
+from rosette_ros.core.geometry import radial as radial
 from rosette_ros.core.records import Bools, Floats, Run
 
 COARSE = 4
@@ -104,11 +105,6 @@ def unit(axis: int, size: int) -> Floats:
     out = np.zeros((size, 3))
     out[:, axis] = 1.0
     return out
-
-
-def radial(angle: Floats) -> Floats:
-    """Return the radial unit vectors at azimuths (N,), shape (N, 3)."""
-    return np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
 
 
 def tangential(angle: Floats) -> Floats:

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import Bools, Floats, Frame, Ints, nominal_angles
+from rosette_ros.core.geometry import Bools, Floats, Frame, Ints, nominal_angles, radial
 from rosette_ros.core.records import Run
 
 OFF_PLACE = 1e-3
@@ -42,7 +42,11 @@ class Plate:
     @cached_property
     def centres(self) -> Floats:
         """(b, 3) nominal centres, m."""
-        return np.stack([self.radius * np.cos(self.azimuth), self.radius * np.sin(self.azimuth), self.height], axis=-1)
+        return self.turned(0.0)
+
+    def turned(self, turn: float) -> Floats:
+        """Return the nominal centres with the plate turned on the table by an angle, rad, (b, 3), m."""
+        return np.asarray(self.radius[:, None] * radial(self.azimuth + turn) + self.height[:, None] * np.eye(3)[2])
 
     def places(self, positions: int) -> tuple[int, ...]:
         """Return which of equally spaced places on the circle the balls are, from 1, for so many table positions.
@@ -145,9 +149,7 @@ class Readings:
         """
         plate, ball = self.plate, self.ball - 1
         if not plate.is_regular:
-            azimuth = plate.azimuth + turn
-            at = np.stack([plate.radius * np.cos(azimuth), plate.radius * np.sin(azimuth), plate.height], axis=-1)
-            return ball, at[ball]
+            return ball, plate.turned(turn)[ball]
         pitches = turn * plate.balls / (2 * np.pi)
         if abs(pitches - round(pitches)) > 1e-6:
             raise InvalidData(f'{self.source}: plate turned by {np.rad2deg(turn):.6g} deg: wanted whole pitches of '

@@ -17,7 +17,7 @@ from scipy import special
 
 from rosette_ros.core.effects.effect import Motion, Searched, Setting
 from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.geometry import TWO_PI
+from rosette_ros.core.geometry import TWO_PI, radial
 from rosette_ros.core.model.base_model import GAUGE, BaseSpace, Basis, CompleteSpace
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.model import Model, Term
@@ -158,8 +158,7 @@ def _by_place(run: Run) -> Ints:
 
 def observed(run: Run) -> Floats:
     """Return centres minus nominal centres at the actual table angle, (N, 3), m."""
-    angle = run.alpha + run.angle_deviation
-    return run.centre - run.radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(run.size)], axis=-1)
+    return run.centre - run.radius * radial(run.alpha + run.angle_deviation)
 
 
 class JointSpace:

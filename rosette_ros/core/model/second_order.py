@@ -13,7 +13,7 @@ that it consists of is known: by Gauss and Newton, from fit to fit.
 import numpy as np
 
 from rosette_ros.core.effects.effect import Motion
-from rosette_ros.core.geometry import nominal_angles, rotate_z, rotation_matrix
+from rosette_ros.core.geometry import nominal_angles, radial, rotate_z, rotation_matrix
 from rosette_ros.core.model.base_model import BaseParameters, BaseSpace
 from rosette_ros.core.records import Floats, Run
 
@@ -42,10 +42,9 @@ def second_order(run: Run, lever: float, base: BaseParameters, motion: Motion | 
     # a bound that costs nothing
     if (largest + growth) * off + (largest + growth)**2 * run.radius + largest * _length(curves[:, :3]) < NEGLIGIBLE:
         return turned_plate(run, base)
-    angle = nominal_angles(run.n)
-    balls = run.radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(run.n)], axis=-1)
+    balls = run.radius * radial(nominal_angles(run.n))
     at = (balls + plate)[ball]
-    arm = lever * np.stack([np.cos(run.alpha), np.sin(run.alpha), np.zeros(run.size)], axis=-1)
+    arm = lever * radial(run.alpha)
     linear = np.cross(curves[place, 3:] + tilt, arm) + curves[place, :3] + nominal
     turn = delta
     if motion is not None:
