@@ -18,7 +18,7 @@ from scipy import special
 from rosette_ros.core.effects.effect import Motion, Searched, Setting
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.geometry import TWO_PI, radial
-from rosette_ros.core.model.base_model import GAUGE, BaseSpace, Basis, CompleteSpace
+from rosette_ros.core.model.base_model import GAUGE, BaseParameters, BaseSpace, Basis, CompleteSpace
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise, Real, Whitening
@@ -226,20 +226,24 @@ class JointSpace:
         out = self.space.parameters(rows).curves
         if len(self.every):
             amplitude = self.space.residual(rows).reshape(len(rows), -1) @ self._solve_every.T
-            out = out - np.tensordot(amplitude, self._bias, axes=1)
+            out = out - np.tensordot(amplitude, self._bias.curves, axes=1)
         return np.asarray(out)
 
     @cached_property
-    def _bias(self) -> Floats:
-        """What effects and tangents would do to the curves, (q + k, n, 6), were they not in the model."""
-        return self.space.parameters(self.every).curves
+    def _bias(self) -> BaseParameters:
+        """What effects and tangents would do to the base parameters, were they not in the model."""
+        return self.space.parameters(self.every)
+
+    def _share(self, name: str) -> Floats:
+        """Return the effects' share in the variances of some base parameters per unit variance, (n, c) or (1, 1)."""
+        if not len(self.every):
+            return np.zeros((1, 1))
+        bias = getattr(self._bias, name)
+        return np.asarray(np.einsum('anc,ab,bnc->nc', bias, self.cofactor, bias))
 
     def effect_cofactor(self) -> Floats:
         """Return the effects' share in the variances of the curves per unit variance, (n, 6)."""
-        if not len(self.every):
-            return np.zeros((self.space.n, 6))
-        found = np.einsum('anc,ab,bnc->nc', self._bias, self.cofactor, self._bias)
-        return np.asarray(np.maximum(found, 0.0))  # rounding may leave less
+        return np.maximum(self._share('curves'), np.zeros((self.space.n, 6)))  # rounding may leave less
 
     def curve_cofactor(self) -> Floats:
         """Return variances of the curves per unit variance, (n, 6), effects' share included."""
@@ -257,20 +261,14 @@ class JointSpace:
         if is_even:
             out = np.minimum(out, (one + other) * len(base) / (len(base) - 2))
         if len(self.every):
-            step = self._bias[:, high, every] - self._bias[:, low, every]
+            step = self._bias.curves[:, high, every] - self._bias.curves[:, low, every]
             out = out + np.einsum('ac,ab,bc->c', step, self.cofactor, step)
         return np.asarray(out)
 
     def deviation_cofactors(self) -> tuple[Floats, Floats]:
         """Return variances of plate and CMM per unit variance, (n, 3) each, effects' share included."""
         plate, cmm = self.space.deviation_cofactors()
-        return self._with_effects(plate, 'plate'), self._with_effects(cmm, 'cmm')
-
-    def _with_effects(self, cofactor: Floats, name: str) -> Floats:
-        if not len(self.every):
-            return cofactor
-        bias = getattr(self.space.parameters(self.every), name)
-        return np.asarray(cofactor + np.einsum('anc,ab,bnc->nc', bias, self.cofactor, bias))
+        return plate + self._share('plate'), cmm + self._share('cmm')
 
 
 def _pseudo_inverse(flat: Floats, scale: Floats) -> tuple[Floats, Floats, Floats]:
