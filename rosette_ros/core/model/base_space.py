@@ -211,13 +211,13 @@ class NormalSpace(BaseSpace):
         """Return the variances of the curves for unit variance of a coordinate, (n, 6)."""
         if 'table_motions' not in self.terms:
             return np.zeros((self.n, 6))
-        z, w = (part.curve_variances(self.n) for part in self._parts)
+        z, w = (part.variances.reshape(-1, self.n) for part in self._parts)
         r = self.lever**2
         return np.stack([w[0], w[1], z[0], z[1] / r, z[2] / r, w[2] / r], axis=-1)
 
     def deviation_cofactors(self) -> tuple[Floats, Floats]:
         """Return the variances of plate and CMM for unit variance of a coordinate, (n, 3) each; not touched: NaN."""
-        z, w = (part.variances().reshape(-1, self.n) for part in self._parts)
+        z, w = (part.variances.reshape(-1, self.n) for part in self._parts)
         plate, cmm = ((term in self.terms) * np.stack([*w[3 + 2 * place:5 + 2 * place], z[3 + place]], axis=-1)
                       for place, term in enumerate(BASE_TERMS[1:]))
         plate[self._left_out[0]] = cmm[self._left_out[1]] = np.nan

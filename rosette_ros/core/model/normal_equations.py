@@ -109,14 +109,7 @@ class Part:
         vectors, constraints = self._gauge
         return np.asarray(found - vectors @ np.linalg.solve(constraints @ vectors, constraints @ found))
 
-    def curve_variances(self, n: int) -> Floats:
-        """Return the variances of the first three unknowns of each of n table positions, in the gauge, (3, n)."""
-        rows = self._half(np.eye(self._kept, 3 * n))
-        fixed = self._gauge[1][:, :3 * n]
-        fixed = np.linalg.qr(fixed[np.any(fixed, axis=1)].T)[0]
-        rows -= (rows @ fixed) @ fixed.T
-        return np.asarray(np.sum(rows**2, axis=0).reshape(3, n))
-
+    @cached_property
     def variances(self) -> Floats:
         """Return the variances of all unknowns in the gauge, (q,)."""
         vectors, constraints = self._gauge
