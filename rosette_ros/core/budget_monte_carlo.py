@@ -164,12 +164,16 @@ class _SimulatedReadings:
             rng.standard_normal((count, run.size, 3)))
         centre = self.place + self._grown(rng, count)
         if 'frame_expansion' in inputs:
-            motion = inputs.value('frame_expansion', 'u_um_per_K') * _student(
-                rng, inputs.dof.get('frame_expansion', np.inf), count) * rng.standard_normal((count, 1, 3))
+            motion = self._drawn(rng, 'frame_expansion', 'u_um_per_K', (count, 1, 3))
             centre = centre + motion * self._change(rng, count, 'frame_expansion')
         if self.touches:
             centre = self._touched(rng, centre, count)
         return self._seen(rng, centre + noise)
+
+    def _drawn(self, rng: np.random.Generator, section: str, entry: str, shape: tuple[int, int, int]) -> Floats:
+        """Return values of a standard uncertainty, drawn for each trial, in SI units."""
+        factor = _student(rng, self.inputs.dof.get(section, np.inf), shape[0])
+        return np.asarray(self.inputs.value(section, entry) * factor * rng.standard_normal(shape))
 
     def _change(self, rng: np.random.Generator, count: int, section: str) -> Floats:
         """Return the course of the temperature in each trial, (B or 1, N, 1), K."""
@@ -185,14 +189,12 @@ class _SimulatedReadings:
         inputs, off = self.inputs, np.zeros((1, self.run.size, 3))
         if 'plate_expansion' in inputs:
             known = inputs.value('plate_expansion', 'coefficient_um_per_m_K')
-            each = inputs.value('plate_expansion', 'u_um_per_m_K') * _student(
-                rng, inputs.dof.get('plate_expansion', np.inf), count) * rng.standard_normal((count, 1, 1))
+            each = self._drawn(rng, 'plate_expansion', 'u_um_per_m_K', (count, 1, 1))
             each = each + known * (rng.standard_normal((count, 1, 1)) if self.is_recorded else 1.0)
             grown = each * self._change(rng, count, 'plate_expansion') * (self.ball * np.array([1.0, 1.0, 0.0]))
             off = off + self._carried(grown)
         if 'radius' in inputs:
-            more = inputs.value('radius', 'u_um') * _student(
-                rng, inputs.dof.get('radius', np.inf), count) * rng.standard_normal((count, 1, 1))
+            more = self._drawn(rng, 'radius', 'u_um', (count, 1, 1))
             off = off + self._carried(more * self.spoke) - more * radial(self.run.alpha)
         return off
 
