@@ -130,10 +130,6 @@ class NoiseProblem:
         own = self._checked / noise.axes**2
         return np.concatenate([self.check_dof * own[None] / own.mean(), self._check])
 
-    def size(self, axes: tuple[int, ...], white: Whitening) -> float:
-        """Return the variance of what is left of some axes in white coordinates."""
-        return self._of_part(axes, white)[0]
-
     def minus_of_check(self, noise: Noise) -> float:
         """Return -2 L of the repeatability by axis, whose size is its own."""
         own = self._checked / noise.axes**2
@@ -141,10 +137,10 @@ class NoiseProblem:
 
     def minus_log_likelihood(self, axes: tuple[int, ...], white: Whitening) -> float:
         """Return -2 L of some axes alone, whose size is their own."""
-        variance, dof, log_det = self._of_part(axes, white)
+        variance, dof, log_det = self.of_part(axes, white)
         return float(dof * np.log(max(variance, 1e-300)) + log_det + white.log_det_of(axes))
 
-    def _of_part(self, axes: tuple[int, ...], white: Whitening) -> tuple[float, int, float]:
+    def of_part(self, axes: tuple[int, ...], white: Whitening) -> tuple[float, int, float]:
         """Return the variance of what is left of some axes, its degrees of freedom, and ln det B'B."""
         design = _whitened(white, axes, self._plain[PARTS.index(axes)][0].design)
         rows = np.concatenate([white.along(axis).apply(self._observed[None, :, axis])[0] for axis in axes])
@@ -258,10 +254,10 @@ class NoiseFit:
             best = max(best, made, key=lambda one: one.score)
         return best
 
-    def _kept(self, noise: Noise, k: int, extra: float = 0.0) -> 'NoiseFit':
-        """Return the fit of a noise of k numbers more; extra: what it gains beside that in -2 L."""
+    def _kept(self, noise: Noise, k: int, extra: float = 0.0, gain: float | None = None) -> 'NoiseFit':
+        """Return the fit of a noise of k numbers more; gain: in -2 L, that of the fits if None, and `extra` beside."""
         found = self.problem.at(noise.scaled())
-        gain = self.minus - found.minus + extra
+        gain = self.minus - found.minus + extra if gain is None else gain
         return replace(found, score=self.score + gain - float(cost(max(gain, 0.0), k)) - 2 * np.log(KINDS))
 
     def _with_axes(self, of: str) -> 'NoiseFit':
@@ -317,9 +313,7 @@ class NoiseFit:
         gain, dof, weight = max(found, key=lambda one: one[0])
         before = 1.0 if self.noise.weight is None else self.noise.weight
         weight = np.maximum(weight, LEAST_FACTOR**3 * weight.max())
-        noise = replace(self.noise, tail=per, tail_dof=dof, weight=before * weight)
-        return replace(self.problem.at(noise.scaled()),
-                       score=self.score + gain - float(cost(max(gain, 0.0), 2)) - 2 * np.log(KINDS))
+        return self._kept(replace(self.noise, tail=per, tail_dof=dof, weight=before * weight), 2, gain=gain)
 
     def p_of_tail(self, noise: Noise) -> float:
         """Return the probability that normal noise is as much like the Student's distribution of a noise."""
@@ -382,7 +376,7 @@ class NoiseFit:
         size, wander, phi = np.ones(3), np.zeros(3), MEMORIES[place]
         for axes, (_, ratio) in zip(PARTS, ratios(phi)):
             white = Whitening(len(sd), sd, phi, np.full(3, ratio))
-            size[list(axes)] = self.problem.size(axes, white)
+            size[list(axes)] = self.problem.of_part(axes, white)[0]
             wander[list(axes)] = ratio * size[list(axes)]
         size = np.maximum(size, NO_AXIS * size.max())
         return self._kept(replace(self.noise, phi=phi, axes=self.noise.axes * np.sqrt(size), wander=wander), 4)
