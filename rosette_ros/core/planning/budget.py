@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which plan a given time allows: order, places, touches, by the expected error of the curves."""
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
 from rosette_ros.core.errors import InvalidPlan
+from rosette_ros.core.model.base_model import BaseSpace
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.records import Floats
@@ -50,14 +52,10 @@ def propose(n: int, radius: float, hours: float, sigma: float = 1e-7, drift: flo
     for count, order in product(range(fewest_members(n), n + 1), ORDERS_TRIED):
         scheme = plan(n, order, cmm_positions=[k + 1 for k in best_members(n, count)])
         moves = np.abs(np.diff(scheme.table_position, prepend=scheme.table_position[:1])) > 0
-        effects: Floats | None = None
-        for touches in TOUCHES:
-            time = np.cumsum(pace.touch * touches + pace.table_move * moves)
-            shortest = min(shortest, float(time[-1]))
-            if time[-1] > 3600 * hours:
-                continue
-            effects = _of_steps(scheme, radius) if effects is None and drift else effects
-            one = _proposal(scheme, radius, touches, time, sigma, drift, effects)
+        times = {touches: np.cumsum(pace.touch * touches + pace.table_move * moves) for touches in TOUCHES}
+        shortest = min(shortest, *(float(time[-1]) for time in times.values()))
+        short = {touches: time for touches, time in times.items() if time[-1] <= 3600 * hours}
+        for one in _proposals(scheme, radius, short, sigma, drift) if short else ():
             if scheme.order not in best or one.error < best[scheme.order].error:
                 best[scheme.order] = one
     if not best:
@@ -66,27 +64,27 @@ def propose(n: int, radius: float, hours: float, sigma: float = 1e-7, drift: flo
     return tuple(sorted(best.values(), key=lambda one: one.error))
 
 
-def _of_steps(scheme: Scheme, radius: float) -> Floats:
-    """Return what a unit step of the frame before each reading does to the curves, mean square over the positions.
-
-    (3 axes, N readings, 6).
-    """
+def _proposals(scheme: Scheme, radius: float, times: Mapping[int, Floats], sigma: float,
+               drift: float) -> Iterator[Proposal]:
+    """Yield what a scheme gives by numbers of touches; times: (N,) of the readings by these, s."""
     run = planned_run(scheme, radius)
     space = base_space(run, radius)
-    out = np.empty((3, run.size, 6))
+    cofactor, effects = space.curve_cofactor(), _of_steps(space, run.size) if drift else None
+    for touches, time in times.items():
+        plane, axial = sigma_of_touches(touches, sigma)[[0, 2]]**2
+        variance = cofactor * [plane, plane, axial, axial, axial, plane]
+        if effects is not None:
+            variance = variance + drift**2 / 3600 * np.einsum('arc,r->c', effects[:, 1:], np.diff(time))
+        yield Proposal(scheme, touches, float(time[-1]), relative_uncertainty(variance / sigma**2, radius),
+                       np.sqrt(variance.mean(axis=0)))
+
+
+def _of_steps(space: BaseSpace, size: int) -> Floats:
+    """Return what a unit step of the frame before each of N readings does to the curves, (3 axes, N, 6), mean square
+    over the positions."""
+    out = np.empty((3, size, 6))
     for axis in range(3):
-        columns = np.zeros((run.size, run.size, 3))
-        columns[..., axis] = np.tri(run.size).T  # reading r and those after it
+        columns = np.zeros((size, size, 3))
+        columns[..., axis] = np.tri(size).T  # reading r and those after it
         out[axis] = np.mean(space.parameters(columns).curves**2, axis=1)
     return out
-
-
-def _proposal(scheme: Scheme, radius: float, touches: int, time: Floats, sigma: float, drift: float,
-              effects: Floats | None) -> Proposal:
-    run = planned_run(scheme, radius)
-    plane, axial = sigma_of_touches(touches, sigma)[[0, 2]]**2
-    variance = base_space(run, radius).curve_cofactor() * [plane, plane, axial, axial, axial, plane]
-    if effects is not None:
-        variance = variance + drift**2 / 3600 * np.einsum('arc,r->c', effects[:, 1:], np.diff(time))
-    return Proposal(scheme, touches, float(time[-1]), relative_uncertainty(variance / sigma**2, radius),
-                    np.sqrt(variance.mean(axis=0)))
