@@ -184,11 +184,15 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
             if self._is_new:
                 self.directory.rmdir()
 
-    def _stop(self) -> None:
+    def _stop(self, kept: int | None = None) -> None:
+        """Close the open file without writing; kept: bytes of it that stay, None for all."""
         if self._writer is not None:
-            self._writer = None
+            self._writer, raw = None, self._stream.raw  # detach() or close() would flush first, and fail
             with contextlib.suppress(OSError, ValueError):
-                self._stream.raw.close()
+                if kept is not None:
+                    raw.truncate(kept)
+            with contextlib.suppress(OSError, ValueError):
+                raw.close()
 
     def _open_writer(self) -> Writer:
         """Return the writer of the open file; CellError after a refusal, InvalidData after closing."""
@@ -342,14 +346,7 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
 
     def _refused(self, error: OSError) -> CellError:
         """Give up the open file, drop of it what the disk did not take, and return the CellError that says why."""
-        if self._writer is not None:
-            self._writer = None
-            with contextlib.suppress(OSError, ValueError):
-                raw = self._stream.raw  # detach() or close() would flush first, and fail
-                try:
-                    raw.truncate(self._safe_size)
-                finally:
-                    raw.close()
+        self._stop(self._safe_size)
         self._failure = (f'{self.directory}: cannot write the log: {error.strerror}; what was recorded until the last '
                          f'flush is readable ({self._safe}). Make room and start again')
         return CellError(self._failure)
