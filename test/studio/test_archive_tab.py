@@ -44,6 +44,9 @@ def test_an_archive_in_the_studio(page, archive, tmp_path, start_studio):
         for words in ('No step beyond the scatter of the runs', 'No tolerances are stated'):
             expect(page.get_by_text(words)).to_be_visible()  # as `rosette trend` says it
         expect(page.get_by_test_id('archive-figure').locator('.errorbar').first).to_be_attached()
+        page.get_by_test_id('archive-figure').locator('.points .point').nth(4).click(force=True)
+        expect(page.get_by_test_id('run')).to_have_value('run4.csv')
+        page.get_by_test_id('tab-archive').click()
 
         page.get_by_test_id('archive-since').fill('2026-03-01')
         expect(page.get_by_test_id('archive-words')).to_contain_text(f'7 of {RUNS} runs')

@@ -164,8 +164,8 @@ class ArchivePanel:
         view = importlib.import_module('rosette_ros.studio.archive_view')
         folder, model = self._folder.value.strip(), self._runs.model
         trend: CellTrend = await self._controller.archivist.run(view.table_trend, folder, table, model)
-        self._trend = trend
-        self._paths = await asyncio.to_thread(view.paths_of, folder, trend.history.runs, table, model)
+        paths = await asyncio.to_thread(view.paths_of, folder, trend.history.runs, table, model)
+        self._trend, self._paths = trend, paths
         history = trend.history
         self._draw(f'Table {table or "without serial number"}: the six errors over time, with U (k = 2); shaded: '
                    'between which runs it changed', ('trend', folder, table, model, history.runs), trend_figure,

@@ -149,7 +149,7 @@ class Figure:
         self._style, self._words = f'width: 100%; min-width: {least}px; height: {height}px', words
         self._mark = mark
         self._plot: ui.plotly | None = None
-        self._clicked: Callable[[GenericEventArguments], None] | None = None
+        self._clicked: Callable[[GenericEventArguments], object] | None = None
         self._key: tuple[object, ...] = ()
 
     def draw(self, key: tuple[object, ...], make: Callable[..., PlotlyFigure], *arguments: object) -> None:
@@ -159,10 +159,10 @@ class Figure:
             background_tasks.create_lazy(self._draw(make, arguments), name=f'figure {id(self)}')
 
     def on_click(self, chosen: Callable[[int, list[int]], object]) -> None:
-        """Call chosen(number of the trace, indices of the point in it) where a point is clicked; before `draw`."""
-        def clicked(event: GenericEventArguments) -> None:
+        """Await chosen(number of the trace, indices of the point in it) where a point is clicked; before `draw`."""
+        def clicked(event: GenericEventArguments) -> object:
             trace, point = event.args
-            chosen(int(trace), [int(one) for one in (point if isinstance(point, list) else [point])])
+            return chosen(int(trace), [int(one) for one in (point if isinstance(point, list) else [point])])
         self._clicked = clicked
 
     async def _draw(self, make: Callable[..., PlotlyFigure], arguments: tuple[object, ...]) -> None:
