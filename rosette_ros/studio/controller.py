@@ -58,6 +58,11 @@ class Controller:
         self._asked = 0
         self.joint: JointResult | None = None
 
+    @property
+    def is_shown(self) -> bool:
+        """Whether an open page shows it."""
+        return bool(self.changed.callbacks)
+
     # Actions
 
     def act(self, action: Callable[..., object], *arguments: object) -> None:

@@ -21,7 +21,7 @@ from rosette_ros.studio.studio_session import KeptResults
 from rosette_ros.studio.worker import prepare
 
 MOST_BROWSERS = 16
-"""The state of so many browsers is kept; of more, that of the one not seen for longest is dropped."""
+"""The state of so many browsers is kept; of more, that of the one without a page not seen for longest is dropped."""
 
 CONNECTED_WITHIN = 30.0
 """A page whose websocket is not open after so long is forgotten, s."""
@@ -40,8 +40,9 @@ class Controllers:
         if is_new:
             self._controllers[browser] = Controller(self._kept)
         self._controllers.move_to_end(browser)
-        while len(self._controllers) > MOST_BROWSERS:
-            self._controllers.popitem(last=False)[1].close()
+        unseen = [name for name, one in self._controllers.items() if not one.is_shown and name != browser]
+        for name in unseen[:max(len(self._controllers) - MOST_BROWSERS, 0)]:
+            self._controllers.pop(name).close()
         return self._controllers[browser], is_new
 
     def close(self) -> None:
@@ -65,7 +66,10 @@ def serve(options: StudioOptions, on_ready: Callable[[str], object] | None = Non
     prepare()
     with TemporaryDirectory(prefix='rosette_studio_') as folder:
         async def build() -> None:
-            await ui.context.client.connected(CONNECTED_WITHIN)  # what only loads the page keeps nothing here
+            client = ui.context.client
+            await client.connected(CONNECTED_WITHIN)  # what only loads the page keeps nothing here
+            if client.is_deleted:
+                return
             controller, is_new = controllers.of(app.storage.browser['id'])
             Page(controller, options, folder, cells).begin(is_new)
 

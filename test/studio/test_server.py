@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The server against clients that are no browser, and against pages of others."""
 
+import asyncio
 import re
 import socket
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
 from mcap.writer import Writer
 from playwright.sync_api import expect
+
+from rosette_ros.studio.server import MOST_BROWSERS, Controllers
 
 LOADS = 300
 MOST_KEPT = 60
@@ -72,6 +76,24 @@ def test_images_on_a_foreign_page_do_not_empty_a_session(studio, chromium):
     expect(page.get_by_test_id('part-table_motions')).to_be_visible()
     expect(page.get_by_test_id('part-cmm_deviations')).to_be_hidden()
     context.close()
+
+
+def test_a_browser_with_an_open_page_keeps_its_session():
+    """However many others come; without a page it is dropped as they are, the one that came first before all others."""
+    every = Controllers()
+    first, _ = every.of('first')
+    first.changed.subscribe(print)
+    others = [every.of(f'other {k}')[0] for k in range(MOST_BROWSERS)]
+    with ThreadPoolExecutor(1) as thread:  # Playwright has a running loop in the thread of the tests
+        assert thread.submit(asyncio.run, first.do_quick(int)).result() == 0
+    assert every.of('other 1') == (others[1], False)
+    assert every.of('other 0')[1]
+    assert every.of('first') == (first, False)
+    first.changed.unsubscribe(print)
+    for k in range(MOST_BROWSERS):
+        every.of(f'another {k}')
+    assert every.of('first')[1]
+    every.close()
 
 
 def test_an_upload_that_expands_is_refused(empty, chromium, tmp_path):
