@@ -1,7 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page connected to a running cell over DDS: start, progress, done, open the log; cancel; no cell."""
 
+import contextlib
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -126,6 +131,27 @@ def test_a_plan_is_chosen_and_started(cell, module_domain_id, studio, page):
     log = cell.log_dir / words.inner_text().split()[-1].rstrip('.')
     assert read_log(log).to_run().table_offset == pytest.approx(np.pi / BALLS)
     cell.check()
+
+
+def test_pages_that_connect_at_once_share_a_watcher(monkeypatch):
+    """Only one is made, and it is closed."""
+    made, closed, both = [], [], threading.Barrier(2)
+
+    class Watcher:
+        def __init__(self, *cell):
+            made.append(cell)
+            with contextlib.suppress(threading.BrokenBarrierError):
+                both.wait(0.5)
+
+        def close(self):
+            closed.append(self)
+
+    monkeypatch.setitem(sys.modules, 'rosette_ros.studio.cell_watcher', SimpleNamespace(CellWatcher=Watcher))
+    cells = CellWatchers()
+    with ThreadPoolExecutor(2) as threads:
+        one, other = threads.map(cells.watch, (3, 3), ('rosette', 'rosette'))
+    cells.close()
+    assert (one is other, made, closed) == (True, [(3, 'rosette')], [one])
 
 
 def test_a_domain_without_a_cell(studio, domain_id, page):

@@ -2,6 +2,7 @@
 """The tab of a running cell: start, cancel, progress, curves so far, health, warnings and faults."""
 
 import importlib
+import threading
 import time
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING
@@ -221,27 +222,30 @@ class CellPanel:
 
 
 class CellWatchers:
-    """The watchers of all pages, one for each domain and namespace; ROS is loaded with the first."""
+    """The watchers of all pages, one for each domain and namespace; ROS is loaded with the first. For any thread."""
 
     def __init__(self) -> None:
+        self._lock = threading.Lock()
         self._watchers: dict[tuple[int | None, str], CellWatcher] = {}
 
     def watch(self, domain: int | None, namespace: str) -> 'CellWatcher':
         """Return the watcher of a cell; raises CellError where ROS is missing or refuses."""
         key = (domain, namespace)
-        if key not in self._watchers:
-            try:
-                module = importlib.import_module('rosette_ros.studio.cell_watcher')
-            except ImportError as error:
-                raise CellError(f'live cell: wanted ROS 2 (rclpy and rosette_msgs), got: {error}; use the rosette of '
-                                '`make setup`, or source a workspace in which it is built') from error
-            while len(self._watchers) >= MOST_CELLS:
-                self._watchers.pop(next(iter(self._watchers))).close()
-            self._watchers[key] = module.CellWatcher(domain, namespace)
-        return self._watchers[key]
+        with self._lock:
+            if key not in self._watchers:
+                try:
+                    module = importlib.import_module('rosette_ros.studio.cell_watcher')
+                except ImportError as error:
+                    raise CellError(f'live cell: wanted ROS 2 (rclpy and rosette_msgs), got: {error}; use the rosette '
+                                    'of `make setup`, or source a workspace in which it is built') from error
+                while len(self._watchers) >= MOST_CELLS:
+                    self._watchers.pop(next(iter(self._watchers))).close()
+                self._watchers[key] = module.CellWatcher(domain, namespace)
+            return self._watchers[key]
 
     def close(self) -> None:
         """Leave all cells."""
-        for watcher in self._watchers.values():
-            watcher.close()
-        self._watchers.clear()
+        with self._lock:
+            for watcher in self._watchers.values():
+                watcher.close()
+            self._watchers.clear()
