@@ -29,7 +29,8 @@ TOO_LARGE = f'wanted at most {MOST_UPLOAD >> 20} MB, got more'
 CLIENT_GONE = 499
 """Status for a browser that closes the connection before it is answered; nobody reads it."""
 SIGN_IN_PATH = '/sign-in'
-COOKIE = 'rosette_access'
+COOKIE = 'rosette_access_'
+"""The port follows: a browser sends cookies to all ports of a computer."""
 WRONG_TOKEN_DELAY = 1.0
 """A wrong token is answered after so long, s."""
 LOOPBACK = ('localhost', '127.0.0.1', '::1')
@@ -89,14 +90,14 @@ class AccessControl:
             return None
         if scope['type'] == 'http' and scope['path'] == SIGN_IN_PATH:
             return await self._sign_in(Request(scope, receive))
-        if _is_same(request.cookies.get(COOKIE, ''), self._key):
+        if _is_same(request.cookies.get(_cookie(request), ''), self._key):
             return None
         if scope['type'] == 'websocket':
             return PlainTextResponse('token: wanted; open the page first', 403)
         token = request.query_params.get('token')
         if token is not None and await self._is_right(token):
             rest = request.url.remove_query_params('token').query
-            return self._admission(scope['path'] + (f'?{rest}' if rest else ''))
+            return self._admission(request, scope['path'] + (f'?{rest}' if rest else ''))
         return _sign_in_page(token is not None)
 
     async def _sign_in(self, request: Request) -> Response:
@@ -107,7 +108,9 @@ class AccessControl:
                 if len(body) > MOST_FORM:
                     break
         fields = dict(parse_qsl(body[:MOST_FORM].decode('utf-8', 'replace')))
-        return self._admission('/') if await self._is_right(fields.get('token', '')) else _sign_in_page(bool(body))
+        if await self._is_right(fields.get('token', '')):
+            return self._admission(request, '/')
+        return _sign_in_page(bool(body))
 
     async def _is_right(self, token: str) -> bool:
         """Return whether this is the token, at once where it is; wrong ones are answered slowly."""
@@ -116,9 +119,9 @@ class AccessControl:
             await asyncio.sleep(WRONG_TOKEN_DELAY)
         return right
 
-    def _admission(self, path: str) -> Response:
+    def _admission(self, request: HTTPConnection, path: str) -> Response:
         answer = RedirectResponse(f'/{path.lstrip("/")}', 303)  # '//host' would be an address elsewhere
-        answer.set_cookie(COOKIE, self._key, httponly=True, samesite='lax')
+        answer.set_cookie(_cookie(request), self._key, httponly=True, samesite='lax')
         return answer
 
     async def _pass(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -164,6 +167,12 @@ def _sign_in_page(is_wrong: bool) -> Response:
     words = 'This is not the token.' if is_wrong else ''
     text = Template(page, autoescape=True).render(action=SIGN_IN_PATH, words=words)
     return HTMLResponse(text, 401, {'cache-control': 'no-store'})
+
+
+def _cookie(request: HTTPConnection) -> str:
+    """Return the name of the cookie of the studio that a request is sent to, by the port in its address."""
+    port = re.search(r':([0-9]+)$', request.headers['host'])
+    return COOKIE + (port[1] if port else '')
 
 
 def _is_same(value: str, wanted: str) -> bool:

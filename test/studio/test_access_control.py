@@ -194,7 +194,7 @@ def test_a_browser_that_goes_away_is_no_error(requested, status, answer):
 def test_without_the_token_nothing_is_reached(locked, path, kind):
     """Page, upload, websocket."""
     assert ask(locked, HOST, path=path, kind=kind)[0] in (401, 'websocket.close')
-    assert ask(locked, HOST, ('cookie', f'{COOKIE}={TOKEN}'), path=path, kind=kind)[0] in (401, 'websocket.close')
+    assert ask(locked, HOST, ('cookie', f'{COOKIE}8000={TOKEN}'), path=path, kind=kind)[0] in (401, 'websocket.close')
 
 
 def test_the_token_in_the_address_gives_a_cookie(locked):
@@ -207,6 +207,17 @@ def test_the_token_in_the_address_gives_a_cookie(locked):
     assert ask(locked, HOST, cookie)[0] == 200
     assert ask(locked, HOST, cookie, kind='websocket')[0] == 'websocket.accept'
     assert ask(locked, HOST, ('cookie', cookie[1] + 'x'))[0] == 401
+
+
+def test_studios_on_one_computer_have_cookies_of_their_own():
+    """A browser sends those of all ports to each of them."""
+    studios = {host: AccessControl(studio_app, TOKEN) for host in ('127.0.0.1:8000', '127.0.0.1:8001', '127.0.0.1')}
+    cookies = {}
+    for host, studio in studios.items():
+        headers = ask(studio, ('host', host), query=f'token={TOKEN}'.encode())[1]
+        name, _, cookies[name] = headers['set-cookie'].partition(';')[0].partition('=')
+    sent = '; '.join(f'{name}={value}' for name, value in cookies.items())
+    assert [ask(studio, ('host', host), ('cookie', sent))[0] for host, studio in studios.items()] == [200] * 3
 
 
 def test_the_form_takes_the_token(locked):
