@@ -7,6 +7,7 @@ Source: I++ DME 1.4.3, 6.2, 8.1.
 """
 
 import asyncio
+import logging
 import re
 from collections import deque
 from collections.abc import Callable
@@ -109,8 +110,8 @@ class ServedConnection:
                 self._start_daemon(tag, command.call)
             else:
                 self._answer(tag, self.commands.answer(command.call))
-        except Refused as refused:
-            self._fail(tag, refused)
+        except Exception as error:
+            self._fail(tag, _refused(name, error))
         self._send(tag, wire.DONE)
 
     async def _abort(self) -> None:
@@ -143,14 +144,14 @@ class ServedConnection:
             await asyncio.wait([self._work])
             if self._work.cancelled():
                 raise Refused(6, name)
-            lines = self._work.result()
-        except Refused as refused:
+            self._answer(tag, self._work.result())
+        except Exception as error:
+            refused = _refused(name, error)
             if refused.error.number == 500:
                 self._fail('E0000', refused)
                 refused = Refused(6, name)
             self._fail(tag, refused)
         else:
-            self._answer(tag, lines)
             if name == 'PtMeas' and self.faults.strike('unsolicited'):
                 self._fail('E0000', Refused(1009, 'HealthCheck'))
         finally:
@@ -293,3 +294,11 @@ class ServedConnection:
                 data = data[len(data) // 2:]
                 await asyncio.sleep(fault.seconds)
             self._writer.write(data)
+
+
+def _refused(name: str, error: Exception) -> Refused:
+    """Return the error that is answered where a command has raised one; an unexpected one is logged."""
+    if isinstance(error, Refused):
+        return error
+    logging.getLogger(__name__).error('rosette dme serve: %s ended in a program error', name, exc_info=error)
+    return Refused(511, name)

@@ -109,6 +109,23 @@ def test_an_error_has_to_be_cleared():
         assert client.data('Get(X())') == 'X(350)'
 
 
+@pytest.mark.parametrize('command, method', [('GoTo(X(400))', 'carry_out'), ('GetPropE(Tool.Id())', 'answer')])
+def test_a_program_error_is_answered_and_logged(monkeypatch, caplog, command, method):
+    """Then the server goes on."""
+    def fail(*arguments):
+        raise ValueError('a number of the wrong kind')
+
+    with session() as (client, server):
+        with monkeypatch.context() as changed:
+            changed.setattr(server.commands, method, fail)
+            assert client.error(command) == 511
+        assert client.ask('AbortE()') == client.ask('ClearAllErrors()') == ['&', '%']
+        assert client.ask('GoTo(X(400))') == ['&', '%']
+    [record] = caplog.records
+    assert record.getMessage() == f'rosette dme serve: {command.partition("(")[0]} ended in a program error'
+    assert 'a number of the wrong kind' in caplog.text
+
+
 def test_a_warning_has_not(served):
     assert served.error('SetProp(Tool.PtMeasPar.Speed(500))') == 504
     assert served.data('GetProp(Tool.PtMeasPar.Speed(), Tool.PtMeasPar.Speed.Max(), Tool.PtMeasPar.Speed.Def())') == (
