@@ -21,6 +21,8 @@ AXES, INCH = ('X', 'Y', 'Z'), 25.4
 VERSIONS = {'1.4': '1.4.3', '2.x': '2.5'}
 SYSTEMS = ('MachineCsy', 'MoveableMachineCsy', 'MultipleArmCsy', 'PartCsy')
 REPORTABLE = (*AXES, 'IJK', 'ER', 'Q', 'R')
+MOST_TURN = 36000.0
+"""Degrees that the table may be turned by one command: a hundred turns."""
 SENSOR = 'Part'
 WITHOUT = frozenset(('GetDMEVersion', 'GetMachineClass', 'IsHomed', 'EnableUser', 'DisableUser', 'IsUserEnabled',
                      'EnumTools', 'Tool', 'FoundTool', 'GetCoordSystem', 'GetErrStatusE', 'GetXtdErrStatus',
@@ -278,6 +280,8 @@ class ServedCommands:
                 raise Refused(2505, command.name)
             angle = math.radians(self.settings.sign * value)
             angle = angle if self.settings.cumulative else short_way(angle, now)
+            if abs(angle - now) > math.radians(MOST_TURN) + 1e-9:
+                raise Refused(2505, command.name)
         await self.cmm.go_to(place, angle, self._pace('GoToPar'), command.name)
         return []
 

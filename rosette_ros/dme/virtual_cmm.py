@@ -27,6 +27,8 @@ RIM = 0.03
 """By which the plate is larger than the circle of its balls, m."""
 STEP = 1e-3
 """A move is looked at in steps of this length, m."""
+TOGETHER = 1000
+"""So many steps are looked at together: a long move takes no more memory than a short one."""
 START = 0.2
 """Where the probe stands at first: over the middle of the plate, m."""
 GRAZE = 3e-5
@@ -215,20 +217,24 @@ class VirtualCmm:
         way = max(float(np.linalg.norm(ends[1] - ends[0])), abs(turn) * self.machine.radius)
         share = np.linspace(0.0, 1.0, int(way / STEP) + 2)
         whole = max(move.probe_s, move.table_s)
-        probe = np.minimum(share * whole / max(move.probe_s, 1e-9), 1.0)[:, None]
-        table = np.minimum(share * whole / max(move.table_s, 1e-9), 1.0)
-        point = move.before + probe * (move.after - move.before)
         now = self.clock.now()
-        centre = self.cell.centres(now, move.travel[0] + table * turn) if turn else self.cell.seen_centres(now)
-        off = point[:, None, :] - centre
-        down = np.clip(-(off @ axis), 0.0, HEIGHT * radius)
-        stem = np.sqrt(np.square(off + down[..., None] * axis).sum(-1))
-        inside = frame.to_inner(point)
-        hits = ((np.sqrt(np.vecdot(off, off)) < radius + tip - GRAZE).any(axis=-1)
-                | (stem < STEM * radius + tip - GRAZE).any(axis=-1)
-                | ((inside[:, 2] < tip - HEIGHT * radius) & (np.hypot(inside[:, 0], inside[:, 1])
-                                                             < self.machine.radius + RIM + tip)))
-        return float(share[max(int(np.argmax(hits)) - 1, 0)]) if hits.any() else None
+        for first in range(0, share.size, TOGETHER):
+            time = share[first:first + TOGETHER] * whole
+            probe = np.minimum(time / max(move.probe_s, 1e-9), 1.0)[:, None]
+            table = np.minimum(time / max(move.table_s, 1e-9), 1.0)
+            point = move.before + probe * (move.after - move.before)
+            centre = self.cell.centres(now, move.travel[0] + table * turn) if turn else self.cell.seen_centres(now)
+            off = point[:, None, :] - centre
+            down = np.clip(-(off @ axis), 0.0, HEIGHT * radius)
+            stem = np.sqrt(np.square(off + down[..., None] * axis).sum(-1))
+            inside = frame.to_inner(point)
+            hits = ((np.sqrt(np.vecdot(off, off)) < radius + tip - GRAZE).any(axis=-1)
+                    | (stem < STEM * radius + tip - GRAZE).any(axis=-1)
+                    | ((inside[:, 2] < tip - HEIGHT * radius) & (np.hypot(inside[:, 0], inside[:, 1])
+                                                                 < self.machine.radius + RIM + tip)))
+            if hits.any():
+                return float(share[max(first + int(np.argmax(hits)) - 1, 0)])
+        return None
 
 
 def short_way(angle: float, now: float) -> float:

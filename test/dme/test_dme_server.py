@@ -4,6 +4,7 @@
 import contextlib
 import re
 import time
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -253,6 +254,24 @@ def test_the_table_counts_on_and_the_other_way():
             assert client.data(f'GoTo(R({angle}))') == ''
             assert client.numbers('Get(R())')['R'] == angle
             assert np.rad2deg(server.commands.cmm.cell.travel) == pytest.approx(-angle)
+
+
+def test_the_table_is_not_turned_by_more_than_a_hundred_turns_at_once():
+    """Beside the balls, where the whole way is looked at: that takes 2 MB, in one piece 78 MB."""
+    with session(cumulative=True) as (client, server):
+        x, y, z = 1e3 * server.commands.cmm.machine.rough_frame.origin
+        client.ask(f'GoTo({axes((x, y, z + 15))})')
+        for angle in (36001, -36001, 1e17):
+            assert client.error(f'GoTo(R({angle:.0f}))') == 2505
+            client.ask('ClearAllErrors()')
+        tracemalloc.start()
+        try:
+            for angle in (36000, 72000, 36000):
+                assert client.data(f'GoTo(R({angle}))') == ''
+                assert client.numbers('Get(R())')['R'] == angle
+            assert tracemalloc.get_traced_memory()[1] < 10e6
+        finally:
+            tracemalloc.stop()
 
 
 def test_the_part_is_aligned():
