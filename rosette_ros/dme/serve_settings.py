@@ -5,9 +5,9 @@ A new fault is a name in DmeFaultKind, the place that carries it out, and a line
 """
 
 from collections.abc import Sequence
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal, Self, get_args
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from rosette_ros.core.errors import InvalidConfig
 from rosette_ros.simulation.setting_types import NotNegative, Positive, Settings, checked
@@ -22,13 +22,21 @@ KINDS = get_args(DmeFaultKind)
 
 
 class DmeFault(Settings):
-    """A fault; at, times: from its at-th occasion on, so many times (0: always); ball: only there (0: any)."""
+    """A fault; at, times: from its at-th occasion on, so many times (0: always); ball: only there (0: any).
+
+    Of all kinds only surface_not_found is told at which ball it has occasion to strike."""
 
     kind: DmeFaultKind
     at: Annotated[int, Field(ge=1)] = 1
     times: Annotated[int, Field(ge=0)] = 0
     ball: Annotated[int, Field(ge=0)] = 0
     seconds: NotNegative = Field(0.2, description='slow: delay of each line; split: of its second part')
+
+    @model_validator(mode='after')
+    def _has_ball(self) -> Self:
+        if self.ball and self.kind != 'surface_not_found':
+            raise ValueError(f'ball: wanted it with surface_not_found only, got it with {self.kind}')
+        return self
 
 
 ONCE = frozenset(('collision', 'emergency_stop', 'garbage', 'unsolicited', 'wrong_tag', 'restart', 'half_open', 'nan'))

@@ -210,6 +210,7 @@ def test_occasions_are_counted():
     ('spoon', r"fault 'spoon': kind: wanted one of surface_not_found, .*, restart, got 'spoon'"),
     ('nan:at=0', "fault 'nan:at=0': at: wanted greater than or equal to 1, got 0"),
     ('nan:at=x', "fault: wanted at=NUMBER, got 'at=x' in 'nan:at=x'"),
+    ('collision:ball=5', "fault '.*': ball: wanted it with surface_not_found only, got it with collision"),
     ('nan:after=2', "fault 'nan:after=2': after: wanted one of .*, got 'after'")])
 def test_no_fault(text, complaint):
     with pytest.raises(InvalidConfig, match=complaint):
