@@ -48,10 +48,10 @@ class ServeSettings(Settings):
 
     dialect: Literal['1.4', '2.x'] = '1.4'
     speed: Positive | None = None
-    sign: Annotated[int, Field(ge=-1, le=1)] = Field(1, description='of R: 1 counts counter-clockwise about the axis')
+    sign: Literal[-1, 1] = Field(1, description='of R: 1 counts counter-clockwise about the axis')
     cumulative: bool = Field(False, description='R counts over turns; else it is 0 to 360 and the short way is taken')
     compensated: bool = Field(False, description='points lie on the surface; else the centre of the tip is reported')
-    tool: Annotated[str, Field(pattern='[A-Za-z][A-Za-z0-9]*')] = 'Probe1'
+    tool: Annotated[str, Field(pattern='^[A-Za-z][A-Za-z0-9]*$')] = 'Probe1'
     decimals: Annotated[int, Field(ge=1, le=9)] = 9
     faults: Annotated[tuple[DmeFault, ...], Field(strict=False, max_length=100)] = ()
 

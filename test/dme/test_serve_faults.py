@@ -16,6 +16,7 @@ from rosette_ros.core.errors import InvalidConfig
 from rosette_ros.dme.dme_server import serving
 from rosette_ros.dme.serve_settings import KINDS, DmeFault, DmeFaults, ServeSettings, fault_of
 from rosette_ros.simulation import MachineConfig
+from rosette_ros.simulation.setting_types import checked
 
 CONFIG = MachineConfig().changed(plate={'balls': 6}, probing={'repeatability_um': 0.0})
 TOUCH = 'PtMeas(Z(-292), IJK(0, 0, 1))'
@@ -215,6 +216,15 @@ def test_occasions_are_counted():
 def test_no_fault(text, complaint):
     with pytest.raises(InvalidConfig, match=complaint):
         fault_of(text)
+
+
+@pytest.mark.parametrize('name, value, complaint', [
+    ('sign', 0, 'sign: wanted one of -1, 1, got 0'), ('tool', 'a"b c', "tool: wanted .* got 'a\"b c'"),
+    ('tool', 'Probe1\n', 'tool: wanted .* got'), ('tool', '1', 'tool: wanted .* got')])
+def test_no_settings(name, value, complaint):
+    """A table turns one way or the other; the name of a tool is a word."""
+    with pytest.raises(InvalidConfig, match=f'^server: {complaint}'):
+        checked(ServeSettings, {name: value}, 'server')
 
 
 def test_10_000_lines_that_are_made_up():
