@@ -112,8 +112,9 @@ def path(options: argparse.Namespace) -> None:
     table = settings.table
     angle = 2 * np.pi * (options.position - 1) / table.balls
     balls = table.frame.to_outer(table.balls_at(angle))
-    if options.ball > len(balls):
-        raise UsageError(f'dme path: --ball: wanted 1 .. {len(balls)}, got {options.ball}')
+    for name, number, most in (('ball', options.ball, len(balls)), ('position', options.position, table.balls)):
+        if number > most:
+            raise UsageError(f'dme path: --{name}: wanted 1 .. {most}, got {number}')
     centre = balls[options.ball - 1]
     steps = ball_path(settings, centre, table.frame.rotation[:, 2])
     steps = lifted(settings, steps) if settings.dry_run else steps

@@ -194,6 +194,8 @@ def test_the_picture_of_a_path_is_true(count):
 @pytest.mark.parametrize(('changes', 'arguments', 'words'), [
     ({'path': {'stand_off_mm': 40.0, 'clearance_mm': 80.0}}, [], 'wanted at least 20 mm between tip and'),
     ({}, ['--ball', '9'], 'dme path: --ball: wanted 1 .. 4, got 9'),
+    ({'table': {'azimuths_deg': [0.0, 90.0, 180.0]}}, ['--ball', '4'], 'dme path: --ball: wanted 1 .. 3, got 4'),
+    ({}, ['--position', '5'], 'dme path: --position: wanted 1 .. 4, got 5'),
 ])
 def test_paths_that_are_refused(settings, capfd, changes, arguments, words):
     """In one line."""
