@@ -3,6 +3,7 @@
 
 import argparse
 import asyncio
+import re
 import signal
 import sys
 import time
@@ -20,7 +21,7 @@ from rosette_ros.core.geometry import rotate_z
 from rosette_ros.dme.ball_probing import DmeCmm
 from rosette_ros.dme.dme_check import look_at
 from rosette_ros.dme.dme_plan import refuse_unsafe_plan
-from rosette_ros.dme.dme_session import DmeSession, DmeStopped, ToolNotInUse
+from rosette_ros.dme.dme_session import DmeSession, DmeStopped, ToolNotInUse, address_words
 from rosette_ros.dme.dme_settings import DmeSettings, TimeoutSettings, load_dme_settings
 from rosette_ros.dme.probe_path import ball_path, length, lifted, obstacles, refuse_unsafe
 from rosette_ros.dme.stop_mark import StopMark
@@ -48,23 +49,26 @@ def check(options: argparse.Namespace) -> None:
         raise UsageError('dme check: wanted HOST[:PORT] or --settings FILE, one of the two')
     settings = load_dme_settings(options.settings) if options.settings else None
     host, port = (settings.server.host, settings.server.port) if settings else _address(options.server)
+    server = address_words(host, port)
     trace = (lambda line: print(line, file=sys.stderr)) if options.trace else None
     found = _run(_looked(host, port, settings, trace))
     failed = [one.name for one in found if one.passed is False]
     if options.json:
-        print_json({'schema': 'rosette-dme-check/1', 'server': f'{host}:{port}', 'passed': not failed,
+        print_json({'schema': 'rosette-dme-check/1', 'server': server, 'passed': not failed,
                     'checks': [asdict(one) for one in found]})
     else:
-        print_checks('dme_check', f'What {host}:{port} says', found)
+        print_checks('dme_check', f'What {server} says', found)
     if failed:
         raise CellError(f'dme check: not passed: {", ".join(failed)} (docs/real-cmm.md)')
 
 
 def _address(text: str) -> tuple[str, int]:
-    host, _, port = text.rpartition(':') if ':' in text else (text, '', str(PORT))
-    if not host or not port.isdigit() or not 0 < int(port) < 65536:
-        raise UsageError(f'dme check: wanted HOST or HOST:PORT, got {text!r}')
-    return host.strip('[]'), int(port)
+    found = re.fullmatch(r'(?:\[([^][]*:[^][]*)\]|([^][:]+))(?::([0-9]{1,5}))?', text)
+    port = int(found[3] or PORT) if found else 0
+    if found is None or not 0 < port < 65536:
+        hint = '; an IPv6 address stands in brackets, as [::1]:1294' if text.count(':') > 1 else ''
+        raise UsageError(f'dme check: wanted HOST or HOST:PORT, got {text!r}{hint}')
+    return found[1] or found[2], port
 
 
 async def _looked(host: str, port: int, settings: DmeSettings | None,

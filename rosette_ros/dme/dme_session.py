@@ -90,7 +90,7 @@ class DmeSession:
         """Return a session that has sent StartSession; raises DmeLost where nobody answers, DmeStopped, DmeRefused.
 
         by_person: whether a person has looked at the machine, so that errors which the server keeps are cleared."""
-        where = f'{host}:{port}'
+        where = address_words(host, port)
         try:
             async with asyncio.timeout(timeouts.connect_s):
                 reader, writer = await asyncio.open_connection(host, port, limit=wire.LONGEST)
@@ -321,3 +321,8 @@ async def _is_done(future: 'asyncio.Future[None]', seconds: float) -> bool:
     if done:
         future.result()
     return bool(done)
+
+
+def address_words(host: str, port: int) -> str:
+    """Return where a server listens in words, an IPv6 address in brackets."""
+    return f'[{host}]:{port}' if ':' in host else f'{host}:{port}'

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """rosette dme check, path and dry-run: what they print, and what they refuse."""
 
+import argparse
 import csv
 import io
 import json
 import math
 import os
+import re
 import signal
 
 import numpy as np
@@ -13,7 +15,9 @@ import pytest
 import yaml
 from matplotlib.patches import Circle
 
+from rosette_ros.cli import dme_client
 from rosette_ros.cli.main import main
+from rosette_ros.core.errors import CellError
 from rosette_ros.dme.dme_server import serving
 from rosette_ros.dme.serve_settings import ServeSettings, fault_of
 from rosette_ros.dme.stop_mark import StopMark
@@ -55,6 +59,19 @@ def test_a_server_is_looked_at(settings, capfd):
         assert 'those at 4 places are safe' in out
         assert '> 00001 StartSession()\n< 00001 &\n< 00001 %\n' in err
         assert server.commands.cmm.moved == 0
+
+
+@pytest.mark.parametrize(('text', 'address'), [
+    ('localhost', ('localhost', 1294)), ('127.0.0.1:1', ('127.0.0.1', 1)), ('[::1]', ('::1', 1294)),
+    ('[::1]:65535', ('::1', 65535)), ('[fe80::1%lo]:7', ('fe80::1%lo', 7))])
+def test_an_address_of_a_server(monkeypatch, text, address):
+    """A name or an address with or without a port, IPv6 in brackets."""
+    async def looked(host, port, settings, trace):
+        raise CellError(f'asked {(host, port)}')
+
+    monkeypatch.setattr(dme_client, '_looked', looked)
+    with pytest.raises(CellError, match=re.escape(f'asked {address}')):
+        dme_client.check(argparse.Namespace(server=text, settings=None, trace=False, json=False))
 
 
 def test_a_machine_that_is_not_ready(settings, capfd):
@@ -206,6 +223,12 @@ def test_paths_that_are_refused(settings, capfd, changes, arguments, words):
 @pytest.mark.parametrize(('arguments', 'words'), [
     ([], 'wanted HOST[:PORT] or --settings FILE, one of the two'),
     (['a:b:c'], "wanted HOST or HOST:PORT, got 'a:b:c'"),
+    (['::1'], "wanted HOST or HOST:PORT, got '::1'; an IPv6 address stands in brackets, as [::1]:1294"),
+    (['[::1'], "wanted HOST or HOST:PORT, got '[::1'"),
+    (['[::1]1294'], "wanted HOST or HOST:PORT, got '[::1]1294'"),
+    (['localhost:65536'], "wanted HOST or HOST:PORT, got 'localhost:65536'"),
+    (['localhost:'], "wanted HOST or HOST:PORT, got 'localhost:'"),
+    (['[::1]:1'], 'rosette: [::1]:1: wanted a connection, got '),
     (['127.0.0.1:1'], 'is the I++ server started, and is host:port right?'),
     (['--settings', '/nowhere.yaml'], '/nowhere.yaml: wanted a settings file of an I++ CMM that can be read'),
 ])
