@@ -125,6 +125,14 @@ def test_runs_of_different_plates():
         verify([*pairs()[:3], (other, Source('six.csv', ()))])
 
 
+def test_runs_at_other_table_angles():
+    """Names both files, also where plates and numbers are alike."""
+    between = analyse(Machine(MachineConfig().changed(plate={'balls': 8})).run(plan(8, 'diagonal').shifted(22.5)))
+    with pytest.raises(InvalidData, match=r'half\.csv: wanted table angles from 0 deg on as in 1\.csv, got them from '
+                                          r'22\.5 deg on; take runs at the same angles'):
+        verify([*pairs()[:3], (between, Source('half.csv', ()))])
+
+
 @pytest.mark.parametrize(('text', 'words'), [
     ('', r"row 1: wanted the columns table_angle_deg,ctz_um,crz_urad, got 'an empty file'"),
     ('a,b\n', "row 1: wanted the columns .*, got 'a,b'"),

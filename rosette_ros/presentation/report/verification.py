@@ -20,6 +20,7 @@ from scipy import special
 from rosette_ros.core.diagnosis.verdict import Conclusion, Level
 from rosette_ros.core.error_summary import peak_to_valley
 from rosette_ros.core.errors import InvalidData
+from rosette_ros.core.geometry import same_angles
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import CURVES, Floats, Ints
 from rosette_ros.presentation import formatting as text
@@ -169,16 +170,21 @@ class Verification:
 
 
 def verify(runs: Sequence[tuple[Fit, Source]], maker: MakerTable | None = None) -> Verification:
-    """Return the Verification of runs in the order of ROLES; raises InvalidData where number or plates are wrong."""
+    """Return the Verification of runs in the order of ROLES; raises InvalidData where number, plates or table
+    angles are wrong."""
     if len(runs) not in (4, 6):
         raise InvalidData(f'--compare: wanted four runs or six, got {len(runs)}: (i) all corrected, (ii) plate '
                           'turned, (iii) CMM correction off, (iv) axial correction off too, and perhaps '
                           'table angular correction off and on again')
-    first = runs[0][0].run
+    first, angle = runs[0][0].run, runs[0][0].error_motions.angle
     for fit, source in runs[1:]:
         if fit.run.n != first.n or not math.isclose(fit.run.radius, first.radius, rel_tol=1e-9):
             raise InvalidData(f'{source.path}: wanted {first.n} balls on R = {text.millimetres(first.radius)} as in '
                               f'{runs[0][1].path}, got {fit.run.n} on {text.millimetres(fit.run.radius)}')
+        if not same_angles(fit.error_motions.angle, angle):
+            raise InvalidData(f'{source.path}: wanted table angles from {np.rad2deg(angle[0]):.6g} deg on as in '
+                              f'{runs[0][1].path}, got them from {np.rad2deg(fit.error_motions.angle[0]):.6g} deg on; '
+                              'take runs at the same angles')
     members = tuple(VerificationRun(label, fit, source, apart)
                     for (label, apart), (fit, source) in zip(ROLES, runs, strict=False))
     return Verification(members, maker)
