@@ -28,6 +28,7 @@ from rosette_ros.io.plate_file import read_plate
 from rosette_ros.io.safe_yaml import read_yaml
 from rosette_ros.nodes import names
 from rosette_ros.nodes.dme_cmm import settings_of
+from rosette_ros.nodes.parameters import sections
 from rosette_ros.simulation.machine_config import MachineConfig, load_machine
 
 CMMS = ('simulated', 'dme')
@@ -98,10 +99,8 @@ def trend_parameters(options: argparse.Namespace) -> dict[str, Any]:
 
 def given_parameters(path: str, node: str) -> Iterator[dict[str, Any]]:
     """Yield the parameters of a node in each section of a parameter file; raises InvalidConfig where it is no YAML."""
-    nodes = read_yaml(path, 'a parameter file', MOST_BYTES, InvalidConfig)
-    for name, section in (nodes if isinstance(nodes, dict) else {}).items():
-        given = section.get('ros__parameters') if isinstance(section, dict) and str(name).endswith(node) else None
-        if isinstance(given, dict):
+    for name, given in sections(read_yaml(path, 'a parameter file', MOST_BYTES, InvalidConfig)):
+        if name.rpartition('/')[2] in (node, '*', '**') and isinstance(given, dict):
             yield given
 
 

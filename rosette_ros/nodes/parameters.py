@@ -3,7 +3,7 @@
 
 import difflib
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -66,7 +66,7 @@ def refuse_unknown_sections(arguments: Sequence[str], node: Node) -> None:
     for path in (after for flag, after in pairwise(arguments) if flag == '--params-file'):
         with open(path, encoding='utf-8') as stream:
             content = yaml.safe_load(stream)
-        for section in _sections(content if isinstance(content, dict) else {}):
+        for section, _ in sections(content):
             pattern = re.escape(section).replace(r'/\*\*', '(/[^/]+)*').replace(r'\*', '[^/]+')
             if not any(re.fullmatch(pattern, name) for name in names_here):
                 near = difflib.get_close_matches(section.rpartition('/')[2], NODES, 1, 0.3) or NODES
@@ -75,12 +75,12 @@ def refuse_unknown_sections(arguments: Sequence[str], node: Node) -> None:
                     f'{node.get_namespace()}, got one that belongs to none; did you mean /**/{near[0]}?')
 
 
-def _sections(content: Mapping[str, Any], before: str = '') -> Iterator[str]:
-    """Yield the full names of the nodes, with wildcards, in a parameter file."""
-    for key, value in content.items():
+def sections(content: Any, before: str = '') -> Iterator[tuple[str, Any]]:
+    """Yield the full name of the nodes, with wildcards, and the parameters of each section of a parameter file."""
+    for key, value in content.items() if isinstance(content, dict) else ():
         name = f'{before}/{str(key).strip("/")}'
         if isinstance(value, dict):
-            yield from [name] if 'ros__parameters' in value else _sections(value, name)
+            yield from [(name, value['ros__parameters'])] if 'ros__parameters' in value else sections(value, name)
 
 
 def _descriptor(one: Wanted) -> ParameterDescriptor:

@@ -213,12 +213,25 @@ def test_a_parameter_file_says_where_logs_go(tmp_path):
     assert log_folder(None) == 'rosette-runs'
 
 
+@pytest.mark.parametrize('text', [
+    'rosette: {recorder: {ros__parameters: {log_dir: /data}}}', 'rosette/recorder: {ros__parameters: {log_dir: /data}}',
+    '/**: {ros__parameters: {log_dir: /data}}', '/rosette: {"*": {ros__parameters: {log_dir: /data}}}',
+    '/**: {ros__parameters: {log_dir: a}}\n/**/recorder: {ros__parameters: {log_dir: /data}}'])
+def test_sections_in_every_form_that_ros_reads(tmp_path, text):
+    """Nested, with wildcards; the last one holds, as in ROS."""
+    params = tmp_path / 'cell.yaml'
+    params.write_text(text)
+    assert log_folder(str(params)) == '/data'
+
+
 def test_a_machine_without_the_places_of_the_plate_is_refused(tmp_path, refused):
     """Before anything is started: 7 balls on 18 places want a machine with 18 places."""
     plate, machine, params = (tmp_path / name for name in ('plate.yaml', 'machine.yaml', 'cell.yaml'))
     plate.write_text('schema: rosette-plate/1\nazimuth_deg: [0, 20, 60, 80, 140, 200, 300]\nradius_mm: 100\n')
     machine.write_text('plate: {balls: 12, circle_radius_mm: 100}\n')
-    params.write_text(f'/**/sequencer: {{ros__parameters: {{plate: {{balls: 18, file: {plate}}}}}}}\n')
-    words = refused('cell', '--machine', machine, '--params', params)
-    assert f'{machine}: plate: wanted balls: 18 and circle_radius_mm: 100, the places of {plate}' in words
-    assert words.strip().endswith('got 12 and 100')
+    stated = f'sequencer: {{ros__parameters: {{plate: {{balls: 18, file: {plate}}}}}}}'
+    for text in (f'/**/{stated}\n', f'rosette: {{{stated}}}\n'):
+        params.write_text(text)
+        words = refused('cell', '--machine', machine, '--params', params)
+        assert f'{machine}: plate: wanted balls: 18 and circle_radius_mm: 100, the places of {plate}' in words
+        assert words.strip().endswith('got 12 and 100')
