@@ -77,10 +77,10 @@ def _shown(value: Any) -> str:
 
 
 def _value(value: Any, as_text: bool = False) -> Any:
-    """Return a value of an answer as one of JSON, or of one cell of a table: times in ISO 8601, UTC."""
+    """Return a value of an answer as one of JSON, or of one cell of a table: times in ISO 8601, in UTC unless naive."""
     if isinstance(value, datetime.datetime):
-        return value.astimezone(datetime.UTC).isoformat(' ', 'seconds').removesuffix('+00:00') if as_text else (
-            value.isoformat())
+        shown = value.astimezone(datetime.UTC) if value.tzinfo else value
+        return shown.isoformat(' ', 'seconds').removesuffix('+00:00') if as_text else value.isoformat()
     if isinstance(value, dict):
         value = {key: _value(one) for key, one in value.items()}
     elif isinstance(value, list):

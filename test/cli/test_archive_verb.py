@@ -4,6 +4,7 @@
 import contextlib
 import json
 import resource
+import time
 
 import pytest
 
@@ -125,6 +126,18 @@ def test_a_question_changes_nothing(logs, in_this_process, rosette, refused, tmp
     assert 'wanted a question (SELECT ...), got ' in refused('archive', 'query', archive, statement.format(file=file))
     assert not file.exists()
     assert json.loads(rosette('archive', 'query', archive, 'SELECT count(*) AS runs FROM runs', '--json').out)['rows']
+
+
+def test_times_do_not_depend_on_where_the_computer_is(rosette, tmp_path, monkeypatch):
+    """Those without a zone stay as they are, others are those of UTC."""
+    RunArchive(tmp_path, make=True)
+    monkeypatch.setenv('TZ', 'America/New_York')
+    time.tzset()
+    sql = "SELECT TIMESTAMP '2024-01-01 00:00:00' AS naive, TIMESTAMPTZ '2024-01-01 00:00:00+00' AS utc"
+    told = rosette('archive', 'query', tmp_path, sql, '--csv').out
+    monkeypatch.undo()
+    time.tzset()
+    assert told.splitlines()[1] == '2024-01-01 00:00:00,2024-01-01 00:00:00'
 
 
 def test_simulated_years_have_no_logs_to_evaluate_again(in_this_process, rosette, tmp_path):
