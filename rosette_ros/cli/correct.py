@@ -25,6 +25,8 @@ from rosette_ros.presentation.formatting import SCALES, exact
 
 STEPS = {'csv': 5.0, 'linuxcnc': 2.0}
 """Default distance of the lines of a table, deg."""
+MOST_LINES = 100_000
+"""Lines of a table; LinuxCNC reads fewer."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -63,9 +65,12 @@ def run(options: Namespace) -> None:
     low, high = options.range or (0.0, 360.0)
     if not low < high:
         raise UsageError(f'correct: --range: wanted MIN below MAX, got {low:g} and {high:g}')
+    step = options.step or STEPS.get(options.target, 0.0)
+    if step and (high - low) / step > MOST_LINES:
+        raise UsageError(f'correct: wanted a table of at most {MOST_LINES} lines, got --range {low:g} {high:g} with '
+                         f'--step {step:g}; take a larger --step or a smaller --range')
     refuse_output(options.output, options.force)
     correction, table, verdict = _correction(options, corrected)
-    step = options.step or STEPS.get(options.target, 0.0)
     if options.target == 'linuxcnc':
         text = linuxcnc_compensation(correction, low, high, step)
     elif options.target == 'csv':
