@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """rosette report: the page of a run, of several runs as one, or of runs that must agree as in the paper."""
 
+import re
 from argparse import ArgumentParser, Namespace
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -32,6 +33,9 @@ from rosette_ros.presentation.report.provenance import digest, open_source
 from rosette_ros.presentation.report.run_page import budget_of, every_table, pictures_of, report_html, touches_of
 from rosette_ros.presentation.report.verification import Verification, read_maker, verify
 from rosette_ros.presentation.table_format import Table
+
+LONGEST_NAME = 50
+"""Characters in the name of a table's file: 255 bytes are the limit of file systems."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -153,10 +157,23 @@ def write_parts(options: Namespace, pictures: Mapping[str, Figure], tables: Iter
     """Write every figure and every table into the folders that the options name."""
     if options.figures:
         save_all(pictures, made_folder(options.figures, 'to write to', ''), options.format or 'svg', options.force)
-    for table in tables if options.tables else ():
-        path = made_folder(options.tables, 'to write to', '') / f'{table.name.replace(" ", "_")}.csv'
+    for name, table in file_names(tables).items() if options.tables else ():
+        path = made_folder(options.tables, 'to write to', '') / f'{name}.csv'
         keep_inputs(options, path)
         write_text(path, table.csv(), options.force)
+
+
+def file_names(tables: Iterable[Table]) -> dict[str, Table]:
+    """Return tables by names of files, each one once: a name in a table may be any text of a sharing file."""
+    named: dict[str, Table] = {}
+    for table in tables:
+        name = plain = re.sub(r'[^\w.-]', '_', table.name)[:LONGEST_NAME]
+        number = 1
+        while name in named:
+            number += 1
+            name = f'{plain}_{number}'
+        named[name] = table
+    return named
 
 
 def print_result(out: Console, verdict: Verdict | Conclusion, path: Path | str) -> None:

@@ -67,6 +67,19 @@ def test_several_runs_as_one(rosette, here):
     assert 'table_clockwise.csv' in {file.name for file in (here / 'tables').iterdir()}
 
 
+@pytest.mark.parametrize(('names', 'files'), [
+    ('[A/1, A_1]', ['table_A_1.csv', 'table_A_1_2.csv']), ('[../../evil, B]', ['table_.._.._evil.csv', 'table_B.csv']),
+    (f'[{"ä" * 300}, B]', [f'table_{"ä" * 44}.csv', 'table_B.csv'])])
+def test_tables_are_files_of_their_folder(rosette, here, names, files):
+    """Whatever the sharing file calls what they are of; none takes the place of another one."""
+    (here / 'share.yaml').write_text(f'schema: rosette-sharing/1\ntable: {names}\n')
+    answer = rosette('report', simulated_table('clean', 6, 'diagonal'), simulated_table('clean', 6, 'row'), '--share',
+                     'share.yaml', '--tables', 'tables')
+    assert (answer.code, answer.err) == (0, '')
+    assert sorted(file.name for file in here.iterdir()) == ['joint.html', 'share.yaml', 'tables']
+    assert {file.name for file in (here / 'tables').glob('table*')} == {*files}
+
+
 @pytest.mark.parametrize(('words', 'said'), [
     (('RUN', 'RUN'), 'wanted one RUN, got 2; --joint evaluates several as one'),
     (('RUN', '--joint', '--overlay', 'RUN'), 'report: --overlay does not go with --joint; leave it out'),
