@@ -63,11 +63,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run the demo."""
+    if options.open and options.hidden is None:
+        raise InvalidConfig('demo: --open goes with --hidden only; leave it out')
     if options.verification:
-        if options.hidden is not None:
-            raise InvalidConfig('demo: --verification and --hidden exclude each other; choose one')
-        if options.dme:
-            raise InvalidConfig('demo: --verification and --dme exclude each other; choose one')
+        for name, given in (('--hidden', options.hidden is not None), ('--dme', options.dme),
+                            ('--circle', options.circle), ('--keep', options.keep)):
+            if given:
+                raise InvalidConfig(f'demo: --verification and {name} exclude each other; choose one')
         verification_demo.run(options)
         return
     if options.circle and (options.hidden is not None or options.keep or options.dme):

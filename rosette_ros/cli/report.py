@@ -126,8 +126,9 @@ def report_run(options: Namespace, place: str) -> None:
 def compare_runs(options: Namespace) -> None:
     """Write the report on runs that must agree."""
     path = output_of(options, 'verification')
-    for name, given in (('--run-id', options.run_id), ('--overlay', options.overlay),
-                        ('--identity', options.identity), ('--refit-spheres', options.refit_spheres)):
+    for name, given in (('--run-id', options.run_id), ('--overlay', options.overlay), ('--joint', options.joint),
+                        ('--share', options.share), ('--identity', options.identity),
+                        ('--refit-spheres', options.refit_spheres)):
         if given:
             raise InvalidData(f'report: {name} does not go with --compare; leave it out')
     verified = verification_of(options.compare, options.maker, read_model(options.model))

@@ -88,6 +88,8 @@ def test_tables_are_files_of_their_folder(rosette, here, names, files):
     (('--compare', 'RUN', 'RUN'), r'wanted four runs or six, got 2: (i) all corrected, (ii) plate turned'),
     (('--compare', 'RUN', 'RUN', 'RUN', 'RUN', '--overlay', 'RUN'), '--overlay does not go with --compare'),
     (('--compare', 'RUN', 'RUN', 'RUN', 'RUN', '--run-id', 'x'), '--run-id does not go with --compare'),
+    (('--compare', 'RUN', 'RUN', 'RUN', 'RUN', '--joint'), '--joint does not go with --compare; leave it out'),
+    (('--compare', 'RUN', 'RUN', 'RUN', 'RUN', '--share', 'RUN'), '--share does not go with --compare; leave it out'),
     (('RUN', '--maker', 'RUN'), '--maker goes with --compare only'),
     (('RUN', '--run-id', 'other'), "wanted run 'other', got 'clean_1'"),
     (('RUN', '--format', 'gif'), 'invalid choice'),

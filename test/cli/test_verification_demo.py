@@ -4,9 +4,11 @@
 import csv
 import re
 
+import pytest
 import yaml
 
 from rosette_ros.analysis import analyse
+from rosette_ros.cli import circle_demo, demo, verification_demo
 from rosette_ros.cli.report import verification_of
 from rosette_ros.io.open_run import open_run
 from rosette_ros.presentation.report.verification import PAPER
@@ -37,8 +39,18 @@ def test_verification_over_real_nodes(rosette, tmp_path, domain_id):
         assert len(list(csv.DictReader(stream))) == 72
 
 
-def test_verification_and_hidden_exclude_each_other(refused, tmp_path):
-    """One line."""
-    assert '--verification and --hidden exclude each other; choose one' in refused(
-        'demo', '--verification', '--hidden', '3', '-o', tmp_path / 'runs')
+@pytest.mark.parametrize(('words', 'said'), [
+    (('--verification', '--hidden', '3'), '--verification and --hidden exclude each other; choose one'),
+    (('--verification', '--dme'), '--verification and --dme exclude each other; choose one'),
+    (('--verification', '--circle'), '--verification and --circle exclude each other; choose one'),
+    (('--verification', '--keep'), '--verification and --keep exclude each other; choose one'),
+    (('--verification', '--open'), '--open goes with --hidden only; leave it out'),
+    (('--circle', '--open'), '--open goes with --hidden only; leave it out'),
+    (('--open',), '--open goes with --hidden only; leave it out')])
+def test_what_has_no_meaning_is_refused(refused, tmp_path, monkeypatch, words, said):
+    """One line, before a cell is started."""
+    monkeypatch.setattr(demo, 'demo_cell', lambda *_: pytest.fail('started a cell'))
+    monkeypatch.setattr(verification_demo, 'run', lambda _: pytest.fail('started a cell'))
+    monkeypatch.setattr(circle_demo, 'run', lambda _: pytest.fail('started a cell'))
+    assert said in refused('demo', *words, '-o', tmp_path / 'runs')
     assert list(tmp_path.iterdir()) == []
