@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
+from rosette_ros import command
 from rosette_ros.archive.engines import DaskEngine
 from rosette_ros.archive.log_finder import find_logs
 from rosette_ros.archive.run_adding import Added, add_logs
@@ -59,9 +60,8 @@ def run(options: Namespace) -> int:
     out.print(f'{counted(added.found, "log")} found: {added.found - added.new - added.copies} known, '
               f'{added.copies} {"copy" if added.copies == 1 else "copies"}, {added.new} new', markup=False)
     if added.new:
-        out.print(f'{added.evaluated} evaluated, {added.problems} not'
-                  f'{f": rosette archive query {options.into} --problems" if added.problems else ""}', markup=False,
-                  soft_wrap=True)
+        why = f': {command("archive", "query", options.into, "--problems")}' if added.problems else ''
+        out.print(f'{added.evaluated} evaluated, {added.problems} not{why}', markup=False, soft_wrap=True)
     return int(added.problems > 0)
 
 

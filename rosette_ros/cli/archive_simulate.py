@@ -9,6 +9,7 @@ from collections.abc import Iterable
 
 from rich.progress import track
 
+from rosette_ros import command
 from rosette_ros.analysis import analyse
 from rosette_ros.archive.reanalysis import WITHOUT_LOG
 from rosette_ros.archive.run_archive import RunArchive
@@ -49,8 +50,10 @@ def run(options: Namespace) -> None:
     runs = track(script.iter_runs(), 'measuring', script.runs, console=out, transient=True,
                  disable=not out.is_terminal)
     archive.add(simulated_rows(runs, begin, identity, model))
+    serial = identity['table.serial']
+    following = command('trend', options.into, *(('--table', serial) if serial else ()))
     console().print(f'{counted(script.runs, "run")} of {script.days[-1] / YEAR:.1f} years in {options.into}; next: '
-                    f'rosette trend {options.into} --table {identity["table.serial"]}')
+                    f'{following}', markup=False, soft_wrap=True)
 
 
 def simulated_rows(runs: Iterable[tuple[float, Run]], begin: datetime.datetime, identity: Identity,

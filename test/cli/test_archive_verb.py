@@ -4,11 +4,13 @@
 import contextlib
 import json
 import resource
+import shlex
 import time
 
 import pytest
 
 from benchmarks.archive_logs import make_logs
+from rosette_ros import program
 from rosette_ros.archive.engines import PlainLoop
 from rosette_ros.archive.run_archive import MARK, PARTS, RunArchive
 from rosette_ros.cli import archive_add
@@ -47,11 +49,11 @@ def small_files():
 
 def test_logs_that_cannot_be_read_are_counted_and_listed(logs, in_this_process, rosette, tmp_path):
     """The sound one is added; each of the others has a line that says what was wanted."""
-    archive = tmp_path / 'archive'
+    archive = tmp_path / 'my archive'
     made = rosette('archive', 'add', logs, '--into', archive)
     assert made.code == 1
-    assert made.out == (f'4 logs found: 0 known, 0 copies, 4 new\n1 evaluated, 3 not: rosette archive query {archive} '
-                        '--problems\n')
+    assert made.out == (f"4 logs found: 0 known, 0 copies, 4 new\n1 evaluated, 3 not: {program()} archive query "
+                        f"'{archive}' --problems\n")
     told = rosette('archive', 'query', archive, '--problems', '--json')
     problems = {row['path'].rpartition('/')[2]: row['problem'] for row in json.loads(told.out)['rows']}
     assert set(problems) == {'corrupt.mcap', 'truncated.mcap', 'foreign.csv'}
@@ -138,6 +140,19 @@ def test_times_do_not_depend_on_where_the_computer_is(rosette, tmp_path, monkeyp
     monkeypatch.undo()
     time.tzset()
     assert told.splitlines()[1] == '2024-01-01 00:00:00,2024-01-01 00:00:00'
+
+
+@pytest.mark.parametrize(('serial', 'option'), [('"RT 1 [a]"', ['--table', 'RT 1 [a]']), ('""', [])])
+def test_what_follows_simulated_years_can_be_typed(rosette, tmp_path, serial, option):
+    """Names with spaces and brackets, long paths, and a table without a serial number."""
+    script, identity = tmp_path / 'ageing.yaml', tmp_path / 'identity.yaml'
+    script.write_text('machine: {plate: {balls: 5}}\nevery_days: 7\nruns: 1\n')
+    identity.write_text(f'schema: rosette-identity/1\ntable: {{maker: A, serial: {serial}}}\n')
+    archive = tmp_path / ('a' * 80) / 'my years'
+    archive.parent.mkdir()
+    told = rosette('archive', 'simulate', script, '--into', archive, '--identity', identity).out
+    assert shlex.split(told.partition('; next: ')[2])[1:] == ['trend', str(archive), *option]
+    assert told.count('\n') == 1
 
 
 def test_simulated_years_have_no_logs_to_evaluate_again(in_this_process, rosette, tmp_path):
