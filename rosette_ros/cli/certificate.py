@@ -18,7 +18,7 @@ from rosette_ros.io.budget_file import read_stated
 from rosette_ros.io.identity_file import Identity, read_identity
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.sharing_file import read_sharing
-from rosette_ros.io.text_file import read_limited, refuse_output, write_bytes
+from rosette_ros.io.text_file import bare_name, read_limited, refuse_output, write_bytes
 from rosette_ros.presentation.budget_results import contributions
 from rosette_ros.presentation.error_results import errors
 from rosette_ros.presentation.identity_words import SIMULATED
@@ -51,7 +51,7 @@ def run(options: Namespace) -> None:
 
 def make(options: Namespace) -> None:
     """Write the certificate of a run, or of several as one."""
-    path = Path(options.output or f'{Path(options.run_path[0]).absolute().stem}.xml')
+    path = Path(options.output or f'{bare_name(options.run_path[0])}.xml')
     for word, name, ending in (('-o', path, '.xml'), ('--pdf', options.pdf, '.pdf')):
         if not name:
             continue

@@ -23,7 +23,7 @@ from rosette_ros.io.budget_file import read_budget
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import joint_identity
 from rosette_ros.io.sharing_file import read_sharing
-from rosette_ros.io.text_file import refuse_output, write_text
+from rosette_ros.io.text_file import bare_name, refuse_output, write_text
 from rosette_ros.io.touch_log import open_refitted
 from rosette_ros.presentation.plots.plot_style import save_all
 from rosette_ros.presentation.plots.result_plots import Series
@@ -97,7 +97,7 @@ def report_jointly(options: Namespace) -> None:
 
 def report_run(options: Namespace, place: str) -> None:
     """Write the report of one run."""
-    path = output_of(options, Path(place).absolute().stem)
+    path = output_of(options, bare_name(place))
     model = read_model(options.model)
     inputs = read_budget(options.inputs) if options.inputs else None
     measured, source = open_source(place, options.run_id, options.identity)

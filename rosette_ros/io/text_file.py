@@ -35,6 +35,12 @@ def read_limited(path: str | Path, wanted: str, most: int, kind: type[RosetteErr
     return data
 
 
+def bare_name(path: str | Path) -> str:
+    """Return the name of a file without its suffix, or that of a folder, in which a dot ends nothing."""
+    full = Path(path).absolute()
+    return full.name if full.is_dir() else full.stem
+
+
 def refuse_existing(path: str | Path, force: bool = False) -> None:
     """Raise InvalidData where a file exists already and `force` is not set."""
     if Path(path).exists() and not force:

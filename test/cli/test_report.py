@@ -54,6 +54,16 @@ def test_the_page_is_named_after_the_run_and_never_overwritten(rosette, refused,
     assert page.read_text(encoding='utf-8').startswith('<!DOCTYPE html>')
 
 
+@pytest.mark.parametrize(('verb', 'ending'), [('report', 'html'), ('certificate', 'xml')])
+def test_a_folder_keeps_what_stands_behind_a_dot(refused, here, verb, ending):
+    """Logs run.1 and run.2 go to files of their own; of a file its suffix is cut."""
+    (here / 'run.1').mkdir()
+    (here / 'run.2.csv').write_bytes(simulated_table('clean', 6).read_bytes())
+    for path, name in (('run.1', f'run.1.{ending}'), ('run.2.csv', f'run.2.{ending}')):
+        (here / name).write_text('precious')
+        assert refused(verb, path) == f'rosette: {name}: exists already; take another name or use --force\n'
+
+
 def test_several_runs_as_one(rosette, here):
     """A page, its figures and its tables; what the runs share is declared in a file, which the page names."""
     paths = simulated_table(n=N, order='there_and_back'), simulated_table(n=N, order='diagonal')
