@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every name that the cell uses on the graph, once. Names without a slash are relative."""
 
+import os
 from collections.abc import Iterable
 
 SEQUENCER, CMM, EVALUATOR, RECORDER = 'sequencer', 'cmm', 'evaluator', 'recorder'
@@ -49,9 +50,11 @@ PARENT_PID = 'ROSETTE_CELL_PID'  # environment variable, set by cell.supervisor:
 
 
 def where(domain: int, namespace: str) -> list[str]:
-    """Return the arguments by which a command of `rosette` finds a cell that is not where cells are by default."""
-    space = namespace.strip('/')
-    return ['--domain', str(domain)] * bool(domain) + ['--namespace', space] * (space != NAMESPACE)
+    """Return the arguments by which a command of `rosette` finds a cell, typed in this terminal or in another one.
+
+    Domain 0 is left out only where the environment names none, as that of other terminals then."""
+    space, is_default = namespace.strip('/'), not domain and not os.environ.get('ROS_DOMAIN_ID')
+    return ['--domain', str(domain)] * (not is_default) + ['--namespace', space] * (space != NAMESPACE)
 
 
 def remappings(namespace: str) -> tuple[tuple[str, str], ...]:

@@ -3,6 +3,7 @@
 
 import io
 
+import pytest
 from rich.console import Console
 
 from rosette_ros.cli.cell import keep_running
@@ -39,3 +40,14 @@ def test_with_sros2_no_node_is_taken_to_hang(monkeypatch):
     out = Console(file=io.StringIO(), width=120)
     keep_running(out, EndedAtOnce('none'))
     assert 'The cell is running' in out.file.getvalue()
+
+
+@pytest.mark.parametrize(('domain_id', 'environment', 'command'), [
+    (0, '', 'rosette calibrate'), (0, '5', 'calibrate --domain 0'), (None, '5', 'calibrate --domain 5')])
+def test_the_command_for_another_terminal_finds_the_cell(monkeypatch, domain_id, environment, command):
+    """Domain 0 is that of a command only where the environment names none."""
+    monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
+    monkeypatch.setenv('ROS_DOMAIN_ID', environment)
+    out = Console(file=io.StringIO(), width=120)
+    keep_running(out, EndedAtOnce(domain_id))
+    assert f'{command}\nCtrl-C' in out.file.getvalue()
