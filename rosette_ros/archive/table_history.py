@@ -180,14 +180,12 @@ def history_of(rows: Sequence[Mapping[str, Any]], serial: str = '', least: int =
     dates = tuple(row['measured_at'] for row in rows)
     days = np.array([(date - dates[0]).total_seconds() / DAY for date in dates])
     n = rows[-1]['n']
-    stated = next((row for row in reversed(rows) if 'tolerances' in row['identity']), None)
-    rotation = None if stated is None or stated['rotation'] is None else np.reshape(stated['rotation'], (3, 3))
     return History(
         serial, rows[0]['model_hash'], dates, tuple(row['run_id'] for row in rows), days,
         np.array([[row[f'range_{key}'] for key in CURVE_KEYS] for row in rows]),
         np.array([[row[f'U_range_{key}'] for key in CURVE_KEYS] for row in rows]),
         np.array([[row[key] if row['n'] == n else np.full(n, np.nan) for key in CURVE_KEYS] for row in rows]),
-        parse_identity(stated['identity'].encode()).limits(rotation) if stated else {},
+        next(filter(None, map(_limits, reversed(rows))), {}),
         np.array([np.nan if row['temperature_mean_C'] is None else row['temperature_mean_C'] for row in rows]),
         (*_table(rows), *_places(rows, 'plate', 'ball'), *_places(rows, 'cmm', 'position'), *_effects(rows),
          _residual(rows)),
@@ -195,6 +193,12 @@ def history_of(rows: Sequence[Mapping[str, Any]], serial: str = '', least: int =
         tuple(tuple(row['missing'] or ()) for row in rows),
         tuple(row['run_id'] for row in rows if row['simulated']), left_out,
         tuple(row['run_id'] for row in rows if row['n'] != n))
+
+
+def _limits(row: Mapping[str, Any]) -> dict[str, float]:
+    """Return the tolerances that the identity of a run states, by curve, m and rad."""
+    rotation = None if row['rotation'] is None else np.reshape(row['rotation'], (3, 3))
+    return parse_identity(row['identity'].encode()).limits(rotation) if 'tolerances' in row['identity'] else {}
 
 
 def _is_between(row: Mapping[str, Any]) -> bool:

@@ -124,7 +124,7 @@ class Cell:
         self._remappings = names.remappings(namespace) if remappings is None else remappings
         self.log_dir = Path(log_dir).absolute()
         self.machine = None if machine is None else Path(machine)
-        self._nodes = [name for name in (*MODULES, *OPTIONAL) if name in nodes]
+        self.nodes = [name for name in (*MODULES, *OPTIONAL) if name in nodes]
         self._params_file = params_file
         self._modules = {**MODULES, **OPTIONAL, **({} if dme is None else {names.CMM: DME_CMM})}
         is_simulated = simulated_time and dme is None
@@ -134,7 +134,7 @@ class Cell:
             defaults[names.CMM]['settings'] = str(Path(dme).absolute())
         else:
             defaults[names.CMM] = {} if machine is None else {'machine': str(machine)}
-        self._params = {name: {**defaults[name], **(params or {}).get(name, {})} for name in self._nodes}
+        self._params = {name: {**defaults[name], **(params or {}).get(name, {})} for name in self.nodes}
         self._output_dir = output_dir
         self.processes: dict[str, NodeProcess] = {}
         self._failures: dict[str, list[float]] = {}
@@ -152,10 +152,10 @@ class Cell:
         self.output_dir = Path(self._output_dir or tempfile.mkdtemp(prefix='rosette_cell_'))
         self.output_dir.mkdir(parents=True, exist_ok=True)
         try:
-            for name in self._nodes:
+            for name in self.nodes:
                 self.start_node(name, wait=False)
-            self._await_output(dict.fromkeys(self._nodes, f'{names.READY}\n'))
-            if set(self._nodes) >= set(MODULES):
+            self._await_output(dict.fromkeys(self.nodes, f'{names.READY}\n'))
+            if set(self.nodes) >= set(MODULES):
                 self._await_output({names.SEQUENCER: names.COMPLETE})
         except BaseException:
             self.stop()
@@ -207,7 +207,7 @@ class Cell:
         for name in hanging:
             self.processes[name].kill_hanging()
         now, words = time.monotonic(), {}
-        for name in self._nodes:
+        for name in self.nodes:
             if not self.processes[name].has_ended:
                 continue
             recent = [when for when in self._failures.get(name, ()) if now - when < FAILURES_WITHIN]

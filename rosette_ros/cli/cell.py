@@ -173,7 +173,7 @@ def refuse_second_cell(out: Console, cell: Cell) -> None:
     if has_no_enclave():
         return
     with out.status('searching for another cell'), CellClient(cell.domain_id, cell.namespace) as client:
-        found = client.running()
+        found = [name for name in client.running() if name in cell.nodes]  # a CMM of somebody else may be there already
     if found:
         where = 'this ROS domain' if cell.domain_id is None else f'domain {cell.domain_id}'
         raise CellError(f'cell: wanted no cell in {where} and namespace /{cell.namespace}, found {", ".join(found)}; '

@@ -170,7 +170,7 @@ class RunAnswers:
     def is_complete(self) -> bool:
         """Whether all n² balls of phase RUN are answered."""
         balls = next((target.balls for target in self.targets if target.phase == Phase.RUN), 0)
-        return balls > 0 and self.counts()[Phase.RUN][1] >= balls**2
+        return balls > 0 and self.counts().get(Phase.RUN, (0, 0))[1] >= balls**2
 
     def unused(self) -> dict[str, int]:
         """Return how many answers do not count, by the reason in words."""

@@ -69,7 +69,7 @@ def read_touches(log: LogRun, run_id: str | None = None) -> TouchedBalls:
     touches, they cannot be decoded, or no one run is chosen."""
     answers = log.run(run_id)
     counting = {(answer.seq, answer.stamp_ns): answer for _, answer in answers.counting()}
-    found, problems = dict[int, tuple[Answer, Floats, SimpleNamespace]](), Counter[str]()
+    found, unused = dict[int, tuple[Answer, Floats, SimpleNamespace]](), dict[int, str]()
     for file in open_files(bag.find_files(log.path)):
         for message in file.messages(lambda channel: channel.type_name == TOUCHES):
             where = f'{file.path}: topic {message.topic}: message {message.number}'
@@ -84,11 +84,12 @@ def read_touches(log: LogRun, run_id: str | None = None) -> TouchedBalls:
             except (InvalidData, AttributeError, *BAD_VALUE) as error:
                 raise InvalidData(f'{where}: {plain(str(error))}') from error
             if short_frame(touches.header.frame_id) != answer.frame:
-                problems['touches in another frame'] += 1
+                unused[answer.seq] = 'touches in another frame'
             elif not np.isfinite(columns[:3]).all():
-                problems['touches that are no numbers'] += 1
+                unused[answer.seq] = 'touches that are no numbers'
             else:
                 found[answer.seq] = answer, columns, touches
+    problems = Counter(why for seq, why in unused.items() if seq not in found)
     if not found:
         why = f'{NONE} of run {answers.run_id}' + ''.join(f'; {count} {words}' for words, count in problems.items())
         raise InvalidData(f'{log.path}: {why}; its CMM publishes none (topic touches)')

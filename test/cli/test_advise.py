@@ -69,6 +69,8 @@ def test_an_effect_can_be_wanted(rosette):
      'ball_sag: wanted an effect that the cell of this run can have, got one that no order shows: the run does not say '
      'how the table axis stands in the machine'),
     (('--balls', '6', '--order', 'row', '--show', 'free_time'), 'it is a form without a name'),
+    (('--balls', '6', '--order', 'row', '--show', 'encoder_interpolation'),
+     'wanted effects that an order can show, got encoder_interpolation: what it depends on does not change in'),
     (('nowhere.csv',), 'nowhere.csv'),
 ])
 def test_refused(refused, words, wanted):

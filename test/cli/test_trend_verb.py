@@ -169,6 +169,13 @@ def rows_of(script):
             for day, run in script.iter_runs()]
 
 
+def test_the_last_tolerances_count_whatever_else_is_stated():
+    """The newest run states none, but speaks of them in a remark."""
+    rows = rows_of(AgeingScript(machine={'plate': {'balls': 3}}, runs=8))
+    rows[-1]['identity'] = 'schema: rosette-identity/1\ncertificate: {remarks: tolerances as agreed}\n'
+    assert history_of(rows, 'a').tolerances == pytest.approx({'crz': 2e-5, 'ctz': 5e-6})
+
+
 def test_runs_between_the_steps_are_left_out():
     """They have other CMM positions; the rest is judged."""
     rows = rows_of(AgeingScript(machine={'plate': {'balls': 3}}, runs=9))

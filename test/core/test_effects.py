@@ -24,12 +24,12 @@ FIXED_NAMES = {
     'frame_drift', 'frame_drift_onset', 'frame_drift_curved', 'frame_warmup', 'frame_temperature',
     'frame_temperature_lag', 'frame_cycle', 'frame_step', 'frame_pulse', 'frame_recovery',
     'table_zero_step', 'axis_tilt_step', 'table_zero_warmup', 'axis_tilt_warmup', 'table_zero_temperature',
-    'axis_tilt_temperature', 'table_zero_temperature_lag', 'axis_tilt_temperature_lag',
+    'axis_tilt_temperature', 'table_zero_lag', 'axis_tilt_lag',
     'table_zero_drift', 'axis_tilt_drift', 'table_backlash', 'table_backlash_angle', 'encoder_interpolation',
     'asynchronous_motion', 'table_warmup', 'plate_creep', 'plate_creep_settling', 'plate_slip', 'plate_tilt_step',
     'plate_tilt_settling', 'plate_expansion', 'plate_expansion_lag', 'plate_soaking', 'plate_warp', 'plate_support',
     'ball_slip', 'ball_creep', 'ball_rattle', 'ball_machine_offset', 'ball_sag', 'ball_form',
-    'cmm_scale_drift', 'cmm_scale_temperature', 'cmm_scale_temperature_lag', 'cmm_squareness_drift', 'cmm_reversal',
+    'cmm_scale_drift', 'cmm_scale_temperature', 'cmm_scale_lag', 'cmm_squareness_drift', 'cmm_reversal',
     'cmm_reversal_position', 'probe_approach', 'outlier'}
 
 

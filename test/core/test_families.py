@@ -65,12 +65,12 @@ TRUTHS = {
     'table_zero_temperature': lambda run: (run.temperature - 20)[:, None] * np.stack(
         [-np.sin(run.alpha), np.cos(run.alpha), 0 * run.alpha], axis=1),
     'axis_tilt_temperature': lambda run: ((run.temperature - 20) * np.sin(run.alpha - 1))[:, None] * Z,
-    'table_zero_temperature_lag': lambda run: lagged(run.time, run.temperature - 20, 1500.0)[:, None] * np.stack(
+    'table_zero_lag': lambda run: lagged(run.time, run.temperature - 20, 1500.0)[:, None] * np.stack(
         [-np.sin(run.alpha), np.cos(run.alpha), 0 * run.alpha], axis=1),
-    'axis_tilt_temperature_lag': lambda run: (lagged(run.time, run.temperature - 20, 1500.0)
+    'axis_tilt_lag': lambda run: (lagged(run.time, run.temperature - 20, 1500.0)
                                               * np.sin(run.alpha - 1))[:, None] * Z,
     'cmm_scale_temperature': lambda run: ((run.temperature - 20) * np.cos(run.alpha))[:, None] * X,
-    'cmm_scale_temperature_lag': lambda run: (lagged(run.time, run.temperature - 20, 1500.0)
+    'cmm_scale_lag': lambda run: (lagged(run.time, run.temperature - 20, 1500.0)
                                               * np.cos(run.alpha))[:, None] * X,
     'probe_approach': lambda run: np.cos(3 * last_move(run)[0] - 1)[:, None] * Z,
     'table_backlash_angle': lambda run: (run.approach * np.cos(run.phi - 1))[:, None] * np.stack(

@@ -59,11 +59,11 @@ def trigger():
 class Peer:
     """A node of the test in a thread of its own: hears raw messages, publishes, answers."""
 
-    def __init__(self, domain, namespace='/rosette'):
+    def __init__(self, domain, namespace='/rosette', name='peer'):
         """Join the graph."""
         self.context = Context()
         self.context.init(domain_id=domain)
-        self.node = Node('peer', namespace=namespace, context=self.context)
+        self.node = Node(name, namespace=namespace, context=self.context)
         self.heard = defaultdict(list)
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from rich.console import Console
-from rosette_msgs.msg import BallCentre, Diagnosis, ErrorMotions, ProbeTarget, RunState
+from rosette_msgs.msg import BallCentre, Diagnosis, ErrorMotions, Heartbeat, ProbeTarget, RunState
 from std_msgs.msg import Header
 
 from rosette_ros.cell.client import CellClient
-from rosette_ros.cell.supervisor import Cell
+from rosette_ros.cell.supervisor import MODULES, Cell
 from rosette_ros.cli.cell import refuse_second_cell
 from rosette_ros.core.errors import CellError
 from rosette_ros.io.log_reader import read_log
@@ -236,3 +236,16 @@ def test_a_second_cell_does_not_start(cell, module_domain_id, tmp_path):
         refuse_second_cell(Console(), Cell(module_domain_id, log_dir=tmp_path))
     assert cell.processes['sequencer'].text()[said:] == ''
     refuse_second_cell(Console(), Cell(module_domain_id, 'another', log_dir=tmp_path))
+
+
+def test_a_cell_starts_beside_the_cmm_that_it_is_for(domain_id, make_peer, tmp_path):
+    """A node named cmm that runs already is no second cell of one without a simulation."""
+    cmm = make_peer(domain_id, name=names.CMM)
+    cmm.node.create_publisher(Heartbeat, f'{names.CMM}/{names.ALIVE}', qos.ALIVE).publish(
+        Heartbeat(node=names.CMM, process='cmm of somebody else', period=0.5))
+    cmm.start()
+    others = [name for name in MODULES if name != names.CMM]
+    refuse_second_cell(Console(), Cell(domain_id, nodes=others, log_dir=tmp_path))
+    with pytest.raises(CellError, match='found cmm; end that one'):
+        refuse_second_cell(Console(), Cell(domain_id, log_dir=tmp_path))
+    cmm.stop()

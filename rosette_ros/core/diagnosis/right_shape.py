@@ -26,13 +26,13 @@ MERGE = 25.0
 
 A single claim that is better by as much as this keeps its name, whatever a free form has more."""
 IN_TIME: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
-    **dict.fromkeys(('table_zero_drift', 'table_zero_temperature', 'table_zero_temperature_lag', 'table_zero_warmup',
+    **dict.fromkeys(('table_zero_drift', 'table_zero_temperature', 'table_zero_lag', 'table_zero_warmup',
                      'table_zero_step'), ('CMM position', (('free_time', 'tangential'),))),
-    **dict.fromkeys(('axis_tilt_drift', 'axis_tilt_temperature', 'axis_tilt_temperature_lag', 'axis_tilt_warmup',
+    **dict.fromkeys(('axis_tilt_drift', 'axis_tilt_temperature', 'axis_tilt_lag', 'axis_tilt_warmup',
                      'axis_tilt_step'), ('CMM position', (('free_growth', 'z'),))),
     **dict.fromkeys(('plate_expansion', 'plate_expansion_lag', 'plate_soaking'),
                     ('CMM position', (('free_time', 'radial'),))),
-    **dict.fromkeys(('cmm_scale_drift', 'cmm_scale_temperature', 'cmm_scale_temperature_lag',
+    **dict.fromkeys(('cmm_scale_drift', 'cmm_scale_temperature', 'cmm_scale_lag',
                      'cmm_squareness_drift'), ('CMM position', (('free_growth', 'xy'),))),
     **dict.fromkeys(('plate_creep', 'plate_creep_settling'), ('table angle', (('free_time', 'plate xy'),))),
     'plate_slip': ('table angle', (('free_time', 'plate xy'), ('free_time', 'tangential'))),
@@ -66,7 +66,7 @@ def forms_beside(run: Run, effect: Effect, setting: Setting) -> Iterator[tuple[s
             period=(setting['period'],), count=UNSTEADY, axes=AXES))
     if name == 'free_time':
         yield name, Setting({**setting, 'axes': 'xyz'})
-    if 'temperature' in name or setting.get('driver') == 'temperature':
+    if 'temperature' in effect.depends_on or setting.get('driver') == 'temperature':
         yield 'free_temperature', Setting(axes='xyz', count=3)
     ball = _ball(run, effect, setting)
     if ball:

@@ -176,7 +176,7 @@ CMM_EFFECTS: tuple[Effect, ...] = (
              'air that reaches one axis only.',
         formula='e_x x (T - T0) along x, e_y y (T - T0) along y',
         source='ISO 10360-2 (thermal expansion of the scales); ISO 230-3'),
-    CmmScale('cmm_scale_temperature_lag', LaggedTemperature('m/m', ' of the scale of'),
+    CmmScale('cmm_scale_lag', LaggedTemperature('m/m', ' of the scale of'),
         Quantity('e', '1/K', 'relative growth of the scale of'),
         plain='scales of the CMM behind the temperature',
         meaning="The scales of the CMM's x and y grow with the measured temperature, each by its own coefficient, "

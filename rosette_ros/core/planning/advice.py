@@ -84,8 +84,11 @@ class OrderAdvice:
 
     @cached_property
     def _least(self) -> Share:
-        return min((one for one in self.shares.values() if not one.reason and (
-            not self.wanted or one.name in self.wanted)), key=lambda one: one.typical_share)
+        some = [one for one in self.shares.values() if not self.wanted or one.name in self.wanted]
+        if all(one.reason for one in some):
+            raise NotDeterminable('wanted effects that an order can show, got ' + '; '.join(
+                f'{one.name}: {one.reason}' for one in some))
+        return min((one for one in some if not one.reason), key=lambda one: one.typical_share)
 
     def shows(self, names: Sequence[str], least: float) -> bool:
         """Return whether the typical share of none of some effects is smaller; the first that is ends the search."""
