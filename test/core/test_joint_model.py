@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Several runs as one: what they determine, against a dense design written out here, and what they find."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from synthetic import synthetic_run
@@ -180,6 +182,44 @@ def test_what_became_known_is_said(name, runs, sharing):
     waves = [words for words in found.hidden if words.startswith('harmonics')]
     assert waves == ['harmonics 12'] * ('except' in ''.join(learnt))
     assert len(found.hidden) == 8 + len(waves) - len([words for words in learnt if words[0] in 'om' or words == SCALE])
+
+
+def with_deviations(runs, sharing, size=3e-5):
+    """Return readings of the runs whose plates are as made, not as drawn: size, m, is the scatter of a coordinate."""
+    out = []
+    for (_, made), turn in zip(runs, sharing.turn, strict=True):
+        plate = made.plate
+        off = np.clip(np.random.default_rng(plate.balls).standard_normal((plate.balls, 3)), -1.5, 1.5)
+        x, y, z = (plate.centres + size * (off - off[0] * [0, 1, 0])).T
+        plate = replace(plate, azimuth=np.arctan2(y, x), radius=np.hypot(x, y), height=z)
+        at = rotate_z(turn + made.angle[made.table_position - 1], plate.centres[made.ball - 1])
+        out.append(replace(made, plate=plate, centre=at))
+    return out
+
+
+@pytest.mark.parametrize(('name', 'runs', 'sharing', 'unknowns', 'rank', 'in_curves'), TABLE,
+                         ids=[row[0] for row in TABLE])
+def test_deviations_of_the_plate_change_no_rank(name, runs, sharing, unknowns, rank, in_curves):
+    """What only 30 um tell is not known: rank, words and uncertainties of the plate without deviations."""
+    del name
+    plain, real = (JointSolution(JointModel(made, sharing)) for made in (
+        [made for _, made in runs], with_deviations(runs, sharing)))
+    assert (real.model.unknowns, real.rank, real.hidden_in_curves) == (unknowns, rank, in_curves)
+    assert knowledge(real) == knowledge(plain)
+    u = [np.linalg.norm(one.mix[one.model.groups['curves']], axis=1) for one in (real, plain)]
+    assert u[0] == pytest.approx(u[1], rel=5e-3)
+
+
+def test_balls_on_two_circles_keep_what_they_determine():
+    """Radii that differ by 2 mm have CMM positions of their own: as by 40 mm, and with deviations, too."""
+    ranks = []
+    for apart, size in ((0.04, 0), (2e-3, 0), (2e-3, 3e-5)):
+        listed, made = run_of()
+        plate = replace(made.plate, radius=R + apart * (np.arange(12) % 2))
+        at = rotate_z(made.angle[made.table_position - 1], plate.centres[made.ball - 1])
+        both = [(listed, replace(made, plate=plate, centre=at))]
+        ranks.append(JointSolution(JointModel(with_deviations(both, Sharing.of(1), size), Sharing.of(1))).rank)
+    assert ranks[0] == ranks[1] == ranks[2] > 131
 
 
 def difference(names, angle, size):

@@ -113,6 +113,27 @@ def test_a_calibrated_plate_gives_the_scale_if_the_readings_agree(tmp_path, is_t
     assert result.lack_of_fit_p > 1e-3
 
 
+def calibrated(machine, path):
+    """Write the true balls of a simulated plate of twelve as its plate file."""
+    x, y, z = 1e3 * machine.plate.balls[::3].T
+    azimuth = np.rad2deg(np.arctan2(y, x)) % 360
+    (path.parent / 'plate.yaml').write_text(f'{SCHEMA}calibrated: true\n' + yaml.safe_dump({
+        'azimuth_deg': azimuth.tolist(), 'radius_mm': np.hypot(x, y).tolist(), 'height_mm': z.tolist()}))
+
+
+def test_the_deviations_of_a_calibrated_plate_tell_no_means(tmp_path):
+    """Twelve balls of equal pitch, some 10 um off: 102 of 114 unknowns, as of the plate on the drawing."""
+    machine, _, path = simulated(tmp_path, tuple(range(0, 360, 30)), positions=12)
+    calibrated(machine, path)
+    result = evaluate_jointly([open_readings(path)])
+    solution = result.solution
+    assert (solution.model.unknowns, solution.rank, solution.hidden_in_curves) == (114, 102, 10)
+    assert result.knowledge.known == ('radial scale of plate and CMM',)
+    ((_, motions),) = result.curves
+    assert np.abs(motions.values.mean(axis=0)).max() < 1e-12
+    assert motions.u[:, 3:5].max() < 3e-7
+
+
 def test_other_verbs_take_plates_whose_balls_are_on_steps_of_the_table(tmp_path):
     """As some balls of a plate of 36: the same curves; of another plate they say who takes it."""
     _, _, path = simulated(tmp_path, MOVED)

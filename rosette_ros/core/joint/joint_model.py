@@ -7,6 +7,13 @@ with C the placement of the plate on the table (reference: the first clamping of
 run (reference: the first), rotations exact, the rest linear as in core/model/base_model.py. Gauss-Newton with the
 sparse columns at the nominal places; the directions that no reading sees are fixed by the least curves, then the least
 frames, placements and CMM deviations: the gauge of one run, continued to all.
+
+Places of the CMM within SAME_PLACE have one deviation M. What is seen only by how they differ is beyond this model, and
+in practice not determined: balls that are 10 to 40 um off would give the mean tilt of a table to +-600 urad, a thousand
+times the U of an ordinary combination. So the columns stand where the places of the balls agree (see _agreed): a plate
+has the rank of the plate without deviations, and no limit for small eigenvalues has to tell them from others. Balls
+that are further off have CMM positions of their own and keep what they determine. `predicted` has the true places;
+columns that are 1e-4 off change an estimate by 1e-4 of its noise.
 """
 
 from collections.abc import Sequence
@@ -19,7 +26,7 @@ import scipy.linalg
 import scipy.sparse
 
 from rosette_ros.core.errors import InvalidData, NotDeterminable
-from rosette_ros.core.geometry import SAME_ANGLE, TWO_PI, Floats, Ints, rotate_z, rotation_matrix
+from rosette_ros.core.geometry import SAME_ANGLE, TWO_PI, Floats, Ints, rotate_z, rotation_matrix, wrap
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.sharing import SEATS, Sharing
 
@@ -29,6 +36,8 @@ ZERO = 1e-9
 """Eigenvalues of the normal equations below this share of the largest are 0."""
 HIDDEN_PART = 1e-5
 """Part of a hidden direction, as a share of it, that counts."""
+ROUNDING = 1e-12
+"""Places that differ by no more are equal, m."""
 MOST_UNKNOWNS = 3000
 MOST_STEPS, SMALLEST_STEP = 8, 1e-13
 
@@ -51,10 +60,11 @@ class TableSet:
 class JointModel:
     """The unknowns of several runs: their places among all, and what of them is free.
 
-    runs; sharing; phi: (N,) nominal table angles, rad; base: (N, 3) nominal ball centres on the table, m; sets: the
-    TableSets; lever: m, by which rotations are multiplied among the unknowns; free: (q,) which are unknown at all; of
-    all q unknowns, `groups` has the slices of curves, plate, cmm, placement and frame; places: by 'plate' and 'cmm',
-    for each deviation the number of its name in the sharing and, of a plate, the ball from 0.
+    runs; sharing; phi: (N,) nominal table angles, rad; base: (N, 3) nominal ball centres on the table, m; agreed: (N,
+    3) those of the columns, m; sets: the TableSets; lever: m, by which rotations are multiplied among the unknowns;
+    free: (q,) which are unknown at all; of all q unknowns, `groups` has the slices of curves, plate, cmm, placement and
+    frame; places: by 'plate' and 'cmm', for each deviation the number of its name in the sharing and, of a plate, the
+    ball from 0; at: of each where it is, (k, 3), m.
 
     Raises NotDeterminable where too little joins the runs or there are too many unknowns.
     """
@@ -83,9 +93,12 @@ class JointModel:
         tables, self.table = _labels(table, -sense, _clusters(_in_turn(self.phi, SAME_ANGLE), SAME_ANGLE))
         balls, self.ball = _labels(plate, np.concatenate([ball for ball, _ in turned]))
         cmms, self.cmm = _labels(cmm, *places)
+        _, single = _labels(self.run, np.concatenate([run.ball for run in runs]))
+        self.agreed = _agreed(self.base, self.phi, single, self.cmm)
         self.cmm_azimuth = _first(azimuth, self.cmm, len(cmms))
         self.places: dict[str, Ints] = {'plate': balls, 'cmm': cmms}
-        self.ball_azimuth = _first(np.arctan2(self.base[:, 1], self.base[:, 0]) - self.turn, self.ball, len(balls))
+        self.at = {'cmm': _first(rotate_z(self.phi, self.agreed), self.cmm, len(cmms)),
+                   'plate': _first(rotate_z(-self.turn, self.agreed), self.ball, len(balls))}
         self.placement, self.frame = clamping, frame
         counts = 6 * len(tables), 3 * len(balls), 3 * len(cmms), 6 * (1 + clamping.max()), 6 * (1 + frame.max())
         ends = np.cumsum(counts).tolist()
@@ -147,16 +160,15 @@ class JointModel:
 
     @cached_property
     def design(self) -> Any:
-        """The columns of all unknowns at the nominal places, sparse (3 N, q)."""
+        """The columns of all unknowns at the agreed places, sparse (3 N, q)."""
         one = np.broadcast_to(np.eye(3), (self.size, 3, 3))
-        turn = _turns(self.phi)
-        blocks = [(one, 6 * self.table), (_tilts(rotate_z(self.phi, self.base)) / self.lever, 6 * self.table + 3),
-                  (_turns(self.phi + self.turn), self.groups['plate'].start + 3 * self.ball),
-                  (one, self.groups['cmm'].start + 3 * self.cmm),
-                  (turn, self.groups['placement'].start + 6 * self.placement),
-                  (turn @ _tilts(self.base) / self.lever, self.groups['placement'].start + 6 * self.placement + 3),
-                  (one, self.groups['frame'].start + 6 * self.frame),
-                  (_tilts(rotate_z(self.phi, self.base)) / self.lever, self.groups['frame'].start + 6 * self.frame + 3)]
+        turn, tilt = _turns(self.phi), tilts(rotate_z(self.phi, self.agreed)) / self.lever
+        starts = {name: place.start for name, place in self.groups.items()}
+        blocks = [(one, 6 * self.table), (tilt, 6 * self.table + 3),
+                  (_turns(self.phi + self.turn), starts['plate'] + 3 * self.ball), (one, starts['cmm'] + 3 * self.cmm),
+                  (turn, starts['placement'] + 6 * self.placement),
+                  (turn @ tilts(self.agreed) / self.lever, starts['placement'] + 6 * self.placement + 3),
+                  (one, starts['frame'] + 6 * self.frame), (tilt, starts['frame'] + 6 * self.frame + 3)]
         values = np.stack([block for block, _ in blocks])
         columns = np.stack([first for _, first in blocks])[:, :, None, None] + np.arange(3)[None, None, None]
         rows = 3 * np.arange(self.size)[None, :, None, None] + np.arange(3)[None, None, :, None]
@@ -235,6 +247,25 @@ def _gauge(model: JointModel, hidden: Floats) -> Any:
         hidden = hidden @ right[count:].T
 
 
+def _agreed(base: Floats, phi: Floats, ball: Ints, cmm: Ints) -> Floats:
+    """Return ball centres (N, 3), m, moved so little that readings at one CMM position have one place, if that can be.
+
+    ball, cmm: (N,) labels. Of all moves that leave least differences the least ones, in azimuth, radius and height.
+    """
+    radius, azimuth = np.hypot(base[:, 0], base[:, 1]), np.arctan2(base[:, 1], base[:, 0])
+    lever = float(radius.mean())
+    first = _first(azimuth + phi, cmm, cmm.max() + 1)[cmm]
+    places = np.stack([lever * wrap(azimuth + phi - first), radius, base[:, 2]], axis=-1)
+    off = places - np.stack([np.bincount(cmm, one) for one in places.T], axis=-1)[cmm] / np.bincount(cmm)[cmm, None]
+    if np.abs(off).max() <= ROUNDING:
+        return base
+    rows, balls = np.arange(ball.size), int(ball.max()) + 1
+    of_both = scipy.sparse.csr_array((np.ones(2 * ball.size), (np.tile(rows, 2), np.append(ball, balls + cmm))))
+    moves = scipy.linalg.lstsq((of_both.T @ of_both).toarray(), np.asarray(of_both.T @ off), cond=ZERO)[0][ball]
+    azimuth, radius = azimuth - moves[:, 0] / lever, radius - moves[:, 1]
+    return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), base[:, 2] - moves[:, 2]], axis=-1)
+
+
 def _numbers(names: Sequence[str]) -> Ints:
     """Return the number of each name, from 0 in the order of appearance."""
     known = {name: number for number, name in enumerate(dict.fromkeys(names))}
@@ -261,8 +292,8 @@ def _labels(*parts: Ints) -> tuple[Ints, Ints]:
 
 
 def _first(values: Floats, label: Ints, count: int) -> Floats:
-    """Return the value of the first reading of each label, (count,)."""
-    out = np.empty(count)
+    """Return the value of the first reading of each label, (count, ...)."""
+    out = np.empty((count, *values.shape[1:]))
     out[label[::-1]] = values[::-1]
     return out
 
@@ -281,7 +312,7 @@ def _turns(angle: Floats) -> Floats:
     return np.asarray(np.stack([rotate_z(angle, axis) for axis in np.eye(3)], axis=-1))
 
 
-def _tilts(place: Floats) -> Floats:
+def tilts(place: Floats) -> Floats:
     """Return the matrices (N, 3, 3) of the displacement of places (N, 3), m, by a small rotation, m per rad."""
     x, y, z = place.T
     zero = np.zeros_like(x)

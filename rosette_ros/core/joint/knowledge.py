@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rosette_ros.core.geometry import Floats, same_angles
-from rosette_ros.core.joint.joint_model import JointSolution, TableSet
+from rosette_ros.core.joint.joint_model import JointSolution, TableSet, tilts
 
 SEEN = 1e-6
 """Part of a hidden direction below which a quantity is not touched by it."""
@@ -75,12 +75,11 @@ def _of_curves(hidden: Floats, angle: Floats) -> tuple[list[str], list[int]]:
 def _is_hidden(solution: JointSolution, name: str) -> bool:
     """Return whether a common size or place of CMM deviations, or of plate deviations where those are known, is."""
     model = solution.model
-    for group, azimuth in (('cmm', model.cmm_azimuth), ('plate', model.ball_azimuth)):
+    for group, at in model.at.items():
         place = model.groups[group]
         if model.free[place].all():
-            c, s, zero, one = np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth), np.ones_like(azimuth)
-            columns = np.stack([[one, zero, zero], [zero, one, zero], [zero, zero, one], [zero, zero, s],
-                                [zero, zero, -c], [-s, c, zero], [c, s, zero]]).transpose(2, 1, 0).reshape(-1, 7)
+            shift, scale = np.broadcast_to(np.eye(3), (len(at), 3, 3)), at[:, :, None] * [[[1], [1], [0]]]
+            columns = np.concatenate([shift, tilts(at) / model.lever, scale / model.lever], axis=2).reshape(-1, 7)
             touched = np.abs(np.linalg.pinv(columns) @ solution.hidden[place]).max(axis=1, initial=0) > SEEN
             return bool(touched[6] if name == SCALE else touched[2] or touched[5])
     return False
