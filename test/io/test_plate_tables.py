@@ -113,10 +113,10 @@ def test_a_calibrated_plate_gives_the_scale_if_the_readings_agree(tmp_path, is_t
     assert result.lack_of_fit_p > 1e-3
 
 
-def calibrated(machine, path):
-    """Write the true balls of a simulated plate of twelve as its plate file."""
+def calibrated(machine, path, turn=0.0):
+    """Write the true balls of a simulated plate of twelve as its plate file, in axes that are turned, deg."""
     x, y, z = 1e3 * machine.plate.balls[::3].T
-    azimuth = np.rad2deg(np.arctan2(y, x)) % 360
+    azimuth = np.rad2deg(np.arctan2(y, x)) % 360 + turn
     (path.parent / 'plate.yaml').write_text(f'{SCHEMA}calibrated: true\n' + yaml.safe_dump({
         'azimuth_deg': azimuth.tolist(), 'radius_mm': np.hypot(x, y).tolist(), 'height_mm': z.tolist()}))
 
@@ -132,6 +132,19 @@ def test_the_deviations_of_a_calibrated_plate_tell_no_means(tmp_path):
     ((_, motions),) = result.curves
     assert np.abs(motions.values.mean(axis=0)).max() < 1e-12
     assert motions.u[:, 3:5].max() < 3e-7
+
+
+def test_the_axes_of_a_calibration_may_be_turned(tmp_path):
+    """By 0.3 deg, 1 mm at the balls: this is how the plate lies, no deviation of the CMM, and the fit stays good."""
+    machine, _, path = simulated(tmp_path, tuple(range(0, 360, 30)), positions=12)
+    found = []
+    for turn in (0.0, -0.3):
+        calibrated(machine, path, turn)
+        found.append(evaluate_jointly([open_readings(path)]))
+    straight, turned = found
+    assert np.abs(turned.deviations('cmm')[1]).max() < 1e-6
+    assert turned.rms == pytest.approx(straight.rms, rel=1e-3)
+    assert np.abs(turned.curves[0][1].values - straight.curves[0][1].values)[:, :3].max() < 1e-9
 
 
 def test_other_verbs_take_plates_whose_balls_are_on_steps_of_the_table(tmp_path):

@@ -238,8 +238,13 @@ class JointSolution:
 
 
 def _gauge(model: JointModel, hidden: Floats) -> Any:
-    """Yield place, rank, move (q, k) and measure (k, g) of each group of unknowns that is made least in turn."""
-    for place in (model.groups[name] for name in ('curves', 'frame', 'placement', 'cmm', 'plate')):
+    """Yield place, rank, move (q, k) and measure (k, g) of each group of unknowns that is made least in turn.
+
+    A calibrated plate was put on anywhere, the CMM is nearly right: a turn of both is one of the plate.
+    """
+    is_known = not model.free[model.groups['plate']].all()
+    for place in (model.groups[name] for name in (
+            'curves', 'frame', *(('cmm', 'placement') if is_known else ('placement', 'cmm')), 'plate')):
         part = hidden[place]
         left, size, right = np.linalg.svd(part, full_matrices=len(part) < part.shape[1])  # right must be complete
         count = int(np.sum(size > HIDDEN_PART))
