@@ -199,6 +199,20 @@ def test_contradictions_are_refused_in_one_line():
         evaluate_jointly([first, five])
 
 
+def test_a_run_and_its_continuation_are_refused():
+    """The second log begins with the readings of the first; so has a table of it, whose frame is not known."""
+    _, whole = measured()
+    begun = replace(whole, source='begun', **{name: getattr(whole, name)[:40] for name in (
+        'table_position', 'ball', 'centre', 'angle_deviation', 'approach')})
+    table = replace(whole, source='table', frame=None, centre=whole.centre + 1e-16)
+    for runs in ([begun, whole], [whole, begun], [begun, table]):
+        with pytest.raises(InvalidData, match='begun: wanted another run than .*, got 40 of its 40 ball centres there, '
+                           'too, as where a run was resumed; leave it out'):
+            evaluate_jointly(runs)
+    with pytest.raises(InvalidData, match='got the same ball centres in both; leave one out'):
+        evaluate_jointly([whole, table])
+
+
 @pytest.mark.parametrize('kind', ['turned', 'senses'])
 def test_normalised_errors_of_simulated_runs(kind):
     """Over 20 machines the errors of the curves are as large as their uncertainties say: 0.8 to 1.2."""

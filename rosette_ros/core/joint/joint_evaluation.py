@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy.spatial
 from scipy import special
 
 from rosette_ros.core import axes
@@ -26,6 +27,8 @@ NEAR, NEARLY_ALONG = 1e-3, 5e-3
 """Table frames that differ by less, m and rad, are two findings of one."""
 SAME_PLATE = 0.5
 """Distances of balls differ by less than this share of the median of all turns, where a turn is found."""
+SAME_READING, SAME_SHARE = 1e-9, 0.9
+"""Ball centres that differ by less, m, are one reading; runs with such a share of the smaller one are refused."""
 LEAST_DISTANCES = 6
 """Distances, those of four balls, that two runs have in common at least after a turn that is looked at."""
 
@@ -178,12 +181,19 @@ _FIELDS = {'calibrated plate': 'trusts_plates', 'calibrated CMM': 'cmm_is_calibr
 
 
 def _refuse_twice(runs: Sequence[Readings]) -> None:
-    """Refuse a run that is given twice: its noise would count as that of two."""
+    """Refuse readings that are given twice, under whatever name or format: their noise would count as that of two."""
     for place, run in enumerate(runs):
         for other in runs[:place]:
-            if run.size == other.size and np.array_equal(run.centre, other.centre):
+            short, long = (run, other) if run.size < other.size else (other, run)
+            there = long.seen_from(short.frame) if short.frame and long.frame else long
+            apart = scipy.spatial.cKDTree(there.centre).query(short.centre, p=np.inf)[0]
+            same = int(np.count_nonzero(apart < SAME_READING))
+            if same == run.size == other.size:
                 raise InvalidData(f'{other.source} and {run.source}: wanted different runs, got the same ball centres '
                                   'in both; leave one out')
+            if same >= SAME_SHARE * short.size:
+                raise InvalidData(f'{short.source}: wanted another run than {long.source}, got {same} of its '
+                                  f'{short.size} ball centres there, too, as where a run was resumed; leave it out')
 
 
 def _refuse_other_axes(runs: Sequence[Readings]) -> None:
