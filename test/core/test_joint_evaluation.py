@@ -88,6 +88,7 @@ def test_without_the_frames_the_means_of_the_reversal_are_not_known():
     assert result.sharing.frame == ('1', '2')
     assert not any(result.reversals[0].is_known)
     assert 'reversal: mean of crz' in result.knowledge.hidden
+    assert result.knowledge.known == ('the reversal of all six curves, but for its means',)
     assert any('determined its table frame anew' in note for note in result.notes)
     assert all(evaluate_jointly(pair, {'frame': ('1', '1')}).reversals[0].is_known)
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a joint evaluation determines, and what it does not, in words."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,8 @@ ECCENTRICITY, TILT = 'once-per-turn part of (ctx, cty): eccentricity', 'once-per
 SCALE, HEIGHT = 'radial scale of plate and CMM', 'height and turn about z between plate and CMM'
 _PARTS = (('mean of ctx and cty', 'radial', 0), ('mean of ctz', 'axial', 0), ('mean of crx and cry', 'tilt', 0),
           ('mean of crz', 'angular', 0), (ECCENTRICITY, 'radial', 1), (TILT, 'tilt', 1))
+
+MEANS = tuple(name for name, _, order in _PARTS if order == 0)
 
 
 @dataclass(frozen=True)
@@ -42,12 +44,20 @@ def knowledge(solution: JointSolution) -> Knowledge:
             known.append(f'{prefix}harmonics up to {half}{except_words}, at {one.angle.size} table angles')
     for forwards, back in pairs_of_senses(solution):
         parts, waves = _of_curves(solution.hidden[back.place] - solution.hidden[forwards.place], forwards.angle)
-        known += ['the reversal of all six curves' + ('' if parts or waves else ', with its means')]
+        known.append(f'the reversal of all six curves, {_with_or_but(parts, waves)}')
         hidden += [f'reversal: {name}' for name in parts]
         hidden += [f'reversal: harmonics {_numbers(waves)}'] if waves else []
     common = [name for name in (SCALE, HEIGHT) if _is_hidden(solution, name)]
     known += [name for name in (SCALE, HEIGHT) if name not in common]
     return Knowledge(tuple(dict.fromkeys(known)), tuple(dict.fromkeys([*hidden, *common])))
+
+
+def _with_or_but(parts: Sequence[str], waves: Sequence[int]) -> str:
+    """Return that a reversal is known with its means, or what of it is not: parts of _PARTS, harmonics."""
+    if not parts and not waves:
+        return 'with its means'
+    but = ['means', *[name for name in parts if name not in MEANS]] if {*MEANS} <= {*parts} else [*parts]
+    return f'but for its {", ".join([*but, *[f"harmonics {_numbers(waves)}"] * bool(waves)])}'
 
 
 def pairs_of_senses(solution: JointSolution) -> list[tuple[TableSet, TableSet]]:
