@@ -143,7 +143,9 @@ def joint_rows(result: JointResult) -> list[tuple[str, str]]:
         fit += ', one model does not fit'
     return [('Model', f'{solution.model.unknowns} unknowns, rank {solution.rank}, {solution.dof} degrees of freedom; '
                       f'{solution.hidden.shape[1]} combinations are hidden, {solution.hidden_in_curves} of them in the '
-                      'curves, and removed from them'),
+                      'curves, and removed from them'
+                      + ', with means and once-per-turn parts that are known only together' * bool(
+                          solution.known_together)),
             ('Residual', f'{text.micrometres(result.rms)} rms per coordinate{fit}'),
             ('Uncertainty', f'from {text.micrometres(result.sigma)} per coordinate of a ball centre, estimated from '
                             f'{result.sigma_source}'),

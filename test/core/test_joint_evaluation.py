@@ -93,6 +93,24 @@ def test_without_the_frames_the_means_of_the_reversal_are_not_known():
     assert all(evaluate_jointly(pair, {'frame': ('1', '1')}).reversals[0].is_known)
 
 
+def test_means_that_are_known_only_together_are_taken_out():
+    """One reading in the other sense joins two frames: it tells sums of means, which no mean may have in part."""
+    (machine, first), (_, second) = measured(hidden='backlash'), measured(hidden='backlash', sense=-1, noise=1)
+    one = (np.arange(second.size) == np.argmax(second.table_position == 1)) * 2
+    result = evaluate_jointly([replace(first, frame=None), replace(second, frame=None, approach=second.approach + one)])
+    assert result.solution.known_together > 0
+    (reversal,) = result.reversals
+    assert reversal.is_known.count(False) >= 4
+    unknown = ~np.array(reversal.is_known)
+    means = np.array([motions.values.mean(axis=0)[unknown] for _, motions in result.curves])
+    assert np.abs(means).max() < 1e-15
+    assert np.abs(reversal.motions.values.mean(axis=0)[unknown]).max() < 1e-15
+    truth = remove_gauge(machine.table_truth(frame=first.frame))
+    for _, motions in result.curves:
+        error = ((motions.values - motions.values.mean(axis=0) - truth) / motions.u)[:, unknown]
+        assert np.sqrt(np.mean(error**2)) < 1.4
+
+
 @pytest.mark.parametrize('turn', [0.0, 90.0, 225.0])
 def test_the_turn_of_a_plate_shows_in_its_deviations(turn):
     """Whole pitches, from the distances between the balls; another plate shows none."""

@@ -129,8 +129,8 @@ class JointResult:
                 u.reshape(-1, 3))
 
     def _of(self, one: TableSet) -> tuple[Floats, Floats]:
-        mix = self.solution.mix[one.place]
-        return self.solution.unknowns[one.place].reshape(-1, 6), mix.reshape(one.angle.size, 6, -1)
+        mix = self.solution.mix_of_curves[one.place]
+        return self.solution.curves[one.place].reshape(-1, 6), mix.reshape(one.angle.size, 6, -1)
 
     def _motions(self, angle: Floats, values: Floats, mix: Floats) -> ErrorMotions:
         scale = np.array([1, 1, 1, *[1 / self.solution.model.lever] * 3])

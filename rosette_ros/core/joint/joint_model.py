@@ -192,7 +192,8 @@ class JointSolution:
     """The least squares of a JointModel: unknowns (q,), residual (N, 3), rss, rank; hidden: (q, h) directions.
 
     mix: (q, rank), such that mix mix' is the cofactor matrix of the unknowns; hidden_in_curves: how many of the hidden
-    directions change curves.
+    directions change curves; curves, mix_of_curves: the part of both that is of curves, without means and once-per-turn
+    parts that are known only together, by known_together combinations.
     """
 
     def __init__(self, model: JointModel) -> None:
@@ -210,6 +211,11 @@ class JointSolution:
         self.mix = self._in_gauge(mix)
         self._normal = mix, design.T
         self.unknowns = self.solved(model.centre)
+        place = model.groups['curves']
+        together = _known_together(model, self.hidden[place], self._fixes[0][3].T)
+        self.known_together = together.shape[1]
+        self.curves: Floats = self.unknowns[place] - together @ (together.T @ self.unknowns[place])
+        self.mix_of_curves: Floats = self.mix[place] - together @ (together.T @ self.mix[place])
         self.residual: Floats = model.centre - model.predicted(self.unknowns)
         self.rss = float(np.sum(self.residual**2))
 
@@ -250,6 +256,33 @@ def _gauge(model: JointModel, hidden: Floats) -> Any:
         count = int(np.sum(size > HIDDEN_PART))
         yield place, count, hidden @ (right[:count].T / size[:count]), left[:, :count].T
         hidden = hidden @ right[count:].T
+
+
+def _known_together(model: JointModel, hidden: Floats, gone: Floats) -> Floats:
+    """Return what to take out of curves beside the hidden directions, orthonormal (g, k); gone: these in curves.
+
+    A few readings that join two runs may tell the sum of two means but neither of them: hidden is their difference, and
+    the least curves would share out the sum. So a mean or a once-per-turn part goes wholly where a hidden direction
+    changes it: where that is the same in several sets, what they have in common, else that of each set.
+    """
+    parts = np.zeros((10, len(model.sets), len(hidden)))
+    sizes = np.zeros((10, len(model.sets), hidden.shape[1]))
+    for number, one in enumerate(model.sets):
+        c, s = np.cos(one.angle), np.sin(one.angle)
+        of_set = np.zeros((10, one.angle.size, 6))
+        of_set[range(6), :, range(6)] = 1.0
+        for place, axis in ((6, 0), (8, 3)):  # eccentricity and tilt, along x and y of the table
+            of_set[place, :, axis], of_set[place, :, axis + 1] = c, s
+            of_set[place + 1, :, axis], of_set[place + 1, :, axis + 1] = -s, c
+        parts[:, number, one.place] = of_set.reshape(10, -1) / np.sqrt(one.angle.size)
+        sizes[:, number] = np.linalg.pinv(parts[:, number, one.place].T) @ hidden[one.place]
+    found = []
+    for part, size in zip(parts, sizes, strict=True):
+        left, value, _ = np.linalg.svd(size, full_matrices=False)
+        found.append(part.T @ left[:, value > HIDDEN_PART])
+    every = np.concatenate(found, axis=1)
+    left, value, _ = np.linalg.svd(every - gone @ (gone.T @ every), full_matrices=False)
+    return np.asarray(left[:, value > HIDDEN_PART])
 
 
 def _agreed(base: Floats, phi: Floats, ball: Ints, cmm: Ints) -> Floats:
