@@ -70,7 +70,7 @@ def run(options: Namespace) -> None:
         raise UsageError(f'correct: wanted a table of at most {MOST_LINES} lines, got --range {low:g} {high:g} with '
                          f'--step {step:g}; take a larger --step or a smaller --range')
     refuse_output(options.output, options.force)
-    correction, table, verdict = _correction(options, corrected)
+    correction, table, verdict, unknown = _correction(options, corrected)
     if options.target == 'linuxcnc':
         text = linuxcnc_compensation(correction, low, high, step)
     elif options.target == 'csv':
@@ -85,6 +85,8 @@ def run(options: Namespace) -> None:
             out.print('What the model lacks may be in these curves: add it first (rosette add).')
     print_parts(out, [correction_table(correction)])
     lines = [f'Harmonics: up to {correction.harmonics} of the table angle, those that the run determines.']
+    if unknown:
+        lines.append(f'Not corrected, as the runs do not tell it: the mean of the reversal of {", ".join(unknown)}.')
     if step:
         bound = dict(zip(CURVES, correction.curvature() * np.deg2rad(step)**2 / 8))
         missed = ((max([bound[one] for one in corrected if one.startswith(kind)], default=None), unit)
@@ -99,8 +101,9 @@ def run(options: Namespace) -> None:
     out.print('\n' + escape('\n'.join(lines)), soft_wrap=True)
 
 
-def _correction(options: Namespace, corrected: tuple[str, ...]) -> tuple[Correction, str, Verdict | None]:
-    """Return the Correction, the serial number of the table, and the verdict where one run was judged."""
+def _correction(options: Namespace, corrected: tuple[str, ...]
+                ) -> tuple[Correction, str, Verdict | None, list[str]]:
+    """Return the Correction, the table's serial number, the verdict of one run, and curves of unknown mean reversal."""
     if is_joint(options):
         result = evaluate_jointly([open_readings(path, options.run_id) for path in options.run_path],
                                   read_sharing(options.share, len(options.run_path)))
@@ -109,8 +112,11 @@ def _correction(options: Namespace, corrected: tuple[str, ...]) -> tuple[Correct
         by_sense = {table.sense: motions for table, motions in result.curves if table.name == first}
         forward, backward = (by_sense.get(sense, by_sense.get(0)) for sense in (1, -1))
         known = [one for one in (forward, backward) if one is not None]
+        unknown = [curve for curve, *are_known in zip(CURVES, *[one.is_known for one in result.reversals
+                                                                if one.table == first])
+                   if curve in corrected and not all(are_known)]
         return (Correction(known[0], known[-1], corrected, '+'.join(one.run_id for one in runs),
-                           any(one.simulated for one in runs)), identity['table.serial'], None)
+                           any(one.simulated for one in runs)), identity['table.serial'], None, unknown)
     run, identity, _ = open_identified(options.run_path[0], options.run_id, options.identity)
     if run.table_offset:
         raise UsageError(f'{options.run_path[0]}: wanted a run whose table position 1 is at angle 0, got '
@@ -118,7 +124,7 @@ def _correction(options: Namespace, corrected: tuple[str, ...]) -> tuple[Correct
     fit = analyse(run, read_model(options.model))
     verdict = judge(fit.run, fit.model) if run.n <= MOST_BALLS_JUDGED else None
     motions = fit.error_motions
-    return Correction(motions, motions, corrected, run.run_id, run.simulated), identity['table.serial'], verdict
+    return Correction(motions, motions, corrected, run.run_id, run.simulated), identity['table.serial'], verdict, []
 
 
 def _in_unit(size: float, unit: str) -> str:

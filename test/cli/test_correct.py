@@ -129,7 +129,14 @@ def test_both_senses_of_turning_get_their_own_curves(rosette, tmp_path):
                    approach=-forward.approach)
     for path, scheme in zip(paths, (forward, back)):
         write_csv(Machine(config).run(scheme, run_id=path.stem), path)
-    assert rosette('correct', *paths, '--joint', '-o', tmp_path / 'c.yaml').code == 0
+    told = rosette('correct', *paths, '--joint', '-o', tmp_path / 'c.yaml', '--curves', 'ctz,crz')
+    assert told.code == 0
+    assert 'Not corrected, as the runs do not tell it: the mean of the reversal of ctz, crz.' in told.out
+    share = tmp_path / 'share.yaml'
+    share.write_text('schema: rosette-sharing/1\nframe: shared\n')
+    told = rosette('correct', *paths, '--share', share, '-o', tmp_path / 'c.yaml', '--force')
+    assert told.code == 0
+    assert 'Not corrected' not in told.out
     correction, _ = read_correction(tmp_path / 'c.yaml')
     assert correction.run_id == '1+2'
     assert correction.backward is not correction.forward
