@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from rosette_ros.analysis import analyse
 from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, head, print_json, print_parts, print_verdict, warn
-from rosette_ros.core.correction_check import check_correction
+from rosette_ros.core.correction_check import backward_share, check_correction
 from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.io.correction_file import read_correction
 from rosette_ros.io.model_file import read_model
@@ -35,7 +35,8 @@ def run(options: Namespace) -> int:
     others = [f'{path}: is of table {identity["table.serial"]}, the correction of table {serial}'
               for path, (_, identity, _) in zip((options.before, options.after), opened)
               if serial and identity['table.serial'] not in ('', serial)]
-    check = check_correction(before.error_motions, after.error_motions, correction, others)
+    check = check_correction(before.error_motions, after.error_motions, correction, others,
+                             (backward_share(before.run), backward_share(after.run)))
     code = 0 if check.level is Level.GOOD else NOT_CONFIRMED
     if options.json:
         print_json({**check_json(check, (before.run.run_id, after.run.run_id)), 'remarks': others})

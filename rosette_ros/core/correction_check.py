@@ -13,7 +13,7 @@ from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.error_summary import COVERAGE_FACTOR, peak_to_valley
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import TWO_PI
-from rosette_ros.core.records import CURVES, ErrorMotions, Floats, remove_gauge
+from rosette_ros.core.records import CURVES, ErrorMotions, Floats, Run, remove_gauge
 
 GAUGED = {'ctx': 2, 'cty': 2, 'crx': 2, 'cry': 2}
 """Degrees of freedom that the gauge takes of a curve: its mean, and half of a once-per-turn part of two curves."""
@@ -159,34 +159,58 @@ class CorrectionCheck:
         return 'Compare the model with the run after the correction: rosette diagnose AFTER.'
 
 
+def backward_share(run: Run) -> Floats:
+    """Return the share of the readings at each table position to which the table turned in its negative sense, (n,)."""
+    place = run.table_position - 1
+    return np.bincount(place, run.approach < 0, run.n) / np.maximum(np.bincount(place, minlength=run.n), 1)
+
+
 def check_correction(before: ErrorMotions, after: ErrorMotions, correction: Correction,
-                     contradictions: Sequence[str] = ()) -> CorrectionCheck:
+                     contradictions: Sequence[str] = (),
+                     backward: tuple[Floats | float, Floats | float] = (0.0, 0.0)) -> CorrectionCheck:
     """Return the CorrectionCheck of two runs, one before and one after a correction was put to work.
 
     With the curves b before, a after and c of the correction: a = b - g c, and g = 1 where it did what it promised; the
     variance of a point of a - (b - c) is u_a^2 + u_b^2 then. The correction is of the table before where b - c is
-    noise of u_b^2 + u_c^2, or 0 (the same run). contradictions: see CorrectionCheck. Raises InvalidData where the
-    angles of the runs differ.
+    noise of u_b^2 + u_c^2, or 0 (the same run). All are freed of what no run can know. contradictions: see
+    CorrectionCheck; backward: as of backward_share, before and after: a run is compared with the mean of both senses
+    that it measured, and where the run after is in another sense, the reversal that the correction states is added to
+    b. Raises InvalidData where the angles of the runs differ.
     """
     if before.angle.size != after.angle.size or np.abs(
             np.angle(np.exp(1j * (before.angle - after.angle)))).max() > 0.01 * TWO_PI / before.angle.size:
         first, second = (f'{one.angle.size} angles from {np.rad2deg(one.angle[0]):.4g}°' for one in (before, after))
         raise InvalidData(f'verify: wanted two runs at the same angles of the table, got {first} before and {second} '
                           'after the correction; measure both with the same balls and table offset')
-    taken = correction.errors(before.angle)
-    variance, own = before.u**2 + after.u**2, (correction.forward.u**2).mean(axis=0)
+    whole = replace(correction, corrected=CURVES)
+    reversal = _in_senses(whole, before.angle, backward[1]) - _in_senses(whole, before.angle, backward[0])
+    before, after = (replace(one, values=remove_gauge(one.values + added, before.angle))
+                     for one, added in ((before, reversal), (after, 0.0)))
+    taken = remove_gauge(_in_senses(correction, before.angle, backward[1]), before.angle)
+    variance, share = before.u**2 + after.u**2, float(np.mean(backward[0]))
+    own = ((1 - share) * correction.forward.u**2).mean(axis=0) + (share * correction.backward.u**2).mean(axis=0)
     same_run = np.abs(taken - before.values)[:, [curve in correction.corrected for curve in CURVES]].max(initial=0)
     found = tuple(_corrected(place, before.values[:, place], after.values[:, place], taken[:, place],
                              variance[:, place], float(own[place]), curve in correction.corrected)
                   for place, curve in enumerate(CURVES))
     differs = [_p(before.values[:, place] - taken[:, place], before.u[:, place]**2 + own[place], curve)
                for place, curve in enumerate(CURVES) if curve in correction.corrected]
-    misplaced = _misplacement(before, after, correction, variance, found)
+    misplaced = _misplacement(before, after, correction, variance, found, backward[1])
     if misplaced:
         found = tuple(replace(one, result=Effectiveness.MISPLACED) if one.level is Level.BAD and
                       one.curve in correction.corrected else one for one in found)
     return CorrectionCheck(found, misplaced, 1.0 if same_run < 1e-12 else min(differs, default=1.0),
                            tuple(contradictions))
+
+
+def _in_senses(correction: Correction, angle: Floats, backward: Floats | float, sense: int = 1) -> Floats:
+    """Return the errors of a correction as a run finds them that comes to angles in both senses, (m, 6).
+
+    backward: share of the readings that came in the negative sense of the table, 0 or 1 in one sense; sense: -1 where
+    the angle of the controller runs the other way.
+    """
+    share = np.broadcast_to(backward, angle.shape)[:, None]
+    return (1 - share) * correction.errors(angle, sense) + share * correction.errors(angle, -sense)
 
 
 def _corrected(place: int, before: Floats, after: Floats, taken: Floats, variance: Floats, own: float,
@@ -219,7 +243,7 @@ def _p(difference: Floats, variance: Floats, curve: str) -> float:
 
 
 def _misplacement(before: ErrorMotions, after: ErrorMotions, correction: Correction, variance: Floats,
-                  found: Sequence[CorrectedError]) -> Misplacement | None:
+                  found: Sequence[CorrectedError], backward: Floats | float) -> Misplacement | None:
     """Return where the correction acted instead of its place, None where that explains nothing.
 
     What was taken off in its place, with the wrong sign or not at all is the simpler explanation where it is as good.
@@ -230,7 +254,7 @@ def _misplacement(before: ErrorMotions, after: ErrorMotions, correction: Correct
     angle = before.angle
 
     def taken(shift: float, sense: int = 1) -> Floats:
-        return correction.errors(sense * (angle - shift))
+        return _in_senses(correction, sense * (angle - shift), backward, sense)
 
     def misfit(off: Floats) -> float:
         return float(np.sum(remove_gauge(after.values - before.values + off, angle)[:, used]**2 / variance[:, used]))

@@ -141,3 +141,49 @@ def test_both_senses_of_turning_get_their_own_curves(rosette, tmp_path):
     assert correction.run_id == '1+2'
     assert correction.backward is not correction.forward
     assert np.abs(correction.backward.values - correction.forward.values).max() < 1e-6  # one table without backlash
+
+
+@pytest.fixture
+def in_senses(tmp_path):
+    """Return a function that measures a table with backlash: forward (1), backward (-1) or in both senses (0)."""
+    def run(name, sense, seed, **settings):
+        config = machine_config({**MACHINE, 'hidden': [{'kind': 'table_backlash', 'width_urad': 6.0}], 'seed': seed,
+                                 'table': {**MACHINE['table'], **settings}})
+        machine, path, forward = Machine(config), tmp_path / f'{name}.csv', plan(12, 'diagonal')
+        machine.run(forward)
+        scheme = plan(12, 'there_and_back') if sense == 0 else replace(forward, approach=sense * forward.approach)
+        write_csv(machine.run(scheme, run_id=name), path)
+        return path
+    return run
+
+
+@pytest.mark.parametrize('sense', [1, -1, 0])
+def test_a_correction_for_both_senses_is_verified_in_that_of_the_run(rosette, in_senses, tmp_path, sense):
+    """A reversal of 3 microradian is a mean that no run alone knows; each run is held against what it measured."""
+    file = tmp_path / 'c.yaml'
+    assert rosette('correct', in_senses('fw', 1, 4), in_senses('bw', -1, 4), '--joint', '-o', file).code == 0
+    stated = read_correction(file)[0]
+    assert np.ptp([stated.forward.values[:, 5].mean(), stated.backward.values[:, 5].mean()]) > 2e-6
+    before = {1: 'fw', -1: 'bw', 0: 'both'}[sense]
+    if sense == 0:
+        in_senses('both', 0, 4)
+    after = in_senses('after', sense, 4, correction_file=str(file))
+    told = json.loads(rosette('verify', tmp_path / f'{before}.csv', after, '--correction', file, '--json').out)
+    crz = told['errors'][5]
+    assert told['p_of_table'] > 0.05 / 6
+    assert crz['result'] == 'only noise is left'
+    assert abs(crz['taken_off'] - 1) < 4 * crz['u_taken_off']
+    assert not [one for one in told['errors'] if one['level'] == 'bad']
+
+
+def test_each_sense_is_held_against_its_own_curves(rosette, in_senses, tmp_path):
+    """A curve of the file that is wrong in one sense is found by the runs in this one only."""
+    file = tmp_path / 'c.yaml'
+    before = in_senses('fw', 1, 4)
+    assert rosette('correct', before, in_senses('bw', -1, 4), '--joint', '-o', file).code == 0
+    stated = yaml.safe_load(file.read_text())
+    stated['backward']['ctz'] = [-one for one in stated['backward']['ctz']]
+    file.write_text(yaml.safe_dump(stated))
+    backward, forward = (json.loads(rosette('verify', path, path, '--correction', file, '--json').out)
+                         for path in (tmp_path / 'bw.csv', before))
+    assert backward['p_of_table'] < 1e-6 < 0.05 / 6 < forward['p_of_table']
