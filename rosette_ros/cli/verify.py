@@ -35,7 +35,8 @@ def run(options: Namespace) -> int:
     others = [f'{path}: is of table {identity["table.serial"]}, the correction of table {serial}'
               for path, (_, identity, _) in zip((options.before, options.after), opened)
               if serial and identity['table.serial'] not in ('', serial)]
-    check = check_correction(before.error_motions, after.error_motions, correction, others,
+    first, second = (fit.error_motions.turned_back(fit.run.table_offset) for fit in (before, after))
+    check = check_correction(first, second, correction, others,
                              (backward_share(before.run), backward_share(after.run)))
     code = 0 if check.level is Level.GOOD else NOT_CONFIRMED
     if options.json:
@@ -45,6 +46,8 @@ def run(options: Namespace) -> int:
     for fit in (before, after):
         out.print(head(fit.run))
         warn(fit.run)
+    if before.run.table_offset:
+        out.print('The curves below are along x and y of table angle 0, as those of the correction.')
     print_verdict(out, check)
     print_parts(out, [check_table(check)])
     return code

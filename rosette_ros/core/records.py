@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from rosette_ros.core.axes import iso_names
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.geometry import Bools, Floats, Ints, nominal_angles, turned_frame, wrap
+from rosette_ros.core.geometry import Bools, Floats, Ints, nominal_angles, rotate_z, turned_frame, wrap
 from rosette_ros.core.scheme import Way, cmm_position, unknown_sense, unwrap_travel
 
 CURVES = ('ctx', 'cty', 'ctz', 'crx', 'cry', 'crz')
@@ -322,6 +322,18 @@ class ErrorMotions:
                               f'{", ".join(str(one.size) for one in columns)} values')
         values, u = (np.stack(half, axis=-1) for half in (columns[1:7], columns[7:]))
         return ErrorMotions(columns[0], values, u, rotation)
+
+    def turned_back(self, angle: float) -> 'ErrorMotions':
+        """Return the curves along x and y turned by -angle, rad: for a table offset those of angle 0; u unrelated."""
+        if angle == 0:
+            return self
+        turned = rotate_z(angle, self.values.reshape(-1, 2, 3)).reshape(-1, 6)
+        cosine, sine = np.cos(angle)**2, np.sin(angle)**2
+        (x, y), squares = ([0, 3], [1, 4]), self.u**2
+        squares[:, x], squares[:, y] = (cosine * self.u[:, one]**2 + sine * self.u[:, other]**2
+                                        for one, other in ((x, y), (y, x)))
+        rotation = turned_frame(-angle, np.zeros((0, 3)), self.rotation)[1]
+        return ErrorMotions(self.angle, turned, np.sqrt(squares), rotation)
 
     def __getitem__(self, curve: str) -> Floats:
         """Return one curve, (n,), by its VDI/VDE 2617 name."""

@@ -27,10 +27,11 @@ MACHINE = {'seed': 4, 'plate': {'balls': 12},
 @pytest.fixture
 def measure(tmp_path):
     """Return a function that measures with the simulated machine and returns the path of the table."""
-    def run(name, **table):
+    def run(name, offset=0.0, **table):
         path = tmp_path / f'{name}.yaml'
         path.write_text(yaml.safe_dump({**MACHINE, 'table': {**MACHINE['table'], **table}}))
-        write_csv(Machine(load_machine(path)).run(plan(12, 'diagonal'), run_id=name), tmp_path / f'{name}.csv')
+        scheme = plan(12, 'diagonal').shifted(offset)
+        write_csv(Machine(load_machine(path)).run(scheme, run_id=name), tmp_path / f'{name}.csv')
         return tmp_path / f'{name}.csv'
     return run
 
@@ -187,3 +188,13 @@ def test_each_sense_is_held_against_its_own_curves(rosette, in_senses, tmp_path)
     backward, forward = (json.loads(rosette('verify', path, path, '--correction', file, '--json').out)
                          for path in (tmp_path / 'bw.csv', before))
     assert backward['p_of_table'] < 1e-6 < 0.05 / 6 < forward['p_of_table']
+
+
+def test_runs_between_the_steps_are_verified_in_the_axes_of_the_correction(rosette, measure, tmp_path):
+    """Their own x and y are turned by half a step, those of a joint correction are of table angle 0."""
+    runs, file = (measure('zero'), measure('half', 15.0)), tmp_path / 'c.yaml'
+    assert rosette('correct', *runs, '--joint', '-o', file).code == 0
+    done = rosette('verify', runs[1], measure('after', 15.0, correction_file=str(file)), '--correction', file)
+    assert done.code == 0
+    assert 'of ctx, cty, ctz, crx, cry, crz only noise is left.' in done.out
+    assert 'along x and y of table angle 0, as those of the correction.' in done.out

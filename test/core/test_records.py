@@ -6,7 +6,8 @@ import pytest
 from synthetic import synthetic_run
 
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.records import Run, remove_gauge
+from rosette_ros.core.geometry import rotation_matrix
+from rosette_ros.core.records import ErrorMotions, Run, remove_gauge
 
 
 def test_arrays_are_frozen():
@@ -65,3 +66,15 @@ def test_gauge_is_removed_once():
         pair = once[:, x] + 1j * once[:, y]
         assert abs(np.mean(pair * turn.conj())) < 1e-15
         assert abs(np.mean(pair * turn)) > 1e-3
+
+
+def test_curves_of_a_run_between_the_steps_turn_into_the_axes_of_angle_zero():
+    """Where x and y change places at a quarter turn, and so do their uncertainties; the machine frame stays."""
+    rng = np.random.default_rng(0)
+    rotation = rotation_matrix([0.3, -0.2, 0.1])
+    motions = ErrorMotions(np.arange(4.0), rng.standard_normal((4, 6)), rng.uniform(1, 2, (4, 6)), rotation)
+    turned = motions.turned_back(np.pi / 2)
+    np.testing.assert_allclose(turned.values, motions.values[:, [1, 0, 2, 4, 3, 5]] * [-1, 1, 1, -1, 1, 1])
+    np.testing.assert_allclose(turned.u, motions.u[:, [1, 0, 2, 4, 3, 5]])
+    np.testing.assert_allclose(turned.values[:, :3] @ turned.rotation.T, motions.values[:, :3] @ rotation.T)
+    assert motions.turned_back(0.0) is motions
