@@ -383,6 +383,8 @@ def _bounds(fit: Fit, inputs: BudgetInputs, hidden: Sequence[Visibility] | None)
     for name, size in inputs.bounds.items():
         if name not in known:
             raise InvalidData(f'budget: {BOUNDS}: {unknown(name, tuple(known))}')
+        if known[name].reason:
+            continue
         value = size / np.sqrt(3)
         out.append(Contribution(f'hidden: {name}', 'an effect of at most the stated size, rms over the readings', 'B',
                                 'rectangular', value, 'm', np.inf, np.tile(value * known[name].bias, (n, 1)),
@@ -416,8 +418,12 @@ def _open(fit: Fit, inputs: BudgetInputs, touch: TouchScatter | None,
         if harmful:
             out.append('Effects that this order hides altogether and that would change the curves: '
                        f'{", ".join(harmful)}; state a largest size ({BOUNDS}).')
-        unjudged = [f'{one.name} ({one.reason})' for one in hidden if one.reason]
+        unjudged = {one.name: f'{one.name} ({one.reason})' for one in hidden if one.reason}
+        stated = [unjudged.pop(name) for name in inputs.bounds if name in unjudged]
+        if stated:
+            out.append('Effects of stated size that are in no line, as the run does not tell what they do to the '
+                       f'curves: {"; ".join(stated)}.')
         if unjudged:
-            out.append(f'Effects that cannot be judged: {"; ".join(unjudged)}.')
+            out.append(f'Effects that cannot be judged: {"; ".join(unjudged.values())}.')
     out.append(f'Harmonics of the errors above {fit.run.n // 2}: the table positions do not sample them.')
     return out

@@ -224,6 +224,19 @@ def test_hidden_effects_are_bounded_or_named(make_run):
         budget(fitted, BudgetInputs(bounds={'drift': 3e-7}), hidden=shown)
 
 
+def test_a_bound_of_an_effect_that_the_run_cannot_judge_is_no_line_of_zeros(make_run):
+    """Without senses of the table nobody knows what its backlash does: it is named with the reason, once."""
+    run = make_run(6, 'row', noise=NOISE)[0]
+    fitted = fit(run.replace(approach=np.zeros(run.size)))
+    shown = visibility(fitted.run, fitted.sigma)
+    made = budget(fitted, BudgetInputs(bounds={'table_backlash_angle': 3e-7, 'frame_drift': 3e-7}), hidden=shown)
+    assert 'hidden: table_backlash_angle' not in lines(made)
+    assert lines(made)['hidden: frame_drift'].mean.max() > 0
+    named = [words for words in made.open if 'table_backlash_angle (' in words]
+    assert named == ['Effects of stated size that are in no line, as the run does not tell what they do to the curves: '
+                     'table_backlash_angle (the run does not say in which sense the table moved).']
+
+
 def test_what_is_missing_is_told_and_not_invented(make_run):
     """Each section that is not stated is named; a range of temperature is asked for."""
     fitted = fit(make_run(6, noise=NOISE)[0])
