@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from rosette_ros.core.axes import refuse_other_axes
 from rosette_ros.core.diagnosis import comparison as comparison
 from rosette_ros.core.diagnosis import second_run
 from rosette_ros.core.diagnosis.comparison import Comparison
@@ -27,7 +28,7 @@ from rosette_ros.core.model.least_squares import Fit, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.planning.advice import Advice, advise, advise_run
 from rosette_ros.core.planning.visibility import Visibility, visibility
-from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.records import ErrorMotions, Floats, Run
 
 STEPS = ('evaluate', 'compare', 'diagnose', 'ladder', 'advise')
 """Parts of a summary in the order in which they are calculated."""
@@ -44,6 +45,16 @@ def analyse(run: Run, model: Model | None = None) -> Fit:
     """
     model = model or Model()
     return fitted_with_noise(run, model, fit(run, model, choose_settings(run, model)), run.n <= MOST_BALLS_JUDGED)
+
+
+def curves_over(first: Run, other: Run, model: Model | None = None) -> ErrorMotions:
+    """Return the curves of another run along the axes of a first one, to be drawn over its curves.
+
+    Between the steps of the table x and y are turned by its offset. Raises InvalidData where the other run is of a
+    table about another axis; model and NotDeterminable: as of `analyse`.
+    """
+    refuse_other_axes([(run.run_id or run.source, run.rotation) for run in (first, other)])
+    return analyse(other, model).error_motions.turned_back(other.table_offset - first.table_offset)
 
 
 def compare(run: Run, model: Model | None = None) -> Comparison:

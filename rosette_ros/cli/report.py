@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.markup import escape
 
-from rosette_ros.analysis import analyse, evaluate_jointly, summarise
+from rosette_ros.analysis import analyse, curves_over, evaluate_jointly, summarise
 from rosette_ros.cli.arguments import add_shared, keep_inputs, made_folder
 from rosette_ros.cli.console import console, head, print_verdict
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
@@ -106,7 +106,7 @@ def report_run(options: Namespace, place: str) -> None:
     overlays = []
     for over in options.overlay:
         other, other_source = open_source(over)
-        overlays.append(Series(other.run_id or str(over), analyse(other, model).error_motions))
+        overlays.append(Series(other.run_id or str(over), curves_over(measured, other, model)))
         source = replace(source, files=(*source.files, *other_source.files))
     further = tuple(map(digest, filter(None, (options.model, options.identity, options.inputs))))
     source = replace(source, files=(*source.files, *further))

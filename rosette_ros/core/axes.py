@@ -5,6 +5,8 @@ A rotation (3, 3) is that of the table frame in the machine frame, its columns a
 through `Frame`. None: not known, taken as upright, the axes of the table along those of the machine.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -109,6 +111,16 @@ def rotation_of(axis: ArrayLike, x: ArrayLike | None = None) -> Floats:
 def table_axis(rotation: Floats | None) -> Floats:
     """Return the direction of the table axis in the machine, (3,)."""
     return np.array([0.0, 0.0, 1.0]) if rotation is None else rotation[:, 2]
+
+
+def refuse_other_axes(tables: Sequence[tuple[str, Floats | None]]) -> None:
+    """Refuse tables, name and rotation, that point in different directions: curves are named by the first of them."""
+    (first, one), *others = tables
+    for name, other in others:
+        if table_axis(other) @ table_axis(one) < np.cos(ALONG):
+            raise InvalidData('wanted runs of a table about one axis, got ' + ' and '.join(
+                f'{words(table_axis(rotation))}{"" if rotation is not None else ", as none is stated,"} in {which}'
+                for which, rotation in ((first, one), (name, other))) + '; evaluate them apart')
 
 
 def cmm_axes(rotation: Floats | None) -> Floats:

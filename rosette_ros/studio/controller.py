@@ -13,7 +13,7 @@ from typing import TypeVar
 
 from nicegui import Event
 
-from rosette_ros.analysis import LadderStep, analyse, change, cross_check, summarise
+from rosette_ros.analysis import LadderStep, analyse, change, cross_check, curves_over, summarise
 from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import not_determinable
 from rosette_ros.core.error_summary import doubt_of
@@ -160,9 +160,9 @@ class Controller:
         session, ticket, model = self.session, self.session.ticket, self.session.model
         if session.current is None:
             return
-        every = {}
+        every, first = {}, session.current.run
         for one in (session.current, *(session.runs[place] for place in places)):
-            every[one.name] = (await self.do_quick(self._if_current(ticket, analyse), one.run, model)).error_motions
+            every[one.name] = await self.do_quick(self._if_current(ticket, curves_over), first, one.run, model)
         self.overlaid, self.error = (ticket, every), ''
         self.changed.emit()
 

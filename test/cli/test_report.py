@@ -4,8 +4,16 @@
 import csv
 import json
 
+import numpy as np
 import pytest
 from simulated import simulated_table
+
+from rosette_ros.analysis import curves_over
+from rosette_ros.core.correction import Correction
+from rosette_ros.core.records import CURVES
+from rosette_ros.core.scheme import plan
+from rosette_ros.io.ball_centre_table import write_csv
+from rosette_ros.simulation import Machine, MachineConfig
 
 N = 8
 
@@ -113,6 +121,35 @@ def test_what_cannot_be_reported(refused, here, words, said):
     path = simulated_table('clean', 6)
     assert said in refused('report', *(path if word == 'RUN' else word for word in words))
     assert list(here.iterdir()) == []
+
+
+def test_a_run_between_the_steps_is_laid_over_along_the_same_axes(rosette, here):
+    """Its own x and y are turned by half a step; at other angles there are no differences, and the page says so."""
+    config = MachineConfig().changed(seed=1, plate={'balls': N}, table={'translation_um': 2.0, 'harmonics': 2})
+    machine, paths = Machine(config), [here / 'zero.csv', here / 'half.csv']
+    runs = [machine.run(plan(N, 'diagonal').shifted(degrees), run_id=path.stem)
+            for degrees, path in zip((0.0, 22.5), paths, strict=True)]
+    for one, path in zip(runs, paths, strict=True):
+        write_csv(one, path)
+    assert rosette('report', *paths[:1], '-o', 'page.html', '--overlay', paths[1]).code == 0
+    page = (here / 'page.html').read_text(encoding='utf-8')
+    assert 'half: measured at other table angles; no differences.' in page
+    zero, half = (curves_over(runs[0], one) for one in runs)
+    between = Correction(zero, zero).errors(half.angle)
+    for curve in ('ctx', 'cty'):
+        place = CURVES.index(curve)
+        less = half.values[:, place] - between[:, place]
+        assert np.ptp(less) < 0.3 * np.ptp(half.values[:, place]), curve
+
+
+def test_a_table_about_another_axis_is_not_laid_over(refused, here):
+    """Its curves have the same names, and are others."""
+    upright, lying = simulated_table('clean', 6), here / 'lying.csv'
+    config = MachineConfig().changed(plate={'balls': 6}, placement={'axis': (1.0, 0.0, 0.0)})
+    write_csv(Machine(config).run(plan(6, 'diagonal'), run_id='lying'), lying)
+    said = refused('report', upright, '-o', 'page.html', '--overlay', lying)
+    assert 'wanted runs of a table about one axis, got (' in said and ' in lying; evaluate them apart' in said
+    assert not (here / 'page.html').exists()
 
 
 def test_runs_beside_one_another(rosette, here):

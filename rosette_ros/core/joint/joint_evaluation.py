@@ -147,7 +147,7 @@ def evaluate_jointly(runs: Sequence[Readings], declared: Mapping[str, Any] | Non
     """
     declared = dict(declared or {})
     _refuse_twice(runs)
-    _refuse_other_axes(runs)
+    axes.refuse_other_axes([(run.name, run.rotation) for run in runs])
     runs, wanted, notes = default_sharing(runs, declared)
     _refuse_unlike_plates(runs, wanted)
     solution = JointSolution(JointModel(runs, wanted))
@@ -194,16 +194,6 @@ def _refuse_twice(runs: Sequence[Readings]) -> None:
             if same >= SAME_SHARE * short.size:
                 raise InvalidData(f'{short.source}: wanted another run than {long.source}, got {same} of its '
                                   f'{short.size} ball centres there, too, as where a run was resumed; leave it out')
-
-
-def _refuse_other_axes(runs: Sequence[Readings]) -> None:
-    """Refuse tables that point in different directions: curves and places would be named by the first of them."""
-    first, *others = [axes.table_axis(run.rotation) for run in runs]
-    for run, axis in zip(runs[1:], others):
-        if axis @ first < np.cos(axes.ALONG):
-            raise InvalidData('wanted runs of a table about one axis, got ' + ' and '.join(
-                f'{axes.words(one)}{"" if which.rotation is not None else ", as none is stated,"} in {which.name}'
-                for one, which in ((first, runs[0]), (axis, run))) + '; evaluate them apart')
 
 
 def _refuse_unlike_plates(runs: Sequence[Readings], sharing: Sharing) -> None:

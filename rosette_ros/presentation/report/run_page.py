@@ -77,6 +77,7 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
         simulated=SIMULATED * run.simulated,
         running=f'{run.run_id or run.source}{" (SIMULATED)" * run.simulated}', model=format_model(summary.final.model),
         numbers={name: place for place, name in enumerate(pictures, 1)}, software=software(), overlays=overlays,
+        elsewhere=[one.label for one in overlays if difference(one.motions, summary.final.error_motions) is None],
         others=[one.effect for one in summary.diagnosis.candidates[MOST_CANDIDATES:]])
 
 
