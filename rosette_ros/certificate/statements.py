@@ -170,8 +170,9 @@ def _of_several(paths: Sequence[str | Path], inputs: Inputs) -> Certificate:
             runs.append(_measured(*open_source(path, inputs.run_id)))
     rows = dict(joint_rows(result))
     evaluation = tuple((name, rows[name]) for name in ('Model', 'Residual', 'Uncertainty', 'Known'))
+    names = tuple(f'{run.name}:' for run in result.solution.model.runs)  # a name stays as it is
     unknown = [f'The readings do not tell, and the curves are free of: {rows["Not known"]}.', *(
-        f'{note[0].upper()}{note[1:]}.' for note in result.notes)]
+        f'{note if note.startswith(names) else note[0].upper() + note[1:]}.' for note in result.notes)]
     return _stated(inputs, identity, (*contradictions, *changed), runs, sets, verdict, evaluation, unknown,
                    tuple(dict.fromkeys(file for _, files in opened for file in files)))
 

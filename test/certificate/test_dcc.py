@@ -264,6 +264,14 @@ def test_several_runs_have_one_document():
         *texts(root, '//dcc:influenceCondition/dcc:name/dcc:content')}
 
 
+def test_the_name_of_a_run_is_stated_as_it_is():
+    """Also where it begins a sentence."""
+    paths = table('straight', 'diagonal', 1, 8), table('turned', 'diagonal', 1, 8, clamping={'plate_turn_deg': 90.0})
+    certificate = state(paths, made('joint')[1].inputs)
+    words, = (one for one in certificate.unknown if 'the plate was turned' in one)
+    assert words == ('turned: the deviations of the balls show that the plate was turned by 90° against straight.')
+
+
 def test_temperatures_are_conditions_or_said_to_be_missing():
     """Lowest, highest and mean in degrees Celsius, or the words."""
     assert len(root_of('clean').xpath('//si:unit[text()="\\degreecelsius"]', namespaces=NAMES)) == 3
