@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
+from rosette_ros import command
 from rosette_ros.archive.log_finder import FoundLog, find_logs
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.table_history import History, read_history
@@ -141,12 +142,13 @@ def trend_conclusion(trends: Sequence[TrendComparison]) -> tuple[str, ...]:
             f'{len(slopes)} curves.')
 
 
-def conclusion(changes: Sequence[RunChange], terms: Sequence[Term], failed: int = 0) -> tuple[str, ...]:
+def conclusion(changes: Sequence[RunChange], terms: Sequence[Term], archive: RunArchive,
+               failed: int = 0) -> tuple[str, ...]:
     """Return in sentences what the comparison says.
 
     terms: that the model after has and before lacks; failed: number of runs that could not be evaluated."""
-    left = (f'{counted(failed, "run")} could not be evaluated under both models (rosette archive query --problems).',
-            ) if failed else ()
+    problems = command('archive', 'query', archive.folder, '--problems')
+    left = (f'{counted(failed, "run")} could not be evaluated under both models: {problems}',) if failed else ()
     if not changes:
         return ('No run was evaluated under both models.', *left)
 

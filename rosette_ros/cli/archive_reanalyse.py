@@ -49,7 +49,7 @@ def run(options: Namespace) -> None:
     changes = reanalysis.side_by_side(archive, before, after)
     trends = reanalysis.trends_side_by_side(archive, before, after)
     added = [term for term in after.terms if term.name not in before.names]
-    said = (*reanalysis.conclusion(changes, added, reanalysis.not_evaluated(archive, before, after)),
+    said = (*reanalysis.conclusion(changes, added, archive, reanalysis.not_evaluated(archive, before, after)),
             *reanalysis.trend_conclusion(trends))
     if options.json:
         print_json({'schema': SCHEMA, 'before': before.to_mapping(), 'after': after.to_mapping(), 'conclusion': said,
@@ -68,7 +68,7 @@ def run(options: Namespace) -> None:
         out.print(f'{counted(len(lost), "log")} not found where {"it was" if len(lost) == 1 else "they were"}, such as '
                   f'{lost[0]}', markup=False)
     for sentence in said:
-        out.print(sentence, markup=False)
+        out.print(sentence, markup=False, soft_wrap=True)
     print_parts(out, [table, *_trend_tables(trends)])
 
 

@@ -9,6 +9,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from rosette_ros import command
 from rosette_ros.archive.archive_questions import Question, ask, ask_for
 from rosette_ros.archive.reanalysis import (
     conclusion,
@@ -115,17 +116,17 @@ def test_two_models_side_by_side(archive):
     found = changes[4]
     assert (found.before, found.after) == (MICROMETRE, MICROMETRE / 10)
     assert np.allclose(found.change, 3 * U, rtol=1e-12) and np.allclose(found.of_u, 3, rtol=1e-12)
-    assert conclusion(changes, CREEP.terms) == (
+    assert conclusion(changes, CREEP.terms, archive) == (
         'The residual falls by more than 10 % in 1 of 6 runs, most in r3.',
         'The curves move by more than U (k = 2), the larger one of both models, in 1 of 6 runs.',
         'plate_creep is there for certain (a parameter of 4 standard uncertainties) in 1 of 6 runs, measured on '
         '2026-01-22.')
     searched = Model().with_effect('frame_pulse')
-    assert conclusion(changes, searched.terms, 2)[2:] == (
+    assert conclusion(changes, searched.terms, archive, 2)[2:] == (
         'frame_pulse has a parameter of 4 standard uncertainties in 0 of 6 runs; whether it is there is told by '
         'rosette diagnose, which counts that its place was searched.',
-        '2 runs could not be evaluated under both models (rosette archive query --problems).')
-    assert conclusion([], []) == ('No run was evaluated under both models.',)
+        f'2 runs could not be evaluated under both models: {command("archive", "query", archive.folder, "--problems")}')
+    assert conclusion([], [], archive) == ('No run was evaluated under both models.',)
     assert not_evaluated(archive, BASE, CREEP) == 1
     assert logs_of(archive) == ([], [f'/logs/{number}' for number in (0, 2, 4, 1, 3, 5)] + ['/logs/bad'])
 
