@@ -48,7 +48,7 @@ ARC_SECOND = math.pi / 648000
 _LENGTHS = {**dict.fromkeys(('µm', 'μm', 'um'), 1e-6), 'nm': 1e-9, 'mm': 1e-3}
 _ANGLES = {**dict.fromkeys(('µrad', 'μrad', 'urad'), 1e-6), 'mrad': 1e-3, 'rad': 1.0, **dict.fromkeys(
     ('arcsec', 'arcsecond', 'arcseconds', '″', '"', "''"), ARC_SECOND)}
-_TOLERANCE = re.compile(r'(\d+(?:\.\d+)?(?:[eE][+-]?\d{1,2})?)\s*(\D+)')
+_TOLERANCE = re.compile(r'((?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,2})?)\s*(\D+)')
 _OF_LENGTH = 'length with its unit (nm, µm, mm), such as "1.5 µm"'
 _OF_ANGLE = 'angle with its unit (µrad, mrad, rad, arcsec), such as "2 µrad" or "0.4 arcsec"'
 

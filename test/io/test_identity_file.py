@@ -67,6 +67,7 @@ def test_tolerances_are_lengths_and_angles_of_the_errors_of_the_table():
     other = parsed('tolerances: {crx: 2e-6 rad, cry: 2 arc seconds, crz: "3\'\'", EXC: "2um"}')
     assert other.limits(None) == pytest.approx(
         {'crx': 2e-6, 'cry': np.pi / 324000, 'crz': np.pi / 216000, 'ctx': 2e-6})
+    assert parsed('tolerances: {EXC: .3 µm, cty: 2. um}').limits(None) == pytest.approx({'ctx': 3e-7, 'cty': 2e-6})
     with pytest.raises(InvalidData, match='tolerances: EXC: wanted errors of this table, EYA, EZA, EXA, EBA, ECA, EAA, '
                                           'got one of another axis; ctx … crz go with any axis'):
         found.limits(rotation_of([1, 0, 0]))
