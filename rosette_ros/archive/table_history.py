@@ -198,7 +198,8 @@ def history_of(rows: Sequence[Mapping[str, Any]], serial: str = '', least: int =
 def _limits(row: Mapping[str, Any]) -> dict[str, float]:
     """Return the tolerances that the identity of a run states, by curve, m and rad."""
     rotation = None if row['rotation'] is None else np.reshape(row['rotation'], (3, 3))
-    return parse_identity(row['identity'].encode()).limits(rotation) if 'tolerances' in row['identity'] else {}
+    where = f'{row["run_id"]}: identity'
+    return parse_identity(row['identity'].encode(), where).limits(rotation) if 'tolerances' in row['identity'] else {}
 
 
 def _is_between(row: Mapping[str, Any]) -> bool:

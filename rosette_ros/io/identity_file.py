@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -55,10 +55,14 @@ _OF_ANGLE = 'angle with its unit (µrad, mrad, rad, arcsec), such as "2 µrad" o
 
 @dataclass(frozen=True)
 class Identity:
-    """Entries by section and name, such as `table.serial`; tolerances: as written, by the name of the error."""
+    """Entries by section and name, such as `table.serial`; tolerances: as written, by the name of the error.
+
+    source: of the tolerances, its name in errors.
+    """
 
     entries: Mapping[str, str] = field(default_factory=dict)
     tolerances: Mapping[str, str] = field(default_factory=dict)
+    source: str = field(default='identity', compare=False)
 
     def __getitem__(self, entry: str) -> str:
         """Return an entry, '' where it is not stated."""
@@ -73,7 +77,7 @@ class Identity:
         """Return this with what another one states instead, and the contradictions in words."""
         changed = tuple(f'{key}: {self[key]!r} in the log, {value!r} now' for key, value in other.entries.items()
                         if self[key] not in ('', value))
-        return Identity({**self.entries, **other.entries}, other.tolerances or self.tolerances), changed
+        return replace(other if other.tolerances else self, entries={**self.entries, **other.entries}), changed
 
     def limits(self, rotation: Floats | None) -> dict[str, float]:
         """Return the tolerances of a table, m and rad, by curve; rotation: of the table frame, as of Run.
@@ -81,14 +85,15 @@ class Identity:
         Raises InvalidData where one belongs to a table about another axis, or stands twice."""
         curves = {iso.lstrip('-'): curve for curve, iso in iso_names(rotation).items()}
         found: dict[str, float] = {}
+        where = f'{self.source}: tolerances'
         for name, words in self.tolerances.items():
             curve = curves.get(name, name)
             if curve not in CURVES:
-                raise InvalidData(f'identity: tolerances: {name}: wanted errors of this table, {", ".join(curves)}, '
-                                  'got one of another axis; ctx … crz go with any axis')
+                raise InvalidData(f'{where}: {name}: wanted errors of this table, {", ".join(curves)}, got one of '
+                                  'another axis; ctx … crz go with any axis')
             if curve in found:
-                raise InvalidData(f'identity: tolerances: {name}: wanted each error once, {curve} stands twice')
-            found[curve] = _tolerance(words, SI_UNITS[curve] == 'm', f'identity: tolerances: {name}')
+                raise InvalidData(f'{where}: {name}: wanted each error once, {curve} stands twice')
+            found[curve] = _tolerance(words, SI_UNITS[curve] == 'm', f'{where}: {name}')
         return found
 
 
@@ -117,7 +122,7 @@ def parse_identity(data: bytes, source: str = 'identity') -> Identity:
     if 'measured.begin' in entries and entries.get('measured.end', '9') < entries['measured.begin']:
         raise InvalidData(f'{source}: measured: wanted an end after the begin {entries["measured.begin"]}, got '
                           f'{entries["measured.end"]}')
-    return Identity(entries, _tolerances(values.get('tolerances') or {}, f'{source}: tolerances'))
+    return Identity(entries, _tolerances(values.get('tolerances') or {}, f'{source}: tolerances'), source)
 
 
 def format_identity(identity: Identity) -> str:

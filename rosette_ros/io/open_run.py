@@ -3,6 +3,7 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from rosette_ros.core.errors import InvalidData
@@ -104,7 +105,7 @@ def joint_identity(paths: Sequence[str | Path], run_id: str | None = None, file:
             found = log.identity(log.run(run_id).run_id)
             contradictions += [f'{path}: {key}: {value!r}, {logged[key]!r} in the logs before'
                                for key, value in found.entries.items() if logged[key] not in ('', value)]
-            logged = Identity({**found.entries, **logged.entries}, logged.tolerances or found.tolerances)
+            logged = replace(logged if logged.tolerances else found, entries={**found.entries, **logged.entries})
     identity, changed = stated(logged, file)
     return identity, (*contradictions, *changed)
 

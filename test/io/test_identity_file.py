@@ -68,11 +68,14 @@ def test_tolerances_are_lengths_and_angles_of_the_errors_of_the_table():
     assert other.limits(None) == pytest.approx(
         {'crx': 2e-6, 'cry': np.pi / 324000, 'crz': np.pi / 216000, 'ctx': 2e-6})
     assert parsed('tolerances: {EXC: .3 µm, cty: 2. um}').limits(None) == pytest.approx({'ctx': 3e-7, 'cty': 2e-6})
-    with pytest.raises(InvalidData, match='tolerances: EXC: wanted errors of this table, EYA, EZA, EXA, EBA, ECA, EAA, '
-                                          'got one of another axis; ctx … crz go with any axis'):
+    with pytest.raises(InvalidData, match=r'who\.yaml: tolerances: EXC: wanted errors of this table, EYA, EZA, EXA, '
+                                          'EBA, ECA, EAA, got one of another axis; ctx … crz go with any axis'):
         found.limits(rotation_of([1, 0, 0]))
-    with pytest.raises(InvalidData, match='wanted each error once, ctx stands twice'):
-        parsed('tolerances: {EXC: 1 um, ctx: 2 um}').limits(None)
+    twice = parsed('tolerances: {EXC: 1 um, ctx: 2 um}')
+    later = parse_identity(b'schema: rosette-identity/1\noperator: A', 'later.yaml')
+    for one in (twice, twice.with_changes(later)[0], later.with_changes(twice)[0]):
+        with pytest.raises(InvalidData, match=r'who\.yaml: tolerances: ctx: wanted each error once, ctx stands twice'):
+            one.limits(None)
 
 
 @pytest.mark.parametrize(('data', 'words'), [
