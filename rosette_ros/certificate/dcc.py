@@ -207,7 +207,8 @@ def _error(line: AxisError, probability: float) -> Element:
     ranged = quantity('range, peak to valley (synchronous error)', 'range', line.range, line.expanded)
     if line.tolerance is not None and line.conformity is not None:
         within = 'conditionalPass' if line.range <= line.tolerance else 'conditionalFail'
-        [limit] = quantity('tolerance of the range', 'tolerance', line.tolerance)
+        stated = 1e6 * line.tolerance  # 15 digits: 350 nm are 0.35 µm, not 0.35000000000000003
+        limit = _quantity('tolerance of the range', f'rosette_{line.curve}_tolerance', float(f'{stated:.15g}'), unit)
         ranged[0].append(_dcc('measurementMetaData', _dcc(
             'metaData', _named('conformity'), _dcc('norm', 'ISO 14253-1'), _rich('declaration', '. '.join(filter(None, (
                 f'{line.conformity}: {DECISION_RULE}', line.doubt)))),

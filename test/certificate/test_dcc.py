@@ -264,6 +264,18 @@ def test_several_runs_have_one_document():
         *texts(root, '//dcc:influenceCondition/dcc:name/dcc:content')}
 
 
+def test_a_tolerance_is_the_decimal_number_that_was_given():
+    """In micrometres: 350 nm are 0.35, not the product of binary numbers."""
+    given = ('0.35 um', '350 nm', '1.1 um', '70 nm', '0.00007 mm', '123.4567891 nm')
+    wanted = ('0.35', '0.35', '1.1', '0.07', '0.07', '0.1234567891')
+    for words, number in zip(given, wanted, strict=True):
+        text = FULL.replace('EXC: 50 µm', f'EXC: {words}') + DAYS
+        stated = state(made('clean')[0], Inputs(parse_identity(text.encode()), '2026-11-30'))
+        found = etree.fromstring(to_xml(stated)).xpath(
+            '//dcc:quantity[@refType="rosette_ctx_tolerance"]//si:value/text()', namespaces=NAMES)
+        assert found == [number]
+
+
 def test_the_name_of_a_run_is_stated_as_it_is():
     """Also where it begins a sentence."""
     paths = table('straight', 'diagonal', 1, 8), table('turned', 'diagonal', 1, 8, clamping={'plate_turn_deg': 90.0})

@@ -186,4 +186,4 @@ def test_changed_documents_are_refused_in_one_line(kind, share, monkeypatch):
             assert '\n' not in str(refused) and len(str(refused)) < 1500
         else:
             assert data == sound or ET.canonicalize(data.decode(), strip_text=True) == same
-    assert tried > 0.95 * count
+    assert tried > 0.9 * count
