@@ -186,8 +186,9 @@ def _refuse_twice(runs: Sequence[Readings]) -> None:
         for other in runs[:place]:
             short, long = (run, other) if run.size < other.size else (other, run)
             there = long.seen_from(short.frame) if short.frame and long.frame else long
-            apart = scipy.spatial.cKDTree(there.centre).query(short.centre, p=np.inf)[0]
-            same = int(np.count_nonzero(apart < SAME_READING))
+            apart, nearest = scipy.spatial.cKDTree(there.centre).query(short.centre, p=np.inf)
+            rows = np.asarray(nearest)[apart < SAME_READING]
+            same = int(rows.size and 1 + np.count_nonzero(np.diff(rows) > 0))  # in the same order, too
             if same == run.size == other.size:
                 raise InvalidData(f'{other.source} and {run.source}: wanted different runs, got the same ball centres '
                                   'in both; leave one out')
