@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recorder: all traffic of the cell, one log per run."""
 
+import math
 import os
 import re
 import shutil
@@ -103,7 +104,7 @@ class Recorder(CellNode):
         self._session = LogSession(self.parameters['recent_s'], self._offered_qos, lambda: self.parameters.values(LOG))
         self._contents = RunContents('', self.get_logger().error)
         self._ending: Progress | None = None  # since the log was to be closed
-        self._told, self._since = ('', RunState.PHASE_IDLE), 0.0  # run and phase that the sequencer told last, and when
+        self._told, self._over_since = ('', RunState.PHASE_IDLE), math.inf  # last run and phase; of the open log's run
         self._follow_up = FollowUp(self.parameters['follow_up_s'])
         self._not_recorded: set[str] = set()
         self._said = {SIMULATED_KEY: 'yes'} if self.parameters['simulated'] else {}
@@ -165,7 +166,8 @@ class Recorder(CellNode):
         elif not isinstance(message, RunState):
             self._on_request(message)
         else:
-            self._told, self._since = (message.run_id, message.phase), self.seconds()
+            self._told = message.run_id, message.phase
+            self._note_end()
             if message.phase == RunState.PHASE_IDLE:
                 self._on_restart()
 
@@ -176,13 +178,18 @@ class Recorder(CellNode):
                                       'the run can be resumed')
             self._close()
 
+    def _note_end(self) -> None:
+        """Take note since when the sequencer tells that the run of the log is over, or tells of another run."""
+        run_id, phase = self._told
+        is_over = phase in OVER or run_id != self._session.run_id
+        self._over_since = min(self._over_since, self.seconds()) if is_over else math.inf
+
     def _close_if_over(self, after: float) -> None:
-        """Close the log of a run of which the sequencer has told for so long, s, that it is over, or tells nothing.
+        """Close the log of a run that has been over for so long, s, as the sequencer tells.
 
         Its request to open or to close the log was not answered in time, and it requests that no more."""
-        run_id, phase = self._told
-        is_over = run_id != self._session.run_id or phase in OVER
-        if self._session.is_open and not self._follow_up.is_open and is_over and self.seconds() - self._since > after:
+        is_of_run = self._session.is_open and not self._follow_up.is_open
+        if is_of_run and self.seconds() - self._over_since > after:
             self.get_logger().warning(f'the log of run {self._session.run_id} is closed as it is: the run is over, and '
                                       'nothing requested to close it')
             self._close()
@@ -234,7 +241,9 @@ class Recorder(CellNode):
                 self._close()
             self._close_if_over(SETTLED)
             self._session.open(directory, request.run_id, self.seconds(), self.now().nanoseconds, earlier, links)
-            self._contents, self._ending, self._since = contents, None, self.seconds()
+            self._contents, self._ending, self._over_since = contents, None, math.inf
+            if self._told[0] == request.run_id:  # nothing is known where no state, or one of another run, came before
+                self._note_end()
         except RosetteError as error:
             self.get_logger().error(f'start_recording refused: {error}')
             response.success, response.message = False, str(error)

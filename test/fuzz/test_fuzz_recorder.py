@@ -2,6 +2,7 @@
 """Every request to the recorder, and any bytes where it hears messages."""
 
 import contextlib
+import math
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
@@ -54,7 +55,7 @@ class MuteRecorder(Mute, Recorder):
             _contents=RunContents('', list),
             _ending=None,
             _told=('', 0),
-            _since=0.0,
+            _over_since=math.inf,
             get_namespace=lambda: '/rosette',
             _clock_topic='/clock',
             _rosout_topic='/rosout',

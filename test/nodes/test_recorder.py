@@ -278,6 +278,7 @@ def test_a_log_whose_run_is_over_does_not_refuse_the_next_run(recorder, monkeypa
     assert 'the log of run a is open' in start(recorder, 'b').message
     receive(recorder, 'run_state', RunState(run_id='a', phase=RunState.PHASE_FAILED))
     now[0] += recorder_module.SETTLED + 0.1
+    receive(recorder, 'run_state', RunState(run_id='b', phase=RunState.PHASE_REPEATABILITY))  # before its log is open
     assert start(recorder, 'b').success
     receive(recorder, 'run_state', RunState(run_id='b', phase=RunState.PHASE_FAILED))
     now[0] += recorder_module.FORGOTTEN - 1.0
@@ -286,6 +287,34 @@ def test_a_log_whose_run_is_over_does_not_refuse_the_next_run(recorder, monkeypa
     now[0] += 2.0
     recorder.wake()
     assert not recorder._session.is_open
+
+
+def test_a_log_stays_open_where_nothing_tells_that_its_run_is_over(recorder, monkeypatch):
+    """A program of one's own calls the service, or the states of a run are not used while two nodes publish them."""
+    now = [100.0]
+    monkeypatch.setattr(recorder, 'seconds', lambda: now[0])
+    receive(recorder, 'run_state', RunState(run_id='a', phase=RunState.PHASE_DONE))
+    assert start(recorder, 'b').success
+    now[0] += 3600.0
+    recorder.wake()
+    assert recorder._session.is_open and 'the log of run b is open' in start(recorder, 'c').message
+
+
+def test_the_log_of_a_run_that_failed_before_it_was_open_is_closed(recorder, monkeypatch):
+    """The recorder stood still meanwhile; the log of a run that is resumed stays open."""
+    now = [100.0]
+    monkeypatch.setattr(recorder, 'seconds', lambda: now[0])
+    for run_id, is_resumed in (('a', True), ('b', False)):
+        receive(recorder, 'run_state', RunState(run_id=run_id, phase=RunState.PHASE_FAILED))
+        assert start(recorder, run_id).success
+        if is_resumed:
+            receive(recorder, 'run_state', RunState(run_id=run_id, phase=RunState.PHASE_RUN))
+        now[0] += recorder_module.FORGOTTEN + 1.0
+        recorder.wake()
+        assert recorder._session.is_open == is_resumed
+        stop(recorder, run_id)
+        if recorder._session.is_open:
+            recorder._close()
 
 
 def test_a_folder_that_cannot_be_looked_at_is_told(recorder, tmp_path):
