@@ -110,7 +110,7 @@ class ProbeApproach(Effect):
         return tuple(Quantity(name, 'm', 'deviation') for name in (('a', 'b') if setting.whole('lobes') else ('c',)))
 
     def columns(self, run: Run, setting: Setting) -> Floats:
-        """Return the deviations, (N, 3, q), which is 0 before the first move where theta0 is not given."""
+        """Return the deviations, (N, 3, q), which are 0 before the first move where theta0 is not given."""
         theta, known = last_move(run)
         if 'theta0' in setting:
             theta, known = np.where(known[:, 0], theta, setting.number('theta0')), np.ones_like(known)

@@ -135,7 +135,6 @@ def plain_table(table: Table, icons: Sequence[str] = ()) -> None:
                         ui.label(text)
 
 
-
 class Figure:
     """A Plotly figure, drawn in the background and only where it changes; the browser gets none before there is
     something to draw.
