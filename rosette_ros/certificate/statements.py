@@ -159,7 +159,7 @@ def _of_several(paths: Sequence[str | Path], inputs: Inputs) -> Certificate:
     identity, changed = logged.with_changes(inputs.identity)
     result = evaluate_jointly([run for run, _ in opened], inputs.sharing)
     verdict = conclude(result)
-    sets = [CurveSet(one.words, motions, lines, result.solution.dof) for one, motions, lines in joint_lines(
+    sets = [CurveSet(one.words, motions, lines, result.sigma_dof) for one, motions, lines in joint_lines(
         result, identity.limits(result.solution.model.runs[0].rotation), doubt_of(verdict))]
     runs = []
     for path, readings in zip(paths, result.solution.model.runs, strict=True):

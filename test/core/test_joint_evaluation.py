@@ -218,6 +218,23 @@ def test_contradictions_are_refused_in_one_line():
         evaluate_jointly([first, five])
 
 
+def test_runs_without_noise_in_other_orders_are_two_runs():
+    """All their ball centres are the same, but not in the same order as those of a run that was resumed."""
+    machine = Machine(MachineConfig().changed(plate={'balls': 6}, probing={'repeatability_um': 0.0}))
+    runs = [Readings.of(machine.run(plan(6, order), run_id=order)) for order in ('diagonal', 'row')]
+    off = runs[0].centre[:, None] - runs[1].centre
+    assert np.abs(off).max(axis=2).min(axis=1).max() < 1e-12
+    assert evaluate_jointly(runs).rms < 1e-9
+
+
+def test_u_rests_on_residuals_and_repeatability():
+    """Degrees of freedom of both, where both tell sigma."""
+    (_, one), (_, other) = measured(), measured(noise=1)
+    result = evaluate_jointly([one, other])
+    assert result.sigma_source == 'residuals and repeatability'
+    assert result.sigma_dof == result.solution.dof + one.repeatability_dof + other.repeatability_dof
+
+
 def test_a_run_and_its_continuation_are_refused():
     """The second log begins with the readings of the first; so has a table of it, whose frame is not known."""
     _, whole = measured()

@@ -73,14 +73,16 @@ class JointResult:
     """Several runs as one.
 
     declared: items of the Sharing that a person declared; tests: of what is shared, and of what the data took out of
-    the rest; sigma: standard deviation of a coordinate in use, m; rms: root of the residuals' square sum per degree of
-    freedom, m; lack_of_fit_p: chance that noise of the known repeatability leaves as much, or None.
+    the rest; sigma: standard deviation of a coordinate in use, m; sigma_dof: its degrees of freedom; rms: root of the
+    residuals' square sum per degree of freedom, m; lack_of_fit_p: chance that noise of the known repeatability leaves
+    as much, or None.
     """
 
     solution: JointSolution
     declared: frozenset[str]
     tests: tuple[SharingTest, ...]
     sigma: float
+    sigma_dof: float
     sigma_source: str
     lack_of_fit_p: float | None
     notes: tuple[str, ...]
@@ -308,17 +310,17 @@ def _f_test(item: str, shared: Sequence[JointSolution], free: Sequence[JointSolu
     return SharingTest(item, f, dof, float(special.fdtrc(dof, free_dof, f)), True)
 
 
-def _sigma(solution: JointSolution) -> tuple[float, str, float | None]:
-    """Return the standard deviation of a coordinate, where it comes from, and p of lack of fit."""
+def _sigma(solution: JointSolution) -> tuple[float, float, str, float | None]:
+    """Return the standard deviation of a coordinate, its degrees of freedom, its source, and p of lack of fit."""
     rms = float(np.sqrt(solution.rss / solution.dof))
     # a repeatability without degrees of freedom is known exactly: as if it had very many
     known = [(run.repeatability, run.repeatability_dof or EXACT) for run in solution.model.runs if run.repeatability]
     if not known:
-        return rms, 'residuals', None
+        return rms, solution.dof, 'residuals', None
     dof = sum(count for _, count in known)
     sd = float(np.sqrt(sum(count * value**2 for value, count in known) / dof))
     p = float(special.fdtrc(solution.dof, dof, (rms / sd)**2))
     if p < UNLIKELY:
-        return rms, 'residuals (larger than the repeatability)', p
+        return rms, solution.dof, 'residuals (larger than the repeatability)', p
     pooled = float(np.sqrt((solution.rss + dof * sd**2) / (solution.dof + dof)))
-    return pooled, 'repeatability' if dof >= EXACT else 'residuals and repeatability', p
+    return pooled, solution.dof + dof, 'repeatability' if dof >= EXACT else 'residuals and repeatability', p
