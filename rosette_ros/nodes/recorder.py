@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from rcl_interfaces.msg import Log
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
-from rosette_msgs.msg import Heartbeat, ProbeTarget, RunState
+from rosette_msgs.msg import CalibrationEvent, Heartbeat, ProbeTarget, RunState
 from rosette_msgs.srv import Recall, Recorded, StartRecording, StopRecording
 from rosgraph_msgs.msg import Clock
 from service_msgs.msg import ServiceEventInfo
@@ -35,15 +35,16 @@ from rosette_ros.nodes.node_requests import Progress
 
 WANTED = (
     Wanted('log_dir', 'runs', 'folder in which every run gets a folder of its own'),
-    Wanted('recent_s', 2.0, 'requests and node health received so long before a log opens belong to it, s of wall time',
-           0.0, 60.0),
+    Wanted('recent_s', 2.0, 'requests and node health received so long before a run is requested belong to its log, s '
+           'of wall time', 0.0, 60.0),
     Wanted('follow_up_s', 10.0, 'requests to the evaluator after a run get a log of their own, closed when nothing was '
            'asked for so long, s of wall time; 0: no such logs', 0.0, 3600.0),
     Wanted('least_free_mb', 20, 'a log is not begun with less room on the disk, MB', 0, 1_000_000),
     Wanted('simulated', False, 'whether logs say that no real CMM measured; on a simulated clock they do anyway',
            read_only=True), *LOG)
 SETTLED, FORGOTTEN = 5.0, 30.0
-"""A log whose run is over is closed when another run begins so long after that, and by itself after so long, s."""
+"""A log whose run is over is closed when another run begins so long after that, and by itself after so long, s.
+Where the sequencer tells to be idle: when another run begins, by itself after SETTLED; another program may tell so."""
 OVER = (RunState.PHASE_IDLE, RunState.PHASE_DONE, RunState.PHASE_CANCELLED, RunState.PHASE_FAILED)
 LAST_MESSAGES = 4.0
 """How long an open log waits for what belongs to its end, and an ending recorder for the sequencer to close it, after
@@ -86,7 +87,7 @@ TOPICS = (
         (names.CANCEL_CALIBRATION, 'std_srvs/srv/Trigger_Event'),
         (names.START_RECORDING, 'rosette_msgs/srv/StartRecording_Event'))))
 """What a cell publishes; other topics in its namespace are found on the graph."""
-HANDLED = (RunState, Heartbeat, *(interface_class(type_name) for _, type_name in REQUESTS))
+HANDLED = (RunState, Heartbeat, CalibrationEvent, *(interface_class(type_name) for _, type_name in REQUESTS))
 """What means something for the recorder itself."""
 
 _RUN_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]{0,127}')
@@ -105,6 +106,7 @@ class Recorder(CellNode):
         self._contents = RunContents('', self.get_logger().error)
         self._ending: Progress | None = None  # since the log was to be closed
         self._told, self._over_since = ('', RunState.PHASE_IDLE), math.inf  # last run and phase; of the open log's run
+        self._requested = ('', 0.0)  # the last run that was requested, and when
         self._follow_up = FollowUp(self.parameters['follow_up_s'])
         self._not_recorded: set[str] = set()
         self._said = {SIMULATED_KEY: 'yes'} if self.parameters['simulated'] else {}
@@ -163,17 +165,18 @@ class Recorder(CellNode):
     def _handle(self, topic: str, message: Any) -> None:
         if isinstance(message, Heartbeat):
             self._processes[topic] = message.process
+        elif isinstance(message, CalibrationEvent):
+            if message.kind == CalibrationEvent.REQUESTED and message.run_id:
+                self._requested = message.run_id, self.seconds()
         elif not isinstance(message, RunState):
             self._on_request(message)
         else:
             self._told = message.run_id, message.phase
             self._note_end()
-            if message.phase == RunState.PHASE_IDLE:
-                self._on_restart()
 
     def _on_restart(self) -> None:
         """Close the log of a run whose sequencer was restarted."""
-        if self._session.is_open and not self._follow_up.is_open:
+        if self._is_of_run:
             self.get_logger().warning(f'the sequencer was restarted; the log of run {self._session.run_id} is closed, '
                                       'the run can be resumed')
             self._close()
@@ -184,12 +187,17 @@ class Recorder(CellNode):
         is_over = phase in OVER or run_id != self._session.run_id
         self._over_since = min(self._over_since, self.seconds()) if is_over else math.inf
 
-    def _close_if_over(self, after: float) -> None:
-        """Close the log of a run that has been over for so long, s, as the sequencer tells.
+    def _close_if_over(self, is_another: bool = False) -> None:
+        """Close the log of a run that has been over for some time, as the sequencer tells.
 
-        Its request to open or to close the log was not answered in time, and it requests that no more."""
-        is_of_run = self._session.is_open and not self._follow_up.is_open
-        if is_of_run and self.seconds() - self._over_since > after:
+        Its request to open or to close the log was not answered in time, and it requests that no more; or the
+        sequencer was restarted. is_another: whether another run begins."""
+        is_idle = self._told[1] == RunState.PHASE_IDLE
+        least = (0.0 if is_idle else SETTLED) if is_another else (SETTLED if is_idle else FORGOTTEN)
+        if self._is_of_run and self.seconds() - self._over_since >= least:
+            if is_idle:
+                self._on_restart()
+                return
             self.get_logger().warning(f'the log of run {self._session.run_id} is closed as it is: the run is over, and '
                                       'nothing requested to close it')
             self._close()
@@ -230,6 +238,7 @@ class Recorder(CellNode):
     def _on_start(self, request: StartRecording.Request, response: StartRecording.Response) -> StartRecording.Response:
         try:
             directory, earlier, links = self._directory(request.run_id), [], self._said
+            self._close_if_over(is_another=True)
             if request.resumes:
                 folder = find_part(self._log_dir, request.resumes)
                 directory, links = next_part(self._log_dir, request.run_id), links | {RESUMES_KEY: folder.name}
@@ -239,8 +248,8 @@ class Recorder(CellNode):
             self._check_room(directory)
             if self._follow_up.is_open:
                 self._close()
-            self._close_if_over(SETTLED)
-            self._session.open(directory, request.run_id, self.seconds(), self.now().nanoseconds, earlier, links)
+            since = self._requested[1] if self._requested[0] == request.run_id else self.seconds()
+            self._session.open(directory, request.run_id, since, self.now().nanoseconds, earlier, links)
             self._contents, self._ending, self._over_since = contents, None, math.inf
             if self._told[0] == request.run_id:  # nothing is known where no state, or one of another run, came before
                 self._note_end()
@@ -335,6 +344,11 @@ class Recorder(CellNode):
         response.messages, response.lost = self._session.messages, self._session.lost
         return response
 
+    @property
+    def _is_of_run(self) -> bool:
+        """Whether a log is open, and a run's."""
+        return self._session.is_open and not self._follow_up.is_open
+
     def _is_log_of(self, run_id: str) -> bool:
         return self._session.is_open and run_id == self._session.run_id
 
@@ -360,7 +374,7 @@ class Recorder(CellNode):
         self.heartbeat.hears = tuple(self._processes.values()) if self._is_connected() and self.is_certain else ()
         if self._follow_up.is_over(self.seconds()):
             self._close()
-        self._close_if_over(FORGOTTEN)
+        self._close_if_over()
 
     def _is_connected(self) -> bool:
         """Return whether all answers that are published are received."""

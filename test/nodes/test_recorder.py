@@ -4,6 +4,7 @@
 import errno
 import itertools
 import shutil
+from pathlib import Path
 
 import pytest
 from builtin_interfaces.msg import Time
@@ -90,14 +91,59 @@ def test_latched_targets_of_an_earlier_run_that_arrive_late(recorder, tmp_path):
     assert [target.run_id for target in read_log(tmp_path / 'second').targets] == ['second']
 
 
-def test_a_sequencer_that_is_restarted_while_a_log_is_open(recorder, tmp_path):
-    """Its idle state closes the log once, and the answer to a late request names the reason."""
+def test_a_sequencer_that_is_restarted_while_a_log_is_open(recorder, tmp_path, monkeypatch):
+    """Its idle state closes the log after some seconds; the answer to a late request names the reason."""
+    now = [100.0]
+    monkeypatch.setattr(recorder, 'seconds', lambda: now[0])
     assert start(recorder, 'run').success
     receive(recorder, 'run_state', IDLE)
+    now[0] += recorder_module.SETTLED
+    recorder.wake()
     response = stop(recorder, 'run')
     assert not response.success
     assert response.message.startswith('wanted to close the log of run run, got no log open; run run: ')
     assert not read_log(tmp_path / 'run').truncated
+
+
+def test_an_idle_state_of_another_program_closes_no_log(recorder, monkeypatch):
+    """The recorder may not know yet that there are two: the run goes on, as the sequencer tells."""
+    now = [100.0]
+    monkeypatch.setattr(recorder, 'seconds', lambda: now[0])
+    assert start(recorder, 'run').success
+    for state in (IDLE, RunState(run_id='run', phase=RunState.PHASE_RUN)):
+        receive(recorder, 'run_state', state)
+        now[0] += recorder_module.SETTLED - 1.0
+        recorder.wake()
+    now[0] += recorder_module.FORGOTTEN
+    recorder.wake()
+    assert recorder._session.is_open
+
+
+def test_a_run_is_resumed_at_once_after_a_restart_of_the_sequencer(recorder, tmp_path):
+    """The log of its first part is closed before it is read."""
+    assert start(recorder, 'run').success
+    measure(recorder, 1, 2)
+    receive(recorder, 'run_state', IDLE)
+    response = recorder._on_start(StartRecording.Request(run_id='run', resumes='run'), StartRecording.Response())
+    assert response.success, response.message
+    recorder._session.flush()
+    assert not read_log(tmp_path / 'run').truncated
+    assert [target.seq for target in read_log(Path(response.log)).targets] == [1, 2]
+
+
+def test_events_since_a_run_was_requested_are_in_its_log(recorder, tmp_path, monkeypatch):
+    """Also where a CMM takes long to judge the plan; not those of a run before."""
+    now = [100.0]
+    monkeypatch.setattr(recorder, 'seconds', lambda: now[0])
+    for run_id, after in (('a', 30.0), ('b', 30.0), ('b', 1.0), ('', 30.0)):
+        for kind in (CalibrationEvent.REQUESTED, CalibrationEvent.ACCEPTED if run_id else CalibrationEvent.REJECTED):
+            receive(recorder, 'calibration_event', CalibrationEvent(run_id=run_id, kind=kind))
+        now[0] += after
+    assert start(recorder, 'b').success
+    recorder._close()
+    assert [(event.run_id, event.kind) for event in read_log(tmp_path / 'b').events] == [
+        (run_id, kind) for run_id, last in (('b', CalibrationEvent.ACCEPTED), ('', CalibrationEvent.REJECTED))
+        for kind in (CalibrationEvent.REQUESTED, last)]
 
 
 def test_a_log_is_closed_when_it_holds_the_end(recorder, tmp_path):
