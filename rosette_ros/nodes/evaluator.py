@@ -120,6 +120,8 @@ class Evaluator(CellNode):
 
     def _on_state(self, message: RunState) -> None:
         run_id, now = plain(message.run_id), self.seconds()
+        if message.phase != RunState.PHASE_EVALUATION:
+            self.heartbeat.report('')
         if message.phase == RunState.PHASE_IDLE:
             self._runs.end_all()
             self._reported.clear()
@@ -168,6 +170,7 @@ class Evaluator(CellNode):
                 fit = self._in_use.evaluate(self._runs.to_run(run_id), self._runs.frame(run_id))
             except RosetteError as error:
                 self._report_failure(run_id, str(error))
+                self.heartbeat.report(self._last)  # ends the run: it would wait in vain for error motions
                 continue
             diagnosis = self._diagnose_after(fit.run)
             model, motions = self._publish(fit, diagnosis)
@@ -226,7 +229,8 @@ class Evaluator(CellNode):
         return message
 
     def _report_failure(self, run_id: str, reason: str) -> None:
-        self._level, self._last = ERROR, plain(f'run {run_id} could not be evaluated: {reason}')
+        self._level, self._last = ERROR, plain(
+            f'run {run_id} could not be evaluated: {reason.removeprefix(f"run {run_id}: ")}')
         self.get_logger().error(self._last)
 
     # Services: what becomes known is published too, before the response

@@ -6,6 +6,8 @@ from collections.abc import Iterable
 
 SEQUENCER, CMM, EVALUATOR, RECORDER = 'sequencer', 'cmm', 'evaluator', 'recorder'
 NODES = (SEQUENCER, CMM, EVALUATOR, RECORDER)
+NEEDED = (CMM, RECORDER)
+"""Nodes whose problems prevent a calibration; a problem of the evaluator is one of a single run."""
 NAMESPACE = 'rosette'
 DOMAINS = range(233)
 """ROS domains whose ports DDS can use; another one ends the process."""

@@ -252,7 +252,8 @@ class Sequencer(ManagedNode):
         sequence, cell = job.sequence, self._cell
         trouble, problems = cell.trouble(job.processes, job.refused), cell.problems(job.processes)
         if sequence.phase is Phase.EVALUATION:
-            problems = problems or '; '.join(cell.rivals((names.EVALUATOR, names.RECORDER)))
+            nodes = names.EVALUATOR, names.RECORDER
+            problems = problems or cell.problems(nodes) or '; '.join(cell.rivals(nodes))
         if problems and not trouble.nodes:
             self._do(job, sequence.fail(problems))
         elif str(trouble) and not sequence.is_held:
@@ -435,7 +436,7 @@ class Sequencer(ManagedNode):
 
     @property
     def _lacks(self) -> str:
-        return '; '.join(self._cell.missing(self.parameters['require_recorder'])) or self._cell.problems(names.NODES)
+        return '; '.join(self._cell.missing(self.parameters['require_recorder'])) or self._cell.problems(names.NEEDED)
 
     @property
     def _recorder_timeout(self) -> float:
