@@ -56,6 +56,7 @@ class MuteRecorder(Mute, Recorder):
             _ending=None,
             _told=('', 0),
             _over_since=math.inf,
+            _requested=('', 0.0),
             get_namespace=lambda: '/rosette',
             _clock_topic='/clock',
             _rosout_topic='/rosout',
