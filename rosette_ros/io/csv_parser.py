@@ -2,7 +2,6 @@
 """From the bytes of a ball-centre table, also as a spreadsheet saves it, to columns of numbers."""
 
 import csv
-import difflib
 import re
 from collections.abc import Callable, Sequence
 from decimal import Decimal
@@ -13,6 +12,7 @@ import numpy as np
 from rosette_ros.core.axes import rotation_of, unit_axis
 from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.core.geometry import Floats, Ints
+from rosette_ros.io.keyed_table import meant
 
 SCHEMA = 'rosette-ball-centres/1'
 COLUMNS = ('seq', 'table_position', 'ball', 'cmm_position', 'table_angle_deg', 'x_mm', 'y_mm', 'z_mm', 'time_s',
@@ -127,8 +127,8 @@ class _Heading:
                              'remove one of them')
             if key in _KEYS:
                 self._values[key] = (value, line)
-            elif colon and (near := difflib.get_close_matches(key, _KEYS, 1, 0.75)):  # it would be ignored
-                raise _wrong(source, line, '', f'the key {near[0]}', repr(text[:80]), 'correct it')
+            elif colon and (near := meant(key, _KEYS)):  # it would be ignored
+                raise _wrong(source, line, '', f'the key {near}', repr(text[:80]), 'correct it')
         wanted = f'"# schema: {SCHEMA}" in the first lines'
         if 'schema' not in self._values:
             raise InvalidData(f'{source}: wanted {wanted}, got none; {_TEMPLATE}')
@@ -268,9 +268,8 @@ def _check_names(names: list[str], source: str, line: int) -> None:
         columns = f'the column{"s" * (len(missing) > 1)} {", ".join(missing)}'
         raise _wrong(source, line, '', columns, ','.join(names)[:200], _TEMPLATE)
     for name in names:
-        near = difflib.get_close_matches(name, COLUMNS, 1, 0.75)
-        if near and name not in (*COLUMNS, *WAY_COLUMNS):  # it would be ignored
-            raise _wrong(source, line, '', f'the column {near[0]}', repr(name), 'rename it')
+        if name not in (*COLUMNS, *WAY_COLUMNS) and (near := meant(name, COLUMNS)):  # it would be ignored
+            raise _wrong(source, line, '', f'the column {near}', repr(name), 'rename it')
         if names.count(name) > 1:
             raise _wrong(source, line, name, 'it once', f'{names.count(name)} of them')
 

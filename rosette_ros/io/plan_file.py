@@ -216,8 +216,8 @@ def _wholes(values: list[Any], source: str, name: str, low: int, high: int) -> I
 
 def _from_csv(data: bytes, source: str) -> dict[str, Any]:
     """Return what a table says, as the YAML form has it."""
-    keys, columns = keyed_table(data, source, InvalidPlan)
-    return {**{name: _value(text) for name, text in keys.items() if name in ('schema', *_HEAD, *_ORDER)},
+    keys, columns = keyed_table(data, source, ('schema', *_HEAD, *_ORDER), InvalidPlan)
+    return {**{name: _value(text) for name, text in keys.items()},
             **{name: list(map(_value, column)) for name, column in columns.items()}}
 
 

@@ -81,12 +81,11 @@ def _numbers(value: object, count: int, where: str) -> Floats:
 
 def _from_csv(data: bytes, source: str) -> dict[str, Any]:
     """Return what the columns azimuth_deg, radius_mm and height_mm of a table hold, as the YAML form has it."""
-    keys, columns = keyed_table(data, source, InvalidData)
+    keys, columns = keyed_table(data, source, _KEYS, InvalidData)
     for number, ball in enumerate(columns.get('ball', ()), 1):
         if ball.strip() != str(number):
             raise InvalidData(f'{source}: ball: wanted {number} in row {number}, got {ball!r:.40}')
-    values: dict[str, Any] = {name: {'yes': True, 'no': False}.get(text, text) for name, text in keys.items()
-                              if name in _KEYS}
+    values: dict[str, Any] = {name: {'yes': True, 'no': False}.get(text, text) for name, text in keys.items()}
     for name in {*_LISTS} & {*columns}:
         values[name] = []
         for number, text in enumerate(columns[name], 1):

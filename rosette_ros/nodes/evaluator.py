@@ -277,6 +277,8 @@ def entry_of(request: AddEffect.Request) -> Mapping[str, object]:
     """Return the effect of a request as a model file describes it; raises InvalidModel."""
     own = {name: getattr(request, name) for name in ('direction', 'expression', 'per') if getattr(request, name)}
     settings = {plain(one.name): _setting(one) for one in request.settings}
+    if len(settings) < len(request.settings):
+        raise InvalidModel(f'settings: wanted each once, got {", ".join(plain(one.name) for one in request.settings)}')
     given = [*(['settings'] if settings else ()), *own]
     if request.definition and given:
         raise InvalidModel(f'definition: wanted it empty, or no {", ".join(given)} beside it')

@@ -78,6 +78,7 @@ MODELS = {
                      "cmm_deviations, got 'table'",
     'effects: [warp]': "effect: wanted one of frame_drift, ",
     'effects: frame_drift': "effects: wanted a list, got 'frame_drift'",
+    'effects: 0': 'effects: wanted a list, got 0',
     'base: [table_motions\n': 'wanted YAML, got text that is none: line 2, column 1: ',
     '- frame_drift': 'wanted a mapping with base and effects, got list',
     'schema: rosette-model/2': "schema: wanted rosette-model/1, got 'rosette-model/2'",

@@ -80,6 +80,8 @@ SIX = plan(6)
     (HEAD.replace('# radius_mm: 182.5\n', ''), 'radius_mm: wanted a number, but it is missing'),
     (HEAD, 'wanted readings (table_position and ball, or their angles) or an order, got neither'),
     (HEAD + 'table_position,ball\n', 'wanted rows below table_position, ball, got none'),
+    (HEAD + '# order: row\n# order: column\n', "wanted the key order once, got it again: 'column'; remove one of them"),
+    (HEAD + '# order: row\n# table_offset: 15\n', "wanted the key table_offset_deg, got 'table_offset'; correct it"),
     (HEAD + '# order: zigzag\n', 'order: wanted one of row, diagonal'),
     (HEAD + '# order: row\n# cmm_positions: 3\n', '3 of 6 CMM positions or balls do not determine the curves'),
     (rows_of(SIX, lambda rows: [[1, 7], *rows]), 'row 1: ball: wanted a whole number in 1..6, got 7'),

@@ -215,6 +215,7 @@ def test_plates_that_are_none_are_refused(tmp_path, text, words):
 
 
 @pytest.mark.parametrize(('text', 'words'), [
+    (b'# schema: rosette-plate/1\n# radius: 100\nazimuth_deg\n0\n', "wanted the key radius_mm, got 'radius'"),
     (b'# schema: rosette-plate/1\nball,azimuth_deg,radius_mm\n2,0,100\n', 'ball: wanted 1 in row 1'),
     (b'# schema: rosette-plate/1\nazimuth_deg,radius_mm\n0\n', 'row 1: wanted 2 cells, azimuth_deg, radius_mm, got 1'),
     (b'\xff\xfe', 'wanted UTF-8 text')])

@@ -133,6 +133,8 @@ def test_the_fields_of_a_request_are_an_entry_of_a_model_file(fields, entry):
     ({'definition': 'tau: 1.0', 'direction': 'z'}, 'definition: wanted it empty, or no direction beside it'),
     ({'settings': [Parameter('tau', value=1.0)], 'expression': 't'},
      r"settings: wanted none for a user's own term \(expression\), got tau"),
+    ({'settings': [Parameter('tau', value=1.0), Parameter('tau', value=2.0)]},
+     'settings: wanted each once, got tau, tau'),
 ])
 def test_fields_that_contradict_are_refused(fields, words):
     """In words."""

@@ -153,7 +153,7 @@ class Model:
         if mapping.get('schema', SCHEMA) != SCHEMA:
             raise InvalidModel(f'{source}: schema: wanted {SCHEMA}, got {mapping["schema"]!r}')
         base = mapping.get('base', list(BASE_TERMS))
-        effects = mapping.get('effects') or []
+        effects = [] if mapping.get('effects') is None else mapping['effects']  # a key without a value: none
         noise = mapping.get('noise', list(NOISE_TERMS))
         for key, value in (('base', base), ('effects', effects), ('noise', noise)):
             if not isinstance(value, list):
