@@ -374,6 +374,8 @@ class Recorder(CellNode):
         self.heartbeat.hears = tuple(self._processes.values()) if self._is_connected() and self.is_certain else ()
         if self._follow_up.is_over(self.seconds()):
             self._close()
+        if not self.sender(names.RUN_STATE).is_bound:  # while no states are used, none tells that it goes on
+            self._over_since = max(self._over_since, self.seconds())
         self._close_if_over()
 
     def _is_connected(self) -> bool:

@@ -117,6 +117,15 @@ def test_an_idle_state_of_another_program_closes_no_log(recorder, monkeypatch):
     now[0] += recorder_module.FORGOTTEN
     recorder.wake()
     assert recorder._session.is_open
+    receive(recorder, 'run_state', IDLE)
+    for is_bound in (False, True):  # while there are two the states of neither are used
+        monkeypatch.setattr(recorder.sender('run_state'), 'is_bound', is_bound)
+        now[0] += recorder_module.SETTLED - 1.0 if is_bound else 3600.0
+        recorder.wake()
+        assert recorder._session.is_open
+    now[0] += 1.0
+    recorder.wake()
+    assert not recorder._session.is_open
 
 
 def test_a_run_is_resumed_at_once_after_a_restart_of_the_sequencer(recorder, tmp_path):
