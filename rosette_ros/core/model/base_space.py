@@ -195,6 +195,12 @@ class NormalSpace(BaseSpace):
             out[..., axes] = part.free(rows).T.reshape(*columns.shape[:2], len(axes))
         return out
 
+    def inside(self, columns: NDArray[Real]) -> NDArray[Real]:
+        """Return coordinates (m, k) of what the base model describes of white columns (m, N, 3), in an orthonormal basis.
+
+        Products of columns less products of these are the products of what the base model leaves of them."""
+        return np.concatenate([part.inside(rows) for part, rows in zip(self._parts, _split(columns))]).T
+
     def parameters(self, columns: Floats) -> BaseParameters:
         """Return the BaseParameters that describe columns (m, N, 3) best, in the gauge; of what was not touched NaN."""
         z, w = (part.parameters(rows).T.reshape(len(columns), -1, self.n)

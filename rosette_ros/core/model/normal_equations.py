@@ -102,6 +102,21 @@ class Part:
         left: NDArray[Real] = rows
         return left
 
+    def inside(self, rows: NDArray[Real]) -> NDArray[Real]:
+        """Return coordinates (k, m) of what the design describes of white rows (rows, m), same precision.
+
+        They stand in an orthonormal basis: products of columns less those of their coordinates are the products of what
+        the design leaves of them, at the cost of 4 n or 5 n unknowns instead of all readings.
+        """
+        single = rows.dtype == np.float32
+        root, across, own = self._single[1:] if single else (self._root, self._across, self._own)
+        right = self._back(rows)
+        size = np.sqrt(own)[:, None]
+        last = right[self._kept:] / size
+        first = scipy.linalg.solve_triangular(root, right[:self._kept] - (across / size.T) @ last, lower=True,
+                                              check_finite=False)
+        return np.concatenate([first, last])
+
     def parameters(self, rows: Floats) -> Floats:
         """Return the unknowns (q, m) of white rows (rows, m), in the gauge."""
         found = self._solved(self._back(rows))
