@@ -35,7 +35,6 @@ setup(
             'cmm = rosette_ros.nodes.simulated_cmm:main',
             'evaluator = rosette_ros.nodes.evaluator:main',
             'recorder = rosette_ros.nodes.recorder:main',
-            'trend_monitor = rosette_ros.nodes.trend_monitor:main',
             'table_corrector = rosette_ros.nodes.table_corrector:main',
         ],
     },

@@ -54,12 +54,6 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(
             'log_dir', default_value='',
             description='Folder in which every run gets a folder of its own; empty: as the config says'),
-        DeclareLaunchArgument(
-            'archive', default_value='',
-            description='Archive to which the cell adds the runs that it starts itself (docs/archive.md)'),
-        DeclareLaunchArgument(
-            'every_s', default_value='',
-            description='Time from one calibration to the next, s, with `archive`; empty: on a service call only'),
         *(SetEnvironmentVariable(name, value) for name, value in added_environment(os.environ).items()),
         *(SetRemap(name, name.lstrip('/'), condition=in_other_namespace) for name in names.OF_A_DOMAIN),
         node('recorder', 'recorder', 'use_sim_time', 'log_dir'),
@@ -68,8 +62,6 @@ def generate_launch_description() -> LaunchDescription:
         node('dme_cmm', 'cmm', 'settings',
              condition=IfCondition(NotEqualsSubstitution(LaunchConfiguration('settings'), ''))),
         node('sequencer', 'sequencer', 'use_sim_time'),
-        node('trend_monitor', 'trend_monitor', 'use_sim_time', 'archive', 'every_s',
-             condition=IfCondition(NotEqualsSubstitution(LaunchConfiguration('archive'), ''))),
     ])
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from rosette_ros.cell.supervisor import MODULES, OPTIONAL
+from rosette_ros.cell.supervisor import MODULES
 from rosette_ros.cli.main import VERBS
 
 ROOT = Path(__file__).parents[1]
@@ -49,7 +49,7 @@ WITHOUT_ROS = ('core', 'io', 'simulation', 'analysis', 'presentation', 'certific
 MCAP_MAY = {'io/log_reader.py', 'io/log_writer.py', 'io/message_decoder.py'}
 """The only files that know the library of the log format."""
 IN_CLI = {f'rosette_ros.cli.{name}' for name, _ in VERBS.values()}
-STARTED_BY_NAME = {'rosette_ros.cli.main', 'rosette_ros.nodes.table_corrector', *MODULES.values(), *OPTIONAL.values(),
+STARTED_BY_NAME = {'rosette_ros.cli.main', 'rosette_ros.nodes.table_corrector', *MODULES.values(),
                    *IN_CLI}
 """Modules that nobody has to import: commands, nodes, verbs."""
 MOST_LINES = 450

@@ -133,7 +133,7 @@ def test_commands_exist():
     """Every command of setup.py is a function in a file of the package."""
     commands = scripts()
     assert set(commands) == {'rosette', 'sequencer', 'simulated_cmm', 'dme_cmm', 'cmm', 'evaluator', 'recorder',
-                             'table_corrector', 'trend_monitor'}
+                             'table_corrector'}
     for module, function in commands.values():
         tree = ast.parse(ROOT.joinpath(*module.split('.')).with_suffix('.py').read_text(encoding='utf-8'))
         names = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
@@ -148,7 +148,7 @@ def test_launch_file_starts_commands_that_exist():
     calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func) == 'node']
     started = {(call.args[1].value, call.args[0].value) for call in calls}
     assert started == {('recorder', 'recorder'), ('evaluator', 'evaluator'), ('sequencer', 'sequencer'),
-                       ('cmm', 'simulated_cmm'), ('cmm', 'dme_cmm'), ('trend_monitor', 'trend_monitor')}
+                       ('cmm', 'simulated_cmm'), ('cmm', 'dme_cmm')}
     assert {command for _, command in started} <= set(scripts())
 
 

@@ -130,15 +130,11 @@ def _components(days: Floats, series: Sequence[TimeSeries]) -> int:
     return len(days) * sum(one.values.shape[1] for one in series)
 
 
-def read_history(archive: RunArchive, table: str, model: str = '', cell: str = '',
-                 least: int = LEAST_RUNS) -> History:
+def read_history(archive: RunArchive, table: str, model: str = '') -> History:
     """Return the history of a table by its serial number ('': of runs that state none); raises InvalidData.
 
-    model: hash of the model, or its beginning; '': that of most runs; cell: whose runs count where the table has no
-    serial number, '': of all; least: as in history_of."""
+    model: hash of the model, or its beginning; '': that of most runs."""
     where, values = "problem = '' AND table_serial = ? AND measured_at IS NOT NULL", [table]
-    if cell and not table:
-        where, values = f'{where} AND cell = ?', [*values, cell]
     if model:
         where, values = f'{where} AND starts_with(model_hash, ?)', [*values, model]
     rows = archive.read_rows(where=where, values=values).to_pylist()
@@ -146,7 +142,7 @@ def read_history(archive: RunArchive, table: str, model: str = '', cell: str = '
     if not rows:
         raise InvalidData(f'{archive.folder}: {_why_none(archive, table, model)}')
     best = hashes.most_common(1)[0][0]
-    return history_of([row for row in rows if row['model_hash'] == best], table, least)
+    return history_of([row for row in rows if row['model_hash'] == best], table)
 
 
 def _why_none(archive: RunArchive, table: str, model: str) -> str:
@@ -166,17 +162,17 @@ def _why_none(archive: RunArchive, table: str, model: str) -> str:
             'measured.begin in the identity (rosette archive add --identity FILE --force)')
 
 
-def history_of(rows: Sequence[Mapping[str, Any]], serial: str = '', least: int = LEAST_RUNS) -> History:
-    """Return the history of rows (run_row.COLUMNS) under one model, sorted by time.
+def history_of(rows: Sequence[Mapping[str, Any]], serial: str = '') -> History:
+    """Return the history of rows (run_row.COLUMNS) under one model, sorted by time; raises InvalidData.
 
-    Runs between the steps of the table are left out. least: raises InvalidData where there are fewer; below LEAST_RUNS
-    no change is found."""
+    Runs between the steps of the table are left out; at least LEAST_RUNS others are wanted."""
     rows = sorted(rows, key=lambda row: row['measured_at'])
     left_out = tuple(row['run_id'] for row in rows if _is_between(row))
     rows = [row for row in rows if not _is_between(row)]
-    if len(rows) < least:
+    if len(rows) < LEAST_RUNS:
         besides = f', and {counted(len(left_out), "run")} between the steps of the table' if left_out else ''
-        raise InvalidData(f'trend of table {serial!r}: wanted at least {least} dated runs, got {len(rows)}{besides}')
+        raise InvalidData(f'trend of table {serial!r}: wanted at least {LEAST_RUNS} dated runs, got {len(rows)}'
+                          f'{besides}')
     dates = tuple(row['measured_at'] for row in rows)
     days = np.array([(date - dates[0]).total_seconds() / DAY for date in dates])
     n = rows[-1]['n']

@@ -20,7 +20,6 @@ from rclpy.logging import LoggingSeverity
 from rclpy.task import Future
 from rosette_msgs.action import Calibrate
 from rosette_msgs.msg import CalibrationEvent, RunState
-from rosette_msgs.srv import HoldCell
 from std_srvs.srv import Trigger
 
 from rosette_ros import command
@@ -167,21 +166,6 @@ class CellClient(GraphClient):
         if not answer.result().success:
             raise CellError(f'cell {self._where}: {plain(answer.result().message)}')
         return plain(answer.result().message)
-
-    def hold(self, who: str, why: str, release: bool = False) -> tuple[bool, str, str]:
-        """Hold or release a cell that calibrates itself; who: '' asks who holds it.
-
-        Returns whether it was done, the words of the cell, and who holds it now. Raises CellError where no such cell
-        is there."""
-        name = names.RELEASE if release else names.HOLD
-        service = self._node.create_client(HoldCell, name)
-        if not self._spin_until(service.service_is_ready, SEARCH):
-            raise CellError(f'cell {self._where}: wanted a cell that calibrates itself (rosette cell --archive ...), '
-                            f'got none with the service {name}')
-        answer = service.call_async(HoldCell.Request(who=who, why=why))
-        if not self._spin_until(answer.done, CANCEL_TIMEOUT):
-            raise CellError(f'cell {self._where}: wanted an answer of {name} within {CANCEL_TIMEOUT:g} s, got none')
-        return answer.result().success, plain(answer.result().message), plain(answer.result().holder)
 
     def calibrate(
             self, order: str = '', seed: int = 0, options: str = '',

@@ -23,8 +23,6 @@ from rosette_ros.nodes import names, qos
 MODULES = {names.RECORDER: 'rosette_ros.nodes.recorder', names.EVALUATOR: 'rosette_ros.nodes.evaluator',
            names.CMM: 'rosette_ros.nodes.simulated_cmm', names.SEQUENCER: 'rosette_ros.nodes.sequencer'}
 """The nodes in the order of starting: subscribers come first."""
-OPTIONAL = {names.TREND_MONITOR: 'rosette_ros.nodes.trend_monitor'}
-"""Nodes that a cell may have besides."""
 DME_CMM = 'rosette_ros.nodes.dme_cmm'
 """The node that takes the place of the simulated CMM where one with an I++ DME server is there."""
 
@@ -118,17 +116,17 @@ class Cell:
                  simulated_time: bool = True, remappings: Sequence[tuple[str, str]] | None = None,
                  dme: str | Path | None = None) -> None:
         """Prepare; nothing is started before `start`."""
-        if unknown := set(nodes) - {*MODULES, *OPTIONAL}:
-            raise InvalidConfig(f'cell: nodes: wanted some of {", ".join((*MODULES, *OPTIONAL))}, got {min(unknown)!r}')
+        if unknown := set(nodes) - {*MODULES}:
+            raise InvalidConfig(f'cell: nodes: wanted some of {", ".join(MODULES)}, got {min(unknown)!r}')
         self.domain_id, self.namespace = domain_id, namespace.strip('/')
         self._remappings = names.remappings(namespace) if remappings is None else remappings
         self.log_dir = Path(log_dir).absolute()
         self.machine = None if machine is None else Path(machine)
-        self.nodes = [name for name in (*MODULES, *OPTIONAL) if name in nodes]
+        self.nodes = [name for name in MODULES if name in nodes]
         self._params_file = params_file
-        self._modules = {**MODULES, **OPTIONAL, **({} if dme is None else {names.CMM: DME_CMM})}
+        self._modules = {**MODULES, **({} if dme is None else {names.CMM: DME_CMM})}
         is_simulated = simulated_time and dme is None
-        defaults: dict[str, dict[str, Any]] = {name: {'use_sim_time': is_simulated} for name in (*MODULES, *OPTIONAL)}
+        defaults: dict[str, dict[str, Any]] = {name: {'use_sim_time': is_simulated} for name in MODULES}
         defaults[names.RECORDER]['log_dir'] = str(self.log_dir)
         if dme is not None:
             defaults[names.CMM]['settings'] = str(Path(dme).absolute())
@@ -176,9 +174,9 @@ class Cell:
             self._await_output({name: f'{names.READY}\n'})
 
     def news(self) -> list[str]:
-        """Return what is new for a person: all that sequencer and trend monitor say, what the other nodes warn of."""
+        """Return what is new for a person: all that the sequencer says, what the other nodes warn of."""
         return [f'{name}: {words}' for name, process in self.processes.items() for level, words in process.news()
-                if words != names.READY and (name in (names.SEQUENCER, names.TREND_MONITOR) or level != 'INFO')]
+                if words != names.READY and (name == names.SEQUENCER or level != 'INFO')]
 
     def stop(self) -> dict[str, int | None]:
         """End all nodes, the sequencer first; return the exit codes by node."""

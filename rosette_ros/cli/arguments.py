@@ -35,18 +35,6 @@ def positive(unit: str) -> Callable[[str], float]:
     return _reader(float, lambda value: 0 < value < math.inf, f'a positive number ({unit})')
 
 
-PERIODS = {'s': 1.0, 'min': 60.0, 'h': 3600.0, 'd': 86400.0, 'w': 604800.0}
-
-
-def period(text: str) -> float:
-    """Read a time such as 7d or 12h, s."""
-    found = re.fullmatch(rf'(\d+(?:\.\d+)?)({"|".join(PERIODS)})', text, re.ASCII)
-    value = float(found[1]) * PERIODS[found[2]] if found else 0.0
-    if not 1.0 <= value <= 1e9:
-        raise argparse.ArgumentTypeError(f'wanted a time of at least 1s, such as 7d, 12h or 30min, got {text!r}')
-    return value
-
-
 def picture_file(text: str) -> Path:
     """Read the name of a picture to write."""
     if Path(text).suffix.lower() not in PICTURES:

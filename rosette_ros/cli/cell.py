@@ -19,7 +19,7 @@ from rosette_ros.calibration.settings import IDENTITY
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.hang_detection import HangDetector
 from rosette_ros.cell.supervisor import CHECK_PERIOD, MODULES, Cell
-from rosette_ros.cli.arguments import IN_LOG, SHARED, UsageError, add_shared, made_folder, period
+from rosette_ros.cli.arguments import IN_LOG, SHARED, UsageError, add_shared, made_folder
 from rosette_ros.cli.console import console
 from rosette_ros.core.errors import CellError, InvalidConfig
 from rosette_ros.dme.dme_settings import sequencer_parameters
@@ -48,10 +48,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         '(default: the machine.yaml of the package)')
     parser.add_argument('--params', metavar='FILE', help='parameters of the nodes, such as cell.yaml')
     add_shared(parser, '--identity', help=IN_LOG)
-    parser.add_argument('--archive', metavar='ARCHIVE', help='add each run that the cell starts itself to this '
-                        'archive, tell the trend, and warn where a limit is passed')
-    parser.add_argument('--every', metavar='TIME', type=period, help='calibrate so often, counted from the last run of '
-                        'the archive: 7d, 12h, 30min (default: on a service call only)')
     add_shared(parser, '--output', default=None, help='folder of the logs, one folder per run (default: log_dir of the '
                'recorder in --params, or rosette-runs)')
     add_shared(parser, '--namespace', '--domain')
@@ -69,32 +65,19 @@ def run(options: argparse.Namespace) -> None:
         raise InvalidConfig('cell: --machine describes a simulated CMM; remove --no-simulation or --cmm dme')
     if options.no_simulation and options.cmm == DME:
         raise UsageError('cell: --cmm dme starts a CMM; remove --no-simulation')
-    if options.every and not options.archive:
-        raise UsageError('cell: wanted --archive ARCHIVE with --every, got none: the schedule is kept in it')
     if options.params and not is_real:
         refuse_other_plate(options.machine, options.params)
     cmm = settings_of(options.settings)[0] if options.settings else None
     out = console()
     nodes = [name for name in MODULES if not (options.no_simulation and name == names.CMM)]
-    if options.archive:
-        nodes.append(names.TREND_MONITOR)
     cell = Cell(options.domain, options.namespace, machine=options.machine, params_file=options.params, nodes=nodes,
                 log_dir=made_folder(options.output or log_folder(options.params)), params={
                     names.SEQUENCER: identity_parameter(options.identity) | (sequencer_parameters(cmm) if cmm else {}),
-                    names.RECORDER: {'simulated': True} if cmm and cmm.simulated else {},
-                    names.TREND_MONITOR: trend_parameters(options)},
+                    names.RECORDER: {'simulated': True} if cmm and cmm.simulated else {}},
                 simulated_time=not is_real, dme=options.settings)
     refuse_second_cell(out, cell)
     with started(out, cell):
         keep_running(out, cell)
-
-
-def trend_parameters(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the parameters of the trend monitor, none where no archive is named; raises InvalidData."""
-    if not options.archive:
-        return {}
-    table = read_identity(options.identity)['table.serial'] if options.identity else ''
-    return {'archive': str(Path(options.archive).absolute()), 'every_s': options.every or 0.0, 'table': table}
 
 
 def given_parameters(path: str, node: str) -> Iterator[dict[str, Any]]:
@@ -139,9 +122,6 @@ def keep_running(out: Console, cell: Cell) -> None:
     where = names.where(domain, cell.namespace)
     out.print(f'\n[bold]The cell is running[/]: {", ".join(cell.processes)} in domain {domain}, namespace '
               f'/{escape(cell.namespace)}; logs are written to {escape(str(cell.log_dir))}', soft_wrap=True)
-    if names.TREND_MONITOR in cell.processes:
-        out.print('Nothing begins by itself while somebody holds it: '
-                  f'{escape(command("hold", "--why", "REASON", *where))}', soft_wrap=True)
     if names.CMM not in cell.processes:
         out.print('It waits for a CMM that answers probe_target with ball_centre (docs/real-cmm.md).')
     out.print(f'In another terminal:\n  {escape(command("calibrate", *where))}\nCtrl-C ends the cell.', soft_wrap=True)

@@ -32,7 +32,6 @@ VERBS = {
     'envelope': ('envelope', 'open the envelope of demo --hidden: what was hidden, what is found'),
     'plan': ('plan', 'what a plan measures and determines; plans side by side'),
     'cell': ('cell', 'a whole cell on this computer: starts its nodes, restarts failed nodes'),
-    'hold': ('hold', 'hold a cell that calibrates itself: it begins nothing until it is released'),
     'check-cmm': ('check_cmm', 'try a CMM before a calibration: what its node does wrong'),
     'dme': ('dme', 'a CMM with an I++ DME server: check it, its paths; such a server to try clients'),
     'calibrate': ('calibrate', 'start a calibration in a running cell and wait for the result'),

@@ -5,9 +5,9 @@ from argparse import ArgumentParser, Namespace
 
 from matplotlib.figure import Figure
 
-from rosette_ros.archive.cell_trend import CellTrend, trend_of
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.table_history import PEAK_TO_VALLEY, read_history
+from rosette_ros.archive.table_trend import TableTrend, trend_of
 from rosette_ros.cli.arguments import add_shared, made_folder
 from rosette_ros.cli.console import console, print_json, print_parts
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
@@ -63,7 +63,7 @@ def run(options: Namespace) -> None:
         out.print(f'Page: {options.output}', markup=False, soft_wrap=True)
 
 
-def _json(trend: CellTrend, charts: Charts) -> Json:
+def _json(trend: TableTrend, charts: Charts) -> Json:
     """Return the trend, schema rosette-trend/1."""
     history, events = trend.history, trend.events
     runs, dates, names = history.runs, history.dates, dict(zip(CURVES, CURVE_KEYS, strict=True))
@@ -90,7 +90,7 @@ def _json(trend: CellTrend, charts: Charts) -> Json:
                     'alarms': [runs[alarm] for alarm in one.alarms]} for series, part, one in charts]})
 
 
-def _pictures(trend: CellTrend, charts: Charts) -> dict[str, Figure]:
+def _pictures(trend: TableTrend, charts: Charts) -> dict[str, Figure]:
     """Return the pictures by name; that of what moved most at the last change where there is one."""
     history, events = trend.history, trend.events
     every = [(series.name, chart) for series, _, chart in charts]

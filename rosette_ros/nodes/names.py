@@ -30,10 +30,6 @@ RECOVER, CHECK_PLAN = 'cmm/recover', 'cmm/check_plan'
 """Of a CMM that waits for a person, and of one that knows what it can measure."""
 SERVICE_EVENT = '/_service_event'
 
-TREND_MONITOR, TREND = 'trend_monitor', 'trend'
-HOLD, RELEASE, CALIBRATE_NOW = 'trend_monitor/hold', 'trend_monitor/release', 'trend_monitor/calibrate'
-"""The node of a cell that calibrates itself and adds its runs to an archive; it need not be there."""
-
 TABLE_CORRECTOR, JOINT_STATES, CORRECT_POINT = 'table_corrector', 'joint_states', 'table_corrector/correct_point'
 """The node that applies a correction; it runs beside robots and machines, not in the calibration cell."""
 

@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter
 
 from rosette_ros.calibration.settings import Value, Wanted, unknown_name
 from rosette_ros.core.errors import InvalidConfig
-from rosette_ros.nodes.names import NODES, TREND_MONITOR
+from rosette_ros.nodes.names import NODES
 
 _OWN = ('use_sim_time', 'start_type_description_service')  # what every rclpy node declares for itself
 
@@ -62,7 +62,7 @@ def refuse_unknown_sections(arguments: Sequence[str], node: Node) -> None:
     """Raise InvalidConfig where a parameter file in the arguments has a section that is none of a node of the cell.
 
     ROS ignores such a section without a word."""
-    names_here = [f'{node.get_namespace().rstrip("/")}/{name}' for name in (*NODES, TREND_MONITOR, node.get_name())]
+    names_here = [f'{node.get_namespace().rstrip("/")}/{name}' for name in (*NODES, node.get_name())]
     for path in (after for flag, after in pairwise(arguments) if flag == '--params-file'):
         with open(path, encoding='utf-8') as stream:
             content = yaml.safe_load(stream)

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.archive.archive_questions import Question
-from rosette_ros.archive.cell_trend import CellTrend, trend_of
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.table_history import read_history
+from rosette_ros.archive.table_trend import TableTrend, trend_of
 from rosette_ros.core.error_summary import COVERAGE_FACTOR, difference
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.records import ErrorMotions
@@ -78,7 +78,7 @@ def _angles(motions: ErrorMotions) -> str:
     return f'{len(motions.angle)} from {np.rad2deg(motions.angle[0]):.6g}°'
 
 
-def table_trend(folder: str, table: str, model: str) -> CellTrend:
+def table_trend(folder: str, table: str, model: str) -> TableTrend:
     """Return the trend of a table under a model; raises InvalidData where it has few runs."""
     return trend_of(read_history(RunArchive(folder), table, model))
 

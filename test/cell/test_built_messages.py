@@ -45,9 +45,9 @@ def test_without_a_build_or_a_source_tree_there_is_nothing_to_compare(trees, tmp
 
 
 def test_a_cell_starts_no_node_then(trees, tmp_path, monkeypatch):
-    (trees[0] / 'srv' / 'HoldCell.srv').write_text('---\n')
+    (trees[0] / 'srv' / 'CheckPlan.srv').write_text('---\n')
     monkeypatch.setattr('rosette_ros.cell.supervisor.check_messages', lambda: check_messages(*trees))
     cell = Cell(output_dir=tmp_path / 'output')
-    with pytest.raises(CellError, match='HoldCell.srv differs'):
+    with pytest.raises(CellError, match='CheckPlan.srv differs'):
         cell.start()
     assert not cell.processes

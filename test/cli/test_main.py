@@ -19,7 +19,7 @@ from rosette_ros.cli.main import VERBS, error_lines, main
 def test_unknown_verb_names_the_known_ones(refused):
     """And the one that was probably meant."""
     line = refused('evalute', 'run.csv')
-    assert 'verb: wanted one of demo, envelope, plan, cell, hold, check-cmm, dme, calibrate,' in line
+    assert 'verb: wanted one of demo, envelope, plan, cell, check-cmm, dme, calibrate,' in line
     assert "got 'evalute'; did you mean 'evaluate'?" in line
 
 

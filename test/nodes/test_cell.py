@@ -167,7 +167,7 @@ def test_log_holds_the_handshake_of_the_recorder(calibrated):
 
 
 def test_log_names_the_services_whose_traffic_it_holds(calibrated):
-    """As docs/log-format.md lists them; those of a trend monitor where one runs."""
+    """As docs/log-format.md lists them."""
     content = yaml.safe_load((calibrated[0].log / 'metadata.yaml').read_text())
     events = {entry['topic_metadata']['name'] for entry in
               content['rosbag2_bagfile_information']['topics_with_message_count']}

@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter
 
 from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import InvalidConfig
-from rosette_ros.nodes import base_node, evaluator, recorder, sequencer, simulated_cmm, trend_monitor
+from rosette_ros.nodes import base_node, evaluator, recorder, sequencer, simulated_cmm
 from rosette_ros.nodes.base_node import CellNode
 
 CELL_YAML = Path(__file__).parents[2] / 'config' / 'cell.yaml'
@@ -114,7 +114,7 @@ def test_descriptors_tell_type_range_and_meaning(example):
 
 NODES = {'sequencer': (*sequencer.CALIBRATION, *sequencer.CELL, base_node.AUTOSTART),
          'cmm': simulated_cmm.WANTED, 'evaluator': evaluator.WANTED,
-         'recorder': recorder.WANTED, 'trend_monitor': trend_monitor.WANTED}
+         'recorder': recorder.WANTED}
 
 
 def flat(mapping, prefix=''):

@@ -11,11 +11,8 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.task import Future
 from rosette_msgs.action import Calibrate
 from rosette_msgs.msg import CalibrationEvent, RunState
-from std_srvs.srv import Trigger
 
 from rosette_ros.nodes import names, qos
-from rosette_ros.nodes.base_node import make_executor
-from rosette_ros.nodes.trend_monitor import TrendMonitor
 
 SLOW = 2.0
 """Time until a goal is accepted, s."""
@@ -68,23 +65,3 @@ def test_ctrl_c_before_the_goal_is_accepted_cancels_the_run(sequencer, client, w
     outcome = client.calibrate()
     assert outcome.cancelled and not outcome.success
     assert sequencer.events == ['requested', 'cancelled']
-
-
-def test_a_request_without_an_answer_is_given_up(ros, sequencer, tmp_path, monkeypatch):
-    """The monitor was requesting for ever; what is accepted after it gave up is cancelled."""
-    monkeypatch.setattr('rosette_ros.nodes.trend_monitor.ANSWER', SLOW / 4)
-    with ros('-p', f'archive:={tmp_path / "archive"}', '-r', '__ns:=/rosette'):
-        monitor, executor = TrendMonitor(), make_executor()
-        executor.add_node(monitor)
-        try:
-            monitor.spin_until(monitor._action.server_is_ready, 30.0)
-            asked = monitor._on_calibrate(Trigger.Request(), Trigger.Response())
-            assert asked.success, asked.message
-            assert monitor._hindrance() == 'the cell is requesting a calibration'
-            monitor.spin_until(lambda: not monitor._doing, 30.0)
-            assert monitor.health()[1].startswith('due, and does not begin: the sequencer was requested and did not')
-            monitor.spin_until(lambda: 'cancelled' in sequencer.events, 30.0)
-            assert sequencer.events == ['requested', 'cancelled']
-        finally:
-            executor.shutdown()
-            monitor.destroy_node()

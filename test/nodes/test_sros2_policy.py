@@ -14,7 +14,6 @@ from rclpy.node import Node
 
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.cmm_check import CmmClient
-from rosette_ros.cell.supervisor import MODULES, OPTIONAL
 from rosette_ros.nodes import names
 from rosette_ros.studio.cell_watcher import CellWatcher
 
@@ -22,12 +21,11 @@ ROOT = Path(__file__).parents[2]
 POLICY = ROOT / 'config' / 'sros2' / 'policies.xml'
 SAY, HEAR = 'say', 'hear'
 ENCLAVES = {'sequencer': ('sequencer',), 'cmm': ('cmm',), 'evaluator': ('evaluator',), 'recorder': ('recorder',),
-            'trend_monitor': ('trend_monitor',),
             'operator': ('client_*', 'studio_*', '_ros2cli_*'), 'check': ('check_*',),
             'watcher': ('studio_*', '_ros2cli_*')}
 """Enclave to the nodes that run in it; * stands for what is drawn at the start."""
 BY_HAND = (names.START_CALIBRATION, names.CANCEL_CALIBRATION, names.DIAGNOSE, names.ADD_EFFECT, names.REMOVE_EFFECT,
-           names.EVALUATE_JOINTLY, names.RECOVER, names.HOLD, names.RELEASE, names.CALIBRATE_NOW)
+           names.EVALUATE_JOINTLY, names.RECOVER)
 EXTRAS = {
     'cmm': {(HEAR, 'rt/rosette/run_state'), *(pair for name in (names.RECOVER,) for pair in (
         (HEAR, f'rq/rosette/{name}Request'), (SAY, f'rr/rosette/{name}Reply')))},
@@ -42,7 +40,6 @@ COMMANDS = {'rt/tf_static': 'sequencer', 'rt/rosette/run_state': 'sequencer',
             'rt/rosette/error_motions': 'evaluator', 'rt/rosette/model': 'evaluator',
             'rt/rosette/diagnosis': 'evaluator', 'rq/rosette/recorder/start_recordingRequest': 'sequencer',
             'rq/rosette/recorder/stop_recordingRequest': 'sequencer',
-            'rq/rosette/trend_monitor/calibrateRequest': 'operator', 'rq/rosette/trend_monitor/holdRequest': 'operator',
             'rq/rosette/start_calibrationRequest': 'operator',
             'rq/rosette/cancel_calibrationRequest': 'operator'}
 """What moves a machine, makes a curve or opens a log, and who alone may say it."""
@@ -159,8 +156,7 @@ def _without_chance(name):
 def used(policy, module_domain_id, make_cell, tmp_path_factory):
     """Return the pairs that each node of a running cell, a client, a check of the CMM, the studio and a tool use."""
     folder = tmp_path_factory.mktemp('policy')
-    cell = make_cell(module_domain_id, folder, nodes=(*MODULES, *OPTIONAL),
-                     params={'trend_monitor': {'archive': str(folder / 'archive')}})
+    cell = make_cell(module_domain_id, folder)
     with cell, CellClient(module_domain_id) as client, CmmClient(module_domain_id) as checker:
         client.wait()
         checker.check(checker.settings({}))
@@ -213,7 +209,7 @@ def test_only_one_may_say_what_counts(policy):
     for name, speaker in COMMANDS.items():
         assert [enclave for enclave in policy if (SAY, name) in policy[enclave]] == [speaker], name
     goal = 'rq/rosette/calibrate/_action/send_goalRequest'
-    assert [enclave for enclave in policy if (SAY, goal) in policy[enclave]] == ['trend_monitor', 'operator', 'check']
+    assert [enclave for enclave in policy if (SAY, goal) in policy[enclave]] == ['operator', 'check']
 
 
 def test_who_looks_says_nothing_about_a_run(policy):

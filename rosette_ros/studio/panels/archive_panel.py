@@ -20,7 +20,7 @@ from rosette_ros.studio.panels.widgets import Figure, button, card, input_field,
 from rosette_ros.studio.worker import Superseded
 
 if TYPE_CHECKING:
-    from rosette_ros.archive.cell_trend import CellTrend
+    from rosette_ros.archive.table_trend import TableTrend
     from rosette_ros.studio.archive_view import ArchiveRuns
 
 OpenRun = Callable[[str, str], Awaitable[None]]
@@ -38,7 +38,7 @@ class ArchivePanel:
         """Build it; folder: of the archive at first, '' for none; on_open(path, run_id): open a run."""
         self._controller, self._on_open = controller, on_open
         self._runs: ArchiveRuns | None = None
-        self._trend: CellTrend | None = None
+        self._trend: TableTrend | None = None
         self._is_filling, self._paths = False, list[str]()
         with card('Archive of runs', 'archive'):
             with row():
@@ -163,7 +163,7 @@ class ArchivePanel:
             raise InvalidData('wanted one table to be chosen, got several in the list')
         view = importlib.import_module('rosette_ros.studio.archive_view')
         folder, model = self._folder.value.strip(), self._runs.model
-        trend: CellTrend = await self._controller.archivist.run(view.table_trend, folder, table, model)
+        trend: TableTrend = await self._controller.archivist.run(view.table_trend, folder, table, model)
         paths = await asyncio.to_thread(view.paths_of, folder, trend.history.runs, table, model)
         self._trend, self._paths = trend, paths
         history = trend.history
@@ -191,7 +191,7 @@ class ArchivePanel:
             await self._on_open(self._paths[points[0]], self._trend.history.runs[points[0]])
 
 
-def _fill(trend: 'CellTrend') -> None:
+def _fill(trend: 'TableTrend') -> None:
     marked(ui.label(trend.sentence), 'archive-sentence')
     for words in trend.notes:
         ui.label(words)

@@ -1,18 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a new run of a cell says about its table: the run is added, the trend is judged, limits that are passed told."""
+"""The trend of a table judged: limits that are passed, changes among the last runs, notes and tables."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
-from rosette_ros.archive.engines import PlainLoop
-from rosette_ros.archive.log_finder import find_logs
-from rosette_ros.archive.run_adding import add_logs
-from rosette_ros.archive.run_archive import RunArchive
-from rosette_ros.archive.table_history import History, read_history
+from rosette_ros.archive.table_history import History
 from rosette_ros.core.error_summary import Conformity, conformity
-from rosette_ros.core.errors import InvalidData, counted
-from rosette_ros.core.model.model import Model
+from rosette_ros.core.errors import counted
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.trend import LEAST_RUNS, Event, Forecast
 from rosette_ros.presentation import formatting as text
@@ -24,8 +18,8 @@ LATELY = LEAST_RUNS
 
 
 @dataclass(frozen=True, eq=False)
-class CellTrend:
-    """The trend of a table after a run. unkept: errors that are not within their tolerance for certain (ISO 14253-1);
+class TableTrend:
+    """The trend of a table. unkept: errors that are not within their tolerance for certain (ISO 14253-1);
     recent: changes among the last runs; warnings: both in sentences."""
 
     history: History
@@ -74,27 +68,12 @@ class CellTrend:
     @property
     def sentence(self) -> str:
         """It in a sentence."""
-        is_short = len(self.history.runs) < LEAST_RUNS
-        said = [*self.warnings] or ['no tolerance is passed'] * bool(self.history.tolerances)
-        if is_short:
-            said.append(f'changes are looked for from {LEAST_RUNS} runs on')
-        elif not self.warnings:
-            said.append(f'no step in the last {LATELY} runs')
+        said = [*self.warnings] or [*['no tolerance is passed'] * bool(self.history.tolerances),
+                                    f'no step in the last {LATELY} runs']
         return f'{counted(len(self.history.runs), "run")}: {"; ".join(said)}'
 
 
-def add_and_judge(archive: RunArchive, log: str, model: Model) -> CellTrend:
-    """Add the log of a run and return the trend of its table; raises InvalidData where the run cannot be added."""
-    log = str(Path(log).absolute())
-    add_logs(archive, find_logs([log]), PlainLoop(), model)
-    added = archive.read_rows(('problem', 'table_serial', 'cell'), 'path = ? AND model_hash = ?',
-                              (log, model.hash)).to_pylist()
-    if not added or added[-1]['problem']:
-        raise InvalidData(f'{log}: {added[-1]["problem"] if added else "its content is known as another log"}')
-    return trend_of(read_history(archive, added[-1]['table_serial'], model.hash, added[-1]['cell'], least=1))
-
-
-def trend_of(history: History) -> CellTrend:
+def trend_of(history: History) -> TableTrend:
     """Return the trend that a history shows."""
     events = history.events()
     recent = tuple(event for event in events if event.run >= len(history.runs) - LATELY)
@@ -112,4 +91,4 @@ def trend_of(history: History) -> CellTrend:
         said.append(f'{text.names(event.owners)} changed between {history.dates[event.earliest - 1]:%Y-%m-%d} and '
                     f'{history.dates[event.latest]:%Y-%m-%d}: {strongest.series.name} by '
                     f'{results.size_words(strongest)}')
-    return CellTrend(history, events, history.forecasts(events), tuple(unkept), recent, tuple(said))
+    return TableTrend(history, events, history.forecasts(events), tuple(unkept), recent, tuple(said))
