@@ -12,6 +12,7 @@ from collections import Counter
 
 import numpy as np
 
+from benchmarks.ageing import years
 from rosette_ros.analysis import analyse
 from rosette_ros.archive.run_row import evaluation_row, heading
 from rosette_ros.archive.table_history import history_of
@@ -21,7 +22,6 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.trend import harmonics
 from rosette_ros.io.identity_file import Identity
-from rosette_ros.simulation.ageing import AgeingScript, MachineChange
 
 HISTORIES = int(os.environ.get('HISTORIES', '20'))
 BALLS, DAYS, RUNS = 8, 14.0, 78
@@ -63,12 +63,13 @@ def changed(run, owner, fit, number):
 def history(seed, owner='', balls=BALLS, runs=RUNS):
     """Return a History and the index of its change, of `owner`; without one none changes."""
     at = runs // 3 + 7 * seed % (runs - WITHIN - runs // 3) if owner else runs
-    script = AgeingScript(
-        machine={'seed': seed + 1, 'plate': {'balls': balls}}, every_days=DAYS, runs=min(runs, at + WITHIN),
-        seasons_K=2.0, changes=(MachineChange(day=0, until_day=DAYS * RUNS, set={'table': {'rotation_urad': 0.45}}),))
     model = Model().with_effect(EFFECT, {'axes': 'xyz'}) if owner == EFFECT else Model()
     rows, first = [], None
-    for number, (day, run) in enumerate(script.iter_runs()):
+
+    def settings(day):
+        return {'seed': seed + 1, 'plate': {'balls': balls}, 'table': {'rotation_urad': 0.3 + 0.15 * day / DAYS / RUNS}}
+
+    for number, (day, run) in enumerate(years(settings, min(runs, at + WITHIN), DAYS, seasons=2.0)):
         fit = analyse(changed(run, owner, first, seed) if number >= at else run, model)
         first = first or fit
         rows.append({**heading(f'{number}', 'p', 's', model, START, run.run_id),

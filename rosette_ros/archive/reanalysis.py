@@ -17,9 +17,6 @@ from rosette_ros.core.records import CURVES
 from rosette_ros.core.trend import LEAST_RUNS, Event, Forecast
 from rosette_ros.presentation.json_output import CURVE_KEYS
 
-WITHOUT_LOG = 'simulated:'
-"""How the path of a run begins that was simulated into an archive without a log."""
-
 _CHANGES = ', '.join(
     f'list_max(list_transform(list_zip(a.{key}, b.{key}), lambda p: abs(p[2] - p[1]))) AS change_{key}, '
     f'list_max(list_transform(list_zip(a.{key}, b.{key}, a.U_{key}, b.U_{key}), '

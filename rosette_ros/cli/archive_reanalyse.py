@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 
 from rosette_ros.archive import reanalysis
 from rosette_ros.archive.engines import DaskEngine
-from rosette_ros.archive.reanalysis import WITHOUT_LOG, RunChange, TrendComparison
+from rosette_ros.archive.reanalysis import RunChange, TrendComparison
 from rosette_ros.archive.run_adding import add_logs
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.table_history import History
@@ -61,12 +61,9 @@ def run(options: Namespace) -> None:
         sys.stdout.write(table.csv())
         return
     out = console()
-    if never := [path for path in gone if path.startswith(WITHOUT_LOG)]:
-        out.print(f'{counted(len(never), "run")} simulated into the archive without a log: not evaluated again',
-                  markup=False)
-    if lost := [path for path in gone if not path.startswith(WITHOUT_LOG)]:
-        out.print(f'{counted(len(lost), "log")} not found where {"it was" if len(lost) == 1 else "they were"}, such as '
-                  f'{lost[0]}', markup=False)
+    if gone:
+        out.print(f'{counted(len(gone), "log")} not found where {"it was" if len(gone) == 1 else "they were"}, such as '
+                  f'{gone[0]}', markup=False)
     for sentence in said:
         out.print(sentence, markup=False, soft_wrap=True)
     print_parts(out, [table, *_trend_tables(trends)])

@@ -4,7 +4,6 @@
 import contextlib
 import json
 import resource
-import shlex
 import time
 
 import pytest
@@ -140,27 +139,3 @@ def test_times_do_not_depend_on_where_the_computer_is(rosette, tmp_path, monkeyp
     monkeypatch.undo()
     time.tzset()
     assert told.splitlines()[1] == '2024-01-01 00:00:00,2024-01-01 00:00:00'
-
-
-@pytest.mark.parametrize(('serial', 'option'), [('"RT 1 [a]"', ['--table', 'RT 1 [a]']), ('""', [])])
-def test_what_follows_simulated_years_can_be_typed(rosette, tmp_path, serial, option):
-    """Names with spaces and brackets, long paths, and a table without a serial number."""
-    script, identity = tmp_path / 'ageing.yaml', tmp_path / 'identity.yaml'
-    script.write_text('machine: {plate: {balls: 5}}\nevery_days: 7\nruns: 1\n')
-    identity.write_text(f'schema: rosette-identity/1\ntable: {{maker: A, serial: {serial}}}\n')
-    archive = tmp_path / ('a' * 80) / 'my years'
-    archive.parent.mkdir()
-    told = rosette('archive', 'simulate', script, '--into', archive, '--identity', identity).out
-    assert shlex.split(told.partition('; next: ')[2])[1:] == ['trend', str(archive), *option]
-    assert told.count('\n') == 1
-
-
-def test_simulated_years_have_no_logs_to_evaluate_again(in_this_process, rosette, tmp_path):
-    """It is said as that, not as files that are lost."""
-    script, model, archive = tmp_path / 'ageing.yaml', tmp_path / 'model.yaml', tmp_path / 'years'
-    script.write_text('machine: {plate: {balls: 5}}\nevery_days: 7\nruns: 2\n')
-    write_model(Model().with_effect('frame_drift'), model)
-    assert rosette('archive', 'simulate', script, '--into', archive).code == 0
-    told = rosette('archive', 'reanalyse', archive, '--model', model).out
-    assert '2 runs simulated into the archive without a log: not evaluated again\n' in told
-    assert 'not found' not in told

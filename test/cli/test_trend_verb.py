@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette archive simulate and rosette trend: a simulated year with a known change, as a user sees it."""
+"""rosette trend: a simulated year with a known change, as a user sees it."""
 
 import datetime
 import json
@@ -8,39 +8,60 @@ import re
 import numpy as np
 import pytest
 
+from benchmarks.ageing import years
 from rosette_ros.analysis import analyse
 from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import evaluation_row, heading
 from rosette_ros.archive.table_history import history_of
-from rosette_ros.cli.main import main
-from rosette_ros.core.errors import InvalidConfig, InvalidData
+from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.model import Model
 from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.presentation.trend_results import component_name, events_table, residual_words
-from rosette_ros.simulation.ageing import AgeingScript, MachineChange, read_ageing
 
-SCRIPT = '''
-machine: {plate: {balls: 5}, probing: {repeatability_um: 0.1}}
-every_days: 30
-runs: 16
-seasons_K: 2
-changes:
-- {day: 0, until_day: 480, set: {table: {translation_um: 0.1}}}
-- {day: 300, set: {table: {added_errors: [{error: crz, per_turn: 2, amplitude: 3.0}]}}}
-'''
 IDENTITY = 'schema: rosette-identity/1\ntable: {serial: RT-7}\ntolerances: {crz: 20 µrad, ctz: 5 µm}\n'
 START = datetime.datetime(2024, 1, 1, tzinfo=datetime.UTC)
 
 
+def rows_of(settings, runs, **options):
+    """Return the rows of years of a machine whose settings are a function of the day."""
+    identity = parse_identity(IDENTITY.encode())
+    return [{**heading(f'{day}', 'here', '', Model(), START, run.run_id),
+             **evaluation_row(analyse(run), identity=identity), 'measured_at': START + datetime.timedelta(days=day)}
+            for day, run in years(settings, runs, **options)]
+
+
+def history_from(settings, runs):
+    """Return the history of such years."""
+    return history_of(rows_of(settings, runs), 'RT-7')
+
+
+def plate(balls, **settings):
+    """Return settings of a machine with a plate of so many balls."""
+    return {'plate': {'balls': balls}, **settings}
+
+
+def wave(error, per_turn, amplitude):
+    """Return settings of a table with a further harmonic."""
+    return {'added_errors': [{'error': error, 'per_turn': per_turn, 'amplitude': amplitude}]}
+
+
+def hit(day):
+    """Return settings with wear from the beginning on and a collision at day 300."""
+    table = {'translation_um': 0.05 + 0.05 * min(1.0, day / 480)} | (wave('crz', 2, 3.0) if day >= 300 else {})
+    return plate(5, probing={'repeatability_um': 0.1}, table=table)
+
+
+def hit_rows(runs):
+    """Return the rows of so many runs, one in 30 days, with seasons."""
+    return rows_of(hit, runs, every_days=30.0, seasons=2.0)
+
+
 @pytest.fixture(scope='module')
 def archive(tmp_path_factory):
-    """Return the folder of an archive of SCRIPT."""
-    folder = tmp_path_factory.mktemp('years')
-    (folder / 'ageing.yaml').write_text(SCRIPT)
-    (folder / 'identity.yaml').write_text(IDENTITY, encoding='utf-8')
-    assert main(['archive', 'simulate', str(folder / 'ageing.yaml'), '--into', str(folder / 'plant'), '--identity',
-                 str(folder / 'identity.yaml')]) == 0
-    return folder / 'plant'
+    """Return the folder of an archive of 16 runs."""
+    made = RunArchive(tmp_path_factory.mktemp('years') / 'plant', make=True)
+    made.add(hit_rows(16))
+    return made.folder
 
 
 def test_a_change_is_found_with_its_date_and_owner(archive, rosette, refused, tmp_path):
@@ -73,11 +94,9 @@ def test_a_change_is_found_with_its_date_and_owner(archive, rosette, refused, tm
     assert 'exists already' in refused('trend', archive, '--table', 'RT-7', '-o', page)
 
 
-def test_a_curve_that_changed_lately_is_named(archive, rosette, tmp_path):
+def test_a_curve_that_changed_lately_is_named(rosette, tmp_path):
     """Two runs after its change there is no forecast of crz, and there is one of ctz."""
-    script = tmp_path / 'ageing.yaml'
-    script.write_text(SCRIPT.replace('runs: 16', 'runs: 12'))
-    rosette('archive', 'simulate', script, '--into', tmp_path / 'plant', '--identity', archive.parent / 'identity.yaml')
+    RunArchive(tmp_path / 'plant', make=True).add(hit_rows(12))
     found = json.loads(rosette('trend', tmp_path / 'plant', '--table', 'RT-7', '--json').out)
     assert (found['too_few_runs'], list(found['forecasts'])) == ({'crz_rad': 2}, ['ctz_m'])
     assert found['level'] == 'doubtful'
@@ -90,10 +109,7 @@ def test_a_curve_that_changed_lately_is_named(archive, rosette, tmp_path):
 
 def test_the_chart_is_that_of_what_moved_most(rosette, tmp_path):
     """A harmonic that went there and back by its cos shows its cos; without a change there is no such chart."""
-    script = AgeingScript(machine={'plate': {'balls': 5}}, runs=30, changes=(
-        MachineChange(day=70, set={'table': {'added_errors': [{'error': 'ctx', 'per_turn': 2, 'amplitude': 2.0}]}}),
-        MachineChange(day=140, set={'table': {'added_errors': []}})))
-    rows = rows_of(script)
+    rows = rows_of(lambda day: plate(5, table=wave('ctx', 2, 2.0) if 70 <= day < 140 else {}), 30)
     history = history_of(rows, 'RT-7')
     *_, back = history.events()
     series, part, chart = history.chart_of(back)
@@ -112,9 +128,7 @@ def test_the_chart_is_that_of_what_moved_most(rosette, tmp_path):
 
 def test_noise_that_grows_is_told_as_noise():
     """From 0.1 µm to 0.8 µm in 16 runs: the residual, and no error."""
-    script = AgeingScript(machine={'plate': {'balls': 5}}, runs=16, changes=(
-        MachineChange(day=0, until_day=105, set={'probing': {'repeatability_um': 0.8}}),))
-    history = history_of(rows_of(script), 'RT-7')
+    history = history_from(lambda day: plate(5, probing={'repeatability_um': 0.1 + 0.7 * min(1.0, day / 105)}), 16)
     events = history.events()
     first, last = history.residual_course(events)
     assert events == () and first < 0.25e-6 and 0.5e-6 < last < 1.2e-6
@@ -136,8 +150,7 @@ def test_an_unknown_table_is_one_line(archive, refused):
 def test_runs_without_a_date_are_named(refused, tmp_path):
     """With what to state."""
     archive = RunArchive(tmp_path / 'plant', make=True)
-    script = AgeingScript(machine={'plate': {'balls': 3}}, runs=2)
-    archive.add([{**row, 'measured_at': None} for row in rows_of(script)])
+    archive.add([{**row, 'measured_at': None} for row in rows_of(lambda day: plate(3), 2)])
     assert ("wanted dated runs of table 'RT-7', got 2 runs without a date; state measured.begin in the identity"
             in refused('trend', archive.folder, '--table', 'RT-7'))
 
@@ -145,9 +158,7 @@ def test_runs_without_a_date_are_named(refused, tmp_path):
 def test_runs_of_another_number_of_balls_are_named(rosette, tmp_path):
     """In text, page and JSON; they count for the harmonics that they have."""
     archive = RunArchive(tmp_path / 'plant', make=True)
-    script = AgeingScript(machine={'plate': {'balls': 5}}, runs=10,
-                          changes=(MachineChange(day=14, set={'plate': {'balls': 6}}),))
-    archive.add(rows_of(script))
+    archive.add(rows_of(lambda day: plate(6 if day >= 14 else 5), 10))
     told = rosette('trend', archive.folder, '--table', 'RT-7', '-o', tmp_path / 'trend.html').out
     words = 'as they have another number of balls than the last run: day_0000.0, day_0007.0.'
     assert words in told and words in (tmp_path / 'trend.html').read_text(encoding='utf-8')
@@ -158,27 +169,19 @@ def test_runs_of_another_number_of_balls_are_named(rosette, tmp_path):
 def test_few_runs_have_no_trend():
     """In words."""
     with pytest.raises(InvalidData, match="trend of table 'a': wanted at least 8 dated runs, got 3"):
-        history_of(rows_of(AgeingScript(machine={'plate': {'balls': 3}}, runs=3)), 'a')
-
-
-def rows_of(script):
-    """Return the rows of a script."""
-    identity = parse_identity(IDENTITY.encode())
-    return [{**heading(f'{day}', 'here', '', Model(), START, run.run_id),
-             **evaluation_row(analyse(run), identity=identity), 'measured_at': START + datetime.timedelta(days=day)}
-            for day, run in script.iter_runs()]
+        history_of(rows_of(lambda day: plate(3), 3), 'a')
 
 
 def test_the_last_tolerances_count_whatever_else_is_stated():
     """The newest run states none, but speaks of them in a remark."""
-    rows = rows_of(AgeingScript(machine={'plate': {'balls': 3}}, runs=8))
+    rows = rows_of(lambda day: plate(3), 8)
     rows[-1]['identity'] = 'schema: rosette-identity/1\ncertificate: {remarks: tolerances as agreed}\n'
     assert history_of(rows, 'a').tolerances == pytest.approx({'crz': 2e-5, 'ctz': 5e-6})
 
 
 def test_runs_between_the_steps_are_left_out():
     """They have other CMM positions; the rest is judged."""
-    rows = rows_of(AgeingScript(machine={'plate': {'balls': 3}}, runs=9))
+    rows = rows_of(lambda day: plate(3), 9)
     rows[4]['angle_rad'] = [angle + np.deg2rad(15) for angle in rows[4]['angle_rad']]
     history = history_of(rows, 'a')
     assert history.left_out == (rows[4]['run_id'],)
@@ -190,18 +193,14 @@ def test_runs_between_the_steps_are_left_out():
 @pytest.mark.parametrize('balls', [3, 8])
 def test_another_plate_is_a_change_of_the_plate(balls):
     """Its balls and how it lies, and not the table; one change."""
-    script = AgeingScript(machine={'plate': {'balls': balls}}, runs=14,
-                          changes=(MachineChange(day=56, set={'plate': {'number': 2}}),))
-    [event] = history_of(rows_of(script), 'RT-7').events()
+    [event] = history_from(lambda day: {'plate': {'balls': balls, 'number': 2 if day >= 56 else 1}}, 14).events()
     assert (event.run, event.owners[0], event.steps[0].series.owner) == (8, 'plate', 'plate')
     assert set(event.owners) <= {'plate', 'clamping', 'size'}
 
 
 def test_a_scale_of_the_cmm_is_no_other_plate():
     """A plate that grows evenly and a scale of the CMM are the same to rosettes: 100 ppm are told as size alone."""
-    script = AgeingScript(machine={'plate': {'balls': 6}}, runs=14,
-                          changes=(MachineChange(day=56, set={'cmm': {'scale_ppm': 100.0}}),))
-    [event] = history_of(rows_of(script), 'RT-7').events()
+    [event] = history_from(lambda day: plate(6, cmm={'scale_ppm': 100.0} if day >= 56 else {}), 14).events()
     assert (event.run, event.owners, [step.series.name for step in event.steps]) == (
         8, ('size',), ['size of the plate, or scale of the CMM'])
     table = events_table([event], [START] * 14, ['run'] * 14, [{}])
@@ -210,16 +209,14 @@ def test_a_scale_of_the_cmm_is_no_other_plate():
 
 def test_a_table_whose_zero_moves_is_a_change_of_the_table():
     """The plate lies turned since then, and is the same one."""
-    script = AgeingScript(machine={'plate': {'balls': 8}}, runs=40, changes=(
-        MachineChange(day=140, set={'table': {'added_errors': [{'error': 'crz', 'per_turn': 3, 'amplitude': 8.0}]}}),))
-    [event] = history_of(rows_of(script), 'RT-7').events()
+    [event] = history_from(lambda day: plate(8, table=wave('crz', 3, 8.0) if day >= 140 else {}), 40).events()
     assert (event.run, event.owners[0]) == (20, 'table')
     assert set(event.owners) <= {'table', 'clamping'}
 
 
 def test_a_plate_that_was_clamped_anew_is_no_other_plate():
     """All balls have turned by 20 µrad together: told as an angle."""
-    rows = rows_of(AgeingScript(machine={'plate': {'balls': 5}}, runs=14))
+    rows = rows_of(lambda day: plate(5), 14)
     angle = np.array(rows[0]['angle_rad'])
     for row in rows[8:]:
         for name, direction in (('plate_x_m', -np.sin(angle)), ('plate_y_m', np.cos(angle))):
@@ -231,63 +228,3 @@ def test_a_plate_that_was_clamped_anew_is_no_other_plate():
     assert step.size == pytest.approx([20e-6], abs=4 * step.u[0]) and step.u[0] < 1e-6
     assert re.search(r'balls in the frame, rotation \S+ U \(\+(19|2[01])\.\d ± \d+\.\d+ µrad\)',
                      events_table([event], [START] * 14, ['run'] * 14, [{}]).csv())
-
-
-@pytest.mark.parametrize(('text', 'words'), [
-    ('changes: [{day: 3, until_day: 2, set: {}}]', 'changes.1: until_day: wanted a day after 3, got 2'),
-    ('changes: [{day: 3, set: {plate: {ball: 7}}}]', 'changes.1.set: plate.ball: wanted'),
-    ('changes: [{day: 3, until_day: 9, set: {plate: {balls: 7}}}]', 'changes.1.set.plate.balls: wanted a number that'),
-    ('changes: [{day: 30, set: {}}, {day: 10, set: {}}]', 'changes.2: wanted a day from 30, that of the change before'),
-    ('runs: 3\nchanges: [{day: 30, set: {}}]', 'changes.1: wanted a day from 0, that of the change before, to 14,'),
-    ('order: zigzag', 'zigzag'),
-    ('seasons_K: 40', 'day 91: climate.start_degC: wanted less than or equal to 50, got'),
-    ('runs: 0', 'runs: wanted'),
-    ('[]', 'wanted a mapping of settings'),
-])
-def test_a_wrong_script_is_one_line(tmp_path, text, words):
-    """Where, wanted, got."""
-    path = tmp_path / 'ageing.yaml'
-    path.write_text(text)
-    with pytest.raises(InvalidConfig) as caught:
-        read_ageing(path)
-    assert words in str(caught.value)
-    assert str(path) in str(caught.value)
-    assert '\n' not in str(caught.value)
-
-
-def test_what_grows_in_lists_grows_evenly():
-    """A harmonic that is added grows from nothing, and goes back to nothing; its phase is what it is."""
-    wave = {'error': 'crz', 'per_turn': 2, 'amplitude': 4.0, 'phase_deg': 30.0}
-    script = AgeingScript(runs=100, changes=(
-        MachineChange(day=100, until_day=200, set={'table': {'added_errors': [wave]}}),
-        MachineChange(day=300, until_day=400, set={'table': {'added_errors': []}, 'placement': {'axis': [0, 1, 1]}})))
-
-    def sizes(day):
-        return [(one.amplitude, one.phase_deg) for one in script.config(day).table.added_errors]
-    assert [sizes(day) for day in (99, 100, 125, 200, 350, 400)] == [
-        [], [(0.0, 30.0)], [(1.0, 30.0)], [(4.0, 30.0)], [(2.0, 30.0)], []]
-    assert script.config(350).placement.axis == (0.0, 0.5, 1.0)
-
-
-def test_the_same_years_of_another_table_are_further_runs(rosette, tmp_path):
-    """Or from another day on, which an offset moves to UTC; repeated as they are, they count once."""
-    script, archive = tmp_path / 'ageing.yaml', tmp_path / 'plant'
-    script.write_text('machine: {plate: {balls: 3}}\nruns: 2\n')
-    (tmp_path / 'id.yaml').write_text('schema: rosette-identity/1\ntable: {serial: RT-8}\n')
-    for more in ((), (), ('--identity', tmp_path / 'id.yaml'), ('--begin', '2025-01-01T00:00+02:00')):
-        assert rosette('archive', 'simulate', script, '--into', archive, *more).code == 0
-    rows = RunArchive(archive).read_rows(('table_serial', 'measured_at')).to_pylist()
-    assert [(row['table_serial'], f'{row["measured_at"]:%Y-%m-%d %H}') for row in rows] == [
-        ('RT-8', '2024-01-01 00'), ('RT-8', '2024-01-08 00'), ('SIMULATED', '2024-01-01 00'),
-        ('SIMULATED', '2024-01-08 00'), ('SIMULATED', '2024-12-31 22'), ('SIMULATED', '2025-01-07 22')]
-
-
-def test_a_script_is_judged_before_an_archive_is_made(refused, tmp_path):
-    """The order of measurement, too; a last run after the year 9999 is a wrong begin."""
-    script = tmp_path / 'ageing.yaml'
-    script.write_text('order: zigzag\n')
-    assert str(script) in refused('archive', 'simulate', script, '--into', tmp_path / 'plant')
-    script.write_text('runs: 9\n')
-    assert '--begin: wanted' in refused('archive', 'simulate', script, '--into', tmp_path / 'plant', '--begin',
-                                        '9999-12-30')
-    assert not (tmp_path / 'plant').exists()
