@@ -41,8 +41,6 @@ WIDEST_MAP = 20
 MOST_PLANS = 12
 USUAL_RADIUS_MM = 182.5
 """Radius of the plate of the paper, where a question is answered without a plate."""
-ENDINGS = {'.csv': False, '.yaml': True, '.yml': True}
-"""Endings of plan files, and whether they are YAML."""
 OF_ONE_PLAN = {'output': '--output', 'figures': '--figures', 'cmm_positions': '--cmm-positions or --share',
                'balls_in_use': '--balls-of', 'touches': '--touches', 'seed': '--seed', 'plate': '--plate',
                'table_offset_deg': '--table-offset-deg', 'csv': '--csv', 'csv_template': '--csv-template',
@@ -71,8 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         f'with --hours {Pace.table_move:g} s, else at usual speeds)')
     parser.add_argument('--axis', metavar=('X', 'Y', 'Z'), type=float, nargs=3, help='direction of the table axis in '
                         'the machine, for what the plan shows of gravity and of the axes of the CMM (default 0 0 1)')
-    parser.add_argument('-o', '--output', metavar='FILE', help='write the plan as a file for calibrate --plan, .csv or '
-                        '.yaml')
+    parser.add_argument('-o', '--output', metavar='FILE', help='write the plan as a file for calibrate --plan, CSV')
     parser.add_argument('--figures', metavar='DIR', help='write the pictures of the plan, or of the comparison')
     arguments.add_shared(parser, '--format', '--force')
     group = arguments.add_formats(parser, csv='print the list as a table, coordinates with two decimals; of several '
@@ -113,10 +110,9 @@ def run(options: argparse.Namespace) -> None:
     if len(words) > 1 and (options.output or options.csv_template):
         raise UsageError('plan: wanted one plan to write, got several; leave out --output and --csv-template')
     if options.output:
-        ending = Path(options.output).suffix.lower()
-        if ending not in ENDINGS:
-            raise UsageError(f'--output: wanted a name that ends in {" or ".join(ENDINGS)}, got {options.output!r}')
-        write_text(options.output, format_plan(made[0], ENDINGS[ending]), options.force)
+        if Path(options.output).suffix.lower() != '.csv':
+            raise UsageError(f'--output: wanted a name that ends in .csv, got {options.output!r}')
+        write_text(options.output, format_plan(made[0]), options.force)
     if len(words) == 1 and is_list:
         scheme, radius_mm = made[0].scheme, 1e3 * made[0].radius
         lines = (','.join(row) for row in results.rows(scheme, radius_mm))

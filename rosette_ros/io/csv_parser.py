@@ -2,8 +2,9 @@
 """From the bytes of a ball-centre table, also as a spreadsheet saves it, to columns of numbers."""
 
 import csv
+import difflib
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from decimal import Decimal
 from typing import TypeVar
 
@@ -12,7 +13,6 @@ import numpy as np
 from rosette_ros.core.axes import rotation_of, unit_axis
 from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.core.geometry import Floats, Ints
-from rosette_ros.io.keyed_table import meant
 
 SCHEMA = 'rosette-ball-centres/1'
 COLUMNS = ('seq', 'table_position', 'ball', 'cmm_position', 'table_angle_deg', 'x_mm', 'y_mm', 'z_mm', 'time_s',
@@ -34,6 +34,11 @@ Row = tuple[int, list[str]]
 """Line and cells of a row."""
 _TEMPLATE = '`rosette plan --csv-template` makes an empty table'
 _Value = TypeVar('_Value')
+
+
+def meant(key: str, known: Collection[str]) -> str:
+    """Return the known key that a misspelt one means, '' where it is another program's, or a remark."""
+    return next(iter(difflib.get_close_matches(key, known, 1, 0.75)), '')
 
 
 def _wrong(source: str, line: int, column: str, wanted: str, got: object, advice: str = '') -> InvalidData:

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A plate of any pitch, schema rosette-plate/1: nominal or calibrated ball centres, as YAML or CSV."""
+"""A plate of any pitch, schema rosette-plate/1: nominal or calibrated ball centres, as YAML."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
@@ -10,7 +9,6 @@ import yaml
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Floats
 from rosette_ros.core.joint.readings import Plate
-from rosette_ros.io.keyed_table import is_keyed_table, keyed_table
 from rosette_ros.io.safe_yaml import is_finite, of_schema, parse_yaml
 from rosette_ros.io.text_file import read_limited
 
@@ -30,8 +28,7 @@ def read_plate(path: str | Path) -> Plate:
 
 def parse_plate(data: bytes, path: str = 'plate') -> Plate:
     """Return the Plate of a file's bytes; path: its name in errors."""
-    given = _from_csv(data, path) if is_keyed_table(data) else parse_yaml(data, path, InvalidData)
-    values = of_schema(given, SCHEMA, path, InvalidData)
+    values = of_schema(parse_yaml(data, path, InvalidData), SCHEMA, path, InvalidData)
     for key in values:
         if key not in _KEYS:
             raise InvalidData(f'{path}: {key!r:.40}: wanted one of {", ".join(_KEYS)}')
@@ -55,7 +52,7 @@ def parse_plate(data: bytes, path: str = 'plate') -> Plate:
 
 
 def format_plate(plate: Plate) -> str:
-    """Return a plate as the text of a file, YAML."""
+    """Return a plate as the text of a file."""
     columns = zip(_LISTS, (np.rad2deg(plate.azimuth), 1e3 * plate.radius, 1e3 * plate.height), strict=True)
     return yaml.safe_dump({'schema': SCHEMA, 'calibrated': plate.is_calibrated, **{
         name: np.round(values, 9).tolist() for name, values in columns}}, sort_keys=False, default_flow_style=None)
@@ -77,20 +74,3 @@ def _numbers(value: object, count: int, where: str) -> Floats:
         if not is_finite(one):
             raise InvalidData(f'{where}: ball {number}: wanted a finite number, got {one!r:.40}')
     return np.array(every, dtype=float)
-
-
-def _from_csv(data: bytes, source: str) -> dict[str, Any]:
-    """Return what the columns azimuth_deg, radius_mm and height_mm of a table hold, as the YAML form has it."""
-    keys, columns = keyed_table(data, source, _KEYS, InvalidData)
-    for number, ball in enumerate(columns.get('ball', ()), 1):
-        if ball.strip() != str(number):
-            raise InvalidData(f'{source}: ball: wanted {number} in row {number}, got {ball!r:.40}')
-    values: dict[str, Any] = {name: {'yes': True, 'no': False}.get(text, text) for name, text in keys.items()}
-    for name in {*_LISTS} & {*columns}:
-        values[name] = []
-        for number, text in enumerate(columns[name], 1):
-            try:
-                values[name].append(float(text))
-            except ValueError:
-                raise InvalidData(f'{source}: {name}: ball {number}: wanted a number, got {text!r:.40}') from None
-    return values

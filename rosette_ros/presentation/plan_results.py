@@ -126,7 +126,7 @@ def shares(plans: Sequence[Outlook]) -> Table | None:
 
 
 def plan_json(plan: Outlook) -> Json:
-    """Return a plan as plain lists and dicts, SI, schema rosette-plan/1, which is a plan file, too."""
+    """Return a plan as plain lists and dicts, SI, schema rosette-plan/1."""
     scheme, way = plan.scheme, plan.scheme.travel(plan.radius)
     return plain({
         'schema': SCHEMA, 'n': scheme.n, 'radius_m': plan.radius, 'order': scheme.order, 'seed': scheme.seed,

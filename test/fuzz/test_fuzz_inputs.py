@@ -160,7 +160,8 @@ def test_a_model_of_the_corpus(data):
     check_model(data)
 
 
-PLANS = [format_plan(MeasuringPlan(plan(4, 'there_and_back'), 0.1), as_yaml).encode() for as_yaml in (False, True)]
+PLANS = (format_plan(MeasuringPlan(plan(4, 'there_and_back'), 0.1)).encode(),
+         b'schema: rosette-plan/1\nballs: 4\nradius_mm: 100\norder: there_and_back\ncmm_positions: [1, 2, 3]\n')
 
 
 @many
@@ -168,8 +169,8 @@ PLANS = [format_plan(MeasuringPlan(plan(4, 'there_and_back'), 0.1), as_yaml).enc
     st.one_of(
         *map(mutated, PLANS),
         st.builds('schema: rosette-plan/1\nballs: {}\nradius_mm: {}\norder: row\n'.format, TRICKS, TRICKS).map(encoded),
-        st.builds(lambda ball: dumped({'schema': 'rosette-plan/1', 'balls': 4, 'radius_mm': 9.5, 'ball': ball,
-                                       'table_position': 1}), TREES),
+        st.builds(lambda places: dumped({'schema': 'rosette-plan/1', 'balls': 4, 'radius_mm': 9.5, 'order': 'row',
+                                         'cmm_positions': places}), TREES),
     )
 )
 @bounded()

@@ -180,17 +180,13 @@ def test_tables_that_do_not_fit_their_plate_are_refused(tmp_path, edit, words):
         open_readings(path)
 
 
-def test_plates_in_yaml_and_csv_are_alike(tmp_path):
-    """Azimuths, radii and heights; one number for all balls, or one for each."""
+def test_a_number_for_all_balls_or_one_for_each(tmp_path):
+    """Azimuths, radii and heights."""
     (tmp_path / 'a.yaml').write_text(
         f'{SCHEMA}calibrated: true\nazimuth_deg: [0, 100, 210.5]\nradius_mm: [100, 110, 120]\nheight_mm: 5\n')
-    (tmp_path / 'a.csv').write_text('# schema: rosette-plate/1\n# calibrated: yes\n'
-                                    'ball,azimuth_deg,radius_mm,height_mm\n1,0,100,5\n2,100,110,5\n3,210.5,120,5\n')
-    plates = [read_plate(tmp_path / name) for name in ('a.yaml', 'a.csv')]
-    assert plates[0].is_like(plates[1])
-    assert [plate.is_calibrated for plate in plates] == [True, True]
-    assert plates[0].centres[1] == pytest.approx(
-        [0.11 * np.cos(np.deg2rad(100)), 0.11 * np.sin(np.deg2rad(100)), 0.005])
+    plate = read_plate(tmp_path / 'a.yaml')
+    assert plate.is_calibrated
+    assert plate.centres[1] == pytest.approx([0.11 * np.cos(np.deg2rad(100)), 0.11 * np.sin(np.deg2rad(100)), 0.005])
 
 
 @pytest.mark.parametrize(('text', 'words'), [
@@ -209,20 +205,6 @@ def test_plates_that_are_none_are_refused(tmp_path, text, words):
     """In one line with the key."""
     path = tmp_path / 'plate.yaml'
     path.write_text(text)
-    with pytest.raises(InvalidData) as caught:
-        read_plate(path)
-    assert words in str(caught.value)
-
-
-@pytest.mark.parametrize(('text', 'words'), [
-    (b'# schema: rosette-plate/1\n# radius: 100\nazimuth_deg\n0\n', "wanted the key radius_mm, got 'radius'"),
-    (b'# schema: rosette-plate/1\nball,azimuth_deg,radius_mm\n2,0,100\n', 'ball: wanted 1 in row 1'),
-    (b'# schema: rosette-plate/1\nazimuth_deg,radius_mm\n0\n', 'row 1: wanted 2 cells, azimuth_deg, radius_mm, got 1'),
-    (b'\xff\xfe', 'wanted UTF-8 text')])
-def test_plates_as_csv_that_are_none_are_refused(tmp_path, text, words):
-    """Likewise."""
-    path = tmp_path / 'plate.csv'
-    path.write_bytes(text)
     with pytest.raises(InvalidData) as caught:
         read_plate(path)
     assert words in str(caught.value)
