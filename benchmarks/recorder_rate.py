@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How many messages a second the recorder takes without losing one.
 
-    python -m benchmarks.recorder_rate [--seconds 60] [--rate N] [--split-mb 0] [--compression none]
+    python -m benchmarks.recorder_rate [--seconds 60] [--rate N] [--compression none]
                                        [--keep-last] [--json]
 
 The recorder node runs in a process and ROS domain of its own; its log is opened and closed by its services. Two
@@ -297,13 +297,13 @@ def highest_rate(publishers, recording, numbers):
     return low, tuple(tried)
 
 
-def measure(seconds, rate=None, split_mb=0, compression='none', keeps_last=False, tell=lambda words: None):
+def measure(seconds, rate=None, compression='none', keeps_last=False, tell=lambda words: None):
     """Return the Report of so many seconds at a rate; None: at the highest that the publishers keep, and at less.
 
     tell: called with some lines of words about each rate as soon as it was tried.
     """
     os.environ.update(added_environment(os.environ))
-    params = {names.RECORDER: {'max_file_mb': split_mb, 'compression': compression}}
+    params = {names.RECORDER: {'compression': compression}}
     with tempfile.TemporaryDirectory() as folder, \
             Cell(DOMAIN, nodes=(names.RECORDER,), params=params, log_dir=folder, simulated_time=False), \
             Publishers(keeps_last) as publishers, Recording() as recording:
@@ -369,7 +369,6 @@ def main(args=None):
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--seconds', type=float, default=60.0, help='how long both publish (default: 60)')
     parser.add_argument('--rate', type=float, help='messages per second and topic (default: the highest that is kept)')
-    parser.add_argument('--split-mb', type=int, default=0, help="the recorder's max_file_mb")
     parser.add_argument('--compression', default='none', help="the recorder's compression")
     parser.add_argument('--keep-last', action='store_true', help="publish with the cell's own history depths: what the "
                         'recorder has not heard in time is replaced')
@@ -382,7 +381,7 @@ def main(args=None):
     tell = (lambda words: None) if options.json else (lambda words: print(words, flush=True))
     tell(f'the recorder at the highest rate: {platform.machine()}, {os.cpu_count()} cores, load '
          f'{os.getloadavg()[0]:.1f} before')
-    report = measure(options.seconds, options.rate, options.split_mb, options.compression, options.keep_last, tell)
+    report = measure(options.seconds, options.rate, options.compression, options.keep_last, tell)
     if options.json:
         print(json.dumps(asdict(report)))
     return 0 if report.results[-1].is_whole else 1

@@ -47,7 +47,7 @@ LONG = (
     'nodes/test_cell.py', 'cli/test_report.py', 'nodes/test_reduced_runs.py', 'nodes/test_cell_other_cmm.py',
     'nodes/test_cell_dme.py', 'core/test_uncertainty_budget.py', 'core/test_families.py', 'core/test_diagnosis.py',
     'studio/test_server.py', 'cell/test_cmm_check.py', 'core/test_outlier_words.py',
-    'nodes/test_split_logs.py', 'core/test_crosscheck.py', 'certificate/test_dcc_check.py',
+    'core/test_crosscheck.py', 'certificate/test_dcc_check.py',
     'certificate/test_pages.py', 'test_layers.py', 'nodes/test_cell_kills.py')
 """Files that take longest, in the order of starting: those that compute between those that wait for cells, so that two
 processors have something to do from the beginning to the end."""

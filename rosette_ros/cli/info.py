@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 from rich.markup import escape
 
-from rosette_ros.cli.arguments import UsageError, add_shared
+from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, pairs, print_json, print_parts
-from rosette_ros.core.errors import InvalidData, RosetteError
+from rosette_ros.core.errors import RosetteError
 from rosette_ros.core.records import Run
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.log_reader import read_log
-from rosette_ros.io.log_repair import repair_log
 from rosette_ros.io.log_run import RESUMES_KEY, LogRun
 from rosette_ros.io.messages import Phase, phase_name
 from rosette_ros.io.open_run import is_log, open_run
@@ -28,36 +27,16 @@ from rosette_ros.presentation.table_format import Table, column, words
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     add_shared(parser, 'run_path', '--json')
-    parser.add_argument('--repair', action='store_true', help='write what can be read of a log that was cut short, or '
-                        'lost its metadata.yaml, as a whole new log beside it; the old one is not touched')
-    parser.add_argument('-o', '--output', metavar='DIR', help='where the repaired log goes (default: RUN_repaired)')
 
 
 def run(options: Namespace) -> None:
     """Print what is in the run."""
     path = Path(options.run_path)
-    if options.output and not options.repair:
-        raise UsageError('-o: is for the repaired log; add --repair')
-    if options.repair:
-        path = repaired(path, options)
     facts = log_facts(path) if is_log(path) else table_facts(path)
     if options.json:
         print_json(facts)
     else:
         show(facts)
-
-
-def repaired(path: Path, options: Namespace) -> Path:
-    """Repair a log and return the path of the new one."""
-    if not is_log(path):
-        raise InvalidData(f'{path}: wanted a log to repair, got a ball-centre table; correct it in an editor')
-    done = repair_log(path, options.output)
-    if not options.json:
-        out = console()
-        out.print(pairs([('Problem', escape(problem)) for problem in done.problems]))
-        out.print(f'[green]Repaired[/]: {done.messages} messages are in {escape(str(done.directory))}; '
-                  f'{escape(str(path))} was not touched\n', soft_wrap=True)
-    return done.directory
 
 
 def table_facts(path: Path) -> dict[str, Any]:

@@ -25,8 +25,6 @@ METADATA_RECORD, METADATA_KEY = 'rosbag2', 'serialized_metadata'
 """Name and key of the metadata record of an .mcap file that holds the description."""
 CHECKSUM_KEY = 'rosette.checksum'
 """Entry of custom_data: CRC-32 of the other entries."""
-REPEATED_RECORD = 'rosette.repeated'
-"""Metadata record of a further file of a log: topic to the sequence numbers, by spaces, of what it repeats."""
 INFINITE = 9223372036 * 10**9 + 854775807  # duration that rosbag2 writes for "no limit", ns
 MAX_BYTES = 1 << 20  # a larger metadata.yaml is refused: a log of a cell needs some ten thousand bytes
 

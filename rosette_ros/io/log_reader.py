@@ -45,7 +45,6 @@ _RECORD_HEAD, _MESSAGE_HEAD = struct.Struct('<BQ'), struct.Struct('<HIqq')
 _FOOTER, _CHUNK_INDEX = struct.Struct('<QQI'), struct.Struct('<16xQQ')
 _KNOWN, _PRIVATE = frozenset(Opcode), 0x80
 _DAMAGED = (EndOfFile, struct.error, ValueError)  # what the parsers of the library raise
-_SEQUENCE = 0xFFFFFFFF
 
 
 class LogChannel(NamedTuple):
@@ -115,18 +114,16 @@ class LogFile:
     """One .mcap file as it is read.
 
     channels: by number; custom_data: of the last metadata record that has any; counts: messages by channel; chunks:
-    read so far; summary: of its messages; truncated: whether the end is missing; problems: in words; skip_repeated:
-    whether messages that the file repeats of an earlier one are skipped; stated: its messages, at least, as
-    metadata.yaml says."""
+    read so far; summary: of its messages; truncated: whether the end is missing; problems: in words; stated: its
+    messages, at least, as metadata.yaml says."""
 
-    def __init__(self, path: Path, allowance: Allowance, skip_repeated: bool = False, stated: int = 0) -> None:
-        self.path, self._allowance, self._skip_repeated, self._least = path, allowance, skip_repeated, stated
+    def __init__(self, path: Path, allowance: Allowance, stated: int = 0) -> None:
+        self.path, self._allowance, self._least = path, allowance, stated
         self.channels, self.counts, self.problems = dict[int, LogChannel](), Counter[int](), list[str]()
         self.custom_data: dict[str, str] = {}
         self.chunks, self.summary, self.truncated = 0, bag.FileSummary(path.name), False
         self._schemas: dict[int, Schema] = {}
-        self._repeated: dict[str, set[int]] = {}
-        self._skipped = self._undescribed = 0
+        self._undescribed = 0
         self._stated: int | None = None
 
     def messages(self, wanted: Callable[[LogChannel], bool] = lambda channel: True) -> Iterator[LoggedMessage]:
@@ -160,7 +157,7 @@ class LogFile:
             self.truncated = True
         if self._undescribed:
             self._note(f'{self._undescribed} messages of channels that the log does not describe before them')
-        found, stated = self.summary.messages + self._skipped, self._stated
+        found, stated = self.summary.messages, self._stated
         is_short = not self.problems and (stated not in (None, found) or found < self._least)
         if self.truncated:
             self._note(f'ends in the middle: the writer was killed or the file was cut; '
@@ -261,9 +258,6 @@ class LogFile:
                 record = Metadata.read(_Content(content))
                 if record.name == bag.METADATA_RECORD:
                     self.custom_data = bag.custom_data_in(record.metadata) or self.custom_data
-                if record.name == bag.REPEATED_RECORD and self._skip_repeated:
-                    self._repeated = {topic: {int(number) & _SEQUENCE for number in numbers.split()}
-                                      for topic, numbers in record.metadata.items()}
             elif opcode == Opcode.STATISTICS:
                 self._stated = Statistics.read(_Content(content)).message_count
         except _DAMAGED:
@@ -284,11 +278,8 @@ class LogFile:
         if len(content) < _MESSAGE_HEAD.size:
             self._note('a damaged message record was skipped')
             return
-        number, sequence, log_time, publish_time = _MESSAGE_HEAD.unpack_from(content)
+        number, _, log_time, publish_time = _MESSAGE_HEAD.unpack_from(content)
         channel = self.channels.get(number)
-        if channel is not None and sequence in self._repeated.get(channel.topic, ()):
-            self._skipped += 1
-            return
         self.summary.count(log_time)
         if not self.summary.messages % 1000:
             self._allowance.take(0, 1000)
@@ -363,12 +354,12 @@ def _uncompressed(chunk: Chunk) -> bytes:
 
 
 def open_files(listing: bag.BagListing, within: float = math.inf) -> list[LogFile]:
-    """Return a LogFile of each file of a log; what a later one repeats of an earlier one is skipped.
+    """Return a LogFile of each file of a log.
 
     within: processor time that reading may take, s; where it takes more of that, of messages or of memory than a log
     of a cell, the files raise InvalidData."""
     allowance = Allowance(listing.files, within)
-    return [LogFile(path, allowance, row > 0, listing.messages.get(path, 0)) for row, path in enumerate(listing.files)]
+    return [LogFile(path, allowance, listing.messages.get(path, 0)) for path in listing.files]
 
 
 def iter_log(path: str | Path) -> Iterator[LoggedMessage]:

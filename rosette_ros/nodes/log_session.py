@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The log that the recorder has open: what was received before it, what it holds of a run, what follows it."""
+"""The log that the recorder has open: what was received before it, what it holds of a run."""
 
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Mapping
@@ -12,7 +12,7 @@ from rosette_msgs.srv import Recorded, StopRecording
 from service_msgs.msg import ServiceEventInfo
 from tf2_msgs.msg import TFMessage
 
-from rosette_ros.calibration.settings import Wanted, first_free
+from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import CellError, InvalidData, RosetteError
 from rosette_ros.io.bag_metadata import Qos
 from rosette_ros.io.log_writer import COMPRESSIONS, LogWriter
@@ -24,12 +24,9 @@ from rosette_ros.nodes.node_requests import END_EVENTS
 
 LATCHED_KEPT = 10
 RECENT_KEPT = 256
-LONGEST_ANSWER = 600.0  # an answer of the evaluator that has not come after this time is not waited for, s
 
 LOG = (  # a change applies from the next log on
-    Wanted('compression', 'none', 'how the chunks of a log are compressed', choices=tuple(COMPRESSIONS)),
-    Wanted('max_file_mb', 0, 'a log continues in a new file after so many MB; 0: unlimited', 0, 1_000_000),
-    Wanted('max_file_s', 0, 'a log continues in a new file after so many s of ROS time; 0: unlimited', 0, 10_000_000))
+    Wanted('compression', 'none', 'how the chunks of a log are compressed', choices=tuple(COMPRESSIONS)),)
 
 
 class Retention(Enum):
@@ -38,7 +35,6 @@ class Retention(Enum):
     NONE = 'it is dropped'
     LATCHED = 'it is valid until the next one and opens every log'
     RECENT = 'it belongs to a request that opens a log, or describes the nodes then: it is at the head of that log'
-    RESULT = 'it may have arrived before the request that it answers: it is at the head of the log of that request'
 
 
 class Message(NamedTuple):
@@ -166,24 +162,21 @@ class LogSession:
             self._latched[message.topic].append(message)
         if self.is_open:
             return self._write(message, message.log_time)
-        if retention in (Retention.RECENT, Retention.RESULT):
+        if retention is Retention.RECENT:
             self._recent.append(message)
         return False
 
     def open(self, directory: Path, run_id: str, now: float, log_time: int, earlier: Iterable[Message] = (),
-             custom_data: Mapping[str, str] | None = None, is_follow_up: bool = False) -> None:
+             custom_data: Mapping[str, str] | None = None) -> None:
         """Open the log of a run; messages of an earlier part, latched and recent ones come first.
 
-        now: steady time, s; log_time: ROS time of what was received before, ns; custom_data: for metadata.yaml;
-        is_follow_up: whether a request to the evaluator opens it. Raises InvalidData where the directory holds a log
-        already, CellError where one is open."""
+        now: steady time, s; log_time: ROS time of what was received before, ns; custom_data: for metadata.yaml.
+        Raises InvalidData where the directory holds a log already, CellError where one is open."""
         if self.is_open:
             raise CellError(f'the log of run {self.run_id} is open; wanted it closed first')
         settings = self._settings()
         self._writer = LogWriter(
-            directory, directory.name, custom_data=custom_data, compression=settings.get('compression', 'none'),
-            max_file_seconds=settings.get('max_file_s') or None,
-            max_file_bytes=1_000_000 * settings.get('max_file_mb', 0) or None)
+            directory, directory.name, custom_data=custom_data, compression=settings.get('compression', 'none'))
         self.run_id, self.failure, self.directory = run_id, '', directory
         self.messages, self.lost, self._written = 0, 0, set()
         for topic in self._definitions:
@@ -192,8 +185,7 @@ class LogSession:
         for message in (*earlier, *(one for kept in self._latched.values() for one in kept)):
             self._write(message, log_time)
         for message in self._recent:
-            is_of_it = is_follow_up or self._retention[message.topic] is Retention.RECENT
-            if is_of_it and now - message.received <= self._recent_kept:
+            if now - message.received <= self._recent_kept:
                 self._write(message, message.log_time)
         self._recent.clear()
 
@@ -248,60 +240,5 @@ class LogSession:
         return False
 
     def _add_to_log(self, writer: LogWriter, topic: str, profiles: list[Qos]) -> None:
-        definition = self._definitions[topic]
-        writer.add_topic(topic, definition, profiles, state_of(topic, definition.name))
+        writer.add_topic(topic, self._definitions[topic], profiles)
         self._written.add(topic)
-
-
-def state_of(topic: str, type_name: str) -> Callable[[bytes], Hashable] | None:
-    """Return the function that says of a message's bytes what it is the state of, None for topics without states.
-
-    The last message of each state is valid until the next, and repeated where a log continues in a new file. One of
-    static frames is valid for the frames that it names: others may be latched by other nodes."""
-    if type_name in ('rosette_msgs/msg/Model', 'rosette_msgs/msg/ErrorMotions', 'rosette_msgs/msg/RunState'):
-        return lambda data: ''
-    if type_name == 'tf2_msgs/msg/TFMessage' and topic.split('/')[-1] == 'tf_static':
-        return _frames
-    return None
-
-
-def _frames(data: bytes) -> Hashable:
-    """Return the names of the frames in a message of transforms; one that cannot be decoded stands for itself."""
-    try:
-        return tuple(sorted(one.child_frame_id for one in decoded(data, TFMessage).transforms))
-    except InvalidData:
-        return data
-
-
-class FollowUp:
-    """Requests to the evaluator after a run, which get a log of their own: `<run_id>_analysis`.
-
-    It is closed when all are answered and nothing was asked for `quiet` s (0: no such logs). Times are steady, s."""
-
-    def __init__(self, quiet: float) -> None:
-        self._quiet, self._waiting, self._last, self.is_open = quiet, 0, 0.0, False
-
-    def asked(self, now: float) -> bool:
-        """Take note of a request; return whether a log has to be opened, if none is open."""
-        self._waiting += 1
-        self._last = now
-        return self._quiet > 0
-
-    def answered(self, now: float) -> None:
-        """Take note of an answer."""
-        self._waiting = max(self._waiting - 1, 0)
-        self._last = now
-
-    def close(self) -> None:
-        """Take note that the log is closed; what was not answered until then is not waited for any more."""
-        self._waiting, self.is_open = 0 if self.is_open else self._waiting, False
-
-    def is_over(self, now: float) -> bool:
-        """Return whether the log that was opened can be closed."""
-        rest = now - self._last
-        return self.is_open and rest >= (LONGEST_ANSWER if self._waiting else self._quiet)
-
-
-def free_name(run_id: str, is_taken: Callable[[str], bool]) -> str:
-    """Return the name of a log that follows a run ('': none is known): `<run_id>_analysis`, `_analysis_2` and so on."""
-    return first_free(f'{run_id}_analysis' if run_id else 'analysis', is_taken)

@@ -18,7 +18,6 @@ from rclpy.subscription import Subscription
 from rosette_msgs.msg import CalibrationEvent, Heartbeat, ProbeTarget, RunState
 from rosette_msgs.srv import Recall, Recorded, StartRecording, StopRecording
 from rosgraph_msgs.msg import Clock
-from service_msgs.msg import ServiceEventInfo
 
 from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import CellError, InvalidConfig, InvalidData, RosetteError, plain
@@ -30,15 +29,13 @@ from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import ERROR, OK, WAKE_PERIOD, CellNode, Health, run_node
 from rosette_ros.nodes.interfaces import decoded, interface_class, introspected_service
 from rosette_ros.nodes.log_recall import find_part, iter_copied, next_part, recall
-from rosette_ros.nodes.log_session import LOG, FollowUp, LogSession, Message, Retention, RunContents, free_name
+from rosette_ros.nodes.log_session import LOG, LogSession, Message, Retention, RunContents
 from rosette_ros.nodes.node_requests import Progress
 
 WANTED = (
     Wanted('log_dir', 'runs', 'folder in which every run gets a folder of its own'),
     Wanted('recent_s', 2.0, 'requests and node health received so long before a run is requested belong to its log, s '
            'of wall time', 0.0, 60.0),
-    Wanted('follow_up_s', 10.0, 'requests to the evaluator after a run get a log of their own, closed when nothing was '
-           'asked for so long, s of wall time; 0: no such logs', 0.0, 3600.0),
     Wanted('least_free_mb', 20, 'a log is not begun with less room on the disk, MB', 0, 1_000_000),
     Wanted('simulated', False, 'whether logs say that no real CMM measured; on a simulated clock they do anyway',
            read_only=True), *LOG)
@@ -60,16 +57,13 @@ class RecordedTopic(NamedTuple):
     profile: QoSProfile = qos.RECORD
 
 
-REQUESTS = ((names.DIAGNOSE, 'rosette_msgs/srv/Diagnose_Event'), (names.ADD_EFFECT, 'rosette_msgs/srv/AddEffect_Event'),
-            (names.REMOVE_EFFECT, 'rosette_msgs/srv/RemoveEffect_Event'),
-            (names.EVALUATE_JOINTLY, 'rosette_msgs/srv/EvaluateJointly_Event'))  # what a FollowUp records
 TOPICS = (
     RecordedTopic(names.PROBE_TARGET, 'rosette_msgs/msg/ProbeTarget', profile=qos.RECORD_LATCHED),
     RecordedTopic(names.BALL_CENTRE, 'rosette_msgs/msg/BallCentre'),
     RecordedTopic(names.TOUCHES, 'rosette_msgs/msg/Touches'),
-    RecordedTopic(names.ERROR_MOTIONS, 'rosette_msgs/msg/ErrorMotions', Retention.RESULT, qos.RECORD_LATCHED),
-    RecordedTopic(names.DIAGNOSIS, 'rosette_msgs/msg/Diagnosis', Retention.RESULT),
-    RecordedTopic(names.JOINT_EVALUATION, 'rosette_msgs/msg/JointEvaluation', Retention.RESULT),
+    RecordedTopic(names.ERROR_MOTIONS, 'rosette_msgs/msg/ErrorMotions', profile=qos.RECORD_LATCHED),
+    RecordedTopic(names.DIAGNOSIS, 'rosette_msgs/msg/Diagnosis'),
+    RecordedTopic(names.JOINT_EVALUATION, 'rosette_msgs/msg/JointEvaluation'),
     RecordedTopic(names.RUN_STATE, 'rosette_msgs/msg/RunState', profile=qos.RECORD_LATCHED),
     RecordedTopic(names.CALIBRATE_FEEDBACK, 'rosette_msgs/action/Calibrate_FeedbackMessage'),
     RecordedTopic(names.CLOCK, 'rosgraph_msgs/msg/Clock'),
@@ -83,11 +77,14 @@ TOPICS = (
     RecordedTopic(names.PARAMETER_EVENTS, 'rcl_interfaces/msg/ParameterEvent', Retention.RECENT),
     RecordedTopic(names.ROSOUT, 'rcl_interfaces/msg/Log', Retention.RECENT),
     *(RecordedTopic(name + names.SERVICE_EVENT, type_name, Retention.RECENT) for name, type_name in (
-        *REQUESTS, (names.START_CALIBRATION, 'std_srvs/srv/Trigger_Event'),
+        (names.DIAGNOSE, 'rosette_msgs/srv/Diagnose_Event'), (names.ADD_EFFECT, 'rosette_msgs/srv/AddEffect_Event'),
+        (names.REMOVE_EFFECT, 'rosette_msgs/srv/RemoveEffect_Event'),
+        (names.EVALUATE_JOINTLY, 'rosette_msgs/srv/EvaluateJointly_Event'),
+        (names.START_CALIBRATION, 'std_srvs/srv/Trigger_Event'),
         (names.CANCEL_CALIBRATION, 'std_srvs/srv/Trigger_Event'),
         (names.START_RECORDING, 'rosette_msgs/srv/StartRecording_Event'))))
 """What a cell publishes; other topics in its namespace are found on the graph."""
-HANDLED = (RunState, Heartbeat, CalibrationEvent, *(interface_class(type_name) for _, type_name in REQUESTS))
+HANDLED = (RunState, Heartbeat, CalibrationEvent)
 """What means something for the recorder itself."""
 
 _RUN_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]{0,127}')
@@ -107,12 +104,11 @@ class Recorder(CellNode):
         self._ending: Progress | None = None  # since the log was to be closed
         self._told, self._over_since = ('', RunState.PHASE_IDLE), math.inf  # last run and phase; of the open log's run
         self._requested = ('', 0.0)  # the last run that was requested, and when
-        self._follow_up = FollowUp(self.parameters['follow_up_s'])
         self._not_recorded: set[str] = set()
         self._said = {SIMULATED_KEY: 'yes'} if self.parameters['simulated'] else {}
         self._is_simulated = self.get_parameter('use_sim_time').value
         self._simulated_now = 0
-        self._last, self._last_run = 'no log yet', ''
+        self._last = 'no log yet'
         self._processes: dict[str, str] = {}
         self._subscribed: dict[str, Subscription] = {}
         self._clock_topic, self._rosout_topic = map(self.resolve_topic_name, (names.CLOCK, names.ROSOUT))
@@ -168,15 +164,13 @@ class Recorder(CellNode):
         elif isinstance(message, CalibrationEvent):
             if message.kind == CalibrationEvent.REQUESTED and message.run_id:
                 self._requested = message.run_id, self.seconds()
-        elif not isinstance(message, RunState):
-            self._on_request(message)
         else:
             self._told = message.run_id, message.phase
             self._note_end()
 
     def _on_restart(self) -> None:
         """Close the log of a run whose sequencer was restarted."""
-        if self._is_of_run:
+        if self._session.is_open:
             self.get_logger().warning(f'the sequencer was restarted; the log of run {self._session.run_id} is closed, '
                                       'the run can be resumed')
             self._close()
@@ -194,32 +188,13 @@ class Recorder(CellNode):
         sequencer was restarted. is_another: whether another run begins."""
         is_idle = self._told[1] == RunState.PHASE_IDLE
         least = (0.0 if is_idle else SETTLED) if is_another else (SETTLED if is_idle else FORGOTTEN)
-        if self._is_of_run and self.seconds() - self._over_since >= least:
+        if self._session.is_open and self.seconds() - self._over_since >= least:
             if is_idle:
                 self._on_restart()
                 return
             self.get_logger().warning(f'the log of run {self._session.run_id} is closed as it is: the run is over, and '
                                       'nothing requested to close it')
             self._close()
-
-    def _on_request(self, message: Any) -> None:
-        """Open a log for a request to the evaluator where none is open; take note of answers."""
-        now = self.seconds()
-        if message.info.event_type == ServiceEventInfo.RESPONSE_SENT:
-            self._follow_up.answered(now)
-        elif message.info.event_type == ServiceEventInfo.REQUEST_RECEIVED and self._follow_up.asked(now):
-            if not self._session.is_open:
-                self._open_follow_up(now)
-
-    def _open_follow_up(self, now: float) -> None:
-        try:
-            name = free_name(self._last_run, lambda name: self._directory(name).exists())
-            self._session.open(self._directory(name), name, now, self.now().nanoseconds, (), self._said,
-                               is_follow_up=True)
-        except RosetteError as error:
-            self.get_logger().warning(f'the answer is not recorded: {error}')
-        else:
-            self._contents, self._follow_up.is_open = RunContents(name, self.get_logger().error), True
 
     def _discover(self) -> None:
         home = self.get_namespace().rstrip('/') + '/'
@@ -246,8 +221,6 @@ class Recorder(CellNode):
                            for name, one in iter_copied(folder)]
             contents = self._contents_of(request.run_id, earlier)  # refused before a log is open
             self._check_room(directory)
-            if self._follow_up.is_open:
-                self._close()
             since = self._requested[1] if self._requested[0] == request.run_id else self.seconds()
             self._session.open(directory, request.run_id, since, self.now().nanoseconds, earlier, links)
             self._contents, self._ending, self._over_since = contents, None, math.inf
@@ -344,11 +317,6 @@ class Recorder(CellNode):
         response.messages, response.lost = self._session.messages, self._session.lost
         return response
 
-    @property
-    def _is_of_run(self) -> bool:
-        """Whether a log is open, and a run's."""
-        return self._session.is_open and not self._follow_up.is_open
-
     def _is_log_of(self, run_id: str) -> bool:
         return self._session.is_open and run_id == self._session.run_id
 
@@ -367,13 +335,11 @@ class Recorder(CellNode):
         return Path(self.parameters['log_dir']).expanduser().absolute()
 
     def wake(self) -> None:
-        """Bring what was written to the disk; close a log that follows a run; update the heartbeat."""
+        """Bring what was written to the disk; close the log of a run that is over; update the heartbeat."""
         self._replace_damaged()
         self._session.flush(only_if_due=True)
         self.heartbeat.report(self._session.failure if self._session.is_open else '')
         self.heartbeat.hears = tuple(self._processes.values()) if self._is_connected() and self.is_certain else ()
-        if self._follow_up.is_over(self.seconds()):
-            self._close()
         if not self.sender(names.RUN_STATE).is_bound:  # while no states are used, none tells that it goes on
             self._over_since = max(self._over_since, self.seconds())
         self._close_if_over()
@@ -386,9 +352,6 @@ class Recorder(CellNode):
     def _close(self) -> str:
         """Close the log; return why it is not whole, '' where it is."""
         session = self._session
-        if not self._follow_up.is_open:
-            self._last_run = session.run_id
-        self._follow_up.close()
         try:
             session.close()
         except RosetteError as error:

@@ -2,7 +2,6 @@
 """Logs that were changed: refused in one line, or what is read is what another reader finds."""
 
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,6 @@ from mcap.stream_reader import StreamReader
 from rosette_ros.cli.info import log_facts, run_rows
 from rosette_ros.core.errors import RosetteError
 from rosette_ros.io.log_reader import iter_log, read_log
-from rosette_ros.io.log_repair import repair_log
 from rosette_ros.io.touch_log import refit_of
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table, spheres_json
 
@@ -56,8 +54,6 @@ def check_log(data, folder):
     """Accept or refuse a log; what is accepted has the messages that another reader finds, or says what is wrong."""
     path = Path(folder) / 'some.mcap'
     path.write_bytes(data)
-    new = Path(folder) / 'new'
-    shutil.rmtree(new, ignore_errors=True)
     with bounded():
         log = read_or_refuse(path)
     if log is None:
@@ -76,7 +72,6 @@ def check_log(data, folder):
     assert walked <= log.messages
     assert told or walked == log.messages
     check_run(log)
-    check_repair(path, new, log)
     assert path.read_bytes() == data
 
 
@@ -121,23 +116,6 @@ def check_touches(log, run_id):
     assert all('\n' not in text for row in sphere_rows(refit) for text in row)
     json.dumps(spheres_json(refit), allow_nan=False)
     sphere_table(refit).csv()
-
-
-def check_repair(path, new, log):
-    """Repair a log into a new folder: whole, with the same messages; or refused in one line."""
-    try:
-        with bounded():
-            done = repair_log(path, new)
-    except RosetteError as error:
-        assert '\n' not in str(error)
-        assert log.problems or 'is whole' in str(error)
-        assert not new.exists()
-        return
-    again = read_log(new)
-    assert not again.truncated
-    assert done.messages == again.messages <= log.messages
-    (name,) = new.glob('*.mcap')
-    assert count_messages(name) == (again.messages, True)
 
 
 def test_what_is_changed_is_sound_itself(folder):

@@ -23,8 +23,7 @@ from tf2_msgs.msg import TFMessage
 
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.nodes.interfaces import decoded, interface_class
-from rosette_ros.nodes.log_session import FollowUp, LogSession, Retention, RunContents
-from rosette_ros.nodes.recorder import REQUESTS as ASKED
+from rosette_ros.nodes.log_session import LogSession, Retention, RunContents
 from rosette_ros.nodes.recorder import WANTED as RECORDER_WANTED
 from rosette_ros.nodes.recorder import Recorder
 
@@ -66,15 +65,12 @@ class MuteRecorder(Mute, Recorder):
             _said={},
             _simulated_now=0,
             _last='',
-            _last_run='',
-            _follow_up=FollowUp(10.0),
         )
 
 
 OTHERS = {
     '/clock': 'rosgraph_msgs/msg/Clock',
     '/rosout': 'rcl_interfaces/msg/Log',
-    **{f'/{name}/_service_event': type_name for name, type_name in ASKED},
 }
 
 

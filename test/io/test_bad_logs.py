@@ -6,6 +6,7 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
+from split_bag import split
 
 from rosette_ros.core.errors import InvalidData, RosetteError
 from rosette_ros.io.log_reader import read_log
@@ -75,7 +76,7 @@ def test_folders_that_are_no_log_are_refused_with_words(make_cell, tmp_path):
         read_log(tmp_path / 'nowhere')
     with pytest.raises(InvalidData, match='wanted a log directory with .mcap files, got none'):
         read_log(tmp_path)
-    log = make_cell().write(tmp_path / 'log', max_file_bytes=4000, chunk_size=500)
+    log = split(make_cell().write(tmp_path / 'whole'), tmp_path / 'log', 3)
     (log / 'log_1.mcap').unlink()
     with pytest.raises(InvalidData, match='metadata.yaml: names log_1.mcap, which is missing; put '
                        'the file back'):

@@ -7,7 +7,6 @@ run is that of the undamaged log, bit for bit. Time and memory are bounded.
 
 import resource
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import lz4.frame
@@ -24,7 +23,6 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.io import log_reader
 from rosette_ros.io.ball_centre_table import read_csv
 from rosette_ros.io.log_reader import MAGIC, iter_log, read_log
-from rosette_ros.io.log_repair import repair_log
 from rosette_ros.io.run_to_log import write_log
 
 TABLE = Path(__file__).parents[1] / 'golden' / 'tables' / 'table_clean_n6_row.csv'
@@ -139,7 +137,7 @@ def many(make_cell, tmp_path):
 
 @pytest.mark.parametrize('is_cut', [False, True], ids=['whole', 'killed'])
 def test_a_chunk_whose_kind_is_damaged_is_missed(many, is_cut):
-    """By the summary of the file, and where it was never written by metadata.yaml; a repair knows of it too."""
+    """By the summary of the file, and where it was never written by metadata.yaml."""
     log, chunks = many
     path, (place, _) = log / 'log_0.mcap', chunks[20]
     data, whole = path.read_bytes(), read_log(log).messages
@@ -167,12 +165,11 @@ def test_a_cut_log_whose_chunk_is_hidden_is_not_whole(many, tmp_path):
     path.write_bytes(data)
     [problem] = read_log(log).problems
     assert 'messages, as its summary or metadata.yaml says, got' in problem
-    assert problem in repair_log(log).problems
 
 
 @pytest.mark.parametrize('begin', [0, 3000, 5000, 9000, 12_000, 22_500])
 def test_a_block_of_zeros_costs_only_the_chunks_that_it_touches(many, begin):
-    """The summary points to the others, and has schemas and channels; so a repair keeps them."""
+    """The summary points to the others, and has schemas and channels."""
     log, chunks = many
     path = log / 'log_0.mcap'
     with open(path, 'rb') as stream:
@@ -188,7 +185,6 @@ def test_a_block_of_zeros_costs_only_the_chunks_that_it_touches(many, begin):
     found = read_log(log)
     assert found.problems
     assert found.messages == sum(kept)
-    assert repair_log(log).messages == found.messages
 
 
 def test_the_repeatability_of_an_imported_log_has_a_checksum(library, tmp_path):
@@ -210,19 +206,6 @@ def test_the_repeatability_of_an_imported_log_has_a_checksum(library, tmp_path):
                 assert (got.repeatability, got.repeatability_dof) == (run.repeatability, run.repeatability_dof)
         path.write_bytes(data)
     assert silent  # a log without a checksum, or the copy beside it
-
-
-def test_a_log_of_which_no_reading_can_be_decoded_leaves_no_repaired_one(make_cell, tmp_path):
-    """Its schema is damaged: told in a line about the old log, and nothing is written."""
-    cell = make_cell()
-    define = cell.define
-    cell.define = lambda name: replace(define(name), text=define(name).text.replace('float64 form_error', 'float99 f'))
-    log = cell.write(tmp_path / 'log')
-    path = log / 'log_0.mcap'
-    path.write_bytes(path.read_bytes()[:-3000])
-    with pytest.raises(InvalidData, match=f'{path}: topic .*BallCentre: wanted a ros2msg definition, got one that is'):
-        repair_log(log)
-    assert not (tmp_path / 'log_repaired').exists()
 
 
 def chunked(data, compression='zstd', size=None):

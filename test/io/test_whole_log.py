@@ -35,25 +35,3 @@ def test_a_log_that_is_there_stays_whatever_comes(tmp_path):
         with pytest.raises(error), whole_log(tmp_path / 'own', 'log'):
             raise error('no')
         assert [path.name for path in (tmp_path / 'own').iterdir()] == ['notes.txt']
-
-
-@pytest.mark.parametrize('is_there', [False, True])
-def test_a_full_disk_leaves_no_stub_of_a_repaired_log(make_cell, tmp_path, is_there):
-    """It can be tried again with the same words; what else is in the folder stays, and so does the old log."""
-    directory, new = make_cell().write(tmp_path / 'log', chunk_size=1500), tmp_path / 'new'
-    path = directory / 'log_0.mcap'
-    path.write_bytes(path.read_bytes()[:-3000])
-    old = {path.name: path.read_bytes() for path in directory.iterdir()}
-    if is_there:
-        new.mkdir()
-        (new / 'notes.txt').write_text('mine')
-    words = ('info', directory, '--repair', '--output', new)
-    done = _limited(*words)
-    assert done.returncode == 2
-    assert done.stderr.count('\n') == 1
-    assert 'cannot write the log: File too large; make room and try again, nothing of it was kept' in done.stderr
-    assert [path.name for path in new.iterdir()] == ['notes.txt'] if is_there else not new.exists()
-    assert {path.name: path.read_bytes() for path in directory.iterdir()} == old
-    done = subprocess.run([sys.executable, '-c', COMMAND, *map(str, words)], capture_output=True,
-                          timeout=60, check=False)
-    assert done.returncode == 0, done.stderr

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What tests of the log writer share: one topic, its message, a clock, and messages encoded once more."""
+"""What tests of logs share: one topic, its message, a clock, and messages encoded once more."""
 
 from rosette_ros.io.bag_metadata import Qos, files_in
 from rosette_ros.io.log_writer import LogWriter

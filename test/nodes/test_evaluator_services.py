@@ -31,9 +31,8 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def cell(module_domain_id, folder, make_cell):
-    """Yield a running cell whose machine hides a drift; questions get logs that end soon."""
-    with make_cell(module_domain_id, folder, N, groups={'hidden': HIDDEN},
-                   params={'recorder': {'follow_up_s': 0.5}}) as running:
+    """Yield a running cell whose machine hides a drift."""
+    with make_cell(module_domain_id, folder, N, groups={'hidden': HIDDEN}) as running:
         yield running
 
 
@@ -194,21 +193,3 @@ def test_every_change_is_published(answers, ask, wait_until):
     wait_until(lambda: len(ask.heard['diagnosis']) == 1 + 2 + 3)
     assert len(ask.heard['error_motions']) == 1 + 3
     assert len(ask.heard['model']) >= 1 + 3  # and the one of the start, if it was heard
-
-
-def test_questions_after_the_run_have_a_log_of_their_own(answers, cell, calibrated, wait_until):
-    """It holds questions, answers and what was published; the log of the run is not touched."""
-    recorder, closed = cell.processes['recorder'], []
-
-    def received(topic):
-        return [data for log in closed for data in messages_of(log, topic)]
-
-    def is_all_there():
-        closed[:] = [log for log in calibrated.log.parent.glob(f'{calibrated.run_id}_analysis*')
-                     if f'log of run {log.name}:' in recorder.text()]
-        return len(received('evaluator/add_effect/_service_event')) == 2 * 3
-
-    wait_until(is_all_there)
-    assert len(received('error_motions')) == 3  # two effects added, one removed
-    assert not any(read_log(log).truncated for log in closed)
-    assert len(messages_of(calibrated.log, 'error_motions')) == 1

@@ -1,22 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a session keeps for a log, what it writes, and what it does when the disk refuses."""
 
-
 import pytest
+from mcap.reader import make_reader
 
 from rosette_ros.core.errors import CellError, InvalidData
 from rosette_ros.io.bag_metadata import Qos
 from rosette_ros.io.log_reader import iter_log
 from rosette_ros.io.type_definitions import TypeDefinition
-from rosette_ros.nodes.log_session import (
-    LATCHED_KEPT,
-    LONGEST_ANSWER,
-    FollowUp,
-    LogSession,
-    Message,
-    Retention,
-    free_name,
-)
+from rosette_ros.nodes.log_session import LATCHED_KEPT, LogSession, Message, Retention
 
 BYTE = TypeDefinition('std_msgs/msg/UInt8', 'uint8 data\n', 'RIHS01_' + '0' * 64)
 
@@ -26,7 +18,6 @@ def make_session(recent=2.0):
     session.add_topic('/run', BYTE, Retention.NONE)
     session.add_topic('/latched', BYTE, Retention.LATCHED)
     session.add_topic('/request', BYTE, Retention.RECENT)
-    session.add_topic('/result', BYTE, Retention.RESULT)
     return session
 
 
@@ -36,17 +27,6 @@ def message(topic, value, received=0.0, time=1):
 
 def content(path):
     return [(entry.topic, entry.data[-1]) for entry in iter_log(path)]
-
-
-@pytest.mark.parametrize('is_follow_up', [False, True])
-def test_a_result_that_arrived_before_its_request_is_in_the_log(tmp_path, is_follow_up):
-    """Of the request, in the order of arrival; the log of a run that begins then has nothing of it."""
-    session = make_session()
-    session.take(message('/result', 1, received=9.0))
-    session.take(message('/request', 2, received=9.0))
-    session.open(tmp_path / 'a', 'a', now=10.0, log_time=5, is_follow_up=is_follow_up)
-    session.close()
-    assert content(tmp_path / 'a') == [('/result', 1)] * is_follow_up + [('/request', 2)]
 
 
 def test_log_begins_with_what_holds_and_with_the_request(tmp_path):
@@ -120,46 +100,15 @@ def test_refusing_disk_is_kept_in_words_and_counted(tmp_path, monkeypatch):
     assert session.lost == 2
 
 
-# Logs that follow a run
-
-
-def test_a_question_after_a_run_asks_for_a_log_until_it_is_answered():
-    """And for a while longer, in case there is another one."""
-    follow = FollowUp(quiet=2.0)
-    assert not follow.is_over(0.0)
-    assert follow.asked(10.0)
-    follow.is_open = True
-    assert not follow.is_over(100.0), 'the answer is still awaited'
-    follow.answered(100.0)
-    assert not follow.is_over(101.0)
-    assert follow.asked(101.5)
-    follow.answered(102.0)
-    assert not follow.is_over(103.9)
-    assert follow.is_over(104.1)
-
-
-def test_an_answer_that_never_comes_does_not_keep_the_log_open():
-    """The evaluator may have died over the question."""
-    follow = FollowUp(quiet=2.0)
-    follow.asked(10.0)
-    follow.is_open = True
-    assert follow.is_over(10.1 + LONGEST_ANSWER)
-    follow.close()
-    follow.asked(2000.0)
-    follow.is_open = True
-    follow.answered(2001.0)
-    assert follow.is_over(2004.0), 'the next one is not kept open for the answer that never came'
-
-
-def test_follow_up_logs_can_be_switched_off():
-    """Zero seconds of patience."""
-    assert not FollowUp(quiet=0.0).asked(1.0)
-
-
-@pytest.mark.parametrize(('run_id', 'taken', 'name'), [
-    ('run', (), 'run_analysis'), ('run', ('run_analysis',), 'run_analysis_2'),
-    ('run', ('run_analysis', 'run_analysis_2'), 'run_analysis_3'), ('', (), 'analysis'),
-])
-def test_names_of_follow_up_logs_are_free(run_id, taken, name):
-    """Nothing is ever overwritten."""
-    assert free_name(run_id, taken.__contains__) == name
+def test_settings_hold_from_the_next_log_on(tmp_path):
+    """They are read when a log is opened."""
+    settings = {}
+    session = LogSession(2.0, lambda topic: [Qos()], lambda: settings)
+    session.add_topic('/run', BYTE, Retention.NONE)
+    for name, compression in (('a', ''), ('b', 'lz4')):
+        session.open(tmp_path / name, name, 0.0, 1)
+        session.take(message('/run', 1))
+        session.close()
+        with open(tmp_path / name / f'{name}_0.mcap', 'rb') as stream:
+            assert {index.compression for index in make_reader(stream).get_summary().chunk_indexes} == {compression}
+        settings['compression'] = 'lz4'

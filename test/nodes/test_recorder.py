@@ -69,19 +69,6 @@ def stop(node, run_id, phase=0, is_recorded=True):
     return node._on_stop(request, StopRecording.Response())
 
 
-def test_a_request_to_the_evaluator_does_not_prevent_a_run(recorder, tmp_path):
-    """Its log is closed when the log of the next run is opened."""
-    assert start(recorder, 'first').success
-    assert stop(recorder, 'first').success
-    receive(recorder, 'evaluator/diagnose/_service_event', QUESTION)
-    assert recorder._session.run_id == 'first_analysis'
-    response = start(recorder, 'second')
-    assert response.success, response.message
-    assert stop(recorder, 'second').success
-    assert {path.name for path in tmp_path.iterdir()} == {'first', 'first_analysis', 'second'}
-    assert all(not read_log(path).truncated for path in tmp_path.iterdir())
-
-
 def test_latched_targets_of_an_earlier_run_that_arrive_late(recorder, tmp_path):
     """A recorder that was started anew gets them, on a busy computer when the next log is open: it was of two runs."""
     assert start(recorder, 'second').success
