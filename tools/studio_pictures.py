@@ -75,15 +75,6 @@ def picture_cell(browser, address, folder):
     expect(page.get_by_test_id('open-log')).to_be_visible(timeout=60_000)
     page.wait_for_timeout(3000)
     page.screenshot(path=folder / 'studio-cell.png')
-    page.get_by_test_id('plan').screenshot(path=folder / 'studio-plan.png')
-    page.get_by_test_id('plan-keep').click()
-    for places in ('8', '12'):
-        page.get_by_test_id('plan-places').fill(places)
-        expect(page.get_by_test_id('plan-facts')).to_contain_text(str(24 * int(places)), timeout=60_000)
-        expect(page.get_by_test_id('plan-keep')).to_be_enabled()
-        page.get_by_test_id('plan-keep').click()
-    page.wait_for_timeout(2000)
-    page.get_by_test_id('plan-comparison').screenshot(path=folder / 'studio-plans.png')
     page.close()
 
 

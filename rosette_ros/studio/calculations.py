@@ -11,13 +11,10 @@ from rosette_ros.core.errors import RosetteError
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.model.least_squares import Fit
-from rosette_ros.core.planning.plan_comparison import Outlook, outlook
 from rosette_ros.core.records import Run
-from rosette_ros.core.touches import Pace
 from rosette_ros.core.uncertainty_budget import Budget, budget, touch_scatter
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.open_run import is_log
-from rosette_ros.io.plan_file import parse_plan
 from rosette_ros.presentation.plots.touch_plots import touch_directions, touch_residuals
 from rosette_ros.presentation.report import open_source
 from rosette_ros.presentation.report.page_parts import inline_svgs
@@ -46,12 +43,6 @@ def read_upload(path: Path) -> tuple[Run, Source]:
         raise type(error)(str(error).replace(f'{path.parent}/', '')) from None
     files = tuple(replace(one, path=path.name) for one in source.files)
     return run.replace(source=path.name), replace(source, path=path.name, files=files)
-
-
-def outlook_of_file(data: bytes, name: str, pace: Pace) -> Outlook:
-    """Return the Outlook of a plan file's bytes; name: of the file. Raises InvalidPlan."""
-    made = parse_plan(data, name)
-    return outlook(name, made.scheme, made.radius, pace=pace)
 
 
 def budget_of(fit: Fit, source: Source | None, inputs: BudgetInputs | None, doubt: str) -> Budget:

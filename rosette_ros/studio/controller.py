@@ -38,8 +38,8 @@ class Controller:
 
     step: the one of analysis.STEPS that is running, '' when none is; previewing: what a preview is calculated of, ''
     when none is; error: words of what failed last; check: name of a second run and what it shows of the diagnosis;
-    planner, joiner, archivist, budgeter, toucher: calculate what plans determine, several runs as one, trends, the
-    uncertainty budget, and spheres through touches; joint: the result of several runs; budget, overlaid: that
+    joiner, archivist, budgeter, toucher: calculate several runs as one, trends, the uncertainty budget, and spheres
+    through touches; joint: the result of several runs; budget, overlaid: that
     budget, and curves of runs by name, this run's first, with the ticket that they belong to; touches: what they show,
     with their run.
     """
@@ -49,8 +49,7 @@ class Controller:
         self.step = self.error = self.previewing = ''
         self.check: tuple[str, CrossCheck] | None = None
         self._quick, self._worker, self._reader = ThreadPoolExecutor(1, 'quick'), Worker(), Worker()
-        self.planner, self.joiner, self.archivist = Worker(), Worker(), Worker()
-        self.budgeter, self.toucher = Worker(), Worker()
+        self.joiner, self.archivist, self.budgeter, self.toucher = Worker(), Worker(), Worker(), Worker()
         self.touches: tuple[OpenedRun, ShownTouches] | None = None
         self.budget: tuple[Ticket | None, Budget] | None = None
         self.overlaid: tuple[Ticket | None, dict[str, ErrorMotions]] | None = None
@@ -226,7 +225,6 @@ class Controller:
 
     def close(self) -> None:
         """End the calculations."""
-        for worker in (self._worker, self._reader, self.planner, self.joiner, self.archivist, self.budgeter,
-                       self.toucher):
+        for worker in (self._worker, self._reader, self.joiner, self.archivist, self.budgeter, self.toucher):
             worker.stop()
         self._quick.shutdown(wait=False, cancel_futures=True)

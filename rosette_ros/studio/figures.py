@@ -18,9 +18,7 @@ from rosette_ros.analysis import LadderStep
 from rosette_ros.core.diagnosis.recovered_shape import Shape, ShapeCurve, strongest
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import AXES
-from rosette_ros.core.planning.plan_comparison import Point, best_sets
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats, Ints
-from rosette_ros.core.scheme import Scheme
 from rosette_ros.core.uncertainty_budget import Budget
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR, CURVE_UNITS, iso_name, signed
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE, COLOURS
@@ -325,49 +323,6 @@ def budget_figure(made: Budget) -> PlotlyFigure:
              'showticklabels': place % 3 == 1, 'tickfont': {'size': 11}}
         _set_panel(layout, place, {'rangemode': 'tozero', 'nticks': 4}, y, f'<b>{curve}</b> u / {unit}')
     return figure_of(data, layout | {'barmode': 'overlay', 'bargap': 0.25})
-
-
-def pairs_figure(scheme: Scheme) -> PlotlyFigure:
-    """Return the pairs of table position and CMM position in the order of measuring; a second time beside the first."""
-    cell, number = scheme.table_position * (scheme.n + 1) + scheme.cmm_position, np.arange(1, scheme.ball.size + 1)
-    again = ~np.isin(number - 1, np.unique(cell, return_index=True)[1])
-    shift = np.where(again, 0.2, -0.2) * bool(again.any())
-    size = max(3, min(14, 230 // scheme.n))
-    data: list[PlotlyFigure] = [{
-        'type': 'scattergl' if number.size > MOST_MARKS else 'scatter', 'mode': 'markers',
-        'x': packed(scheme.cmm_position + shift), 'y': packed(scheme.table_position),
-        'customdata': packed(np.column_stack([number, scheme.ball, scheme.cmm_position])), 'showlegend': False,
-        'marker': {'size': size if not again.any() else 0.7 * size, 'color': packed(number), 'colorscale': 'Viridis',
-                   'symbol': 'square', 'colorbar': {'title': {'text': 'reading', 'side': 'top'}, 'thickness': 12}},
-        'hovertemplate': 'reading %{customdata[0]}: table position %{y}, ball %{customdata[1]}, CMM position '
-                         '%{customdata[2]}<extra></extra>'}]
-    layout = layout_of(margin={'l': 52, 't': 12})
-    ends = {'dtick': _tick(scheme.n), 'tick0': 1}
-    layout['xaxis'] = {**ends, 'range': [0.4, scheme.n + 0.6], 'title': {'text': 'CMM position'}}
-    layout['yaxis'] = {**ends, 'range': [scheme.n + 0.6, 0.4], 'title': {'text': 'table position'}}
-    return figure_of(data, layout)
-
-
-def uncertainty_figure(n: int, points: Sequence[Point]) -> PlotlyFigure:
-    """Return the uncertainty of plans, relative to a complete run of n balls, against N/n²; best sets and the ideal."""
-    sets = best_sets(n)
-    most = max(1.05, *(1.05 * x for _, x, _ in points))
-    share = np.linspace(min(0.22, *(0.95 * x for _, x, _ in points)), most, 100)
-    lines = (('ideal: √(n²/N)', share, 1 / np.sqrt(share), {'color': COLOURS[2], 'width': 2, 'dash': 'dash'}),
-             (f'best sets of CMM positions, {n} balls', *np.array(sets or np.zeros((0, 2))).T,
-              {'color': '#999999', 'width': 1}))
-    data: list[PlotlyFigure] = [{
-        'type': 'scatter', 'mode': 'lines', 'x': packed(x), 'y': packed(y), 'name': name, 'line': line,
-        'hovertemplate': f'%{{y:.2f}}<extra>{name}</extra>'} for name, x, y, line in lines if len(x)]
-    data += [{'type': 'scatter', 'mode': 'markers', 'x': [x], 'y': [y], 'name': name,
-              'marker': {'size': 11, 'color': COLOURS[place % len(COLOURS)], 'symbol': SYMBOLS[place % len(SYMBOLS)]},
-              'hovertemplate': f'%{{y:.2f}} at %{{x:.0%}} of the readings<extra>{name}</extra>'}
-             for place, (name, x, y) in enumerate(points)]
-    layout = layout_of(legend=True, margin={'l': 52, 't': 12})
-    layout['legend'] = {'orientation': 'h', 'x': 0, 'y': -0.22}
-    layout['xaxis'] = {'title': {'text': 'share of the n² pairs that is measured, N/n²'}, 'tickformat': '.0%'}
-    layout['yaxis'] = {'title': {'text': 'relative uncertainty of the curves'}, 'rangemode': 'tozero'}
-    return figure_of(data, layout)
 
 
 # What all figures have

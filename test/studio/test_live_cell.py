@@ -5,18 +5,13 @@ import contextlib
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 import yaml
 from playwright.sync_api import expect
 
 from rosette_ros.core.errors import CellError
-from rosette_ros.core.scheme import plan
-from rosette_ros.io.log_reader import read_log
-from rosette_ros.io.plan_file import MeasuringPlan, format_plan
 from rosette_ros.studio.panels.live_panel import CellWatchers
 
 BALLS = 6
@@ -79,57 +74,6 @@ def test_calibrate_and_cancel_from_the_page(cell, module_domain_id, studio, page
     expect(page.get_by_test_id('start')).to_be_enabled()
     expect(curves).to_have_count(0)
     expect(page.get_by_test_id('fault-list')).not_to_contain_text('cancelled')
-    cell.check()
-
-
-def test_a_plan_is_chosen_and_started(cell, module_domain_id, studio, page):
-    """Rank, U and time of what is chosen; a refusal in words; a proposal for a time; the cell measures the plan."""
-    cell.machine.write_text(yaml.safe_dump({**yaml.safe_load(cell.machine.read_text()), 'faults': []}))
-    connect(page, studio, module_domain_id)
-    facts, error, start = (page.get_by_test_id(f'plan-{name}') for name in ('facts', 'error', 'start'))
-    expect(facts).to_contain_text('144')
-    page.get_by_test_id('plan-balls').fill(str(BALLS))
-    expect(facts).to_contain_text('48')
-    expect(page.get_by_test_id('plan-words')).to_contain_text('effects well')
-    page.get_by_test_id('plan-keep').click()
-    page.get_by_test_id('plan-places').fill('4')  # the same plan in other words
-    page.get_by_test_id('plan-places').press('Tab')
-    expect(page.get_by_test_id('plan-keep')).to_be_enabled()
-    page.get_by_test_id('plan-keep').click()
-    page.get_by_test_id('plan-places').fill('')
-    page.get_by_test_id('plan-balls-of').fill('5')
-    table = page.get_by_test_id('plan-table')
-    expect(table).to_contain_text('there_and_back, 5 balls')
-    expect(table.locator('tr')).to_have_count(3)  # headings, what was kept, what the fields say
-    expect(table).to_contain_text('Uncertainty of the curves, relative to a complete run: best is')
-    page.get_by_test_id('plan-forget').click()
-    expect(table).to_be_hidden()
-    page.get_by_test_id('plan-balls-of').fill('')
-    page.get_by_test_id('plan-places').fill('3')
-    expect(error).to_contain_text('3 of 6 CMM positions or balls do not determine the curves')
-    expect(start).to_be_disabled()
-    page.get_by_test_id('plan-hours').fill('0.3')
-    page.get_by_test_id('plan-propose').click()
-    expect(error).to_be_hidden()
-    expect(page.get_by_test_id('plan-touches')).not_to_have_value('usual')
-    page.locator('[data-testid=plan-file] input[type=file]').set_input_files(
-        {'name': 'mine.csv', 'mimeType': 'text/csv', 'buffer': format_plan(MeasuringPlan(
-            replace(plan(BALLS, 'row'), order='mine'), 0.1825)).encode()})
-    expect(facts).to_contain_text('mine.csv')
-    start.click()
-    expect(page.get_by_test_id('phase')).to_contain_text('order mine')
-    words = page.get_by_test_id('live-words')
-    expect(words).to_contain_text('Result of run')
-    before = words.inner_text()
-    page.get_by_test_id('plan-offset').fill('61')
-    expect(error).to_contain_text('table offset: wanted 0 to below 60 deg')
-    page.get_by_test_id('plan-offset').fill('30')
-    expect(facts).to_contain_text('from 30° on')
-    start.click()
-    expect(words).not_to_have_text(before)
-    expect(words).to_contain_text('Result of run')
-    log = cell.log_dir / words.inner_text().split()[-1].rstrip('.')
-    assert read_log(log).to_run().table_offset == pytest.approx(np.pi / BALLS)
     cell.check()
 
 

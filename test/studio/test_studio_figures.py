@@ -24,12 +24,10 @@ from rosette_ros.studio.figures import (
     filling_figure,
     ladder_figure,
     maps_figure,
-    pairs_figure,
     reading_in_map,
     reading_in_time,
     shape_figure,
     time_figure,
-    uncertainty_figure,
 )
 from rosette_ros.studio.live_state import CellView, ReadingPlace
 from rosette_ros.studio.panels.open_dialog import safe_name
@@ -233,24 +231,6 @@ def test_ball_centres_fill_the_map_as_they_are_received():
 def test_names_of_uploads_mean_nothing_to_the_system(name, kept):
     """Only their last part is kept, without what could be taken for more."""
     assert safe_name(name) == kept
-
-
-def test_pairs_of_a_plan_in_the_order_of_measuring():
-    """Every reading once; a pair that is measured twice stands beside the first time."""
-    for order, shifts in (('row', {0.0}), ('there_and_back', {-0.2, 0.2})):
-        scheme = plan(6, order)
-        data = pairs_figure(scheme)['data'][0]
-        number, ball, position = numbers(data['customdata']).reshape(-1, 3).T
-        assert number.tolist() == list(range(1, scheme.ball.size + 1)) and np.array_equal(ball, scheme.ball)
-        assert set(np.round(numbers(data['x']).astype(float) - position, 3).tolist()) == shifts
-
-
-def test_plans_stand_beside_the_best_sets_and_the_ideal():
-    """A complete run has 1 at 1, where the ideal and the best sets end; plans are marks at their places."""
-    ideal, sets, *marks = uncertainty_figure(6, [('one', 1.0, 1.0), ('two', 0.75, 1.2)])['data']
-    assert numbers(ideal['y']) == pytest.approx(numbers(ideal['x'])**-0.5)
-    assert (numbers(sets['x'])[-1], numbers(sets['y'])[-1]) == pytest.approx((1, 1))
-    assert [(mark['name'], mark['x'], mark['y']) for mark in marks] == [('one', [1.0], [1.0]), ('two', [0.75], [1.2])]
 
 
 def test_a_recovered_shape_stands_beside_its_claim():

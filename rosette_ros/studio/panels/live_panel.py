@@ -23,7 +23,6 @@ from rosette_ros.studio.figures import Curves, curves_figure, filling_figure
 from rosette_ros.studio.live_state import Fault, Health, NodeHealth
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.figures_panel import WIDTH
-from rosette_ros.studio.panels.plan_panel import PlanPanel
 from rosette_ros.studio.panels.widgets import Area, Figure, button, card, input_field, marked, row
 from rosette_ros.studio.round_figures import plan_view_figure
 
@@ -93,7 +92,6 @@ class CellPanel:
                     self._health = Area(marked(ui.element('div').classes('health'), 'health-table'))
                 with card('Warnings and faults', 'faults'):
                     self._faults = Area(marked(ui.element('div').classes('list small').props('role=log'), 'fault-list'))
-                self._plan = PlanPanel(self._controller, self._watcher)
             with ui.element('div').classes('main'):
                 with card('Six error motions so far, with U (k = 2)', 'live-curves') as self._curves_card:
                     self._curves_words = marked(ui.label('').classes('soft small'), 'live-words')
@@ -102,7 +100,6 @@ class CellPanel:
                     self._view = Figure(460, 'Table, balls and CMM positions from above', 'plan-view-figure')
                 with card('Ball centres so far: distance from the expected place', 'filling') as self._filling_card:
                     self._filling = Figure(320, 'Ball centres so far')
-                self._plan.build_picture()
         self._curves_card.set_visibility(False)
         self._view_card.set_visibility(False)
         ui.timer(0.3, self._update)
@@ -139,9 +136,7 @@ class CellPanel:
             view = state.view()
         self._show_calibration(progress, verdict)
         heard = any(one.name == SEQUENCER and one.level != Health.SILENT for one in health)
-        can_start = heard and not (self._watcher.is_calibrating or progress.is_running)
-        self._start.set_enabled(can_start)
-        self._plan.allow_start(can_start)
+        self._start.set_enabled(heard and not (self._watcher.is_calibrating or progress.is_running))
         self._hint.set_visibility(not heard)
         self._health.show(self._show_health, [one._replace(received=0.0) for one in health])
         self._faults.show(self._show_faults, faults)

@@ -58,12 +58,11 @@ def input_field(element: Element, mark: str, style: str = '') -> Element:
     return marked(element.props('dense outlined options-dense').style(style), mark)
 
 
-def whole_field(words: str, value: int | None, known: range, mark: str, on_change: Callable[..., object] | None = None,
-                width: str = '150px') -> ui.number:
+def whole_field(words: str, value: int | None, known: range, mark: str) -> ui.number:
     """Return a field for a whole number; what is no such number is refused by `validate`."""
-    made = ui.number(words, value=value, on_change=on_change, validation={
+    made = ui.number(words, value=value, validation={
         f'wanted a whole number from {known[0]} to {known[-1]}': lambda given: given is None or given in known})
-    return input_field(made.props('hide-bottom-space debounce=400'), mark, f'width: {width}')
+    return input_field(made.props('hide-bottom-space debounce=400'), mark, 'width: 150px')
 
 
 class ErrorLine:
