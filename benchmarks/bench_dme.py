@@ -18,9 +18,7 @@ import numpy as np
 from rosette_ros.dme.ball_probing import DmeCmm
 from rosette_ros.dme.dme_server import DmeServer
 from rosette_ros.dme.dme_session import DmeSession
-from rosette_ros.dme.dme_settings import dme_settings
-from rosette_ros.dme.serve_settings import ServeSettings
-from rosette_ros.dme.virtual_cmm import client_settings
+from rosette_ros.dme.dme_settings import client_settings, dme_settings
 from rosette_ros.dme.wire import call
 from rosette_ros.simulation import MachineConfig
 
@@ -81,7 +79,7 @@ async def ball_seconds(speed):
     """Return (machine's time of a ball, s; commands of a ball), moves at a speed, mm/s."""
     config = MachineConfig().changed(timing={'cmm_speed_mm_per_s': speed})
     server = DmeServer(config)
-    settings = dme_settings(client_settings(config, ServeSettings(), await server.start()))
+    settings = dme_settings(client_settings(config, await server.start()))
     link = settings.server
     cmm, commands = DmeCmm(await DmeSession.connect(link.host, link.port, settings.timeouts), settings), []
     await cmm.prepare()

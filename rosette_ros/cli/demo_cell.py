@@ -26,8 +26,7 @@ from rosette_ros.core.geometry import Frame
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import Floats, remove_gauge
 from rosette_ros.dme.dme_server import DmeServer, serving
-from rosette_ros.dme.serve_settings import ServeSettings
-from rosette_ros.dme.virtual_cmm import client_settings
+from rosette_ros.dme.dme_settings import client_settings
 from rosette_ros.simulation import Machine, MachineConfig
 
 MACHINE, DME_SETTINGS = 'machine.yaml', 'dme.yaml'
@@ -120,7 +119,7 @@ def demo_cell(out: Console, what: str, config: MachineConfig, domain: int | None
         if has_server:
             port, server = stack.enter_context(serving(config))
             dme = folder / DME_SETTINGS
-            dme.write_text(yaml.safe_dump(client_settings(config, ServeSettings(), port), sort_keys=False), 'utf-8')
+            dme.write_text(yaml.safe_dump(client_settings(config, port), sort_keys=False), 'utf-8')
             out.print(f'  I++ DME server on 127.0.0.1:{port}, one command per touch and move')
         prepared = make_cell(config, machine, domain, logs, identity, dme)
         if is_given:

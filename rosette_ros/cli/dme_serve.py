@@ -9,9 +9,8 @@ import yaml
 
 from rosette_ros.cli.arguments import add_shared, positive, whole
 from rosette_ros.cli.console import console
-from rosette_ros.dme.dme_server import HOST, check_loopback, serving
-from rosette_ros.dme.serve_settings import KINDS, ServeSettings, fault_of
-from rosette_ros.dme.virtual_cmm import client_settings
+from rosette_ros.dme.dme_server import HOST, TOOLS, ServeSettings, serving
+from rosette_ros.dme.dme_settings import client_settings
 from rosette_ros.dme.wire import PORT
 from rosette_ros.io.text_file import refuse_output, write_text
 from rosette_ros.simulation import MachineConfig, load_machine
@@ -19,10 +18,7 @@ from rosette_ros.simulation import MachineConfig, load_machine
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb takes."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = f'FAULT is KIND or KIND:at=3,times=2,ball=5,seconds=0.1 (docs/dme-server.md). Kinds:\n{_wrapped()}'
     parser.add_argument('--port', type=whole(0, 65535), default=PORT, help=f'TCP port (default {PORT}; 0: a free one)')
-    parser.add_argument('--host', default=HOST, help='loopback address to listen on (default 127.0.0.1)')
     parser.add_argument('--machine', metavar='FILE', help='describes the simulated machine (default: as machine.yaml)')
     parser.add_argument('--dialect', choices=('1.4', '2.x'), default='1.4', help='version of I++ DME (default 1.4)')
     parser.add_argument('--speed', metavar='real|fast|N', type=_speed, default=1.0,
@@ -32,9 +28,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--cumulative', action='store_true', help='R counts over turns instead of 0 to 360')
     parser.add_argument('--compensated', action='store_true',
                         help='report points of the surface instead of centres of the tip')
-    parser.add_argument('--decimals', type=whole(1, 9), default=9, help='digits after the point (default 9)')
-    parser.add_argument('--fault', metavar='FAULT', action='append', default=[],
-                        help='a fault, see below; may be repeated')
     parser.add_argument('--settings', metavar='FILE', dest='output', help='write the settings file of a client '
                         '(rosette dme check --settings FILE, rosette cell --cmm dme) that fits this server')
     add_shared(parser, '--force')
@@ -42,24 +35,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Serve until Ctrl-C; raises CellError for an address that is not loopback and a port that is in use."""
-    check_loopback(options.host)
+    """Serve until Ctrl-C; raises CellError for a port that is in use."""
     config = load_machine(options.machine) if options.machine else MachineConfig()
-    settings = ServeSettings(
-        dialect=options.dialect, speed=options.speed, sign=options.sign, cumulative=options.cumulative,
-        compensated=options.compensated, decimals=options.decimals, faults=tuple(map(fault_of, options.fault)))
+    settings = ServeSettings(dialect=options.dialect, speed=options.speed, sign=options.sign,
+                             cumulative=options.cumulative, compensated=options.compensated)
     if options.output:
         refuse_output(options.output, options.force)
     out = console()
     say = (lambda line: print(line, flush=True)) if options.trace else (lambda line: None)
-    with serving(config, settings, options.port, say, options.host) as (port, server):
+    with serving(config, settings, options.port, say) as (port, server):
         if options.output:
-            write_text(options.output, yaml.safe_dump(client_settings(config, settings, port), sort_keys=False),
-                       options.force)
+            made = client_settings(config, port, settings.sign, settings.cumulative)
+            write_text(options.output, yaml.safe_dump(made, sort_keys=False), options.force)
         place, plate = 1e3 * server.commands.cmm.machine.rough_frame.origin, config.plate
-        out.print(f'I++ DME {settings.dialect} on {options.host}:{port}: the simulated machine; {plate.balls} balls of '
+        out.print(f'I++ DME {settings.dialect} on {HOST}:{port}: the simulated machine; {plate.balls} balls of '
                   f'radius {plate.ball_radius_mm:g} mm on a\ncircle of radius {plate.circle_radius_mm:g} mm about '
-                  f'({", ".join(f"{value:g}" for value in place)}) mm; tool "{settings.tool}", tip radius '
+                  f'({", ".join(f"{value:g}" for value in place)}) mm; tool "{TOOLS[0]}", tip radius '
                   f'{config.probing.tip_radius_mm:g} mm.')
         out.print('Ctrl-C ends it.')
         sys.stdout.flush()
@@ -70,7 +61,3 @@ def run(options: argparse.Namespace) -> None:
 def _speed(text: str) -> float | None:
     """Read a speed: None is as fast as possible."""
     return {'real': 1.0, 'fast': None}[text] if text in ('real', 'fast') else positive('times real time')(text)
-
-
-def _wrapped() -> str:
-    return '\n'.join('  ' + ', '.join(KINDS[start:start + 6]) for start in range(0, len(KINDS), 6))

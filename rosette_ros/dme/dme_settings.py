@@ -13,6 +13,7 @@ from rosette_ros.core.geometry import TWO_PI, Floats, Frame, radial
 from rosette_ros.core.touches import TOUCHES, USUAL
 from rosette_ros.dme.wire import PORT, NotDme, format_value
 from rosette_ros.io.safe_yaml import of_schema, read_yaml
+from rosette_ros.simulation import MachineConfig
 from rosette_ros.simulation.setting_types import Axis, NotNegative, Number, Pair, Positive, Settings, Vector, checked
 
 SCHEMA = 'rosette-dme/1'
@@ -176,3 +177,21 @@ def sequencer_parameters(settings: DmeSettings) -> dict[str, Any]:
               'table.azimuth_deg': table.azimuth_deg}
     plate = {'plate.balls': table.balls, 'plate.radius_m': 1e-3 * table.radius_mm}
     return taught | (plate if table.azimuths_deg is None else {})
+
+
+def client_settings(config: MachineConfig, port: int, sign: int = 1, cumulative: bool = False) -> dict[str, object]:
+    """Return the settings, as a mapping, that fit a simulated machine behind a server on this computer."""
+    place, plate, tip = config.placement, config.plate, config.probing.tip_radius_mm
+    half = plate.circle_radius_mm + 100.0
+    low, high = ([value + sign * half for value in place.origin_mm] for sign in (-1.0, 1.0))
+    return {
+        'schema': 'rosette-dme/1', 'simulated': True, 'server': {'host': '127.0.0.1', 'port': port},
+        'tool': {'name': 'Probe1', 'tip_radius_mm': tip},
+        'ball': {'radius_mm': plate.ball_radius_mm, 'shaft_radius_mm': 0.35 * plate.ball_radius_mm,
+                 'shaft_length_mm': 4.0 * plate.ball_radius_mm, 'below_pole_mm': config.probing.below_pole_mm,
+                 'below_equator_mm': config.probing.below_equator_mm},
+        'path': {'box_low_mm': low, 'box_high_mm': high,
+                 'clearance_mm': max(60.0, plate.ball_radius_mm + tip + 30.0)},
+        'table': {'origin_mm': list(place.origin_mm), 'axis': list(place.axis), 'azimuth_deg': place.azimuth_deg,
+                  'radius_mm': plate.circle_radius_mm, 'balls': plate.balls, 'sign': sign,
+                  'reading': 'cumulative' if cumulative else 'modulo'}}

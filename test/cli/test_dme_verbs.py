@@ -13,15 +13,15 @@ import signal
 import numpy as np
 import pytest
 import yaml
+from faulty_proxy import spoiling
 from matplotlib.patches import Circle
 
 from rosette_ros.cli import dme_client
 from rosette_ros.cli.main import main
 from rosette_ros.core.errors import CellError
-from rosette_ros.dme.dme_server import serving
-from rosette_ros.dme.serve_settings import ServeSettings, fault_of
+from rosette_ros.dme.dme_server import ServeSettings, serving
+from rosette_ros.dme.dme_settings import client_settings
 from rosette_ros.dme.stop_mark import StopMark
-from rosette_ros.dme.virtual_cmm import client_settings
 from rosette_ros.presentation.plots.path_plots import probe_path
 from rosette_ros.simulation import MachineConfig
 
@@ -33,7 +33,7 @@ def settings(tmp_path):
     """Return a function that writes the settings file for a port, changed in single groups."""
 
     def write(port=1294, **changes):
-        values = client_settings(CONFIG, ServeSettings(), port)
+        values = client_settings(CONFIG, port)
         values |= {key: {**values.get(key, {}), **value} for key, value in changes.items()}
         path = tmp_path / 'dme.yaml'
         path.write_text(yaml.safe_dump(values), encoding='utf-8')
@@ -76,7 +76,8 @@ def test_an_address_of_a_server(monkeypatch, text, address):
 
 def test_a_machine_that_is_not_ready(settings, capfd):
     """Exit code 2, with the checks that are not passed."""
-    with serving(CONFIG, ServeSettings(faults=(fault_of('not_homed'),))) as (port, _):
+    with serving(CONFIG) as (port, server):
+        server.commands.cmm.is_homed = False
         path = settings(port, path={'stand_off_mm': 40.0, 'clearance_mm': 80.0})
         assert main(['dme', 'check', '--settings', path]) == 2
     out, err = capfd.readouterr()
@@ -140,7 +141,8 @@ def test_a_dry_run_that_is_stopped(settings, capfd, fault, words, more):
 
     before = signal.getsignal(signal.SIGTERM)
     try:
-        with serving(CONFIG, ServeSettings(speed=1000.0, faults=(fault_of(fault),)), say=told) as (port, server):
+        with serving(CONFIG, ServeSettings(speed=1000.0)) as (behind, server), \
+                spoiling(behind, fault, say=told) as (port, _):
             path = settings(port, timeouts={'abort_s': 0.5})
             assert main(['dme', 'dry-run', path]) == 2
             said = capfd.readouterr().err

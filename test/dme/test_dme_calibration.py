@@ -10,10 +10,8 @@ from through_dme import calibrate
 from rosette_ros.analysis import analyse
 from rosette_ros.core.records import remove_gauge
 from rosette_ros.core.scheme import plan
-from rosette_ros.dme.dme_server import DmeServer
-from rosette_ros.dme.dme_settings import dme_settings
-from rosette_ros.dme.serve_settings import ServeSettings
-from rosette_ros.dme.virtual_cmm import client_settings
+from rosette_ros.dme.dme_server import DmeServer, ServeSettings
+from rosette_ros.dme.dme_settings import client_settings, dme_settings
 from rosette_ros.simulation import Machine, MachineConfig
 
 ONE_NM, FIVE_NRAD = 1e-9, 5e-9
@@ -23,7 +21,7 @@ ONE_NM, FIVE_NRAD = 1e-9, 5e-9
 async def calibrated(config, served, touches):
     """Return the run and the table frame that a client finds through the server."""
     server = DmeServer(config, served)
-    settings = dme_settings(client_settings(config, served, await server.start()))
+    settings = dme_settings(client_settings(config, await server.start(), served.sign, served.cumulative))
     run, frame, _ = await calibrate(settings, plan(config.plate.balls, 'diagonal'), touches)
     await server.stop()
     return run, frame

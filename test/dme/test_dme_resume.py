@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+from faulty_proxy import FaultyProxy
 from scripted_server import prepared
 
 from rosette_ros.calibration.calibration_plan import plan_calibration
@@ -15,9 +16,7 @@ from rosette_ros.core.errors import CellError
 from rosette_ros.core.scheme import plan
 from rosette_ros.dme.dme_server import DmeServer
 from rosette_ros.dme.dme_session import DmeSession, DmeStopped
-from rosette_ros.dme.dme_settings import dme_settings
-from rosette_ros.dme.serve_settings import ServeSettings, fault_of
-from rosette_ros.dme.virtual_cmm import client_settings
+from rosette_ros.dme.dme_settings import client_settings, dme_settings
 from rosette_ros.io.messages import Answer, Phase
 from rosette_ros.simulation import MachineConfig
 
@@ -66,8 +65,8 @@ def places(sequence):
 async def interrupted(*faults, **timeouts):
     """Calibrate with faults, look at the machine where it stops, resume; return the words, what was asked, the centres.
     """
-    server = DmeServer(CONFIG, ServeSettings(faults=tuple(map(fault_of, faults))))
-    values = client_settings(CONFIG, server.commands.settings, await server.start())
+    server, proxy = DmeServer(CONFIG), FaultyProxy(faults)
+    values = client_settings(CONFIG, await proxy.start(await server.start()))
     values['ball']['touches'], values['timeouts'] = TOUCHES, timeouts
     settings = dme_settings(values)
     machine, words, asked, sequence = server.commands.cmm, '', [], calibration(settings)
@@ -92,6 +91,7 @@ async def interrupted(*faults, **timeouts):
         asked = [{answer.seq for _, answer in before.answers.counting()}, await carry_out(sequence, cmm)]
     finally:
         await cmm.session.end()
+        await proxy.stop()
         await server.stop()
     return words, asked, places(sequence)
 
@@ -131,8 +131,8 @@ def test_resume_completes_the_run(undisturbed, fault, said, timeouts):
 
 
 @pytest.mark.parametrize('faults', [
-    ['surface_not_found:at=20,times=1'], ['out_of_limits:at=100,times=1'], ['nan:at=20'], ['reordered', 'quoted'],
-    ['split:seconds=0', 'joined'], ['slow:seconds=0.0005'], ['clamped']])
+    ['surface_not_found:at=20'], ['out_of_limits:at=100'], ['nan:at=20'], ['reordered', 'quoted'],
+    ['split'], ['joined'], ['slow'], ['clamped']])
 def test_faults_that_stop_no_run(undisturbed, faults):
     """A ball that fails is asked again; how the lines come does not matter."""
     words, [asked], centres = asyncio.run(interrupted(*faults))

@@ -14,9 +14,7 @@ from through_dme import calibrate
 
 from rosette_ros.analysis import analyse
 from rosette_ros.core.scheme import plan
-from rosette_ros.dme.dme_settings import ServerSettings, dme_settings, load_dme_settings
-from rosette_ros.dme.serve_settings import ServeSettings
-from rosette_ros.dme.virtual_cmm import client_settings
+from rosette_ros.dme.dme_settings import ServerSettings, client_settings, dme_settings, load_dme_settings
 from rosette_ros.simulation import MachineConfig
 
 SERVER = os.environ.get('ROSETTE_DME', '')
@@ -29,7 +27,7 @@ def test_six_balls_through_anyones_server():
     """All balls are found, and what table, plate and CMM cannot explain is as small as the form of the touches."""
     host, _, port = SERVER.rpartition(':')
     settings = load_dme_settings(SETTINGS) if SETTINGS else dme_settings(
-        client_settings(MachineConfig().changed(plate={'balls': 6}), ServeSettings(), int(port)))
+        client_settings(MachineConfig().changed(plate={'balls': 6}), int(port)))
     settings = settings.model_copy(update={'server': ServerSettings(host=host, port=int(port))})
     run, _, balls = asyncio.run(calibrate(settings, plan(settings.table.balls, 'diagonal')))
     fit = analyse(run)

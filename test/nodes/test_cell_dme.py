@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
+from faulty_proxy import spoiling
 
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.cmm_check import CmmClient
@@ -22,7 +23,6 @@ from rosette_ros.core.errors import CellError
 from rosette_ros.core.records import remove_gauge
 from rosette_ros.dme.dme_server import serving
 from rosette_ros.dme.dme_settings import load_dme_settings, sequencer_parameters
-from rosette_ros.dme.serve_settings import fault_of
 from rosette_ros.dme.stop_mark import StopMark
 from rosette_ros.dme.virtual_cmm import MachineClock, VirtualCmm
 from rosette_ros.io.log_reader import read_log
@@ -54,17 +54,24 @@ class Served:
         self.config = MachineConfig(seed=3).changed(
             plate={'balls': N}, probing={'repeatability_um': 0.0},
             cmm={'scale_ppm': 0.0, 'squareness_urad': 0.0, 'straightness_um': 0.0})
-        self._serving = serving(self.config, say=lambda line: self.lines.append((time.monotonic(), line)))
-        port, self.server = self._serving.__enter__()
+        self._serving = serving(self.config, say=self._said)
+        behind, self.server = self._serving.__enter__()
+        self._spoiling = spoiling(behind, say=lambda line: self.lines.append((time.monotonic(), line)))
+        port, self.proxy = self._spoiling.__enter__()
         self.settings = folder / 'dme.yaml'
         self.settings.write_text(yaml.safe_dump({**SETTINGS, 'server': {'port': port}}), encoding='utf-8')
 
+    def _said(self, line):
+        if line[0] not in '<>':  # lines are those of the proxy
+            self.lines.append((time.monotonic(), line))
+
     def close(self):
+        self._spoiling.__exit__(None, None, None)
         self._serving.__exit__(None, None, None)
 
     def strikes(self, *faults):
         """Have faults strike from now on."""
-        self.server.commands.faults.__init__(tuple(map(fault_of, faults)))
+        self.proxy.strikes(*faults)
 
     @contextlib.contextmanager
     def slow(self):
@@ -148,7 +155,7 @@ def test_a_hidden_effect_is_named(cell, client, served):
     commands = served.server.commands
     whole = commands.cmm
     commands.cmm = VirtualCmm(served.config.changed(probing={'repeatability_um': 0.2}, hidden=[
-        {'kind': 'table_backlash', 'width_urad': 20.0}]), commands.settings, commands.faults)
+        {'kind': 'table_backlash', 'width_urad': 20.0}]))
     try:
         outcome = client.calibrate('there_and_back', check=cell.check)
     finally:
