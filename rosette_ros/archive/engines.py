@@ -43,16 +43,6 @@ class Engine(Protocol):
         """Yield each item with its result, in any order; None where the process that worked on it was killed."""
 
 
-class PlainLoop:
-    """One after the other, in this process."""
-
-    def results(self, function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[
-            tuple[Item, Result | None]]:
-        """See Engine."""
-        for item in items:
-            yield item, function(item)
-
-
 class DaskEngine(AbstractContextManager['DaskEngine']):
     """The workers of a cluster: that of a scheduler, or processes on this computer, one thread each, loopback only.
 

@@ -66,7 +66,7 @@ class Job:
     located_ns: int = 0  # when its phase RUN began in an earlier part, ns, 0 if it did not
     processes: dict[str, str] = field(default_factory=dict)  # those of the nodes that serve it, by node
     remarks: list[str] = field(default_factory=list)  # warnings
-    refused: int = 0  # answers that were not used, up to its last question
+    ignored: int = 0  # answers that were not used, up to its last question
     opening: bool = True  # its log
     recording: bool = False
     verifying: Verify | None = None  # what the recorder was asked last

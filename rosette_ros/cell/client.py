@@ -34,7 +34,7 @@ from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import TakenSignals
 from rosette_ros.nodes.graph_node import GraphNode
 from rosette_ros.nodes.liveliness import RESTART, NodeMonitor
-from rosette_ros.nodes.senders import Sender
+from rosette_ros.nodes.topic_publishers import TopicPublishers
 
 CANCEL_TIMEOUT = 30.0
 RECOVERY = 40.0  # a CMM that clears its errors or connects anew answers within this time, s
@@ -122,7 +122,7 @@ class CellClient(GraphClient):
         # The last one: DDS announces subscriptions in their order, so a sequencer whose state is received knows those
         # of feedback and events, too.
         self._monitor = NodeMonitor(self._node, names.SEQUENCER)
-        self._sequencer = Sender(self._node, names.RUN_STATE, self._monitor)
+        self._sequencer = TopicPublishers(self._node, names.RUN_STATE, self._monitor)
         self._sequencer.on_change = self._on_restart
         self._sequencer.judge(self._node.create_subscription(RunState, names.RUN_STATE, self._on_state, qos.STATE))
         self._node.create_timer(_STEP, self._watch)
@@ -140,8 +140,8 @@ class CellClient(GraphClient):
         """Wait for a sequencer; raises CellError where none answers in time."""
         if not self._spin_until(lambda: self._action.server_is_ready() and self._has_state
                                 and self._node.count_publishers(names.CALIBRATION_EVENT) > 0, timeout):
-            if self._sequencer.rivals:
-                raise CellError(f'cell {self._where}: {self._sequencer.rivals}: wanted one sequencer; end one of them')
+            if words := self._sequencer.conflict:
+                raise CellError(f'cell {self._where}: {words}: wanted one sequencer; end one of them')
             others = ', '.join(self.running(FOUND))
             raise CellError(f'cell {self._where}: wanted a sequencer within {timeout:g} s, got ' + (
                 f'only {others}: the sequencer is not started, has ended or hangs; {RESTART}' if others else

@@ -27,7 +27,7 @@ from rosette_ros.io.messages import MACHINE_FRAME, Answer, Phase, Target, answer
 from rosette_ros.io.reading_checks import Check, check_answers
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.nodes import conversions, names, qos
-from rosette_ros.nodes.liveliness import obeying
+from rosette_ros.nodes.liveliness import target_subscriptions
 
 SEARCH, SETTLING, ECHOES = 5.0, 1.0, 0.5  # for the CMM; for all to discover each other; for a second answer, s
 SEQUENCER_SEARCH = client.SEARCH
@@ -150,11 +150,11 @@ class CmmClient(CellClient):
                             'it')
 
     def _is_there(self) -> bool:
-        return bool(self._node.count_publishers(names.BALL_CENTRE) and obeying(self._node))
+        return bool(self._node.count_publishers(names.BALL_CENTRE) and target_subscriptions(self._node))
 
     def _graph_checks(self) -> tuple[Check, ...]:
         """Return what the graph alone shows: types, quality of service, how many there are."""
-        topic, listeners = self._node.resolve_topic_name(names.BALL_CENTRE), obeying(self._node)
+        topic, listeners = self._node.resolve_topic_name(names.BALL_CENTRE), target_subscriptions(self._node)
         answers = self._node.get_publishers_info_by_topic(topic)
         wrong = [f'{info.topic_type} on {name}, wanted {wanted}' for name, wanted, infos in (
             (names.BALL_CENTRE, 'rosette_msgs/msg/BallCentre', answers),
@@ -169,7 +169,7 @@ class CmmClient(CellClient):
         return (Check('types', not wrong, '; '.join(wrong) or 'ProbeTarget and BallCentre'),
                 Check('quality of service', not held, '; '.join(held) or 'as wanted'),
                 Check('one CMM', len(answers) == len(listeners) == 1,
-                      f'{names.BALL_CENTRE} is published by {len(answers)}, {names.PROBE_TARGET} obeyed by '
+                      f'{names.BALL_CENTRE} is published by {len(answers)}, {names.PROBE_TARGET} subscribed to by '
                       f'{len(listeners)}'),
                 Check('heartbeat', True if beats else None, 'found' if beats else
                       'none: a CMM that hangs is noticed when an answer is overdue'))

@@ -368,13 +368,11 @@ def iter_log(path: str | Path) -> Iterator[LoggedMessage]:
         yield from file.messages()
 
 
-def read_log(path: str | Path, listing: bag.BagListing | None = None) -> LogRun:
+def read_log(path: str | Path) -> LogRun:
     """Return what a log directory or an .mcap file holds; a log cut short gives what is whole.
 
-    listing: its files, where they are not those that it names.
-
     Raises InvalidData where there is no log, it is empty, of another profile, or its ball centres cannot be decoded."""
-    listing = listing or bag.find_files(path)
+    listing = bag.find_files(path)
     files, log = open_files(listing, READ_WITHIN), LogRun(Path(path), listing.files)
     problems, checked = list(listing.problems), set[tuple[str, str]]()
     for file in files:

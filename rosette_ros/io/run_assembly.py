@@ -345,7 +345,7 @@ class RunAnswers:
             rotation=rotation, repeatability_axes=repeated, table_offset=offset,
             notes=note_on_offset(offset),
             repeats=np.unique((table_position - 1) * n + ball).size < ball.size)
-        return run.replace(remarks=self._rivals() + remarks_on_answers(counting) + remarks_on_radius(run))
+        return run.replace(remarks=self._on_two_answers() + remarks_on_answers(counting) + remarks_on_radius(run))
 
     def _way(self, targets: Sequence[Target], rotation: Floats | None) -> dict[str, Any]:
         """Return the senses of the CMM at targets from all that it was sent to, answered or not.
@@ -366,7 +366,7 @@ class RunAnswers:
         way = Way(position, ball, approach, np.array([place[one.seq] for one in targets]))
         return {'cmm_sense': way.cmm_sense(n, rotation)}
 
-    def _rivals(self) -> tuple[str, ...]:
+    def _on_two_answers(self) -> tuple[str, ...]:
         """Return in words that targets which were asked once have answers that differ; nothing where none has."""
         sessions = Counter(seq for seq, _ in {(target.seq, target.session) for target in self.targets})
         twice = sum(target.attempt == sessions[seq] == 1 and len({one.centre for one in self._usable(seq)}) > 1

@@ -31,7 +31,7 @@ from rosette_ros.nodes import names, qos
 from rosette_ros.nodes.graph_node import GraphNode
 from rosette_ros.nodes.liveliness import HeartbeatPublisher, NodeMonitor
 from rosette_ros.nodes.parameters import Parameters, refuse_unknown_sections
-from rosette_ros.nodes.senders import Sender
+from rosette_ros.nodes.topic_publishers import TopicPublishers
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 WAKE_PERIOD, HEALTH_PERIOD = 0.2, 1.0
@@ -60,25 +60,25 @@ class CellNode(GraphNode):
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._health_out = self.create_publisher(DiagnosticArray, names.DIAGNOSTICS, qos.HEALTH)
         self.heartbeat = HeartbeatPublisher(self)
-        self._unconnected = frozenset[str]()
+        self._disturbances = frozenset[str]()
         self.every(HEALTH_PERIOD, self._publish_health)
         self._monitors: dict[str, NodeMonitor] = {}
-        self._senders: dict[str, Sender] = {}
+        self._publishers_of: dict[str, TopicPublishers] = {}
         self.every(self.wake_period, self._wake)
 
     def on(self, name: str, message_class: type, handler: Callable[[Any], None], profile: QoSProfile,
            raw: bool = False, from_one: bool = False) -> Subscription:
         """Subscribe; raw: the handler gets CDR bytes; from_one: of a topic in names.PUBLISHERS nothing is handled while
         several nodes publish it."""
-        sender = self.sender(name) if from_one and name in names.PUBLISHERS else None
+        known = self.publishers_of(name) if from_one and name in names.PUBLISHERS else None
 
         def admitted(message: Any) -> None:
-            if sender is None or sender.admits():
+            if known is None or known.admits():
                 handler(message)
 
         made = self.create_subscription(message_class, name, admitted, profile, raw=raw)
-        if sender is not None:
-            sender.judge(made)
+        if known is not None:
+            known.judge(made)
         return made
 
     def monitor(self, peer: str) -> NodeMonitor:
@@ -87,17 +87,16 @@ class CellNode(GraphNode):
             self._monitors[peer] = NodeMonitor(self, peer)
         return self._monitors[peer]
 
-    def sender(self, topic: str) -> Sender:
-        """Return what is known about the publisher of a topic in names.PUBLISHERS."""
-        if topic not in self._senders:
-            sender = self._senders[topic] = Sender(self, topic, self.monitor(names.PUBLISHERS[topic]))
-            sender.on_rivals = lambda words: self.get_logger().warning(f'{words}: what they publish is not used')
-        return self._senders[topic]
+    def publishers_of(self, topic: str) -> TopicPublishers:
+        """Return what is known about the publishers of a topic in names.PUBLISHERS."""
+        if topic not in self._publishers_of:
+            self._publishers_of[topic] = TopicPublishers(self, topic, self.monitor(names.PUBLISHERS[topic]))
+        return self._publishers_of[topic]
 
     @property
-    def is_certain(self) -> bool:
-        """Whether each topic that is used from one publisher alone has that one and no other."""
-        return all(sender.is_bound for sender in self._senders.values())
+    def has_single_publishers(self) -> bool:
+        """Whether no topic in names.PUBLISHERS that is used has two publishers."""
+        return all(one.is_single for one in self._publishers_of.values())
 
     def destroy_node(self) -> None:
         """End the heartbeat and destroy the node."""
@@ -108,8 +107,8 @@ class CellNode(GraphNode):
         self.heartbeat.serve()
         for monitor in self._monitors.values():
             monitor.watch()
-        for sender in self._senders.values():
-            sender.watch()
+        for one in self._publishers_of.values():
+            one.watch()
         self.wake()
 
     def every(self, period: float, callback: Callable[[], None]) -> None:
@@ -159,10 +158,10 @@ class CellNode(GraphNode):
 
     def _publish_health(self) -> None:
         level, sentence, values = self.health()
-        for rivals in filter(None, (sender.rivals for sender in self._senders.values())):
-            level, sentence = max(level, WARN), f'{sentence}; {rivals}: what they publish is not used'
-        before, self._unconnected = self._unconnected, frozenset(self.unconnected())
-        for words in sorted(self._unconnected):
+        conflicts = {f'{one.conflict}: what they publish is not used'
+                     for one in self._publishers_of.values() if one.conflict}
+        before, self._disturbances = self._disturbances, frozenset(self.unconnected() | conflicts)
+        for words in sorted(self._disturbances):
             level, sentence = max(level, WARN), f'{sentence}; {words}'
             if words not in before:
                 self.get_logger().warning(words)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A CMM behind an I++ DME server: obeys targets, publishes ball centres and touches, waits for a person after a stop.
+"""A CMM behind an I++ DME server: publishes the ball centres and touches of targets, waits for a person after a stop.
 
 Two threads: rclpy's runs all callbacks of the node; an asyncio loop has the connection, and measures one target after
 the other. Callbacks hand coroutines to the loop; the loop puts what it has measured into a queue and a task into the

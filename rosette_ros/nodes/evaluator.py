@@ -93,7 +93,7 @@ class Evaluator(CellNode):
         self.on(names.BALL_CENTRE, BallCentre, self._on_answer, qos.COLLECT, from_one=True)
         self.on(names.TF_STATIC, TFMessage, self._on_frames, qos.COLLECT_LATCHED)
         self.on(names.RUN_STATE, RunState, self._on_state, qos.COLLECT_LATCHED, from_one=True)
-        self.sender(names.RUN_STATE).on_change = self._runs.end_all
+        self.publishers_of(names.RUN_STATE).on_change = self._runs.end_all
         self._model_out.publish(conversions.model_message(self._in_use.model, self.now().to_msg()))
 
     def _on_target(self, message: ProbeTarget) -> None:

@@ -9,7 +9,7 @@ import os
 import threading
 import time
 import uuid
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rclpy.node import Node
@@ -30,7 +30,7 @@ RESTART = f'wait {1.5 * qos.HEARTBEAT_HANGS:g} s for rosette cell to restart it,
 SETTLING = 1.0  # how long all nodes have to be present before a run: discovery takes its time in each of them, s
 
 
-def obeying(node: Node) -> list[Any]:
+def target_subscriptions(node: Node) -> list[Any]:
     """Return the subscriptions to targets of CMMs: of the processes that publish ball centres.
 
     Recorder, evaluator, studio and other observers subscribe too. Where no process does both, all but the cell's own
@@ -127,11 +127,6 @@ class NodeMonitor:
         return min(len(running), self._subscription.get_publisher_count())
 
     @property
-    def is_open(self) -> bool:
-        """Whether it is not known yet if a process that was heard before the newest one began has ended."""
-        return not self._received.keys() <= self._heard
-
-    @property
     def is_disconnected(self) -> bool:
         """Whether one was present, and neither it nor a successor is."""
         return bool(self.process) and not self.count()
@@ -169,8 +164,8 @@ class Trouble(NamedTuple):
 
     gone: list[str]
     restarted: list[str]
-    rivals: str
-    is_refused: bool
+    conflict: str
+    has_ignored: bool
 
     @property
     def nodes(self) -> list[str]:
@@ -181,7 +176,7 @@ class Trouble(NamedTuple):
         """Return it in words, '' where there is none."""
         if self.nodes:
             return f'{" and ".join(f"the {_NODE_WORDS[name]}" for name in self.nodes)} is disconnected'
-        return self.rivals or f'another node has published {names.BALL_CENTRE}' * self.is_refused
+        return self.conflict or f'another node has published {names.BALL_CENTRE}' * self.has_ignored
 
 
 class CellMonitor:
@@ -192,7 +187,7 @@ class CellMonitor:
     def __init__(self, node: 'CellNode', recorder: 'RecorderLink') -> None:
         self._node, self._recorder = node, recorder
         self._monitors = {name: node.monitor(name) for name in names.NODES}
-        self._senders = {topic: node.sender(topic) for topic in names.PUBLISHERS}
+        self._publishers_of = {topic: node.publishers_of(topic) for topic in names.PUBLISHERS}
         self._complete_since: float | None = None
         self._endpoints: frozenset[bytes] = frozenset()
         self.status = self._logged = ''
@@ -202,14 +197,14 @@ class CellMonitor:
         """Return what the cell lacks for a calibration, in words."""
         node = self._node
         missing = [f'{words}: wanted one in this domain and namespace; is another cell running? Give each its own '
-                   '(--domain, --namespace)' for words in self.rivals()]
-        if not (self._senders[names.BALL_CENTRE].alive and obeying(node)):
+                   '(--domain, --namespace)' for words in self.conflicts()]
+        if not (self._publishers_of[names.BALL_CENTRE].found and target_subscriptions(node)):
             missing.append(f'no CMM: wanted one that subscribes to {names.PROBE_TARGET} and publishes '
                            f'{names.BALL_CENTRE}, got none; '
                            f'{self._remedy(names.CMM, "start simulated_cmm or connect a CMM")}')
         elif not node.has_time():
             missing.append('no time: with use_sim_time the CMM publishes /clock, none was received')
-        if not self._senders[names.ERROR_MOTIONS].alive:
+        if not self._publishers_of[names.ERROR_MOTIONS].found:
             missing.append(f'no evaluator: wanted one that publishes {names.ERROR_MOTIONS}, got none; '
                            f'{self._remedy(names.EVALUATOR, "start it")}')
         if with_recorder and (self._is_disconnected(names.RECORDER) or not self._recorder.is_there):
@@ -256,32 +251,30 @@ class CellMonitor:
     def processes(self) -> dict[str, str]:
         """Return what serves a run now, by node: the CMM by its endpoint, a recorder by its process."""
         recorder = self._monitors[names.RECORDER].process
-        answers = b''.join(self._senders[names.BALL_CENTRE].bound).hex()
+        answers = b''.join(self._publishers_of[names.BALL_CENTRE].used).hex()
         return {names.CMM: answers, **({names.RECORDER: recorder} if recorder else {})}
 
-    def trouble(self, processes: dict[str, str], refused: int) -> 'Trouble':
-        """Return what keeps a run from going on; processes, refused: as it was asked last."""
-        answers, now = self._senders[names.BALL_CENTRE], self.processes()
-        is_gone = {names.CMM: not answers.alive & answers.bound, names.RECORDER: self._is_disconnected(names.RECORDER)}
+    def trouble(self, processes: dict[str, str], ignored: int) -> 'Trouble':
+        """Return what keeps a run from going on; processes, ignored: as it was asked last."""
+        answers, now = self._publishers_of[names.BALL_CENTRE], self.processes()
+        is_gone = {names.CMM: not answers.found & answers.used, names.RECORDER: self._is_disconnected(names.RECORDER)}
         return Trouble([name for name in processes if is_gone[name]],
                        [name for name, process in processes.items() if now.get(name) != process],
-                       '; '.join(self.rivals()), self.refused != refused)
+                       '; '.join(self.conflicts()), self.ignored != ignored)
 
     def has_lost_recorder(self, processes: dict[str, str]) -> bool:
         """Return whether the recorder of a run is disconnected or another one."""
-        return names.RECORDER in self.trouble(processes, self.refused).nodes
+        return names.RECORDER in self.trouble(processes, self.ignored).nodes
 
-    def rivals(self, nodes: Collection[str] = names.NODES) -> list[str]:
-        """Return which of these nodes there are several of, or of which topic several publishers, in words."""
-        twins = {name: monitor.count() for name, monitor in self._monitors.items() if name in nodes}
-        return [*(f'{count} nodes named {name}' for name, count in twins.items() if count > 1),
-                *(sender.rivals for topic, sender in self._senders.items()
-                  if sender.rivals and twins.get(names.PUBLISHERS[topic], 2) < 2)]
+    def conflicts(self, publisher: str = '') -> list[str]:
+        """Return which topics of a run have several publishers, in words; publisher: of this node, '' of any."""
+        return [one.conflict for topic, one in self._publishers_of.items()
+                if one.conflict and publisher in ('', names.PUBLISHERS[topic])]
 
     @property
-    def refused(self) -> int:
+    def ignored(self) -> int:
         """Number of answers that were not used because another node published, too."""
-        return self._senders[names.BALL_CENTRE].refused
+        return self._publishers_of[names.BALL_CENTRE].ignored
 
     def problems(self, nodes: Iterable[str]) -> str:
         """Return why nodes that are there cannot do their work, in their own words; '' where all can."""

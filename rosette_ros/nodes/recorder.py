@@ -115,7 +115,7 @@ class Recorder(CellNode):
         self._kinds = {self.resolve_topic_name(topic.name): interface_class(topic.type_name) for topic in TOPICS}
         for topic in TOPICS:
             self._record(topic.name, topic.type_name, topic.retention, topic.profile)
-        self.sender(names.RUN_STATE).on_change = self._on_restart
+        self.publishers_of(names.RUN_STATE).on_change = self._on_restart
         self._discover()
         self.every(1.0, self._discover)
         introspected_service(self, StartRecording, names.START_RECORDING, self._on_start)
@@ -339,8 +339,9 @@ class Recorder(CellNode):
         self._replace_damaged()
         self._session.flush(only_if_due=True)
         self.heartbeat.report(self._session.failure if self._session.is_open else '')
-        self.heartbeat.hears = tuple(self._processes.values()) if self._is_connected() and self.is_certain else ()
-        if not self.sender(names.RUN_STATE).is_bound:  # while no states are used, none tells that it goes on
+        is_whole = self._is_connected() and self.has_single_publishers
+        self.heartbeat.hears = tuple(self._processes.values()) if is_whole else ()
+        if not self.publishers_of(names.RUN_STATE).is_single:  # while no states are used, none tells that it goes on
             self._over_since = max(self._over_since, self.seconds())
         self._close_if_over()
 

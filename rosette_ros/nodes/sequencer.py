@@ -53,7 +53,7 @@ class Sequencer(ManagedNode):
         self._frames = self.create_publisher(TFMessage, names.TF_STATIC, qos.RESULT)
         self.on(names.BALL_CENTRE, BallCentre, self._on_ball_centre, qos.ANSWER, from_one=True)
         self.on(names.ERROR_MOTIONS, ErrorMotions, self._on_error_motions, qos.RESULT, from_one=True)
-        self.sender(names.ERROR_MOTIONS).on_change = self._on_new_evaluator
+        self.publishers_of(names.ERROR_MOTIONS).on_change = self._on_new_evaluator
         self._recorder, self._joint = RecorderLink(self), Requests(self, names.EVALUATOR)
         self._joint_client = self.create_client(EvaluateJointly, names.EVALUATE_JOINTLY)
         self._cell, self._plan_check = CellMonitor(self, self._recorder), PlanCheck(self)
@@ -176,7 +176,7 @@ class Sequencer(ManagedNode):
         if job is None:
             return
         job.opening, job.recording, job.log = False, bool(response.log), response.log or job.log
-        job.processes, job.refused = self._cell.processes(), self._cell.refused
+        job.processes, job.ignored = self._cell.processes(), self._cell.ignored
         job.sequence.verifies = job.recording
         if job.is_over:
             self._close(job, end_is_recorded=False)
@@ -250,20 +250,20 @@ class Sequencer(ManagedNode):
     def _check_nodes(self, job: Job, now: float) -> None:
         """Hold a run while a node that it needs is disconnected; continue when that one is back."""
         sequence, cell = job.sequence, self._cell
-        trouble, problems = cell.trouble(job.processes, job.refused), cell.problems(job.processes)
+        trouble, problems = cell.trouble(job.processes, job.ignored), cell.problems(job.processes)
         if sequence.phase is Phase.EVALUATION:
             nodes = names.EVALUATOR, names.RECORDER
-            problems = problems or cell.problems(nodes) or '; '.join(cell.rivals(nodes))
+            problems = problems or cell.problems(nodes) or '; '.join(cell.conflicts(names.EVALUATOR))
         if problems and not trouble.nodes:
             self._do(job, sequence.fail(problems))
         elif str(trouble) and not sequence.is_held:
             self._do(job, sequence.hold(str(trouble), now, trouble.nodes == [names.CMM], bool(trouble.nodes)))
-        if trouble.gone or trouble.rivals or not (sequence.is_held and self.is_certain):
+        if trouble.gone or trouble.conflict or not (sequence.is_held and self.has_single_publishers):
             return
-        if not (trouble.restarted or trouble.is_refused):
+        if not (trouble.restarted or trouble.has_ignored):
             self._do(job, sequence.resume_asking(now, restarted=False))
         elif cell.is_settled(now):
-            job.processes, job.refused = cell.processes(), cell.refused
+            job.processes, job.ignored = cell.processes(), cell.ignored
             if names.RECORDER in trouble.restarted and job.recording:
                 self._reopen(job)
             else:

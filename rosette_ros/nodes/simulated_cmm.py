@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated CMM and table: obeys targets, publishes ball centres and the simulated time."""
+"""The simulated CMM and table: receives targets, publishes ball centres and the simulated time."""
 
 import contextlib
 import math

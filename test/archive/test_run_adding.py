@@ -16,11 +16,12 @@ import fsspec
 import numpy as np
 import psutil
 import pytest
+from plain_loop import PlainLoop
 
 from benchmarks.archive_logs import made_run, make_logs
 from rosette_ros.analysis import analyse, judge
 from rosette_ros.archive import run_adding
-from rosette_ros.archive.engines import DaskEngine, PlainLoop
+from rosette_ros.archive.engines import DaskEngine
 from rosette_ros.archive.log_finder import find_logs
 from rosette_ros.archive.run_adding import add_logs
 from rosette_ros.archive.run_archive import RunArchive

@@ -158,7 +158,7 @@ def test_a_sound_cmm_passes_every_check(check):
     assert report.failed == ()
     texts = {one.name: one.text for one in report.checks}
     assert texts['answers'] == '12 of 12 as asked: ball, position, angle, place, units'
-    assert texts['one CMM'] == 'ball_centre is published by 1, probe_target obeyed by 1'
+    assert texts['one CMM'] == 'ball_centre is published by 1, probe_target subscribed to by 1'
     assert set(texts) >= {'types', 'frame', 'stamps', 'travel', 'approach', 'places', 'resolution', 'clock',
                           'temperature', 'form error', 'heartbeat', 'quality of service', 'one answer'}
     assert 0.5e-7 < report.repeatability < 2e-7

@@ -7,10 +7,10 @@ import resource
 import time
 
 import pytest
+from plain_loop import PlainLoop
 
 from benchmarks.archive_logs import make_logs
 from rosette_ros import program
-from rosette_ros.archive.engines import PlainLoop
 from rosette_ros.archive.run_archive import MARK, PARTS, RunArchive
 from rosette_ros.cli import archive_add
 from rosette_ros.core.model.model import Model

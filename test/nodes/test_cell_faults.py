@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
-from rosette_msgs.msg import BallCentre, ErrorMotions, Heartbeat, ProbeTarget, RunState
+from rosette_msgs.msg import BallCentre, ErrorMotions, ProbeTarget, RunState
 from rosette_msgs.srv import CheckPlan, StartRecording
 
 from rosette_ros.analysis import analyse
@@ -317,19 +317,6 @@ def test_missing_parts_are_named_by_service_and_action(cell_of, domain_id, trigg
     for words in wanted:
         assert words in why
         assert words in str(refusal.value)
-
-
-def test_a_twin_in_the_same_domain_is_named(cell_and_cmm, client, peer, wait_until, trigger):
-    """Two recorders under one name would both be commanded: refused, and what to do is said."""
-    cell, _ = cell_and_cmm
-    twin = peer.node.create_publisher(Heartbeat, 'recorder/alive', qos.ALIVE)
-    beat = peer.node.create_timer(0.1, lambda: twin.publish(Heartbeat(process='recorder of another cell')))
-    wait_until(lambda: '2 nodes named recorder: wanted one in this domain' in cell.processes['sequencer'].text())
-    started, why = trigger(client, 'start_calibration')
-    peer.node.destroy_timer(beat)
-    peer.node.destroy_publisher(twin)
-    assert not started
-    assert 'is another cell running? Give each its own (--domain, --namespace)' in why
 
 
 def test_a_disk_that_refuses_ends_the_run_at_once_and_it_is_resumed(cell_of, domain_id):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who else publishes in a cell: two at once are refused before a run, held and told during it, and never used."""
+"""Who else publishes in a cell: two at once are refused before a run, and hold it in words; nothing of them is used."""
 
 import re
 

@@ -105,9 +105,9 @@ def test_an_idle_state_of_another_program_closes_no_log(recorder, monkeypatch):
     recorder.wake()
     assert recorder._session.is_open
     receive(recorder, 'run_state', IDLE)
-    for is_bound in (False, True):  # while there are two the states of neither are used
-        monkeypatch.setattr(recorder.sender('run_state'), 'is_bound', is_bound)
-        now[0] += recorder_module.SETTLED - 1.0 if is_bound else 3600.0
+    for is_single in (False, True):  # while there are two the states of neither are used
+        monkeypatch.setattr(recorder.publishers_of('run_state'), 'is_single', is_single)
+        now[0] += recorder_module.SETTLED - 1.0 if is_single else 3600.0
         recorder.wake()
         assert recorder._session.is_open
     now[0] += 1.0

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which messages of a topic are used while its publishers are found: what DDS and the graph know at each moment."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from rosette_ros.nodes.qos import HEARTBEAT_LOST
+from rosette_ros.nodes.topic_publishers import TopicPublishers
+
+
+class Topic:
+    """What a node and a subscription are told of a topic: publishers on the graph, and how many are matched."""
+
+    def __init__(self):
+        """Start without a publisher."""
+        self.on_graph, self.matched = [], 0
+
+    def resolve_topic_name(self, name):
+        """Return the name of the topic."""
+        return f'/rosette/{name}'
+
+    def get_publishers_info_by_topic(self, _):
+        """Return the publishers on the graph."""
+        return [SimpleNamespace(endpoint_gid=[number] * 16, node_namespace='/rosette', node_name=f'node_{number}')
+                for number in self.on_graph]
+
+    def get_publisher_count(self):
+        """Return how many are matched."""
+        return self.matched
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """Return the time that is read, which tests set."""
+    made = SimpleNamespace(now=100.0)
+    monkeypatch.setattr('rosette_ros.nodes.topic_publishers.time', SimpleNamespace(monotonic=lambda: made.now))
+    return made
+
+
+def publishers_of(topic, peer):
+    """Return a TopicPublishers of a topic, whose subscription it is too."""
+    made = TopicPublishers(topic, 'run_state', peer)
+    made.judge(topic)
+    return made
+
+
+def test_while_there_are_two_nothing_is_used(clock):
+    """From the moment that the second one is matched, which may be before the graph shows it, until it is seen to have
+    left: what it had published is delivered by then."""
+    topic = Topic()
+    made = publishers_of(topic, SimpleNamespace(publishers=list, running=lambda: 0))
+    topic.on_graph, topic.matched = [1], 1
+    assert made.admits()
+    topic.matched = 2
+    assert not made.admits()
+    topic.on_graph = [1, 2]
+    made.watch()
+    assert not made.admits()
+    assert made.conflict == '2 nodes publish /rosette/run_state (/rosette/node_1 and /rosette/node_2)'
+    topic.on_graph, topic.matched = [1], 1
+    assert not made.admits()
+    made.watch()
+    assert made.admits() and made.conflict == ''
+    assert made.ignored == 3
+
+
+def test_another_publisher_that_is_alone_is_used(clock):
+    """That it is another one is told."""
+    topic, changes = Topic(), []
+    made = publishers_of(topic, SimpleNamespace(publishers=list, running=lambda: 0))
+    made.on_change = lambda: changes.append(made.used)
+    for others in ([1], [1, 2], [2], [], [2], [3]):
+        topic.on_graph, topic.matched = others, len(others)
+        made.look()
+    assert changes == [{bytes([2] * 16)}, {bytes([3] * 16)}]
+
+
+def test_a_restarted_node_is_there_before_its_first_heartbeat(clock):
+    """The last heartbeat of the one before is forgotten meanwhile; one that is never heard has ended."""
+    topic, heard = Topic(), 1
+
+    peer = SimpleNamespace(
+        publishers=lambda: topic.get_publishers_info_by_topic(''), running=lambda: heard)
+    made = publishers_of(topic, peer)
+    topic.on_graph, topic.matched = [1], 1
+    made.watch()
+    topic.on_graph, topic.matched = [], 0
+    clock.now += 0.4
+    made.look()
+    topic.on_graph, topic.matched, heard = [2], 1, 0
+    made.look()
+    assert made.found == {bytes([2] * 16)}
+    clock.now += HEARTBEAT_LOST
+    made.watch()
+    assert not made.found
+    heard = 1
+    made.watch()
+    assert made.found == {bytes([2] * 16)}
