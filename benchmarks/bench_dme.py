@@ -26,7 +26,7 @@ TOUCHES = 2000
 REPEATS = 3
 LINE = b'00001 PtMeas(X(532.65), Y(259.62), Z(-292.3), IJK(0, 0, 1))\r\n'
 DATA = b'# X(532.650161147), Y(259.619911168), Z(-289.791575552)'
-TOUCH = call('PtMeas', call('IJK', 0.0, 0.0, 1.0), X=532.65, Y=259.62, Z=-292.3)
+TOUCH = call('PtMeas', call('X', 532.65), call('Y', 259.62), call('Z', -292.3), call('IJK', 0.0, 0.0, 1.0))
 MUST = 10.0
 """Bare round trips that a touch may take in the client."""
 
@@ -66,7 +66,7 @@ def bare_seconds(port):
 async def session_seconds(port, touches):
     """Return the seconds of a touch by the client's session, over ball 1."""
     session = await DmeSession.connect('127.0.0.1', port)
-    await session.request(call('GoTo', X=532.65, Y=259.62, Z=-250.0))
+    await session.request(call('GoTo', call('X', 532.65), call('Y', 259.62), call('Z', -250.0)))
     began = time.perf_counter()
     for _ in range(touches):
         await session.request(TOUCH)
