@@ -133,9 +133,6 @@ class EachBall(Course):
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return grid(ball=(*run.balls, 0))
 
-    def chances(self, run: Run) -> float:
-        return len(run.balls) + 1
-
     def functions(self, run: Run) -> Floats:
         """Return what it is for a ball, (m, N)."""
         return np.ones((1, run.size))
@@ -256,9 +253,6 @@ class OneReading(Course):
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return grid(reading=range(1, run.size + 1))
-
-    def chances(self, run: Run) -> float:
-        return run.size
 
     def kind(self, setting: Setting) -> Hashable:
         return setting.whole('reading')

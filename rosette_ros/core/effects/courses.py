@@ -104,6 +104,9 @@ class Temperature(Course):
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return (Setting(),) if np.any(temperature_change(run)) else ()
 
+    def chances(self, run: Run) -> float:
+        return 1
+
     def waves(self, run: Run, settings: Sequence[Setting]) -> Floats:
         return _repeated(on.temperature_waves(run), settings)
 
@@ -149,9 +152,6 @@ class TimeOrTemperature(Course):
     def settings(self, run: Run) -> tuple[Setting, ...]:
         changes = np.mean(np.isfinite(run.temperature)) >= LEAST_KNOWN and np.any(temperature_change(run))
         return grid(driver=('time', 'temperature') if changes else ('time',))
-
-    def chances(self, run: Run) -> float:
-        return len(self.settings(run))
 
     def waves(self, run: Run, settings: Sequence[Setting]) -> Floats:
         drivers = {'time': seconds, 'temperature': temperature_change}
@@ -305,9 +305,6 @@ class TableSenseByAngle(TableSense):
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return grid(order=range(1, min(4, (run.n - 1) // 2) + 1))
 
-    def chances(self, run: Run) -> float:
-        return len(self.settings(run))
-
     def waves(self, run: Run, settings: Sequence[Setting]) -> Floats:
         angle = values(settings, 'order') * run.phi
         return np.asarray(np.stack([np.cos(angle), np.sin(angle)], axis=1) * (0.5 * run.approach))
@@ -338,9 +335,6 @@ class EncoderLines(Course):
         step, lines = self._step(run), setting.number('lines')
         beside = lines + np.unique(np.round(np.linspace(-0.5, 0.5, 15) * step / run.n)) * run.n
         return {'lines': beside[beside > 0]}
-
-    def chances(self, run: Run) -> float:
-        return max(1, len(self.settings(run)))
 
     def waves(self, run: Run, settings: Sequence[Setting]) -> Floats:
         angle = values(settings, 'lines') * (run.phi + run.angle_deviation)

@@ -150,6 +150,10 @@ class _Factor(_ByValue):
         """Return the settings to try of it on a run; () means nothing to try."""
         return (Setting(),)
 
+    def chances(self, run: Run) -> float | None:
+        """Return how many of these count as separate chances in the search; None where all of the effect do."""
+        return len(self.settings(run))
+
 
 class Motion(_Factor):
     """Which body moves along what.
@@ -176,10 +180,6 @@ class Motion(_Factor):
     def goes_with(self, setting: Setting) -> bool:
         """Return whether a setting of motion and course is tried."""
         return True
-
-    def chances(self, run: Run) -> float:
-        """Return how many of its settings count as separate chances in the search."""
-        return len(self.settings(run))
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         """Return where to refine its continuous parameters."""
@@ -221,10 +221,6 @@ class Course(_Factor):
     def unavailable(self, run: Run) -> str:
         """Return why it is not known in a run, or an empty string."""
         return ''
-
-    def chances(self, run: Run) -> float | None:
-        """Return how many of its settings count as separate chances; None where all settings of the effect do."""
-        return 1
 
     def chances_of(self, run: Run, settings: Sequence[Setting], usual: float) -> list[float]:
         """Return the numbers of chances against which settings have to stand; usual: those of the effect."""
@@ -409,9 +405,10 @@ class PhysicalEffect(Effect):
         out = np.zeros((len(settings), factors[0].waves.shape[1] * len(factors[0].of_setting[0][1]), run.size, 3))
         for one, places in zip(factors, self._kinds(settings)):
             wave, which = (np.array(each, dtype=int) for each in zip(*one.of_setting))
-            at = np.arange(run.size) if one.at is None else one.at
+            at = slice(None) if one.at is None else one.at
             made = one.waves[wave][:, :, None, :, None] * one.directions[:, at][which][:, None]
-            out[np.ix_(np.array(places), np.arange(out.shape[1]), at)] = made.reshape(len(places), -1, at.size, 3)
+            for place, block in zip(places, made):
+                out[place][:, at] = block.reshape(out.shape[1], -1, 3)
         return out
 
     @property
@@ -425,8 +422,8 @@ class PhysicalEffect(Effect):
         return self.motion.of_body(run, setting, amplitudes.reshape(len(waves), -1).T @ waves)
 
     def independent_settings(self, run: Run) -> int:
-        of_course = self.course.chances(run)
-        every = (len(self.settings(run)) if of_course is None else int(self.motion.chances(run) * of_course))
+        both = self.motion.chances(run), self.course.chances(run)
+        every = len(self.settings(run)) if both[0] is None or both[1] is None else int(both[0] * both[1])
         return self.motion.simpler * self.course.simpler * max(1, every)
 
     def chances(self, run: Run, settings: Sequence[Setting]) -> list[float]:
