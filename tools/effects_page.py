@@ -5,7 +5,7 @@ import sys
 
 from rosette_ros.cli.effects import facts, parameters
 from rosette_ros.core.axes import axis_rotation
-from rosette_ros.core.effects.custom_term import AMPLITUDE, DIRECTIONS, FUNCTIONS, NAMES, PER
+from rosette_ros.core.effects.custom import AMPLITUDE, DIRECTIONS, FUNCTIONS, NAMES, PER
 from rosette_ros.core.effects.effect import Effect
 from rosette_ros.core.effects.library import BASE_EFFECTS, EFFECTS
 from rosette_ros.core.planning.advice import VARIANTS, planned_run

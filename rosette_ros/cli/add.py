@@ -11,7 +11,7 @@ from rich.markup import escape
 from rosette_ros.analysis import Change, analyse, change
 from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, head, print_json, print_parts
-from rosette_ros.core.effects.custom_term import AMPLITUDE, DIRECTIONS, FUNCTIONS, NAMES, PER
+from rosette_ros.core.effects.custom import AMPLITUDE, DIRECTIONS, FUNCTIONS, NAMES, PER
 from rosette_ros.core.errors import InvalidModel, NotDeterminable
 from rosette_ros.core.model.model import NOISE_TERMS, Model
 from rosette_ros.core.records import Run

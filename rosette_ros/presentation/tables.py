@@ -13,7 +13,7 @@ from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.diagnosis import Candidate
 from rosette_ros.core.diagnosis.second_run import CONFIRMED, CheckedEffect, CrossCheck
 from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level
-from rosette_ros.core.effects.custom_term import AMPLITUDE
+from rosette_ros.core.effects.custom import AMPLITUDE
 from rosette_ros.core.error_summary import peak_to_valley
 from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter
 from rosette_ros.core.model.model import BASE_TERMS, Model

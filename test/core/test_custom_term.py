@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic import synthetic_run
 
-from rosette_ros.core.effects.custom_term import LONGEST, CustomTerm, evaluate, parse
+from rosette_ros.core.effects.custom import LONGEST, CustomTerm, evaluate, parse
 from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import Model

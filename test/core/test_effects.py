@@ -9,11 +9,11 @@ from synthetic import RADIUS, synthetic_run
 
 from rosette_ros.core.axes import axis_rotation
 from rosette_ros.core.diagnosis.search import Problem
-from rosette_ros.core.effects.effect import Quantity, Setting
-from rosette_ros.core.effects.factored_effect import Drift
-from rosette_ros.core.effects.frame_effects import FrameEffect
+from rosette_ros.core.effects.courses import Drift
+from rosette_ros.core.effects.effect import PhysicalEffect, Quantity, Setting
 from rosette_ros.core.effects.free_forms import FREE_FORMS
 from rosette_ros.core.effects.library import EFFECTS, effect, effects_of
+from rosette_ros.core.effects.motions import FrameAxes
 from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.geometry import rotate_z
 from rosette_ros.core.model.least_squares import fit
@@ -71,6 +71,31 @@ def test_columns_and_blocks_agree(subject):
         assert columns.shape == (run.size, 3, len(subject.amplitudes(run, setting)))
         assert np.all(np.isfinite(columns)) and np.any(columns)
         assert np.array_equal(subject.blocks(run, [setting])[0], np.moveaxis(columns, -1, 0))
+
+
+@pytest.mark.parametrize('subject', EVERY, ids=lambda e: e.name)
+def test_factors_are_the_columns(subject):
+    """Functions times directions, beside the readings of a single ball zero, are the columns in some order."""
+    run = warm_run()
+    chosen = few_settings(subject, run)
+    found = subject.factors(run, chosen)
+    assert sorted(map(id, chosen)) == sorted(id(setting) for one in found for setting in one.settings)
+    for one in found:
+        for setting, (wave, which) in zip(one.settings, one.of_setting):
+            functions = np.zeros((one.waves.shape[1], run.size))
+            functions[:, slice(None) if one.at is None else one.at] = one.waves[wave]
+            made = np.einsum('mn,dnc->mdnc', functions, one.directions[list(which)]).reshape(-1, 3 * run.size)
+            columns = subject.columns(run, setting).reshape(3 * run.size, -1).T
+            assert sorted(map(tuple, made.round(9))) == sorted(map(tuple, columns.round(9) + 0.0))
+
+
+@pytest.mark.parametrize('subject', EFFECTS.values(), ids=lambda e: e.name)
+def test_every_effect_says_what_moves_and_by_what(subject):
+    """A body and variables of a reading, as the diagnosis compares causes by them."""
+    assert subject.body in {'frame', 'table axis', 'plate', 'ball', 'CMM', 'reading'}
+    assert subject.variables and set(subject.variables) <= {
+        'time', 'temperature', 'ball', 'table angle', 'CMM position', 'travel', 'table sense', 'cmm sense',
+        'cmm direction', 'reading', 'encoder'}
 
 
 OF_A_BALL = [one for one in EVERY if any(searched.name == 'ball' for searched in one.searched)]
@@ -193,7 +218,7 @@ def test_a_rigid_motion_begins_with_the_columns(subject):
     for setting in (*few_settings(subject, run), *tilts[:3]):
         columns = subject.columns(run, setting)
         amplitudes = np.random.default_rng(1).standard_normal(columns.shape[2])
-        motion = subject.motion(run, setting, amplitudes)
+        motion = subject.body_motion(run, setting, amplitudes)
         # an axis that moves sideways, too, shifts the plate in the machine: that is linear
         if motion is not None and not (subject.name == 'asynchronous_motion' and setting['motion'] == 'all'):
             found = np.cross(motion.rotation, arm) + motion.growth[:, None] * arm + rotate_z(run.phi, motion.shift)
@@ -245,5 +270,5 @@ def test_what_a_scale_cannot_be(value):
 
 def test_a_fact_that_no_effect_has_is_refused():
     """A misspelt word of a declaration is not kept beside the right one."""
-    with pytest.raises(TypeError, match='my_drift: wanted facts of FrameEffect, got meanning'):
-        FrameEffect('my_drift', Drift(), Quantity('d', 'm/s', 'rate along'), meanning='It drifts.')
+    with pytest.raises(TypeError, match="unexpected keyword argument 'meanning'"):
+        PhysicalEffect('my_drift', FrameAxes(), Drift(), Quantity('d', 'm/s', 'rate along'), meanning='It drifts.')

@@ -21,7 +21,7 @@ from made_up import TREES, TRICKS, WORDS, bounded, corpus, dumped, mutated, trie
 from rosette_ros.analysis import analyse
 from rosette_ros.calibration.calibration_plan import plan_calibration
 from rosette_ros.calibration.state_machine import Limits, Sequence
-from rosette_ros.core.effects.custom_term import evaluate, names_in, parse
+from rosette_ros.core.effects.custom import evaluate, names_in, parse
 from rosette_ros.core.errors import InvalidModel, NotDeterminable, RosetteError
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.model.model import Model

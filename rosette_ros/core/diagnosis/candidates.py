@@ -240,8 +240,9 @@ def families(run: Run, effects: Sequence[Effect], project: Projection, keep_hidd
 
 
 def _are_waves(factors: Sequence[Factors]) -> bool:
-    """Return whether columns are best kept as products: those of large runs that are mostly zero are not."""
-    return all(3 * one.waves.shape[2] <= SMALL or np.count_nonzero(one.waves) >= EMPTY * one.waves.size
+    """Return whether columns are best kept as products: those of a few readings, or mostly zero, are not."""
+    return all(one.at is None and (
+        3 * one.waves.shape[2] <= SMALL or np.count_nonzero(one.waves) >= EMPTY * one.waves.size)
                for one in factors) and bool(factors)
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from rosette_ros.core.diagnosis.right_shape import IN_TIME, free_instead
 from rosette_ros.core.diagnosis.scores import UNNAMED_PRIOR
 from rosette_ros.core.diagnosis.search import Member, Problem, Selection
+from rosette_ros.core.effects.courses import Curve, Cycle, Drift, Onset, WarmUp
 from rosette_ros.core.effects.effect import Setting
-from rosette_ros.core.effects.factored_effect import Curve, Cycle, Drift, Onset, WarmUp
 from rosette_ros.core.effects.free_forms import TURNING
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.effects.run_functions import temperature_step
@@ -113,7 +113,7 @@ def _of_temperature(run: Run, claim: FittedEffect, claims: Sequence[FittedEffect
     That is any where no temperature is known to change; beside a coarse record, what is smaller than a step of it
     makes.
     """
-    function = getattr(EFFECTS.get(claim.name), 'function', None)
+    function = getattr(EFFECTS.get(claim.name), 'course', None)
     step = temperature_step(run)
     if not step or not claim.name.startswith('frame_') or not isinstance(function, SMOOTH):
         return

@@ -15,7 +15,6 @@ import numpy as np
 from rosette_ros.core.diagnosis.noise_search import NO_AXIS, SEEN, NoiseFit, NoiseProblem, estimate
 from rosette_ros.core.diagnosis.noise_statistics import check_of, two_sided_f
 from rosette_ros.core.diagnosis.search import MOST_EFFECTS, Member
-from rosette_ros.core.effects.frame_effects import FrameEffect
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.base_model import BaseLines
 from rosette_ros.core.model.base_space import base_space
@@ -128,7 +127,7 @@ def _instead(white: 'RunSearch', alone: Noise) -> list[tuple[NoiseFit, list[Memb
     without any effects, has them."""
     members, found = white.chosen.members, list[tuple[NoiseFit, list[Member]]]()
     for kind, rest in (('tail', [one for one in members if one.name != 'outlier']),
-                       ('wander', [one for one in members if not isinstance(one.effect, FrameEffect)
+                       ('wander', [one for one in members if one.effect.body != 'frame'
                                    and one.name != 'free_time'])):
         if 0 < len(rest) < len(members) and (kind != 'tail' or alone.tail):
             beside = _estimated(white, rest)

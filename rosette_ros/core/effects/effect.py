@@ -1,21 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an effect is: a name, its physics as columns, and what it means for an engineer.
+"""What an effect is: a motion (which body moves along what) times a course (what it depends on), and its words.
 
-To add an effect, write a class with `quantities`, `columns` and, where something has to be searched, `settings`;
-then put an instance of it into the table of names in library.py. The diagnosis knows effects by name in three places,
-docs/adding-an-effect.md lists them: free forms beside a claim, claims on one variable, and look-alikes.
+The displacement of a reading is the sum of amplitude x w(reading) x e(reading) over the functions w of the course and
+the directions e of the motion. Everything else follows from these two. To add an effect, write an entry in library.py;
+docs/adding-an-effect.md shows one.
 """
 
-from collections.abc import Iterable, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, field
-from itertools import product
+from functools import lru_cache
+from itertools import chain, product
+from typing import Any, ClassVar
 
 import numpy as np
 
 from rosette_ros.core.axes import UPRIGHT, tilt
-from rosette_ros.core.effects.run_functions import beside, between_readings, tangential, unit
+from rosette_ros.core.effects.run_functions import beside, between_readings
 from rosette_ros.core.errors import InvalidModel
-from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.records import Floats, Ints, Run
 
 UNRECORDED = {
     'table_travel': 'readings are missing, and the run does not record how far the table turned meanwhile',
@@ -90,18 +93,20 @@ def grid(**values: Iterable[float | str]) -> tuple[Setting, ...]:
 class Factors:
     """Columns of some settings as products w_vm(reading) e_d(reading).
 
-    waves: (v, m, N); directions: (D, N, 3); of_setting: for each setting its v and the numbers d of its directions. The
-    columns of a setting, in any order, are w_v1 e_d1, w_v1 e_d2 ... w_v2 e_d1 ...
+    waves: (v, m, N), or (v, m, n) of the readings `at`, (n,), beside which they are zero; directions: (D, N, 3);
+    of_setting: for each setting its v and the numbers d of its directions. The columns of a setting, in any order, are
+    w_v1 e_d1, w_v1 e_d2 ... w_v2 e_d1 ...
     """
 
     settings: Sequence[Setting]
     waves: Floats
     directions: Floats
     of_setting: tuple[tuple[int, tuple[int, ...]], ...]
+    at: Ints | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class BodyMotion:
     """What effects do to the plate as a body: rotation vector (N, 3), rad, growth (N,), shift on the table (N, 3), m.
 
     beyond: what the shift is beyond first order in the amplitudes, (N, 3), m.
@@ -112,20 +117,141 @@ class Motion:
     shift: Floats = field(default_factory=lambda: np.zeros((1, 3)))
     beyond: Floats = field(default_factory=lambda: np.zeros((1, 3)))
 
-    def __add__(self, other: 'Motion') -> 'Motion':
-        return Motion(self.rotation + other.rotation, self.growth + other.growth, self.shift + other.shift,
-                      self.beyond + other.beyond)
+    def __add__(self, other: 'BodyMotion') -> 'BodyMotion':
+        return BodyMotion(self.rotation + other.rotation, self.growth + other.growth, self.shift + other.shift,
+                          self.beyond + other.beyond)
 
 
-class Effect:
-    """One physical effect; subclasses give `columns` and what they need of the rest.
+class _ByValue:
+    """Equal by type and attributes."""
+
+    name: str = ''
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and vars(self) == vars(other)
+
+    def __hash__(self) -> int:
+        return hash((type(self), self.name))
+
+
+class _Factor(_ByValue):
+    """What motion and course have in common: a part of the settings, and what a run has to record.
+
+    searched: the parameters that it reads; variables: what of a reading it depends on; depends_on: what of it the run
+    has to record; simpler: how many times as much a setting has to stand against, as another explanation is simpler.
+    """
+
+    searched: ClassVar[tuple[Searched, ...]] = ()
+    variables: ClassVar[tuple[str, ...]] = ()
+    depends_on: ClassVar[tuple[str, ...]] = ()
+    simpler: int = 1
+
+    def settings(self, run: Run) -> tuple[Setting, ...]:
+        """Return the settings to try of it on a run; () means nothing to try."""
+        return (Setting(),)
+
+    def chances(self, run: Run) -> float | None:
+        """Return how many of these count as separate chances in the search; None where all of the effect do."""
+        return len(self.settings(run))
+
+
+class Motion(_Factor):
+    """Which body moves along what.
+
+    body: `frame`, `table axis`, `plate`, `ball`, `CMM` or `reading`; axes: letters of its directions in the names of
+    amplitudes, none for a single direction. Each direction has a key, its part: its place among them as a rule.
+    """
+
+    body: str = ''
+    axes: str = ''
+
+    def parts(self, run: Run, setting: Setting) -> Sequence[Any]:
+        """Return the keys of the directions in which a setting acts."""
+        return range(max(1, len(self.axes)))
+
+    def direction(self, run: Run, part: Any) -> Floats:
+        """Return the displacement of every reading along a direction, (N, 3), m per unit of amplitude and function."""
+        raise NotImplementedError
+
+    def amplitudes(self, run: Run, setting: Setting, one: Quantity) -> tuple[Quantity, ...]:
+        """Return the amplitude along each direction from that of a function, which the entry gives."""
+        return per_axis(self.axes, one) if self.axes else (one,)
+
+    def goes_with(self, setting: Setting) -> bool:
+        """Return whether a setting of motion and course is tried."""
+        return True
+
+    def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
+        """Return where to refine its continuous parameters."""
+        return {}
+
+    def of_body(self, run: Run, setting: Setting, moved: Floats) -> BodyMotion | None:
+        """Return the BodyMotion of the functions times amplitudes along each direction, (d, N); None where the
+        plate does not move as a body."""
+        return None
+
+
+class Course(_Factor):
+    """What an effect depends on: m functions of the reading.
+
+    carries: what of it a later run of the same cell shares, `all` (settings and amplitudes), `shape` (settings; phases
+    or sizes differ) or `nothing` (an event).
+    """
+
+    carries: str = 'all'
+
+    def waves(self, run: Run, settings: Sequence[Setting]) -> Floats:
+        """Return the functions of settings of one kind at the readings of `at`, (v, m, n)."""
+        raise NotImplementedError
+
+    def kind(self, setting: Setting) -> Hashable:
+        """Return what settings share that have as many functions at the same readings."""
+        return None
+
+    def at(self, run: Run, setting: Setting) -> Ints | None:
+        """Return the readings at which the functions of a setting are not zero, (n,); None for all."""
+        return None
+
+    def amplitudes(self, run: Run, setting: Setting, given: tuple[Quantity, ...],
+                   along: Callable[[Quantity], tuple[Quantity, ...]]) -> tuple[Quantity, ...]:
+        """Return the amplitudes from those of each function, which the entry gives, and what the motion makes of
+        one."""
+        return tuple(chain(*map(along, given)))
+
+    def unavailable(self, run: Run) -> str:
+        """Return why it is not known in a run, or an empty string."""
+        return ''
+
+    def chances_of(self, run: Run, settings: Sequence[Setting], usual: float) -> list[float]:
+        """Return the numbers of chances against which settings have to stand; usual: those of the effect."""
+        return [usual] * len(settings)
+
+    def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
+        """Return where to refine its continuous parameters: a positive scale by half as much again to either side, an
+        instant among those beside it."""
+        out: dict[str, Bracket] = {}
+        for parameter in self.searched:
+            if parameter.kind == 'scale':
+                value = setting.number(parameter.name)
+                out[parameter.name] = (value / 1.6, value * 1.6)
+            elif parameter.kind == 'instant':
+                out[parameter.name] = self.instants(run, setting, parameter.name)
+        return out
+
+    def instants(self, run: Run, setting: Setting, name: str) -> Floats:
+        """Return the instants between readings beside that of a setting, as far as the next ones of the grid."""
+        every = between_readings(run, most=run.size)[1:-1]
+        return beside(every, setting.number(name), 1.5 * every.size / between_readings(run).size)
+
+
+class Effect(_ByValue):
+    """What a model may have as a term, and a diagnosis may search: settings, amplitudes and columns, and its words.
 
     name: fixed name in files, messages and on screen; plain: the same in words; meaning: a plain sentence; look: where
     to look in the cell; formula: the form added to p; source: where it comes from; depends_on: quantities of a reading
-    it needs; searched: its nonlinear parameters; quantities: its amplitudes, where all settings have the same; carries:
-    what of it a later run of the same cell shares, `all` (settings and amplitudes), `shape` (settings; phases or sizes
-    differ) or `nothing` (an event); needs_tilt: whether only a table with an axis that is not vertical has it;
-    repeatable: whether a run can have it more than once.
+    it needs; searched: its nonlinear parameters; carries: as of Course; needs_tilt: whether only a table with an axis
+    that is not vertical has it; repeatable: whether a run can have it more than once; variables: what of a reading it
+    depends on; body: what moves.
     """
 
     name: str = ''
@@ -136,16 +262,11 @@ class Effect:
     source: str = ''
     depends_on: tuple[str, ...] = ()
     searched: tuple[Searched, ...] = ()
-    quantities: tuple[Quantity, ...] = ()
     carries: str = 'shape'
     needs_tilt: bool = False
     repeatable: bool = False
-
-    def __eq__(self, other: object) -> bool:
-        return type(self) is type(other) and vars(self) == vars(other)
-
-    def __hash__(self) -> int:
-        return hash((type(self), self.name))
+    variables: tuple[str, ...] = ()
+    body: str = ''
 
     def can_be_in(self, run: Run) -> bool:
         """Return whether the cell of a run can have the effect at all."""
@@ -168,30 +289,27 @@ class Effect:
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
         """Return the Quantity of each column."""
-        return self.quantities
+        return ()
 
     def columns(self, run: Run, setting: Setting) -> Floats:
         """Return the displacement of every reading per unit of each amplitude, (N, 3, q), m/unit."""
         return np.moveaxis(self.blocks(run, [setting])[0], 0, -1)
 
     def blocks(self, run: Run, settings: Sequence[Setting]) -> Floats:
-        """Return the columns of many settings with as many amplitudes each, (b, q, N, 3).
-
-        The same as `columns` one by one; an effect with many settings may write it in place of `columns`, all at once.
-        """
+        """Return the columns of many settings with as many amplitudes each, (b, q, N, 3)."""
         return np.stack([np.moveaxis(self.columns(run, setting), -1, 0) for setting in settings])
 
     def factors(self, run: Run, settings: Sequence[Setting]) -> Sequence[Factors]:
-        """Return the Factors of settings where columns are such products, else none; each setting is in one."""
+        """Return the Factors of settings; each setting is in one."""
         return ()
 
     @property
     def moves_plate(self) -> bool:
         """Whether it may move the plate as a body."""
-        return type(self).motion is not Effect.motion
+        return False
 
-    def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion | None:
-        """Return the Motion of amplitudes (q,) whose linear part the columns are; None where it does not
+    def body_motion(self, run: Run, setting: Setting, amplitudes: Floats) -> BodyMotion | None:
+        """Return the BodyMotion of amplitudes (q,) whose linear part the columns are; None where it does not
         move the plate as a body."""
         return None
 
@@ -208,23 +326,9 @@ class Effect:
         return [self.independent_settings(run)] * len(settings)
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
-        """Return where to refine each continuous parameter of a setting found on the grid.
-
-        A positive scale is refined by half as much again to either side, an instant among those beside it.
-        """
-        out: dict[str, Bracket] = {}
-        for parameter in self.searched:
-            if parameter.kind == 'scale':
-                value = setting.number(parameter.name)
-                out[parameter.name] = (value / 1.6, value * 1.6)
-            elif parameter.kind == 'instant':
-                out[parameter.name] = self.instants(run, setting, parameter.name)
-        return out
-
-    def instants(self, run: Run, setting: Setting, name: str = 't0') -> Floats:
-        """Return the instants between readings beside that of a setting, as far as the next ones of the grid."""
-        every = between_readings(run, most=run.size)[1:-1]
-        return beside(every, setting.number(name), 1.5 * every.size / between_readings(run).size)
+        """Return where to refine each continuous parameter of a setting found on the grid."""
+        return {one.name: (setting.number(one.name) / 1.6, setting.number(one.name) * 1.6)
+                for one in self.searched if one.kind == 'scale'}
 
     def check_setting(self, setting: Setting) -> None:
         """Raise InvalidModel unless the setting gives searched parameters values that can be."""
@@ -237,10 +341,93 @@ class Effect:
                 raise InvalidModel(f'effect {self.name}: {name}: wanted {wanted}, got {value!r}')
 
 
-class TurningEffect(Effect):
-    """An effect that turns the plate about the table axis and does nothing else."""
+@lru_cache(maxsize=64)
+def _direction(motion: Motion, run: Run, part: Any) -> Floats:
+    """Return a direction of a motion; refining parameters asks for it again and again."""
+    return motion.direction(run, part)
 
-    def motion(self, run: Run, setting: Setting, amplitudes: Floats) -> Motion | None:
-        shift = self.columns(run, setting) @ amplitudes
-        turn = np.sum(shift * tangential(run.alpha), axis=1) / run.radius
-        return Motion(turn[:, None] * unit(2, run.size))
+
+class PhysicalEffect(Effect):
+    """Motion x course, an entry of the library: all else is derived."""
+
+    def __init__(self, name: str, motion: Motion, course: Course, *quantities: Quantity, meaning: str, plain: str = '',
+                 look: str = '', formula: str = '', source: str = '', needs_tilt: bool = False,
+                 repeatable: bool = False) -> None:
+        """Make the effect of a name; quantities: the amplitude of each function, as far as the motion has it named."""
+        self.name, self.motion, self.course, self.quantities = name, motion, course, quantities
+        self.meaning, self.plain, self.look, self.formula, self.source = meaning, plain, look, formula, source
+        self.needs_tilt, self.repeatable = needs_tilt, repeatable
+        own = {one.name for one in motion.searched}
+        self.searched = (*motion.searched, *(one for one in course.searched if one.name not in own))
+        self.depends_on = (*motion.depends_on, *course.depends_on)
+        self.variables = tuple(dict.fromkeys((*course.variables, *motion.variables)))
+        self.carries, self.body = course.carries, motion.body
+
+    def unavailable(self, run: Run) -> str:
+        return super().unavailable(run) or self.course.unavailable(run)
+
+    def settings(self, run: Run) -> tuple[Setting, ...]:
+        every = product(self.motion.settings(run), self.course.settings(run))
+        both = (Setting({**choice, **value}) for choice, value in every)
+        return tuple(setting for setting in both if self.motion.goes_with(setting))
+
+    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
+        return self.course.amplitudes(run, setting, self.quantities,
+                                      lambda one: self.motion.amplitudes(run, setting, one))
+
+    def factors(self, run: Run, settings: Sequence[Setting]) -> Sequence[Factors]:
+        """Return the Factors of settings by their kind; each function and direction is worked out once."""
+        parts = [self.motion.parts(run, setting) for setting in settings]
+        number = {part: k for k, part in enumerate(dict.fromkeys(chain(*parts)))}
+        directions = np.array([_direction(self.motion, run, part) for part in number]).reshape(-1, run.size, 3)
+        names = [one.name for one in self.course.searched]
+        out = []
+        for places in self._kinds(settings):
+            keys = [tuple([settings[place].get(name) for name in names]) for place in places]
+            values = dict(zip(reversed(keys), reversed(places)))
+            wave = {key: v for v, key in enumerate(values)}
+            out.append(Factors(
+                [settings[place] for place in places],
+                self.course.waves(run, [settings[place] for place in values.values()]), directions,
+                tuple((wave[key], tuple([number[part] for part in parts[place]])) for key, place in zip(keys, places)),
+                self.course.at(run, settings[places[0]])))
+        return out
+
+    def _kinds(self, settings: Sequence[Setting]) -> Iterable[list[int]]:
+        """Return the places of the settings of each kind."""
+        places = defaultdict[Hashable, list[int]](list)
+        for place, setting in enumerate(settings):
+            places[self.course.kind(setting)].append(place)
+        return places.values()
+
+    def blocks(self, run: Run, settings: Sequence[Setting]) -> Floats:
+        factors = self.factors(run, settings)
+        out = np.zeros((len(settings), factors[0].waves.shape[1] * len(factors[0].of_setting[0][1]), run.size, 3))
+        for one, places in zip(factors, self._kinds(settings)):
+            wave, which = (np.array(each, dtype=int) for each in zip(*one.of_setting))
+            at = slice(None) if one.at is None else one.at
+            made = one.waves[wave][:, :, None, :, None] * one.directions[:, at][which][:, None]
+            for place, block in zip(places, made):
+                out[place][:, at] = block.reshape(out.shape[1], -1, 3)
+        return out
+
+    @property
+    def moves_plate(self) -> bool:
+        return type(self.motion).of_body is not Motion.of_body
+
+    def body_motion(self, run: Run, setting: Setting, amplitudes: Floats) -> BodyMotion | None:
+        if not self.moves_plate:
+            return None
+        waves = self.course.waves(run, [setting])[0]
+        return self.motion.of_body(run, setting, amplitudes.reshape(len(waves), -1).T @ waves)
+
+    def independent_settings(self, run: Run) -> int:
+        both = self.motion.chances(run), self.course.chances(run)
+        every = len(self.settings(run)) if both[0] is None or both[1] is None else int(both[0] * both[1])
+        return self.motion.simpler * self.course.simpler * max(1, every)
+
+    def chances(self, run: Run, settings: Sequence[Setting]) -> list[float]:
+        return self.course.chances_of(run, settings, self.independent_settings(run))
+
+    def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
+        return {**self.course.brackets(run, setting), **self.motion.brackets(run, setting)}

@@ -26,7 +26,7 @@ MOST_OF_BALL = 16
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class FreeCourse:
     """What a free form is a function of, and how: along each direction the sum of amplitude x carrier x basis.
 
     name, unit: of the variable; values: of it at each reading, (N,); basis: functions of it, (m, N); carriers: what
@@ -60,7 +60,7 @@ class FreeForm(Effect):
     source = 'no physics: powers, waves and cosines'
 
     def __init__(self, name: str, words: str, searched: Sequence[Searched], grid: Callable[[Run], Iterable[Setting]],
-                 course: Callable[[Run, Setting], Course], depends_on: tuple[str, ...] = ()) -> None:
+                 course: Callable[[Run, Setting], FreeCourse], depends_on: tuple[str, ...] = ()) -> None:
         self.name, self.words, self.depends_on = name, words, depends_on
         self.meaning = f'A free form: the residual {words.format_map(_Blanks())}.'
         self.formula = 'any function, as a sum of smooth ones'
@@ -193,8 +193,8 @@ def counts(most: int) -> list[int]:
     return [count for count in (2, 4, 8, 16, 32) if count <= most] or [max(most, 1)]
 
 
-def _time(run: Run, setting: Setting) -> Course:
-    return Course('time', 's', seconds(run), curves(run, setting.whole('count')))
+def _time(run: Run, setting: Setting) -> FreeCourse:
+    return FreeCourse('time', 's', seconds(run), curves(run, setting.whole('count')))
 
 
 def _ball_grid(run: Run) -> Iterable[Setting]:
@@ -204,14 +204,14 @@ def _ball_grid(run: Run) -> Iterable[Setting]:
         axes=('z', 'plate xy', 'plate xyz') if of == 'time' else ('z', 'xy', 'xyz')))
 
 
-def _ball(run: Run, setting: Setting) -> Course:
+def _ball(run: Run, setting: Setting) -> FreeCourse:
     """Return curves over the time of the ball's own readings, or waves of the table angle for them."""
     own, count = run.ball == setting.whole('ball'), setting.whole('count')
     carriers = {f'ball {setting.whole("ball")}': own.astype(float)}
     if setting.word('of', 'time') == 'table angle':
-        return Course('table angle', 'rad', run.phi, [one for order in range(1, count + 1)
+        return FreeCourse('table angle', 'rad', run.phi, [one for order in range(1, count + 1)
                                                       for one in waves(run.phi, order)], carriers)
-    return Course('time', 's', seconds(run), curves(run, count, setting.whole('ball')), carriers)
+    return FreeCourse('time', 's', seconds(run), curves(run, count, setting.whole('ball')), carriers)
 
 
 def _growing_grid(run: Run) -> Iterator[Setting]:
@@ -226,10 +226,10 @@ def _growing_grid(run: Run) -> Iterator[Setting]:
                     yield from (Setting(of=of, order=order, count=k, axes=axes) for k in (4, 8))
 
 
-def _growing(run: Run, setting: Setting) -> Course:
+def _growing(run: Run, setting: Setting) -> FreeCourse:
     """Return cos(m angle) and sin(m angle) times t, or times curves of t."""
     of, count, time = setting.word('of'), setting.whole('count'), seconds(run)
-    return Course('time', 's', time, curves(run, count) if count else [time / duration(run) - 0.5],
+    return FreeCourse('time', 's', time, curves(run, count) if count else [time / duration(run) - 0.5],
                   _wave_carriers(getattr(run, ANGLES[of]), setting.whole('order'), of))
 
 
@@ -240,65 +240,65 @@ def _product_grid(run: Run) -> Iterable[Setting]:
             for p in range(1, top + 1) for q in range(-top, top + 1) if q)
 
 
-def _product(run: Run, setting: Setting) -> Course:
+def _product(run: Run, setting: Setting) -> FreeCourse:
     angle = setting.whole('p') * run.phi + setting.whole('q') * run.alpha
-    return Course('sum of the waves', 'rad', np.mod(angle, 2 * np.pi), waves(angle, 1))
+    return FreeCourse('sum of the waves', 'rad', np.mod(angle, 2 * np.pi), waves(angle, 1))
 
 
-def _temperature(run: Run, setting: Setting) -> Course:
+def _temperature(run: Run, setting: Setting) -> FreeCourse:
     """Return powers of the temperature, scaled to [-1, 1]."""
     change = on.temperature_change(run)
     span = np.ptp(change)
     u = 2 * (change - change.min()) / span - 1 if span > 0 else np.zeros(run.size)
-    return Course('temperature', 'K', change, [u**power for power in range(1, setting.whole('count') + 1)])
+    return FreeCourse('temperature', 'K', change, [u**power for power in range(1, setting.whole('count') + 1)])
 
 
-def _sided(run: Run, setting: Setting, carriers: Mapping[str, Floats]) -> Course:
+def _sided(run: Run, setting: Setting, carriers: Mapping[str, Floats]) -> FreeCourse:
     """Return waves of an angle of one order for each sense."""
     of = setting.word('of', 'CMM position')
     angle, order = getattr(run, ANGLES[of]), setting.whole('order')
-    return Course(of, 'rad', angle, waves(angle, order) if order else [np.ones(run.size)], carriers)
+    return FreeCourse(of, 'rad', angle, waves(angle, order) if order else [np.ones(run.size)], carriers)
 
 
 def _senses(run: Run) -> dict[str, Floats]:
     return {f'sense of {axis}': sense for axis, sense in zip(on.cmm_axes_names(run), on.cmm_senses(run))}
 
 
-def _travel(run: Run, setting: Setting) -> Course:
+def _travel(run: Run, setting: Setting) -> FreeCourse:
     """Return harmonics of nu cycles per turn of the travel, alike everywhere or by waves of the CMM position."""
     return _periodic('phase of the travel', setting.number('nu') * on.travel(run), setting,
                      _wave_carriers(run.alpha, int(setting.get('order', 0)), 'CMM position'))
 
 
-def _unsteady(run: Run, setting: Setting) -> Course:
+def _unsteady(run: Run, setting: Setting) -> FreeCourse:
     """Return a cycle in time whose size and phase change along curves: about `count` / 2 cycles more or fewer."""
     time, period = seconds(run), setting.number('period')
     angle = 2 * np.pi * time / period
-    return Course('time', 's', time, [np.ones(run.size), *curves(run, setting.whole('count'))],
+    return FreeCourse('time', 's', time, [np.ones(run.size), *curves(run, setting.whole('count'))],
                   {'cos of the cycle': np.cos(angle), 'sin of the cycle': np.sin(angle)})
 
 
-def _lines(run: Run, setting: Setting) -> Course:
+def _lines(run: Run, setting: Setting) -> FreeCourse:
     """Return harmonics of the periods of the encoder at the actual angle."""
     return _periodic('phase in a period of the encoder', setting.number('lines') * (run.phi + run.angle_deviation),
                      setting, {})
 
 
-def _periodic(name: str, angle: Floats, setting: Setting, carriers: Mapping[str, Floats]) -> Course:
-    return Course(name, 'rad', np.mod(angle, 2 * np.pi), [
+def _periodic(name: str, angle: Floats, setting: Setting, carriers: Mapping[str, Floats]) -> FreeCourse:
+    return FreeCourse(name, 'rad', np.mod(angle, 2 * np.pi), [
         one for order in range(1, setting.whole('count') + 1) for one in waves(angle, order)], carriers)
 
 
-def _approach(run: Run, setting: Setting) -> Course:
+def _approach(run: Run, setting: Setting) -> FreeCourse:
     """Return waves of the direction of the last move of the CMM."""
     theta, known = on.last_move(run)
     return _periodic('direction of the last move', theta, setting, {'': known[:, 0].astype(float)})
 
 
-def _each_ball(run: Run, setting: Setting) -> Course:
+def _each_ball(run: Run, setting: Setting) -> FreeCourse:
     """Return waves of the table angle, for every ball of its own."""
     orders = [setting.whole('order')] if setting.whole('order') else range(1, min(3, (run.n - 1) // 2) + 1)
-    return Course('table angle', 'rad', run.phi, [one for order in orders for one in waves(run.phi, order)],
+    return FreeCourse('table angle', 'rad', run.phi, [one for order in orders for one in waves(run.phi, order)],
                   {f'ball {ball}': (run.ball == ball).astype(float) for ball in range(1, run.n + 1)})
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from rosette_ros.core.effects.effect import Motion, Searched, Setting
+from rosette_ros.core.effects.effect import BodyMotion, Searched, Setting
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.geometry import TWO_PI, radial
 from rosette_ros.core.model.base_model import GAUGE, BaseParameters, BaseSpace, Basis, CompleteSpace
@@ -368,11 +368,11 @@ def fit(run: Run, model: Model | None = None, settings: Sequence[Mapping[str, fl
                offset)
 
 
-def _motion(run: Run, parts: Sequence[_Part], amplitude: Floats) -> Motion | None:
+def _motion(run: Run, parts: Sequence[_Part], amplitude: Floats) -> BodyMotion | None:
     """Return what the effects do to the plate as a body, None where none turns, tilts or stretches it."""
     motions = [motion for part in parts
-               if (motion := part.term.effect.motion(run, part.setting, amplitude[part.place])) is not None]
-    return reduce(Motion.__add__, motions) if motions else None
+               if (motion := part.term.effect.body_motion(run, part.setting, amplitude[part.place])) is not None]
+    return reduce(BodyMotion.__add__, motions) if motions else None
 
 
 def _mean_angles(run: Run) -> Floats:
@@ -436,5 +436,5 @@ def _fitted(run: Run, parts: Sequence[_Part], amplitude: Floats, joint: JointSpa
                                  parameter.unit) for parameter in part.adjusted(*REFINED)]
         out.append(FittedEffect(part.term.name, part.setting, tuple(parameters),
                                 np.tensordot(amplitude[part.place], part.columns, axes=1),
-                                part.term.effect.motion(run, part.setting, amplitude[part.place]) is not None))
+                                part.term.effect.body_motion(run, part.setting, amplitude[part.place]) is not None))
     return tuple(out)

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from rosette_ros.core.effects.custom_term import CustomTerm
+from rosette_ros.core.effects.custom import CustomTerm
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.effects.library import EFFECTS, effect
 from rosette_ros.core.errors import InvalidModel

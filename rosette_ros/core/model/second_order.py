@@ -12,7 +12,7 @@ that it consists of is known: by Gauss and Newton, from fit to fit.
 
 import numpy as np
 
-from rosette_ros.core.effects.effect import Motion
+from rosette_ros.core.effects.effect import BodyMotion
 from rosette_ros.core.geometry import nominal_angles, radial, rotate_z, rotation_matrix
 from rosette_ros.core.model.base_model import BaseParameters, BaseSpace
 from rosette_ros.core.records import Floats, Run
@@ -26,7 +26,7 @@ ROUNDING, CONVERGED = 1e-15, 1e-12
 MOST_STEPS = 40
 
 
-def second_order(run: Run, lever: float, base: BaseParameters, motion: Motion | None) -> Floats:
+def second_order(run: Run, lever: float, base: BaseParameters, motion: BodyMotion | None) -> Floats:
     """Return the exact place of every ball less that of the linear equation, (N, 3), m; (1, 3) zeros where negligible.
 
     lever: radius at which the rotations of the linear equation act, m; base: its parameters, of one column; motion: of

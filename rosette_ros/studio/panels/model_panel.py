@@ -7,7 +7,7 @@ from itertools import zip_longest
 
 from nicegui import ui
 
-from rosette_ros.core.effects.custom_term import AMPLITUDE, DIRECTIONS, FUNCTIONS, NAMES, PER
+from rosette_ros.core.effects.custom import AMPLITUDE, DIRECTIONS, FUNCTIONS, NAMES, PER
 from rosette_ros.core.errors import InvalidModel, one_line
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.formatting import CROSS_VALIDATION, UNKNOWN, micro

@@ -9,12 +9,15 @@ that the cost is too.
 import ast
 import operator
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from rosette_ros.core.effects import run_functions as on
-from rosette_ros.core.effects.effect import Effect, Quantity, Setting
+from rosette_ros.core.effects.courses import Along
+from rosette_ros.core.effects.effect import Course, Motion, PhysicalEffect, Quantity, Setting
 from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.records import Floats, Ints, Run
 
@@ -53,6 +56,10 @@ DIRECTIONS: dict[str, Callable[[Run], Floats]] = {
     'tilt_x': lambda run: on.axial_tilts(run)[..., 0], 'tilt_y': lambda run: on.axial_tilts(run)[..., 1]}
 """Direction of a custom term by name: machine, plate, radial, tangential, axial, tilt."""
 _NEEDS = {'t': 'time', 'T': 'temperature', 'psi': 'table_travel', 'approach': 'approach'}
+_VARIABLES = {'t': 'time', 'T': 'temperature', 'phi': 'table angle', 'beta': 'ball', 'alpha': 'CMM position',
+              'psi': 'travel', 'approach': 'table sense', 'ball': 'ball', 'table_position': 'table angle',
+              'cmm_position': 'CMM position'}
+"""Of what a reading a name of an expression is, or one amplitude per group."""
 
 
 def parse(text: object) -> ast.expr:
@@ -127,25 +134,82 @@ def _check(node: ast.expr, depth: int) -> None:
         _check(one, depth + 1)
 
 
-class CustomTerm(Effect):
+@dataclass(frozen=True)
+class NamedDirection(Motion):
+    """A direction of DIRECTIONS, by its name."""
+
+    name: str
+
+    @property
+    def body(self) -> str:  # type: ignore[override]
+        if self.name in ('x', 'y', 'z'):
+            return 'frame'
+        return 'plate' if self.name in ('plate_x', 'plate_y', 'radial') else 'table axis'
+
+    def direction(self, run: Run, part: Any) -> Floats:
+        return DIRECTIONS[self.name](run)
+
+    def amplitudes(self, run: Run, setting: Setting, one: Quantity) -> tuple[Quantity, ...]:
+        return (Quantity(one.name, 'rad' if self.name.startswith('tilt') else 'm', one.meaning),)
+
+
+@dataclass(frozen=True)
+class Expression(Course):
+    """An expression in NAMES, with one amplitude for all readings or one per group; term: whose it is."""
+
+    term: str
+    text: str
+    per: str
+    carries = 'shape'
+
+    @property
+    def variables(self) -> tuple[str, ...]:  # type: ignore[override]
+        names = (*sorted(names_in(parse(self.text))), self.per)
+        return tuple(dict.fromkeys(_VARIABLES[one] for one in names if one in _VARIABLES))
+
+    @property
+    def depends_on(self) -> tuple[str, ...]:  # type: ignore[override]
+        return tuple(_NEEDS[one] for one in sorted(names_in(parse(self.text))) if one in _NEEDS)
+
+    def amplitudes(self, run: Run, setting: Setting, given: tuple[Quantity, ...], along: Along) -> tuple[Quantity, ...]:
+        groups = [''] if self.per == 'all' else [f'_{k}' for k in range(1, run.n + 1)]
+        return super().amplitudes(run, setting, tuple(
+            Quantity(f'a{group}', 'm', f'amplitude of {self.text}') for group in groups), along)
+
+    def waves(self, run: Run, settings: Sequence[Setting]) -> Floats:
+        """Return the expression per group, (v, m, N); raise InvalidModel where it is not finite."""
+        values: dict[str, Floats | float] = {
+            't': on.seconds(run), 'T': on.temperature_change(run), 'phi': run.phi, 'beta': run.beta, 'alpha': run.alpha,
+            'psi': on.travel(run), 'approach': run.approach.astype(float), 'pi': np.pi}
+        with np.errstate(all='ignore'):
+            scalar = evaluate(parse(self.text), values) * np.ones(run.size)
+        if not np.all(np.isfinite(scalar)):
+            place = int(np.flatnonzero(~np.isfinite(scalar))[0]) + 1
+            raise InvalidModel(f'custom term {self.term}: {self.text} is not a finite number at reading {place}; '
+                               'change the expression')
+        if self.per == 'all':
+            return np.tile(scalar, (len(settings), 1, 1))
+        index: Ints = getattr(run, self.per)
+        return np.tile(scalar * (index == np.arange(1, run.n + 1)[:, None]), (len(settings), 1, 1))
+
+
+class CustomTerm(PhysicalEffect):
     """amplitude x direction x expression, one amplitude for all readings or one per group.
 
     direction: a key of DIRECTIONS; expression: in NAMES; per: one of PER. Raises InvalidModel for others.
     """
-
-    meaning = "A term defined by the user."
 
     def __init__(self, name: str, direction: object, expression: object, per: object = 'all') -> None:
         for key, value, known in (('direction', direction, DIRECTIONS), ('per', per, PER)):
             if not isinstance(value, str) or value not in known:
                 raise InvalidModel(f'custom term {name}: {key}: wanted one of {", ".join(known)}, got {value!r}')
         try:
-            names = names_in(parse(expression))
+            parse(expression)
         except InvalidModel as error:
             raise InvalidModel(f'custom term {name}: {error}') from None
-        self.name, self.direction, self.expression, self.per = name, str(direction), str(expression), str(per)
-        self.depends_on = tuple(_NEEDS[one] for one in sorted(names) if one in _NEEDS)
-        self.formula = f'{expression} along {direction}'
+        self.direction, self.expression, self.per = str(direction), str(expression), str(per)
+        super().__init__(name, NamedDirection(self.direction), Expression(name, self.expression, self.per),
+                         meaning='A term defined by the user.', formula=f'{expression} along {direction}')
 
     @staticmethod
     def from_mapping(mapping: Mapping[str, object]) -> 'CustomTerm':
@@ -165,29 +229,3 @@ class CustomTerm(Effect):
     def to_mapping(self) -> dict[str, str]:
         """Return the term as a mapping for model files."""
         return {'own': self.name, 'direction': self.direction, 'expression': self.expression, 'per': self.per}
-
-    def _groups(self, run: Run) -> list[tuple[str, Floats]]:
-        if self.per == 'all':
-            return [('', np.ones(run.size))]
-        index: Ints = getattr(run, self.per)
-        return [(f'_{k}', (index == k).astype(float)) for k in range(1, run.n + 1)]
-
-    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
-        """Return one amplitude for all readings, or one per group, in units of the expression."""
-        unit_name = 'rad' if self.direction.startswith('tilt') else 'm'
-        return tuple(Quantity(f'a{suffix}', unit_name, f'amplitude of {self.expression}')
-                     for suffix, _ in self._groups(run))
-
-    def columns(self, run: Run, setting: Setting) -> Floats:
-        """Return direction times expression per group, (N, 3, q); raise InvalidModel where it is not finite."""
-        values: dict[str, Floats | float] = {
-            't': on.seconds(run), 'T': on.temperature_change(run), 'phi': run.phi, 'beta': run.beta, 'alpha': run.alpha,
-            'psi': on.travel(run), 'approach': run.approach.astype(float), 'pi': np.pi}
-        with np.errstate(all='ignore'):
-            scalar = evaluate(parse(self.expression), values) * np.ones(run.size)
-        if not np.all(np.isfinite(scalar)):
-            place = int(np.flatnonzero(~np.isfinite(scalar))[0]) + 1
-            raise InvalidModel(f'custom term {self.name}: {self.expression} is not a finite number at '
-                               f'reading {place}; change the expression')
-        direction = DIRECTIONS[self.direction](run)
-        return np.stack([(scalar * group)[:, None] * direction for _, group in self._groups(run)], axis=-1)
