@@ -323,7 +323,7 @@ class AirPressure(Cause):
     radius: float
 
     def probe_shift(self, moment: Moment) -> Floats:
-        scale = sum(jump * (moment.hours >= hour) for jump, hour in zip(self.jumps_ppm, self.at_h))
+        scale = (moment.hours[..., None] >= self.at_h) @ np.array(self.jumps_ppm)
         way = np.concatenate([place(moment, self.radius), np.zeros_like(moment.azimuth)[..., None]], axis=-1)
         return UM * scale[..., None] * way
 
