@@ -1,6 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Blind tests of the diagnosis: the truth is drawn from physics, the diagnosis sees readings, then both are compared.
+"""Blind tests of the diagnosis: truth is drawn from physics, the diagnosis sees readings, and both are compared."""
 
-Nothing here is taken from the library of effects or from the diagnosis, except where the truth of a library effect's
-parameters is asked for: noise kinds and causes are written from physics and judged by it.
-"""
+import os
+
+# one process for each core, and one thread for each process
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+os.environ.setdefault('OMP_NUM_THREADS', '1')
+
+from benchmarks.blind.trial import SETS, Trial, Truth, trials  # noqa: E402
+
+__all__ = ['SETS', 'Trial', 'Truth', 'trials']

@@ -1,85 +1,150 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a diagnosis says of a run, read from its result alone."""
+"""What a diagnosis says of a run, read from its result alone, and whether it is true."""
 
+import itertools
 import re
-import time
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
 
-from rosette_ros.analysis import diagnose
-from rosette_ros.core.diagnosis.diagnosis import Diagnosis
-from rosette_ros.core.records import Run
+import numpy as np
+
+from benchmarks.blind.cause import Variables
+from benchmarks.blind.runs import SIGMA, visible_part
+from rosette_ros.core.records import ErrorMotions, Floats, remove_gauge
+
+if TYPE_CHECKING:
+    from benchmarks.blind.trial import Truth
 
 Record = dict[str, Any]
-"""One run of a table and what was said of it, by name."""
+"""One run and what was said of it, by name, as JSON has it."""
+CLASSES = ('right', 'fair name', 'right variable', 'other', 'incomplete', 'nothing', 'wrong name')
+"""What an answer can be judged to be.
 
-
-@dataclass(frozen=True)
-class Claim:
-    """One claimed effect: its name, its setting, and the names that it is said to look like."""
-
-    effect: str
-    setting: dict[str, float | str]
-    alike: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Answer:
-    """The claims of a diagnosis; unexplained: whether it says that something is left; text: what it depends on.
-
-    rms: what is left, m; seconds: how long it took.
-    """
-
-    claims: tuple[Claim, ...]
-    unexplained: bool
-    text: str
-    outcome: str
-    sentence: str
-    rms: float
-    seconds: float
-
-    @property
-    def names(self) -> str:
-        """The claimed names in their order, or '' for none."""
-        return ' + '.join(claim.effect for claim in self.claims)
-
-
-def ask(run: Run) -> tuple[Answer, Diagnosis]:
-    """Return the Answer of the diagnosis of a run, and the diagnosis."""
-    began = time.perf_counter()
-    found = diagnose(run)
-    seconds = time.perf_counter() - began
-    claims = tuple(Claim(one.effect, {name: value if isinstance(value, str) else float(value)
-                                      for name, value in one.setting.items()}, tuple(one.look_alikes))
-                   for one in found.candidates if one.claimed)
-    return Answer(claims, bool(found.unexplained), found.unexplained_text, found.verdict.outcome.value,
-                  found.verdict.sentence, float(found.final.rms), seconds), found
-
-
-VARIABLES = {
-    'time': r'\btime\b', 'temperature': r'temperature', 'ball': r'\bballs?\b',
-    'angle': r'table angle|table position|angle of the table', 'line': r'encoder|interpolation', 'travel': r'travel',
-    'position': r'CMM position|place in the machine', 'machine': r'fixed in the machine|machine axes',
-    'table_sense': r'sense of the (last )?table|table turns|backlash', 'cmm_sense': r"sense of the (last )?CMM|CMM's",
-    'direction': r'direction of (the )?(last )?(approach|move|CMM)'}
+right: the set of names is what is hidden; fair name: all names are fair for a cause; right variable: no name, but what
+it depends on; other: it tells of something else without a name; incomplete: true names, but not all; nothing: all is
+well; wrong name: at least one name is not true.
+"""
+ALIKE = 4.0
+"""A shape of which less than this norm is left of the cause, in σ, describes it: noise does not show the difference."""
+WORDS = {
+    'time': r'\btime\b(?! since)', 'temperature': r'temperature', 'ball': r'\bballs?\b',
+    'table angle': r'table angle|table position|angle of the table',
+    'CMM position': r'CMM position|place in the machine', 'travel': r'travel',
+    'table sense': r'sense of the (last )?table|table turns|backlash',
+    'cmm sense': r"sense of the (last )?CMM|CMM's",
+    'cmm direction': r'direction of (the )?(last )?(approach|move|CMM)', 'cmm distance': r'distance of the (last )?CMM',
+    'move size': r'size of the last', 'time since move': r'time since', 'touches': r'touches'}
 """Variables by the words with which a text tells them."""
-PLACE = frozenset(('angle', 'ball', 'position'))
+PLACE = frozenset(('table angle', 'ball', 'CMM position'))
 """Any two of these are what all three are: the CMM position is the sum of the other two."""
+
+
+def answered(found: Any) -> Record:
+    """Return what a Diagnosis says; what it does not say is None, or empty where it is a list.
+
+    told: for each thing without a name the alternatives of the variables on which it depends.
+    """
+    unnamed, explanations = getattr(found, 'unnamed', None), getattr(found, 'explanations', None)
+    text = found.unexplained_text
+    if unnamed is None:
+        told = [[sorted(told_variables(text))]] if found.unexplained and told_variables(text) else []
+    else:
+        told = [[sorted(one) for one in thing.alternatives] for thing in unnamed]
+    return {
+        'claims': [{'effect': one.effect, 'setting': {name: value if isinstance(value, str) else float(value)
+                                                      for name, value in one.setting.items()},
+                    'look_alikes': list(one.look_alikes), 'probability': _number(getattr(one, 'probability', None))}
+                   for one in found.candidates if one.claimed],
+        'explanations': explanations and [
+            {'members': list(one.members), 'noise': str(one.noise), 'probability': float(one.probability)}
+            for one in explanations],
+        'probability_of_nothing': _number(getattr(found, 'probability_of_nothing', None)),
+        'probability_of_unnamed': _number(getattr(found, 'probability_of_unnamed', None)),
+        'unexplained': bool(found.unexplained), 'told': told, 'text': text, 'outcome': found.verdict.outcome.value,
+        'sentence': found.verdict.sentence, 'rms': float(found.final.rms)}
+
+
+def _number(value: Any) -> float | None:
+    return None if value is None else float(value)
 
 
 def told_variables(text: str) -> set[str]:
     """Return the variables that a text tells; names of effects that it refuses are not among them."""
     text = re.sub(r', not as .*?(;|$)', r'\1', text)
-    told = {name for name, words in VARIABLES.items() if re.search(words, text, re.IGNORECASE)}
+    return {name for name, words in WORDS.items() if re.search(words, text, re.IGNORECASE)}
+
+
+def remaining(found: Any, shift: Floats) -> float:
+    """Return the norm of what the claims of a Diagnosis cannot describe of a displacement (N, 3), m, in σ.
+
+    Each claim is taken with the setting that was found and any amplitudes.
+    """
+    run = found.final.run
+    left = visible_part(run, shift).ravel()
+    columns = [np.moveaxis(term.effect.columns(run, fitted.setting), -1, 0).astype(float)
+               for term, fitted in zip(found.terms, found.final.effects)]
+    if columns:
+        flat = visible_part(run, np.concatenate(columns)).reshape(-1, left.size).T
+        flat = flat / np.maximum(np.linalg.norm(flat, axis=0), 1e-300)
+        left = left - flat @ np.linalg.lstsq(flat, left, rcond=1e-9)[0]
+    return float(np.linalg.norm(left)) / SIGMA
+
+
+def truths(claims: Sequence[Record], truth: 'Truth', left: float) -> list[bool]:
+    """Return of each claim whether its own name is true: hidden, or fair for a cause; an outlier at its reading."""
+    return [claim['setting'].get('reading') in truth.readings if claim['effect'] == 'outlier'
+            else claim['effect'] in _fair(truth, left) for claim in claims]
+
+
+def _fair(truth: 'Truth', left: float) -> set[str]:
+    """Return the names that are true in a run of which the claims leave so much of what is hidden, in σ."""
+    return {*truth.hidden, *truth.right, *truth.part, *(truth.family if left < ALIKE else ())}
+
+
+def judged(answer: Record, truth: 'Truth', left: float) -> str:
+    """Return the class of an answer, one of CLASSES; left: as of `remaining`."""
+    claims = [claim for claim in answer['claims'] if not _is_stray(claim, truth)]
+    true = truths(claims, truth, left)
+    if truth.variables is not None:
+        if claims:
+            is_fair = all(own or _fair(truth, left) & {*claim['look_alikes']} for claim, own in zip(claims, true))
+            return 'fair name' if is_fair else 'wrong name'
+        if not answer['unexplained']:
+            return 'nothing'
+        return 'right variable' if is_told(answer['told'], truth.variables) else 'other'
+    if _is_set(claims, true, truth.hidden):
+        return 'right'
+    return 'wrong name' if not all(true) else 'incomplete' if claims else 'nothing'
+
+
+def _is_stray(claim: Record, truth: 'Truth') -> bool:
+    """Return whether a claim is an outlier of the noise."""
+    return claim['effect'] == 'outlier' and claim['setting'].get('reading') in truth.stray
+
+
+def _is_set(claims: Sequence[Record], true: Sequence[bool], hidden: Sequence[str]) -> bool:
+    """Return whether the claims are the hidden effects, each once, itself or as a look-alike."""
+    return len(claims) == len(hidden) and any(
+        all((claim['effect'] == kind and own) or kind in claim['look_alikes']
+            for claim, own, kind in zip(claims, true, order)) for order in itertools.permutations(hidden))
+
+
+def is_told(told: Iterable[Iterable[Iterable[str]]], variables: Variables) -> bool:
+    """Return whether of all that is told an alternative is true, and one tells all that the cause depends on."""
+    known = frozenset().union(*variables, *(PLACE for one in variables if len(one & PLACE) > 1))
+    things = [[_whole(one) for one in alternatives if _whole(one) <= known] for alternatives in told]
+    return bool(things) and all(things) and any(one <= whole for thing in things for whole in thing
+                                                for one in variables)
+
+
+def _whole(variables: Iterable[str]) -> frozenset[str]:
+    """Return variables, with the place where two of it are among them."""
+    told = frozenset(variables)
     return told | PLACE if len(told & PLACE) > 1 else told
 
 
-def told_axes(text: str) -> tuple[str, set[str]]:
-    """Return the frame of the axes that a text tells ('machine', 'plate', 'polar' or '', any), and the axes.
-
-    Radial and tangential are x and y of the polar frame.
-    """
-    axes = set(re.findall(r'\b([xyz])\b', text))
-    polar = {axis for axis, word in (('x', 'radial'), ('y', 'tangential')) if word in text}
-    axes |= polar | ({'z'} if re.search(r'\b(axial|vertical)', text) else set())
-    return 'polar' if polar else 'plate' if re.search(r'plate.s (x|y)|plate (x|y)', text) else '', axes
+def within(found: ErrorMotions, truth: Floats) -> list[float]:
+    """Return the share of the points of each curve that lie within U (k = 2) of the truth, (n, 6), gauge removed."""
+    error = remove_gauge(found.values, found.angle) - remove_gauge(truth)
+    inside: list[float] = (np.abs(error) <= 2 * found.u).mean(axis=0).tolist()
+    return inside

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The contract of a foreign cause: physics, and what a true answer may say of it.
+"""The contract of a cause that the library of effects does not have, and what several causes need.
 
-To add a cause, write its class: the hooks of rosette_ros.simulation.hidden.hidden_effect.HOOKS that it needs, `draw`,
-and what would be true of it; and a line of foreign_causes. A name of `right` is the cause or its family. A name of
-`part` is a true part of it. A name of `family` is true only where its shape describes the cause in that run, within
-what noise lets see.
+To add a cause, write its class and a line of CAUSES: the hooks of rosette_ros.simulation.hidden.hidden_effect.HOOKS
+that it needs, `draw`, and what is true of it. A name of `right` is the cause; one of `part` is a true part of it; one
+of `family` is fair only where its shape describes the cause in that run, within what noise lets see.
 """
 
 from abc import ABC, abstractmethod
@@ -15,51 +14,62 @@ import numpy as np
 
 from rosette_ros.core.records import Floats, Run
 from rosette_ros.simulation.hidden.hidden_effect import Draw
+from rosette_ros.simulation.motion import Moment
 
 Vector = tuple[float, float, float]
 Names = tuple[str, ...]
+Variables = tuple[frozenset[str], ...]
 
 DRIFTS: Names = ('frame_drift', 'frame_drift_onset', 'frame_drift_curved', 'frame_warmup', 'frame_temperature',
                  'frame_temperature_lag')
 """Shapes of a drift of the frame."""
+CLIMATE: dict[str, Any] = {'climate': {'cycle_K': 0.1, 'cycle_min': 70.0}}
+"""A climate in which the temperature goes up and down during a run."""
 
 
 @dataclass(frozen=True)
 class Cause(ABC):
-    """A cause; groups: settings of the machine on which it can be seen; turning: of the plan that shows it.
-
-    variables: what it depends on, each alternative a set of keys of answers.VARIABLES; frame: of its directions.
-    """
+    """A cause; variables: what it depends on, alternatives; groups: settings of the machine; turning: of the plan."""
 
     right: ClassVar[Names] = ()
     part: ClassVar[Names] = ()
     family: ClassVar[Names] = ()
-    variables: ClassVar[tuple[frozenset[str], ...]] = ()
+    variables: ClassVar[Variables] = ()
     groups: ClassVar[dict[str, Any]] = {}
     turning: ClassVar[str] = 'forward'
-    frame: ClassVar[str] = 'machine'
 
     @classmethod
     @abstractmethod
-    def draw(cls, by: Draw) -> Self:
-        """Draw one that moves the balls by about the size."""
-
-    def recorded(self, run: Run) -> Run:
-        """Return the run as it is recorded."""
-        return run
+    def draw(cls, by: Draw, clean: Run) -> Self:
+        """Draw one that moves the balls by about the size; clean: the run without it."""
 
 
-def said(*words: str) -> tuple[frozenset[str], ...]:
-    """Return alternatives of what a cause depends on: 'ball time' are two variables of one alternative."""
-    return tuple(frozenset(alternative.split()) for alternative in words)
+def said(*alternatives: str) -> Variables:
+    """Return alternatives of what a cause depends on: 'ball + time' are two variables of one alternative."""
+    return tuple(frozenset(alternative.split(' + ')) for alternative in alternatives)
 
 
-def lagged(hours: Floats, value: Floats, constant: float) -> Floats:
-    """Return what follows a value with a time constant [h], in equilibrium with the first one, (N,)."""
-    out, step = value.copy(), np.diff(hours)
-    for place in range(1, value.size):
-        # exact where the value goes along a line between two readings
-        decay = np.exp(-step[place - 1] / constant)
-        rate = (value[place] - value[place - 1]) / step[place - 1]
-        out[place] = value[place] - rate * constant + (out[place - 1] - value[place - 1] + rate * constant) * decay
-    return out
+def since(moment: Moment, hour: float) -> Floats:
+    """Return the time since an hour, zero before it, (N, Q), h."""
+    return np.maximum(moment.hours - hour, 0.0)
+
+
+def settling(moment: Moment, hour: float, constant_h: float) -> Floats:
+    """Return 1 − exp(−(t − t0)/τ), zero before t0, (N, Q)."""
+    return -np.expm1(-since(moment, hour) / constant_h)
+
+
+def turned_share(moment: Moment, total: float) -> Floats:
+    """Return the angle turned in any sense since the first of these readings, in units of `total` rad, (N, 1)."""
+    return (moment.turned - moment.turned[0]) / total
+
+
+def total_turned(run: Run) -> float:
+    """Return the angle by which the table turns in a run, whatever the sense, rad."""
+    return float(np.abs(np.diff(run.table_travel)).sum())
+
+
+def place(moment: Moment, radius: float) -> Floats:
+    """Return where the ball stands about the table's axis, x and y, (N, 1, 2), m."""
+    at = moment.angle + moment.azimuth
+    return radius * np.stack([np.cos(at), np.sin(at)], axis=-1)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Kinds of noise of ball centres, in units of σ, for a repeatability check and the run that follows it.
 
-A kind is a function of the readings and a generator; to add one, write it and a line of KINDS or BEYOND.
+A kind is a function of the readings and a generator; to add one, write it and a line of KINDS.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -153,13 +153,12 @@ def random_walk(at: Readings, rng: Generator, end: float, axes: tuple[float, ...
 
 Kind = Callable[[Readings, Generator], Floats | Noise]
 
-AXES: dict[str, tuple[float, float, float]] = {
-    'z_1.5': (1, 1, 1.5), 'z_2': (1, 1, 2), 'z_3': (1, 1, 3), 'x_2': (2, 1, 1), 'x_3_y_2': (3, 2, 1)}
-"""Standard deviations of the kinds that differ by axis, in σ."""
-
 KINDS: dict[str, Kind] = {
     'white': white,
-    **{kind: partial(by_axis, factors=factors) for kind, factors in AXES.items() if kind != 'x_3_y_2'},
+    'z_1.5': partial(by_axis, factors=(1, 1, 1.5)),
+    'z_2': partial(by_axis, factors=(1, 1, 2)),
+    'z_3': partial(by_axis, factors=(1, 1, 3)),
+    'x_2': partial(by_axis, factors=(2, 1, 1)),
     't3_coordinate': partial(student, dof=3, per_reading=False),
     't3_reading': partial(student, dof=3, per_reading=True),
     't4_coordinate': partial(student, dof=4, per_reading=False),
@@ -176,11 +175,7 @@ KINDS: dict[str, Kind] = {
     'flicker_1': partial(flicker, size=1),
     'walk_3': partial(random_walk, end=3),
     'walk_10': partial(random_walk, end=10),
-}
-"""The kinds of the promise: what users' machines are known to have."""
-
-BEYOND: dict[str, Kind] = {
-    'x_3_y_2': partial(by_axis, factors=AXES['x_3_y_2']),
+    'x_3_y_2': partial(by_axis, factors=(3, 2, 1)),
     'radial_2': partial(by_direction, radial=2),
     'laplace': laplace,
     'contaminated': partial(contaminated, share=0.05, factor=3),
@@ -192,17 +187,10 @@ BEYOND: dict[str, Kind] = {
     'flicker_alone': partial(flicker, size=1, beside=0),
     'walk_5_z': partial(random_walk, end=5, axes=(0, 0, 1)),
 }
-"""Further kinds, for what no noise model was written for."""
-
-EVERY = {**KINDS, **BEYOND}
-
-
-def chosen(asked: Sequence[str] | None, usual: Iterable[str], beyond: Iterable[str]) -> list[str]:
-    """Return the kinds that were asked for, the usual ones if none is; the word beyond stands for all those."""
-    return [kind for one in asked or usual for kind in (beyond if one == 'beyond' else (one,))]
+"""The kinds by name; all but the first are real noise."""
 
 
 def draw_noise(kind: str, at: Readings, rng: Generator) -> Noise:
-    """Return the Noise of a kind of EVERY."""
-    drawn = EVERY[kind](at, rng)
+    """Return the Noise of a kind of KINDS."""
+    drawn = KINDS[kind](at, rng)
     return drawn if isinstance(drawn, Noise) else Noise(drawn)

@@ -2,64 +2,123 @@
 """Runs whose truth is known: a machine that measures without noise, displacements of its readings, noise of a kind."""
 
 from dataclasses import dataclass
-from zlib import crc32
+from functools import cache
+from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.noise_kinds import Noise, Readings, draw_noise
-from rosette_ros.core.geometry import Frame
+from benchmarks.blind.noise_kinds import Generator, Noise, Readings, draw_noise
+from rosette_ros.core.geometry import nominal_angles, radial, rotate_z
 from rosette_ros.core.records import Floats, Run
-from rosette_ros.core.scheme import plan
+from rosette_ros.core.scheme import nominal_places, plan
 from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.simulation.hidden import Situation, acting
 
 SIGMA = 1e-7
 """Standard deviation of a ball-centre coordinate, m: the unit of all that is hidden."""
 CHECK = 15
 """Readings of the repeatability check."""
 ORDERS = ('row', 'diagonal', 'column', 'random', 'sensitive')
+LEAST_SHARE = 0.1
+"""An order that shows less of a displacement hides it."""
+FEWEST = 6
+"""A cause of which fewer readings than about these show anything looks like wrong readings, and is not asked for."""
+LEAST_VISIBLE = 1e-7
+"""Drawn sizes are 1 µm: a norm of a few nanometres is rounding and second-order smallness, m."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What a run is made of: number of balls, order, sense of turning, seed of the machine and of all draws."""
+    """What a run is made of: number of balls, order, sense of turning, seed of the machine, settings of its groups."""
 
     n: int
     order: str
     seed: int
     turning: str = 'forward'
+    groups: tuple[tuple[str, Any], ...] = ()
 
-    def generator(self, *what: str) -> np.random.Generator:
-        """Return the generator of one part of this run, by its name: a change in one leaves the others."""
-        return np.random.default_rng([self.seed, self.n, crc32(':'.join((self.order, self.turning, *what)).encode())])
+    def measure(self, *effects: Any) -> tuple[Run, Machine]:
+        """Return what a machine that repeats exactly measures after its alignment, and the machine.
 
-
-def machine_config(seed: int, n: int) -> MachineConfig:
-    """Return the configuration of a machine that repeats exactly."""
-    return MachineConfig().changed(seed=seed, plate={'balls': n}, probing={'repeatability_um': 0.0})
-
-
-def measure(machine: Machine, made: Plan) -> tuple[Run, Frame]:
-    """Return what a machine measures by a plan, after its alignment, and the table frame that it found."""
-    run, alignment, _ = machine.calibrate(plan(made.n, made.order, made.seed, made.turning))
-    return run, alignment.frame
+        effects: have methods named in HOOKS, and act on it.
+        """
+        machine = Machine(MachineConfig().changed(
+            seed=self.seed, plate={'balls': self.n}, probing={'repeatability_um': 0.0}, **dict(self.groups)))
+        machine._acting = acting(effects)
+        return machine.run(plan(self.n, self.order, self.seed, self.turning)), machine
 
 
-def noisy(clean: Run, made: Plan, kind: str, stated: bool, shift: Floats | float = 0.0, beside: str = ''
-          ) -> tuple[Run, Noise]:
+def situation(clean: Run, machine: Machine) -> Situation:
+    """Return the situation of a run that a machine has just measured."""
+    duration = float(np.ptp(clean.time)) / 3600
+    return Situation(clean.n, clean.radius, machine.time / 3600 - duration, duration, SIGMA * 1e6)
+
+
+@cache
+def _base(n: int) -> tuple[Floats, Floats]:
+    """Return what table, plate and CMM can do on the full grid of a plate of radius 1 m.
+
+    p = T_i + Θ_i × r + R_z(φ_i) P_j + M_k. An orthonormal basis (n², 3, rank) and the pseudo-inverse that gives the
+    unknowns T, Θ, (2, n, 3), of displacements (n², 3): (6 n, 3 n²). Cells are numbered as Run.cells.
+    """
+    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(n), np.arange(n), indexing='ij'))
+    unit, angle = np.eye(3), nominal_angles(n)
+    out = np.zeros((n * n, 3, 4, n, 3))
+    cell = np.arange(n * n)
+    for axis in range(3):
+        out[cell, :, 0, i, axis] = unit[axis]
+        out[cell, :, 1, i, axis] = np.cross(unit[axis], radial(angle[i] + angle[j]))
+        out[cell, :, 2, j, axis] = rotate_z(angle[i], np.broadcast_to(unit[axis], (n * n, 3)))
+        out[cell, :, 3, (i + j) % n, axis] = unit[axis]
+    left, size, right = np.linalg.svd(out.reshape(3 * n * n, -1), full_matrices=False)
+    rank = int(np.count_nonzero(size > 1e-9 * size[0]))
+    inverse = (right[:rank, :6 * n].T / size[:rank]) @ left[:, :rank].T
+    return left[:, :rank].reshape(n * n, 3, rank), inverse
+
+
+def visible_part(run: Run, shift: Floats) -> Floats:
+    """Return what table, plate and CMM do not absorb of displacements (..., N, 3) of a complete run, same shape."""
+    basis = _base(run.n)[0][run.cells].reshape(-1, _base(run.n)[0].shape[-1])
+    flat = shift.reshape(-1, basis.shape[0])
+    return (flat - flat @ basis @ basis.T).reshape(shift.shape)
+
+
+def true_curves(clean: Run) -> Floats:
+    """Return the six curves of a complete run without noise, (n, 6), m and rad, in one of the gauges that it leaves."""
+    n = clean.n
+    off = np.empty((n * n, 3))
+    off[clean.cells] = clean.centre - nominal_places(n, clean.radius, clean.table_position, clean.ball)
+    shift, turn = (_base(n)[1] @ off.ravel()).reshape(2, n, 3)
+    return np.concatenate([shift, turn / clean.radius], axis=1)
+
+
+def scaled(clean: Run, shift: Floats, strength: float, fewest: int = 0) -> tuple[float, Floats | None]:
+    """Return the visible share of a displacement, and it scaled to a visible norm in σ; None where the order hides it.
+
+    shift: (N, 3), m; fewest: readings that have to show it, (Σ v²)² / Σ v⁴ of the visible lengths v.
+    """
+    shift = shift - shift.mean(axis=0)
+    square = (visible_part(clean, shift)**2).sum(axis=1)
+    visible = float(np.sqrt(square.sum()))
+    share = visible / float(np.linalg.norm(shift)) if shift.any() else 0.0
+    if share < LEAST_SHARE or visible < LEAST_VISIBLE or square.sum()**2 < fewest * (square**2).sum():
+        return share, None
+    return share, shift * strength * SIGMA / visible
+
+
+def noisy(clean: Run, kind: str, rng: Generator, stated: bool, shift: Floats | float = 0.0) -> tuple[Run, Noise]:
     """Return a run of displaced readings with noise of a kind, and the noise.
 
     shift: (N, 3), m; stated: whether a repeatability check of CHECK readings of ball 1 before the run is stated with
-    it; beside: what is hidden, so that each has noise of its own. Readings of a kind that has a resolution are rounded,
-    those of the check too.
+    it. Readings of a kind that has a resolution are rounded, those of the check too.
     """
     pace = np.ptp(clean.time) / (clean.size - 1)
     one = np.ones(CHECK, dtype=int)
     at = Readings(clean.n, CHECK, np.concatenate([clean.time[0] - pace * np.arange(CHECK, 0, -1), clean.time]),
                   np.concatenate([one, clean.ball]), np.concatenate([one, clean.table_position]))
-    noise = draw_noise(kind, at, made.generator('noise', kind, beside))
-    first = np.flatnonzero((clean.ball == 1) & (clean.table_position == 1))[:1]
-    centre = np.concatenate([np.broadcast_to(clean.centre[first[0] if first.size else 0], (CHECK, 3)),
-                             clean.centre + shift]) + SIGMA * noise.offset
+    noise = draw_noise(kind, at, rng)
+    first = clean.centre[(clean.ball == 1) & (clean.table_position == 1)]
+    centre = np.concatenate([np.broadcast_to(first, (CHECK, 3)), clean.centre + shift]) + SIGMA * noise.offset
     if noise.resolution:
         step = noise.resolution * SIGMA
         centre = step * np.round(centre / step)

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Trials hide what they say, of the strength asked for, and answers to them are judged rightly."""
+
+import pickle
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from benchmarks.blind import SETS, Trial, Truth, trials
+from benchmarks.blind.answers import WORDS, answered, is_told, judged, told_variables, truths
+from benchmarks.blind.cause import said
+from benchmarks.blind.runs import SIGMA, Plan, true_curves, visible_part
+from benchmarks.blind.trial import CAUSES, causes_of
+from rosette_ros.analysis import diagnose
+from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.geometry import rotate_z
+from rosette_ros.core.records import remove_gauge
+
+
+def hidden(kind, seed=1, strength=16.0):
+    """Return run and truth of a cause in order sensitive or random."""
+    return Trial('open', seed, (kind,), strength, orders=('sensitive', 'random'), causes=CAUSES).run()
+
+
+def test_causes_move_the_balls_by_their_size():
+    """What table, plate and CMM leave of each has a norm of 16 σ, and σ is that of the noise in the run."""
+    for kind in causes_of(CAUSES):
+        run, truth = hidden(kind)
+        assert np.linalg.norm(visible_part(run, truth.shift)) == pytest.approx(16 * SIGMA)
+        assert truth.share[0] >= 0.1 and truth.hidden == ()
+    run = Trial('white', 1).run()[0]
+    # 3 n² − 12 n + 13 = 301 degrees of freedom: four standard deviations of the estimate
+    assert np.sqrt((visible_part(run, run.centre)**2).sum() / 301) == pytest.approx(SIGMA, rel=4 / np.sqrt(2 * 301))
+
+
+def test_what_a_cause_allows_is_in_the_library_and_in_the_vocabulary():
+    """A name that the library does not have could not be fair, nor a variable that nothing can tell."""
+    for cause in causes_of(CAUSES).values():
+        assert {*cause.right, *cause.part, *cause.family} <= set(EFFECTS)
+        assert cause.variables and frozenset().union(*cause.variables) <= set(WORDS)
+
+
+def test_causes_act_where_they_say():
+    """A cracked stem moves its ball alone; a plate bends as a saddle; a chip is under one position, from then on."""
+    run, truth = hidden('soft_stem')
+    moved = np.ptp(np.stack([truth.shift[run.ball == ball].std(axis=0) for ball in range(1, 13)]), axis=1) > 2 * SIGMA
+    assert moved.sum() == 1
+    run, truth = hidden('plate_bimetal')
+    seen = visible_part(run, truth.shift)
+    assert np.abs(seen[:, :2]).max() < 1e-3 * np.abs(seen).max()
+    pattern = np.array([seen[run.ball == ball, 2] @ run.temperature[run.ball == ball] for ball in range(1, 13)])
+    power = np.abs(np.fft.rfft(pattern - pattern.mean()))
+    assert power.argmax() == 2
+    run, truth = hidden('chip_on_guide', strength=40.0)
+    off = np.linalg.norm(truth.shift - np.median(truth.shift, axis=0), axis=1) > 3 * SIGMA
+    assert len(set(run.cmm_position[off])) == 1 and off.sum() < 12
+    assert not off[run.time < run.time[off].min()].any()
+
+
+def test_the_truth_of_the_curves_is_that_of_the_machine():
+    """Its repeatable errors at the table positions; what is of second order stays below 0.5 nm and 0.5 nrad."""
+    clean, machine = Plan(12, 'random', 3).measure()
+    found, true = remove_gauge(true_curves(clean)), remove_gauge(machine.table_truth())
+    assert found == pytest.approx(true, abs=5e-10) and np.abs(true).max(axis=0).min() > 1e-8
+
+
+def test_trials_depend_on_their_name_alone():
+    """The same one gives the same run, in whatever list it stands; names of a campaign differ."""
+    every = trials()
+    assert len({one.name for one in every}) == len(every) and 1300 <= len(every) <= 1700
+    one = next(trial for trial in every if trial.set == 'pairs')
+    assert one in trials(['pairs'], 3) and one not in trials(['pairs'], first_seed=2)
+    run, truth = one.run()
+    again, same = pickle.loads(pickle.dumps(one)).run()
+    assert run == again and np.array_equal(truth.shift, same.shift) and set(truth.hidden) == set(one.kinds)
+    with pytest.raises(ValueError, match='wanted some of white, .* got grey'):
+        trials(['grey'])
+    assert {trial.set for trial in every} == set(SETS)
+
+
+def claim(effect, *look_alikes, reading=None):
+    """Return a claim as a record has it."""
+    setting = {} if reading is None else {'reading': float(reading)}
+    return {'effect': effect, 'setting': setting, 'look_alikes': list(look_alikes)}
+
+
+def answer(*claims, told=None):
+    """Return an answer of claims, or that tells variables."""
+    return {'claims': list(claims), 'unexplained': told is not None, 'told': told or []}
+
+
+TRUTH = Truth('random', ('frame_drift', 'plate_slip'), (), (), np.zeros((1, 3)), np.zeros((12, 6)))
+CAUSE = replace(TRUTH, hidden=(), part=('frame_step',), family=('frame_drift',),
+                variables=said('travel', 'time + ball'))
+OUTLIER = replace(TRUTH, hidden=('outlier',), readings=(5, 9), stray=(9,))
+
+
+@pytest.mark.parametrize(('truth', 'given', 'left', 'wanted'), [
+    (TRUTH, answer(claim('plate_slip'), claim('frame_drift')), 0, 'right'),
+    (TRUTH, answer(claim('frame_step', 'plate_slip'), claim('frame_drift')), 0, 'right'),
+    (TRUTH, answer(claim('plate_slip'), claim('plate_slip')), 0, 'incomplete'),
+    (TRUTH, answer(claim('plate_slip')), 0, 'incomplete'),
+    (TRUTH, answer(claim('plate_slip'), claim('frame_step')), 0, 'wrong name'),
+    (TRUTH, answer(told=[[['time']]]), 0, 'nothing'),
+    (OUTLIER, answer(claim('outlier', reading=5)), 0, 'right'),
+    (OUTLIER, answer(claim('outlier', reading=9), claim('outlier', reading=5)), 0, 'right'),
+    (OUTLIER, answer(claim('outlier', reading=6)), 0, 'wrong name'),
+    (replace(OUTLIER, hidden=()), answer(claim('outlier', reading=9)), 0, 'right'),
+    (replace(TRUTH, hidden=()), answer(claim('frame_drift')), 0, 'wrong name'),
+    (CAUSE, answer(claim('frame_step')), 9, 'fair name'),
+    (CAUSE, answer(claim('frame_drift')), 9, 'wrong name'),
+    (CAUSE, answer(claim('frame_drift')), 3, 'fair name'),
+    (CAUSE, answer(claim('frame_cycle', 'frame_step')), 9, 'fair name'),
+    (CAUSE, answer(claim('frame_step'), claim('outlier', reading=3)), 3, 'wrong name'),
+    (CAUSE, answer(told=[[['temperature'], ['travel']]]), 16, 'right variable'),
+    (CAUSE, answer(told=[[['time']]]), 16, 'other'),
+    (CAUSE, answer(told=[]), 16, 'other'),
+    (CAUSE, answer(), 16, 'nothing'),
+])
+def test_answers_are_judged(truth, given, left, wanted):
+    """Sets of names with look-alikes; names of a family only where they describe the cause; variables."""
+    assert judged(given, truth, left) == wanted
+
+
+def test_a_claim_is_true_by_its_own_name():
+    """A look-alike does not make its probability true, and an outlier is one reading."""
+    assert truths([claim('frame_step', 'plate_slip'), claim('frame_drift')], TRUTH, 0) == [False, True]
+    assert truths([claim('outlier', reading=5), claim('outlier', reading=6), claim('outlier')], OUTLIER, 0) == [
+        True, False, False]
+
+
+@pytest.mark.parametrize(('told', 'wanted'), [
+    ([[['table angle', 'ball']]], True), ([[['CMM position', 'ball']]], True), ([[['ball']]], False),
+    ([[['table angle', 'ball', 'time']]], False), ([[['ball'], ['ball', 'table angle']]], True), ([], False),
+    ([[['ball', 'table angle']], [['time']]], False)])
+def test_what_is_told_has_to_be_all_and_nothing_else(told, wanted):
+    """Of table angle, ball and CMM position two tell the third."""
+    assert is_told(told, said('table angle + ball')) is wanted
+
+
+def test_variables_are_read_from_a_text():
+    """Effects that it refuses are not among them."""
+    assert told_variables('ball 7 moves in time, not as a step') == {'ball', 'time'}
+    assert told_variables('it changes with time along a curve, in x, not as table_backlash and ball_slip') == {'time'}
+    assert told_variables('it depends on the time since the last table move') == {'time since move'}
+    assert told_variables('it depends on the sense of the last table move') == {'table sense'}
+
+
+def test_a_diagnosis_with_and_without_probabilities_is_read():
+    """What it does not have is null."""
+    given = {'effect': 'frame_drift', 'setting': {'axes': 'x'}, 'look_alikes': ('frame_cycle',), 'claimed': True}
+    verdict = SimpleNamespace(outcome=SimpleNamespace(value='cause found'), sentence='A drift.')
+    old = SimpleNamespace(candidates=[SimpleNamespace(**given)], unexplained=True, verdict=verdict,
+                          unexplained_text='it changes with time', final=SimpleNamespace(rms=1e-7))
+    said_then = answered(old)
+    assert said_then['told'] == [[['time']]] and said_then['explanations'] is None
+    assert said_then['claims'] == [{'effect': 'frame_drift', 'setting': {'axes': 'x'}, 'look_alikes': ['frame_cycle'],
+                                    'probability': None}]
+    new = SimpleNamespace(**{
+        **vars(old), 'candidates': [SimpleNamespace(**given, probability=0.9)], 'probability_of_nothing': 0.01,
+        'probability_of_unnamed': 0.2, 'unnamed': (SimpleNamespace(alternatives=(frozenset(('travel', 'ball')),)),),
+        'explanations': (SimpleNamespace(members=('frame_drift',), noise='white', probability=0.9),)})
+    said_now = answered(new)
+    assert said_now['told'] == [[['ball', 'travel']]] and said_now['claims'][0]['probability'] == 0.9
+    assert said_now['explanations'] == [{'members': ['frame_drift'], 'noise': 'white', 'probability': 0.9}]
+
+
+def test_an_effect_is_named_in_a_run_of_its_own():
+    """A slip of 12 σ: named, nothing of it is left, and the curves lie within U at most points."""
+    trial = Trial('library', 1, ('plate_slip',), 12.0, orders=('sensitive',))
+    run, truth = trial.run()
+    record = trial.judge(diagnose(run), truth)
+    assert record['judged'] == 'right' and record['left'] < 4 and record['claims'][0]['true']
+    assert np.mean(record['covered']) > 0.8 and record['order'] == 'sensitive'
+    assert np.abs(rotate_z(-run.phi, truth.shift)).max() > SIGMA
