@@ -6,6 +6,7 @@ equations (normal_equations.py)."""
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.fft
@@ -196,10 +197,32 @@ class NormalSpace(BaseSpace):
         return out
 
     def inside(self, columns: NDArray[Real]) -> NDArray[Real]:
-        """Return coordinates (m, k) of what the base model describes of white columns (m, N, 3), in an orthonormal basis.
+        """Return coordinates (m, k), orthonormal, of what the base model describes of white columns (m, N, 3).
 
         Products of columns less products of these are the products of what the base model leaves of them."""
         return np.concatenate([part.inside(rows) for part, rows in zip(self._parts, _split(columns))]).T
+
+    def inside_of(self, waves: Any, directions: NDArray[Any]) -> NDArray[np.float32]:
+        """Return these coordinates (m, d, k) of waves (m, N) times directions (d, N, 3) in diagonal noise, single."""
+        white = (directions * self.whitening.factors).astype(np.float32)
+        return np.concatenate([part.inside_of(waves, white[..., list(axes)])
+                               for part, axes in zip(self._parts, PARTS)], 2)
+
+    @property
+    def log_dets(self) -> tuple[float, float]:
+        """The logarithms of the determinants of the normal equations, of what is determined: of z, and of x and y."""
+        return self._parts[0].log_det, self._parts[1].log_det
+
+    @property
+    def ranks(self) -> tuple[int, int]:
+        """The ranks of z, and of x and y."""
+        return self._parts[0].rank, self._parts[1].rank
+
+    @property
+    def leverage(self) -> Floats:
+        """The share of each white coordinate that the base model describes, (N, 3)."""
+        z, w = (part.leverage for part in self._parts)
+        return np.column_stack([w.reshape(-1, 2), z])
 
     def parameters(self, columns: Floats) -> BaseParameters:
         """Return the BaseParameters that describe columns (m, N, 3) best, in the gauge; of what was not touched NaN."""

@@ -6,7 +6,7 @@ readings y are x = (A'A + Z Z')^-1 A'y. Z is known beforehand: one Cholesky fact
 often, and with which weights. The CMM is eliminated where its own block is diagonal; 4 n and 5 n unknowns are left.
 """
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -62,6 +62,9 @@ class Part:
         left = _dense(normal[:kept, :kept]) - (self._across / self._own) @ self._across.T
         left += scale * fixed @ fixed.T
         left[np.diag_indices(kept)] += scale * ~used[:kept]
+        null = np.linalg.qr(unseen)[0][:kept]
+        scaled = fixed.shape[1] + np.count_nonzero(~used)
+        self._of_gauge = -np.linalg.slogdet(null.T @ null)[1] - scaled * np.log(scale)
         norm = float(np.abs(left).sum(axis=0).max(initial=0))
         self._root, failed = scipy.linalg.lapack.dpotrf(left, lower=1, overwrite_a=1)
         if failed or scipy.linalg.lapack.dpocon(self._root, norm, uplo='L')[0] < DOUBTFUL:
@@ -116,6 +119,45 @@ class Part:
         first = scipy.linalg.solve_triangular(root, right[:self._kept] - (across / size.T) @ last, lower=True,
                                               check_finite=False)
         return np.concatenate([first, last])
+
+    def inside_of(self, waves: Any, directions: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return these coordinates (m, d, k) of waves (m, N), dense or sparse, times white directions (d, N, axes).
+
+        Single precision; no column is written out. Only where the noise of each coordinate is its own."""
+        design, count = self._single[0], len(self._axes)
+        if isinstance(design, np.ndarray):
+            weighted: Any = sum(design[k::count] * directions[..., k, None] for k in range(count))
+            mixed = (weighted @ self._mix).transpose(1, 0, 2).reshape(directions.shape[1], -1)
+            return np.asarray(waves @ mixed).reshape(waves.shape[0], len(directions), -1)
+        weighted = scipy.sparse.hstack([
+            sum(scipy.sparse.diags_array(one[:, k]) @ design[k::count] for k in range(count))
+            for one in directions], format='csr')
+        right = waves @ weighted
+        right = right.toarray() if scipy.sparse.issparse(right) else np.ascontiguousarray(right)
+        return np.asarray((right.reshape(-1, len(self._mix)) @ self._mix).reshape(len(right), len(directions), -1))
+
+    @cached_property
+    def _mix(self) -> NDArray[np.float32]:
+        """What makes right sides (q,) coordinates (k,), (q, k), single."""
+        size = np.sqrt(self._own)
+        last = np.vstack([np.zeros((self._kept, size.size)), np.diag(1 / size)])
+        first = self._half(np.hstack([np.eye(self._kept), -self._across / self._own])).T
+        return np.asarray(np.hstack([first, last]), dtype=np.float32)
+
+    @property
+    def log_det(self) -> float:
+        """The logarithm of the determinant of the normal equations without the combinations that no readings see."""
+        return float(2 * np.sum(np.log(np.diag(self._root))) + np.sum(np.log(self._own)) + self._of_gauge)
+
+    @cached_property
+    def leverage(self) -> Floats:
+        """The share of each white row that the design describes, (rows,)."""
+        every = _dense(self._design).T
+        right = every if self._white is None else self._whitened(_dense(self._design)).T
+        size = np.sqrt(self._own)[:, None]
+        last = right[self._kept:] / size
+        return np.asarray(np.sum(self._half(right[:self._kept] - (self._across / size.T) @ last)**2, axis=0)
+                          + np.sum(last**2, axis=0))
 
     def parameters(self, rows: Floats) -> Floats:
         """Return the unknowns (q, m) of white rows (rows, m), in the gauge."""
@@ -181,6 +223,7 @@ def _dense(matrix: Any) -> Floats:
     return found
 
 
+@lru_cache(maxsize=4)
 def designs(run: Run, terms: tuple[str, ...] = BASE_TERMS) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]:
     """Return the sparse designs of z, (N, 5 n): ctz, R crx, R cry, P_z, M_z, and of (x, y), (2 N, 7 n).
 
@@ -200,6 +243,7 @@ def _sparse(entries: Entries, width: int, axes: int = 1) -> scipy.sparse.csr_arr
     return scipy.sparse.csr_array((value.ravel(), (row.ravel(), column.ravel())), shape=(axes * size, width))
 
 
+@lru_cache(maxsize=8)
 def _z_gauge(n: int) -> Gauge:
     phi = nominal_angles(n)
     c, s, one, o = np.cos(phi), np.sin(phi), np.ones(n), np.zeros(n)
@@ -214,6 +258,7 @@ def _z_gauge(n: int) -> Gauge:
         [one, o, o, o, o], [o, o, o, o, one], [o, one, o, o, o], [o, o, one, o, o], [o, c, s, o, o], [o, -s, c, o, o]])
 
 
+@lru_cache(maxsize=8)
 def _w_gauge(n: int) -> Gauge:
     phi = nominal_angles(n)
     c, s, one, o = np.cos(phi), np.sin(phi), np.ones(n), np.zeros(n)

@@ -1,0 +1,251 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Free courses: a motion of a body that depends on what a run records by any function, without a physical name.
+
+A function of one variable is a Gaussian process on its cosines or waves (Solin and Sarkka 2020), one of two variables
+the product of both: a column each, and the prior variance of its amplitude. They compete with the named effects. One
+that wins is no cause: it tells on what the readings depend and which body moves; a model may keep it as a term.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+
+from rosette_ros.core.effects import run_functions as on
+from rosette_ros.core.effects.effect import Effect, Factors, Quantity, Searched, Setting
+from rosette_ros.core.records import Floats, Run
+
+NAME = 'free'
+TIMES = ' × '
+MOST, MOST_OF_TWO = 48, 24
+"""Functions of a course at most, of one variable and of two: more would describe single readings."""
+LEAST = 1e-3
+"""Prior variance of a function, over that of the first, below which it is left out: 3 % of its size."""
+BORDER = 0.25
+"""Share of the range of a variable by which its cosines go on at either end, so that they are free there."""
+STANDS_STILL = 1e-3
+"""Change of a variable, over its size, that is rounding or the clock's, and no variable."""
+MATERN = {'slow': (0.6, 2), 'middle': (0.2, 2), 'quick': (0.07, 2), 'rough': (0.3, 1)}
+"""Length over the range, and smoothness, of the processes of a variable: 2 once differentiable, 1 a random walk."""
+WAVES = {'smooth': 1.5, 'each': np.inf}
+"""Waves per turn at which the size of a process of an angle has fallen to a half; each value by itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class Variable:
+    """What a run records of its readings: values of it (N,) in a unit, functions of it (K, N), and their prior
+    variances (K,) by kind of process."""
+
+    name: str
+    unit: str
+    values: Floats
+    functions: Floats
+    kinds: dict[str, Floats]
+
+    @property
+    def pairs(self) -> tuple[str, ...]:
+        """The kinds of process of which products are made: the smoothest, and every ball by itself."""
+        return tuple(self.kinds)[:2 if self.name == 'ball' else 1]
+
+    @property
+    def of_ball(self) -> tuple[str, ...]:
+        """The kinds of process of one ball, which has few readings: the smoothest and the roughest."""
+        return tuple(dict.fromkeys((next(iter(self.kinds)), *self.kinds)[::max(len(self.kinds), 1)]))
+
+
+def _ordinary(name: str, unit: str, values: Floats, kinds: tuple[str, ...]) -> list[Variable]:
+    """Return a variable on a line, by cosines that reach beyond its range; none where it hardly changes."""
+    if np.ptp(values) <= STANDS_STILL * np.abs(values).max():
+        return []
+    u = (values - values.min()) / (np.ptp(values) or 1.0)
+    order = np.arange(1, min(MOST, max(3, np.unique(values).size - 1)) + 1)
+    angle = np.pi * order / (1 + 2 * BORDER)
+    functions = np.cos(angle[:, None] * (u + BORDER))
+    return [Variable(name, unit, values, functions, {
+        kind: (1 + (angle * length)**2 / (2 * order - 1))**-float(order) for kind in kinds
+        for length, order in [MATERN[kind]]})]
+
+
+def _angle(name: str, values: Floats, top: int, kinds: tuple[str, ...] = tuple(WAVES)) -> Variable:
+    """Return a variable on a circle, by its waves up to an order."""
+    order = np.repeat(np.arange(1, top + 1), 2)
+    phase = order[:, None] * values
+    functions = np.where(np.arange(2 * top)[:, None] % 2, np.sin(phase), np.cos(phase))
+    seen = np.abs(functions).max(axis=1) > 1e-9
+    order = order[seen]
+    return Variable(name, 'rad', np.mod(values, 2 * np.pi), functions[seen],
+                    {kind: 1 / (1 + (order / WAVES[kind])**4) for kind in kinds})
+
+
+@lru_cache(maxsize=2)
+def variables(run: Run) -> tuple[Variable, ...]:
+    """Return the variables that a run records and that change in it."""
+    time, psi, top = on.seconds(run), on.travel(run), run.n // 2
+    gap = np.diff(time, prepend=time[:1])
+    found = [*_ordinary('time', 's', time, tuple(MATERN)), _angle('table angle', run.phi, top),
+             _angle('CMM position', run.alpha, top), _angle('ball', run.beta, top)]
+    move = np.diff(psi, prepend=psi[:1] - 2 * np.pi / run.n * np.sign(run.approach[:1] or 1))
+    moved = np.maximum.accumulate(np.where(np.abs(move) > 1e-9, np.arange(run.size), 0))
+    if 'table_travel' not in run.unrecorded:
+        if np.ptp(psi) > 2.4 * np.pi:  # of one turn it is the table angle
+            turns = np.ptp(psi) / (2 * np.pi)
+            found += _ordinary('travel', 'rad', psi, ('slow', 'middle', 'quick'))
+            for part in (2, 3):
+                if turns > part:
+                    order = np.arange(1, 2 * part)
+                    order = order[order % part > 0]
+                    waves = np.concatenate([np.cos(order[:, None] * psi / part), np.sin(order[:, None] * psi / part)])
+                    found.append(Variable('travel', 'rad', psi, waves, {f'{part} turns': np.ones(len(waves))}))
+        size = np.abs(move[moved])
+        if np.unique(np.round(size, 6)).size > 1:
+            found += _ordinary('move size', 'rad', move[moved], ('slow', 'middle'))
+            found += _ordinary('move size', 'rad', size, ('slow', 'middle'))
+        found += _ordinary('time since move', 's', np.log1p(time - time[moved] + gap[moved]), ('slow', 'middle'))
+    if np.any(run.approach) and np.ptp(run.approach) > 0:
+        found.append(Variable('table sense', '', 1.0 * run.approach, 1.0 * run.approach[None], {'sense': np.ones(1)}))
+    found += _ordinary('touches', '1', np.log1p(np.arange(run.size)), ('slow',))
+    if run.is_gapless:
+        theta, known = on.last_move(run)
+        direction = _angle('cmm direction', theta, min(4, top), ('smooth',))
+        found.append(replace(direction, functions=direction.functions * known[:, 0]))
+        spot = on.radial(run.alpha)
+        way = np.linalg.norm(np.diff(spot, axis=0, prepend=spot[:1]), axis=1)
+        last = np.maximum.accumulate(np.where(way > 1e-9, np.arange(run.size), 0))
+        if np.unique(np.round(way[last], 6)).size > 2:
+            found += _ordinary('cmm distance', '1', way[last], ('slow', 'middle'))
+    senses = on.cmm_senses(run)
+    if np.isfinite(senses).all() and np.ptp(senses, axis=1).any():
+        found.append(Variable('cmm sense', '', senses[0], senses, {'sense': np.ones(len(senses))}))
+    change = on.temperature_change(run)
+    if np.isfinite(change).all() and np.ptp(change) > 0:
+        found += _ordinary('temperature', 'K', change, ('slow', 'middle'))
+    return tuple(found)
+
+
+@lru_cache(maxsize=2)
+def motions(run: Run) -> dict[str, Floats]:
+    """Return the directions (d, N, 3) in which bodies can move the balls, of unit length at the balls, by words."""
+    along, z = on.along_machine(run), on.unit(2, run.size)
+    plate = np.moveaxis(on.plate_axes(run), -1, 0)
+    waves = {name: np.stack([np.sin(angle), -np.cos(angle)])[..., None] * z
+             for name, angle in (('frame', run.alpha), ('plate', run.beta))}
+    scales = on.cmm_axes(run)
+    place = on.radial(run.alpha) @ scales.T  # of the two axes of the CMM across the table axis
+    across = np.stack([place[:, i, None] * scales[j] for i in range(2) for j in range(2)])
+    return {
+        'frame along z': along[2:], 'frame along x': along[:1], 'frame along y': along[1:2],
+        'frame along x and y': along[:2], 'frame along x, y and z': along,
+        'plate along its x and y': plate[:2], 'plate along its x, y and z': plate,
+        'plate growing': on.radial(run.alpha)[None], 'table or plate turning': on.tangential(run.alpha)[None],
+        'table axis tilting': waves['frame'], 'plate tilting': waves['plate'],
+        'scales and squareness of the CMM': across}
+
+
+PLAIN = ('frame along z', 'frame along x and y', 'plate growing', 'table or plate turning', 'table axis tilting')
+"""Motions of courses of two variables."""
+OF_BALL = ('frame along z', 'plate along its x and y', 'plate along its x, y and z')
+"""Motions of one ball, or of each by itself."""
+
+
+class FreeEffect(Effect):
+    """Any function of one or two variables times a motion of a body."""
+
+    name = NAME
+    plain = 'motion that depends on what the run records, without a name'
+    meaning = 'A body moves with what the run records, by no law of the library.'
+    look = 'What the readings depend on, in the cell.'
+    formula = 'any function, as a sum of cosines or waves'
+    source = 'Solin and Sarkka (2020), Hilbert space methods for Gaussian processes'
+    repeatable = True
+    searched = (Searched('of', '', 'variables, one or two, or one ball and a variable'),
+                Searched('kind', '', 'how quickly it changes with them'),
+                Searched('along', '', 'which body moves along what'))
+
+    def families(self, run: Run) -> Iterator[tuple[str, tuple[Setting, ...]]]:
+        """Yield the variables and the settings of each set of variables."""
+        every = variables(run)
+        single: dict[str, list[Setting]] = {}
+        for one in every:
+            single.setdefault(one.name, []).extend(
+                self._setting(one.name, kind, along) for kind in one.kinds for along in motions(run))
+        yield from ((name, tuple(dict.fromkeys(some))) for name, some in single.items())
+        pairs: dict[str, list[Setting]] = {}
+        for one, other in combinations(every, 2):
+            if one.name != other.name and 'touches' not in (one.name, other.name):
+                kinds = [(a, b) for a in one.pairs for b in other.pairs]
+                pairs.setdefault(one.name + TIMES + other.name, []).extend(
+                    self._setting(one.name + TIMES + other.name, f'{a}, {b}', along)
+                    for a, b in kinds for along in PLAIN)
+        yield from ((name, tuple(dict.fromkeys(some))) for name, some in pairs.items())
+        for one in every:
+            if one.name not in ('ball', 'touches', 'CMM position'):
+                yield 'one ball' + TIMES + one.name, tuple(
+                    self._setting(f'ball {ball}' + TIMES + one.name, kind, along) for ball in run.balls
+                    for kind in one.of_ball for along in OF_BALL)
+
+    @staticmethod
+    def _setting(of: str, kind: str, along: str) -> Setting:
+        return Setting(of=of, kind=kind, along=along)
+
+    def settings(self, run: Run) -> tuple[Setting, ...]:
+        return tuple(setting for _, some in self.families(run) for setting in some)
+
+    def course(self, run: Run, setting: Setting) -> tuple[Floats, Floats]:
+        """Return the functions (k, N) of a setting and their prior variances (k,), the largest 1."""
+        return _course(run, setting.word('of'), setting.word('kind'))
+
+    @staticmethod
+    def variables_of(setting: Setting) -> frozenset[str]:
+        """Return the variables on which a setting depends."""
+        return frozenset('ball' if name.startswith('ball ') else name for name in setting.word('of').split(TIMES))
+
+    def beside(self, run: Run, effect: Effect, setting: Setting) -> Iterator[Setting]:
+        """Yield the free twins of an effect: the motions of its body by any function of what it depends on."""
+        ball = f'ball {setting.whole("ball")}{TIMES}' if effect.body == 'ball' and setting.get('ball') else ''
+        for one in variables(run):
+            if one.name in effect.variables:
+                for along in OF_BALL if ball else motions(run):
+                    if ball or effect.body.split()[0] in along:
+                        yield from (self._setting(ball + one.name, kind, along) for kind in one.kinds)
+
+    def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
+        count, directions = len(self.course(run, setting)[1]), len(motions(run)[setting.word('along')])
+        return tuple(Quantity(f'c{k + 1}_{d + 1}', 'm', f'amplitude of function {k + 1} along direction {d + 1}')
+                     for k in range(count) for d in range(directions))
+
+    def factors(self, run: Run, settings: tuple[Setting, ...]) -> list[Factors]:
+        return [Factors([one], self.course(run, one)[0][None], motions(run)[one.word('along')],
+                        ((0, tuple(range(len(motions(run)[one.word('along')])))),)) for one in settings]
+
+    def columns(self, run: Run, setting: Setting) -> Floats:
+        functions, directions = self.course(run, setting)[0], motions(run)[setting.word('along')]
+        return np.moveaxis((functions[:, None, :, None] * directions).reshape(-1, run.size, 3), 0, -1)
+
+
+@lru_cache(maxsize=2048)
+def _course(run: Run, of: str, kind: str) -> tuple[Floats, Floats]:
+    names, kinds = of.split(TIMES), kind.split(', ')
+    parts = []
+    for name, own in zip(names[-len(kinds):], kinds):
+        one = next(v for v in variables(run) if v.name == name and own in v.kinds)
+        keep = one.kinds[own] > LEAST * one.kinds[own].max()
+        parts.append((one.functions[keep], one.kinds[own][keep]))
+    functions, variance = parts[0]
+    if len(parts) == 2:
+        other, more = parts[1]
+        both = variance[:, None] * more
+        a, b = np.unravel_index(np.argsort(-both, axis=None, kind='stable')[:MOST_OF_TWO], both.shape)
+        functions, variance = functions[a] * other[b], both[a, b]
+    if names[0].startswith('ball ') and len(kinds) < len(names):
+        own_ball = run.ball == int(names[0].removeprefix('ball '))
+        functions, variance = functions[:run.n - 1], variance[:run.n - 1]
+        functions = (functions - functions[:, own_ball].mean(axis=1, keepdims=True)) * own_ball
+    keep = variance > LEAST * variance.max()
+    functions, variance = functions[keep][:MOST], variance[keep][:MOST]
+    functions.setflags(write=False)
+    return functions, variance / variance.max()
+
+
+FREE = FreeEffect()

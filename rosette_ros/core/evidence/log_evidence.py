@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The one score: the log evidence of a hypothesis about a run, members and noise together.
+
+With y what the model leaves of the readings, m its degrees of freedom, and D_i the columns of member i, orthonormal in
+the readings (of a free course: of the sizes of its process),
+
+    y | H ~ N(0, sigma^2 [1 + sum_i tau_i^2 M D_i' D_i M]),   p(sigma) ~ 1 / sigma,   ln tau_i uniform over SIZES,
+
+in white coordinates of the noise. Settings are uniform over their grid and summed over. The prior of a set of members
+is a Poisson process: EXPECTED members in a run, A_FREE of which have no name, shared out evenly over the families but
+for what each has to find, SEARCHED.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg
+
+from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.evidence.bank import HIDDEN_SHARE, Bank, CauseFamily, Key, columns_of
+from rosette_ros.core.model.least_squares import JointSpace
+from rosette_ros.core.records import Floats, Ints, Run
+
+MANY = 4
+"""Columns over rows of members from which on these are the less work."""
+ROUNDING = 1e-5
+"""Square of the visible share of a direction below which single precision says nothing of it."""
+EXPECTED = 1.0
+"""Effects that a run which is diagnosed is expected to have: calibrated on simulated clean runs."""
+A_FREE = 0.1
+"""Share of the causes in cells that the library does not name."""
+SEARCHED = 1.0
+"""Each number that has to be searched makes a cause rarer by e: so many particular things are seldom true."""
+SIZES = 2.0**np.arange(1, 12.25, 0.5)
+"""Sizes of a member over sigma, the root of its square sum over all readings, that are summed over: from what can
+hardly be seen to what a cell stops for."""
+
+
+def log_mean(values: Floats) -> Floats:
+    """Return the logarithm of the mean of exp of values along the last axis."""
+    top = values.max(axis=-1, keepdims=True)
+    return np.asarray(top[..., 0] + np.log(np.mean(np.exp(values - top), axis=-1)))
+
+
+def of_sizes(gram: Floats, product: Floats, left: float, dof: int, sizes: Floats = SIZES) -> Floats:
+    """Return the log Bayes factor of blocks for each size, (b, sizes), beside what leaves the square sum `left`.
+
+    gram: (b, q, q), product: (b, q) of the blocks with themselves and with what is left.
+    """
+    value, vector = decomposed(gram)
+    return beside(value, _turned(vector, product[..., None])[..., 0], None, left, dof, sizes)
+
+
+def decomposed(gram: Floats) -> tuple[Floats, Floats]:
+    """Return eigenvalues (b, q) and eigenvectors (b, q, q) of products of blocks; hidden directions are zero."""
+    value, vector = np.linalg.eigh(gram) if gram.shape[1] > 1 else (gram[:, 0], np.ones_like(gram))
+    return np.maximum(value, 0), vector * (value > ROUNDING)[:, None]
+
+
+def _turned(vector: Floats, rows: Floats) -> Floats:
+    return np.asarray(vector.transpose(0, 2, 1) @ rows)
+
+
+def beside(value: Floats, product: Floats, across: Floats | None, left: float, dof: int, sizes: Floats) -> Floats:
+    """Return the same as `of_sizes` of blocks of which the products are diag(value) - across across'.
+
+    value, product: (b, q), the latter with what is left; across: (b, q, k), None for nothing. Woodbury's identity."""
+    square = sizes**2
+    grown = 1 + value[:, None] * square[:, None]
+    shrunk = square[:, None] / grown
+    log_det, fall = np.log(grown).sum(axis=2, dtype=float), (shrunk @ product[..., None]**2)[..., 0]
+    if across is not None:
+        b, q, k = across.shape
+        every = np.concatenate([across, product[..., None]], axis=2)
+        both = (across[..., None] * every[:, :, None]).reshape(b, q, -1)
+        system = -(shrunk @ both).reshape(b, -1, k, k + 1).transpose(2, 3, 0, 1)  # of what members leave, and products
+        system[np.arange(k), np.arange(k)] += 1
+        for j in range(k):  # elimination; a direction that nothing is left of is rounding
+            pivot = np.maximum(system[j, j], ROUNDING)
+            log_det += np.log(pivot)
+            fall += system[j, k]**2 / pivot
+            system[j + 1:, j + 1:] -= system[j + 1:, j, None] / pivot * system[j, j + 1:]
+    return np.asarray(-0.5 * log_det - 0.5 * dof * np.log1p(-np.minimum(fall / left, 1 - 1e-12)))
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """A family at a setting: rows (q, 3 N), T M D of what the model leaves in white coordinates.
+
+    volume: log of what the sum over all settings is worth over this one; size: the likeliest of SIZES.
+    """
+
+    family: CauseFamily
+    setting: Setting
+    rows: Floats
+    volume: float
+    size: float = 16.0
+
+    @property
+    def name(self) -> str:
+        """The name of the effect, or the variables of a free course."""
+        return self.family.name
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """What a model leaves of the blocks of a group that are seen, (b,); number: of the setting in the bank.
+
+    value, vector: (b, q), (b, q, q) of their products; product: (b, q) of vectors with what is left.
+    """
+
+    seen: Ints
+    number: Ints
+    value: Floats
+    vector: Floats
+    product: Floats
+
+    def log_bf(self, across: Floats | None, state: 'State') -> Floats:
+        """Return the log Bayes factors of the blocks, all sizes included; across: their products with the members."""
+        value, product, dof = self.value, self.product, state.evidence.dof
+        if across is None:
+            return log_mean(beside(value, product, None, state.left, dof, SIZES[::2]))
+        used = _turned(self.vector, across[self.seen]) @ state.root.astype(np.float32)
+        product = product - used @ (state.root.T @ state.product).astype(np.float32)
+        if MANY * used.shape[2] < value.shape[1]:
+            return log_mean(beside(value, product, used, state.left, dof, SIZES[::2]))
+        gram = value[:, None] * np.eye(value.shape[1], dtype=np.float32) - used @ used.transpose(0, 2, 1)
+        return log_mean(of_sizes(gram, product, state.left, dof, SIZES[::2]))
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """What a family is worth beside a state: gain in log evidence, prior and all settings included.
+
+    setting: the best one; volume: as of Cause.
+    """
+
+    gain: float
+    family: CauseFamily
+    setting: Setting
+    volume: float
+
+
+class Evidence:
+    """The readings of a run under a model and a noise, and the bank of candidates.
+
+    y: (3 N,) what the model leaves, white, in units of its rms; dof: its degrees of freedom; log_prior: of the noise;
+    shift: what is added to every log evidence, so that hypotheses under several noises can be compared.
+    """
+
+    def __init__(self, run: Run, bank: Bank, space: JointSpace, residual: Floats, dof: int) -> None:
+        self.run, self.bank, self.space, self.dof = run, bank, space, dof
+        self.scale = float(np.sqrt(np.sum(residual**2) / dof)) or 1.0
+        self.y: Floats = residual.reshape(-1) / self.scale
+        self.total = float(self.y @ self.y)
+        left = bank.left(space)
+        self.shares = bank.seen(left)
+        self.blocks: dict[Key, Blocks] = {}
+        for key, product in bank.products(self.y[None], space.whitening).items():
+            seen = np.flatnonzero(self.shares[key] >= HIDDEN_SHARE)
+            value, vector = decomposed(left.pop(key)[seen])
+            turned = _turned(vector, product[seen])[..., 0]
+            self.blocks[key] = Blocks(seen, bank.groups[key].number[seen], value, vector, turned)
+
+    def member(self, family: CauseFamily, setting: Setting, volume: float) -> Cause:
+        """Return a family at any setting as a Cause."""
+        rows = self.space.residual(columns_of(family, self.run, setting))
+        return Cause(family, setting, rows.reshape(len(rows), -1), volume)
+
+    @cached_property
+    def empty(self) -> 'State':
+        """The state of nothing."""
+        return State(self, ())
+
+
+class State:
+    """A set of members and its log evidence."""
+
+    def __init__(self, evidence: Evidence, members: Sequence[Cause]) -> None:
+        self.evidence = evidence
+        rows = [one.rows for one in members]
+        self._ends = np.cumsum([0, *map(len, rows)])
+        self.rows = np.concatenate([np.zeros((0, evidence.y.size)), *rows])
+        self._gram, self.product = self.rows @ self.rows.T, self.rows @ evidence.y
+        sizes = np.array([one.size for one in members])
+        occam = np.zeros(len(members))
+        for _ in range(3 if len(members) > 1 else 1):
+            before = sizes.copy()
+            for k in range(len(members)):
+                line = self._line(k, sizes)
+                sizes[k] = SIZES[int(np.argmax(line))]
+                occam[k] = float(log_mean(line)) - line.max()
+            if np.array_equal(before, sizes):
+                break
+        self.members = tuple(replace(one, size=float(size)) for one, size in zip(members, sizes))
+        self.root, log_det = self._root(range(len(members)), sizes)
+        self.inverse = self.root @ self.root.T
+        self.left = evidence.total - float(self.product @ self.inverse @ self.product)
+        self.likelihood = -0.5 * log_det - 0.5 * evidence.dof * math.log(max(self.left / evidence.total, 1e-12))
+        self.log_evidence = float(self.likelihood + occam.sum()
+                                  + sum(one.volume + one.family.log_prior for one in members))
+
+    def _root(self, which: Sequence[int], sizes: Floats) -> tuple[Floats, float]:
+        """Return R with R R' = (G + 1/tau^2)^-1 of some members, 0 for the others, and ln det(1 + tau G tau)."""
+        size = np.zeros(len(self.product))
+        for k in which:
+            size[self._ends[k]:self._ends[k + 1]] = sizes[k]
+        if not size.any():
+            return np.zeros_like(self._gram), 0.0
+        root = np.linalg.cholesky(np.eye(len(size)) + size[:, None] * self._gram * size)
+        half = scipy.linalg.solve_triangular(root, np.diag(size), lower=True, check_finite=False)
+        return np.asarray(half.T), 2 * float(np.log(np.diag(root)).sum())
+
+    def _line(self, k: int, sizes: Floats) -> Floats:
+        """Return the log Bayes factor of a member beside the others for each of SIZES."""
+        root, _ = self._root([j for j in range(len(sizes)) if j != k], sizes)
+        inverse = root @ root.T
+        own = slice(self._ends[k], self._ends[k + 1])
+        across = self._gram[own] @ inverse
+        left = self.evidence.total - float(self.product @ inverse @ self.product)
+        return of_sizes((self._gram[own, own] - across @ self._gram[:, own])[None],
+                        (self.product[own] - across @ self.product)[None], left, self.evidence.dof)[0]
+
+    def fitted(self, place: int) -> Floats:
+        """Return what a member explains of the readings, (3 N,), of what the model leaves, in units of its rms."""
+        own = slice(self._ends[place], self._ends[place + 1])
+        return np.asarray((self.inverse @ self.product)[own] @ self.rows[own])
+
+    def line(self, rows: Floats) -> Floats:
+        """Return the log Bayes factor of further rows (q, 3 N) beside the members for each of SIZES."""
+        across = rows @ self.rows.T
+        used = across @ self.inverse
+        return of_sizes((rows @ rows.T - used @ across.T)[None], (rows @ self.evidence.y - used @ self.product)[None],
+                        self.left, self.evidence.dof)[0]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the members, sorted."""
+        return tuple(sorted(one.name for one in self.members))
+
+    def without(self, place: int) -> tuple[Cause, ...]:
+        """Return the members but one."""
+        return self.members[:place] + self.members[place + 1:]
+
+    def offers(self, is_open: bool = True) -> list[Suggestion]:
+        """Return the Suggestion of every family beside the members, best first; is_open: of free courses, too."""
+        evidence, bank = self.evidence, self.evidence.bank
+        across = bank.products(self.rows, evidence.space.whitening, is_open) if len(self.rows) else {}
+        log_bf = np.full(bank.ends[-1], -np.inf)
+        for key, blocks in evidence.blocks.items():
+            if is_open or not key[1]:
+                log_bf[bank.groups[key].number] = 0.0  # as likely as nothing where it is hidden
+                log_bf[blocks.number] = blocks.log_bf(across.get(key), self)
+        out = []
+        for family, start, end in zip(bank.families, bank.ends, bank.ends[1:]):
+            value = log_bf[start:end]
+            if np.isfinite(value).any():
+                best, whole = int(np.argmax(value)), float(log_mean(value))
+                out.append(Suggestion(whole + family.log_prior, family, family.settings[best],
+                                      whole - float(value[best])))
+        return sorted(out, key=lambda one: -one.gain)
+
+
+def with_priors(families: Sequence[CauseFamily]) -> Sequence[CauseFamily]:
+    """Share the expected effects out over the families of a run, and return these."""
+    for is_free in (False, True):
+        some = [family for family in families if family.is_free == is_free]
+        weight = np.array([math.exp(-SEARCHED * (family.name.count('×') if is_free else sum(
+            one.kind != 'choice' for one in family.effect.searched))) for family in some])
+        share = EXPECTED * (A_FREE if is_free else 1 - A_FREE)
+        for family, own in zip(some, weight / weight.sum() if len(some) else ()):
+            family.log_prior = math.log(share * own)
+    return families

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hypotheses under every kind of noise that a run may have: effects and noise compete by the one score."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from rosette_ros.core.errors import NotDeterminable
+from rosette_ros.core.evidence.bank import columns_of
+from rosette_ros.core.evidence.hypotheses import NEAR, Search
+from rosette_ros.core.evidence.log_evidence import Cause, State
+from rosette_ros.core.evidence.noise_kinds import LEAST, NOT_WHITE, Beside, Found, NoiseKinds
+from rosette_ros.core.evidence.posterior import Key, Posterior
+from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.model.noise import Noise
+
+MOST = 4
+"""Searches beside that in white noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What a run is explained by: all probabilities, the State of the best hypothesis, and the noise of that."""
+
+    posterior: Posterior
+    state: State
+    noise: Noise
+
+
+def kinds_beside(fitted: Fit, members: tuple[Cause, ...] = (), scale: float | None = None,
+                 least: float = LEAST) -> list[Found]:
+    """Return the kinds of noise beside the effects of a fit in white noise and further members, best first.
+
+    scale: of the residual, m, over which members have their sizes; least: log evidence that is of use."""
+    run, none = fitted.run, np.zeros((0, fitted.run.size, 3))
+    columns = [columns_of(one.family, run, one.setting) for one in members]
+    sizes = np.array([one.size for one, rows in zip(members, columns) for _ in rows])
+    beside = Beside(run, fitted.mean_radius, fitted.model.base, fitted.residual / (scale or fitted.rms),
+                    fitted.joint.every, np.concatenate([none, *columns]), sizes)
+    return NoiseKinds(beside, fitted.model.noise).found(least)
+
+
+def choose(white: Search, fitted: Fit, under: Callable[[Noise], Search]) -> Choice:
+    """Return the Choice for a run; white: the search in white noise of a fit; under: makes that in another noise."""
+    best = white.best()
+    values: dict[Key, float] = {}
+    searches: dict[tuple[str, ...], tuple[Search, Noise]] = {(): (white, Noise())}
+
+    def take(search: Search, kinds: tuple[str, ...], shift: float) -> None:
+        for names, value in search.values.items():
+            key = names, kinds
+            values[key] = max(values.get(key, -np.inf), value + shift)
+
+    take(white, (), math.log(1 - NOT_WHITE))
+    waiting, tried = [(), *([best.members] if best.members else [])], set[Key]()
+    while waiting and len(tried) < MOST:
+        members = waiting.pop(0)
+        base = State(white.evidence, [white.evidence.member(one.family, one.setting, one.volume) for one in members])
+        useful = max(values.values()) - 2 * NEAR - base.log_evidence  # to make it the best after a search under it
+        found = kinds_beside(fitted, base.members, white.evidence.scale, max(LEAST, useful))
+        for one in found[:2]:
+            if (not one.kinds or one.log_evidence < found[0].log_evidence - NEAR / 3 or (base.names, one.kinds) in tried
+                    or one.log_evidence < useful):
+                continue
+            tried.add((base.names, one.kinds))
+            try:
+                search = under(one.noise)
+            except NotDeterminable:
+                continue  # under this noise a part of the readings counts for nothing
+            here = State(search.evidence, [search.evidence.member(each.family, each.setting, each.volume)
+                                           for each in base.members])
+            own = search.best()
+            take(search, one.kinds, base.log_evidence + one.log_evidence - here.log_evidence)
+            searches[one.kinds] = search, one.noise
+            if own.names not in (base.names, best.names) and (own.names, one.kinds) not in tried:
+                waiting.append(own.members)
+    posterior = Posterior(values)
+    names, kinds = posterior.best
+    search, noise = searches[kinds]
+    return Choice(posterior, search.state(names), noise)

@@ -1,0 +1,289 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Kinds of noise: what each is, and its log evidence beside the members of a hypothesis.
+
+Scatter differs: the coordinates fall into groups (axes, balls, places, parts of the run, readings, single coordinates),
+the weight of each is drawn from a gamma distribution of mean 1 and nu / 2; a group of one is Student's distribution of
+nu degrees of freedom. The evidence is summed over nu, the weights are found by variational Bayes.
+
+Wander: beside white noise a frame that moves at random, u_r = phi u_(r-1) + white, of another share along z than along
+x and y; summed over phi, the shares and the sizes of the axes.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg
+from scipy.special import digamma, gammaln
+
+from rosette_ros.core.errors import NotDeterminable
+from rosette_ros.core.evidence.log_evidence import log_mean
+from rosette_ros.core.model.base_space import NormalSpace
+from rosette_ros.core.model.model import NOISE_TERMS
+from rosette_ros.core.model.noise import Noise, Whitening, places
+from rosette_ros.core.records import Floats, Ints, Run
+
+NOT_WHITE = 0.2
+"""Share of the runs whose noise is not white and equal, shared out evenly over its kinds."""
+LEAST = math.log(1 - NOT_WHITE) - 5
+"""Log evidence over white noise without prior below which a kind is not looked at."""
+DEGREES = np.array([1.5, 3.0, 6.0, 12.0, 25.0])
+"""Degrees of freedom of the weights of groups that are summed over: from wild to hardly any difference."""
+MEMORIES = (0.3, 0.6, 0.8, 0.9, 0.97, 1.0)
+"""phi of the wander that are summed over."""
+SHARES = 2.0**np.arange(-6, 7, 2)
+"""Variances of the wander over that of the white noise that are summed over; of a random walk: after the run."""
+RATIOS = 2.0**np.arange(-2, 2.5, 0.5)
+"""Sizes of the noise of z over that of x and y beside a wander that are summed over."""
+WANDER = 'wander'
+STEPS = 12
+"""Steps of variational Bayes at most: it has converged where the evidence grows by less than TOLERANCE."""
+TOLERANCE = 0.05
+SAMPLES = 32
+"""Weights that are drawn from what variational Bayes has found: the bound is lower than the evidence by a few nats."""
+
+
+class Beside:
+    """The readings of a run freed of a model and of the members of a hypothesis under any noise.
+
+    space: of the model without noise; observed: (N, 3), whatever the base model adds, in units of the residual; fixed:
+    (q, N, 3) columns of the effects of the model; members: (k, N, 3), orthonormal; sizes: (k,) of these over sigma.
+    """
+
+    def __init__(self, run: Run, lever: float, terms: tuple[str, ...], observed: Floats, fixed: Floats,
+                 members: Floats, sizes: Floats) -> None:
+        self.run, self._lever, self._terms, self.observed = run, lever, terms, observed
+        length = np.sqrt(np.maximum(np.sum(fixed**2, axis=(1, 2)), 1e-300))
+        self.columns = np.concatenate([fixed / length[:, None, None], members])
+        self.precision = np.concatenate([np.full(len(fixed), 1e-12), 1 / sizes**2])
+        self.white = self.under(Whitening(run.size, np.ones(3)))
+        self.dof = 3 * run.size - self.white.space.rank - len(fixed)
+
+    def under(self, whitening: Whitening) -> 'Left':
+        """Return what is left under a noise; raises NotDeterminable where too little counts."""
+        return Left(self, NormalSpace(self.run, self._lever, self._terms, whitening))
+
+
+class Left:
+    """What a noise leaves: by part (z; x and y) square sums, products with and of the columns, and ln det."""
+
+    def __init__(self, beside: Beside, space: NormalSpace) -> None:
+        self.beside, self.space = beside, space
+        self._rows = space.residual(np.concatenate([beside.observed[None], beside.columns]))
+        self.parts = []
+        for axes, log_det in zip(((2,), (0, 1)), space.log_dets):
+            rows = self._rows[..., list(axes)].reshape(len(self._rows), -1)
+            self.parts.append((rows @ rows.T, log_det + space.whitening.log_det_of(axes)))
+
+    def joined(self, ratio: float = 1.0) -> tuple[float, float, Floats]:
+        """Return log likelihood, square sum and amplitudes (k,) where the noise of z is by a ratio larger."""
+        (z, det_z), (w, det_w) = self.parts
+        return _joined(self.beside, z / ratio**2 + w, det_z + det_w + 2 * math.log(ratio) * self.free_of_z)
+
+    @property
+    def free_of_z(self) -> int:
+        """Degrees of freedom of z."""
+        return self.beside.run.size - self.space.ranks[0]
+
+    @cached_property
+    def fitted(self) -> tuple[Floats, Floats, float, float]:
+        """Residual (3 N,), its variance by the fit over sigma^2, (3 N,), square sum and log likelihood; raw units."""
+        likelihood, square, amplitude = self.joined()
+        rows = self._rows.reshape(len(self._rows), -1)
+        share = self.space.leverage.reshape(-1).copy()
+        if len(amplitude):
+            gram = rows[1:] @ rows[1:].T + np.diag(self.beside.precision)
+            root = np.linalg.cholesky(gram)
+            share += np.sum(scipy.linalg.solve_triangular(root, rows[1:], lower=True)**2, axis=0)
+        sd = np.broadcast_to(self.space.whitening.sd, (self.beside.run.size, 3)).reshape(-1)
+        return (rows[0] - amplitude @ rows[1:]) * sd, share * sd**2, square, likelihood
+
+
+def _joined(beside: Beside, products: Floats, log_det: float) -> tuple[float, float, Floats]:
+    square, gram = float(products[0, 0]), products[1:, 1:]
+    amplitude = np.zeros(len(gram))
+    if len(gram):
+        root = np.linalg.cholesky(gram + np.diag(beside.precision))
+        half = scipy.linalg.solve_triangular(root, products[1:, 0], lower=True, check_finite=False)
+        square -= float(half @ half)
+        amplitude = scipy.linalg.solve_triangular(root, half, lower=True, trans='T', check_finite=False)
+        log_det += 2 * float(np.sum(np.log(np.diag(root)))) - float(np.sum(np.log(beside.precision)))
+    return -0.5 * beside.dof * math.log(max(square, 1e-300)) - 0.5 * log_det, square, amplitude
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A noise and its log evidence, prior included, over that of white noise without prior."""
+
+    kinds: tuple[str, ...]
+    noise: Noise
+    log_evidence: float
+    likelihood: float
+
+
+def groups_of(run: Run) -> dict[str, Ints]:
+    """Return the group of each coordinate, (3 N,), by the kinds of scatter."""
+    size = run.size
+    out = {'z': np.tile([0, 0, 1], size), 'axis': np.tile([0, 1, 2], size)}
+    out |= {name: np.repeat(index, 3) for name, index, _ in places(run) if name != 'sequence'}
+    return out | {'reading': np.repeat(np.arange(size), 3), 'coordinate': np.arange(3 * size)}
+
+
+class NoiseKinds:
+    """The kinds of noise of a run beside a hypothesis."""
+
+    def __init__(self, beside: Beside, allowed: Sequence[str] = NOISE_TERMS) -> None:
+        """Take the kinds that a model allows; each is one of its terms of noise."""
+        self.beside, self.run = beside, beside.run
+        self.groups = {name: group for name, group in groups_of(beside.run).items() if _term_of(name) in allowed}
+        self._may_wander = _term_of(WANDER) in allowed
+        self._each = math.log(NOT_WHITE / (len(self.groups) + 1))
+        self._zero = beside.white.joined()[0]
+
+    def found(self, least: float = LEAST) -> list[Found]:
+        """Return the kinds worth looking at, best first, white noise among them; least: log evidence that is of use."""
+        out = [Found((), Noise(), math.log(1 - NOT_WHITE), self._zero)]
+        for name in self.groups:
+            if self._quick(name) + self._each > least:
+                out += self._scatter((name,))
+        out += self._wander(least) if self._may_wander else []
+        single = sorted((one for one in out[1:] if one.log_evidence > out[0].log_evidence and WANDER not in one.kinds),
+                        key=lambda one: -one.log_evidence)
+        for other in single[1:3]:
+            out += self._scatter((*single[0].kinds, *other.kinds))
+        return sorted(out, key=lambda one: -one.log_evidence)
+
+    def _quick(self, name: str) -> float:
+        """Return about the log evidence of one kind of scatter, by what white noise leaves."""
+        residual, share, square, _ = self.beside.white.fitted
+        group = self.groups[name]
+        dof = np.maximum(np.bincount(group, 1 - share), 1e-6)
+        energy = np.bincount(group, residual**2) * self.beside.dof / square
+        nu = DEGREES[:, None]
+        return float(log_mean(np.sum(
+            gammaln((nu + dof) / 2) - gammaln(nu / 2) + nu / 2 * np.log(nu / 2) - (nu + dof) / 2 * np.log(
+                (nu + energy) / 2), axis=1) + 0.5 * self.beside.dof))
+
+    def _scatter(self, names: tuple[str, ...]) -> Iterator[Found]:
+        """Yield the scatter that differs by all of some groups, the degrees of freedom of the last one summed over."""
+        groups = [self.groups[name] for name in names]
+        degrees, state = [6.0] * len(names), None
+        try:
+            for place in range(len(names)):
+                found = []
+                for nu in DEGREES:
+                    degrees[place] = float(nu)
+                    state = self._bayes(groups, degrees, state)
+                    found.append((state, float(nu)))
+                best = max(found, key=lambda one: one[0].bound)
+                degrees[place], state = best[1], best[0]
+        except (NotDeterminable, np.linalg.LinAlgError):
+            return  # a part of the readings counts for nothing
+        bound = float(log_mean(np.array([one.bound for one, _ in found]))) + self._gap(groups, degrees, state)
+        yield Found(names, self._noise(names, groups, degrees, state), bound - self._zero + len(names) * self._each,
+                    state.likelihood)
+
+    def _bayes(self, groups: Sequence[Ints], degrees: Sequence[float], state: '_Weights | None') -> '_Weights':
+        """Return weights of groups by variational Bayes; state: where to begin."""
+        shapes: list[Floats] = [np.zeros(0)] * len(groups)
+        weights = list(state.weights) if state else [np.ones(int(group.max()) + 1) for group in groups]
+        left, before = state.left if state else self.beside.white, -np.inf
+        for _ in range(STEPS):
+            residual, share, square, _ = left.fitted
+            error = residual**2 * self.beside.dof / square + share
+            total = np.prod([one[group] for one, group in zip(weights, groups)], axis=0)
+            bound = 0.0
+            for k, (group, nu) in enumerate(zip(groups, degrees)):
+                rest, count = total / weights[k][group], np.bincount(group, minlength=len(weights[k]))
+                a, b = (nu + count) / 2, (nu + np.bincount(group, error * rest, minlength=len(weights[k]))) / 2
+                weights[k], shapes[k] = a / b, a
+                bound += float(np.sum(
+                    -(a - nu / 2) * digamma(a) + gammaln(a) - gammaln(nu / 2) - nu / 2 * np.log(2 * b / nu)
+                    - a * (nu / 2 - b) / b + count / 2 * (digamma(a) - np.log(a))))
+                total = rest * weights[k][group]
+            left = self.beside.under(Whitening(self.run.size, 1 / np.sqrt(total.reshape(-1, 3))))
+            # the determinant of the noise counts the mean of the logarithm, not the logarithm of the mean
+            likelihood = left.joined()[0]
+            if likelihood + bound < before + TOLERANCE:
+                break
+            before = likelihood + bound
+        return _Weights(tuple(weights), tuple(shapes), left, max(before, likelihood + bound), likelihood)
+
+    def _gap(self, groups: Sequence[Ints], degrees: Sequence[float], state: '_Weights') -> float:
+        """Return by how much the log evidence is above its bound, by weights drawn from what was found."""
+        rng, found = np.random.default_rng(0), []
+        for _ in range(SAMPLES):
+            total, odds = np.ones(3 * self.run.size), 0.0
+            for group, nu, weights, a in zip(groups, degrees, state.weights, state.shapes):
+                b, drawn = a / weights, rng.gamma(a)
+                own = drawn * weights / a
+                odds += float(np.sum(nu / 2 * math.log(nu / 2) - gammaln(nu / 2) + (nu / 2 - a) * np.log(own)
+                                     - (nu / 2 - b) * own - a * np.log(b) + gammaln(a)))
+                total = total * own[group]
+            whitening = Whitening(self.run.size, 1 / np.sqrt(total.reshape(-1, 3)))
+            found.append(self.beside.under(whitening).joined()[0] + odds)
+        return max(float(log_mean(np.array(found))) - state.bound, 0.0)
+
+    def _noise(self, names: Sequence[str], groups: Sequence[Ints], degrees: Sequence[float],
+               state: '_Weights') -> Noise:
+        noise = Noise()
+        for name, group, nu, weights in zip(names, groups, degrees, state.weights):
+            if name in ('z', 'axis'):
+                noise = replace(noise, axes=noise.axes / np.sqrt(weights[[0, 0, 1] if name == 'z' else [0, 1, 2]]))
+            elif name in ('reading', 'coordinate'):
+                before = 1.0 if noise.weight is None else noise.weight
+                noise = replace(noise, tail=name, tail_dof=nu, weight=before * weights[group].reshape(-1, 3))
+            else:
+                noise = replace(noise, by=name, factors=1 / np.sqrt(weights))
+        return noise.scaled()
+
+    def _wander(self, least: float) -> Iterator[Found]:
+        """Yield the wander where it is worth looking at."""
+        def tried(phi: float, shares: Floats) -> list[Left]:
+            end = self.run.size if phi == 1 else 1
+            return [self.beside.under(Whitening(self.run.size, np.ones(3), phi, np.full(3, share / end)))
+                    for share in shares]
+
+        def log_bf(made: Sequence[Left]) -> Floats:
+            """Return the log likelihoods over white noise, (z, xy, ratio)."""
+            return np.array([[[_joined(self.beside, a.parts[0][0] / ratio**2 + b.parts[1][0], a.parts[0][1]
+                                       + b.parts[1][1] + 2 * math.log(ratio) * a.free_of_z)[0] - self._zero
+                               for ratio in RATIOS] for b in made] for a in made])
+
+        some = np.array([log_bf(tried(phi, SHARES[2:4])) for phi in (0.6, 0.97)])
+        hope = float(log_mean(some.reshape(-1)))
+        if hope + self._each < least:
+            return
+        every = {phi: log_bf(tried(phi, SHARES)) for phi in MEMORIES}
+        equal = np.flatnonzero(RATIOS == 1)
+        for kinds, ratios in (((WANDER,), equal), (('z', WANDER), np.arange(len(RATIOS)))):
+            some = {phi: one[..., ratios] for phi, one in every.items()}
+            best = max(some, key=lambda phi: some[phi].max())
+            weight = np.exp(some[best] - some[best].max())
+            weight /= weight.sum()
+            share_z, share_w, ratio = (float(np.exp(np.sum(weight * np.log(axis)))) for axis in (
+                SHARES[:, None, None], SHARES[None, :, None], RATIOS[ratios][None, None]))
+            size = np.array([1.0, 1.0, ratio])
+            wander = size**2 * np.array([share_w, share_w, share_z]) / (self.run.size if best == 1 else 1)
+            value = float(log_mean(np.array([float(log_mean(one.reshape(-1))) for one in some.values()])))
+            yield Found(kinds, Noise(axes=size, phi=best, wander=wander).scaled(), value + len(kinds) * self._each,
+                        self._zero + float(some[best].max()))
+
+
+def _term_of(name: str) -> str:
+    """Return the term of a model that allows a kind of noise."""
+    kind = {'z': 'axes', 'axis': 'axes', 'reading': 'tail', 'coordinate': 'tail', WANDER: WANDER}.get(name, 'groups')
+    return f'noise.{kind}'
+
+
+@dataclass(frozen=True, eq=False)
+class _Weights:
+    """Weights of groups and the shapes of their gamma distributions, what is left under them, bound and likelihood."""
+
+    weights: tuple[Floats, ...]
+    shapes: tuple[Floats, ...]
+    left: Left
+    bound: float
+    likelihood: float
