@@ -3,9 +3,9 @@
 
 import numpy as np
 import pytest
+from plain_loop import PlainLoop
 from playwright.sync_api import expect
 
-from rosette_ros.archive.engines import PlainLoop
 from rosette_ros.archive.log_finder import find_logs
 from rosette_ros.archive.run_adding import add_logs
 from rosette_ros.archive.run_archive import RunArchive

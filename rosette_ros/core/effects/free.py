@@ -6,7 +6,7 @@ the product of both: a column each, and the prior variance of its amplitude. The
 that wins is no cause: it tells on what the readings depend and which body moves; a model may keep it as a term.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations
@@ -104,7 +104,8 @@ def variables(run: Run) -> tuple[Variable, ...]:
             found += _ordinary('move size', 'rad', size, ('slow', 'middle'))
         found += _ordinary('time since move', 's', np.log1p(time - time[moved] + gap[moved]), ('slow', 'middle'))
     if np.any(run.approach) and np.ptp(run.approach) > 0:
-        found.append(Variable('table sense', '', 1.0 * run.approach, 1.0 * run.approach[None], {'sense': np.ones(1)}))
+        sense: Floats = run.approach.astype(float)
+        found.append(Variable('table sense', '', sense, sense[None], {'sense': np.ones(1)}))
     found += _ordinary('touches', '1', np.log1p(np.arange(run.size)), ('slow',))
     if run.is_gapless:
         theta, known = on.last_move(run)
@@ -215,7 +216,7 @@ class FreeEffect(Effect):
         return tuple(Quantity(f'c{k + 1}_{d + 1}', 'm', f'amplitude of function {k + 1} along direction {d + 1}')
                      for k in range(count) for d in range(directions))
 
-    def factors(self, run: Run, settings: tuple[Setting, ...]) -> list[Factors]:
+    def factors(self, run: Run, settings: Sequence[Setting]) -> Sequence[Factors]:
         return [Factors([one], self.course(run, one)[0][None], motions(run)[one.word('along')],
                         ((0, tuple(range(len(motions(run)[one.word('along')])))),)) for one in settings]
 

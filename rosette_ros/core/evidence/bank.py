@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from rosette_ros.core.effects.effect import Effect, Factors, Setting
 from rosette_ros.core.effects.free import FREE, motions
 from rosette_ros.core.effects.library import effects_of
-from rosette_ros.core.model.least_squares import JointSpace
-from rosette_ros.core.model.noise import Whitening
+from rosette_ros.core.model.base_space import NormalSpace
+from rosette_ros.core.model.least_squares import HIDDEN, JointSpace
+from rosette_ros.core.model.noise import Real, Whitening
 from rosette_ros.core.records import Floats, Ints, Run
 
 Reals = NDArray[np.floating[Any]]
@@ -37,6 +38,34 @@ WIDTHS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 72, 96, 144, 288, 576, 
 """Numbers of columns of blocks that are looked at together; blocks of fewer are filled with zeros."""
 CHUNK = 4_000_000
 """Numbers of columns that are written out at once."""
+
+
+class CoordinateSpace(JointSpace):
+    """Base model and columns of a model, solved by normal equations: coordinates of what they describe of others."""
+
+    def __init__(self, space: NormalSpace, columns: Floats) -> None:
+        super().__init__(space, columns, np.zeros((0, *columns.shape[1:])))
+        self._solved = space
+
+    def inside(self, rows: NDArray[Real]) -> NDArray[Real]:
+        """Return coordinates (m, k) of what base model and effects describe of white rows (m, N, 3), orthonormal."""
+        own: NDArray[Real] = rows.reshape(len(rows), -1) @ self._mixed.astype(rows.dtype).T
+        return np.concatenate([self._solved.inside(rows), own], axis=1)
+
+    def inside_of(self, waves: Any, directions: NDArray[Any]) -> NDArray[np.float32]:
+        """Return these coordinates (m, d, k) of waves (m, N) times directions (d, N, 3) in diagonal noise, single."""
+        white, count = directions * self.whitening.factors, len(self._mixed)
+        mixed = np.einsum('dnc,knc->ndk', white, self._mixed.reshape(count, *white.shape[1:])).astype(np.float32)
+        own = (waves @ mixed.reshape(len(mixed), len(white) * count)).reshape(waves.shape[0], len(white), count)
+        return np.concatenate([self._solved.inside_of(waves, directions), own], axis=2)
+
+    @cached_property
+    def _mixed(self) -> Floats:
+        """Orthonormal rows (r, 3 N) of what the effects have beyond the base model."""
+        scaled = self._flat[:self.q] / self._scale[:self.q, None]
+        value, vector = np.linalg.eigh(scaled @ scaled.T)
+        keep = value > HIDDEN**2
+        return np.asarray((vector[:, keep] / np.sqrt(value[keep])).T @ scaled)
 
 
 @dataclass(eq=False)
@@ -156,8 +185,8 @@ class ColumnSet:
 
     def dense(self, waves: slice) -> Reals:
         """Return all columns of some waves, written out, (columns, N, 3)."""
-        rows = self.rows(waves)
-        rows = rows.toarray() if scipy.sparse.issparse(rows) else rows
+        rows: Any = self.rows(waves)
+        rows = rows if isinstance(rows, np.ndarray) else rows.toarray()
         return np.asarray((rows[:, None, :, None] * self.directions).reshape(-1, *self.directions.shape[1:]))
 
     def rows_of(self, of: Reals, wave: Ints, which: Ints) -> Reals:
@@ -189,7 +218,7 @@ class BlockGroup:
     @cached_property
     def rank(self) -> Ints:
         """The rank of each block, (b,)."""
-        return np.count_nonzero(self.mix if self.mix.ndim == 2 else np.abs(self.mix).max(axis=2), axis=1)
+        return np.asarray(np.count_nonzero(self.mix if self.mix.ndim == 2 else np.abs(self.mix).max(axis=2), axis=1))
 
     def mixed(self, rows: Reals, place: slice = EVERY) -> Reals:
         """Return T of products (b, q, k) of the columns of some blocks, q as many as they have."""
@@ -214,9 +243,9 @@ class Bank:
         self.ends = np.cumsum([0, *(len(family.settings) for family in families)]).tolist()
         self.groups = {}
         for key, found in sorted(made.items()):
-            family, setting, column = (np.concatenate([one[k] for one in found]) for k in range(3))
-            self.groups[key] = BlockGroup(family, setting, np.array(self.ends)[family] + setting, column,
-                                     np.zeros((*column.shape, key[0])[:3 - key[1]], np.float32))
+            of, setting, column = (np.concatenate([one[k] for one in found]) for k in range(3))
+            mix = np.zeros((*column.shape, key[0])[:3 - key[1]], np.float32)
+            self.groups[key] = BlockGroup(of, setting, np.array(self.ends)[of] + setting, column, mix)
         for part, pieces in self._parts:
             self._orthonormalise(part, pieces)
 
@@ -265,7 +294,7 @@ class Bank:
                     gram = part.gram(squares, wave, which) - over @ over.transpose(0, 2, 1)
                     group.mix[place, :q, :q] = orthonormal(gram)
 
-    def left(self, space: JointSpace) -> dict[Key, Reals]:
+    def left(self, space: CoordinateSpace) -> dict[Key, Reals]:
         """Return what a model leaves of the blocks of each group, T B M B' T', (b, q, q), by its key."""
         out = {key: np.zeros((*group.column.shape, key[0]), np.float32) for key, group in self.groups.items()}
         whitening, size = space.whitening, self.run.size
@@ -366,7 +395,7 @@ def orthonormal(gram: Floats) -> Floats:
     return np.asarray((vector * root[:, None]).transpose(0, 2, 1) * unit[:, None])
 
 
-def scaled(square: Floats, variance: Floats) -> Floats:
+def scaled(square: Reals, variance: Floats) -> Floats:
     """Return the diagonal of T (b, q) that gives functions of square sums (b, q) the variances (b, m) of a process."""
     size = np.sqrt(np.maximum(square, 0))
     wanted = np.sqrt(np.repeat(variance, square.shape[1] // variance.shape[1], axis=1))

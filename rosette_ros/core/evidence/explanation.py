@@ -10,17 +10,17 @@ from rosette_ros.core.diagnosis.parameter_search import RELINEARISED, choose_set
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free import FREE, TIMES
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.evidence.bank import Bank, families_of
+from rosette_ros.core.evidence.bank import Bank, CoordinateSpace, families_of
 from rosette_ros.core.evidence.hypotheses import Search
 from rosette_ros.core.evidence.log_evidence import Cause, Evidence, with_priors
 from rosette_ros.core.evidence.noise_hypotheses import choose
 from rosette_ros.core.evidence.posterior import ALIKE, CLAIM, Claim, Posterior
 from rosette_ros.core.model.base_space import NormalSpace
-from rosette_ros.core.model.least_squares import Fit, JointSpace, fit
+from rosette_ros.core.model.least_squares import Fit, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.model.second_order import NEGLIGIBLE
-from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.records import Run
 
 HOPEFUL = 12
 """Sets of variables whose free courses are looked at under other noise: those that explain most in white noise."""
@@ -76,7 +76,7 @@ def explain(run: Run, model: Model | None = None) -> Explained:
     """
     model = model or Model()
     settings = choose_settings(run, model)
-    base = _fitted(run, model, settings)
+    base = fit(run, model, settings)
     if base.rms < NOISELESS:
         posterior = Posterior({((), ()): 0.0})
         return Explained(base, base, (), (), (), (), (Explanation((), (), 1.0),), posterior)
@@ -87,14 +87,14 @@ def explain(run: Run, model: Model | None = None) -> Explained:
         beyond = _with(base, named).beyond if named else base.beyond
         if np.abs(beyond - base.beyond).max() <= NEGLIGIBLE:
             break
-        base = _fitted(run, model, settings, beyond=beyond)
+        base = fit(run, model, settings, beyond=beyond)
     few = cache(lambda: Bank(run, search.hopeful(HOPEFUL)))
 
     def under(noise: Noise) -> Search:
-        return Search(_evidence(_fitted(run, model, settings, noise, base.beyond), few()))
+        return Search(_evidence(fit(run, model, settings, noise, beyond=base.beyond), few()))
 
     choice = choose(search, base, under)
-    best = base if choice.noise.is_white else _fitted(run, model, settings, choice.noise, base.beyond)
+    best = base if choice.noise.is_white else fit(run, model, settings, choice.noise, beyond=base.beyond)
     members, posterior = choice.state.members, choice.posterior
     claimed = [(one, claim) for claim in posterior.claims for one in members
                if one.name == claim.name and claim.together >= CLAIM and not _has_twin(one, members)]
@@ -106,18 +106,10 @@ def explain(run: Run, model: Model | None = None) -> Explained:
         tuple(Explanation(names, noise, p) for (names, noise), p in posterior.explanations()), posterior)
 
 
-def _fitted(run: Run, model: Model, settings: tuple[Setting, ...], noise: Noise | None = None,
-            beyond: Floats | None = None) -> Fit:
-    """Return the fit of a model by normal equations, which the bank of candidates needs."""
-    first = fit(run, model, settings, noise)
-    space = NormalSpace(run, first.mean_radius, model.base, first.joint.whitening)
-    return fit(run, model, settings, noise, space, beyond)
-
-
 def _evidence(base: Fit, bank: Bank) -> Evidence:
-    size, joint = base.run.size, base.joint
-    space = JointSpace(joint.space, joint.every, np.zeros((0, size, 3)))
-    return Evidence(base.run, bank, space, base.white_residual, 3 * size - joint.space.rank - space.rank)
+    solved = NormalSpace(base.run, base.mean_radius, base.model.base, base.joint.whitening)
+    space = CoordinateSpace(solved, base.joint.every)
+    return Evidence(base.run, bank, space, base.white_residual, 3 * base.run.size - solved.rank - space.rank)
 
 
 def _with(base: Fit, members: list[Cause]) -> Fit:

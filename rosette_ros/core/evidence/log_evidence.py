@@ -20,8 +20,7 @@ import numpy as np
 import scipy.linalg
 
 from rosette_ros.core.effects.effect import Setting
-from rosette_ros.core.evidence.bank import HIDDEN_SHARE, Bank, CauseFamily, Key, columns_of
-from rosette_ros.core.model.least_squares import JointSpace
+from rosette_ros.core.evidence.bank import HIDDEN_SHARE, Bank, CauseFamily, CoordinateSpace, Key, Reals, columns_of
 from rosette_ros.core.records import Floats, Ints, Run
 
 MANY = 4
@@ -45,7 +44,7 @@ def log_mean(values: Floats) -> Floats:
     return np.asarray(top[..., 0] + np.log(np.mean(np.exp(values - top), axis=-1)))
 
 
-def of_sizes(gram: Floats, product: Floats, left: float, dof: int, sizes: Floats = SIZES) -> Floats:
+def of_sizes(gram: Reals, product: Reals, left: float, dof: int, sizes: Floats = SIZES) -> Floats:
     """Return the log Bayes factor of blocks for each size, (b, sizes), beside what leaves the square sum `left`.
 
     gram: (b, q, q), product: (b, q) of the blocks with themselves and with what is left.
@@ -54,17 +53,17 @@ def of_sizes(gram: Floats, product: Floats, left: float, dof: int, sizes: Floats
     return beside(value, _turned(vector, product[..., None])[..., 0], None, left, dof, sizes)
 
 
-def decomposed(gram: Floats) -> tuple[Floats, Floats]:
+def decomposed(gram: Reals) -> tuple[Reals, Reals]:
     """Return eigenvalues (b, q) and eigenvectors (b, q, q) of products of blocks; hidden directions are zero."""
     value, vector = np.linalg.eigh(gram) if gram.shape[1] > 1 else (gram[:, 0], np.ones_like(gram))
     return np.maximum(value, 0), vector * (value > ROUNDING)[:, None]
 
 
-def _turned(vector: Floats, rows: Floats) -> Floats:
+def _turned(vector: Reals, rows: Reals) -> Reals:
     return np.asarray(vector.transpose(0, 2, 1) @ rows)
 
 
-def beside(value: Floats, product: Floats, across: Floats | None, left: float, dof: int, sizes: Floats) -> Floats:
+def beside(value: Reals, product: Reals, across: Reals | None, left: float, dof: int, sizes: Floats) -> Floats:
     """Return the same as `of_sizes` of blocks of which the products are diag(value) - across across'.
 
     value, product: (b, q), the latter with what is left; across: (b, q, k), None for nothing. Woodbury's identity."""
@@ -114,11 +113,11 @@ class Blocks:
 
     seen: Ints
     number: Ints
-    value: Floats
-    vector: Floats
-    product: Floats
+    value: Reals
+    vector: Reals
+    product: Reals
 
-    def log_bf(self, across: Floats | None, state: 'State') -> Floats:
+    def log_bf(self, across: Reals | None, state: 'State') -> Floats:
         """Return the log Bayes factors of the blocks, all sizes included; across: their products with the members."""
         value, product, dof = self.value, self.product, state.evidence.dof
         if across is None:
@@ -151,7 +150,7 @@ class Evidence:
     shift: what is added to every log evidence, so that hypotheses under several noises can be compared.
     """
 
-    def __init__(self, run: Run, bank: Bank, space: JointSpace, residual: Floats, dof: int) -> None:
+    def __init__(self, run: Run, bank: Bank, space: CoordinateSpace, residual: Floats, dof: int) -> None:
         self.run, self.bank, self.space, self.dof = run, bank, space, dof
         self.scale = float(np.sqrt(np.sum(residual**2) / dof)) or 1.0
         self.y: Floats = residual.reshape(-1) / self.scale
@@ -168,7 +167,7 @@ class Evidence:
     def member(self, family: CauseFamily, setting: Setting, volume: float) -> Cause:
         """Return a family at any setting as a Cause."""
         rows = self.space.residual(columns_of(family, self.run, setting))
-        return Cause(family, setting, rows.reshape(len(rows), -1), volume)
+        return Cause(family, setting, rows.reshape(len(rows), 3 * self.run.size), volume)
 
     @cached_property
     def empty(self) -> 'State':
@@ -221,8 +220,8 @@ class State:
         own = slice(self._ends[k], self._ends[k + 1])
         across = self._gram[own] @ inverse
         left = self.evidence.total - float(self.product @ inverse @ self.product)
-        return of_sizes((self._gram[own, own] - across @ self._gram[:, own])[None],
-                        (self.product[own] - across @ self.product)[None], left, self.evidence.dof)[0]
+        return np.asarray(of_sizes((self._gram[own, own] - across @ self._gram[:, own])[None],
+                                   (self.product[own] - across @ self.product)[None], left, self.evidence.dof)[0])
 
     def fitted(self, place: int) -> Floats:
         """Return what a member explains of the readings, (3 N,), of what the model leaves, in units of its rms."""
@@ -233,8 +232,9 @@ class State:
         """Return the log Bayes factor of further rows (q, 3 N) beside the members for each of SIZES."""
         across = rows @ self.rows.T
         used = across @ self.inverse
-        return of_sizes((rows @ rows.T - used @ across.T)[None], (rows @ self.evidence.y - used @ self.product)[None],
-                        self.left, self.evidence.dof)[0]
+        product = rows @ self.evidence.y - used @ self.product
+        return np.asarray(of_sizes((rows @ rows.T - used @ across.T)[None], product[None], self.left,
+                                   self.evidence.dof)[0])
 
     @property
     def names(self) -> tuple[str, ...]:

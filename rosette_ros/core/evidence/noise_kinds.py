@@ -169,7 +169,7 @@ class NoiseKinds:
     def _scatter(self, names: tuple[str, ...]) -> Iterator[Found]:
         """Yield the scatter that differs by all of some groups, the degrees of freedom of the last one summed over."""
         groups = [self.groups[name] for name in names]
-        degrees, state = [6.0] * len(names), None
+        degrees, state = [6.0] * len(names), _Weights.equal(groups, self.beside.white)
         try:
             for place in range(len(names)):
                 found = []
@@ -185,11 +185,10 @@ class NoiseKinds:
         yield Found(names, self._noise(names, groups, degrees, state), bound - self._zero + len(names) * self._each,
                     state.likelihood)
 
-    def _bayes(self, groups: Sequence[Ints], degrees: Sequence[float], state: '_Weights | None') -> '_Weights':
+    def _bayes(self, groups: Sequence[Ints], degrees: Sequence[float], state: '_Weights') -> '_Weights':
         """Return weights of groups by variational Bayes; state: where to begin."""
         shapes: list[Floats] = [np.zeros(0)] * len(groups)
-        weights = list(state.weights) if state else [np.ones(int(group.max()) + 1) for group in groups]
-        left, before = state.left if state else self.beside.white, -np.inf
+        weights, left, before = list(state.weights), state.left, -np.inf
         for _ in range(STEPS):
             residual, share, square, _ = left.fitted
             error = residual**2 * self.beside.dof / square + share
@@ -241,7 +240,7 @@ class NoiseKinds:
 
     def _wander(self, least: float) -> Iterator[Found]:
         """Yield the wander where it is worth looking at."""
-        def tried(phi: float, shares: Floats) -> list[Left]:
+        def tried(phi: float, shares: Sequence[float]) -> list[Left]:
             end = self.run.size if phi == 1 else 1
             return [self.beside.under(Whitening(self.run.size, np.ones(3), phi, np.full(3, share / end)))
                     for share in shares]
@@ -252,11 +251,11 @@ class NoiseKinds:
                                        + b.parts[1][1] + 2 * math.log(ratio) * a.free_of_z)[0] - self._zero
                                for ratio in RATIOS] for b in made] for a in made])
 
-        some = np.array([log_bf(tried(phi, SHARES[2:4])) for phi in (0.6, 0.97)])
-        hope = float(log_mean(some.reshape(-1)))
+        hope = float(log_mean(np.concatenate([log_bf(tried(phi, SHARES[2:4].tolist())).reshape(-1)
+                                              for phi in (0.6, 0.97)])))
         if hope + self._each < least:
             return
-        every = {phi: log_bf(tried(phi, SHARES)) for phi in MEMORIES}
+        every = {phi: log_bf(tried(phi, SHARES.tolist())) for phi in MEMORIES}
         equal = np.flatnonzero(RATIOS == 1)
         for kinds, ratios in (((WANDER,), equal), (('z', WANDER), np.arange(len(RATIOS)))):
             some = {phi: one[..., ratios] for phi, one in every.items()}
@@ -287,3 +286,8 @@ class _Weights:
     left: Left
     bound: float
     likelihood: float
+
+    @classmethod
+    def equal(cls, groups: Sequence[Ints], white: Left) -> '_Weights':
+        """Return equal weights of groups; white: what is left under them."""
+        return cls(tuple(np.ones(int(group.max()) + 1) for group in groups), (), white, -np.inf, white.joined()[0])

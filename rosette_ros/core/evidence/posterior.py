@@ -42,12 +42,12 @@ class Posterior:
     @cached_property
     def nothing(self) -> float:
         """The probability that nothing is missing."""
-        return sum(p for (names, _), p in self.p.items() if not names)
+        return float(sum(p for (names, _), p in self.p.items() if not names))
 
     @cached_property
     def unnamed(self) -> float:
         """The probability that something without a name is missing."""
-        return sum(p for (names, _), p in self.p.items() if any(name not in EFFECTS for name in names))
+        return float(sum(p for (names, _), p in self.p.items() if any(name not in EFFECTS for name in names)))
 
     @cached_property
     def best(self) -> Key:
@@ -56,7 +56,7 @@ class Posterior:
 
     def of(self, *names: str) -> float:
         """Return the probability that one of some members is there."""
-        return sum(p for (members, _), p in self.p.items() if not set(names).isdisjoint(members))
+        return float(sum(p for (members, _), p in self.p.items() if not set(names).isdisjoint(members)))
 
     @cached_property
     def claims(self) -> tuple[Claim, ...]:

@@ -207,26 +207,6 @@ class JointSpace:
             flat = flat - (flat @ self._solve.T) @ self._flat[:self.q]
         return flat.reshape(rows.shape)
 
-    def inside(self, rows: NDArray[Real]) -> NDArray[Real]:
-        """Return coordinates (m, k) of what base model and effects describe of white rows (m, N, 3), orthonormal."""
-        own: NDArray[Real] = rows.reshape(len(rows), -1) @ self._mixed.astype(rows.dtype).T
-        return np.concatenate([self.space.inside(rows), own], axis=1)
-
-    def inside_of(self, waves: Any, directions: NDArray[Any]) -> NDArray[np.float32]:
-        """Return these coordinates (m, d, k) of waves (m, N) times directions (d, N, 3) in diagonal noise, single."""
-        white, count = directions * self.whitening.factors, len(self._mixed)
-        mixed = np.einsum('dnc,knc->ndk', white, self._mixed.reshape(count, *white.shape[1:])).astype(np.float32)
-        own = (waves @ mixed.reshape(len(mixed), len(white) * count)).reshape(waves.shape[0], len(white), count)
-        return np.concatenate([self.space.inside_of(waves, directions), own], axis=2)
-
-    @cached_property
-    def _mixed(self) -> Floats:
-        """Orthonormal rows (r, 3 N) of what the effects have beyond the base model."""
-        scaled = self._flat[:self.q] / self._scale[:self.q, None]
-        value, vector = np.linalg.eigh(scaled @ scaled.T)
-        keep = value > HIDDEN**2
-        return np.asarray((vector[:, keep] / np.sqrt(value[keep])).T @ scaled)
-
     @cached_property
     def basis(self) -> Basis:
         """Orthonormal rows that span base model and effects in white coordinates."""

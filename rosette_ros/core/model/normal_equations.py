@@ -132,8 +132,8 @@ class Part:
         weighted = scipy.sparse.hstack([
             sum(scipy.sparse.diags_array(one[:, k]) @ design[k::count] for k in range(count))
             for one in directions], format='csr')
-        right = waves @ weighted
-        right = right.toarray() if scipy.sparse.issparse(right) else np.ascontiguousarray(right)
+        right: Any = waves @ weighted
+        right = np.ascontiguousarray(right if isinstance(right, np.ndarray) else right.toarray())
         return np.asarray((right.reshape(-1, len(self._mix)) @ self._mix).reshape(len(right), len(directions), -1))
 
     @cached_property

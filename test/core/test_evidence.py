@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The log evidence of hypotheses: against dense normal densities, and what it says of runs whose truth is known."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from rosette_ros.analysis import explain
+from rosette_ros.core.effects.free import FREE, motions, variables
+from rosette_ros.core.evidence.bank import Bank, CoordinateSpace, columns_of, families_of
+from rosette_ros.core.evidence.log_evidence import SIZES, Evidence, State, with_priors
+from rosette_ros.core.evidence.noise_kinds import Beside, NoiseKinds
+from rosette_ros.core.evidence.posterior import Posterior
+from rosette_ros.core.model.base_space import NormalSpace
+from rosette_ros.core.model.model import BASE_TERMS
+from rosette_ros.core.model.noise import Whitening
+from rosette_ros.core.planning.advice import planned_run
+from rosette_ros.core.scheme import plan
+from rosette_ros.simulation import Machine, MachineConfig
+
+RADIUS = 0.18
+NOISES = {'white': (np.ones(3), 0.0, np.zeros(3)), 'unequal': (np.array([1.0, 1.0, 2.0]), 0.0, np.zeros(3)),
+          'wandering': (np.ones(3), 0.8, np.array([0.5, 0.5, 1.0]))}
+
+
+def run_of(n, order='sensitive', missing=0):
+    """Return a planned run without some of its readings."""
+    run = planned_run(plan(n, order), RADIUS)
+    return run.take(np.arange(run.size)[missing:]) if missing else run
+
+
+def space_of(run, noise='white'):
+    """Return the base model of a run under a noise."""
+    space = NormalSpace(run, RADIUS, whitening=Whitening(run.size, *NOISES[noise]))
+    return CoordinateSpace(space, np.zeros((0, run.size, 3)))
+
+
+def evidence_of(run, seed=0, noise='white'):
+    """Return the Evidence of a run of noise."""
+    space = space_of(run, noise)
+    white = np.random.default_rng(seed).standard_normal((1, run.size, 3))
+    return Evidence(run, Bank(run, with_priors(families_of(run))), space, space.free(white)[0],
+                    3 * run.size - space.space.rank)
+
+
+@pytest.mark.parametrize('missing', [0, 3])
+@pytest.mark.parametrize('noise', NOISES)
+def test_the_bank_is_what_dense_columns_are_freed_of_the_model(noise, missing):
+    """Its products with readings are those of columns that are written out, at every setting of some families."""
+    evidence = evidence_of(run_of(6, missing=missing), noise=noise)
+    products = evidence.bank.products(evidence.y[None], evidence.space.whitening)
+    names = ('frame_step', 'asynchronous_motion', 'ball_slip', 'outlier', 'ball_form', 'time', 'time × ball')
+    seen = set()
+    for key, group in evidence.bank.groups.items():
+        for block in range(0, len(group.family), 7):
+            family = evidence.bank.families[group.family[block]]
+            if family.name in names:
+                seen.add(family.name)
+                made = evidence.member(family, family.settings[group.setting[block]], 0.0)
+                got, wanted = products[key][block, :, 0], made.rows @ evidence.y
+                assert np.linalg.norm(got) == pytest.approx(np.linalg.norm(wanted), abs=2e-4), family.name
+    assert len(seen) == len(names)
+
+
+def test_columns_of_a_named_effect_are_orthonormal_in_the_readings():
+    """Each axis freed of its mean; those of a free course have the sizes of its process."""
+    run = run_of(6)
+    for family in families_of(run):
+        columns = columns_of(family, run, family.settings[-1])
+        assert len(columns), family.name
+        flat = (columns - columns.mean(axis=1, keepdims=True)).reshape(len(columns), -1)
+        square = np.sum(flat**2, axis=1)
+        if family.is_free:
+            assert square.max() == pytest.approx(1, rel=1e-5)
+        else:
+            np.testing.assert_allclose(flat @ flat.T, np.eye(len(flat)), atol=2e-5)
+
+
+def test_the_evidence_is_a_normal_density():
+    """Of two members: the likelihood at their sizes is the density with sigma summed over, less that of nothing."""
+    evidence = evidence_of(run_of(6))
+    families = {family.name: family for family in evidence.bank.families}
+    members = [evidence.member(families[name], families[name].settings[0], 0.0)
+               for name in ('frame_drift', 'plate_warp')]
+    state = State(evidence, members)
+    basis = np.linalg.svd(np.eye(evidence.y.size) - evidence.space.basis.rows.T @ evidence.space.basis.rows)[0]
+    basis = basis[:, :evidence.dof].T
+    covariance = np.eye(evidence.dof) + sum(
+        one.size**2 * (basis @ one.rows.T) @ (basis @ one.rows.T).T for one in state.members)
+
+    def log_density(matrix):
+        """Return the log density up to a constant where the variance is summed over with the density 1/sigma."""
+        y = basis @ evidence.y
+        return -0.5 * np.linalg.slogdet(matrix)[1] - evidence.dof / 2 * np.log(y @ np.linalg.solve(matrix, y))
+
+    assert state.likelihood == pytest.approx(log_density(covariance) - log_density(np.eye(evidence.dof)), abs=1e-8)
+    assert all(one.size in SIZES for one in state.members)
+
+
+def test_an_offer_is_worth_what_the_member_is_that_it_makes():
+    """The gain of adding a family on the grid is the change of the log evidence, but for the finer sizes."""
+    evidence = evidence_of(run_of(6))
+    for offer in evidence.empty.offers()[:5]:
+        made = State(evidence, [evidence.member(offer.family, offer.setting, offer.volume)])
+        assert made.log_evidence == pytest.approx(offer.gain, abs=0.1)
+
+
+@pytest.mark.parametrize('noise', NOISES)
+def test_the_likelihood_of_a_noise_is_that_of_its_covariance(noise):
+    """REML by normal equations against a dense normal density of the contrasts, relative to white noise."""
+    run = run_of(6)
+    y = np.random.default_rng(1).standard_normal((run.size, 3))
+    none = np.zeros((0, run.size, 3))
+    beside = Beside(run, RADIUS, BASE_TERMS, y, none, none, np.zeros(0))
+    found = {name: beside.under(Whitening(run.size, *NOISES[name])) for name in ('white', noise)}
+    free = np.eye(3 * run.size) - (rows := space_of(run).basis.rows).T @ rows
+    basis = np.linalg.svd(free)[0][:, :beside.dof].T
+    values = []
+    for name in ('white', noise):
+        whitening = Whitening(run.size, *NOISES[name])
+        half = whitening.inverse(np.eye(3 * run.size).reshape(-1, run.size, 3)).reshape(3 * run.size, -1)
+        part = basis @ half.T @ half @ basis.T
+        z = basis @ y.reshape(-1)
+        scale = z @ np.linalg.solve(part, z) / beside.dof
+        values.append(multivariate_normal(np.zeros(beside.dof), scale * part).logpdf(z))
+    assert found[noise].joined()[0] - found['white'].joined()[0] == pytest.approx(values[1] - values[0], abs=1e-6)
+
+
+def test_the_kind_of_noise_is_found():
+    """Scatter that differs by ball, heavy tails, a wander: the kind that was drawn is the best one."""
+    run, rng = run_of(8), np.random.default_rng(3)
+    white, none = rng.standard_normal((run.size, 3)), np.zeros((0, run.size, 3))
+    walk = np.cumsum(rng.standard_normal((run.size, 3)), axis=0)
+    drawn = {'ball': white * 4.0**((run.ball % 3) - 1)[:, None],
+             'reading': white / np.sqrt(rng.chisquare(2, (run.size, 1)) / 2), 'wander': walk + white, '': white}
+    for kind, y in drawn.items():
+        beside = Beside(run, RADIUS, BASE_TERMS, y, none, none, np.zeros(0))
+        assert kind in NoiseKinds(beside).found()[0].kinds or not kind, kind
+    assert NoiseKinds(beside).found()[0].kinds == ()
+
+
+def test_probabilities_count_every_hypothesis():
+    """They add up to one; two names in the same place cannot be told apart; the rest is as likely as its sum."""
+    evidence = {((), ()): 0.0, (('frame_step',), ()): 5.0, (('frame_drift',), ()): 4.5, (('time',), ('wander',)): 2.0}
+    posterior = Posterior(evidence)
+    assert sum(posterior.p.values()) == pytest.approx(1)
+    claim, = posterior.claims
+    assert (claim.name, claim.alike) == ('frame_step', ('frame_drift',))
+    assert claim.together == pytest.approx(claim.probability + posterior.of('frame_drift'))
+    assert posterior.unnamed == pytest.approx(np.exp(2) / sum(np.exp(list(evidence.values()))))
+
+
+def test_free_courses_depend_on_what_changes():
+    """Variables that stand still in an order are none; a setting has a column for each function and direction."""
+    run = run_of(6, 'row')
+    names = {one.name for one in variables(run)}
+    assert 'table sense' not in names and {'time', 'ball', 'temperature'} <= names
+    for _, settings in FREE.families(run):
+        setting = settings[-1]
+        count = len(FREE.course(run, setting)[1]) * len(motions(run)[setting['along']])
+        assert FREE.columns(run, setting).shape == (run.size, 3, count) == (run.size, 3, FREE.width(run, setting))
+
+
+def test_a_drift_is_explained_and_a_clean_run_is_not():
+    """Eight balls: the hidden drift has nearly all probability, the clean run none, and both say it again alike."""
+    drift = {'kind': 'frame_drift', 'rate_um_per_h': [3.0, 0.0, 1.5]}
+    clean, moved = (Machine(MachineConfig().changed(plate={'balls': 8}, hidden=hidden)).run(plan(8, 'random'))
+                    for hidden in ([], [drift]))
+    found = explain(moved)
+    assert [claim.name for claim in found.claims] == ['frame_drift'] and found.claims[0].probability > 0.9
+    assert found.final.rms < 0.3 * found.fit.rms
+    assert sum(one.probability for one in found.explanations) >= 0.95
+    assert explain(moved).posterior.p == found.posterior.p
+    nothing = explain(clean)
+    assert not nothing.claims and not nothing.unnamed and nothing.posterior.nothing > 0.6
