@@ -165,7 +165,7 @@ class Figure:
 
     async def _draw(self, make: Callable[..., PlotlyFigure], arguments: tuple[object, ...]) -> None:
         content = await run.io_bound(make, *arguments)
-        if self._place.is_deleted:
+        if content is None or self._place.is_deleted:  # the server, or the page, ends
             return
         if self._plot is not None:
             self._plot.update_figure(content)
