@@ -6,6 +6,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from rosette_ros.analysis import explain
+from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free import FREE, motions, variables
 from rosette_ros.core.evidence.bank import Bank, CoordinateSpace, columns_of, families_of
 from rosette_ros.core.evidence.log_evidence import SIZES, Evidence, State, with_priors
@@ -173,3 +174,14 @@ def test_a_drift_is_explained_and_a_clean_run_is_not():
     assert explain(moved).posterior.p == found.posterior.p
     nothing = explain(clean)
     assert not nothing.claims and not nothing.unnamed and nothing.posterior.nothing > 0.6
+
+
+def test_a_setting_that_moves_nothing_is_worth_nothing():
+    """A ball that comes back the moment that it went has no columns: its size is anybody's guess."""
+    evidence = evidence_of(run_of(6))
+    rattle, = (family for family in evidence.bank.families if family.name == 'ball_rattle')
+    setting = Setting({**rattle.settings[0], 'motion': 'pulse', 't0': 100.0, 't1': 100.0})
+    member = evidence.member(rattle, setting, 0.0)
+    assert len(member.rows) == 0
+    np.testing.assert_array_equal(evidence.empty.line(member.rows), 0)
+    assert State(evidence, [member]).likelihood == 0

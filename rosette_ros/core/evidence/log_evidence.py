@@ -55,7 +55,7 @@ def of_sizes(gram: Reals, product: Reals, left: float, dof: int, sizes: Floats =
 
 def decomposed(gram: Reals) -> tuple[Reals, Reals]:
     """Return eigenvalues (b, q) and eigenvectors (b, q, q) of products of blocks; hidden directions are zero."""
-    value, vector = np.linalg.eigh(gram) if gram.shape[1] > 1 else (gram[:, 0], np.ones_like(gram))
+    value, vector = np.linalg.eigh(gram) if gram.shape[1] != 1 else (gram[:, 0], np.ones_like(gram))
     return np.maximum(value, 0), vector * (value > ROUNDING)[:, None]
 
 
