@@ -185,3 +185,9 @@ def test_a_setting_that_moves_nothing_is_worth_nothing():
     assert len(member.rows) == 0
     np.testing.assert_array_equal(evidence.empty.line(member.rows), 0)
     assert State(evidence, [member]).likelihood == 0
+
+
+def test_what_an_order_hides_is_no_hypothesis():
+    """In order row the drifts of the frame and of the zero are hidden: nothing is said of them, and nothing ends."""
+    offered = {one.family.name for one in evidence_of(run_of(6, 'row')).empty.offers()}
+    assert not offered & {'frame_drift', 'table_zero_drift', 'table_backlash'} and 'plate_warp' in offered

@@ -249,15 +249,17 @@ class State:
         """Return the Suggestion of every family beside the members, best first; is_open: of free courses, too."""
         evidence, bank = self.evidence, self.evidence.bank
         across = bank.products(self.rows, evidence.space.whitening, is_open) if len(self.rows) else {}
-        log_bf = np.full(bank.ends[-1], -np.inf)
+        log_bf, seen = np.full(bank.ends[-1], -np.inf), np.zeros(bank.ends[-1], dtype=bool)
         for key, blocks in evidence.blocks.items():
             if is_open or not key[1]:
                 log_bf[bank.groups[key].number] = 0.0  # as likely as nothing where it is hidden
-                log_bf[blocks.number] = blocks.log_bf(across.get(key), self)
+                if blocks.seen.size:
+                    log_bf[blocks.number] = blocks.log_bf(across.get(key), self)
+                    seen[blocks.number] = True
         out = []
         for family, start, end in zip(bank.families, bank.ends, bank.ends[1:]):
             value = log_bf[start:end]
-            if np.isfinite(value).any():
+            if seen[start:end].any():  # of what this order hides altogether a run says nothing
                 best, whole = int(np.argmax(value)), float(log_mean(value))
                 out.append(Suggestion(whole + family.log_prior, family, family.settings[best],
                                       whole - float(value[best])))
