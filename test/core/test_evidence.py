@@ -155,6 +155,8 @@ def test_free_courses_depend_on_what_changes():
     """Variables that stand still in an order are none; a setting has a column for each function and direction."""
     run = run_of(6, 'row')
     names = {one.name for one in variables(run)}
+    families = [name for name, _ in FREE.families(run_of(6))]
+    assert len(families) == len(set(families)), 'each set of variables is one family'
     assert 'table sense' not in names and {'time', 'ball', 'temperature'} <= names
     for _, settings in FREE.families(run):
         setting = settings[-1]

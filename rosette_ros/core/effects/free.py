@@ -3,7 +3,7 @@
 
 A function of one variable is a Gaussian process on its cosines or waves (Solin and Sarkka 2020), one of two variables
 the product of both: a column each, and the prior variance of its amplitude. They compete with the named effects. One
-that wins is no cause: it tells on what the readings depend and which body moves; a model may keep it as a term.
+that wins is no cause: it tells on what the readings depend and which body moves.
 """
 
 from collections.abc import Iterator, Sequence
@@ -101,7 +101,8 @@ def variables(run: Run) -> tuple[Variable, ...]:
         size = np.abs(move[moved])
         if np.unique(np.round(size, 6)).size > 1:
             found += _ordinary('move size', 'rad', move[moved], ('slow', 'middle'))
-            found += _ordinary('move size', 'rad', size, ('slow', 'middle'))
+            found += [replace(one, kinds={f'in either sense {kind}': variance for kind, variance in one.kinds.items()})
+                      for one in _ordinary('move size', 'rad', size, ('slow', 'middle'))]
         found += _ordinary('time since move', 's', np.log1p(time - time[moved] + gap[moved]), ('slow', 'middle'))
     if np.any(run.approach) and np.ptp(run.approach) > 0:
         sense: Floats = run.approach.astype(float)
@@ -180,11 +181,13 @@ class FreeEffect(Effect):
                     self._setting(one.name + TIMES + other.name, f'{a}, {b}', along)
                     for a, b in kinds for along in PLAIN)
         yield from ((name, tuple(dict.fromkeys(some))) for name, some in pairs.items())
+        alone: dict[str, list[Setting]] = {}
         for one in every:
             if one.name not in ('ball', 'touches', 'CMM position'):
-                yield 'one ball' + TIMES + one.name, tuple(
+                alone.setdefault('one ball' + TIMES + one.name, []).extend(
                     self._setting(f'ball {ball}' + TIMES + one.name, kind, along) for ball in run.balls
                     for kind in one.of_ball for along in OF_BALL)
+        yield from ((name, tuple(dict.fromkeys(some))) for name, some in alone.items())
 
     @staticmethod
     def _setting(of: str, kind: str, along: str) -> Setting:
@@ -201,15 +204,6 @@ class FreeEffect(Effect):
     def variables_of(setting: Setting) -> frozenset[str]:
         """Return the variables on which a setting depends."""
         return frozenset('ball' if name.startswith('ball ') else name for name in setting.word('of').split(TIMES))
-
-    def beside(self, run: Run, effect: Effect, setting: Setting) -> Iterator[Setting]:
-        """Yield the free twins of an effect: the motions of its body by any function of what it depends on."""
-        ball = f'ball {setting.whole("ball")}{TIMES}' if effect.body == 'ball' and setting.get('ball') else ''
-        for one in variables(run):
-            if one.name in effect.variables:
-                for along in OF_BALL if ball else motions(run):
-                    if ball or effect.body.split()[0] in along:
-                        yield from (self._setting(ball + one.name, kind, along) for kind in one.kinds)
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
         count, directions = len(self.course(run, setting)[1]), len(motions(run)[setting.word('along')])

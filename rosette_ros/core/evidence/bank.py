@@ -30,8 +30,6 @@ Key = tuple[int, bool]
 EVERY = slice(None)
 DEPENDENT = 1e-6
 """Eigenvalue of columns of unit length below which a direction is one of the others: rounding in single precision."""
-HIDDEN_SHARE = 0.05
-"""Visible share below which an order of measurement hides an effect: it would have to be twenty times as large."""
 DETECTABLE = 6.0
 """Norm of the visible part of an effect, in sigma, that the search finds nearly always."""
 WIDTHS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 72, 96, 144, 288, 576, 1152])

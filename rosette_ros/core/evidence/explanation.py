@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 
+from rosette_ros.core.diagnosis.diagnosis import NOISELESS
 from rosette_ros.core.diagnosis.parameter_search import RELINEARISED, choose_settings
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free import FREE, TIMES
@@ -24,8 +25,6 @@ from rosette_ros.core.records import Run
 
 HOPEFUL = 12
 """Sets of variables whose free courses are looked at under other noise: those that explain most in white noise."""
-NOISELESS = 1e-10
-"""Residual rms, m, below which nothing is searched: a tenth of a nanometre is negligible."""
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,9 @@ from functools import cached_property
 import numpy as np
 import scipy.linalg
 
+from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE
 from rosette_ros.core.effects.effect import Setting
-from rosette_ros.core.evidence.bank import HIDDEN_SHARE, Bank, CauseFamily, CoordinateSpace, Key, Reals, columns_of
+from rosette_ros.core.evidence.bank import Bank, CauseFamily, CoordinateSpace, Key, Reals, columns_of
 from rosette_ros.core.records import Floats, Ints, Run
 
 MANY = 4
@@ -222,11 +223,6 @@ class State:
         left = self.evidence.total - float(self.product @ inverse @ self.product)
         return np.asarray(of_sizes((self._gram[own, own] - across @ self._gram[:, own])[None],
                                    (self.product[own] - across @ self.product)[None], left, self.evidence.dof)[0])
-
-    def fitted(self, place: int) -> Floats:
-        """Return what a member explains of the readings, (3 N,), of what the model leaves, in units of its rms."""
-        own = slice(self._ends[place], self._ends[place + 1])
-        return np.asarray((self.inverse @ self.product)[own] @ self.rows[own])
 
     def line(self, rows: Floats) -> Floats:
         """Return the log Bayes factor of further rows (q, 3 N) beside the members for each of SIZES."""
