@@ -19,11 +19,10 @@ from rosette_ros.core.diagnosis import second_run
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis, diagnose, find, fitted_with_noise, judge
-from rosette_ros.core.diagnosis.parameter_search import choose_settings
 from rosette_ros.core.diagnosis.second_run import CrossCheck
+from rosette_ros.core.diagnosis.settings import choose_settings
 from rosette_ros.core.diagnosis.verdict import UNLIKELY, Verdict
 from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
-from rosette_ros.core.evidence.explanation import explain as explain
 from rosette_ros.core.joint.joint_evaluation import evaluate_jointly
 from rosette_ros.core.model.least_squares import Fit, fit
 from rosette_ros.core.model.model import Model, Term
@@ -226,4 +225,4 @@ def summarise(run: Run, model: Model | None = None, on_step: Callable[[str], obj
 __all__ = [
     'MOST_BALLS_ADVISED', 'MOST_BALLS_JUDGED', 'STEPS', 'Change', 'Known', 'LadderStep', 'Summary', 'Verdict', 'advise',
     'advise_run', 'analyse', 'change', 'claimed_model', 'compare', 'cross_check', 'diagnose', 'evaluate_jointly',
-    'explain', 'find', 'judge', 'ladder', 'summarise']
+    'find', 'judge', 'ladder', 'summarise']

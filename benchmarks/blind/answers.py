@@ -10,9 +10,7 @@ import numpy as np
 
 from benchmarks.blind.cause import Variables
 from benchmarks.blind.runs import SIGMA, visible_part
-from rosette_ros.core.evidence.explanation import Explained
 from rosette_ros.core.records import ErrorMotions, Floats, remove_gauge
-from rosette_ros.presentation.explanation_results import sentences
 
 if TYPE_CHECKING:
     from benchmarks.blind.trial import Truth
@@ -46,8 +44,6 @@ def answered(found: Any) -> Record:
 
     told: for each thing without a name the alternatives of the variables on which it depends.
     """
-    if isinstance(found, Explained):
-        return _explained(found)
     unnamed, explanations = getattr(found, 'unnamed', None), getattr(found, 'explanations', None)
     text = found.unexplained_text
     if unnamed is None:
@@ -60,26 +56,12 @@ def answered(found: Any) -> Record:
                     'look_alikes': list(one.look_alikes), 'probability': _number(getattr(one, 'probability', None))}
                    for one in found.candidates if one.claimed],
         'explanations': explanations and [
-            {'members': list(one.members), 'noise': str(one.noise), 'probability': float(one.probability)}
+            {'members': list(one.members), 'noise': ' '.join(one.noise), 'probability': float(one.probability)}
             for one in explanations],
-        'probability_of_nothing': _number(getattr(found, 'probability_of_nothing', None)),
-        'probability_of_unnamed': _number(getattr(found, 'probability_of_unnamed', None)),
+        'probability_of_nothing': _number(getattr(found, 'nothing', None)),
+        'probability_of_unnamed': _number(getattr(found, 'no_name', None)),
         'unexplained': bool(found.unexplained), 'told': told, 'text': text, 'outcome': found.verdict.outcome.value,
         'sentence': found.verdict.sentence, 'rms': float(found.final.rms)}
-
-
-def _explained(found: Explained) -> Record:
-    """Return the same of what explains a run by one score."""
-    said = ' '.join(sentences(found))
-    return {
-        'claims': [{'effect': claim.name, 'setting': dict(term.fixed), 'look_alikes': list(claim.alike),
-                    'probability': claim.probability} for claim, term in zip(found.claims, found.terms)],
-        'explanations': [{'members': list(one.members), 'noise': ' '.join(one.noise), 'probability': one.probability}
-                         for one in found.explanations],
-        'probability_of_nothing': found.posterior.nothing, 'probability_of_unnamed': found.posterior.unnamed,
-        'unexplained': bool(found.unnamed or found.doubtful),
-        'told': [[sorted(one) for one in thing.alternatives] for thing in found.unnamed], 'text': said,
-        'outcome': 'named effect missing' if found.claims else '', 'sentence': said, 'rms': float(found.final.rms)}
 
 
 def _number(value: Any) -> float | None:

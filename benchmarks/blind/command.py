@@ -8,13 +8,12 @@ import os
 import sys
 import time
 import traceback
-from functools import partial
 from pathlib import Path
 
 from benchmarks.blind.answers import Record
 from benchmarks.blind.table import table
 from benchmarks.blind.trial import CAUSES, SETS, Trial, trials
-from rosette_ros.analysis import diagnose, explain
+from rosette_ros.analysis import diagnose
 
 BEGIN, END = '<!-- table of the blind tests -->', '<!-- end of the table -->'
 """What stands before and after the table in a page."""
@@ -29,7 +28,6 @@ def options(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument('--first-seed', type=int, default=1)
     parser.add_argument('-n', '--balls', dest='n', type=int, default=12)
     parser.add_argument('--causes', default=CAUSES, metavar='FILE', help='Python file of the causes of the set open')
-    parser.add_argument('--by-score', action='store_true', help='try the explanations by one score (rosette explain)')
     parser.add_argument('--share', default='1/1', metavar='K/M', help='every Mth run from the Kth on')
     parser.add_argument('--jobs', type=int, default=os.cpu_count())
     parser.add_argument('--json', type=Path, metavar='FILE', help='write every run and what was said of it')
@@ -43,12 +41,12 @@ def options(argv: list[str] | None) -> argparse.Namespace:
     return arguments
 
 
-def work(trial: Trial, by_score: bool = False) -> Record:
-    """Return the record of one run; one that fails is told; by_score: what `explain` says, not `diagnose`."""
+def work(trial: Trial) -> Record:
+    """Return the record of one run; one that fails is told."""
     try:
         run, truth = trial.run()
         began = time.perf_counter()
-        found = explain(run) if by_score else diagnose(run)
+        found = diagnose(run)
         return {**trial.judge(found, truth), 'seconds': time.perf_counter() - began}
     except Exception:
         return {'trial': trial.name, 'failed': traceback.format_exc()}
@@ -60,12 +58,12 @@ def main(argv: list[str] | None = None) -> int:
     old = json.loads(arguments.compare.read_text()) if arguments.compare else None
     todo = trials(arguments.sets, arguments.seeds, arguments.first_seed, arguments.causes,
                   arguments.n)[arguments.part - 1::arguments.parts]
-    began, work_on = time.perf_counter(), partial(work, by_score=arguments.by_score)
+    began = time.perf_counter()
     if arguments.jobs > 1:
         with multiprocessing.get_context('spawn').Pool(arguments.jobs) as pool:
-            records = list(pool.imap(work_on, todo, chunksize=2))
+            records = list(pool.imap(work, todo, chunksize=2))
     else:
-        records = [work_on(trial) for trial in todo]
+        records = [work(trial) for trial in todo]
     failed = [record for record in records if 'failed' in record]
     records = [record for record in records if 'failed' not in record]
     if arguments.json:

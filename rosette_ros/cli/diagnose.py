@@ -15,13 +15,14 @@ from rosette_ros.core.planning.visibility import Visibility, visibility
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import open_run
 from rosette_ros.presentation import tables
+from rosette_ros.presentation.explanation_results import explanations
 from rosette_ros.presentation.formatting import MEANINGS
 from rosette_ros.presentation.json_output import diagnosis_json
 
 NEXT_BEST = 4
 """So many effects that are not identified are shown."""
 CANDIDATE_COLUMNS = (
-    'effect', 'p', 'visible_fraction', 'rms_after_um', 'held_out_rms_after_um', 'delta_bic', 'look_alikes')
+    'effect', 'probability', 'p', 'visible_fraction', 'rms_after_um', 'held_out_rms_after_um', 'delta_bic', 'look_alikes')
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -66,6 +67,7 @@ def show(out: Console, diagnosis: Diagnosis, invisible: Sequence[Visibility]) ->
     claimed = [one for one in diagnosis.candidates if one.claimed]
     others = [one for one in diagnosis.candidates if not one.claimed][:NEXT_BEST]
     print_parts(out, [
+        explanations(diagnosis),
         tables.candidates(claimed, 'Missing effects, most significant first').select(*CANDIDATE_COLUMNS),
         pairs((escape(name), escape(f'{MEANINGS[name].meaning} Look at: {MEANINGS[name].look}'))
               for name in dict.fromkeys(one.effect for one in claimed) if name in MEANINGS) if claimed else None,

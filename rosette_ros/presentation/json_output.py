@@ -137,6 +137,12 @@ def diagnosis_json(diagnosis: Diagnosis, visibilities: Sequence[Visibility] = ()
     return plain({
         'schema': DIAGNOSIS, 'run_id': diagnosis.fit.run.run_id, 'model': diagnosis.model.names,
         'fit': fit_json(diagnosis.fit), 'missing': diagnosis.missing, 'unexplained': diagnosis.unexplained,
+        'explanations': [{'members': one.members, 'noise': one.noise, 'probability': one.probability}
+                         for one in diagnosis.explanations],
+        'probability_of_nothing': diagnosis.nothing, 'probability_of_unnamed': diagnosis.no_name,
+        'unnamed': [{'variables': [sorted(each) for each in one.alternatives], 'motion': one.motion,
+                     'probability': one.probability} for one in diagnosis.unnamed],
+        'not_needed': diagnosis.not_needed,
         'candidates': [_candidate_json(entry) for entry in diagnosis.candidates], 'invisible': diagnosis.invisible,
         **verdict_json(diagnosis.verdict), 'unexplained_text': diagnosis.unexplained_text,
         'shapes': [_shape_json(entry) for entry in diagnosis.recovered],
@@ -147,7 +153,8 @@ def diagnosis_json(diagnosis: Diagnosis, visibilities: Sequence[Visibility] = ()
 
 def _candidate_json(entry: Candidate) -> Json:
     return {
-        'effect': entry.effect, 'p': entry.p, 'visible_fraction': entry.visible_fraction,
+        'effect': entry.effect, 'probability': entry.probability, 'p': entry.p,
+        'visible_fraction': entry.visible_fraction,
         'rms_before_m': entry.rms_before, 'rms_after_m': entry.rms_after,
         'held_out_rms_before_m': entry.cross_validation_before, 'held_out_rms_after_m': entry.cross_validation_after,
         'delta_bic': entry.delta_bic, 'parameters': parameters_json(entry.parameters), 'look_alikes': entry.look_alikes,

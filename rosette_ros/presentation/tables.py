@@ -278,6 +278,7 @@ def candidates(every: Sequence[Candidate], title: str = 'Candidates, most signif
     return Table('candidates', f'{title}; each fitted together with the identified ones above it', (
         words('effect', 'effect', [one.effect for one in every]),
         words('claimed', 'identified', ['yes' if one.claimed else 'no' for one in every]),
+        column('probability', 'probability', [one.probability for one in every], text.percent),
         column('p', text.P_NOISE, [one.p for one in every], text.p_value),
         words('size', 'size', [size_words(one.effect, one.parameters, one.setting) for one in every]),
         column('visible_fraction', text.OBSERVABLE, [one.visible_fraction for one in every], text.percent),

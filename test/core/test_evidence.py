@@ -6,12 +6,12 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from rosette_ros.analysis import explain
+from rosette_ros.core.diagnosis.bank import Bank, CoordinateSpace, columns_of, families_of
+from rosette_ros.core.diagnosis.log_evidence import SIZES, Evidence, State, with_priors
+from rosette_ros.core.diagnosis.noise_kinds import Beside, NoiseKinds
+from rosette_ros.core.diagnosis.posterior import Posterior
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free import FREE, motions, variables
-from rosette_ros.core.evidence.bank import Bank, CoordinateSpace, columns_of, families_of
-from rosette_ros.core.evidence.log_evidence import SIZES, Evidence, State, with_priors
-from rosette_ros.core.evidence.noise_kinds import Beside, NoiseKinds
-from rosette_ros.core.evidence.posterior import Posterior
 from rosette_ros.core.model.base_space import NormalSpace
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Whitening

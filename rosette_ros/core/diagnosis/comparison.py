@@ -5,10 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import special
 
-from rosette_ros.core.diagnosis.candidates import NO_RESIDUAL
-from rosette_ros.core.diagnosis.noise_statistics import two_sided
-from rosette_ros.core.diagnosis.projection import Projection, Reals
+from rosette_ros.core.diagnosis.bank import Reals
 from rosette_ros.core.diagnosis.verdict import UNLIKELY
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.base_model import BaseLines
@@ -19,6 +18,7 @@ from rosette_ros.core.number_words import micrometres, multiple
 from rosette_ros.core.records import Floats, Ints, Run, remove_gauge
 
 DRAWS = 400
+NO_RESIDUAL = 1e-290  # square sum that stands for none, m²
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +95,8 @@ class Comparison:
 def compare(fitted: Fit, seed: int = 0) -> Comparison:
     """Return the Comparison of a fit with its run; seed: of the noise through the same model to compare with."""
     run, residual = fitted.run, fitted.residual
-    project = Projection(fitted.joint, run.size)
     white, whitening = np.random.default_rng(seed).standard_normal((DRAWS, run.size, 3)), fitted.joint.whitening
-    noise = whitening.inverse(project.free(white))
+    noise = whitening.inverse(fitted.joint.free(white))
     expected = np.mean(noise**2, axis=0)
     groupings = tuple(_grouping(label, index, keys, residual, noise, expected) for label, index, keys in places(run))
     correlation, neighbour_p = _neighbours(residual, noise)
@@ -137,7 +136,8 @@ def _neighbours(residual: Floats, noise: Reals) -> tuple[float, float]:
     every = np.concatenate([residual[None], noise])
     total = np.maximum(np.sum(every**2, axis=(1, 2)), NO_RESIDUAL)
     value = np.sum(every[:, 1:] * every[:, :-1], axis=(1, 2)) / total
-    return float(value[0] - value[1:].mean()), two_sided(value)
+    mean, sd = value[1:].mean(), value[1:].std()
+    return float(value[0] - mean), float(2 * special.ndtr(-abs(value[0] - mean) / sd))
 
 
 def _worst(fitted: Fit, noise: Reals, expected: Reals) -> tuple[Reading, ...]:

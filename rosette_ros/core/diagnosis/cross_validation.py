@@ -7,16 +7,17 @@ noise raises it, one that is right brings it down to sigma. Nonlinear parameters
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.parameter_search import effect_problems, search_settings
-from rosette_ros.core.diagnosis.projection import Reals
-from rosette_ros.core.diagnosis.search import Member, Offer, Problem, Selection
+from rosette_ros.core.diagnosis.bank import Bank, Reals
+from rosette_ros.core.diagnosis.log_evidence import ROUNDING, Cause, State, turned_by
+from rosette_ros.core.diagnosis.settings import evidence_of, families_of_terms, is_searched, searched
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import Fit, JointSpace, fit
-from rosette_ros.core.model.model import Model
+from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.records import Floats, Ints, Run
 
 FOLDS = 8
@@ -79,6 +80,11 @@ class CrossValidation:
         rows[:, index] = values
         return self._space.free(rows.reshape(len(rows), size, 3)).reshape(rows.shape)
 
+    def is_alone(self, fold: int, member: Cause, run: Run) -> bool:
+        """Return whether a member moves readings of one block only: the others say nothing of it."""
+        moved = np.flatnonzero(np.any(member.family.effect.columns(run, member.setting) != 0, axis=(1, 2)))
+        return bool(np.isin(3 * moved, self._blocks[fold].index).all())
+
     def training_residuals(self, residual: Floats, rows: Floats) -> Floats:
         """Return residuals of fits without each block, zero in it, (folds, 3 N)."""
         out = []
@@ -111,26 +117,75 @@ class CrossValidation:
 
 
 def cross_validation_rms(run: Run, fitted: Fit) -> float:
-    """Return the error of the cross-validation of a fit, m."""
-    if not fitted.model.terms:
+    """Return the error of the cross-validation of a fit, m; its searched settings are found again without each block.
+
+    A reading that only an effect of its own describes cannot be predicted, and does not count.
+    """
+    if not is_searched(fitted.model):
         return CrossValidation(fitted.joint, run.size).rms_of(fitted.white_residual.reshape(-1))
-    base = fit(run, Model(fitted.model.base), noise=fitted.noise, beyond=fitted.beyond)
-    blocks = CrossValidation(base.joint, run.size)
-    whole = Problem(run, base.joint, base.white_residual, base.dof, (), ())
-    problems = effect_problems(run, fitted.model, base.joint, base.white_residual, base.dof)
-    fits = [(whole.empty.residual, whole.empty.rows)] * blocks.folds
+    model = replace(fitted.model, terms=tuple(Term(term.effect, term.fixed) for term in fitted.model.terms))
+    base = fit(run, Model(model.base), noise=fitted.noise, beyond=fitted.beyond)
+    blocks, evidence = CrossValidation(base.joint, run.size), evidence_of(base, Bank(run, families_of_terms(run, model)))
+    own = [evidence.member(family, setting, 0.0) for family, setting in zip(evidence.bank.families, fitted.settings)]
+    fits = [(evidence.y, np.zeros((0, evidence.y.size)))] * blocks.folds
     # at first the effects count for nothing in a block, then for what they predict there
-    for _ in range(IMPUTATIONS if any(term.effect.searched for term in fitted.model.terms) else 1):
-        imputed = blocks.imputed(whole.residual, fits) * whole.scale
-        fits = [_with_settings(whole, fitted.model, search_settings(
-            run, fitted.model, [problem.on(one.reshape(-1, 3)) for problem in problems])) for one in imputed]
-    return whole.scale * blocks.rms(fits)
+    for _ in range(IMPUTATIONS):
+        imputed = blocks.imputed(evidence.y, fits) * evidence.scale
+        fits = []
+        for fold, one in enumerate(imputed):
+            found = searched(evidence.on(one.reshape(-1, 3)), model)
+            made = [mine if blocks.is_alone(fold, mine, run) else evidence.member(mine.family, setting, 0.0)
+                    for mine, setting in zip(own, found)]
+            state = State(evidence, made)
+            fits.append((state.residual, state.basis))
+    return evidence.scale * blocks.rms(fits)
 
 
-def _with_settings(problem: Problem, model: Model, settings: Sequence[Setting]) -> tuple[Floats, Floats]:
-    members = [problem.member(term.effect, setting, 1.0) for term, setting in zip(model.terms, settings)]
-    chosen = problem.select([member for member in members if member])
-    return chosen.residual, chosen.rows
+class WithoutBlocks:
+    """A hypothesis fitted without each block of readings; rms: the error of its cross-validation, in sigma."""
+
+    def __init__(self, blocks: CrossValidation, before: State) -> None:
+        self.rms = blocks.rms_of(before.residual, before.basis)
+        self._blocks, self.state = blocks, before
+        self._left = blocks.training_residuals(before.residual, before.basis)
+
+    def rms_with(self, member: Cause) -> float:
+        """Return the same with a member more, its setting searched without each block."""
+        evidence, own = self.state.evidence, member.family.effect.searched
+        found: dict[Setting, tuple[Floats, Floats]] = {}
+        settings = [member.setting] * self._blocks.folds if not own else [
+            member.setting if self._blocks.is_alone(fold, member, evidence.run) else setting
+            for fold, setting in enumerate(self._settings[member.family.name])]
+        for setting in dict.fromkeys(settings):
+            again = member if setting == member.setting else evidence.member(member.family, setting, 0.0)
+            after = State(evidence, (*self.state.members, again))
+            found[setting] = after.residual, after.basis
+        return self._blocks.rms([found[setting] for setting in settings])
+
+    @cached_property
+    def _settings(self) -> dict[str, list[Setting]]:
+        """The best setting of each named family without each block, by least squares."""
+        evidence, basis = self.state.evidence, self.state.basis
+        bank, count = evidence.bank, len(self._left)
+        products = bank.products(np.concatenate([self._left, basis]), evidence.space.whitening, is_open=False)
+        fall = np.full((bank.ends[-1], count), -np.inf)
+        for key, blocks in evidence.blocks.items():
+            if not key[1] and blocks.seen.size:
+                turned = turned_by(blocks.vector, products[key][blocks.seen])
+                fall[blocks.number] = falls(blocks.value, turned[..., :count], turned[..., count:])
+        return {family.name: [family.settings[int(place)] for place in fall[start:end].argmax(axis=0)]
+                for family, start, end in zip(bank.families, bank.ends, bank.ends[1:]) if not family.is_free}
+
+
+def falls(value: Reals, product: Reals, across: Reals) -> Floats:
+    """Return by how much blocks (b,) lower square sums (f,) beside what is there, (b, f).
+
+    value: (b, q) of their products; product: (b, q, f) with what is left; across: (b, q, k) with orthonormal rows that
+    are there."""
+    gram = np.eye(value.shape[1]) * np.maximum(value, ROUNDING)[:, None] - across @ across.transpose(0, 2, 1)
+    root, vector = np.linalg.eigh(gram) if gram.shape[1] > 1 else (gram[:, 0], np.ones_like(gram))
+    share = np.where(root > ROUNDING, 1 / np.maximum(root, ROUNDING), 0)
+    return np.asarray(np.sum(turned_by(vector, product)**2 * share[..., None], axis=1))
 
 
 def _is_sound(matrix: Floats) -> bool:
@@ -148,38 +203,3 @@ def _solve(matrix: Floats, vector: Floats) -> tuple[Reals, int]:
     value, basis = np.linalg.eigh(matrix)
     keep = value > 1e-6
     return basis[:, keep] @ ((basis[:, keep].T @ vector) / value[keep]), int(keep.sum())
-
-
-class WithoutBlocks:
-    """A selection fitted without each block of readings; rms: the error of its cross-validation in sigma."""
-
-    def __init__(self, blocks: CrossValidation, problem: Problem, before: Selection) -> None:
-        self.rms = blocks.rms_of(before.residual, before.rows)
-        self._blocks, self._problem, self._before = blocks, problem, before
-        self._selections = [Selection(before.members, before.rows, residual, float(residual @ residual), 0.0)
-                            for residual in blocks.training_residuals(before.residual, before.rows)]
-        self._offers: dict[str, list[Offer | None]] = {}
-
-    def rms_with(self, member: Member, among: Sequence[str]) -> float:
-        """Return the same with a member more, its effect searched without each block; among: as of settings."""
-        problem, settings = self._problem, self.settings(member, among)
-        found: dict[Setting, tuple[Floats, Floats]] = {}
-        for setting in dict.fromkeys(settings):
-            again = member if setting is member.setting else problem.member(member.effect, setting, member.chances)
-            after = problem.select((*self._before.members, *([again] if again else ())))
-            found[setting] = after.residual, after.rows
-        return self._blocks.rms([found[setting] for setting in settings])
-
-    def settings(self, member: Member, among: Sequence[str]) -> list[Setting]:
-        """Return the best setting of a member's effect without each block.
-
-        among: names of the effects that will be asked for beside this selection; they are scored together."""
-        if not member.effect.searched:
-            return [member.setting] * len(self._selections)
-        if member.name not in self._offers:
-            offers = self._problem.offers(self._selections, among, allow_repeats=True)
-            for name in among:
-                self._offers[name] = [next((offer for offer in found if offer.family.name == name), None)
-                                      for found in offers]
-        return [member.setting if offer is None or len(offer.family.settings) == 1 else offer.setting
-                for offer in self._offers[member.name]]

@@ -1,54 +1,88 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which physical effect is missing: claimed only with a probability that counts the whole search."""
+"""What a run shows that a model lacks: named effects, motions without a name and kinds of noise, by one score.
 
-import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+A name is claimed where the probability that it, or what this order of measurement cannot tell from it, is there is at
+least CLAIM. The search-wide probability that noise alone does as well stays beside it as a guard.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
 
+from rosette_ros.core.diagnosis.bank import HIDDEN_SHARE, Bank, families_of, why_not_judged
 from rosette_ros.core.diagnosis.base_terms import f_test, missing_base
-from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, Family, why_not_judged
 from rosette_ros.core.diagnosis.cross_validation import CrossValidation, WithoutBlocks
-from rosette_ros.core.diagnosis.look_alikes import LOOK_ALIKE, axis_open, look_alikes
-from rosette_ros.core.diagnosis.noise_choice import noise_of_z, noise_problem, under_best_noise
-from rosette_ros.core.diagnosis.noise_search import SEEN, noise_of_rounding
-from rosette_ros.core.diagnosis.parameter_search import RELINEARISED, choose_settings
+from rosette_ros.core.diagnosis.hypotheses import Search
+from rosette_ros.core.diagnosis.log_evidence import Cause, State, with_priors
+from rosette_ros.core.diagnosis.noise_hypotheses import Choice, choose, kinds_beside
+from rosette_ros.core.diagnosis.null_gains import null_gains, p_of
+from rosette_ros.core.diagnosis.posterior import ALIKE, CLAIM, Claim, Posterior
 from rosette_ros.core.diagnosis.recovered_shape import Shape, recovered_shapes
-from rosette_ros.core.diagnosis.right_shape import free_instead, replaced_words, right_shapes
-from rosette_ros.core.diagnosis.search import BRANCHES, SWAPPED, Member, Problem, Selection, searched_count
+from rosette_ros.core.diagnosis.settings import RELINEARISED, choose_settings, evidence_of
 from rosette_ros.core.diagnosis.verdict import Verdict, decide, left_over
-from rosette_ros.core.effects.free_forms import FreeForm, axes_words
-from rosette_ros.core.effects.library import effects_of
+from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.effects.free import FREE, TIMES
+from rosette_ros.core.effects.library import EFFECTS, effects_of
 from rosette_ros.core.errors import InvalidData, NotDeterminable
-from rosette_ros.core.model.least_squares import Fit, FittedEffect, JointSpace, Parameter, fit
+from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.model.second_order import NEGLIGIBLE
-from rosette_ros.core.records import Floats, Run, resolution_of
+from rosette_ros.core.records import Floats, Run
 
-CLAIM = 0.002
-"""Search-wide probability below which a name is claimed; 5 % is what the users were promised."""
-DRAWS = 300
-COARSE = 1.5
-"""Step of the readings, over the residual, above which their noise is mostly that of rounding."""
-LEFT = 1e-3
-"""Probability, over all tests, below which the rest is not noise of the run's kind."""
 NOISELESS = 1e-10
 """Residual rms, m, below which nothing is searched: a tenth of a nanometre is negligible."""
+GUARD = 0.05
+"""Search-wide probability of noise alone above which no name is claimed, whatever it is worth: what users were
+promised."""
+HOPEFUL = 12
+"""Sets of variables whose free courses are looked at under other noise: those that explain most in white noise."""
+NOT_NEEDED = 0.05
+"""Probability that noise makes the residual fall as much, above which an effect in a model is not needed."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A hypothesis: its members, names or the variables of what has no name, its kinds of noise, its probability."""
+
+    members: tuple[str, ...]
+    noise: tuple[str, ...]
+    probability: float
+
+
+@dataclass(frozen=True)
+class Unnamed:
+    """Something that the library has no name for: which body moves along what, and with what.
+
+    alternatives: sets of variables that this run cannot distinguish, the likeliest first; setting: of its free course.
+    """
+
+    alternatives: tuple[frozenset[str], ...]
+    motion: str
+    setting: Setting
+    probability: float
+
+    @property
+    def words(self) -> str:
+        """Body, direction and variables in words."""
+        of = ', or with '.join(' and '.join(sorted(each)) for each in self.alternatives)
+        return f'{self.motion}, changing with {of}'
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """An effect that could be what the model lacks.
 
-    p: search-wide probability that noise does as well; rms of the fit and of the cross-validation before and after
-    adding it, m; delta_bic: before minus after, positive favours it; parameters: of the joint fit with all claimed."""
+    probability: that the run has it; p: search-wide probability that noise does as well; rms of the fit and of the
+    cross-validation before and after adding it, m; delta_bic: before minus after, positive favours it; parameters: of
+    the joint fit with all claimed."""
 
     effect: str
     setting: Mapping[str, float | str]
+    probability: float
     p: float
     visible_fraction: float
     rms_before: float
@@ -66,9 +100,10 @@ class Finding:
     """What the search finds that a model lacks.
 
     model, fit: as given; final: the fit with all that is claimed; missing: names claimed, strongest first, and terms,
-    the effects of them; shapes: what the unnamed terms depend on that were found beside them; look_alikes: effects that
-    would look like a claimed one; invisible: effects that this order of measurement hides; misfits: in what the rest is
-    not noise of the kind that the run has.
+    the effects of them; claims: what is known of each; doubtful: names of the best explanation that are not claimed;
+    unnamed: what has no name; invisible: effects that this order of measurement hides; not_needed: effects of the model
+    that the run does not ask for; explanations: at least up to 95 % together; nothing, no_name: probabilities that
+    nothing, and that something without a name, is missing.
     """
 
     model: Model
@@ -76,25 +111,38 @@ class Finding:
     final: Fit
     missing: tuple[str, ...]
     terms: tuple[Term, ...]
-    shapes: str
-    look_alikes: tuple[str, ...]
+    claims: tuple[Claim, ...]
+    doubtful: tuple[Claim, ...]
+    unnamed: tuple[Unnamed, ...]
     invisible: tuple[str, ...]
-    misfits: tuple[str, ...]
+    not_needed: tuple[str, ...]
+    explanations: tuple[Explanation, ...]
+    nothing: float
+    no_name: float
+
+    @property
+    def look_alikes(self) -> tuple[str, ...]:
+        """Effects that this order of measurement cannot distinguish from a claimed one."""
+        return tuple(sorted({name for one in self.claims for name in one.alike}))
+
+    @property
+    def shapes(self) -> str:
+        """What has no name, in words."""
+        return '; '.join(one.words for one in self.unnamed)
 
     @property
     def verdict(self) -> Verdict:
         """The one decision."""
-        return decide(self.fit, self.final, self.missing, self.shapes, self.look_alikes, self.invisible,
-                      self.misfits)
+        return decide(self.fit, self.final, self.missing, self.shapes, self.look_alikes, self.invisible)
 
     @property
     def unexplained_text(self) -> str:
-        """What is left that no named effect explains; empty where nothing is."""
+        """What no named effect explains; empty where nothing is."""
         return left_over(self.final, self.shapes)
 
     @property
     def unexplained(self) -> bool:
-        """Whether something is left that no named effect explains."""
+        """Whether something remains that no named effect explains."""
         return bool(self.unexplained_text)
 
 
@@ -113,7 +161,7 @@ def judge(run: Run, model: Model | None = None) -> Verdict:
 
 
 def find(run: Run, model: Model | None = None) -> Finding:
-    """Return the Finding of `diagnose` without candidates and shapes, in two thirds of its time; see there."""
+    """Return the Finding of `diagnose` without candidates and shapes, sooner; see there."""
     with _bounded(run):
         return _search(run, model or Model()).finding
 
@@ -121,11 +169,28 @@ def find(run: Run, model: Model | None = None) -> Finding:
 def diagnose(run: Run, model: Model | None = None) -> Diagnosis:
     """Return the Diagnosis of a run under a model (the base model if none is given).
 
-    The same run gives the same answer, simulated noise included. Raises NotDeterminable where the run does not
-    determine the model, InvalidData where its times, temperatures or travels are such that no calculation ends.
+    The same run gives the same answer. Raises NotDeterminable where the run does not determine the model, InvalidData
+    where its times, temperatures or travels are such that no calculation ends.
     """
     with _bounded(run):
         return _search(run, model or Model()).diagnosis
+
+
+def fitted_with_noise(run: Run, model: Model, white: Fit, is_searched: bool) -> Fit:
+    """Return the fit of a model under the noise of a run; white: that under white noise.
+
+    is_searched: whether effects that the model lacks are distinguished from noise by a search; else the noise is that
+    beside the model alone. Raises NotDeterminable where the run does not determine the model.
+    """
+    if white.rms < NOISELESS:
+        return white
+    best = kinds_beside(white)[0]
+    if not best.kinds:
+        return white
+    if not is_searched:
+        return fit(run, model, choose_settings(run, model, best.noise), best.noise)
+    with _bounded(run):
+        return _search(run, model).start
 
 
 @contextmanager
@@ -138,288 +203,217 @@ def _bounded(run: Run) -> Iterator[None]:
                           'travels') from error
 
 
+@lru_cache(maxsize=1)
+def _search(run: Run, model: Model) -> 'RunSearch':
+    return RunSearch(run, model)
+
+
 class RunSearch:
-    """The search on one run: what it chooses, its null distribution, and what the verdict rests on.
+    """The search on one run: start, the fit of the model as given; base, with the absent base terms, both under the
+    noise of the best hypothesis; posterior: of all hypotheses; chosen: the best one's State."""
 
-    needed: score below which nothing that it finds is of use.
-    """
-
-    def __init__(self, run: Run, model: Model, noise: Noise | None = None,
-                 like: Sequence[Family] = ()) -> None:
-        """Free the readings of the model, to whose fit, `start`, the `absent` base terms are added in `base`."""
-        self.run, self.needed = run, -np.inf
-        self._without: dict[tuple[Member, ...], WithoutBlocks] = {}
-        self.start = base = fit(run, model, choose_settings(run, model, noise), noise)
+    def __init__(self, run: Run, model: Model) -> None:
+        self.run, self.model = run, model
+        self._settings = choose_settings(run, model)
+        self.start = self.base = fit(run, model, self._settings)
         self.absent = missing_base(run, self.start)
         if self.absent:
-            base = fit(run, replace(model, base=(*model.base, *self.absent)), self.start.settings, noise)
-        if noise is None and (step := resolution_of(run.centre)) > COARSE * base.rms:
-            self.start, base = (replace(one, noise=Noise(resolution=step)) for one in (self.start, base))
-        self.base, joint = base, base.joint
-        self.space = JointSpace(joint.space, joint.every, np.zeros((0, run.size, 3)))
-        self.dof = 3 * run.size - joint.space.rank - self.space.rank
-        self.problem = Problem(run, self.space, self.space.free(base.white_residual[None])[0], self.dof, like=like)
-        self.noiseless = base.rms < NOISELESS
+            self.base = self._fit_of_base(Noise(), None)
+        self.noiseless = self.base.rms < NOISELESS
+        self._white_search = self._relinearised()
+        choice = (Choice(Posterior({((), ()): 0.0}), self._white_search.evidence.empty, Noise()) if self.noiseless
+                  else choose(self._white_search, self.base, self._under))
+        self.posterior, self.chosen = choice.posterior, choice.state
+        self.evidence = self.chosen.evidence
+        if not choice.noise.is_white:
+            self.base = self._fit_of_base(choice.noise, self.base.beyond)
+            self.start = fit(run, model, self._settings, choice.noise, beyond=self.start.beyond)
+        self.bank = self._white_search.evidence.bank
+
+    def _fit_of_base(self, noise: Noise, beyond: Floats | None) -> Fit:
+        model = replace(self.model, base=(*self.model.base, *self.absent))
+        return fit(self.run, model, self._settings, noise, beyond=beyond)
+
+    def _relinearised(self) -> Search:
+        """Return the search in white noise, with the second-order terms of what it finds."""
+        bank = Bank(self.run, with_priors(families_of(self.run)) if not self.noiseless else ())
+        evidence = evidence_of(self.base, bank)
+        for _ in range(RELINEARISED):
+            search = Search(evidence)
+            named = [] if self.noiseless else [one for one in search.best().members if not one.family.is_free]
+            beyond = self.with_members(named).beyond if named else self.base.beyond
+            if np.abs(beyond - self.base.beyond).max() <= NEGLIGIBLE:
+                break
+            self.base = self._fit_of_base(Noise(), beyond)
+            evidence = evidence.on(self.base.white_residual)
+        return search
+
+    def _under(self, noise: Noise) -> Search:
+        """Return a search under another noise among what is hopeful in white noise."""
+        return Search(evidence_of(self._fit_of_base(noise, self.base.beyond), self._few))
+
+    @cached_property
+    def _few(self) -> Bank:
+        return Bank(self.run, self._white_search.hopeful(HOPEFUL))
+
+    def with_members(self, members: Sequence[Cause]) -> Fit:
+        """Return the joint fit of the model with members added, under the noise of the run."""
+        terms = tuple(Term(one.family.effect) for one in members)
+        model = replace(self.base.model, terms=(*self.base.model.terms, *terms), repeated=True)
+        return fit(self.run, model, (*self.base.settings, *(one.setting for one in members)), self.base.noise,
+                   self.base.joint.space)
+
+    @cached_property
+    def claimed(self) -> tuple[tuple[Cause, Claim], ...]:
+        """The members that are claimed, the one that explains most first."""
+        members, out = self.chosen.members, []
+        for claim in self.posterior.claims:
+            for place, one in enumerate(members):
+                if (one.name == claim.name and claim.together >= CLAIM and not _has_twin(one, members)
+                        and self.p(self.gain_beside(self.chosen.without(place), one)) <= GUARD):
+                    out.append((one, claim))
+        falls = {one: State(self.evidence, [other for other, _ in out if other is not one]).rss for one, _ in out}
+        return tuple(sorted(out, key=lambda pair: -falls[pair[0]]))
+
+    def gain_beside(self, others: Sequence[Cause], member: Cause) -> float:
+        """Return what a member is worth beside others: of its family, all settings included."""
+        offers = State(self.evidence, others).offers(is_open=False)
+        return next((one.gain for one in offers if one.family is member.family), -np.inf)
+
+    @cached_property
+    def null(self) -> Floats:
+        """What the best name is worth in runs of pure noise, falling."""
+        return null_gains(self.evidence, self.base)
+
+    def p(self, gain: float) -> float:
+        """Return the probability that noise makes any name worth as much."""
+        return p_of(gain, self.null)
 
     @cached_property
     def finding(self) -> Finding:
         """All that the verdict rests on."""
-        members = self.chosen.members
-        named = tuple(member for member in members if member.named)
-        missing = tuple(dict.fromkeys([*self.absent, *(member.name for member in named)]))
-        final = self._final
-        shapes = [one.effect.describe(one.setting, axes_words(self.run), axis_open(self.problem, self.chosen, place),
-                                      replaced_words(one))
-                  for place, one in enumerate(members) if isinstance(one.effect, FreeForm)]
-        if beneath := [member.name for member in members if member.beneath]:
-            shapes.append(
-                f'here the linear model ends: what looks like {" and ".join(beneath)} is below '
-                f'{1e6 * final.linear_limit:.2g} µm, the square of the largest displacement over the radius')
+        members, claims = [one for one, _ in self.claimed], [claim for _, claim in self.claimed]
+        missing = tuple(dict.fromkeys([*self.absent, *(one.name for one in members)]))
         return Finding(
-            self.start.model, self.start, final, missing,
-            tuple(Term(member.effect, member.setting) for member in named), '; '.join(shapes),
-            tuple(sorted(set(itertools.chain(*self.look_alikes.values())))), self._invisible(missing), self._misfits())
+            self.model, self.start, self._final, missing,
+            tuple(Term(one.family.effect, one.setting) for one in members), tuple(dict.fromkeys(claims)),
+            tuple(one for one in self.posterior.claims if one not in claims), self._unnamed(), self._invisible(missing),
+            self._not_needed(), tuple(Explanation(names, noise, p) for (names, noise), p
+                                      in self.posterior.explanations()),
+            self.posterior.nothing, self.posterior.unnamed)
 
     @cached_property
     def diagnosis(self) -> Diagnosis:
         """The finding with candidates and shapes."""
         candidates, refused = _candidates(self)
+        unavailable = tuple((name, reason) for name, effect in effects_of(self.run).items()
+                            if (reason := why_not_judged(effect, self.run)))
         return Diagnosis(**vars(self.finding), candidates=candidates,
-                         recovered=recovered_shapes(self.problem, self.chosen),
-                         unavailable=(*self.unavailable, *refused))
-
-    @cached_property
-    def null(self) -> Floats:
-        """Best scores of pure noise, sorted: the null distribution of the search."""
-        rng = np.random.default_rng(0)
-        noise = rng.standard_normal((DRAWS if self.run.n < 48 else DRAWS // 2, self.run.size, 3))
-        return np.sort(self.problem.null_scores(noise_of_rounding(self.base, noise) if self.is_coarse else noise))
-
-    @property
-    def is_coarse(self) -> bool:
-        """Whether the readings are rounded by as much as what is left, so that their noise is mostly that."""
-        return self.base.noise.resolution > 0
-
-    def p(self, score: float) -> float:
-        """Return the probability that noise reaches a score anywhere; it falls exponentially beyond what is drawn."""
-        above = np.count_nonzero(self.null >= score)
-        if above >= 10:
-            return (above + 1) / (self.null.size + 1)
-        edge = self.null[int(0.8 * self.null.size)]
-        beyond = self.null[self.null > edge] - edge  # none where rounding makes one score of all
-        scale = max(2.2, 1.1 * float(beyond.mean()) if beyond.size else 0.0)
-        return float(min(0.2, 0.2 * np.exp(-(score - edge) / scale)))
-
-    def score_beside(self, selection: Selection, place: int) -> float:
-        """Return the score on the grid (as noise is scored) of one member of a selection beside the others.
-
-        A form that is no part of the search, only set beside claims, has the score by which it is kept."""
-        rest = self.problem.select(selection.without(place))
-        offers = self.problem.offers([rest], (selection.members[place].name,))[0]
-        return max((offer.score for offer in offers), default=selection.score - rest.score)
-
-    @cached_property
-    def chosen(self) -> Selection:
-        """The Selection that the search ends with: each member holds beside the others."""
-        if self.noiseless:
-            return self.problem.empty
-        selection = self._relinearised(self._held(self.problem.grow(self.needed), self.problem.swap))
-        if selection.score < self.needed - SWAPPED:
-            return self._ordered(selection)  # the noise without it is better: what matters is what it leaves
-        selection = right_shapes(self.problem, self._above_limit(self.problem.polish(selection)), self._held)
-        while vain := [place for place in range(len(selection.members)) if not self._predicts(selection, place)]:
-            instead = free_instead(self.problem, selection, vain[:1]) or self.problem.select(selection.without(vain[0]))
-            selection = self.problem.polish(self._held(instead))
-        return self._ordered(self._simplest(selection))
-
-    def _simplest(self, selection: Selection) -> Selection:
-        """Return the selection with a wrong reading in place of an effect that cannot be distinguished from it."""
-        for place, member in enumerate(selection.members):
-            if member.named and member.name != 'outlier':
-                rest = self.problem.select(selection.without(place))
-                for offer in self.problem.offers([rest], ('outlier',), allow_repeats=True)[0][:1]:
-                    child = self.problem.child(rest, offer)
-                    if child and self.p(offer.score) <= CLAIM and (
-                            child.score > selection.score - LOOK_ALIKE or child.rss < selection.rss):
-                        return self._simplest(child)
-        return selection
-
-    def _relinearised(self, selection: Selection) -> Selection:
-        """Return what the search finds once the readings are freed of the second-order terms of what it found."""
-        for _ in range(RELINEARISED):
-            tried = [tuple(member for member in selection.members if member.named)]
-            if len(tried[0]) < len(selection.members):  # a free form may stand for one effect and its square
-                tried += [child.members for offer in self.problem.offers([self.problem.empty])[0][:BRANCHES]
-                          if offer.family.effect.moves_plate
-                          and (child := self.problem.child(self.problem.empty, offer))]
-            beyond = min((self.final_fit(members) for members in tried), key=lambda one: one.rms).beyond
-            if np.abs(beyond - self.base.beyond).max() <= NEGLIGIBLE:
-                break
-            base = self.base
-            self.base = fit(self.run, base.model, base.settings, base.noise, base.joint.space, beyond)
-            self.problem = self.problem.on(self.space.free(self.base.white_residual[None])[0])
-            selection = self._held(self.problem.grow(), self.problem.swap)
-        return selection
-
-    def _above_limit(self, selection: Selection) -> Selection:
-        """Return the selection with no name for what is smaller than the linear model can tell beside the others."""
-        if not selection.members:
-            return selection
-        final = self.final_fit(selection.members)
-        limit, found = final.linear_limit, final.effects[-len(selection.members):]
-        return self.problem.select([
-            replace(member, beneath=one.largest < limit and not isinstance(member.effect, FreeForm))
-            for member, one in zip(selection.members, found)])
-
-    def _ordered(self, selection: Selection) -> Selection:
-        falls = [self.problem.select(selection.without(place)).rss for place in range(len(selection.members))]
-        # unnamed shapes come last: the named effects are judged without them
-        order = sorted(range(len(falls)), key=lambda place: (not selection.members[place].named, -falls[place]))
-        return self.problem.select(tuple(selection.members[place] for place in order))
-
-    def _held(self, selection: Selection, settle: Callable[[Selection], Selection] = lambda same: same) -> Selection:
-        """Return the selection without the members that do not hold beside the others, settled after each."""
-        while selection.members:
-            scores = [self.score_beside(selection, place) for place in range(len(selection.members))]
-            weakest = int(np.argmin(scores))
-            if self.p(scores[weakest]) <= CLAIM:
-                break
-            selection = settle(self.problem.select(selection.without(weakest)))
-        return selection
-
-    def without(self, before: Selection) -> WithoutBlocks:
-        """Return a selection fitted without each block; those that were asked for are kept."""
-        if before.members not in self._without:
-            self._without[before.members] = WithoutBlocks(self.blocks, self.problem, before)
-        return self._without[before.members]
-
-    def _predicts(self, selection: Selection, place: int) -> bool:
-        """Return whether a named member lowers the error of the cross-validation beside the others.
-
-        A wrong reading says nothing of the others: it need not."""
-        member = selection.members[place]
-        if not member.named or member.name == 'outlier':
-            return True
-        without = self.without(self.problem.select(selection.without(place)))
-        error = without.rms_with(member, (member.name,))
-        return not error > without.rms  # not a number where the others do not determine it
-
-    @cached_property
-    def blocks(self) -> CrossValidation:
-        """Readings to be left out."""
-        return CrossValidation(self.space, self.run.size)
-
-    def final_fit(self, members: Sequence[Member]) -> Fit:
-        """Return the joint fit of the model with members added."""
-        terms = tuple(Term(member.effect) for member in members)
-        model = replace(self.base.model, terms=(*self.base.model.terms, *terms), repeated=True)
-        return fit(self.run, model, (*self.base.settings, *(member.setting for member in members)), self.base.noise,
-                   self.base.joint.space)
+                         recovered=recovered_shapes(self.chosen, [one for one, _ in self.claimed]),
+                         unavailable=(*unavailable, *refused))
 
     @cached_property
     def _final(self) -> Fit:
         """The fit with all that is claimed."""
-        return self.final_fit([member for member in self.chosen.members if member.named])
+        return self.with_members([one for one, _ in self.claimed])
 
     @property
     def claimed_effects(self) -> tuple[FittedEffect, ...]:
-        """The named members of the selection as they are fitted together."""
+        """The claimed members as they are fitted together."""
         return self._final.effects[len(self.base.settings):]
 
-    @cached_property
-    def look_alikes(self) -> dict[int, tuple[str, ...]]:
-        """Effects that would look nearly the same, by the place of each named member of the selection."""
-        return look_alikes(self.problem, self.chosen, self.claimed_effects)
-
-    @cached_property
-    def unavailable(self) -> tuple[tuple[str, str], ...]:
-        """Effects that the run's records cannot judge, with the reason."""
-        return tuple((name, reason) for name, effect in effects_of(self.run).items()
-                     if (reason := why_not_judged(effect, self.run)))
-
-    def _misfits(self) -> tuple[str, ...]:
-        if self.noiseless or self.base.noise.resolution:
-            return ()
-        problem = noise_problem(self.base, self.chosen.members)
-        return tuple(dict.fromkeys(one.words for one in problem.at(self.base.noise).misfits() if one.p < LEFT))
+    def _unnamed(self) -> tuple[Unnamed, ...]:
+        out = []
+        for one in self.chosen.members:
+            if one.family.is_free:
+                instead = {name: p for name, p in self.posterior.instead(one.name).items() if name not in EFFECTS}
+                likely = sorted((name for name, p in instead.items() if p > ALIKE * max(instead.values())),
+                                key=lambda name: -instead[name])
+                sets = dict.fromkeys(frozenset(name.replace('one ball', 'ball').split(TIMES)) for name in likely)
+                out.append(Unnamed(tuple(sets), one.setting.word('along'), one.setting, sum(instead.values())))
+        return tuple(out)
 
     def _invisible(self, missing: Sequence[str]) -> tuple[str, ...]:
+        if self.noiseless:
+            return ()
         shares: dict[str, float] = {}
-        for family in self.problem.families:
-            shares[family.name] = max(shares.get(family.name, 0.0), float(family.shares.max()))
-        known = {*missing, *(term.name for term in self.base.model.terms), *(name for name, _ in self.unavailable)}
-        return tuple(name for name in effects_of(self.run)
-                     if name not in known and shares.get(name, 0.0) < HIDDEN_SHARE)
+        for key, seen in self._white_search.evidence.shares.items():
+            if not key[1]:
+                for number, share in zip(self.bank.groups[key].family.tolist(), seen.tolist()):
+                    name = self.bank.families[number].name
+                    shares[name] = max(shares.get(name, 0.0), share)
+        known = {*missing, *(term.name for term in self.base.model.terms)}
+        return tuple(name for name, share in shares.items() if name not in known and share < HIDDEN_SHARE)
+
+    def _not_needed(self) -> tuple[str, ...]:
+        """The effects of the model without which the residual rises by no more than chance."""
+        out, terms = [], self.start.model.terms
+        for place, term in enumerate(terms):
+            rest = (*terms[:place], *terms[place + 1:])
+            settings = (*self.start.settings[:place], *self.start.settings[place + 1:])
+            without = fit(self.run, replace(self.start.model, terms=rest, repeated=True), settings, self.start.noise,
+                          self.start.joint.space)
+            if f_test(without, self.start) > NOT_NEEDED:
+                out.append(str(term))
+        return tuple(out)
 
 
-@lru_cache(maxsize=1)
-def _search(run: Run, model: Model) -> RunSearch:
-    """Return the search under the noise of the run."""
-    white = RunSearch(run, model)
-    return under_best_noise(white, lambda noise: RunSearch(run, model, noise, white.problem.families))
-
-
-def fitted_with_noise(run: Run, model: Model, white: Fit, is_searched: bool) -> Fit:
-    """Return the fit of a model under the noise of a run; white: that under white noise.
-
-    is_searched: whether effects that the model lacks are told from noise by a search, where the noise is not white;
-    else only z is compared with x and y. Raises NotDeterminable where the run does not determine the model.
-    """
-    if white.rms < NOISELESS:
-        return white
-    if not is_searched:
-        found = noise_of_z(white) if 'noise.axes' in model.noise else white.noise
-        return white if found.is_white else fit(run, model, choose_settings(run, model, found), found)
-    start = noise_problem(white).start
-    if start.misfits()[0].p >= SEEN and not resolution_of(run.centre) > COARSE * white.rms:
-        return white
-    with _bounded(run):
-        return _search(run, model).start
+def _has_twin(named: Cause, members: Sequence[Cause]) -> bool:
+    """Return whether a free course of the same body and variable stands beside a name: its shape is not right."""
+    effect = named.family.effect
+    return any(FREE.variables_of(one.setting) & set(effect.variables)
+               and effect.body.split(' ')[0] in one.setting.word('along') for one in members if one.family.is_free)
 
 
 def _candidates(search: RunSearch) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...]]:
     """Return all candidates: claimed ones, each beside those before it, then the others beside all claimed; and the
     names of those that have no fit, with the reason."""
-    problem, chosen, before = search.problem, search.chosen, search.problem.empty
     out = [_base_candidate(search, term) for term in search.absent]
-    fitted = iter(search.claimed_effects)
-    for place, member in enumerate(chosen.members):
-        if member.named:
-            p = search.p(search.score_beside(chosen, place))
-            out.append(_candidate(search, member, before, p, search.look_alikes[place], (member.name,), next(fitted)))
-        before = problem.select((*before.members, member))
     if search.noiseless:
         return tuple(out), ()
-    others = [(search.p(score), -gain, rival) for rival, gain, score in problem.rivals(chosen)
-              if rival.named and rival.name not in chosen.names
-              and search.dof > len(chosen.rows) + len(rival.rows) + searched_count((*chosen.members, rival))]
-    among = tuple(rival.name for _, _, rival in others if rival.effect.searched)
-    named = problem.select([member for member in chosen.members if member.named])
+    evidence, blocks = search.evidence, CrossValidation(search.base.joint, search.run.size)
+    before = WithoutBlocks(blocks, evidence.empty)
+    for place, ((member, claim), fitted) in enumerate(zip(search.claimed, search.claimed_effects)):
+        others = [one for one in search.chosen.members if one is not member]
+        p = search.p(search.gain_beside(others, member))
+        out.append(_candidate(search, member, before, claim.probability, p, fitted.parameters, claim.alike))
+        before = WithoutBlocks(blocks, State(evidence, [one for one, _ in search.claimed[:place + 1]]))
+    known = {one.name for one, _ in search.claimed}
+    offers = [one for one in before.state.offers(is_open=False) if one.family.name not in known]
     refused = []
-    for p, _, rival in sorted(others, key=lambda entry: entry[:2]):
+    for offer in offers:
+        member = evidence.member(offer.family, offer.setting, offer.volume)
+        if evidence.dof <= len(before.state.basis) + len(member.rows):
+            continue
         try:
-            out.append(_candidate(search, rival, named, p, (), among))
+            fitted = search.with_members([*(one for one, _ in search.claimed), member]).effects[-1]
+            out.append(_candidate(search, member, before, search.posterior.of(member.name), search.p(offer.gain),
+                                  fitted.parameters))
         except NotDeterminable:
-            refused.append((rival.name, 'its fit to these readings does not converge'))
+            refused.append((offer.family.name, 'its fit to these readings does not converge'))
     return tuple(out), tuple(refused)
 
 
-def _candidate(search: RunSearch, member: Member, before: Selection, p: float, look_alikes: tuple[str, ...],
-               among: Sequence[str], claimed: FittedEffect | None = None) -> Candidate:
-    """Return the Candidate of a member beside a selection; among: as of WithoutBlocks.settings.
-
-    claimed: the effect in the fit with all that is claimed, None for one that is not."""
-    after, scale = search.problem.select((*before.members, member)), search.problem.scale
-    used, more = (len(each.rows) + searched_count(each.members) for each in (before, after))
-    rms_before, rms_after = (scale * float(np.sqrt(each.rss / (search.dof - count)))
-                             for each, count in ((before, used), (after, more)))
-    size = 3 * search.run.size
-    fitted = claimed or search.final_fit([each for each in after.members if each.named]).effects[-1]
+def _candidate(search: RunSearch, member: Cause, before: WithoutBlocks, probability: float, p: float,
+               parameters: tuple[Parameter, ...], alike: Sequence[str] | None = None) -> Candidate:
+    """Return the Candidate of a member beside a state; alike: None where it is not claimed."""
+    evidence, state = search.evidence, before.state
+    after, scale, size = State(evidence, (*state.members, member)), evidence.scale, 3 * search.run.size
+    used, more = (len(each.basis) + _searched(each.members) for each in (state, after))
+    rms_before, rms_after = (scale * float(np.sqrt(each.rss / max(evidence.dof - count, 1)))
+                             for each, count in ((state, used), (after, more)))
+    left = max(after.rss, 1e-300)
+    share = float(np.sqrt(np.sum(member.rows**2) / max(len(member.rows), 1)))
     return Candidate(
-        member.name, dict(member.setting), p, member.share, rms_before, rms_after,
-        scale * search.without(before).rms, scale * search.without(before).rms_with(member, among),
-        float(size * np.log(before.rss / after.rss) - (more - used) * np.log(size)), fitted.parameters,
-        look_alikes, claimed is not None)
+        member.name, dict(member.setting), probability, p, share, rms_before, rms_after,
+        scale * before.rms, scale * before.rms_with(member),
+        float(size * np.log(max(state.rss, 1e-300) / left) - (more - used) * np.log(size)), parameters,
+        tuple(alike or ()), alike is not None)
+
+
+def _searched(members: Sequence[Cause]) -> int:
+    """Return how many numbers of members are searched; choices do not count."""
+    return sum(one.kind != 'choice' for member in members for one in member.family.effect.searched)
 
 
 def _base_candidate(search: RunSearch, term: str) -> Candidate:
@@ -428,6 +422,6 @@ def _base_candidate(search: RunSearch, term: str) -> Candidate:
     left, rss = (each.rms**2 * each.dof for each in (after, before))
     error, error_with = (CrossValidation(each.joint, run.size).rms_of(each.white_residual.reshape(-1))
                          for each in (before, after))
-    size = 3 * run.size
-    return Candidate(term, {}, min(f_test(before, after) * 7, 1.0), 1.0, before.rms, after.rms, error, error_with,
+    size, p = 3 * run.size, min(f_test(before, after) * (2**len(search.absent) - 1), 1.0)
+    return Candidate(term, {}, 1 - p, p, 1.0, before.rms, after.rms, error, error_with,
                      float(size * np.log(rss / left) - (after.rank - before.rank) * np.log(size)), (), (), True)

@@ -1,32 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The recovered shape: what a free form makes of the residual against its variable, alone or beside a claim.
+"""The recovered shape: what a free course makes of the residual against its variable, alone or for a claim.
 
-With P the columns of the form freed of the model and of all other members, in white coordinates, the amplitudes are
-P+ r and their covariance sigma^2 (P P')+; what the model can describe of the form is left out of both. A claim is drawn
-by what the same form makes of it: where the claim is right, the two differ by noise.
+With D the columns of the course, of the sizes of its process and freed of the model and of all other members, and tau
+its size over sigma, the amplitudes are (D D' + 1/tau^2)^-1 D y and their covariance sigma^2 (D D' + 1/tau^2)^-1. A claim
+is drawn by what the same course makes of it: where the claim is right, the two differ by noise.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE
-from rosette_ros.core.diagnosis.right_shape import forms_beside
-from rosette_ros.core.diagnosis.search import Member, Problem, Selection, searched_count
+from rosette_ros.core.diagnosis.bank import CauseFamily, columns_of, scaled
+from rosette_ros.core.diagnosis.log_evidence import SIZES, Cause, State
 from rosette_ros.core.effects.effect import Setting
-from rosette_ros.core.effects.free_forms import FREE_FORMS, FreeForm, axes_words, directions
+from rosette_ros.core.effects.free import FREE, TIMES, motions, variables
 from rosette_ros.core.records import Floats
 
 MOST_POINTS = 200
-CONSTANT = 1e-9  # change of a function of the variable below which it is a constant
 
 
 @dataclass(frozen=True, eq=False)
 class ShapeCurve:
     """One curve of a shape: its axis and what multiplies it; value, u and claimed: (M,), m, at the shape's values.
 
-    u: standard uncertainty; claimed: what the form makes of the claim, None where the shape has no name.
+    u: standard uncertainty; claimed: what the course makes of the claim, None where the shape has no name.
     """
 
     axis: str
@@ -38,7 +37,7 @@ class ShapeCurve:
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A recovered shape: the free form and its setting, what it depends on in words, the effect that is claimed.
+    """A recovered shape: the free course and its setting, what it depends on in words, the effect that is claimed.
 
     claim: '' where no effect has the shape; variable, unit, values: (M,), rising, at which its curves are given.
     """
@@ -53,60 +52,79 @@ class Shape:
     curves: tuple[ShapeCurve, ...]
 
 
-def recovered_shapes(problem: Problem, selection: Selection) -> tuple[Shape, ...]:
-    """Return the Shape of each member of a selection that has one.
-
-    Single wrong readings have none, nor has what is the same at all values but for a sense of motion."""
-    found = (_shape(problem, selection, place) for place in range(len(selection.members)))
+def recovered_shapes(state: State, claimed: Sequence[Cause]) -> tuple[Shape, ...]:
+    """Return the Shape of each claimed or unnamed member of a hypothesis that depends on one variable."""
+    found = (_shape(state, place) for place, one in enumerate(state.members) if one.family.is_free or one in claimed)
     return tuple(shape for shape in found if shape is not None)
 
 
-def _shape(problem: Problem, selection: Selection, place: int) -> Shape | None:
-    member, rest = selection.members[place], problem.select(selection.without(place))
-    form = member if isinstance(member.effect, FreeForm) else _best_form(problem, rest, member)
-    if form is None or not isinstance(form.effect, FreeForm):
+def _shape(state: State, place: int) -> Shape | None:
+    member, rest = state.members[place], State(state.evidence, state.without(place))
+    run = state.evidence.run
+    setting = member.setting if member.family.is_free else _twin(rest, member)
+    if setting is None:
         return None
-    course = form.effect.course(problem.run, form.setting)
-    raw = np.moveaxis(form.effect.columns(problem.run, form.setting), -1, 0).astype(float)
-    size = np.linalg.norm(raw.reshape(len(raw), -1), axis=1)
-    rows = np.asarray(problem.project(raw), dtype=float).reshape(len(raw), -1) / size[:, None]
-    rows = rows - (rows @ rest.rows.T) @ rest.rows
+    *ball, name = setting.word('of').split(TIMES)
+    if not all(one.startswith('ball ') for one in ball):
+        return None  # of two variables: a surface
+    family = CauseFamily(FREE, name, (setting,))
+    mix, functions, count = _mixed(state, setting)
+    rows = state.evidence.space.residual(columns_of(family, run, setting)).reshape(np.count_nonzero(mix), -1)
+    rows = rows - (rows @ rest.basis.T) @ rest.basis
+    size = SIZES[int(np.argmax(rest.line(rows)))]
     value, vector = np.linalg.eigh(rows @ rows.T)
-    seen = value > HIDDEN_SHARE**2
-    root = vector[:, seen] / np.sqrt(value[seen]) / size[:, None]  # root root' is the cofactor matrix
-    whole = problem.select((*rest.members, form))
-    left = max(problem.dof - len(whole.rows) - searched_count(whole.members), 1)
-    sigma = problem.scale * np.sqrt(whole.rss / left)
-    solve = root @ (vector[:, seen] / np.sqrt(value[seen])).T @ rows * problem.scale
-    amplitudes = [solve @ rest.residual]
-    if member.named:
-        amplitudes.append(solve @ (rest.residual - selection.residual))
-    where = np.flatnonzero(course.where)
-    at = where[np.unique(course.values[where], return_index=True)[1]]
+    root = vector / np.sqrt(np.maximum(value, 0) + 1 / size**2)
+    amplitudes = [state.evidence.scale * root @ (root.T @ (rows @ left)) for left in (
+        (rest.residual,) if member.family.is_free else (rest.residual, rest.residual - state.residual))]
+    sigma = state.evidence.scale * np.sqrt(state.rss / max(state.evidence.dof - len(state.basis), 1))
+    variable = next(one for one in variables(run) if one.name == name)
+    where = np.flatnonzero(run.ball == int(ball[0].removeprefix('ball '))) if ball else np.arange(run.size)
+    at = where[np.unique(variable.values[where], return_index=True)[1]]
     at = at[np.unique(np.linspace(0, at.size - 1, MOST_POINTS).round().astype(int))]
-    basis = np.array(course.basis)
-    basis = (basis - basis[:, where].mean(axis=1, keepdims=True))[:, at]
-    if not np.any(np.abs(basis) > CONSTANT):
-        return None
+    centred = (functions - functions[:, where].mean(axis=1, keepdims=True))[:, at]
     curves = []
-    labels = [(axis, carrier) for axis in directions(form.setting.word('axes')) for carrier in course.carriers or ('',)]
-    for k, (axis, carrier) in enumerate(labels):
-        own = slice(k * len(basis), (k + 1) * len(basis))
-        both = [amplitude[own] @ basis for amplitude in amplitudes]
-        u = sigma * np.linalg.norm(root[own].T @ basis, axis=0)
-        curves.append(ShapeCurve(axis, carrier, both[0], u, both[1] if member.named else None))
-    return Shape(form.name, form.setting, form.effect.describe(form.setting, axes_words(problem.run)),
-                 member.name if member.named else '', course.name, course.unit, course.values[at], tuple(curves))
+    for k, axis in enumerate(_axes(setting.word('along'), count)):
+        basis = np.zeros((mix.size, at.size))
+        basis[k::count] = mix[k::count, None] * centred
+        basis = basis[mix > 0]
+        both = [amplitude @ basis for amplitude in amplitudes]
+        curves.append(ShapeCurve(axis, ball[0] if ball else '', both[0], sigma * np.linalg.norm(root.T @ basis, axis=0),
+                                 None if member.family.is_free else both[1]))
+    return Shape(FREE.name, setting, f'{setting.word("along")} with {setting.word("of")}',
+                 '' if member.family.is_free else member.name, variable.name, variable.unit, variable.values[at],
+                 tuple(curves))
 
 
-def _best_form(problem: Problem, rest: Selection, member: Member) -> Member | None:
-    """Return the free form of the variables of a claim that explains most for what it costs."""
-    made = [problem.member(FREE_FORMS[name], setting, 1.0)
-            for name, setting in forms_beside(problem.run, member.effect, member.setting)]
-    if member.name == 'outlier':
-        return None
-    return max((one for one in made if one is not None),
-               key=lambda one: problem.select((*rest.members, one)).score, default=None)
+def _mixed(state: State, setting: Setting) -> tuple[Floats, Floats, int]:
+    """Return the diagonal of T (q,), the functions (k, N) of a free course, and its number of directions."""
+    run = state.evidence.run
+    functions, variance = FREE.course(run, setting)
+    columns = np.moveaxis(FREE.columns(run, setting), -1, 0)
+    columns = columns - columns.mean(axis=1, keepdims=True)
+    mix = scaled(np.sum(columns**2, axis=(1, 2))[None], variance[None])[0]
+    return mix, functions, len(motions(run)[setting.word('along')])
+
+
+def _twin(rest: State, member: Cause) -> Setting | None:
+    """Return the free course of one variable and the body of an effect that explains most in its place."""
+    effect, run = member.family.effect, rest.evidence.run
+    best, most = None, -np.inf
+    of_ball = f'ball {member.setting["ball"]:g}' if 'ball' in member.setting else ''
+    for name, settings in FREE.families(run):
+        for setting in settings:
+            *ball, variable = setting.word('of').split(TIMES)
+            if (variable in effect.variables and ball in ([], [of_ball])
+                    and setting.word('along').startswith(effect.body.split(' ')[0])):
+                made = rest.evidence.member(CauseFamily(FREE, name, settings), setting, 0.0)
+                if (worth := float(rest.line(made.rows).max())) > most:
+                    best, most = setting, worth
+    return best
+
+
+def _axes(along: str, count: int) -> list[str]:
+    """Return what to call the directions of a motion."""
+    letters = re.findall(r'\b[xyz]\b', along)
+    return letters if len(letters) == count else [along] if count == 1 else [f'{along} {k + 1}' for k in range(count)]
 
 
 def strongest(shape: Shape, most: int) -> Sequence[ShapeCurve]:

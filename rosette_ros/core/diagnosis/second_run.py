@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
+from rosette_ros.core.diagnosis.bank import HIDDEN_SHARE, CauseFamily, columns_of
 from rosette_ros.core.diagnosis.base_terms import f_test
-from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, whiten
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
 from rosette_ros.core.diagnosis.diagnosis import NOISELESS
-from rosette_ros.core.diagnosis.noise_choice import noise_beside
-from rosette_ros.core.diagnosis.parameter_search import choose_settings
-from rosette_ros.core.diagnosis.projection import Projection
+from rosette_ros.core.diagnosis.noise_hypotheses import kinds_beside
+from rosette_ros.core.diagnosis.settings import choose_settings
 from rosette_ros.core.diagnosis.verdict import noise_words
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.errors import InvalidData
@@ -104,8 +103,7 @@ def cross_check(run: Run, model: Model, learnt: Sequence[Learnt]) -> CrossCheck:
     refused = [_refusal(effect, fitted, before) for effect, fitted in learnt]
     usable = [pair for pair, words in zip(learnt, refused) if words is None]
     after = _with(before, usable)
-    noise = noise_beside(after)
-    if not noise.is_white and after.rms >= NOISELESS:
+    if after.rms >= NOISELESS and not (noise := kinds_beside(after)[0].noise).is_white:
         before = fit(run, model, choose_settings(run, model, noise), noise)
         after = _with(before, usable)
     error, error_with = _error(before), _error(after)
@@ -132,8 +130,8 @@ def _refusal(effect: Effect, fitted: FittedEffect, before: Fit) -> tuple[str, st
 
 
 def _visible_share(effect: Effect, setting: Setting, before: Fit) -> float:
-    block = np.moveaxis(effect.columns(before.run, setting), -1, 0)
-    return float(whiten(block[None], Projection(before.joint, before.run.size))[2][0])
+    rows = before.joint.residual(columns_of(CauseFamily(effect, effect.name, (setting,)), before.run, setting))
+    return float(np.sqrt(np.sum(rows**2) / max(len(rows), 1)))
 
 
 def _with(before: Fit, pairs: Sequence[Learnt]) -> Fit:

@@ -8,7 +8,7 @@ from rosette_ros.core.effects import ball_courses as of_ball
 from rosette_ros.core.effects import courses as of
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import Effect, PhysicalEffect, Quantity
-from rosette_ros.core.effects.free_forms import FREE_FORMS
+from rosette_ros.core.effects.free import FREE
 from rosette_ros.core.errors import InvalidModel, unknown
 from rosette_ros.core.records import Run
 
@@ -320,10 +320,10 @@ def effects_of(run: Run) -> dict[str, Effect]:
 
 
 def effect(name: str) -> Effect:
-    """Return the effect or free form of a name; raise InvalidModel, listing the known ones, if there is none."""
-    if name not in EFFECTS and name not in FREE_FORMS:
-        raise InvalidModel(f'effect: {unknown(name, (*EFFECTS, *FREE_FORMS))}')
-    return EFFECTS.get(name) or FREE_FORMS[name]
+    """Return the effect, or the free course, of a name; raise InvalidModel, listing the known ones, if there is none."""
+    if name not in EFFECTS and name != FREE.name:
+        raise InvalidModel(f'effect: {unknown(name, (*EFFECTS, FREE.name))}')
+    return EFFECTS.get(name) or FREE
 
 
 class BaseEffect(Effect):

@@ -12,13 +12,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, families, why_not_judged
-from rosette_ros.core.diagnosis.projection import Projection
+from rosette_ros.core.diagnosis.bank import HIDDEN_SHARE, Bank, CauseFamily, CoordinateSpace, why_not_judged
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.effects.library import effects_of
 from rosette_ros.core.model.base_model import BaseSpace
-from rosette_ros.core.model.base_space import base_space
+from rosette_ros.core.model.base_space import NormalSpace
 from rosette_ros.core.model.model import BASE_TERMS
+from rosette_ros.core.model.noise import Whitening
 from rosette_ros.core.records import Floats, Run
 
 DETECTABLE = 6.0
@@ -86,9 +86,9 @@ def visible_share(run: Run, name: str, terms: tuple[str, ...] = BASE_TERMS) -> S
     effect = effects_of(run)[name]
     if reason := why_not_judged(effect, run):
         return Share(name, 0.0, 0.0, Setting(), (), reason)
-    seen = families(run, (effect,), _projection(run, terms), keep_hidden=True)
-    every = sorted(((setting, float(share)) for family in seen
-                    for setting, share in zip(family.settings, family.shares)), key=lambda pair: pair[1])
+    settings, space = effect.settings(run), _space(run, terms)
+    bank = Bank(run, [CauseFamily(effect, name, settings)])
+    every = sorted(zip(settings, bank.shares(bank.left(space))[0].tolist()), key=lambda pair: pair[1])
     setting, share = _typical(every)
     choices = [one.name for one in effect.searched if one.kind == 'choice']
     alike = defaultdict[tuple[object, ...], list[tuple[Setting, float]]](list)
@@ -99,9 +99,9 @@ def visible_share(run: Run, name: str, terms: tuple[str, ...] = BASE_TERMS) -> S
 
 
 @lru_cache(maxsize=1)
-def _projection(run: Run, terms: tuple[str, ...]) -> Projection:
-    """Return the projection on what the base model leaves; of the run that is looked at now only."""
-    return Projection(base_space(run, run.radius, terms), run.size)
+def _space(run: Run, terms: tuple[str, ...]) -> CoordinateSpace:
+    """Return the space of the base model; of the run that is looked at now only."""
+    return CoordinateSpace(NormalSpace(run, run.radius, terms, Whitening(run.size, np.ones(3))), np.zeros((0, run.size, 3)))
 
 
 def _typical(rising: Sequence[tuple[Setting, float]]) -> tuple[Setting, float]:
@@ -112,7 +112,7 @@ def _typical(rising: Sequence[tuple[Setting, float]]) -> tuple[Setting, float]:
 @lru_cache(maxsize=64)
 def _of_unit_noise(run: Run, terms: tuple[str, ...], names: tuple[str, ...]) -> tuple[Visibility, ...]:
     """Return the Visibility of effects for sigma = 1 m."""
-    space, effects = base_space(run, run.radius, terms), effects_of(run)
+    space, effects = NormalSpace(run, run.radius, terms, Whitening(run.size, np.ones(3))), effects_of(run)
     out, shapes = [], {}
     for one in visible_shares(run, terms, names):
         bias, detectable = np.zeros(6), np.inf

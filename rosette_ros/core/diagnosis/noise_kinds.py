@@ -18,8 +18,8 @@ import numpy as np
 import scipy.linalg
 from scipy.special import digamma, gammaln
 
+from rosette_ros.core.diagnosis.log_evidence import log_mean
 from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.evidence.log_evidence import log_mean
 from rosette_ros.core.model.base_space import NormalSpace
 from rosette_ros.core.model.model import NOISE_TERMS
 from rosette_ros.core.model.noise import Noise, Whitening, places
@@ -41,6 +41,8 @@ WANDER = 'wander'
 STEPS = 12
 """Steps of variational Bayes at most: it has converged where the evidence grows by less than TOLERANCE."""
 TOLERANCE = 0.05
+EXACT = 3000.0
+"""Degrees of freedom of a repeatability that is known exactly."""
 SAMPLES = 32
 """Weights that are drawn from what variational Bayes has found: the bound is lower than the evidence by a few nats."""
 
@@ -121,6 +123,15 @@ class Found:
     noise: Noise
     log_evidence: float
     likelihood: float
+
+
+def check_of(run: Run) -> tuple[float, Floats]:
+    """Return the degrees of freedom of the repeatability along each axis, 0 where it is not known by axis, and its
+    variances, (3,), of mean 1."""
+    if run.repeatability is None or run.repeatability_axes is None:
+        return 0.0, np.ones(3)
+    square = np.array(run.repeatability_axes)**2
+    return (run.repeatability_dof or EXACT) / 3, square / square.mean()
 
 
 def groups_of(run: Run) -> dict[str, Ints]:

@@ -7,9 +7,9 @@ from itertools import combinations
 import numpy as np
 import scipy  # which loads `optimize` where it is used: many runs have nothing to refine
 
+from rosette_ros.core.diagnosis.bank import CauseFamily
+from rosette_ros.core.diagnosis.log_evidence import Cause, Evidence, State, Suggestion
 from rosette_ros.core.effects.effect import Setting
-from rosette_ros.core.evidence.bank import CauseFamily
-from rosette_ros.core.evidence.log_evidence import Cause, Evidence, State, Suggestion
 
 MOST = 5
 """Members of a hypothesis at most."""

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rosette_ros.core.diagnosis.bank import columns_of
+from rosette_ros.core.diagnosis.hypotheses import NEAR, Search
+from rosette_ros.core.diagnosis.log_evidence import Cause, State
+from rosette_ros.core.diagnosis.noise_kinds import LEAST, NOT_WHITE, Beside, Found, NoiseKinds
+from rosette_ros.core.diagnosis.posterior import Key, Posterior
 from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.evidence.bank import columns_of
-from rosette_ros.core.evidence.hypotheses import NEAR, Search
-from rosette_ros.core.evidence.log_evidence import Cause, State
-from rosette_ros.core.evidence.noise_kinds import LEAST, NOT_WHITE, Beside, Found, NoiseKinds
-from rosette_ros.core.evidence.posterior import Key, Posterior
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import Noise
 

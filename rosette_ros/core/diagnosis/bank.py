@@ -30,8 +30,8 @@ Key = tuple[int, bool]
 EVERY = slice(None)
 DEPENDENT = 1e-6
 """Eigenvalue of columns of unit length below which a direction is one of the others: rounding in single precision."""
-DETECTABLE = 6.0
-"""Norm of the visible part of an effect, in sigma, that the search finds nearly always."""
+HIDDEN_SHARE = 0.05
+"""Visible share below which an order of measurement hides an effect."""
 WIDTHS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 72, 96, 144, 288, 576, 1152])
 """Numbers of columns of blocks that are looked at together; blocks of fewer are filled with zeros."""
 CHUNK = 4_000_000
@@ -338,6 +338,12 @@ class Bank:
                 mine = group.family == number
                 out[number][group.setting[mine]] = seen[mine]
         return out
+
+
+def why_not_judged(effect: Effect, run: Run) -> str:
+    """Return why an effect cannot be judged on a run, empty where it can."""
+    return effect.unavailable(run) or (
+        '' if effect.settings(run) else 'what it depends on does not change in this run')
 
 
 def families_of(run: Run) -> list[CauseFamily]:

@@ -11,6 +11,7 @@ is a Poisson process: EXPECTED members in a run, A_FREE of which have no name, s
 for what each has to find, SEARCHED.
 """
 
+import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,9 +20,8 @@ from functools import cached_property
 import numpy as np
 import scipy.linalg
 
-from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE
+from rosette_ros.core.diagnosis.bank import HIDDEN_SHARE, Bank, CauseFamily, CoordinateSpace, Key, Reals, columns_of
 from rosette_ros.core.effects.effect import Setting
-from rosette_ros.core.evidence.bank import Bank, CauseFamily, CoordinateSpace, Key, Reals, columns_of
 from rosette_ros.core.records import Floats, Ints, Run
 
 MANY = 4
@@ -51,7 +51,7 @@ def of_sizes(gram: Reals, product: Reals, left: float, dof: int, sizes: Floats =
     gram: (b, q, q), product: (b, q) of the blocks with themselves and with what is left.
     """
     value, vector = decomposed(gram)
-    return beside(value, _turned(vector, product[..., None])[..., 0], None, left, dof, sizes)
+    return beside(value, turned_by(vector, product[..., None])[..., 0], None, left, dof, sizes)
 
 
 def decomposed(gram: Reals) -> tuple[Reals, Reals]:
@@ -60,7 +60,8 @@ def decomposed(gram: Reals) -> tuple[Reals, Reals]:
     return np.maximum(value, 0), vector * (value > ROUNDING)[:, None]
 
 
-def _turned(vector: Reals, rows: Reals) -> Reals:
+def turned_by(vector: Reals, rows: Reals) -> Reals:
+    """Return the components (b, q, k) of products of blocks along their eigenvectors."""
     return np.asarray(vector.transpose(0, 2, 1) @ rows)
 
 
@@ -123,7 +124,7 @@ class Blocks:
         value, product, dof = self.value, self.product, state.evidence.dof
         if across is None:
             return log_mean(beside(value, product, None, state.left, dof, SIZES[::2]))
-        used = _turned(self.vector, across[self.seen]) @ state.root.astype(np.float32)
+        used = turned_by(self.vector, across[self.seen]) @ state.root.astype(np.float32)
         product = product - used @ (state.root.T @ state.product).astype(np.float32)
         if MANY * used.shape[2] < value.shape[1]:
             return log_mean(beside(value, product, used, state.left, dof, SIZES[::2]))
@@ -147,23 +148,36 @@ class Suggestion:
 class Evidence:
     """The readings of a run under a model and a noise, and the bank of candidates.
 
-    y: (3 N,) what the model leaves, white, in units of its rms; dof: its degrees of freedom; log_prior: of the noise;
-    shift: what is added to every log evidence, so that hypotheses under several noises can be compared.
+    y: (3 N,) what the model leaves, white, in units of its rms; dof: its degrees of freedom; shares: visible share of
+    each block of each group of the bank.
     """
 
     def __init__(self, run: Run, bank: Bank, space: CoordinateSpace, residual: Floats, dof: int) -> None:
         self.run, self.bank, self.space, self.dof = run, bank, space, dof
-        self.scale = float(np.sqrt(np.sum(residual**2) / dof)) or 1.0
-        self.y: Floats = residual.reshape(-1) / self.scale
-        self.total = float(self.y @ self.y)
+        self._scale_to(residual)
         left = bank.left(space)
         self.shares = bank.seen(left)
         self.blocks: dict[Key, Blocks] = {}
         for key, product in bank.products(self.y[None], space.whitening).items():
             seen = np.flatnonzero(self.shares[key] >= HIDDEN_SHARE)
             value, vector = decomposed(left.pop(key)[seen])
-            turned = _turned(vector, product[seen])[..., 0]
+            turned = turned_by(vector, product[seen])[..., 0]
             self.blocks[key] = Blocks(seen, bank.groups[key].number[seen], value, vector, turned)
+
+    def _scale_to(self, residual: Floats) -> None:
+        self.scale = float(np.sqrt(np.sum(residual**2) / self.dof)) or 1.0
+        self.y: Floats = residual.reshape(-1) / self.scale
+        self.total = float(self.y @ self.y)
+
+    def on(self, residual: Floats) -> 'Evidence':
+        """Return the same for another residual (N, 3) of the same model; what is made of the bank is shared."""
+        other = copy.copy(self)
+        other.__dict__.pop('empty', None)
+        other._scale_to(residual)
+        products = self.bank.products(other.y[None], self.space.whitening)
+        other.blocks = {key: replace(one, product=turned_by(one.vector, products[key][one.seen])[..., 0])
+                        for key, one in self.blocks.items()}
+        return other
 
     def member(self, family: CauseFamily, setting: Setting, volume: float) -> Cause:
         """Return a family at any setting as a Cause."""
@@ -231,6 +245,31 @@ class State:
         product = rows @ self.evidence.y - used @ self.product
         return np.asarray(of_sizes((rows @ rows.T - used @ across.T)[None], product[None], self.left,
                                    self.evidence.dof)[0])
+
+    @cached_property
+    def basis(self) -> Floats:
+        """Orthonormal rows (k, 3 N) of what the members describe."""
+        value, vector = np.linalg.eigh(self._gram)
+        keep = value > ROUNDING
+        return np.asarray((vector[:, keep] / np.sqrt(value[keep])).T @ self.rows)
+
+    @cached_property
+    def residual(self) -> Floats:
+        """What a least-squares fit of the members leaves, (3 N,)."""
+        out = self.evidence.y - (self.basis @ self.evidence.y) @ self.basis
+        return np.asarray(out - (self.basis @ out) @ self.basis)
+
+    @property
+    def rss(self) -> float:
+        """The square sum that a least-squares fit of the members leaves."""
+        return float(self.residual @ self.residual)
+
+    def fall(self, rows: Floats) -> float:
+        """Return by how much a least-squares fit of further rows (q, 3 N) lowers the square sum."""
+        rows = rows - (rows @ self.basis.T) @ self.basis
+        value, vector = np.linalg.eigh(rows @ rows.T)
+        keep = value > ROUNDING
+        return float(np.sum((vector[:, keep].T @ (rows @ self.residual))**2 / value[keep]))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the best name is worth in runs of noise alone: the guard that counts the whole search."""
+
+import numpy as np
+
+from rosette_ros.core.diagnosis.log_evidence import SIZES, Evidence, log_mean, turned_by
+from rosette_ros.core.model.least_squares import Fit
+from rosette_ros.core.records import Floats, resolution_of
+
+DRAWS = 100
+TAIL = 10
+"""Draws beyond which the probability falls as that of a log Bayes factor does: by e for each unit (Markov)."""
+COARSE = 1.5
+"""Step of the readings, over the residual, above which their noise is mostly that of rounding."""
+
+
+def null_gains(evidence: Evidence, fitted: Fit) -> Floats:
+    """Return what the best named effect is worth in runs of noise, falling, (DRAWS,); fitted: of the model."""
+    noise = np.random.default_rng(0).standard_normal((DRAWS, fitted.run.size, 3))
+    if is_coarse(fitted):
+        noise = _rounded(fitted, noise)
+    rows = evidence.space.free(noise).reshape(DRAWS, -1)
+    left, bank = np.sum(rows**2, axis=1, dtype=float), evidence.bank
+    log_bf = np.full((bank.ends[-1], DRAWS), -np.inf, np.float32)
+    square = (SIZES[::2]**2).astype(np.float32)
+    for key, products in bank.products(rows, evidence.space.whitening, is_open=False).items():
+        blocks, group = evidence.blocks[key], bank.groups[key]
+        log_bf[group.number] = 0.0
+        if not blocks.seen.size:
+            continue
+        grown = 1 + blocks.value[:, None] * square[:, None]
+        fall = (square[:, None] / grown) @ turned_by(blocks.vector, products[blocks.seen])**2
+        worth = np.log(np.maximum(1 - fall / left.astype(np.float32), 1e-12))
+        worth = -0.5 * np.log(grown).sum(axis=2)[..., None] - 0.5 * evidence.dof * worth
+        log_bf[blocks.number] = log_mean(worth.transpose(0, 2, 1))
+    best = np.full(DRAWS, -np.inf)
+    for family, start, end in zip(bank.families, bank.ends, bank.ends[1:]):
+        if not family.is_free:
+            best = np.maximum(best, log_mean(log_bf[start:end].T) + family.log_prior)
+    return np.sort(best)[::-1]
+
+
+def p_of(gain: float, null: Floats) -> float:
+    """Return the probability that noise makes any name worth as much."""
+    above = int(np.count_nonzero(null >= gain))
+    if above >= TAIL:
+        return (above + 1) / (null.size + 1)
+    return float((TAIL + 1) / (null.size + 1) * np.exp(min(null[TAIL - 1] - gain, 0.0)))
+
+
+def is_coarse(fitted: Fit) -> bool:
+    """Return whether the readings are rounded by so much that their noise is mostly that."""
+    return resolution_of(fitted.run.centre) > COARSE * fitted.rms
+
+
+def _rounded(fitted: Fit, noise: Floats) -> Floats:
+    """Return what rounding makes of white noise (m, N, 3) about the readings as they are fitted, in white coordinates.
+
+    Rounding errors repeat where a coordinate does: they have the patterns of the readings and are no white noise.
+    """
+    step = resolution_of(fitted.run.centre)
+    true = fitted.run.centre - fitted.residual
+    size = np.sqrt(max(fitted.rms**2 - step**2 / 12, (0.1 * fitted.rms)**2))
+    rounded: Floats = np.rint((true + size * noise) / step) * step - true
+    return np.asarray(fitted.joint.whitening.apply(rounded)) / fitted.rms
