@@ -22,7 +22,8 @@ from rosette_ros.presentation.json_output import diagnosis_json
 NEXT_BEST = 4
 """So many effects that are not identified are shown."""
 CANDIDATE_COLUMNS = (
-    'effect', 'probability', 'p', 'visible_fraction', 'rms_after_um', 'held_out_rms_after_um', 'delta_bic', 'look_alikes')
+    'effect', 'probability', 'p', 'visible_fraction', 'rms_after_um', 'held_out_rms_after_um', 'delta_bic',
+    'look_alikes')
 
 
 def add_arguments(parser: ArgumentParser) -> None:

@@ -125,7 +125,8 @@ def cross_validation_rms(run: Run, fitted: Fit) -> float:
         return CrossValidation(fitted.joint, run.size).rms_of(fitted.white_residual.reshape(-1))
     model = replace(fitted.model, terms=tuple(Term(term.effect, term.fixed) for term in fitted.model.terms))
     base = fit(run, Model(model.base), noise=fitted.noise, beyond=fitted.beyond)
-    blocks, evidence = CrossValidation(base.joint, run.size), evidence_of(base, Bank(run, families_of_terms(run, model)))
+    blocks = CrossValidation(base.joint, run.size)
+    evidence = evidence_of(base, Bank(run, families_of_terms(run, model)))
     own = [evidence.member(family, setting, 0.0) for family, setting in zip(evidence.bank.families, fitted.settings)]
     fits = [(evidence.y, np.zeros((0, evidence.y.size)))] * blocks.folds
     # at first the effects count for nothing in a block, then for what they predict there

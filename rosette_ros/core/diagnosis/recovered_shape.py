@@ -2,8 +2,8 @@
 """The recovered shape: what a free course makes of the residual against its variable, alone or for a claim.
 
 With D the columns of the course, of the sizes of its process and freed of the model and of all other members, and tau
-its size over sigma, the amplitudes are (D D' + 1/tau^2)^-1 D y and their covariance sigma^2 (D D' + 1/tau^2)^-1. A claim
-is drawn by what the same course makes of it: where the claim is right, the two differ by noise.
+its size over sigma, the amplitudes are (D D' + 1/tau^2)^-1 D y and their covariance sigma^2 (D D' + 1/tau^2)^-1. A
+claim is drawn by what the same course makes of it: where the claim is right, the two differ by noise.
 """
 
 import re

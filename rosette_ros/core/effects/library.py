@@ -320,7 +320,7 @@ def effects_of(run: Run) -> dict[str, Effect]:
 
 
 def effect(name: str) -> Effect:
-    """Return the effect, or the free course, of a name; raise InvalidModel, listing the known ones, if there is none."""
+    """Return the effect or free course of a name; raise InvalidModel, listing the known ones, if there is none."""
     if name not in EFFECTS and name != FREE.name:
         raise InvalidModel(f'effect: {unknown(name, (*EFFECTS, FREE.name))}')
     return EFFECTS.get(name) or FREE

@@ -101,7 +101,8 @@ def visible_share(run: Run, name: str, terms: tuple[str, ...] = BASE_TERMS) -> S
 @lru_cache(maxsize=1)
 def _space(run: Run, terms: tuple[str, ...]) -> CoordinateSpace:
     """Return the space of the base model; of the run that is looked at now only."""
-    return CoordinateSpace(NormalSpace(run, run.radius, terms, Whitening(run.size, np.ones(3))), np.zeros((0, run.size, 3)))
+    white = Whitening(run.size, np.ones(3))
+    return CoordinateSpace(NormalSpace(run, run.radius, terms, white), np.zeros((0, run.size, 3)))
 
 
 def _typical(rising: Sequence[tuple[Setting, float]]) -> tuple[Setting, float]:
