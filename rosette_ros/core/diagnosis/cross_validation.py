@@ -13,8 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from rosette_ros.core.diagnosis.bank import Bank, Reals
-from rosette_ros.core.diagnosis.log_evidence import ROUNDING, Cause, State, turned_by
-from rosette_ros.core.diagnosis.settings import evidence_of, families_of_terms, is_searched, searched
+from rosette_ros.core.diagnosis.log_evidence import Cause, State
+from rosette_ros.core.diagnosis.settings import evidence_of, families_of_terms, grid_falls, is_searched, searched
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import Fit, JointSpace, fit
 from rosette_ros.core.model.model import Model, Term
@@ -166,27 +166,9 @@ class WithoutBlocks:
     @cached_property
     def _settings(self) -> dict[str, list[Setting]]:
         """The best setting of each named family without each block, by least squares."""
-        evidence, basis = self.state.evidence, self.state.basis
-        bank, count = evidence.bank, len(self._left)
-        products = bank.products(np.concatenate([self._left, basis]), evidence.space.whitening, is_open=False)
-        fall = np.full((bank.ends[-1], count), -np.inf)
-        for key, blocks in evidence.blocks.items():
-            if not key[1] and blocks.seen.size:
-                turned = turned_by(blocks.vector, products[key][blocks.seen])
-                fall[blocks.number] = falls(blocks.value, turned[..., :count], turned[..., count:])
+        bank, fall = self.state.evidence.bank, grid_falls(self.state, self._left, is_open=False)
         return {family.name: [family.settings[int(place)] for place in fall[start:end].argmax(axis=0)]
                 for family, start, end in zip(bank.families, bank.ends, bank.ends[1:]) if not family.is_free}
-
-
-def falls(value: Reals, product: Reals, across: Reals) -> Floats:
-    """Return by how much blocks (b,) lower square sums (f,) beside what is there, (b, f).
-
-    value: (b, q) of their products; product: (b, q, f) with what is left; across: (b, q, k) with orthonormal rows that
-    are there."""
-    gram = np.eye(value.shape[1]) * np.maximum(value, ROUNDING)[:, None] - across @ across.transpose(0, 2, 1)
-    root, vector = np.linalg.eigh(gram) if gram.shape[1] > 1 else (gram[:, 0], np.ones_like(gram))
-    share = np.where(root > ROUNDING, 1 / np.maximum(root, ROUNDING), 0)
-    return np.asarray(np.sum(turned_by(vector, product)**2 * share[..., None], axis=1))
 
 
 def _is_sound(matrix: Floats) -> bool:

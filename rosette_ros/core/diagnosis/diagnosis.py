@@ -18,7 +18,7 @@ from rosette_ros.core.diagnosis.cross_validation import CrossValidation, Without
 from rosette_ros.core.diagnosis.hypotheses import Search
 from rosette_ros.core.diagnosis.log_evidence import Cause, State, with_priors
 from rosette_ros.core.diagnosis.noise_hypotheses import Choice, choose, kinds_beside
-from rosette_ros.core.diagnosis.null_gains import null_gains, p_of
+from rosette_ros.core.diagnosis.null_gains import is_coarse, null_gains, p_of
 from rosette_ros.core.diagnosis.posterior import ALIKE, CLAIM, Claim, Posterior
 from rosette_ros.core.diagnosis.recovered_shape import Shape, recovered_shapes
 from rosette_ros.core.diagnosis.settings import RELINEARISED, choose_settings, evidence_of
@@ -31,7 +31,7 @@ from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter, f
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.model.second_order import NEGLIGIBLE
-from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.records import Floats, Run, resolution_of
 
 NOISELESS = 1e-10
 """Residual rms, m, below which nothing is searched: a tenth of a nanometre is negligible."""
@@ -184,6 +184,8 @@ def fitted_with_noise(run: Run, model: Model, white: Fit, is_searched: bool) -> 
     """
     if white.rms < NOISELESS:
         return white
+    if is_coarse(white):
+        return replace(white, noise=Noise(resolution=resolution_of(run.centre)))
     best = kinds_beside(white)[0]
     if not best.kinds:
         return white
@@ -221,14 +223,26 @@ class RunSearch:
             self.base = self._fit_of_base(Noise(), None)
         self.noiseless = self.base.rms < NOISELESS
         self._white_search = self._relinearised()
-        choice = (Choice(Posterior({((), ()): 0.0}), self._white_search.evidence.empty, Noise()) if self.noiseless
-                  else choose(self._white_search, self.base, self._under))
+        self.bank = self._white_search.evidence.bank
+        choice = self._choice()
         self.posterior, self.chosen = choice.posterior, choice.state
         self.evidence = self.chosen.evidence
-        if not choice.noise.is_white:
+        if choice.noise.resolution:
+            self.start, self.base = (replace(one, noise=choice.noise) for one in (self.start, self.base))
+        elif not choice.noise.is_white:
             self.base = self._fit_of_base(choice.noise, self.base.beyond)
             self.start = fit(run, model, self._settings, choice.noise, beyond=self.start.beyond)
-        self.bank = self._white_search.evidence.bank
+
+    def _choice(self) -> Choice:
+        white = self._white_search
+        if self.noiseless:
+            return Choice(Posterior({((), ()): 0.0}), white.evidence.empty, Noise())
+        if is_coarse(self.base):
+            best = white.best()
+            posterior = Posterior({(names, ()): value for names, value in white.values.items()})
+            return Choice(posterior, best if posterior.best[0] else white.evidence.empty,
+                          Noise(resolution=resolution_of(self.run.centre)))
+        return choose(white, self.base, self._under)
 
     def _fit_of_base(self, noise: Noise, beyond: Floats | None) -> Fit:
         model = replace(self.model, base=(*self.model.base, *self.absent))
@@ -270,23 +284,27 @@ class RunSearch:
         for claim in self.posterior.claims:
             for place, one in enumerate(members):
                 if (one.name == claim.name and claim.together >= CLAIM and not _has_twin(one, members)
-                        and self.p(self.gain_beside(self.chosen.without(place), one)) <= GUARD):
+                        and self._is_guarded(place)):
                     out.append((one, claim))
         falls = {one: State(self.evidence, [other for other, _ in out if other is not one]).rss for one, _ in out}
         return tuple(sorted(out, key=lambda pair: -falls[pair[0]]))
 
-    def gain_beside(self, others: Sequence[Cause], member: Cause) -> float:
-        """Return what a member is worth beside others: of its family, all settings included."""
-        offers = State(self.evidence, others).offers(is_open=False)
-        return next((one.gain for one in offers if one.family is member.family), -np.inf)
+    def p_of_member(self, place: int) -> float:
+        """Return the probability that noise makes anything worth as much as a member of the best hypothesis."""
+        member = self.chosen.members[place]
+        offers = State(self.evidence, self.chosen.without(place)).offers(member.family.is_free)
+        return self.p(next((one.gain for one in offers if one.family is member.family), -np.inf))
+
+    def _is_guarded(self, place: int) -> bool:
+        return self.p_of_member(place) <= GUARD
 
     @cached_property
     def null(self) -> Floats:
-        """What the best name is worth in runs of pure noise, falling."""
+        """What the best hypothesis is worth in runs of pure noise, falling."""
         return null_gains(self.evidence, self.base)
 
     def p(self, gain: float) -> float:
-        """Return the probability that noise makes any name worth as much."""
+        """Return the probability that noise makes anything worth as much."""
         return p_of(gain, self.null)
 
     @cached_property
@@ -324,8 +342,8 @@ class RunSearch:
 
     def _unnamed(self) -> tuple[Unnamed, ...]:
         out = []
-        for one in self.chosen.members:
-            if one.family.is_free:
+        for place, one in enumerate(self.chosen.members):
+            if one.family.is_free and self._is_guarded(place):
                 instead = {name: p for name, p in self.posterior.instead(one.name).items() if name not in EFFECTS}
                 likely = sorted((name for name, p in instead.items() if p > ALIKE * max(instead.values())),
                                 key=lambda name: -instead[name])
@@ -343,7 +361,8 @@ class RunSearch:
                     name = self.bank.families[number].name
                     shares[name] = max(shares.get(name, 0.0), share)
         known = {*missing, *(term.name for term in self.base.model.terms)}
-        return tuple(name for name, share in shares.items() if name not in known and share < HIDDEN_SHARE)
+        return tuple(name for name in effects_of(self.run)
+                     if name not in known and shares.get(name, 1.0) < HIDDEN_SHARE)
 
     def _not_needed(self) -> tuple[str, ...]:
         """The effects of the model without which the residual rises by no more than chance."""
@@ -374,8 +393,7 @@ def _candidates(search: RunSearch) -> tuple[tuple[Candidate, ...], tuple[tuple[s
     evidence, blocks = search.evidence, CrossValidation(search.base.joint, search.run.size)
     before = WithoutBlocks(blocks, evidence.empty)
     for place, ((member, claim), fitted) in enumerate(zip(search.claimed, search.claimed_effects)):
-        others = [one for one in search.chosen.members if one is not member]
-        p = search.p(search.gain_beside(others, member))
+        p = search.p_of_member(search.chosen.members.index(member))
         out.append(_candidate(search, member, before, claim.probability, p, fitted.parameters, claim.alike))
         before = WithoutBlocks(blocks, State(evidence, [one for one, _ in search.claimed[:place + 1]]))
     known = {one.name for one, _ in search.claimed}

@@ -65,6 +65,15 @@ def turned_by(vector: Reals, rows: Reals) -> Reals:
     return np.asarray(vector.transpose(0, 2, 1) @ rows)
 
 
+def within(value: Reals, fall: Reals, product: Reals, left: Reals) -> Reals:
+    """Return the fall (b, sizes, k) of square sums `left` (k,) by blocks, no more than these have.
+
+    The energies of what is left along the eigenvectors of a block, product^2 / value, are at most all of it: what is
+    more is rounding in single precision."""
+    energy = np.sum(product**2 / np.maximum(value, ROUNDING)[..., None] * (value > ROUNDING)[..., None], axis=1)
+    return np.asarray(fall * np.minimum(left / np.maximum(energy, 1e-30), 1)[:, None])
+
+
 def beside(value: Reals, product: Reals, across: Reals | None, left: float, dof: int, sizes: Floats) -> Floats:
     """Return the same as `of_sizes` of blocks of which the products are diag(value) - across across'.
 
@@ -72,7 +81,8 @@ def beside(value: Reals, product: Reals, across: Reals | None, left: float, dof:
     square = sizes**2
     grown = 1 + value[:, None] * square[:, None]
     shrunk = square[:, None] / grown
-    log_det, fall = np.log(grown).sum(axis=2, dtype=float), (shrunk @ product[..., None]**2)[..., 0]
+    log_det = np.log(grown).sum(axis=2, dtype=float)
+    fall = within(value, (shrunk @ product[..., None]**2), product[..., None], np.array([left]))[..., 0]
     if across is not None:
         b, q, k = across.shape
         every = np.concatenate([across, product[..., None]], axis=2)
@@ -161,6 +171,8 @@ class Evidence:
         for key, product in bank.products(self.y[None], space.whitening).items():
             seen = np.flatnonzero(self.shares[key] >= HIDDEN_SHARE)
             value, vector = decomposed(left.pop(key)[seen])
+            judged = np.count_nonzero(value > ROUNDING, axis=1) < dof  # what describes everything explains nothing
+            seen, value, vector = seen[judged], value[judged], vector[judged]
             turned = turned_by(vector, product[seen])[..., 0]
             self.blocks[key] = Blocks(seen, bank.groups[key].number[seen], value, vector, turned)
 

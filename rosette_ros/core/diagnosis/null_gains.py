@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the best name is worth in runs of noise alone: the guard that counts the whole search."""
+"""What the best hypothesis is worth in runs of noise alone: the guard that counts the whole search."""
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.log_evidence import SIZES, Evidence, log_mean, turned_by
+from rosette_ros.core.diagnosis.log_evidence import SIZES, Evidence, log_mean, turned_by, within
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import Floats, resolution_of
 
@@ -15,7 +15,7 @@ COARSE = 1.5
 
 
 def null_gains(evidence: Evidence, fitted: Fit) -> Floats:
-    """Return what the best named effect is worth in runs of noise, falling, (DRAWS,); fitted: of the model."""
+    """Return what the best hypothesis is worth in runs of noise, falling, (DRAWS,); fitted: of the model."""
     noise = np.random.default_rng(0).standard_normal((DRAWS, fitted.run.size, 3))
     if is_coarse(fitted):
         noise = _rounded(fitted, noise)
@@ -23,25 +23,25 @@ def null_gains(evidence: Evidence, fitted: Fit) -> Floats:
     left, bank = np.sum(rows**2, axis=1, dtype=float), evidence.bank
     log_bf = np.full((bank.ends[-1], DRAWS), -np.inf, np.float32)
     square = (SIZES[::2]**2).astype(np.float32)
-    for key, products in bank.products(rows, evidence.space.whitening, is_open=False).items():
+    for key, products in bank.products(rows, evidence.space.whitening).items():
         blocks, group = evidence.blocks[key], bank.groups[key]
         log_bf[group.number] = 0.0
         if not blocks.seen.size:
             continue
         grown = 1 + blocks.value[:, None] * square[:, None]
-        fall = (square[:, None] / grown) @ turned_by(blocks.vector, products[blocks.seen])**2
-        worth = np.log(np.maximum(1 - fall / left.astype(np.float32), 1e-12))
+        turned = turned_by(blocks.vector, products[blocks.seen])
+        fall = within(blocks.value, (square[:, None] / grown) @ turned**2, turned, left)
+        worth = np.log(np.maximum(1 - (fall / left).astype(np.float32), 1e-7))
         worth = -0.5 * np.log(grown).sum(axis=2)[..., None] - 0.5 * evidence.dof * worth
         log_bf[blocks.number] = log_mean(worth.transpose(0, 2, 1))
     best = np.full(DRAWS, -np.inf)
     for family, start, end in zip(bank.families, bank.ends, bank.ends[1:]):
-        if not family.is_free:
-            best = np.maximum(best, log_mean(log_bf[start:end].T) + family.log_prior)
+        best = np.maximum(best, log_mean(log_bf[start:end].T) + family.log_prior)
     return np.sort(best)[::-1]
 
 
 def p_of(gain: float, null: Floats) -> float:
-    """Return the probability that noise makes any name worth as much."""
+    """Return the probability that noise makes anything worth as much."""
     above = int(np.count_nonzero(null >= gain))
     if above >= TAIL:
         return (above + 1) / (null.size + 1)
