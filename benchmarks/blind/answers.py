@@ -58,8 +58,8 @@ def answered(found: Any) -> Record:
         'explanations': explanations and [
             {'members': list(one.members), 'noise': ' '.join(one.noise), 'probability': float(one.probability)}
             for one in explanations],
-        'probability_of_nothing': _number(getattr(found, 'nothing', None)),
-        'probability_of_unnamed': _number(getattr(found, 'no_name', None)),
+        'probability_of_nothing': _number(getattr(found, 'probability_of_nothing', None)),
+        'probability_of_unnamed': _number(getattr(found, 'probability_of_unnamed', None)),
         'unexplained': bool(found.unexplained), 'told': told, 'text': text, 'outcome': found.verdict.outcome.value,
         'sentence': found.verdict.sentence, 'rms': float(found.final.rms)}
 

@@ -139,7 +139,8 @@ def diagnosis_json(diagnosis: Diagnosis, visibilities: Sequence[Visibility] = ()
         'fit': fit_json(diagnosis.fit), 'missing': diagnosis.missing, 'unexplained': diagnosis.unexplained,
         'explanations': [{'members': one.members, 'noise': one.noise, 'probability': one.probability}
                          for one in diagnosis.explanations],
-        'probability_of_nothing': diagnosis.nothing, 'probability_of_unnamed': diagnosis.no_name,
+        'probability_of_nothing': diagnosis.probability_of_nothing,
+        'probability_of_unnamed': diagnosis.probability_of_unnamed,
         'unnamed': [{'variables': [sorted(each) for each in one.alternatives], 'motion': one.motion,
                      'probability': one.probability} for one in diagnosis.unnamed],
         'not_needed': diagnosis.not_needed,

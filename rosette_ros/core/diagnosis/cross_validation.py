@@ -80,10 +80,10 @@ class CrossValidation:
         rows[:, index] = values
         return self._space.free(rows.reshape(len(rows), size, 3)).reshape(rows.shape)
 
-    def is_alone(self, fold: int, member: Cause, run: Run) -> bool:
-        """Return whether a member moves readings of one block only: the others say nothing of it."""
-        moved = np.flatnonzero(np.any(member.family.effect.columns(run, member.setting) != 0, axis=(1, 2)))
-        return bool(np.isin(3 * moved, self._blocks[fold].index).all())
+    def alone(self, member: Cause, run: Run) -> list[bool]:
+        """Return of each block whether a member moves its readings only: the others say nothing of it."""
+        moved = 3 * np.flatnonzero(np.any(member.family.effect.columns(run, member.setting) != 0, axis=(1, 2)))
+        return [moved.size <= block.index.size and bool(np.isin(moved, block.index).all()) for block in self._blocks]
 
     def training_residuals(self, residual: Floats, rows: Floats) -> Floats:
         """Return residuals of fits without each block, zero in it, (folds, 3 N)."""
@@ -128,6 +128,7 @@ def cross_validation_rms(run: Run, fitted: Fit) -> float:
     blocks = CrossValidation(base.joint, run.size)
     evidence = evidence_of(base, Bank(run, families_of_terms(run, model)))
     own = [evidence.member(family, setting, 0.0) for family, setting in zip(evidence.bank.families, fitted.settings)]
+    alone = [blocks.alone(one, run) for one in own]
     fits = [(evidence.y, np.zeros((0, evidence.y.size)))] * blocks.folds
     # at first the effects count for nothing in a block, then for what they predict there
     for _ in range(IMPUTATIONS):
@@ -135,8 +136,8 @@ def cross_validation_rms(run: Run, fitted: Fit) -> float:
         fits = []
         for fold, one in enumerate(imputed):
             found = searched(evidence.on(one.reshape(-1, 3)), model)
-            made = [mine if blocks.is_alone(fold, mine, run) else evidence.member(mine.family, setting, 0.0)
-                    for mine, setting in zip(own, found)]
+            made = [mine if is_alone[fold] else evidence.member(mine.family, setting, 0.0)
+                    for mine, setting, is_alone in zip(own, found, alone)]
             state = State(evidence, made)
             fits.append((state.residual, state.basis))
     return evidence.scale * blocks.rms(fits)
@@ -155,12 +156,11 @@ class WithoutBlocks:
         evidence, own = self.state.evidence, member.family.effect.searched
         found: dict[Setting, tuple[Floats, Floats]] = {}
         settings = [member.setting] * self._blocks.folds if not own else [
-            member.setting if self._blocks.is_alone(fold, member, evidence.run) else setting
-            for fold, setting in enumerate(self._settings[member.family.name])]
+            member.setting if is_alone else setting for is_alone, setting in zip(
+                self._blocks.alone(member, evidence.run), self._settings[member.family.name])]
         for setting in dict.fromkeys(settings):
             again = member if setting == member.setting else evidence.member(member.family, setting, 0.0)
-            after = State(evidence, (*self.state.members, again))
-            found[setting] = after.residual, after.basis
+            found[setting] = self.state.extended(again.rows)
         return self._blocks.rms([found[setting] for setting in settings])
 
     @cached_property

@@ -102,8 +102,8 @@ class Finding:
     model, fit: as given; final: the fit with all that is claimed; missing: names claimed, strongest first, and terms,
     the effects of them; claims: what is known of each; doubtful: names of the best explanation that are not claimed;
     unnamed: what has no name; invisible: effects that this order of measurement hides; not_needed: effects of the model
-    that the run does not ask for; explanations: at least up to 95 % together; nothing, no_name: probabilities that
-    nothing, and that something without a name, is missing.
+    that the run does not ask for; explanations: at least up to 95 % together; probability_of_nothing,
+    probability_of_unnamed: that nothing, and that something without a name, is missing.
     """
 
     model: Model
@@ -117,8 +117,8 @@ class Finding:
     invisible: tuple[str, ...]
     not_needed: tuple[str, ...]
     explanations: tuple[Explanation, ...]
-    nothing: float
-    no_name: float
+    probability_of_nothing: float
+    probability_of_unnamed: float
 
     @property
     def look_alikes(self) -> tuple[str, ...]:
@@ -416,16 +416,17 @@ def _candidate(search: RunSearch, member: Cause, before: WithoutBlocks, probabil
                parameters: tuple[Parameter, ...], alike: Sequence[str] | None = None) -> Candidate:
     """Return the Candidate of a member beside a state; alike: None where it is not claimed."""
     evidence, state = search.evidence, before.state
-    after, scale, size = State(evidence, (*state.members, member)), evidence.scale, 3 * search.run.size
-    used, more = (len(each.basis) + _searched(each.members) for each in (state, after))
-    rms_before, rms_after = (scale * float(np.sqrt(each.rss / max(evidence.dof - count, 1)))
-                             for each, count in ((state, used), (after, more)))
-    left = max(after.rss, 1e-300)
+    scale, size = evidence.scale, 3 * search.run.size
+    residual, basis = state.extended(member.rows)
+    left, used = float(residual @ residual), len(state.basis) + _searched(state.members)
+    more = used + len(basis) - len(state.basis) + _searched([member])
+    rms_before, rms_after = (scale * float(np.sqrt(rss / max(evidence.dof - count, 1)))
+                             for rss, count in ((state.rss, used), (left, more)))
     share = float(np.sqrt(np.sum(member.rows**2) / max(len(member.rows), 1)))
     return Candidate(
         member.name, dict(member.setting), probability, p, share, rms_before, rms_after,
         scale * before.rms, scale * before.rms_with(member),
-        float(size * np.log(max(state.rss, 1e-300) / left) - (more - used) * np.log(size)), parameters,
+        float(size * np.log(max(state.rss, 1e-300) / max(left, 1e-300)) - (more - used) * np.log(size)), parameters,
         tuple(alike or ()), alike is not None)
 
 

@@ -276,6 +276,14 @@ class State:
         """The square sum that a least-squares fit of the members leaves."""
         return float(self.residual @ self.residual)
 
+    def extended(self, rows: Floats) -> tuple[Floats, Floats]:
+        """Return what a least-squares fit of the members and further rows (q, 3 N) leaves, (3 N,), and their basis."""
+        rows = rows - (rows @ self.basis.T) @ self.basis
+        value, vector = np.linalg.eigh(rows @ rows.T)
+        keep = value > ROUNDING
+        more = (vector[:, keep] / np.sqrt(value[keep])).T @ rows
+        return self.residual - (more @ self.residual) @ more, np.concatenate([self.basis, more])
+
     def fall(self, rows: Floats) -> float:
         """Return by how much a least-squares fit of further rows (q, 3 N) lowers the square sum."""
         rows = rows - (rows @ self.basis.T) @ self.basis

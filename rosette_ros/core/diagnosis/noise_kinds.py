@@ -29,6 +29,8 @@ NOT_WHITE = 0.2
 """Share of the runs whose noise is not white and equal, shared out evenly over its kinds."""
 LEAST = math.log(1 - NOT_WHITE) - 5
 """Log evidence over white noise without prior below which a kind is not looked at."""
+HOPELESS = 18.0
+"""Log evidence below the best from which on a kind is not looked at: more than its estimate is ever wrong by."""
 DEGREES = np.array([1.5, 3.0, 6.0, 12.0, 25.0])
 """Degrees of freedom of the weights of groups that are summed over: from wild to hardly any difference."""
 MEMORIES = (0.3, 0.6, 0.8, 0.9, 0.97, 1.0)
@@ -79,10 +81,12 @@ class Left:
             rows = self._rows[..., list(axes)].reshape(len(self._rows), -1)
             self.parts.append((rows @ rows.T, log_det + space.whitening.log_det_of(axes)))
 
-    def joined(self, ratio: float = 1.0) -> tuple[float, float, Floats]:
-        """Return log likelihood, square sum and amplitudes (k,) where the noise of z is by a ratio larger."""
+    @cached_property
+    def joined(self) -> tuple[float, float, Floats]:
+        """Log likelihood, square sum and amplitudes (k,)."""
         (z, det_z), (w, det_w) = self.parts
-        return _joined(self.beside, z / ratio**2 + w, det_z + det_w + 2 * math.log(ratio) * self.free_of_z)
+        likelihood, square, amplitude = _joined(self.beside, z + w, np.array(det_z + det_w))
+        return float(likelihood), float(square), amplitude
 
     @property
     def free_of_z(self) -> int:
@@ -92,7 +96,7 @@ class Left:
     @cached_property
     def fitted(self) -> tuple[Floats, Floats, float, float]:
         """Residual (3 N,), its variance by the fit over sigma^2, (3 N,), square sum and log likelihood; raw units."""
-        likelihood, square, amplitude = self.joined()
+        likelihood, square, amplitude = self.joined
         rows = self._rows.reshape(len(self._rows), -1)
         share = self.space.leverage.reshape(-1).copy()
         if len(amplitude):
@@ -103,16 +107,15 @@ class Left:
         return (rows[0] - amplitude @ rows[1:]) * sd, share * sd**2, square, likelihood
 
 
-def _joined(beside: Beside, products: Floats, log_det: float) -> tuple[float, float, Floats]:
-    square, gram = float(products[0, 0]), products[1:, 1:]
-    amplitude = np.zeros(len(gram))
-    if len(gram):
-        root = np.linalg.cholesky(gram + np.diag(beside.precision))
-        half = scipy.linalg.solve_triangular(root, products[1:, 0], lower=True, check_finite=False)
-        square -= float(half @ half)
-        amplitude = scipy.linalg.solve_triangular(root, half, lower=True, trans='T', check_finite=False)
-        log_det += 2 * float(np.sum(np.log(np.diag(root)))) - float(np.sum(np.log(beside.precision)))
-    return -0.5 * beside.dof * math.log(max(square, 1e-300)) - 0.5 * log_det, square, amplitude
+def _joined(beside: Beside, products: Floats, log_det: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return log likelihoods, square sums (...,) and amplitudes (..., k) of products (..., k + 1, k + 1)."""
+    square, across, gram = products[..., 0, 0], products[..., 1:, 0], products[..., 1:, 1:]
+    root = np.linalg.cholesky(gram + np.diag(beside.precision))
+    amplitude = np.linalg.solve(root.swapaxes(-1, -2), np.linalg.solve(root, across[..., None]))[..., 0]
+    square = square - np.sum(amplitude * across, axis=-1)
+    diagonal = np.diagonal(root, axis1=-2, axis2=-1)
+    log_det = log_det + 2 * np.sum(np.log(diagonal), axis=-1) - np.sum(np.log(beside.precision))
+    return -0.5 * beside.dof * np.log(np.maximum(square, 1e-300)) - 0.5 * log_det, square, amplitude
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,19 +154,22 @@ class NoiseKinds:
         self.groups = {name: group for name, group in groups_of(beside.run).items() if _term_of(name) in allowed}
         self._may_wander = _term_of(WANDER) in allowed
         self._each = math.log(NOT_WHITE / (len(self.groups) + 1))
-        self._zero = beside.white.joined()[0]
+        self._zero = beside.white.joined[0]
 
     def found(self, least: float = LEAST) -> list[Found]:
         """Return the kinds worth looking at, best first, white noise among them; least: log evidence that is of use."""
-        out = [Found((), Noise(), math.log(1 - NOT_WHITE), self._zero)]
-        for name in self.groups:
-            if self._quick(name) + self._each > least:
-                out += self._scatter((name,))
-        out += self._wander(least) if self._may_wander else []
-        single = sorted((one for one in out[1:] if one.log_evidence > out[0].log_evidence and WANDER not in one.kinds),
-                        key=lambda one: -one.log_evidence)
+        white = Found((), Noise(), math.log(1 - NOT_WHITE), self._zero)
+        out = [white, *(self._wander(least) if self._may_wander else ())]
+        made, quick = list[_Scatter](), {name: self._quick(name) + self._each for name in self.groups}
+        for name in sorted(quick, key=lambda name: -quick[name]):
+            top = max([*(one.log_evidence for one in out), *(one.bound for one in made)])
+            if quick[name] > max(least, top - HOPELESS):
+                made += self._scatter((name,))
+        single = sorted((one for one in made if one.bound > white.log_evidence), key=lambda one: -one.bound)
         for other in single[1:3]:
-            out += self._scatter((*single[0].kinds, *other.kinds))
+            made += self._scatter((*single[0].names, *other.names))
+        top = max((one.bound for one in made), default=0.0)
+        out += [self._found(one, one.bound > top - HOPELESS / 2) for one in made]
         return sorted(out, key=lambda one: -one.log_evidence)
 
     def _quick(self, name: str) -> float:
@@ -177,7 +183,7 @@ class NoiseKinds:
             gammaln((nu + dof) / 2) - gammaln(nu / 2) + nu / 2 * np.log(nu / 2) - (nu + dof) / 2 * np.log(
                 (nu + energy) / 2), axis=1) + 0.5 * self.beside.dof))
 
-    def _scatter(self, names: tuple[str, ...]) -> Iterator[Found]:
+    def _scatter(self, names: tuple[str, ...]) -> Iterator['_Scatter']:
         """Yield the scatter that differs by all of some groups, the degrees of freedom of the last one summed over."""
         groups = [self.groups[name] for name in names]
         degrees, state = [6.0] * len(names), _Weights.equal(groups, self.beside.white)
@@ -192,9 +198,14 @@ class NoiseKinds:
                 degrees[place], state = best[1], best[0]
         except (NotDeterminable, np.linalg.LinAlgError):
             return  # a part of the readings counts for nothing
-        bound = float(log_mean(np.array([one.bound for one, _ in found]))) + self._gap(groups, degrees, state)
-        yield Found(names, self._noise(names, groups, degrees, state), bound - self._zero + len(names) * self._each,
-                    state.likelihood)
+        bound = float(log_mean(np.array([one.bound for one, _ in found])))
+        yield _Scatter(names, groups, degrees, state, bound - self._zero + len(names) * self._each)
+
+    def _found(self, one: '_Scatter', is_near: bool) -> Found:
+        """Return a scatter as a kind of noise; is_near: whether its evidence itself is asked for, not its bound."""
+        gap = self._gap(one.groups, one.degrees, one.state) if is_near else 0.0
+        return Found(one.names, self._noise(one.names, one.groups, one.degrees, one.state), one.bound + gap,
+                     one.state.likelihood)
 
     def _bayes(self, groups: Sequence[Ints], degrees: Sequence[float], state: '_Weights') -> '_Weights':
         """Return weights of groups by variational Bayes; state: where to begin."""
@@ -215,7 +226,7 @@ class NoiseKinds:
                 total = rest * weights[k][group]
             left = self.beside.under(Whitening(self.run.size, 1 / np.sqrt(total.reshape(-1, 3))))
             # the determinant of the noise counts the mean of the logarithm, not the logarithm of the mean
-            likelihood = left.joined()[0]
+            likelihood = left.joined[0]
             if likelihood + bound < before + TOLERANCE:
                 break
             before = likelihood + bound
@@ -233,7 +244,7 @@ class NoiseKinds:
                                      - (nu / 2 - b) * own - a * np.log(b) + gammaln(a)))
                 total = total * own[group]
             whitening = Whitening(self.run.size, 1 / np.sqrt(total.reshape(-1, 3)))
-            found.append(self.beside.under(whitening).joined()[0] + odds)
+            found.append(self.beside.under(whitening).joined[0] + odds)
         return max(float(log_mean(np.array(found))) - state.bound, 0.0)
 
     def _noise(self, names: Sequence[str], groups: Sequence[Ints], degrees: Sequence[float],
@@ -258,9 +269,10 @@ class NoiseKinds:
 
         def log_bf(made: Sequence[Left]) -> Floats:
             """Return the log likelihoods over white noise, (z, xy, ratio)."""
-            return np.array([[[_joined(self.beside, a.parts[0][0] / ratio**2 + b.parts[1][0], a.parts[0][1]
-                                       + b.parts[1][1] + 2 * math.log(ratio) * a.free_of_z)[0] - self._zero
-                               for ratio in RATIOS] for b in made] for a in made])
+            (z, det_z), (w, det_w) = (tuple(map(np.array, zip(*(one.parts[part] for one in made)))) for part in (0, 1))
+            products = z[:, None, None] / RATIOS[:, None, None]**2 + w[:, None]
+            log_det = det_z[:, None, None] + det_w[:, None] + 2 * np.log(RATIOS) * made[0].free_of_z
+            return _joined(self.beside, products, log_det)[0] - self._zero
 
         hope = float(log_mean(np.concatenate([log_bf(tried(phi, SHARES[2:4].tolist())).reshape(-1)
                                               for phi in (0.6, 0.97)])))
@@ -289,6 +301,17 @@ def _term_of(name: str) -> str:
 
 
 @dataclass(frozen=True, eq=False)
+class _Scatter:
+    """Scatter that differs by all of some groups; bound: of its log evidence, as of Found."""
+
+    names: tuple[str, ...]
+    groups: Sequence[Ints]
+    degrees: Sequence[float]
+    state: '_Weights'
+    bound: float
+
+
+@dataclass(frozen=True, eq=False)
 class _Weights:
     """Weights of groups and the shapes of their gamma distributions, what is left under them, bound and likelihood."""
 
@@ -301,4 +324,4 @@ class _Weights:
     @classmethod
     def equal(cls, groups: Sequence[Ints], white: Left) -> '_Weights':
         """Return equal weights of groups; white: what is left under them."""
-        return cls(tuple(np.ones(int(group.max()) + 1) for group in groups), (), white, -np.inf, white.joined()[0])
+        return cls(tuple(np.ones(int(group.max()) + 1) for group in groups), (), white, -np.inf, white.joined[0])

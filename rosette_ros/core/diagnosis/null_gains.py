@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.log_evidence import SIZES, Evidence, log_mean, turned_by, within
+from rosette_ros.core.diagnosis.log_evidence import SIZES, Evidence, log_mean, turned_by
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import Floats, resolution_of
 
@@ -22,7 +22,7 @@ def null_gains(evidence: Evidence, fitted: Fit) -> Floats:
     rows = evidence.space.free(noise).reshape(DRAWS, -1)
     left, bank = np.sum(rows**2, axis=1, dtype=float), evidence.bank
     log_bf = np.full((bank.ends[-1], DRAWS), -np.inf, np.float32)
-    square = (SIZES[::2]**2).astype(np.float32)
+    square = (SIZES[::4]**2).astype(np.float32)
     for key, products in bank.products(rows, evidence.space.whitening).items():
         blocks, group = evidence.blocks[key], bank.groups[key]
         log_bf[group.number] = 0.0
@@ -30,8 +30,8 @@ def null_gains(evidence: Evidence, fitted: Fit) -> Floats:
             continue
         grown = 1 + blocks.value[:, None] * square[:, None]
         turned = turned_by(blocks.vector, products[blocks.seen])
-        fall = within(blocks.value, (square[:, None] / grown) @ turned**2, turned, left)
-        worth = np.log(np.maximum(1 - (fall / left).astype(np.float32), 1e-7))
+        fall = (square[:, None] / grown) @ turned**2
+        worth = np.log(np.maximum(1 - fall / left.astype(np.float32), 1e-7))
         worth = -0.5 * np.log(grown).sum(axis=2)[..., None] - 0.5 * evidence.dof * worth
         log_bf[blocks.number] = log_mean(worth.transpose(0, 2, 1))
     best = np.full(DRAWS, -np.inf)
