@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, evaluate_jointly, judge
-from rosette_ros.core.diagnosis.verdict import Conclusion, Verdict
+from rosette_ros.core.diagnosis.verdict import Conclusion, VerdictText
 from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.conclusion import conclude
@@ -29,6 +29,7 @@ from rosette_ros.presentation.joint_results import joint_head, joint_rows
 from rosette_ros.presentation.report.joint_page import open_with_files
 from rosette_ros.presentation.report.provenance import FileDigest, Source, open_source, order_of, software
 from rosette_ros.presentation.report.run_page import touches_of
+from rosette_ros.words.verdict_words import verdict_text
 
 PAPER = ('K. Kniel, M. Franke, F. Härtig, F. Keller, M. Stein: Detecting 6 DoF geometrical errors of rotary tables, '
          'Measurement (2019)')
@@ -99,7 +100,7 @@ class Certificate:
     days: tuple[str, str]
     runs: tuple[Measured, ...]
     sets: tuple[CurveSet, ...]
-    verdict: Verdict | Conclusion | None
+    verdict: VerdictText | Conclusion | None
     evaluation: tuple[tuple[str, str], ...]
     unknown: tuple[str, ...]
     files: tuple[FileDigest, ...]
@@ -136,7 +137,7 @@ def _of_one(path: str | Path, inputs: Inputs) -> Certificate:
     identity, contradictions = source.identity.with_changes(inputs.identity)
     limits = identity.limits(run.rotation)
     fit = analyse(run, Model.from_mapping(dict(inputs.model), 'model') if inputs.model else None)
-    verdict = judge(fit.run, fit.model) if run.n <= MOST_BALLS_JUDGED else None
+    verdict = verdict_text(judge(fit.run, fit.model)) if run.n <= MOST_BALLS_JUDGED else None
     measured, doubt, made = _measured(run, source), doubt_of(verdict), None
     refit, untouched = touches_of(source)
     if inputs.budget or run.n <= MOST_BALLS:
@@ -178,7 +179,7 @@ def _of_several(paths: Sequence[str | Path], inputs: Inputs) -> Certificate:
 
 
 def _stated(inputs: Inputs, identity: Identity, contradictions: Sequence[str], runs: Sequence[Measured],
-            sets: Sequence[CurveSet], verdict: Verdict | Conclusion | None, evaluation: tuple[tuple[str, str], ...],
+            sets: Sequence[CurveSet], verdict: VerdictText | Conclusion | None, evaluation: tuple[tuple[str, str], ...],
             unknown: Iterable[str], files: Sequence[FileDigest], made: Budget | None = None) -> Certificate:
     lacking = [entry for entry in NEEDED if not identity[entry]]
     known = [run.days for run in runs if run.days]

@@ -25,6 +25,7 @@ from rosette_ros.presentation.error_results import errors
 from rosette_ros.presentation.json_output import evaluation_json
 from rosette_ros.presentation.tables import curves, deviations, fitted_effects
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table, spheres_json
+from rosette_ros.words.verdict_words import verdict_text
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -67,7 +68,7 @@ def show(fit: Fit, verdict: Verdict | None, lines: Sequence[AxisError]) -> None:
     out = console()
     out.print(head(fit.run))
     if verdict:
-        print_verdict(out, verdict)
+        print_verdict(out, verdict_text(verdict))
         if verdict.model_fails:
             out.print(f'What is missing, and how sure that is:\n  {escape(command("diagnose", fit.run.source))}',
                       soft_wrap=True)

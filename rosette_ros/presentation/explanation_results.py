@@ -8,6 +8,7 @@ from rosette_ros.core.evidence.explanation import Explained
 from rosette_ros.presentation.formatting import fixed
 from rosette_ros.presentation.json_output import fit_json, plain
 from rosette_ros.presentation.table_format import Column, Table
+from rosette_ros.words.verdict_words import chance, unnamed_words
 
 SCHEMA = 'rosette-explanation/1'
 
@@ -45,19 +46,12 @@ def sentences(found: Explained) -> tuple[str, ...]:
     out = []
     for claim in found.claims:
         alike = f'; this run cannot tell it from {" or ".join(map(_words, claim.alike))}' if claim.alike else ''
-        out.append(f'{_percent(claim.together)}: {_words(claim.name)}{alike}.')
+        out.append(f'{chance(claim.together)}: {_words(claim.name)}{alike}.')
     for claim in found.doubtful:
         rest = f' or {_words(claim.alike[0])}' if claim.alike else ''
-        out.append(f'{_percent(claim.probability)}: perhaps {_words(claim.name)}{rest}.')
-    for one in found.unnamed:
-        of = ', or with '.join(' and '.join(sorted(each)) for each in one.alternatives)
-        out.append(f'{_percent(one.probability)}: something moves ({one.motion}) with {of}; the library has no name '
-                   'for it.')
-    return tuple(out) or (f'{_percent(found.posterior.nothing)}: nothing is missing.',)
-
-
-def _percent(probability: float) -> str:
-    return f'{100 * min(probability, 0.999):.3g} %'
+        out.append(f'{chance(claim.probability)}: perhaps {_words(claim.name)}{rest}.')
+    out += [f'{chance(one.probability)}: {unnamed_words(one)}.' for one in found.unnamed]
+    return tuple(out) or (f'{chance(found.posterior.nothing)}: nothing is missing.',)
 
 
 def _words(name: str) -> str:

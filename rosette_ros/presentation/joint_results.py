@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.verdict import p_words
 from rosette_ros.core.error_summary import doubt_of
 from rosette_ros.core.joint.conclusion import conclude, fits
 from rosette_ros.core.joint.joint_evaluation import JointResult, Reversal, SharingTest
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.run_to_run import joint_lines
 from rosette_ros.core.joint.sharing import ITEMS, PARTS
+from rosette_ros.core.number_words import p_words
 from rosette_ros.core.records import CURVES, ErrorMotions
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.error_results import errors, errors_json

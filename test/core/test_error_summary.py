@@ -70,11 +70,11 @@ def test_the_guard_band_is_u(value, expanded, said):
 
 def test_nothing_is_decided_where_the_model_is_refuted():
     """U does not contain what the model lacks."""
-    bad = Verdict(Outcome.UNNAMED, 'It does not fit.', '')
+    bad = Verdict(Outcome.UNNAMED)
     [line, *others] = error_lines(motions_of([0, 1, 0, 0]), tolerances={'ctx': 100.0}, doubt=doubt_of(bad))
     assert (line.conformity, others[0].conformity) == (Conformity.UNDECIDED, None)
     assert 'does not fit the readings' in line.doubt
-    assert not doubt_of(Verdict(Outcome.FITS, '', '')) and not doubt_of(None)
+    assert not doubt_of(Verdict(Outcome.FITS)) and not doubt_of(None)
     assert doubt_of(Conclusion(Level.BAD, '', '')) and not doubt_of(Conclusion(Level.DOUBTFUL, '', ''))
 
 

@@ -19,7 +19,7 @@ from rosette_ros.core.diagnosis.parameter_search import RELINEARISED, choose_set
 from rosette_ros.core.diagnosis.recovered_shape import Shape, recovered_shapes
 from rosette_ros.core.diagnosis.right_shape import free_instead, replaced_words, right_shapes
 from rosette_ros.core.diagnosis.search import BRANCHES, SWAPPED, Member, Problem, Selection, searched_count
-from rosette_ros.core.diagnosis.verdict import Verdict, decide, left_over
+from rosette_ros.core.diagnosis.verdict import Verdict, decide
 from rosette_ros.core.effects.free_forms import FreeForm, axes_words
 from rosette_ros.core.effects.library import effects_of
 from rosette_ros.core.errors import InvalidData, NotDeterminable
@@ -88,14 +88,9 @@ class Finding:
                       self.misfits)
 
     @property
-    def unexplained_text(self) -> str:
-        """What is left that no named effect explains; empty where nothing is."""
-        return left_over(self.final, self.shapes)
-
-    @property
     def unexplained(self) -> bool:
         """Whether something is left that no named effect explains."""
-        return bool(self.unexplained_text)
+        return self.verdict.unexplained
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a joint evaluation says in one sentence: whether the runs fit one model, and what they do not share."""
 
-from rosette_ros.core.diagnosis.verdict import UNLIKELY, Conclusion, Level, p_words
+from rosette_ros.core.diagnosis.verdict import UNLIKELY, Conclusion, Level
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.sharing import ITEMS
-from rosette_ros.core.number_words import micrometres
+from rosette_ros.core.number_words import micrometres, p_words
 
 
 def fits(result: JointResult) -> bool | None:
