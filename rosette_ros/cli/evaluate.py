@@ -25,6 +25,7 @@ from rosette_ros.presentation.error_results import errors
 from rosette_ros.presentation.json_output import evaluation_json
 from rosette_ros.presentation.tables import curves, deviations, fitted_effects
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table, spheres_json
+from rosette_ros.words.result_words import conclusion_text
 from rosette_ros.words.verdict_words import verdict_text
 
 
@@ -95,7 +96,7 @@ def run_jointly(options: Namespace) -> None:
             out.print(escape('\n'.join((results.joint_head(one), *one.notes))))
         for note in result.notes:
             out.print(escape(note), soft_wrap=True)
-        print_verdict(out, conclude(result))
+        print_verdict(out, conclusion_text(conclude(result)))
         print_parts(out, [*results.joint_errors(result, tolerances), results.sharing_table(result),
                           *results.joint_curves(result),
                           pairs((name, escape(words)) for name, words in results.joint_rows(result))])

@@ -12,7 +12,8 @@ from rosette_ros.core.geometry import Floats, same_angles
 from rosette_ros.core.records import CURVES, ErrorMotions
 
 if TYPE_CHECKING:  # what only shows results starts without the least squares
-    from rosette_ros.core.diagnosis.verdict import Conclusion, Judged
+    from rosette_ros.core.diagnosis.verdict import Judged
+    from rosette_ros.core.joint.conclusion import Conclusion
     from rosette_ros.core.model.least_squares import Fit
 
 COVERAGE_FACTOR = 2

@@ -27,7 +27,7 @@ from rosette_ros.core.records import SI_UNITS
 from rosette_ros.presentation.error_results import errors_json
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR
 from rosette_ros.words.noise_words import noise_words
-from rosette_ros.words.result_words import check_words
+from rosette_ros.words.result_words import check_words, comparison_words
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
 EVALUATION, COMPARISON, DIAGNOSIS = 'rosette-evaluation/1', 'rosette-comparison/1', 'rosette-diagnosis/1'
@@ -118,7 +118,7 @@ def comparison_json(comparison: Comparison, verdict: Verdict, steps: Sequence[La
     fit = comparison.fit
     return plain({
         'schema': COMPARISON, 'run_id': fit.run.run_id, 'model': fit.model.names, 'fit': fit_json(fit),
-        'failing': verdict.model_fails, **verdict_json(verdict_text(verdict)), 'summary': comparison.summary,
+        'failing': verdict.model_fails, **verdict_json(verdict_text(verdict)), 'summary': comparison_words(comparison),
         'axis_rms_m': comparison.axis_rms,
         'groups': {one.label: {'keys': one.keys, 'rms_m': one.rms, 'mean_m': one.mean, 'p': one.p,
                                'worst': one.keys[one.worst]} for one in comparison.groupings},

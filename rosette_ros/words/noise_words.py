@@ -37,10 +37,10 @@ def noise_actions(noise: NoiseFacts) -> list[str]:
         out.append('export the coordinates with more digits')
     if noise.worse:
         axes = names(_axes(one) for one, _ in noise.worse)
-        out.append(f'check the probe and the slide of {axes}; the readings are weighted accordingly'
+        out.append(f'check the probe and the slide of {axes} (the readings are weighted accordingly)'
                    if max(ratio for _, ratio in noise.worse) < OTHER_UNIT else 'check that x, y and z have one unit')
     if noise.tail:
-        out.append('clean balls and stylus; readings that stand out have less weight')
+        out.append('clean balls and stylus (readings that stand out have less weight)')
     if noise.noisiest:
         out.append(f'look at {noise.noisiest[0]}')
     if noise.walk or noise.wander or noise.correlation:

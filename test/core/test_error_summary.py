@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from rosette_ros.analysis import analyse, evaluate_jointly
-from rosette_ros.core.diagnosis.verdict import Conclusion, Level, Outcome, Verdict
+from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
 from rosette_ros.core.error_summary import (
     Conformity,
     conformity,
@@ -16,6 +16,7 @@ from rosette_ros.core.error_summary import (
     once_per_turn,
 )
 from rosette_ros.core.geometry import nominal_angles
+from rosette_ros.core.joint.conclusion import Conclusion, JointOutcome
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.run_to_run import joint_lines
 from rosette_ros.core.records import ErrorMotions
@@ -75,7 +76,7 @@ def test_nothing_is_decided_where_the_model_is_refuted():
     assert (line.conformity, others[0].conformity) == (Conformity.UNDECIDED, None)
     assert 'does not fit the readings' in line.doubt
     assert not doubt_of(Verdict(Outcome.FITS)) and not doubt_of(None)
-    assert doubt_of(Conclusion(Level.BAD, '', '')) and not doubt_of(Conclusion(Level.DOUBTFUL, '', ''))
+    assert doubt_of(Conclusion(JointOutcome.REFUTED)) and not doubt_of(Conclusion(JointOutcome.IN_PART))
 
 
 @pytest.mark.parametrize('share', [1.0, 0.7])

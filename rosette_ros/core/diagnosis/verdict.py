@@ -95,20 +95,6 @@ class VerdictText(Judged):
 
 
 @dataclass(frozen=True)
-class Conclusion:
-    """What several runs say together: level, one sentence, and what to do."""
-
-    level: Level
-    sentence: str
-    action: str
-
-    @property
-    def model_fails(self) -> bool:
-        """Whether the model is refuted."""
-        return self.level is Level.BAD
-
-
-@dataclass(frozen=True)
 class Residual:
     """The residual of a fit against the stated repeatability.
 
