@@ -16,6 +16,7 @@ from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.words.result_words import comparison_words
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
 SIGMA = 1e-7
@@ -223,7 +224,7 @@ def test_comparison_says_where_it_fails():
     groups = {grouping.label: grouping for grouping in moved.groupings}
     assert groups['ball'].keys[groups['ball'].worst] == '4'
     clean = compare(analyse(machine_run('diagonal')))
-    assert 'at ball 4' in moved.summary and 'at ball' not in clean.summary
+    assert 'at ball 4' in comparison_words(moved) and 'at ball' not in comparison_words(clean)
     assert np.allclose(clean.axis_rms, SIGMA, rtol=0.2)
 
 
@@ -232,8 +233,8 @@ def test_neighbours_are_alike_or_not():
     run = synthetic_run(8, 'random', 4, noise=SIGMA)[0]
     drift = 2e-6 * run.time / run.time[-1]
     for moved, words in ((drift, 'are alike'), (2e-7 * (-1.0)**np.arange(run.size), 'differ more than by chance')):
-        summary = compare(fit(run.replace(centre=run.centre + moved[:, None] * np.eye(3)[0]))).summary
-        assert f'neighbours in the sequence {words}' in summary
+        summary = comparison_words(compare(fit(run.replace(centre=run.centre + moved[:, None] * np.eye(3)[0]))))
+        assert f'successive readings {words}' in summary
 
 
 @pytest.mark.parametrize('model, draws, tolerance', [
