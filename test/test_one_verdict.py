@@ -22,6 +22,7 @@ from rosette_ros.nodes.conversions import diagnosis_message
 from rosette_ros.presentation.report.run_page import report_html
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.studio.controller import Controller
+from rosette_ros.words.verdict_words import verdict_text
 
 DRIFT = {'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}
 SIZES = ((6, 1), (8, 2), (9, 3))
@@ -88,19 +89,20 @@ def test_every_interface_states_one_verdict(kind, n, seed, tmp_path, capsys):
     write_csv(make(n, seed), path)
     run = open_run(path)
     verdict = judge(run)
+    text = verdict_text(verdict)
     assert verdict.outcome in outcomes
     assert (verdict.level == Level.GOOD) == (verdict.outcome == Outcome.FITS)
     for verb, found in verbs(path, capsys):
         if isinstance(found, str):
-            assert verdict.sentence in found and verdict.action in found, verb
+            assert text.sentence in found and text.action in found, verb
             assert 'is noise' not in found
             continue
         assert (found['outcome'], found['level'], found['verdict'], found['action']) == (
-            verdict.outcome, verdict.level, verdict.sentence, verdict.action), verb
+            verdict.outcome, verdict.level, text.sentence, text.action), verb
         assert found.get('failing', verdict.model_fails) == verdict.model_fails
     diagnosis = diagnose(run)
     message = diagnosis_message(run, diagnosis, Time())
-    assert (message.verdict, message.unexplained) == (verdict.sentence, diagnosis.unexplained)
+    assert (message.verdict, message.unexplained) == (text.sentence, diagnosis.unexplained)
     if (n, seed) == SIZES[0]:
         assert studio(run) == verdict
 
@@ -113,7 +115,8 @@ def test_the_report_states_the_verdict(kind):
     assert summary.verdict == verdict
     if kind in ('repeatability of half the noise', 'no repeatability'):
         page = report_html(summary)
-        assert verdict.sentence in unescape(page) and summary.verdict.action in page
+        text = verdict_text(verdict)
+        assert text.sentence in unescape(page) and text.action in page
         assert f'>{MARKS[verdict.level]}</span> Verdict' in page
 
 
@@ -129,7 +132,7 @@ def test_what_cannot_be_determined_is_refused_in_one_sentence(tmp_path, capsys):
         captured = capsys.readouterr()
         assert (captured.out, captured.err) == ('', f'rosette: {refusal.value}\n')
     stated = studio(open_run(path))
-    assert (stated.outcome, stated.sentence) == (Outcome.NOT_DETERMINABLE, str(refusal.value))
+    assert (stated.outcome, verdict_text(stated).sentence) == (Outcome.NOT_DETERMINABLE, str(refusal.value))
 
 
 def test_a_combination_and_what_is_left_stand_in_the_sentence():
@@ -138,20 +141,21 @@ def test_a_combination_and_what_is_left_stand_in_the_sentence():
     run = clean(9, 1, [DRIFT, warp]).replace(repeatability=5e-8)
     verdict = judge(run)
     assert verdict.outcome == Outcome.NAMED
-    for words in ('frame_drift', ' and ', 'plate_warp', 'with them',
-                  'beside them the readings scatter more than stated'):
-        assert words in verdict.sentence
-    assert 'rosette add frame_drift --model FILE' in verdict.action
+    assert {one.name for one in verdict.missing} == {'frame_drift', 'plate_warp'} and verdict.unexplained
+    text = verdict_text(verdict)
+    for words in ('frame_drift', ' and ', 'plate_warp', 'with them', 'Even with them, the readings scatter more than '):
+        assert words in text.sentence
+    assert 'rosette add frame_drift --model FILE' in text.action
 
 
 def test_an_unknown_repeatability_is_said_where_an_effect_is_named():
     """The name rests on the structure of the residual."""
-    verdict = judge(clean(6, 1, [DRIFT]).replace(repeatability=None))
-    assert 'The model lacks frame_drift' in verdict.sentence
-    assert 'judged by the structure of the residual alone' in verdict.sentence
+    sentence = verdict_text(judge(clean(6, 1, [DRIFT]).replace(repeatability=None))).sentence
+    assert 'The model lacks frame_drift' in sentence
+    assert 'rests on the structure of the residual alone' in sentence
 
 
 def test_every_outcome_has_a_level_and_words():
     """No outcome is left out where levels are given."""
-    assert {Verdict(outcome, 's', 'a').level for outcome in Outcome} == set(Level)
-    assert replace(Verdict(Outcome.FITS, 's', 'a'), outcome=Outcome.SCATTERS).model_fails
+    assert {Verdict(outcome).level for outcome in Outcome} == set(Level)
+    assert replace(Verdict(Outcome.FITS), outcome=Outcome.SCATTERS).model_fails

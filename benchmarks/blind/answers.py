@@ -11,6 +11,7 @@ import numpy as np
 from benchmarks.blind.cause import Variables
 from benchmarks.blind.runs import SIGMA, visible_part
 from rosette_ros.core.records import ErrorMotions, Floats, remove_gauge
+from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
 if TYPE_CHECKING:
     from benchmarks.blind.trial import Truth
@@ -45,7 +46,7 @@ def answered(found: Any) -> Record:
     told: for each thing without a name the alternatives of the variables on which it depends.
     """
     unnamed, explanations = getattr(found, 'unnamed', None), getattr(found, 'explanations', None)
-    text = found.unexplained_text
+    text = unexplained_words(found.verdict)
     if unnamed is None:
         told = [[sorted(told_variables(text))]] if found.unexplained and told_variables(text) else []
     else:
@@ -61,7 +62,7 @@ def answered(found: Any) -> Record:
         'probability_of_nothing': _number(getattr(found, 'probability_of_nothing', None)),
         'probability_of_unnamed': _number(getattr(found, 'probability_of_unnamed', None)),
         'unexplained': bool(found.unexplained), 'told': told, 'text': text, 'outcome': found.verdict.outcome.value,
-        'sentence': found.verdict.sentence, 'rms': float(found.final.rms)}
+        'sentence': verdict_text(found.verdict).sentence, 'rms': float(found.final.rms)}
 
 
 def _number(value: Any) -> float | None:

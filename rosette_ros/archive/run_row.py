@@ -18,6 +18,7 @@ from rosette_ros.core.records import Floats
 from rosette_ros.io.identity_file import Identity, format_identity
 from rosette_ros.presentation.json_output import CURVE_KEYS, verdict_json
 from rosette_ros.presentation.report.provenance import Source, order_of
+from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
 AXES = 'xyz'
 KEY = ('log_sha256', 'run_id', 'model_hash')
@@ -129,8 +130,9 @@ def evaluation_row(fit: Fit, finding: Finding | None = None, source: Source | No
                    (float(one) for one in (known.mean(), known.min(), known.max())) if known.size else (None,) * 3)),
         'repeatability_m': run.repeatability, 'rms_m': fit.rms, 'sigma_m': fit.sigma, 'dof': fit.dof,
         'lack_of_fit_p': fit.lack_of_fit_p, 'final_rms_m': finding.final.rms if finding else None,
-        **verdict_json(verdict), 'missing': list(finding.missing) if finding else None,
-        'unexplained': finding.unexplained_text if finding else None,
+        **verdict_json(verdict_text(verdict) if verdict else None),
+        'missing': list(finding.missing) if finding else None,
+        'unexplained': unexplained_words(verdict) if verdict else None,
         'effects': [{
             'effect': one.name, 'in_model': place < in_model, 'rms_m': one.rms,
             'setting': json.dumps(one.setting, ensure_ascii=False),

@@ -26,7 +26,7 @@ from rosette_ros import command
 from rosette_ros.calibration.settings import NONE
 from rosette_ros.cell.built_messages import check_messages
 from rosette_ros.cell.supervisor import added_environment
-from rosette_ros.core.diagnosis.verdict import Verdict
+from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.errors import CellError, plain
 from rosette_ros.core.records import ErrorMotions
 from rosette_ros.io.messages import CalibrationProgress, Phase, progress_of, verdict_of
@@ -56,7 +56,7 @@ class CalibrationOutcome:
     run_id: str
     log: Path | None
     error_motions: ErrorMotions | None
-    verdict: Verdict | None = None
+    verdict: VerdictText | None = None
     is_joint: bool = False
 
 

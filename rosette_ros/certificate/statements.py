@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, evaluate_jointly, judge
-from rosette_ros.core.diagnosis.verdict import Conclusion, Verdict
+from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.conclusion import conclude
@@ -29,6 +29,8 @@ from rosette_ros.presentation.joint_results import joint_head, joint_rows
 from rosette_ros.presentation.report.joint_page import open_with_files
 from rosette_ros.presentation.report.provenance import FileDigest, Source, open_source, order_of, software
 from rosette_ros.presentation.report.run_page import touches_of
+from rosette_ros.words.result_words import ConclusionText, conclusion_text
+from rosette_ros.words.verdict_words import verdict_text
 
 PAPER = ('K. Kniel, M. Franke, F. Härtig, F. Keller, M. Stein: Detecting 6 DoF geometrical errors of rotary tables, '
          'Measurement (2019)')
@@ -99,7 +101,7 @@ class Certificate:
     days: tuple[str, str]
     runs: tuple[Measured, ...]
     sets: tuple[CurveSet, ...]
-    verdict: Verdict | Conclusion | None
+    verdict: VerdictText | ConclusionText | None
     evaluation: tuple[tuple[str, str], ...]
     unknown: tuple[str, ...]
     files: tuple[FileDigest, ...]
@@ -136,7 +138,7 @@ def _of_one(path: str | Path, inputs: Inputs) -> Certificate:
     identity, contradictions = source.identity.with_changes(inputs.identity)
     limits = identity.limits(run.rotation)
     fit = analyse(run, Model.from_mapping(dict(inputs.model), 'model') if inputs.model else None)
-    verdict = judge(fit.run, fit.model) if run.n <= MOST_BALLS_JUDGED else None
+    verdict = verdict_text(judge(fit.run, fit.model)) if run.n <= MOST_BALLS_JUDGED else None
     measured, doubt, made = _measured(run, source), doubt_of(verdict), None
     refit, untouched = touches_of(source)
     if inputs.budget or run.n <= MOST_BALLS:
@@ -158,9 +160,9 @@ def _of_several(paths: Sequence[str | Path], inputs: Inputs) -> Certificate:
     logged, contradictions = joint_identity(paths, inputs.run_id)
     identity, changed = logged.with_changes(inputs.identity)
     result = evaluate_jointly([run for run, _ in opened], inputs.sharing)
-    verdict = conclude(result)
+    conclusion = conclude(result)
     sets = [CurveSet(one.words, motions, lines, result.sigma_dof) for one, motions, lines in joint_lines(
-        result, identity.limits(result.solution.model.runs[0].rotation), doubt_of(verdict))]
+        result, identity.limits(result.solution.model.runs[0].rotation), doubt_of(conclusion))]
     runs = []
     for path, readings in zip(paths, result.solution.model.runs, strict=True):
         if has_plate(path):
@@ -173,13 +175,14 @@ def _of_several(paths: Sequence[str | Path], inputs: Inputs) -> Certificate:
     names = tuple(f'{run.name}:' for run in result.solution.model.runs)  # a name stays as it is
     unknown = [f'The readings do not tell, and the curves are free of: {rows["Not known"]}.', *(
         f'{note if note.startswith(names) else note[0].upper() + note[1:]}.' for note in result.notes)]
-    return _stated(inputs, identity, (*contradictions, *changed), runs, sets, verdict, evaluation, unknown,
-                   tuple(dict.fromkeys(file for _, files in opened for file in files)))
+    return _stated(inputs, identity, (*contradictions, *changed), runs, sets, conclusion_text(conclusion), evaluation,
+                   unknown, tuple(dict.fromkeys(file for _, files in opened for file in files)))
 
 
 def _stated(inputs: Inputs, identity: Identity, contradictions: Sequence[str], runs: Sequence[Measured],
-            sets: Sequence[CurveSet], verdict: Verdict | Conclusion | None, evaluation: tuple[tuple[str, str], ...],
-            unknown: Iterable[str], files: Sequence[FileDigest], made: Budget | None = None) -> Certificate:
+            sets: Sequence[CurveSet], verdict: VerdictText | ConclusionText | None,
+            evaluation: tuple[tuple[str, str], ...], unknown: Iterable[str], files: Sequence[FileDigest],
+            made: Budget | None = None) -> Certificate:
     lacking = [entry for entry in NEEDED if not identity[entry]]
     known = [run.days for run in runs if run.days]
     days = _days(identity, known)

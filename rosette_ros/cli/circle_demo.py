@@ -30,6 +30,7 @@ from rosette_ros.presentation.plots.result_plots import Series, six_curves
 from rosette_ros.presentation.table_format import Table, column, micrometre_column, words
 from rosette_ros.presentation.tables import nested_models
 from rosette_ros.simulation import MachineConfig
+from rosette_ros.words.verdict_words import verdict_text
 
 TABLE = {'translation_um': 0.8, 'rotation_urad': 5.0, 'axial_correction': False, 'angular_correction': False,
          'harmonics': 2}
@@ -51,7 +52,7 @@ def run(options: Namespace) -> None:
         before_path = running.calibrate(order, options.seed, 'turning: forward')
         run, identity, _ = open_identified(before_path)
         before = summarise(run)
-        print_verdict(out, before.verdict)
+        print_verdict(out, verdict_text(before.verdict))
         section(out, '2', 'add what is missing: the error falls')
         final = before.final
         print_table(out, nested_models(before.ladder))

@@ -21,6 +21,8 @@ from rosette_ros.presentation.formatting import micrometres, uncertainty_words
 from rosette_ros.presentation.json_output import comparison_json
 from rosette_ros.presentation.plots import noise_plots
 from rosette_ros.presentation.plots.plot_style import save
+from rosette_ros.words.result_words import comparison_words
+from rosette_ros.words.verdict_words import verdict_text
 
 WIDEST_MAP = 40
 """Most balls for which the map of the readings fits on a screen."""
@@ -62,9 +64,9 @@ def run(options: Namespace) -> None:
 def show(out: Console, comparison: Comparison, verdict: Verdict) -> None:
     """Print a comparison and the verdict."""
     sigma, source = tables.noise_of(comparison.fit)
-    print_verdict(out, verdict)
-    out.print(f'{escape(comparison.summary)} Residuals are given in σ = {micrometres(sigma)}, {source}; uncertainties '
-              f'of the curves are {uncertainty_words(comparison.fit)}.')
+    print_verdict(out, verdict_text(verdict))
+    out.print(f'{escape(comparison_words(comparison))} Residuals are given in σ = {micrometres(sigma)}, {source}; '
+              f'uncertainties of the curves are {uncertainty_words(comparison.fit)}.')
     print_parts(out, [tables.axes(comparison), tables.places(comparison), reading_map(comparison, sigma),
                       tables.worst_readings(comparison), tables.waves(comparison)])
 

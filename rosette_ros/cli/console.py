@@ -18,9 +18,10 @@ from rosette_ros.presentation.table_format import Column, Table, words
 
 if TYPE_CHECKING:  # plan and info start without the least squares
     from rosette_ros.core.correction_check import CorrectionCheck
-    from rosette_ros.core.diagnosis.verdict import Conclusion, Verdict
+    from rosette_ros.core.diagnosis.verdict import VerdictText
     from rosette_ros.core.model.least_squares import Fit
     from rosette_ros.io.reading_checks import Check
+    from rosette_ros.words.result_words import ConclusionText
 
 WIDTH = 100
 """Widest output, columns; what is no terminal gets this width."""
@@ -124,7 +125,7 @@ def fit_rows(fit: 'Fit') -> list[tuple[str, str]]:
                                f'{"".join(unused)}')]
 
 
-def print_verdict(out: Console, verdict: 'Verdict | Conclusion | CorrectionCheck') -> None:
+def print_verdict(out: Console, verdict: 'VerdictText | ConclusionText | CorrectionCheck') -> None:
     """Print a verdict as it stands: its sentence, and what to do."""
     out.print(f'[{COLOURS[verdict.level]}]{escape(verdict.sentence)}[/]')
     out.print(escape(verdict.action))

@@ -22,6 +22,7 @@ from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.io.text_file import refuse_output, write_text
 from rosette_ros.presentation.correction_results import correction_table
 from rosette_ros.presentation.formatting import SCALES, exact
+from rosette_ros.words.verdict_words import verdict_text
 
 STEPS = {'csv': 5.0, 'linuxcnc': 2.0}
 """Default distance of the lines of a table, deg."""
@@ -80,7 +81,7 @@ def run(options: Namespace) -> None:
     write_text(options.output, text, options.force)
     out = console()
     if verdict:
-        out.print(f'[{COLOURS[verdict.level]}]{escape(verdict.sentence)}[/]')
+        out.print(f'[{COLOURS[verdict.level]}]{escape(verdict_text(verdict).sentence)}[/]')
         if verdict.model_fails:
             out.print('What the model lacks may be in these curves: add it first (rosette add).')
     print_parts(out, [correction_table(correction)])

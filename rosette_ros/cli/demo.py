@@ -29,6 +29,7 @@ from rosette_ros.presentation.report import open_source, write_report
 from rosette_ros.presentation.table_format import Table, column, words
 from rosette_ros.presentation.tables import curves
 from rosette_ros.simulation import MachineConfig
+from rosette_ros.words.verdict_words import verdict_text
 
 TABLE = {'translation_um': 0.2, 'rotation_urad': 1.5, 'axial_correction': False, 'angular_correction': False}
 """The table of the demo has not been corrected yet: its errors stand above the noise."""
@@ -115,7 +116,7 @@ def show(out: Console, config: MachineConfig, log_path: Path, seconds: float, ma
     save(six_curves([Series('measured', fit.error_motions)], title, comparison.truth), where['Picture'])
     out.print(f'\n{head(run)}\n')
     if run.n <= MOST_BALLS_JUDGED:
-        print_verdict(out, judge(run) if summary is None else summary.verdict)
+        print_verdict(out, verdict_text(judge(run) if summary is None else summary.verdict))
     print_parts(out, [
         curves(fit.error_motions), pairs(fit_rows(fit)),
         Table('truth', 'Difference to the truth in standard uncertainties', (

@@ -18,6 +18,8 @@ from rosette_ros.presentation import tables
 from rosette_ros.presentation.explanation_results import explanations
 from rosette_ros.presentation.formatting import MEANINGS
 from rosette_ros.presentation.json_output import diagnosis_json
+from rosette_ros.words.result_words import check_words
+from rosette_ros.words.verdict_words import verdict_text
 
 NEXT_BEST = 4
 """So many effects that are not identified are shown."""
@@ -49,7 +51,7 @@ def run(options: Namespace) -> None:
     if check is not None:
         colour = {True: 'green', False: 'red', None: 'yellow'}[check.confirmed]
         out.print(f'\n[bold]Checked on {escape(check.before.run.run_id or check.before.run.source)}[/], which had no '
-                  f'part in the search\n[{colour}]{escape(check.text)}[/]')
+                  f'part in the search\n[{colour}]{escape(check_words(check))}[/]')
         print_parts(out, [tables.cross_check(check)])
 
 
@@ -61,18 +63,18 @@ def invisible_effects(diagnosis: Diagnosis) -> tuple[Visibility, ...]:
 
 def show(out: Console, diagnosis: Diagnosis, invisible: Sequence[Visibility]) -> None:
     """Print a diagnosis and the verdict; invisible: of the effects that are not observable."""
-    print_verdict(out, diagnosis.verdict)
+    print_verdict(out, verdict_text(diagnosis.verdict))
     refused, measured = '; '.join(f'{name}: {reason}' for name, reason in diagnosis.unavailable), diagnosis.fit.run
     advice = advise_run(measured).text if invisible and measured.n <= MOST_BALLS_ADVISED else ''
     notes = [(title, escape(text)) for title, text in (('Not judged', refused), ('Next order', advice)) if text]
     claimed = [one for one in diagnosis.candidates if one.claimed]
-    others = [one for one in diagnosis.candidates if not one.claimed][:NEXT_BEST]
+    others, run = [one for one in diagnosis.candidates if not one.claimed][:NEXT_BEST], diagnosis.fit.run
     print_parts(out, [
         explanations(diagnosis),
-        tables.candidates(claimed, 'Missing effects, most significant first').select(*CANDIDATE_COLUMNS),
+        tables.candidates(claimed, run, 'Missing effects, most significant first').select(*CANDIDATE_COLUMNS),
         pairs((escape(name), escape(f'{MEANINGS[name].meaning} Look at: {MEANINGS[name].look}'))
               for name in dict.fromkeys(one.effect for one in claimed) if name in MEANINGS) if claimed else None,
         tables.effects([(one.effect, one.setting, one.parameters) for one in claimed],
                        'Parameters of the missing effects, all fitted together'),
-        tables.candidates(others, 'Not identified: the next best').select(*CANDIDATE_COLUMNS),
+        tables.candidates(others, run, 'Not identified: the next best').select(*CANDIDATE_COLUMNS),
         tables.bias(invisible, measured.rotation), pairs(notes) if notes else None])

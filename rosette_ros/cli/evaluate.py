@@ -25,6 +25,8 @@ from rosette_ros.presentation.error_results import errors
 from rosette_ros.presentation.json_output import evaluation_json
 from rosette_ros.presentation.tables import curves, deviations, fitted_effects
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table, spheres_json
+from rosette_ros.words.result_words import conclusion_text
+from rosette_ros.words.verdict_words import verdict_text
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -67,7 +69,7 @@ def show(fit: Fit, verdict: Verdict | None, lines: Sequence[AxisError]) -> None:
     out = console()
     out.print(head(fit.run))
     if verdict:
-        print_verdict(out, verdict)
+        print_verdict(out, verdict_text(verdict))
         if verdict.model_fails:
             out.print(f'What is missing, and how sure that is:\n  {escape(command("diagnose", fit.run.source))}',
                       soft_wrap=True)
@@ -94,7 +96,7 @@ def run_jointly(options: Namespace) -> None:
             out.print(escape('\n'.join((results.joint_head(one), *one.notes))))
         for note in result.notes:
             out.print(escape(note), soft_wrap=True)
-        print_verdict(out, conclude(result))
+        print_verdict(out, conclusion_text(conclude(result)))
         print_parts(out, [*results.joint_errors(result, tolerances), results.sharing_table(result),
                           *results.joint_curves(result),
                           pairs((name, escape(words)) for name, words in results.joint_rows(result))])

@@ -15,7 +15,7 @@ from rosette_ros.analysis import analyse, curves_over, evaluate_jointly, summari
 from rosette_ros.cli.arguments import add_shared, keep_inputs, made_folder
 from rosette_ros.cli.console import console, head, print_verdict
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
-from rosette_ros.core.diagnosis.verdict import Conclusion, Verdict
+from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.model.model import Model
@@ -33,6 +33,8 @@ from rosette_ros.presentation.report.provenance import digest, open_source
 from rosette_ros.presentation.report.run_page import budget_of, every_table, pictures_of, report_html, touches_of
 from rosette_ros.presentation.report.verification import Verification, read_maker, verify
 from rosette_ros.presentation.table_format import Table
+from rosette_ros.words.result_words import ConclusionText, conclusion_text
+from rosette_ros.words.verdict_words import verdict_text
 
 LONGEST_NAME = 50
 """Characters in the name of a table's file: 255 bytes are the limit of file systems."""
@@ -92,7 +94,7 @@ def report_jointly(options: Namespace) -> None:
     write_text(path, joint_html(result, files, options.command_line, pictures, identity, contradictions),
                options.force)
     write_parts(options, pictures, joint_tables(result, identity))
-    print_result(console(), conclude(result), path)
+    print_result(console(), conclusion_text(conclude(result)), path)
 
 
 def report_run(options: Namespace, place: str) -> None:
@@ -120,7 +122,7 @@ def report_run(options: Namespace, place: str) -> None:
         write_text(path, report_html(summary, source, options.command_line, overlays, pictures, inputs), options.force)
         write_parts(options, pictures, every_table(summary, source.identity, refit, made))
     out.print(head(measured))
-    print_result(out, summary.verdict, path)
+    print_result(out, verdict_text(summary.verdict), path)
 
 
 def compare_runs(options: Namespace) -> None:
@@ -177,7 +179,7 @@ def file_names(tables: Iterable[Table]) -> dict[str, Table]:
     return named
 
 
-def print_result(out: Console, verdict: Verdict | Conclusion, path: Path | str) -> None:
+def print_result(out: Console, verdict: VerdictText | ConclusionText, path: Path | str) -> None:
     """Print the verdict and where the page is."""
     print_verdict(out, verdict)
     out.print(f'[bold]Report[/]  {escape(str(path))}', soft_wrap=True)

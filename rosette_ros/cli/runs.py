@@ -16,6 +16,7 @@ from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.open_run import is_log, open_run, runs_in
 from rosette_ros.presentation.json_output import verdict_json
 from rosette_ros.presentation.table_format import Table, words
+from rosette_ros.words.verdict_words import verdict_text
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -59,7 +60,7 @@ def facts(path: Path) -> dict[str, Any]:
         if log and not log.problems and (verdict := log.verdicts.get((measured.run_id, str(Model())))):
             judged = 'cell'
         elif n <= MOST_BALLS_JUDGED:
-            verdict, judged = judge(measured), 'now'
+            verdict, judged = verdict_text(judge(measured)), 'now'
         else:
             problem = f'more than {MOST_BALLS_JUDGED} balls are judged on request: rosette diagnose RUN'
     except RosetteError as error:

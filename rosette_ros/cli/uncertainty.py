@@ -23,6 +23,7 @@ from rosette_ros.io.open_run import open_run
 from rosette_ros.io.text_file import refuse_output
 from rosette_ros.io.touch_log import refit_if_touched
 from rosette_ros.presentation.budget_results import agreement_words, budget_json, budget_tables, together_words
+from rosette_ros.words.verdict_words import verdict_text
 
 FEWEST_TRIALS, MOST_TRIALS = 100, 1_000_000
 
@@ -65,7 +66,7 @@ def run(options: Namespace) -> None:
     out = console()
     out.print(head(measured))
     if verdict:
-        print_verdict(out, verdict)
+        print_verdict(out, verdict_text(verdict))
     else:
         warn(measured)
     show(out, made, found)

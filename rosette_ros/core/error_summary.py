@@ -12,7 +12,8 @@ from rosette_ros.core.geometry import Floats, same_angles
 from rosette_ros.core.records import CURVES, ErrorMotions
 
 if TYPE_CHECKING:  # what only shows results starts without the least squares
-    from rosette_ros.core.diagnosis.verdict import Conclusion, Verdict
+    from rosette_ros.core.diagnosis.verdict import Judged
+    from rosette_ros.core.joint.conclusion import Conclusion
     from rosette_ros.core.model.least_squares import Fit
 
 COVERAGE_FACTOR = 2
@@ -38,7 +39,7 @@ def conformity(value: float, expanded: float, limit: float) -> Conformity:
     return Conformity.FAILS if value - expanded > limit else Conformity.UNDECIDED
 
 
-def doubt_of(verdict: 'Verdict | Conclusion | None') -> str:
+def doubt_of(verdict: 'Judged | Conclusion | None') -> str:
     """Return why U does not say how large the errors are: '' where the model is not refuted, or was not judged."""
     fails = verdict is not None and verdict.model_fails
     return 'the model does not fit the readings, so that U does not contain all' if fails else ''

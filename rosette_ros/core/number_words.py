@@ -6,6 +6,7 @@ import math
 UNKNOWN = '–'
 MOST_DECIMALS = 9
 """A smaller number has an exponent."""
+SMALLEST_P = 1e-6
 
 
 def significant(value: float, digits: int = 3) -> str:
@@ -30,3 +31,17 @@ def multiple(value: float) -> str:
 def micrometres(metres: float, digits: int = 3) -> str:
     """Return a length with significant digits and its unit: 0.0950 µm."""
     return f'{significant(1e6 * metres, digits)} µm'
+
+
+def p_value(p: float) -> str:
+    """Return a probability with two significant digits: '<1e−6', '4.2e−5', '0.37', '>0.99'; '–' where it is none."""
+    if not math.isfinite(p):
+        return '–'
+    if p < SMALLEST_P or p > 0.995:
+        return '>0.99' if p > 0.995 else '<1e−6'
+    return f'{p:.2g}' if p >= 1e-4 else f'{p:.1e}'.replace('e-0', 'e−')
+
+
+def p_words(p: float) -> str:
+    """Return a probability as an equation: 'p = 0.37', 'p < 1e−6'."""
+    return f'p = {p_value(p)}'.replace('= <', '< ').replace('= >', '> ')

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-from rosette_ros.core.diagnosis.verdict import Verdict
+from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.records import CURVES, ErrorMotions, Run
@@ -102,7 +102,7 @@ class LogRun:
     error_motions: list[PublishedMotions] = field(default_factory=list)
     states: list[msg.CalibrationProgress] = field(default_factory=list)
     events: list[SimpleNamespace] = field(default_factory=list)
-    verdicts: dict[tuple[str, str], Verdict | None] = field(default_factory=dict)
+    verdicts: dict[tuple[str, str], VerdictText | None] = field(default_factory=dict)
     topics: tuple[TopicSummary, ...] = ()
     messages: int = 0
     start_ns: int = 0

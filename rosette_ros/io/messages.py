@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
+from rosette_ros.core.diagnosis.verdict import Outcome, VerdictText
 from rosette_ros.core.errors import InvalidData, plain
 from rosette_ros.core.geometry import TWO_PI, Floats, Frame, rotate_z, wrap
 from rosette_ros.core.scheme import nominal_places
@@ -167,12 +167,12 @@ def progress_of(message: Any) -> CalibrationProgress:
                                plain(message.text, most=4000))
 
 
-def verdict_of(message: Any) -> Verdict | None:
+def verdict_of(message: Any) -> VerdictText | None:
     """Return the verdict in a Diagnosis or ErrorMotions; None where there is none that this version knows."""
     outcome = getattr(message, 'outcome', '')  # older logs have none
     if outcome not in list(Outcome):
         return None
-    return Verdict(Outcome(outcome), plain(message.verdict, 2000), plain(message.action, 2000))
+    return VerdictText(Outcome(outcome), plain(message.verdict, 2000), plain(message.action, 2000))
 
 
 def target_of(message: Any) -> Target:

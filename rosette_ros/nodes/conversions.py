@@ -16,13 +16,15 @@ from tf2_msgs.msg import TFMessage
 
 from rosette_ros.calibration.goal import OF_EVENT
 from rosette_ros.core import records
-from rosette_ros.core.diagnosis.verdict import noise_words
+from rosette_ros.core.diagnosis.verdict import noise_facts
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Frame
 from rosette_ros.io.bag_metadata import Qos
 from rosette_ros.io.log_run import PublishedMotions
 from rosette_ros.io.messages import TOUCH_ARRAYS, Target
 from rosette_ros.io.model_file import format_entry
+from rosette_ros.words.noise_words import noise_words
+from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
 if TYPE_CHECKING:  # what fits models imports scipy, which takes a second
     from rosette_ros.calibration.goal import Job, Request
@@ -175,21 +177,22 @@ def _definition(term: 'core_model.Term') -> str:
 
 def diagnosis_message(run: records.Run, diagnosis: 'core.Diagnosis', stamp: Time) -> msg.Diagnosis:
     """Return the Diagnosis message of a core Diagnosis of a run."""
-    model, verdict = diagnosis.model, diagnosis.verdict
+    model, text = diagnosis.model, verdict_text(diagnosis.verdict)
     return msg.Diagnosis(
         header=Header(stamp=stamp), run_id=run.run_id, model_name=str(model), model_hash=model.hash,
-        verdict=verdict.sentence, outcome=str(verdict.outcome), level=str(verdict.level), action=verdict.action,
+        verdict=text.sentence, outcome=str(text.outcome), level=str(text.level), action=text.action,
         missing=list(diagnosis.missing), unexplained=bool(diagnosis.unexplained),
-        unexplained_text=diagnosis.unexplained_text, candidates=list(map(candidate_message, diagnosis.candidates)),
-        invisible=list(diagnosis.invisible), noise=noise_message(diagnosis.final))
+        unexplained_text=unexplained_words(diagnosis.verdict),
+        candidates=list(map(candidate_message, diagnosis.candidates)), invisible=list(diagnosis.invisible),
+        noise=noise_message(diagnosis.final))
 
 
 def noise_message(fit: 'Fit') -> msg.Noise:
     """Return the Noise message of the noise under which a run was fitted."""
-    noise, words = fit.noise, noise_words(fit.noise, fit.sigma, fit.run)
+    noise = fit.noise
     return msg.Noise(
         sigma=float(fit.sigma), sigma_source=fit.sigma_source, is_white=noise.is_white and not noise.resolution,
-        words=[one for one, _ in words], axes=noise.axes, by=noise.by, factors=noise.factors, tail=noise.tail,
+        words=noise_words(noise_facts(fit)), axes=noise.axes, by=noise.by, factors=noise.factors, tail=noise.tail,
         tail_dof=float(noise.tail_dof), memory=float(noise.phi), wander=noise.wander,
         resolution=float(noise.resolution))
 

@@ -12,11 +12,12 @@ from rosette_ros.core import records
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.joint.joint_evaluation import JointResult
 from rosette_ros.core.joint.sharing import ITEMS
+from rosette_ros.words.result_words import conclusion_text
 
 
 def joint_message(result: JointResult, stamp: Time, frame_id: str) -> msg.JointEvaluation:
     """Return the JointEvaluation message of a joint evaluation."""
-    solution, verdict, unknown = result.solution, conclude(result), math.nan
+    solution, verdict, unknown = result.solution, conclusion_text(conclude(result)), math.nan
     return msg.JointEvaluation(
         header=Header(stamp=stamp, frame_id=frame_id), run_ids=[run.run_id for run in solution.model.runs],
         verdict=verdict.sentence, level=str(verdict.level), action=verdict.action,

@@ -3,57 +3,48 @@
 
 import math
 import re
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rosette_ros.core import axes
-from rosette_ros.core.diagnosis.verdict import p_value as p_value
-from rosette_ros.core.diagnosis.verdict import p_words
-from rosette_ros.core.effects.library import BASE_EFFECTS, EFFECTS
 from rosette_ros.core.error_summary import COVERAGE_FACTOR as COVERAGE_FACTOR
 from rosette_ros.core.number_words import UNKNOWN as UNKNOWN
 from rosette_ros.core.number_words import micrometres as micrometres
 from rosette_ros.core.number_words import multiple as multiple
+from rosette_ros.core.number_words import p_value as p_value
+from rosette_ros.core.number_words import p_words
 from rosette_ros.core.number_words import significant as significant
 from rosette_ros.core.records import CURVES, SI_UNITS, Floats, Run
 from rosette_ros.core.scheme import cmm_position
+from rosette_ros.words.effect_words import MEANINGS as MEANINGS
+from rosette_ros.words.effect_words import MICRO_DECIMALS as MICRO_DECIMALS
+from rosette_ros.words.effect_words import SCALES as SCALES
+from rosette_ros.words.effect_words import Scale as Scale
+from rosette_ros.words.effect_words import decimals as decimals
+from rosette_ros.words.effect_words import exact as exact
+from rosette_ros.words.effect_words import fixed as fixed
+from rosette_ros.words.effect_words import names as names
+from rosette_ros.words.effect_words import plain as plain
+from rosette_ros.words.effect_words import plain_name as plain_name
+from rosette_ros.words.effect_words import scale_of as scale_of
+from rosette_ros.words.effect_words import setting_words as setting_words
+from rosette_ros.words.effect_words import words_of as words_of
 
 if TYPE_CHECKING:  # plan and info start without the least squares
     from rosette_ros.core.model.least_squares import Fit, Parameter
     from rosette_ros.core.model.model import Model
 
 CURVE_UNITS = tuple(f'µ{unit}' for unit in SI_UNITS.values())
-MEANINGS = {effect.name: effect for effect in (*BASE_EFFECTS, *EFFECTS.values())}
-"""Every name that a diagnosis can give, with what it means."""
 P_NOISE, CROSS_VALIDATION, OBSERVABLE, LIMIT = (
     'p (noise alone)', 'cross-validation error', 'observable share', 'detection limit')
 """Terms that every interface uses in the same words."""
 DATED = 10**17
 """Earlier times, ns since the epoch (March 1973), are no dates: those of an imported table count from its start."""
-MICRO_DECIMALS, MOST_MISSING = 3, 5
-
-
-class Scale(NamedTuple):
-    """How an SI value is shown: times `factor`, in `unit`."""
-
-    factor: float
-    unit: str
-
-
-SCALES = {'1': Scale(1.0, ''), 's': Scale(1 / 60, 'min'), 'm': Scale(1e6, 'µm'), 'rad': Scale(1e6, 'µrad'),
-          'm/s': Scale(3.6e9, 'µm/h'), 'm/s^2': Scale(1.296e13, 'µm/h²'),
-          'rad/s': Scale(3.6e9, 'µrad/h'), '1/s': Scale(3.6e9, 'ppm/h'),
-          'm/m': Scale(1e6, 'ppm'), 'm/K': Scale(1e6, 'µm/K'),
-          'rad/K': Scale(1e6, 'µrad/K'), '1/K': Scale(1e6, 'ppm/K')}
-"""SI unit: how it is shown; a unit that is not here is shown as it is."""
-
-OF_PARAMETER = {'psi0': Scale(0.5 / math.pi, 'turns'), 'nu': Scale(1.0, 'per turn'), 'height': Scale(1e3, 'mm'),
-                'theta0': Scale(180 / math.pi, '°')}
-"""Parameters that are no small deviations and have a scale of their own, by name."""
+MOST_MISSING = 5
 
 
 def iso_name(curve: str, rotation: Floats | None) -> str:
@@ -98,28 +89,6 @@ def axis_note(rotation: Floats | None) -> str:
             f'names{counted}{across}; x, y, z are those of the table frame').replace('-', '−')
 
 
-def scale_of(unit: str, parameter: str = '') -> Scale:
-    """Return the Scale of an SI unit, or of a parameter that has its own."""
-    return OF_PARAMETER.get(parameter) or SCALES.get(unit, Scale(1.0, unit))
-
-
-def decimals(uncertainty: float, digits: int = 2) -> int:
-    """Return how many decimals show `digits` significant digits of an uncertainty (GUM 7.2.6)."""
-    if not (math.isfinite(uncertainty) and uncertainty > 0):
-        return MICRO_DECIMALS
-    return min(max(digits - 1 - math.floor(math.log10(uncertainty)), 0), 9)
-
-
-def plain(value: float, places: int) -> str:
-    """Return a number with a fixed number of decimals as files hold it: hyphen-minus, never -0."""
-    return f'{round(value, places) + 0.0:.{places}f}'
-
-
-def fixed(value: float, places: int) -> str:
-    """Return a number with a fixed number of decimals and a minus sign, never −0."""
-    return plain(value, places).replace('-', '−') if math.isfinite(value) else UNKNOWN
-
-
 def at_least(value: float, places: int) -> str:
     """Return a number of 0 or more with so many decimals, 0 where it is 0, '<0.001' where they would not show it."""
     least = 10.0**-places
@@ -129,12 +98,6 @@ def at_least(value: float, places: int) -> str:
 def signed(value: float, places: int) -> str:
     """Return a number with its sign and a fixed number of decimals, never −0."""
     return f'{round(value, places) + 0.0:+.{places}f}'.replace('-', '−') if math.isfinite(value) else UNKNOWN
-
-
-def exact(value: float, places: int) -> str:
-    """Return a number with as many decimals as it needs, at most `places`: 60, 22.5, 51.428571."""
-    text = fixed(value, places)
-    return text.rstrip('0').rstrip('.') if '.' in text else text
 
 
 def micro(value: float, places: int = MICRO_DECIMALS) -> str:
@@ -180,36 +143,9 @@ def instant(stamp_ns: int) -> str:
     return '' if stamp_ns < DATED else f'{datetime.fromtimestamp(stamp_ns * 1e-9, UTC):%Y-%m-%d %H:%M:%S UTC}'
 
 
-def names(words: Iterable[str]) -> str:
-    """Return names as an enumeration."""
-    *others, last = words
-    return f'{", ".join(others)} and {last}' if others else last
-
-
 def signs(text: str) -> str:
     """Return a text with minus signs in its numbers."""
     return re.sub(r'(?<![\w.-])-(?=\d)', '−', text)
-
-
-def setting_words(effect: str, setting: Mapping[str, object], without: Container[str] = ()) -> str:
-    """Return the values of the searched parameters of an effect with their units, but for those of `without`."""
-    units = {one.name: one.unit for one in MEANINGS[effect].searched} if effect in MEANINGS else {}
-    words = []
-    for name, value in setting.items():
-        if name not in without:
-            scale = scale_of(units.get(name, ''), name)
-            senses = _first_senses(value) if name == 'first' and isinstance(value, str) else None
-            if isinstance(value, float) or (isinstance(value, int) and scale.unit):
-                size = value * scale.factor
-                value = f'{exact(size, decimals(abs(size), 4))} {scale.unit}'.rstrip()
-            words.append(f'{name} {value}' if senses is None else senses)
-    return ', '.join(words)
-
-
-def _first_senses(value: str) -> str:
-    """Return in words in which senses the CMM came to its first readings, such as '+-'."""
-    return (f'before they turn back, x moves {value[0]} and y {value[1]}'.replace('-', '−') if len(value) == 2 else
-            'the first senses of x and y are not known')
 
 
 def joined(parameters: 'Sequence[Parameter]') -> 'list[Parameter]':
@@ -278,17 +214,6 @@ def not_known(run: Run, gauge: Sequence[str]) -> list[str]:
             *([f'{missing[0].upper()}{missing[1:]}.'] if missing else []),
             *(['The repeatability is not known: lack of fit cannot be judged.'] if run.repeatability is None else []),
             *(f'{remark[0].upper()}{remark[1:]}.' for remark in run.remarks)]
-
-
-def plain_name(name: str) -> str:
-    """Return an effect or a base term in words, '' for one that has none; a setting in brackets is left out."""
-    known = MEANINGS.get(name.partition('(')[0])
-    return known.plain if known else ''
-
-
-def words_of(name: str) -> str:
-    """Return an effect in words with its identifier: 'creep of the plate (plate_creep)'."""
-    return f'{plain_name(name)} ({name})' if plain_name(name) else name
 
 
 def model_words(model: 'Model') -> str:

@@ -6,19 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from rosette_ros.core.diagnosis.verdict import p_words
 from rosette_ros.core.error_summary import doubt_of
 from rosette_ros.core.joint.conclusion import conclude, fits
 from rosette_ros.core.joint.joint_evaluation import JointResult, Reversal, SharingTest
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.run_to_run import joint_lines
 from rosette_ros.core.joint.sharing import ITEMS, PARTS
+from rosette_ros.core.number_words import p_words
 from rosette_ros.core.records import CURVES, ErrorMotions
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.error_results import errors, errors_json
 from rosette_ros.presentation.json_output import STANDARD, Json, by_curve, plain
 from rosette_ros.presentation.table_format import Table, column, micrometre_column, words
 from rosette_ros.presentation.tables import EXPANDED, curves
+from rosette_ros.words.result_words import conclusion_text
 
 JOINT = 'rosette-joint-evaluation/1'
 
@@ -162,8 +163,9 @@ def joint_head(run: Readings) -> str:
 def joint_json(result: JointResult, tolerances: Mapping[str, float] | None = None) -> Json:
     """Return the results, schema rosette-joint-evaluation/1; u holds standard uncertainties, SI units."""
     solution, sharing = result.solution, result.sharing
-    model, verdict = solution.model, conclude(result)
-    every = joint_lines(result, tolerances, doubt_of(verdict))
+    model, conclusion = solution.model, conclude(result)
+    verdict = conclusion_text(conclusion)
+    every = joint_lines(result, tolerances, doubt_of(conclusion))
     return plain({
         'schema': JOINT, 'level': verdict.level, 'verdict': verdict.sentence, 'action': verdict.action,
         'runs': [{'run_id': run.run_id, 'source': run.source, 'readings': run.size, 'balls': run.plate.balls,

@@ -16,7 +16,7 @@ from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.diagnosis import Candidate, Diagnosis
 from rosette_ros.core.diagnosis.recovered_shape import Shape
 from rosette_ros.core.diagnosis.second_run import CheckedEffect, CrossCheck
-from rosette_ros.core.diagnosis.verdict import Verdict, noise_words
+from rosette_ros.core.diagnosis.verdict import Verdict, VerdictText, noise_facts
 from rosette_ros.core.effects.effect import Effect, Quantity
 from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
 from rosette_ros.core.model.least_squares import Fit, Parameter
@@ -26,6 +26,9 @@ from rosette_ros.core.planning.visibility import Visibility
 from rosette_ros.core.records import SI_UNITS
 from rosette_ros.presentation.error_results import errors_json
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR
+from rosette_ros.words.noise_words import noise_words
+from rosette_ros.words.result_words import check_words, comparison_words
+from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
 EVALUATION, COMPARISON, DIAGNOSIS = 'rosette-evaluation/1', 'rosette-comparison/1', 'rosette-diagnosis/1'
 ADVICE, EFFECTS, CHANGE = 'rosette-advice/1', 'rosette-effects/1', 'rosette-change/1'
@@ -64,10 +67,10 @@ def noise_json(fit: Fit) -> Json:
         'is_white': noise.is_white and not noise.resolution, 'axes': noise.axes, 'by': noise.by,
         'factors': noise.factors, 'tail': noise.tail, 'tail_dof': noise.tail_dof, 'memory': noise.phi,
         'wander': noise.wander, 'resolution_m': noise.resolution,
-        'words': [words for words, _ in noise_words(noise, fit.sigma, fit.run)]}
+        'words': noise_words(noise_facts(fit))}
 
 
-def verdict_json(verdict: Verdict | None) -> Json:
+def verdict_json(verdict: VerdictText | None) -> Json:
     """Return the verdict of a run, the same keys in every object that has one; all null where none was asked for."""
     if verdict is None:
         return dict.fromkeys(('outcome', 'level', 'verdict', 'action'))
@@ -105,7 +108,7 @@ def evaluation_json(fit: Fit, verdict: Verdict | None = None, lines: Sequence[Ax
         'plate_U_m': COVERAGE_FACTOR * fit.deviation_u[0], 'cmm_U_m': COVERAGE_FACTOR * fit.deviation_u[1],
         'simulated': run.simulated, 'rotation': run.rotation,
         'table_axis': None if run.rotation is None else run.rotation[:, 2],
-        'fit': fit_json(fit), 'gauge': fit.gauge, **verdict_json(verdict),
+        'fit': fit_json(fit), 'gauge': fit.gauge, **verdict_json(verdict_text(verdict) if verdict else None),
         'iso_230_7': errors_json(fit_lines(fit, doubt=doubt_of(verdict)) if lines is None else lines),
         'effects': {key: parameters_json(one.parameters) for key, one in zip(keys, fit.effects, strict=True)}})
 
@@ -115,7 +118,7 @@ def comparison_json(comparison: Comparison, verdict: Verdict, steps: Sequence[La
     fit = comparison.fit
     return plain({
         'schema': COMPARISON, 'run_id': fit.run.run_id, 'model': fit.model.names, 'fit': fit_json(fit),
-        'failing': verdict.model_fails, **verdict_json(verdict), 'summary': comparison.summary,
+        'failing': verdict.model_fails, **verdict_json(verdict_text(verdict)), 'summary': comparison_words(comparison),
         'axis_rms_m': comparison.axis_rms,
         'groups': {one.label: {'keys': one.keys, 'rms_m': one.rms, 'mean_m': one.mean, 'p': one.p,
                                'worst': one.keys[one.worst]} for one in comparison.groupings},
@@ -134,6 +137,7 @@ def comparison_json(comparison: Comparison, verdict: Verdict, steps: Sequence[La
 def diagnosis_json(diagnosis: Diagnosis, visibilities: Sequence[Visibility] = (),
                    check: CrossCheck | None = None) -> Json:
     """Return a diagnosis, schema rosette-diagnosis/1; visibilities: of the effects that are not observable."""
+    verdict = diagnosis.verdict
     return plain({
         'schema': DIAGNOSIS, 'run_id': diagnosis.fit.run.run_id, 'model': diagnosis.model.names,
         'fit': fit_json(diagnosis.fit), 'missing': diagnosis.missing, 'unexplained': diagnosis.unexplained,
@@ -145,7 +149,7 @@ def diagnosis_json(diagnosis: Diagnosis, visibilities: Sequence[Visibility] = ()
                      'probability': one.probability} for one in diagnosis.unnamed],
         'not_needed': diagnosis.not_needed,
         'candidates': [_candidate_json(entry) for entry in diagnosis.candidates], 'invisible': diagnosis.invisible,
-        **verdict_json(diagnosis.verdict), 'unexplained_text': diagnosis.unexplained_text,
+        **verdict_json(verdict_text(verdict)), 'unexplained_text': unexplained_words(verdict),
         'shapes': [_shape_json(entry) for entry in diagnosis.recovered],
         'final': fit_json(diagnosis.final), 'unavailable': dict(diagnosis.unavailable),
         'invisible_bias': {entry.name: by_curve(entry.bias) for entry in visibilities},
@@ -173,7 +177,7 @@ def _shape_json(shape: Shape) -> Json:
 
 def _check_json(check: CrossCheck) -> Json:
     return {
-        'run_id': check.before.run.run_id, 'confirmed': check.confirmed, 'text': check.text,
+        'run_id': check.before.run.run_id, 'confirmed': check.confirmed, 'text': check_words(check),
         'before': fit_json(check.before), 'after': fit_json(check.after),
         'carried': fit_json(check.carried) if check.carried else None,
         'held_out_rms_before_m': check.cross_validation_before, 'held_out_rms_after_m': check.cross_validation_after,

@@ -14,13 +14,14 @@ from rosette_ros.core.diagnosis.diagnosis import Candidate
 from rosette_ros.core.diagnosis.second_run import CONFIRMED, CheckedEffect, CrossCheck
 from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level
 from rosette_ros.core.effects.custom import AMPLITUDE
+from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.error_summary import peak_to_valley
 from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter
 from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.planning.advice import GOOD_SHARE, Advice
 from rosette_ros.core.planning.visibility import Visibility
-from rosette_ros.core.records import CURVES, ErrorMotions, Floats
+from rosette_ros.core.records import CURVES, ErrorMotions, Floats, Run
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.error_results import errors
 from rosette_ros.presentation.table_format import Column, Table, column, micrometre_column, words
@@ -46,7 +47,7 @@ def tables_of(summary: Summary, tolerances: Mapping[str, float] | None = None) -
     final = summary.final
     return (errors(summary.lines(tolerances)), curves(final.error_motions), deviations(final), axes(comparison),
             places(comparison), worst_readings(comparison), waves(comparison), residuals(summary.fit, final),
-            groups(comparison), nested_models(summary.ladder), candidates(diagnosis.candidates),
+            groups(comparison), nested_models(summary.ladder), candidates(diagnosis.candidates, summary.run),
             fitted_effects(final.effects, 'Effects in the final model'),
             visibility(summary.visibilities, best.visibilities if best else ()),
             bias(summary.visibilities, summary.run.rotation), *([orders(summary.advice)] if summary.advice else []))
@@ -273,14 +274,14 @@ def base_name(model: Model) -> str:
     return 'base model' if model.base == BASE_TERMS else ' + '.join(model.base) or 'nothing'
 
 
-def candidates(every: Sequence[Candidate], title: str = 'Candidates, most significant first') -> Table:
-    """Return candidates with probability, size and confounded effects."""
+def candidates(every: Sequence[Candidate], run: Run, title: str = 'Candidates, most significant first') -> Table:
+    """Return candidates with probability, size and confounded effects; run: of the diagnosis."""
     return Table('candidates', f'{title}; each fitted together with the identified ones above it', (
         words('effect', 'effect', [one.effect for one in every]),
         words('claimed', 'identified', ['yes' if one.claimed else 'no' for one in every]),
         column('probability', 'probability', [one.probability for one in every], text.percent),
         column('p', text.P_NOISE, [one.p for one in every], text.p_value),
-        words('size', 'size', [size_words(one.effect, one.parameters, one.setting) for one in every]),
+        words('size', 'size', [size_words(one.effect, one.parameters, one.setting, run) for one in every]),
         column('visible_fraction', text.OBSERVABLE, [one.visible_fraction for one in every], text.percent),
         *_with_and_without('before', 'after', every),
         column('delta_bic', 'ΔBIC', [one.delta_bic for one in every], partial(text.fixed, places=0)),
@@ -298,11 +299,16 @@ def _with_and_without(without: str, present: str, rows: Sequence[Candidate | Che
     return columns
 
 
-def size_words(effect: str, parameters: Sequence[Parameter], setting: Mapping[str, object]) -> str:
-    """Return the parameters of an effect with expanded uncertainties, and its searched values."""
+def size_words(effect: str, parameters: Sequence[Parameter], setting: Mapping[str, float | str],
+               run: Run | None = None) -> str:
+    """Return the parameters of an effect with expanded uncertainties, and its searched values.
+
+    run: in which it was found, where that places moments only between readings."""
     shown = [(one.name, *text.shown_parameter(one)) for one in text.joined(parameters)]
     parts = ', '.join(f'{name} {value} {spread} {unit}'.strip() for name, value, spread, unit in shown)
-    return '; '.join(filter(None, (parts, text.setting_words(effect, setting, [one.name for one in parameters]))))
+    moments = text.MEANINGS[effect].moments(run, Setting(setting)) if run and effect in text.MEANINGS else {}
+    searched = text.setting_words(effect, setting, [one.name for one in parameters], moments)
+    return '; '.join(filter(None, (parts, searched)))
 
 
 def cross_check(check: CrossCheck) -> Table:

@@ -7,7 +7,7 @@ from enum import StrEnum
 from math import dist
 from typing import NamedTuple
 
-from rosette_ros.core.diagnosis.verdict import Verdict
+from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.errors import plain
 from rosette_ros.core.records import ErrorMotions, Run
 from rosette_ros.io.messages import Answer, CalibrationProgress, Phase, TableFrame, Target
@@ -76,7 +76,7 @@ class CellState:
     def __init__(self) -> None:
         self.progress = CalibrationProgress()
         self.motions: ErrorMotions | None = None
-        self.verdict: Verdict | None = None
+        self.verdict: VerdictText | None = None
         self.faults: deque[Fault] = deque(maxlen=30)
         self.frames: list[TableFrame] = []
         self._run = RunAnswers('', self.frames)
@@ -115,7 +115,7 @@ class CellState:
         if run_id == self.run_id or not self.run_id:
             self.motions = motions
 
-    def set_verdict(self, run_id: str, verdict: Verdict | None) -> None:
+    def set_verdict(self, run_id: str, verdict: VerdictText | None) -> None:
         """Take the verdict of the evaluator."""
         if run_id == self.run_id or not self.run_id:
             self.verdict = verdict

@@ -32,6 +32,7 @@ from rosette_ros.io.ball_centre_table import write_csv
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.open_run import open_run
 from rosette_ros.presentation.json_output import CURVE_KEYS
+from rosette_ros.words.verdict_words import verdict_text
 
 BALLS = 5
 CREEP = Model().with_effect('plate_creep')
@@ -84,7 +85,7 @@ def test_a_row_says_what_evaluate_says(logs, filled):
     for place, key in enumerate(CURVE_KEYS):
         assert row[key] == fit.error_motions.values[:, place].tolist()
         assert row[f'U_{key}'] == (2 * fit.error_motions.u[:, place]).tolist()
-    assert row['verdict'] == judge(run).sentence
+    assert row['verdict'] == verdict_text(judge(run)).sentence
     assert (row['n'], row['readings'], row['plan'], row['simulated'], row['run_id']) == (
         BALLS, BALLS**2, 'as measured', True, 'run_000000')
     assert row['measured_at'] is None  # its times count from zero

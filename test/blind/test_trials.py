@@ -14,6 +14,7 @@ from benchmarks.blind.cause import said
 from benchmarks.blind.runs import SIGMA, Plan, true_curves, visible_part
 from benchmarks.blind.trial import CAUSES, causes_of
 from rosette_ros.analysis import diagnose
+from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.geometry import rotate_z
 from rosette_ros.core.records import remove_gauge
@@ -151,9 +152,9 @@ def test_variables_are_read_from_a_text():
 def test_a_diagnosis_with_and_without_probabilities_is_read():
     """What it does not have is null."""
     given = {'effect': 'frame_drift', 'setting': {'axes': 'x'}, 'look_alikes': ('frame_cycle',), 'claimed': True}
-    verdict = SimpleNamespace(outcome=SimpleNamespace(value='cause found'), sentence='A drift.')
+    verdict = Verdict(Outcome.UNNAMED, unnamed=('it changes with time',))
     old = SimpleNamespace(candidates=[SimpleNamespace(**given)], unexplained=True, verdict=verdict,
-                          unexplained_text='it changes with time', final=SimpleNamespace(rms=1e-7))
+                          final=SimpleNamespace(rms=1e-7))
     said_then = answered(old)
     assert said_then['told'] == [[['time']]] and said_then['explanations'] is None
     assert said_then['claims'] == [{'effect': 'frame_drift', 'setting': {'axes': 'x'}, 'look_alikes': ['frame_cycle'],

@@ -17,6 +17,7 @@ from rosette_ros.analysis import judge
 from rosette_ros.cli.cell import log_folder
 from rosette_ros.core.records import CURVES
 from rosette_ros.io.log_reader import read_log
+from rosette_ros.words.verdict_words import verdict_text
 
 COMMAND = (sys.executable, '-m', 'rosette_ros.cli.main')
 TIMEOUT = 240
@@ -97,7 +98,7 @@ def test_the_log_says_who_what_and_where(demo, rosette, tmp_path):
 
 def test_demo_and_evaluate_print_the_same_verdict(demo, rosette):
     """Decided once, in the same words."""
-    verdict = judge(read_log(demo.log).to_run())
+    verdict = verdict_text(judge(read_log(demo.log).to_run()))
     for out in (demo.out, rosette('evaluate', demo.log).out):
         assert verdict.sentence in ' '.join(out.split())
 
@@ -174,7 +175,7 @@ def test_calibrate_cancel_and_refusal(domain_id, make_cell, tmp_path, rosette, r
         [log] = cell.log_dir.iterdir()
         assert f'Log: {log}' in done.out
         assert log.name.endswith('_row')
-        verdict = judge(read_log(log).to_run())
+        verdict = verdict_text(judge(read_log(log).to_run()))
         for out in (done.out, rosette('evaluate', log).out):
             assert f'{verdict.sentence} {verdict.action}' in ' '.join(out.split())
         assert '4 balls' in done.err

@@ -15,6 +15,7 @@ from terminal import Terminal
 from rosette_ros import program
 from rosette_ros.analysis import judge
 from rosette_ros.io.open_run import open_run
+from rosette_ros.words.verdict_words import verdict_text
 
 
 @pytest.fixture
@@ -33,7 +34,7 @@ def test_runs_are_listed_with_their_verdicts(rosette, folder):
     found = json.loads(rosette('runs', folder, '--json').out)['runs']
     assert [Path(one['path']).name for one in found] == ['drift.csv', 'clean.csv']
     for one in found:
-        assert one['verdict'] == judge(open_run(one['path'])).sentence
+        assert one['verdict'] == verdict_text(judge(open_run(one['path']))).sentence
         assert (one['n'], one['readings'], one['problem']) == (8, 64, '')
     out = ' '.join(rosette('runs', folder).out.split())
     assert '2 runs' in out and 'The model lacks frame_drift' in out

@@ -5,6 +5,7 @@ import numpy as np
 
 from benchmarks.blind.runs import SIGMA, Plan, noisy, visible_part
 from rosette_ros.core.diagnosis.diagnosis import find
+from rosette_ros.words.verdict_words import unexplained_words
 
 
 def told(order, seed, way, constant):
@@ -20,7 +21,7 @@ def told(order, seed, way, constant):
     shift = np.outer(late - late.mean(), way)
     shift *= 40 * SIGMA / np.linalg.norm(visible_part(clean, shift))
     run = noisy(clean, 'white', np.random.default_rng(seed), True, shift)[0]
-    return find(run.replace(temperature=np.full(run.size, np.nan))).unexplained_text
+    return unexplained_words(find(run.replace(temperature=np.full(run.size, np.nan))).verdict)
 
 
 def test_an_axis_that_the_order_hardly_shows_is_not_excluded():

@@ -16,6 +16,8 @@ from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.words.result_words import comparison_words
+from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
 SIGMA = 1e-7
 
@@ -48,7 +50,7 @@ def test_the_hidden_effect_is_named(kind):
     assert abs(top.cross_validation_after / SIGMA - 1) < 4 * 0.041
     assert top.cross_validation_after < top.cross_validation_before
     assert not found.unexplained
-    assert f'The model lacks {kind}' in found.verdict.sentence
+    assert f'The model lacks {kind}' in verdict_text(found.verdict).sentence
 
 
 def test_what_the_model_describes_is_still_in_the_cell():
@@ -58,8 +60,9 @@ def test_what_the_model_describes_is_still_in_the_cell():
     found = find(run, drift)
     size = f'{1e6 * found.fit.effects[0].rms:#.3g} µm rms'
     assert found.verdict.outcome == Outcome.FITS
-    assert f'the cause of what the model only describes, frame_drift ({size}), or keep it' in found.verdict.action
-    assert 'only describes' not in find(machine_run(n=8), drift).verdict.action
+    action = verdict_text(found.verdict).action
+    assert f'the cause of what the model only describes, frame_drift ({size}), or keep it' in action
+    assert not find(machine_run(n=8), drift).verdict.present
 
 
 def test_a_model_without_base_terms_is_judged():
@@ -95,7 +98,8 @@ def test_hidden_by_the_order_is_said_and_not_claimed():
     """Backlash of a table that turns one way only cannot be seen, and is not claimed."""
     found = find(machine_run('diagonal', hidden=[{'kind': 'table_backlash', 'width_urad': 9.0}]))
     assert found.missing == ()
-    assert 'table_backlash' in found.invisible and 'in an order that shows table_zero_drift, ' in found.verdict.action
+    assert 'table_backlash' in found.invisible and found.verdict.hidden == found.invisible
+    assert 'in an order that shows table_zero_drift, ' in verdict_text(found.verdict).action
 
 
 def test_backlash_shows_when_the_table_turns_both_ways():
@@ -111,7 +115,7 @@ def test_a_shape_without_name_is_unexplained():
     shape = (run.time / run.time[-1]) * np.cos(3 * run.alpha)
     found = find(run.replace(centre=run.centre + 1e-6 * shape[:, None] * np.array([0, 0, 1.0])))
     assert found.unexplained and found.missing == ()
-    assert found.unexplained_text == ('it is a product of time and CMM position (3 waves per turn), '
+    assert unexplained_words(found.verdict) == ('it is a product of time and CMM position (3 waves per turn), '
                                       'in z')
 
 
@@ -181,7 +185,7 @@ def test_two_effects_in_time_are_found_together(seed, size):
 
 def test_one_curve_in_place_of_two_effects_says_so():
     """Where the two are not so much better that chance is ruled out, they are neither claimed nor ruled out."""
-    sentence = find(warm_drift(6, 1.1e-6)).verdict.sentence
+    sentence = verdict_text(find(warm_drift(6, 1.1e-6)).verdict).sentence
     assert 'it changes with time along a curve' in sentence and ' together would make it, too' in sentence
 
 
@@ -207,8 +211,10 @@ def test_a_candidate_without_a_fit_is_not_judged(monkeypatch):
 def test_a_model_without_table_motions_says_so():
     """Curves that nothing has determined are no result of a measurement."""
     verdict = judge(machine_run('diagonal', n=6), Model(BASE_TERMS[1:]))
-    assert verdict.sentence.endswith('no error motions of the table: their curves are zero by assumption.')
-    assert 'add table_motions to the model' in verdict.action.lower()
+    text = verdict_text(verdict)
+    assert not verdict.has_motions
+    assert text.sentence.endswith('no error motions of the table: their curves are zero by assumption.')
+    assert 'add table_motions to the model' in text.action.lower()
 
 
 def test_comparison_says_where_it_fails():
@@ -218,7 +224,7 @@ def test_comparison_says_where_it_fails():
     groups = {grouping.label: grouping for grouping in moved.groupings}
     assert groups['ball'].keys[groups['ball'].worst] == '4'
     clean = compare(analyse(machine_run('diagonal')))
-    assert 'at ball 4' in moved.summary and 'at ball' not in clean.summary
+    assert 'at ball 4' in comparison_words(moved) and 'at ball' not in comparison_words(clean)
     assert np.allclose(clean.axis_rms, SIGMA, rtol=0.2)
 
 
@@ -227,8 +233,8 @@ def test_neighbours_are_alike_or_not():
     run = synthetic_run(8, 'random', 4, noise=SIGMA)[0]
     drift = 2e-6 * run.time / run.time[-1]
     for moved, words in ((drift, 'are alike'), (2e-7 * (-1.0)**np.arange(run.size), 'differ more than by chance')):
-        summary = compare(fit(run.replace(centre=run.centre + moved[:, None] * np.eye(3)[0]))).summary
-        assert f'neighbours in the sequence {words}' in summary
+        summary = comparison_words(compare(fit(run.replace(centre=run.centre + moved[:, None] * np.eye(3)[0]))))
+        assert f'successive readings {words}' in summary
 
 
 @pytest.mark.parametrize('model, draws, tolerance', [

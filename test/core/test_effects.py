@@ -98,6 +98,32 @@ def test_every_effect_says_what_moves_and_by_what(subject):
         'cmm direction', 'reading', 'encoder'}
 
 
+@pytest.mark.parametrize('subject', EFFECTS.values(), ids=lambda e: e.name)
+def test_a_moment_lies_between_two_readings(subject):
+    """The columns of any moment between them are proportional, those of a moment beyond them are not."""
+    run = warm_run()
+    time = run.time - run.time[0]
+    wanted = {one.name for one in subject.searched if (one.kind, one.unit) == ('instant', 's')}
+    for setting in few_settings(subject, run):
+        found = subject.moments(run, setting)
+        assert set(found) == wanted & set(setting)
+        for name, (low, high) in found.items():
+            assert low <= setting[name] < high and {low, high} <= set(time.tolist())
+            columns = subject.columns(run, setting)
+            for moment, same in ((low, True), (0.5 * (low + high), True), (low - 1e-3, False), (high, False)):
+                other = subject.columns(run, Setting({**setting, name: moment}))
+                size = np.linalg.norm(other) / np.linalg.norm(columns)
+                assert (size > 0 and np.allclose(other, size * columns, rtol=1e-9, atol=1e-12)) == same
+
+
+def test_the_moment_of_a_ball_lies_between_its_own_readings():
+    """Readings of other balls place it no better."""
+    run = warm_run()
+    own = run.time[run.ball == 3] - run.time[0]
+    assert EFFECTS['ball_slip'].moments(run, Setting(ball=3, t0=float(own[2] + 1))) == {'t0': (own[2], own[3])}
+    assert EFFECTS['ball_slip'].moments(run, Setting(ball=3, t0=-1.0)) == {}
+
+
 OF_A_BALL = [one for one in EVERY if any(searched.name == 'ball' for searched in one.searched)]
 
 

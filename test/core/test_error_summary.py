@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from rosette_ros.analysis import analyse, evaluate_jointly
-from rosette_ros.core.diagnosis.verdict import Conclusion, Level, Outcome, Verdict
+from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
 from rosette_ros.core.error_summary import (
     Conformity,
     conformity,
@@ -16,6 +16,7 @@ from rosette_ros.core.error_summary import (
     once_per_turn,
 )
 from rosette_ros.core.geometry import nominal_angles
+from rosette_ros.core.joint.conclusion import Conclusion, JointOutcome
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.run_to_run import joint_lines
 from rosette_ros.core.records import ErrorMotions
@@ -70,12 +71,12 @@ def test_the_guard_band_is_u(value, expanded, said):
 
 def test_nothing_is_decided_where_the_model_is_refuted():
     """U does not contain what the model lacks."""
-    bad = Verdict(Outcome.UNNAMED, 'It does not fit.', '')
+    bad = Verdict(Outcome.UNNAMED)
     [line, *others] = error_lines(motions_of([0, 1, 0, 0]), tolerances={'ctx': 100.0}, doubt=doubt_of(bad))
     assert (line.conformity, others[0].conformity) == (Conformity.UNDECIDED, None)
     assert 'does not fit the readings' in line.doubt
-    assert not doubt_of(Verdict(Outcome.FITS, '', '')) and not doubt_of(None)
-    assert doubt_of(Conclusion(Level.BAD, '', '')) and not doubt_of(Conclusion(Level.DOUBTFUL, '', ''))
+    assert not doubt_of(Verdict(Outcome.FITS)) and not doubt_of(None)
+    assert doubt_of(Conclusion(JointOutcome.REFUTED)) and not doubt_of(Conclusion(JointOutcome.IN_PART))
 
 
 @pytest.mark.parametrize('share', [1.0, 0.7])

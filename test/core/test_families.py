@@ -16,6 +16,7 @@ from rosette_ros.core.geometry import rotate_z
 from rosette_ros.core.model.base_space import base_space
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import Model
+from rosette_ros.words.verdict_words import unexplained_words
 
 SIGMA = 1e-7
 
@@ -143,7 +144,8 @@ def test_a_foreign_shape_has_no_name(kind):
     found = find(measured(displacement, strength=40.0))
     assert found.missing == ()
     assert found.verdict.outcome == Outcome.UNNAMED
-    assert variable in found.unexplained_text and axis in found.unexplained_text
+    words = unexplained_words(found.verdict)
+    assert variable in words and axis in words
 
 
 @pytest.mark.parametrize(('order', 'frame'), [('column', 'machine'), ('random', 'machine'), ('diagonal', 'plate')])

@@ -22,6 +22,7 @@ from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.records import remove_gauge
 from rosette_ros.core.scheme import plan
 from rosette_ros.presentation.formatting import uncertainty_words
+from rosette_ros.words.verdict_words import verdict_text
 
 
 @pytest.mark.parametrize('size', [20, 80])
@@ -93,8 +94,8 @@ def test_white_noise_stays_white():
 
 KINDS = {
     'z': (lambda seed: white(seed)[0] * (1, 1, 2), 'z repeats '),
-    'tails': (lambda seed: student(seed, 3), ' stand out more than normal noise allows (Student, '),
-    'neighbours': (lambda seed: autoregressive(seed, 0.6), 'neighbouring readings are correlated 0.'),
+    'tails': (lambda seed: student(seed, 3), ' stand out more than a normal distribution allows (Student, '),
+    'neighbours': (lambda seed: autoregressive(seed, 0.6), 'successive readings are correlated, coefficient 0.'),
     'walk': (lambda seed: walk(seed, 10.0), 'the frame wanders'),
     'ball': (lambda seed: white(seed)[0] * np.where(np.arange(144) % 12 == 6, 3.0, 1.0)[:, None], '7 scatters ')}
 
@@ -106,7 +107,7 @@ def test_noise_is_told_as_noise(kind):
     order = 'row' if kind == 'ball' else 'random'
     verdicts = [judge(noisy(make(seed), seed, order)) for seed in (0, 2)]
     assert all(one.outcome in (Outcome.FITS, Outcome.NOISE, Outcome.SCATTERS) for one in verdicts)
-    assert all(words in one.sentence for one in verdicts)
+    assert all(words in verdict_text(one).sentence for one in verdicts)
 
 
 def test_rounding_is_told_as_rounding():
@@ -114,20 +115,21 @@ def test_rounding_is_told_as_rounding():
     run = synthetic_run(12, 'diagonal', 1, noise=SIGMA, repeatability=SIGMA)[0]
     verdict = judge(run.replace(centre=np.round(run.centre, 6)))
     assert verdict.outcome == Outcome.SCATTERS
-    assert 'the readings are rounded to 1.00 µm' in verdict.sentence
-    assert 'more digits' in verdict.action
+    assert verdict.noise.resolution == pytest.approx(1e-6)
+    assert 'the readings are rounded to 1.00 µm' in verdict_text(verdict).sentence
+    assert 'more digits' in verdict_text(verdict).action
     as_much = judge(run.replace(centre=np.round(run.centre, 7)))  # in steps of the noise: no reason to doubt the model
     assert as_much.outcome == Outcome.FITS
-    assert 'rounded to 0.100 µm, which makes 9 % of the variance' in as_much.sentence
+    assert 'rounded to 0.100 µm, which accounts for 9 % of the variance' in verdict_text(as_much).sentence
 
 
 @pytest.mark.parametrize(('axes', 'words', 'look'), [
-    ((5, 1, 1), r'x repeats [45]\.\d times worse than [yz]\.', 'the slide of x;'),
-    ((1, 1, 4), r'z repeats [34]\.\d times worse than x and y\.', 'the slide of z;'),
-    ((6, 2, 1), r'x repeats [567]\.\d times and y repeats [12]\.\d times worse than z\.', 'the slide of x and y;')])
+    ((5, 1, 1), r'x repeats [45]\.\d times worse than [yz]\.', 'the slide of x ('),
+    ((1, 1, 4), r'z repeats [34]\.\d times worse than x and y\.', 'the slide of z ('),
+    ((6, 2, 1), r'x repeats [567]\.\d times and y repeats [12]\.\d times worse than z\.', 'the slide of x and y (')])
 def test_axes_that_repeat_worse_are_told_once(axes, words, look):
     """Each axis is compared with the one that repeats best, and the advice names those that repeat worse."""
-    verdict = judge(noisy(white(5)[0] * axes, 5))
+    verdict = verdict_text(judge(noisy(white(5)[0] * axes, 5)))
     assert re.search(words, verdict.sentence)
     assert verdict.action.count('check the probe') == 1 and look in verdict.action
 
@@ -227,8 +229,8 @@ def test_what_is_left_is_tested():
     run = noisy(white(7)[0] * (1, 1, 1.6), 7)
     verdict = judge(run, Model(noise=()))
     assert verdict.outcome in (Outcome.NOISE, Outcome.SCATTERS)
-    assert 'the axes repeat unequally' in verdict.sentence.partition('What is left is no noise of that kind: ')[2]
-    assert 'no noise of that kind' not in judge(run).sentence
+    assert 'the axes repeat unequally' in verdict.misfits and not judge(run).misfits
+    assert 'The residual is no noise of that kind: ' in verdict_text(verdict).sentence
 
 
 def test_a_repeatability_is_that_of_its_place():
@@ -237,7 +239,8 @@ def test_a_repeatability_is_that_of_its_place():
     run = noisy(white(1)[0] * loud, 1, 'column').replace(repeatability_dof=30.0)
     verdict, found = judge(run), analyse(run)
     assert verdict.outcome == Outcome.NOISE
-    assert ' of 12 of the run scatters ' in verdict.sentence and 'that may as well be ball ' in verdict.sentence
+    where, alike = verdict.noise.noisiest
+    assert where.endswith(' of 12 of the run') and alike.startswith('ball ')
     assert found.sigma == found.rms and found.sigma_source == 'residuals (the noise is not equal)'
     slow = Noise(by='time', factors=np.array([0.8, 1.0, 1.25]))  # the check was made one part before the run
     assert slow.quietest == pytest.approx(0.8) and Noise(by='ball', factors=slow.factors).quietest == 0.8
@@ -303,7 +306,7 @@ def test_a_check_of_other_axes_is_no_noise_of_the_run():
         repeatability=float(np.sqrt(np.mean(check**2))), repeatability_dof=27.0,
         repeatability_axes=tuple(check.tolist())))
     assert verdict.outcome is Outcome.FITS
-    assert 'The stated repeatability is ' in verdict.sentence and 'unequally' not in verdict.sentence
+    assert verdict.too_large > 2 and not verdict.misfits
 
 
 @pytest.mark.parametrize('seed', [0, 2, 4])
@@ -315,4 +318,4 @@ def test_the_residual_under_heavy_tails_is_that_of_their_variance(seed):
     found = fit(run, Model(), (), estimated(student(seed, 4), seed).noise)
     assert found.noise.tail
     assert found.rms == pytest.approx(left.rms, rel=0.05)
-    assert verdict.outcome != Outcome.SCATTERS and 'Student' in verdict.sentence
+    assert verdict.outcome != Outcome.SCATTERS and verdict.noise.tail

@@ -12,6 +12,7 @@ from rosette_ros.core.diagnosis.diagnosis import find, judge
 from rosette_ros.core.diagnosis.verdict import Outcome
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.noise import Noise
+from rosette_ros.words.verdict_words import verdict_text
 
 
 @pytest.mark.parametrize('order', ['column', 'diagonal', 'random'])
@@ -22,7 +23,7 @@ def test_a_ball_that_scatters_more_makes_no_shape(factor, order):
     size = np.where(run.ball == 7, factor, 1.0)[:, None]
     verdict = judge(run.replace(centre=run.centre + SIGMA * size * white(52)[0]))
     assert verdict.outcome in (Outcome.NOISE, Outcome.SCATTERS)
-    assert re.search(r'scatters [1-9]\.\d times as much|stand out', verdict.sentence)
+    assert re.search(r'scatters [1-9]\.\d times as much|stand out', verdict_text(verdict).sentence)
 
 
 @pytest.mark.parametrize('seed', range(3))
@@ -40,7 +41,7 @@ def test_an_effect_is_named_in_noisy_axes():
     drift = 1.2e-6 * (run.time / run.time[-1])[:, None] * np.array([1.0, 0.5, 0.0])
     verdict = judge(run.replace(centre=run.centre + drift))
     assert verdict.outcome == Outcome.NAMED
-    assert 'lacks frame_drift:' in verdict.sentence and 'z repeats ' in verdict.sentence
+    assert [one.name for one in verdict.missing] == ['frame_drift'] and verdict.noise.worse[0][0] == 'z'
 
 
 def test_heavy_tails_and_unequal_axes_are_both_found():
@@ -64,7 +65,7 @@ def test_one_wrong_reading_is_no_other_effect(reading, order):
     offset = white(5)[0]
     offset[reading] += (9.0, 0.0, 0.0) if reading == 0 else (0.0, 11.0, 0.0)
     verdict = judge(noisy(offset, 5, order))
-    assert f'lacks outlier (reading {reading + 1},' in verdict.sentence
+    assert [one.name for one in verdict.missing] == ['outlier'] and verdict.outliers[0].number == reading + 1
 
 
 BESIDE = {

@@ -10,6 +10,7 @@ from rosette_ros.core.diagnosis.verdict import Level, Outcome
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.words.verdict_words import verdict_text
 
 
 @pytest.mark.parametrize('wrong', [{23: (0.0, -5e-6, 0.0)}, {30: (4e-6, 0.0, 0.0), 50: (0.0, 0.0, 6e-6)}])
@@ -23,15 +24,17 @@ def test_the_verdict_names_wrong_readings(wrong):
     verdict = judge(run)
     assert verdict.outcome == Outcome.NAMED
     assert verdict == diagnose(run).verdict
+    assert {one.number - 1 for one in verdict.outliers} == set(wrong)
+    text = verdict_text(verdict)
     for row, shift in wrong.items():
         axis = int(np.argmax(np.abs(shift)))
         begin = (f'reading {row + 1}, table position {run.table_position[row]}, ball {run.ball[row]}, after '
                  f'{run.time[row] / 60:.1f} min, ')
-        assert begin in verdict.sentence
-        size, unit, along, name, *_ = verdict.sentence.split(begin)[1].split()
+        assert begin in text.sentence
+        size, unit, along, name, *_ = text.sentence.split(begin)[1].replace(';', ' ').replace(')', ' ').split()
         assert (unit, along, name[0]) == ('µm', 'along', 'xyz'[axis])
         assert float(size.replace('−', '-')) == pytest.approx(1e6 * shift[axis], abs=0.5)
-    assert 'measure the wrong readings again' in verdict.action
+    assert 'measure the wrong readings again' in text.action
 
 
 @pytest.mark.parametrize('size', [3e-6, 1e-4, 1e-3])
@@ -43,7 +46,7 @@ def test_two_of_one_size_are_named_however_large(size):
     centre[47, 1] -= size
     found = diagnose(run.replace(centre=centre))
     assert found.missing == ('outlier',)
-    assert all(f'reading {number}, ' in found.verdict.sentence for number in (21, 48))
+    assert {one.number for one in found.verdict.outliers} == {21, 48}
     assert found.final.rms < 2 * run.repeatability
     assert max(candidate.visible_fraction for candidate in found.candidates) <= 1
 
@@ -68,9 +71,11 @@ def test_many_wrong_readings_are_told_as_wrong():
         centre[row, row % 3] += 2e-5
     found = diagnose(run.replace(centre=centre))
     assert (found.verdict.outcome, found.verdict.level) == (Outcome.SCATTERS, Level.DOUBTFUL)
-    assert 'Wrong readings, more than 30 times as far off as the others scatter: reading ' in found.verdict.sentence
-    assert '4 more.' in found.verdict.sentence
-    assert 'measure the wrong readings again' in found.verdict.action
+    assert (len(found.verdict.wrong), found.verdict.more_wrong) == (4, 4)
+    text = verdict_text(found.verdict)
+    assert 'off by more than 30 times the scatter of the others: reading ' in text.sentence
+    assert '; 4 more.' in text.sentence
+    assert 'measure the wrong readings again' in text.action
     assert max(candidate.visible_fraction for candidate in found.candidates) <= 1
 
 
@@ -79,11 +84,12 @@ def test_a_repeatability_that_is_too_large_is_told():
     run = Machine(MachineConfig().changed(seed=3, plate={'balls': 8})).run(plan(8, 'random', 1))
     verdict = judge(run.replace(repeatability=1e-4))
     assert verdict.outcome == Outcome.FITS
-    assert ' times the stated repeatability of 100 µm (p > 0.99)' in verdict.sentence
-    assert 'The stated repeatability is 10' in verdict.sentence
-    assert 'measure the repeatability again, and check its unit' in verdict.action.lower()
-    assert 'check its unit' in judge(run.replace(repeatability=2.5e-7)).action
-    assert 'check its unit' not in judge(run.replace(repeatability=1.3e-7)).action
+    text = verdict_text(verdict)
+    assert ' times the stated repeatability of 100 µm (p > 0.99)' in text.sentence
+    assert 'The stated repeatability is 10' in text.sentence
+    assert 'measure the repeatability again, and check its unit' in text.action.lower()
+    assert judge(run.replace(repeatability=2.5e-7)).too_large > 2
+    assert not judge(run.replace(repeatability=1.3e-7)).too_large
 
 
 def test_a_wrong_reading_is_no_shift_that_goes_back_at_once():

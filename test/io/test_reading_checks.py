@@ -14,6 +14,7 @@ from rosette_ros.io.messages import MACHINE_FRAME, STATUS_OK, Answer, TableFrame
 from rosette_ros.io.reading_checks import check_answers
 from rosette_ros.io.run_assembly import RunAnswers
 from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.words.verdict_words import verdict_text
 
 N = 6
 BEGIN = 1_700_000_000 * 10**9
@@ -83,7 +84,7 @@ def test_a_mistake_is_named(mistake):
     made = run.to_run()
     assert found[check] in made.remarks
     verdict = judge(made)
-    assert found[check] in verdict.action
+    assert found[check] in verdict.remarks
     assert verdict.level != Level.GOOD
 
 
@@ -92,7 +93,7 @@ def test_a_model_that_fits_doubtful_readings_is_an_outcome():
     run = measured(table_travel=lambda _, answer: 0.0).to_run()
     verdict = judge(run)
     assert verdict.outcome == Outcome.DOUBTFUL_READINGS
-    assert verdict.sentence.startswith('The model fits readings that are in doubt: ')
+    assert verdict_text(verdict).sentence.startswith('The model fits, but there are doubts about the readings: ')
     assert not verdict.model_fails
 
 

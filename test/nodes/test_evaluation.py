@@ -10,7 +10,7 @@ from rclpy.parameter import Parameter
 from rosette_msgs.srv import AddEffect
 
 from rosette_ros.analysis import analyse
-from rosette_ros.core.diagnosis.verdict import noise_words
+from rosette_ros.core.diagnosis.verdict import noise_facts
 from rosette_ros.core.errors import InvalidData, InvalidModel, NotDeterminable
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.model.noise import Noise
@@ -20,6 +20,8 @@ from rosette_ros.nodes import conversions
 from rosette_ros.nodes.evaluation import ModelInUse, extended
 from rosette_ros.nodes.evaluator import entry_of
 from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.words.noise_words import noise_words
+from rosette_ros.words.verdict_words import verdict_text
 
 DRIFT = {'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}
 
@@ -162,7 +164,7 @@ def test_diagnosis_becomes_a_message(in_use, drifting):
     assert (message.header.stamp.sec, message.run_id) == (5, 'drifting')
     assert (message.model_name, message.model_hash) == (str(Model()), Model().hash)
     assert message.missing == list(found.missing) == ['frame_drift']
-    assert (message.verdict, message.unexplained) == (found.verdict.sentence, False)
+    assert (message.verdict, message.unexplained) == (verdict_text(found.verdict).sentence, False)
     noise, fit = message.noise, found.final
     assert (noise.sigma, noise.sigma_source, noise.is_white, noise.words) == (fit.sigma, fit.sigma_source, True, [])
     assert noise.axes.tolist() == noise.factors.tolist() * 3 == [1.0, 1.0, 1.0] and noise.wander.tolist() == [0, 0, 0]
@@ -181,7 +183,7 @@ def test_other_noise_is_in_the_message(drifting):
         axes=np.array([0.8, 0.8, 1.3]), by='ball', factors=np.linspace(0.5, 2, 6), tail='reading', tail_dof=4.0,
         phi=1.0, wander=np.array([0.01, 0.02, 0.03])))
     sent = conversions.noise_message(fit)
-    assert not sent.is_white and sent.words == [words for words, _ in noise_words(fit.noise, fit.sigma, fit.run)]
+    assert not sent.is_white and sent.words == noise_words(noise_facts(fit))
     assert (sent.by, sent.tail, sent.tail_dof, sent.memory) == ('ball', 'reading', 4.0, 1.0)
     assert (sent.axes.tolist(), sent.wander.tolist()) == ([0.8, 0.8, 1.3], [0.01, 0.02, 0.03])
     assert sent.factors.tolist() == fit.noise.factors.tolist()

@@ -16,6 +16,7 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.messages import verdict_of
 from rosette_ros.io.open_run import open_readings
+from rosette_ros.words.verdict_words import verdict_text
 
 N = 6
 HIDDEN = [{'kind': 'frame_drift', 'rate_um_per_h': [6.0, 0.0, 4.0]}]
@@ -110,7 +111,7 @@ def test_the_log_of_a_run_holds_its_diagnosis(calibrated):
     assert offline.missing == ('frame_drift',)
     assert message.run_id == calibrated.run_id
     assert message.missing == ['frame_drift']
-    assert message.verdict == offline.verdict.sentence
+    assert message.verdict == verdict_text(offline.verdict).sentence
     assert message.invisible == list(offline.invisible)
     top, wanted = message.candidates[0], offline.candidates[0]
     assert (top.effect, top.p, top.rms_before, top.rms_after) == (

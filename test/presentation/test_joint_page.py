@@ -6,13 +6,14 @@ import functools
 import numpy as np
 
 from rosette_ros.analysis import evaluate_jointly
-from rosette_ros.core.joint.conclusion import conclude
+from rosette_ros.core.joint.conclusion import JointOutcome, conclude
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.presentation.joint_results import joint_json, joint_rows
 from rosette_ros.presentation.report.joint_page import joint_html, joint_pictures, joint_tables
 from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.words.result_words import conclusion_text
 
 
 @functools.cache
@@ -47,12 +48,15 @@ def test_the_conclusion_follows_the_tests():
     """Good where all agrees; doubtful where something is not shared; bad where a declaration is contradicted."""
     first, other = (simulated_run('diagonal', seed) for seed in (1, 2))
     assert conclude(joint(first, simulated_run())).level == 'good'
-    assert 'The 2 runs fit one model without: ' in conclude(joint(first, other)).sentence
+    part = conclude(joint(first, other))
+    assert part.outcome is JointOutcome.IN_PART
+    assert 'The 2 runs fit one model without: ' in conclusion_text(part).sentence
     bad = conclude(joint(first, other, plate=('1', '1'), clamping=('1', '2'), table=('1', '2')))
-    assert (bad.level, 'contradict what was declared the same: plate deviations' in bad.sentence) == ('bad', True)
+    assert (bad.level, bad.outcome) == ('bad', JointOutcome.CONTRADICTED) and 'plate' in bad.items
+    assert 'contradict what was declared the same: plate deviations' in conclusion_text(bad).sentence
     unknown = conclude(joint(first.replace(repeatability=None)))
-    assert conclude(joint(first)).sentence.startswith('The run fits one model: ')
+    assert conclusion_text(conclude(joint(first))).sentence.startswith('The run fits one model: ')
     assert dict(joint_rows(joint(first)))['Known'] == 'beyond what one run knows: nothing; it is one run'
     one = joint_json(joint(first, other, plate=('1', '2')))['tests']
     assert all((test['f'] is None) == (test['p'] is None) for test in one)
-    assert (unknown.level, 'there is no repeatability' in unknown.sentence) == ('doubtful', True)
+    assert (unknown.level, unknown.outcome) == ('doubtful', JointOutcome.UNKNOWN)

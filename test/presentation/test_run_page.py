@@ -16,6 +16,7 @@ from rosette_ros.io.text_file import write_text
 from rosette_ros.presentation.plots.result_plots import Series
 from rosette_ros.presentation.report import Source, open_source, report_html, write_report
 from rosette_ros.presentation.report.verification import verification_html, verify
+from rosette_ros.words.verdict_words import verdict_text
 
 ORDER = ['verdict', 'measured', 'unknown', 'curves', 'values', 'deviations', 'residuals', 'ladder',
          'candidates', 'visibility', 'conditions']
@@ -62,7 +63,8 @@ def test_the_verdict_says_what_is_wrong_and_what_to_do(drift_page):
     """One sentence, one action, where to look; the level is given in words, not in colour alone."""
     summary, text = summary_of('drift'), ' '.join(Page(drift_page).texts['verdict'].split())
     assert summary.diagnosis.missing == ('frame_drift',)
-    for words in (summary.verdict.sentence, summary.verdict.action, 'Verdict: named effect missing', 'What to do:',
+    stated = verdict_text(summary.verdict)
+    for words in (stated.sentence, stated.action, 'Verdict: named effect missing', 'What to do:',
                   'The probe drifts steadily', 'Look at:'):
         assert words in text
 

@@ -22,6 +22,7 @@ from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.studio_session import MOST_KEPT, KeptResults, Session
 from rosette_ros.studio.worker import PRELOADED, Superseded, Worker, WorkerFailed
+from rosette_ros.words.verdict_words import verdict_text
 
 HIDDEN = {'kind': 'frame_drift', 'rate_um_per_h': [3.0, 0.0, 1.5]}
 
@@ -212,10 +213,10 @@ def test_a_model_that_the_run_cannot_determine_has_a_verdict(controller, run):
     in_loop(controller.refresh())
     verdict = controller.session.results.verdict
     assert (verdict.outcome, verdict.level) == (Outcome.NOT_DETERMINABLE, Level.BAD)
-    assert verdict.action == 'Measure the missing balls.'
+    assert verdict_text(verdict).action == 'Measure the missing balls.'
     controller.act(controller.session.add, 'frame_drift')
     in_loop(controller.refresh())
-    assert controller.session.results.verdict.action == (
+    assert verdict_text(controller.session.results.verdict).action == (
         'Measure the missing balls, or remove frame_drift from the model.')
 
 
@@ -240,7 +241,7 @@ def test_all_base_terms_can_be_removed(controller, run):
         controller.act(controller.session.remove, 0)
     in_loop(controller.refresh())
     assert (controller.step, controller.session.results.problem) == ('', '')
-    assert 'The model lacks table_motions' in controller.session.results.verdict.sentence
+    assert 'The model lacks table_motions' in verdict_text(controller.session.results.verdict).sentence
 
 
 def test_what_was_asked_before_ends(controller, run):

@@ -14,7 +14,6 @@ from rosette_ros.core.model.base_model import BaseLines
 from rosette_ros.core.model.least_squares import Fit, fit
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import AXES, places
-from rosette_ros.core.number_words import micrometres, multiple
 from rosette_ros.core.records import Floats, Ints, Run, remove_gauge
 
 DRAWS = 400
@@ -78,7 +77,7 @@ class Comparison:
 
     axis_rms: (3,) m; sizes: (N,) residual of each reading, rms over the axes, m, scaled as of Grouping; neighbour_p:
     probability that noise leaves neighbours in time as alike; worst: readings, worst first; harmonics: strongest lines
-    on complete runs; summary: one sentence, which judges nothing.
+    on complete runs.
     """
 
     fit: Fit
@@ -89,7 +88,6 @@ class Comparison:
     neighbour_p: float
     worst: tuple[Reading, ...]
     harmonics: tuple[Harmonic, ...]
-    summary: str
 
 
 def compare(fitted: Fit, seed: int = 0) -> Comparison:
@@ -105,7 +103,7 @@ def compare(fitted: Fit, seed: int = 0) -> Comparison:
         axis_rms = axis_rms * np.sqrt(np.mean(whitening.inverse(white)**2, axis=(0, 1)))
     sizes = np.sqrt(np.mean(residual**2 / np.maximum(expected, 1e-12), axis=1))
     return Comparison(fitted, axis_rms, sizes, groupings, correlation, neighbour_p, _worst(fitted, noise, expected),
-                      _harmonics(fitted), _summary(fitted, groupings, correlation, neighbour_p, axis_rms))
+                      _harmonics(fitted))
 
 
 def _sums(index: Ints, count: int, values: Reals) -> Floats:
@@ -192,17 +190,6 @@ def _harmonics(fit: Fit) -> tuple[Harmonic, ...]:
                 lines.append(Harmonic(AXES[axis], p, q if q <= n // 2 else q - n, float(abs(spectrum[p, q]) * both),
                                       float(power * n**2 / total) if total else 0.0))
     return tuple(sorted(lines, key=lambda line: -line.share)[:10])
-
-
-def _summary(fit: Fit, groupings: Sequence[Grouping], correlation: float, neighbour_p: float,
-             axis_rms: Floats) -> str:
-    chi = fit.reduced_chi_square
-    times = '' if chi is None else f', {multiple(float(np.sqrt(chi)))} times the repeatability'
-    places = sorted((one for one in groupings if one.p < UNLIKELY), key=lambda one: one.p)
-    where = ''.join(f', at {one.label} {one.keys[one.worst]}' for one in places[:3])
-    like = 'are alike' if correlation > 0 else 'differ more than by chance'
-    alike = f'; neighbours in the sequence {like}' if neighbour_p < UNLIKELY else ''
-    return f'The residual is {micrometres(fit.rms)}{times}; most along {AXES[int(np.argmax(axis_rms))]}{where}{alike}.'
 
 
 @dataclass(frozen=True, eq=False)

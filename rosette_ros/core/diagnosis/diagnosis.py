@@ -22,7 +22,7 @@ from rosette_ros.core.diagnosis.null_gains import is_coarse, null_gains, p_of
 from rosette_ros.core.diagnosis.posterior import ALIKE, CLAIM, Claim, Posterior
 from rosette_ros.core.diagnosis.recovered_shape import Shape, recovered_shapes
 from rosette_ros.core.diagnosis.settings import RELINEARISED, choose_settings, evidence_of
-from rosette_ros.core.diagnosis.verdict import Verdict, decide, left_over
+from rosette_ros.core.diagnosis.verdict import Verdict, decide
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free import FREE, TIMES
 from rosette_ros.core.effects.library import EFFECTS, effects_of
@@ -64,12 +64,6 @@ class Unnamed:
     motion: str
     setting: Setting
     probability: float
-
-    @property
-    def words(self) -> str:
-        """Body, direction and variables in words."""
-        of = ', or with '.join(' and '.join(sorted(each)) for each in self.alternatives)
-        return f'{self.motion}, changing with {of}'
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,29 +115,15 @@ class Finding:
     probability_of_unnamed: float
 
     @property
-    def look_alikes(self) -> tuple[str, ...]:
-        """Effects that this order of measurement cannot distinguish from a claimed one."""
-        return tuple(sorted({name for one in self.claims for name in one.alike}))
-
-    @property
-    def shapes(self) -> str:
-        """What has no name, in words."""
-        return '; '.join(one.words for one in self.unnamed)
-
-    @property
     def verdict(self) -> Verdict:
         """The one decision."""
-        return decide(self.fit, self.final, self.missing, self.shapes, self.look_alikes, self.invisible)
-
-    @property
-    def unexplained_text(self) -> str:
-        """What no named effect explains; empty where nothing is."""
-        return left_over(self.final, self.shapes)
+        return decide(self.fit, self.final, self.missing, self.unnamed, self.claims, self.doubtful, self.invisible,
+                      self.not_needed)
 
     @property
     def unexplained(self) -> bool:
         """Whether something remains that no named effect explains."""
-        return bool(self.unexplained_text)
+        return self.verdict.unexplained
 
 
 @dataclass(frozen=True, eq=False)

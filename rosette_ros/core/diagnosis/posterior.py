@@ -20,14 +20,20 @@ Key = tuple[tuple[str, ...], tuple[str, ...]]
 
 @dataclass(frozen=True)
 class Claim:
-    """A name that is in the best hypothesis: its probability, and the names that this run cannot tell from it.
+    """A name that is in the best hypothesis: its probability, and the names that this run cannot distinguish from it.
 
-    together: the probability that one of all these is there."""
+    together: the probability that one of all these is there; alternatives: the other names, each with the probability
+    that it is there in place of this one."""
 
     name: str
     probability: float
     together: float
-    alike: tuple[str, ...]
+    alternatives: tuple[tuple[str, float], ...]
+
+    @property
+    def alike(self) -> tuple[str, ...]:
+        """The other names, likeliest first."""
+        return tuple(name for name, _ in self.alternatives)
 
 
 class Posterior:
@@ -68,9 +74,10 @@ class Posterior:
             if not named:
                 continue
             best = max(named, key=lambda other: named[other])
-            alike = tuple(sorted((other for other, p in named.items() if other != best and p > ALIKE * named[best]),
-                                 key=lambda other: -named[other]))
-            out.append(Claim(best, self.of(best), self.of(best, *alike), alike))
+            least = ALIKE * named[best]
+            alike = tuple(sorted(((other, p) for other, p in named.items() if other != best and p > least),
+                                 key=lambda pair: -pair[1]))
+            out.append(Claim(best, self.of(best), self.of(best, *(other for other, _ in alike)), alike))
         return tuple(sorted(dict.fromkeys(out), key=lambda one: -one.together))
 
     def instead(self, name: str) -> dict[str, float]:

@@ -19,7 +19,6 @@ from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
 from rosette_ros.core.diagnosis.diagnosis import NOISELESS
 from rosette_ros.core.diagnosis.noise_hypotheses import kinds_beside
 from rosette_ros.core.diagnosis.settings import choose_settings
-from rosette_ros.core.diagnosis.verdict import noise_words
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter, fit
@@ -81,7 +80,6 @@ class CrossCheck:
     cross_validation_carried: float
     effects: tuple[CheckedEffect, ...]
     confirmed: bool | None
-    text: str
 
 
 def refuse_same(run: Run, searched: Run) -> None:
@@ -115,7 +113,7 @@ def cross_check(run: Run, model: Model, learnt: Sequence[Learnt]) -> CrossCheck:
     outcomes = [entry.outcome for entry in effects if entry.outcome in (CONFIRMED, NOT_SEEN)]
     confirmed = all(outcome == CONFIRMED for outcome in outcomes) if outcomes else None
     return CrossCheck(before, after, carried, error, error_with, _error(carried) if carried else float('nan'),
-                      effects, confirmed, _text(effects, before, after, carried))
+                      effects, confirmed)
 
 
 def _refusal(effect: Effect, fitted: FittedEffect, before: Fit) -> tuple[str, str] | None:
@@ -189,23 +187,3 @@ def _same_size(learnt: FittedEffect, found: FittedEffect) -> bool:
     squares = [(a.value - b.value)**2 / (a.u**2 + b.u**2) for a, b in zip(learnt.parameters, found.parameters)
                if a.name == b.name and np.isfinite(a.u + b.u) and a.u + b.u > 0]
     return bool(special.chdtrc(max(len(squares), 1), sum(squares)) > SURE)
-
-
-def _text(effects: Sequence[CheckedEffect], before: Fit, after: Fit, carried: Fit | None) -> str:
-    parts = []
-    for entry in effects:
-        if entry.outcome == CONFIRMED:
-            size = {True: ', at the size that was learnt', False: ', with another size', None: ''}[entry.same_size]
-            parts.append(f'{entry.name} is confirmed{size}.')
-        elif entry.outcome == NOT_SEEN:
-            parts.append(f'{entry.name} is not seen: {entry.reason}.')
-        else:
-            parts.append(f'{entry.name} cannot be checked: {entry.reason}.')
-    if any(entry.outcome == CONFIRMED for entry in effects):
-        parts.append(f'The residual of this run falls from {before.rms * 1e6:.3f} µm to {after.rms * 1e6:.3f} µm.')
-    if carried is not None:
-        parts.append('With the amplitudes as they were learnt and nothing fitted the residual is '
-                     f'{carried.rms * 1e6:.3f} µm.')
-    if words := '; '.join(words for words, _ in noise_words(after.noise, after.sigma, after.run)):
-        parts.append(f'Noise of this run, under which all is judged: {words}.')
-    return ' '.join(parts) or 'Nothing was learnt, so there is nothing to check.'

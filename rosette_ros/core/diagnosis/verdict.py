@@ -1,20 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one decision whether a model fits a run, and the words for it: every interface prints these as they stand."""
+"""The one decision whether a model fits a run: its outcome and the facts behind it; words/verdict_words.py says it."""
 
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from rosette_ros.core.number_words import micrometres, multiple
 from rosette_ros.core.records import ROUNDED, Floats, Run, resolution_of
 
 if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit
+    from rosette_ros.core.diagnosis.posterior import Claim
     from rosette_ros.core.model.least_squares import Fit
-    from rosette_ros.core.model.noise import Noise
 
 UNLIKELY = 0.01
 """Probability of lack of fit below which readings scatter more than stated.
@@ -24,7 +22,6 @@ stated repeatability leaves as much. At 5 % one sound run of twenty would be ref
 every day; at 1e-6 a repeatability stated a third too small would pass on a plate of 6 balls. At 1 % a run of 12 balls
 (301 degrees of freedom) is refused from 1.10 times the stated repeatability, one of 6 balls (49) from 1.24 times.
 """
-SMALLEST_P = 1e-6
 CERTAIN = 4
 """An effect in the model is there where a parameter is so many times its standard uncertainty: by chance 6e-5."""
 COARSE = 0.5
@@ -41,7 +38,6 @@ WANDERING = 0.85
 """Correlation from reading to reading above which noise is told as a wander of the frame."""
 UNEQUAL = 1.3
 """Ratio of the noise of axes from which on it is told beside what is larger."""
-_LOOK_AT = 'check the probe and the slide of {}; weights follow what was found'
 
 
 class Outcome(StrEnum):
@@ -71,16 +67,10 @@ LEVELS = {
     Outcome.NOISE: Level.DOUBTFUL, Outcome.NOT_DETERMINABLE: Level.BAD}
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """The outcome, one sentence for a person, what to do next; limits: what the run cannot tell, a sentence each.
-
-    Messages do not carry limits."""
+class Judged:
+    """What has an outcome."""
 
     outcome: Outcome
-    sentence: str
-    action: str
-    limits: tuple[str, ...] = field(default=(), compare=False)
 
     @property
     def level(self) -> Level:
@@ -94,221 +84,280 @@ class Verdict:
 
 
 @dataclass(frozen=True)
-class Conclusion:
-    """What several runs say together: level, one sentence, and what to do."""
+class VerdictText(Judged):
+    """A verdict in words, as messages and logs carry it: one or two sentences for a person, and what to do next.
 
-    level: Level
+    limits: what the run cannot tell, a sentence each; messages do not carry them."""
+
+    outcome: Outcome
     sentence: str
     action: str
+    limits: tuple[str, ...] = field(default=(), compare=False)
+
+
+@dataclass(frozen=True)
+class Residual:
+    """The residual of a fit against the stated repeatability.
+
+    rms, repeatability: per coordinate, m; p: probability that noise of that repeatability leaves as much; both None
+    where none is stated; quietest: noise of the quietest part, over that of all.
+    """
+
+    rms: float
+    repeatability: float | None
+    p: float | None
+    quietest: float
 
     @property
-    def model_fails(self) -> bool:
-        """Whether the model is refuted."""
-        return self.level is Level.BAD
+    def scatters(self) -> bool:
+        """Whether it is more than the stated repeatability leaves."""
+        return self.p is not None and self.p < UNLIKELY
 
 
-def left_over(final: 'Fit', shapes: str = '') -> str:
-    """Return what no named effect explains of a fit, in words, empty where nothing is; shapes: found by the search."""
-    p = final.lack_of_fit_p
-    return shapes if shapes or p is None or p >= UNLIKELY else _beside_repeatability(final)
+@dataclass(frozen=True)
+class MissingEffect:
+    """What a model lacks: a name, its setting, and between which times, s since the first reading, moments of it lie.
+
+    A base term has no setting; probability: None where none was worked out; alternatives: names that the run cannot
+    distinguish from it, each with its probability."""
+
+    name: str
+    setting: Mapping[str, float | str] = field(default_factory=dict)
+    moments: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    probability: float | None = None
+    alternatives: tuple[tuple[str, float], ...] = ()
 
 
-def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), shapes: str = '', look_alikes: Sequence[str] = (),
-           hidden: Sequence[str] = (), misfits: Sequence[str] = ()) -> Verdict:
+class UnnamedMotion(Protocol):
+    """What the library has no name for: sets of variables of which one drives it, likeliest first, and what moves."""
+
+    @property
+    def alternatives(self) -> tuple[frozenset[str], ...]:
+        """Sets of variables that the run cannot distinguish."""
+
+    @property
+    def motion(self) -> str:
+        """Which body moves along what."""
+
+    @property
+    def setting(self) -> Mapping[str, float | str]:
+        """The setting of its free course."""
+
+    @property
+    def probability(self) -> float:
+        """The probability that it is there."""
+
+
+@dataclass(frozen=True)
+class WrongReading:
+    """A reading that is wrong: its number, where it was, s after the first one, and by how much along which axis, m."""
+
+    number: int
+    table_position: int
+    ball: int
+    time: float
+    size: float
+    axis: str
+
+
+@dataclass(frozen=True)
+class NoiseFacts:
+    """In what the noise of a run is other than white and equal.
+
+    resolution: to which readings are rounded, m; worse: axes that repeat worse than others, `than`, and how many times;
+    tail, tail_dof: what stands out by itself, `reading` or `coordinate`, and degrees of freedom of its Student
+    distribution; noisiest, factor: groups of which one scatters so many times as much as the others; walk: of the frame
+    over the run, m; wander, readings: of the frame, m, within so many readings; correlation: of neighbouring readings.
+    """
+
+    resolution: float = 0.0
+    worse: tuple[tuple[str, float], ...] = ()
+    than: str = ''
+    tail: str = ''
+    tail_dof: float = 0.0
+    noisiest: tuple[str, ...] = ()
+    factor: float = 1.0
+    walk: float = 0.0
+    wander: float = 0.0
+    readings: float = 0.0
+    correlation: float = 0.0
+
+    @property
+    def is_other(self) -> bool:
+        """Whether it is other than white and equal in anything."""
+        return self != NoiseFacts()
+
+
+@dataclass(frozen=True)
+class Verdict(Judged):
+    """The outcome and the facts behind it.
+
+    before, after: the residual of the model as given and with all that it lacks; missing: strongest first; unnamed:
+    structure without a name; doubtful: names that are likely, but not enough to be said, each with its probability;
+    not_needed: effects of the model that the run does not ask for; hidden: effects that the order cannot show;
+    outliers: readings among the missing; wrong, more_wrong: readings that are far off in the rest, and how many more
+    there are; too_large: stated repeatability over what the readings show, 0 where that is no more than chance;
+    present: effects of the model that are surely there, with their rms, m; noise; step: to which readings are rounded,
+    m, where that is a part of the rest and no kind of noise; remarks: on the readings; has_motions: whether the model
+    has the error motions of the table; reason: why the model cannot be determined, and effects it has beyond its base,
+    `added`.
+    """
+
+    outcome: Outcome
+    before: Residual | None = None
+    after: Residual | None = None
+    missing: tuple[MissingEffect, ...] = ()
+    unnamed: tuple[UnnamedMotion, ...] = ()
+    doubtful: tuple[tuple[str, float], ...] = ()
+    not_needed: tuple[str, ...] = ()
+    hidden: tuple[str, ...] = ()
+    outliers: tuple[WrongReading, ...] = ()
+    wrong: tuple[WrongReading, ...] = ()
+    more_wrong: int = 0
+    too_large: float = 0.0
+    present: tuple[tuple[str, float], ...] = ()
+    noise: NoiseFacts = field(default_factory=NoiseFacts)
+    step: float = 0.0
+    remarks: tuple[str, ...] = ()
+    has_motions: bool = True
+    reason: str = ''
+    added: tuple[str, ...] = ()
+
+    @property
+    def look_alikes(self) -> tuple[str, ...]:
+        """Effects that the run cannot distinguish from a missing one."""
+        return tuple(sorted({name for one in self.missing for name, _ in one.alternatives}))
+
+    @property
+    def unexplained(self) -> bool:
+        """Whether something is left that no named effect explains."""
+        return bool(self.unnamed or (self.after and self.after.scatters))
+
+
+def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), unnamed: Sequence[UnnamedMotion] = (),
+           claims: Sequence['Claim'] = (), doubtful: Sequence['Claim'] = (), hidden: Sequence[str] = (),
+           not_needed: Sequence[str] = ()) -> Verdict:
     """Return the Verdict on a model.
 
-    fit: of the model as given; final: with all named effects that the search claims, `missing`; shapes: as of
-    `left_over`; look_alikes: effects that would look like a claimed one; hidden: effects that the order of measurement
-    cannot show; misfits: in what the rest is not noise as it was estimated, in words.
+    fit: of the model as given; final: with all named effects that are claimed, `missing`; claims: what is known of
+    each; the others as of Verdict.
     """
-    left, rms, wrong = left_over(final, shapes), micrometres(fit.rms), wrong_readings(final)
-    basis = ('' if fit.run.repeatability is not None else
-             '; the repeatability is not known, so this is judged by the structure of the residual alone')
-    limits = []
-    action = [f'check the readings: {remark}' for remark in fit.run.remarks
-              if not (final.noise.resolution and remark.startswith(ROUNDED))]  # said with the noise
-    if missing:
-        names, it = ' and '.join(missing), 'it' if len(missing) == 1 else 'them'
-        more = '' if not left else (f'; something is left that no named effect explains: {left}' if shapes else
-                                    f'; beside {it} the readings scatter more than stated: {left}')
-        outcome = Outcome.NAMED
-        outliers = outlier_words(final, len(fit.effects))
-        which = f' ({"; ".join(outliers)})' if outliers else ''
-        sentence = (f'The model lacks {names}{which}: with {it} the residual falls from {rms} to '
-                    f'{micrometres(final.rms)}{more}{basis}.')
-        commands = ', '.join(f'rosette add {name} --model FILE' for name in missing)
-        action.append(f'check {names} in the cell or add {it} to the model: {commands}')
-        if outliers:
-            action.append('measure the wrong readings again')
-        if look_alikes:
-            alike = f'{" and ".join(look_alikes)} would look nearly the same'
-            action.append(f'in this order {alike}')
-            limits.append(f'In this order of measurement {alike} as {names}.')
-    elif shapes:
-        outcome, sentence = Outcome.UNNAMED, f'Something is missing that no named effect explains: {left}{basis}.'
-        action.append('look at the residual maps, and check the cell for what the residual depends on')
-    elif left:
-        outcome, sentence = Outcome.SCATTERS, f'The readings scatter more than stated: {left}.'
-        action.append('measure the repeatability again, check the resolution of the coordinates, and look at the '
-                      'residual maps')
-    elif basis:
+    before, after, noise = _residual(fit), _residual(final), noise_facts(final)
+    wrong, run = wrong_readings(final), fit.run
+    step = resolution_of(run.centre)
+    is_rounded = any(remark.startswith(ROUNDED) for remark in run.remarks)
+    if missing or unnamed:
+        outcome = Outcome.NAMED if missing else Outcome.UNNAMED
+    elif after.scatters:
+        outcome = Outcome.SCATTERS
+    elif run.repeatability is None:
         outcome = Outcome.NO_REPEATABILITY
-        sentence = ('It cannot be said whether the model fits, as the repeatability is not known; no structure is '
-                    f'found in the residual of {rms}.')
-        action.append('measure the repeatability')
-    elif fit.run.remarks or wrong:
+    elif run.remarks or wrong:
         outcome = Outcome.DOUBTFUL_READINGS
-        sentence = f'The model fits readings that are in doubt: {_beside_repeatability(fit)}.'
     else:
-        outcome, sentence = Outcome.FITS, f'The model fits: {_beside_repeatability(fit)}.'
-    if wrong:
-        sentence += (f' Wrong readings, more than {WRONG:.0f} times as far off as the others scatter: '
-                     f'{"; ".join(wrong)}.')
-        action.append('measure the wrong readings again')
-    known, (ratio, p_small) = final.run.repeatability, TOO_LARGE
-    if known and known > ratio * final.rms > 0 and final.p_of_small < p_small:
-        sentence += (f' The stated repeatability is {multiple(known / final.rms)} times what the readings show: '
-                     'uncertainties that rest on it are too large.')
-        action.append('measure the repeatability again, and check its unit')
-    present = [f'{one.name} ({micrometres(one.rms)} rms)' for one in fit.effects
-               if any(abs(part.value) > CERTAIN * part.u for part in one.parameters)]
-    if present:
-        action.append(f'look in the cell for the cause of what the model only describes, {" and ".join(present)}, or '
-                      'keep it in the model')
-    said, advice, is_other = _of_noise(final, () if missing or shapes else misfits)
-    sentence, outcome = sentence + said, Outcome.NOISE if is_other and outcome == Outcome.FITS else outcome
-    action += advice
-    if 'table_motions' not in fit.model.base:
-        sentence += ' The model has no error motions of the table: their curves are zero by assumption.'
-        action.append('add table_motions to the model')
-    if hidden:
-        action.append(f'measure next in an order that shows {", ".join(hidden)} (rosette advise)')
-        limits.append(f'This order of measurement cannot show {", ".join(hidden)}.')
-    text = '; '.join(action) or 'nothing needs to be done'
-    return Verdict(outcome, sentence, f'{text[0].upper()}{text[1:]}.', tuple(limits))
-
-
-def _of_noise(final: 'Fit', misfits: Sequence[str]) -> tuple[str, list[str], bool]:
-    """Return what the noise of a fit is like, in sentences, what to do, and whether it is not white and equal."""
-    sentence, action, noise = '', list[str](), noise_words(final.noise, final.sigma, final.run)
-    if noise:
-        sentence += f' The noise is not white and equal: {"; ".join(words for words, _ in noise)}.'
-        action += [advice for _, advice in noise]
-    step = resolution_of(final.run.centre)
-    if COARSE * final.rms < step and not final.noise.resolution and not any(
-            remark.startswith(ROUNDED) for remark in final.run.remarks):
-        share = 100 * (step / final.rms)**2 / 12
-        sentence += (f' The readings are rounded to {micrometres(step)}, which makes {share:.0f} % of the variance of '
-                     'what is left.')
-    if misfits:
-        sentence += f' What is left is no noise of that kind: {"; ".join(misfits)}.'
-        action.append('look at the residual maps (rosette report)')
-    return sentence, action, bool(noise or misfits)
-
-
-def outlier_words(final: 'Fit', known: int) -> list[str]:
-    """Return which readings are wrong, in words, of the outliers in a fit behind so many effects."""
-    run, found = final.run, []
-    for effect in final.effects[known:]:
-        if effect.name == 'outlier':
-            row = effect.setting.whole('reading') - 1
-            largest = max(effect.parameters, key=lambda one: abs(one.value))
-            minutes, size = (run.time[row] - run.time[0]) / 60, micrometres(largest.value)
-            found.append(f'reading {row + 1}, table position {run.table_position[row]}, ball {run.ball[row]}, after '
-                         f'{minutes:.1f} min, {size} along {largest.name.removeprefix("d_")}')
-    return found
-
-
-def wrong_readings(final: 'Fit') -> list[str]:
-    """Return the readings that are farther off than noise can be, in words, the farthest first."""
-    run, size = final.run, np.abs(final.residual)
-    # 1.4826 times the median is the standard deviation of normal noise; a third of a step, more than that of rounding
-    scatter = np.maximum(1.4826 * np.median(size, axis=0), resolution_of(run.centre) / 3)
-    if final.noise.resolution or not np.all(scatter > 0):
-        return []
-    off = size / scatter
-    rows = np.flatnonzero(np.any(off > WRONG, axis=1))
-    rows = rows[np.argsort(-off[rows].max(axis=1), kind='stable')]
-    found = [f'reading {row + 1}, table position {run.table_position[row]}, ball {run.ball[row]}, '
-             f'{micrometres(size[row, axis])} along {"xyz"[axis]}'
-             for row, axis in zip(rows[:MOST_WRONG], off[rows].argmax(axis=1))]
-    return found + ([f'{len(rows) - MOST_WRONG} more'] if len(rows) > MOST_WRONG else [])
+        outcome = Outcome.NOISE if noise.is_other else Outcome.FITS
+    return Verdict(
+        outcome, before, after, _missing(final, len(fit.effects), missing, {one.name: one for one in claims}),
+        tuple(unnamed), tuple((one.name, one.probability) for one in doubtful), tuple(not_needed), tuple(hidden),
+        _outliers(final, len(fit.effects)), wrong[:MOST_WRONG],
+        max(len(wrong) - MOST_WRONG, 0), _too_large(final),
+        tuple((one.name, one.rms) for one in fit.effects
+              if any(abs(part.value) > CERTAIN * part.u for part in one.parameters)),
+        noise, step if COARSE * final.rms < step and not (final.noise.resolution or is_rounded) else 0.0,
+        tuple(remark for remark in run.remarks
+              if not (final.noise.resolution and remark.startswith(ROUNDED))),  # a kind of noise
+        'table_motions' in fit.model.base)
 
 
 def not_determinable(reason: str, added: Sequence[str] = ()) -> Verdict:
     """Return the Verdict on a run from which the model cannot be determined.
 
-    reason: that of the error, in one line; added: the effects in the model beside its base.
+    reason: that of the error, in one line; added: the effects in the model beyond its base.
     """
-    remove = f', or remove {" and ".join(added)} from the model' if added else ''
-    return Verdict(Outcome.NOT_DETERMINABLE, reason, f'Measure the missing balls{remove}.')
+    return Verdict(Outcome.NOT_DETERMINABLE, reason=reason, added=tuple(added))
 
 
-def noise_words(noise: 'Noise', sigma: float, run: Run) -> list[tuple[str, str]]:
-    """Return in what the noise of a run is other than white and equal, each with what to do; sigma: its size, m."""
+def _residual(fit: 'Fit') -> Residual:
+    return Residual(fit.rms, fit.run.repeatability, fit.lack_of_fit_p, fit.noise.quietest)
+
+
+def _missing(final: 'Fit', known: int, names: Sequence[str],
+             claims: Mapping[str, 'Claim']) -> tuple[MissingEffect, ...]:
+    """Return what a model lacks by name, each effect with its settings; known: the number of effects it has."""
     out = []
-    if noise.resolution:
-        out.append((f'the readings are rounded to {micrometres(noise.resolution)}',
-                    'export the coordinates with more digits'))
-    out += _unequal_axes((noise.axes**2 + noise.wander * (noise.phi < 1))**0.5, bool(noise.wander.any()))
-    if noise.tail:
-        out.append((f'single {noise.tail}s stand out more than normal noise allows (Student, {noise.tail_dof:g} '
-                    'degrees of freedom)', 'clean balls and stylus; the readings that stand out count less'))
+    for name in names:
+        terms = [term for term in final.model.terms[known:] if term.name == name]
+        settings = [one.setting for one in final.effects[known:] if one.name == name]
+        claim = claims.get(name)
+        more = (claim.probability, claim.alternatives) if claim else (None, ())
+        out += [MissingEffect(name, setting, term.effect.moments(final.run, setting), *more)
+                for term, setting in zip(terms, settings)] or [MissingEffect(name)]
+    return tuple(out)
+
+
+def _too_large(final: 'Fit') -> float:
+    """Return the stated repeatability over what the readings show, where that is more than chance, else 0."""
+    known, (ratio, p_small) = final.run.repeatability, TOO_LARGE
+    return known / final.rms if known and known > ratio * final.rms > 0 and final.p_of_small < p_small else 0.0
+
+
+def _reading(run: Run, row: int, size: float, axis: str) -> WrongReading:
+    return WrongReading(row + 1, int(run.table_position[row]), int(run.ball[row]), float(run.time[row] - run.time[0]),
+                        float(size), axis)
+
+
+def _outliers(final: 'Fit', known: int) -> tuple[WrongReading, ...]:
+    """Return the wrong readings that a fit has as effects beyond the first ones, which are known."""
+    found = []
+    for effect in final.effects[known:]:
+        if effect.name == 'outlier':
+            largest = max(effect.parameters, key=lambda one: abs(one.value))
+            found.append(_reading(final.run, effect.setting.whole('reading') - 1, largest.value,
+                                  largest.name.removeprefix('d_')))
+    return tuple(found)
+
+
+def wrong_readings(final: 'Fit') -> tuple[WrongReading, ...]:
+    """Return the readings that are farther off than noise can be, the farthest first."""
+    run, size = final.run, np.abs(final.residual)
+    # 1.4826 times the median is the standard deviation of normal noise; a third of a step, more than that of rounding
+    scatter = np.maximum(1.4826 * np.median(size, axis=0), resolution_of(run.centre) / 3)
+    if final.noise.resolution or not np.all(scatter > 0):
+        return ()
+    off = size / scatter
+    rows = np.flatnonzero(np.any(off > WRONG, axis=1))
+    rows = rows[np.argsort(-off[rows].max(axis=1), kind='stable')]
+    return tuple(_reading(run, row, size[row, axis], 'xyz'[axis])
+                 for row, axis in zip(rows.tolist(), off[rows].argmax(axis=1).tolist()))
+
+
+def noise_facts(fit: 'Fit') -> NoiseFacts:
+    """Return in what the noise of a fit is other than white and equal."""
+    noise, sigma, run = fit.noise, fit.sigma, fit.run
+    worse, than = _unequal((noise.axes**2 + noise.wander * (noise.phi < 1))**0.5, bool(noise.wander.any()))
+    facts = NoiseFacts(noise.resolution, worse, than, noise.tail, noise.tail_dof if noise.tail else 0.0)
     if noise.by:
-        typical, (where, *alike) = sorted(noise.factors)[noise.factors.size // 2], noise.noisiest(run)
-        same = f' (in this order that may as well be {" or ".join(alike)})' if alike else ''
-        out.append((f'{where} scatters {noise.factors.max() / typical:.1f} times as much as the others{same}',
-                    f'look at {where}'))
+        typical = sorted(noise.factors)[noise.factors.size // 2]
+        facts = replace(facts, noisiest=tuple(noise.noisiest(run)), factor=float(noise.factors.max() / typical))
     if noise.wander.any():
         axis = int(noise.wander.argmax())
-        step, white = noise.wander[axis], noise.axes[axis]**2
+        step, white = float(noise.wander[axis]), float(noise.axes[axis]**2)
         if noise.phi == 1:
-            words = f'the frame wanders: random walk of {micrometres(sigma * (step * run.size)**0.5)} over the run'
+            facts = replace(facts, walk=sigma * (step * run.size)**0.5)
         elif noise.phi > WANDERING:
-            readings = 1 / (1 - noise.phi)
-            words = f'the frame wanders by {micrometres(sigma * step**0.5)} within about {readings:.0f} readings'
+            facts = replace(facts, wander=sigma * step**0.5, readings=1 / (1 - noise.phi))
         else:
-            words = f'neighbouring readings are correlated {noise.phi * step / (step + white):.1f}'
-        out.append((words, 'look for draughts, vibration and temperature of the frame, or measure faster'))
-    return out
+            facts = replace(facts, correlation=noise.phi * step / (step + white))
+    return facts
 
 
-def _unequal_axes(size: Floats, wanders: bool) -> list[tuple[str, str]]:
-    """Return which axes repeat worse than others, and what to do; size: of the noise along x, y, z."""
-    x, y, z = size
+def _unequal(size: Floats, wanders: bool) -> tuple[tuple[tuple[str, float], ...], str]:
+    """Return which axes repeat worse, how many times, and than which; size: of the noise along x, y, z."""
+    x, y, z = map(float, size)
     if x == y:
-        ratio = max(z / x, x / z)
-        if z == x or (wanders and ratio < UNEQUAL):
-            return []
-        return [(f'z repeats {ratio:.1f} times {"worse" if z > x else "better"} than x and y',
-                 _LOOK_AT.format('z' if z > x else 'x and y') if ratio < OTHER_UNIT else
-                 'check that z has the unit of x and y')]
-    best, *others = size.argsort()
+        if z == x or (wanders and max(z / x, x / z) < UNEQUAL):
+            return (), ''
+        return ((('z', z / x),), 'xy') if z > x else ((('xy', x / z),), 'z')
+    best, *others = size.argsort().tolist()
     worse = sorted(place for place in others if place == others[-1] or size[place] >= UNEQUAL * size[best])
-    ratios = ' and '.join(f'{"xyz"[place]} repeats {size[place] / size[best]:.1f} times' for place in worse)
-    return [(f'{ratios} worse than {"xyz"[best]}', _LOOK_AT.format(' and '.join('xyz'[place] for place in worse)))]
-
-
-def _beside_repeatability(fit: 'Fit') -> str:
-    """Return how large the residual is beside the stated repeatability; empty where none is."""
-    known, p = fit.run.repeatability, fit.lack_of_fit_p
-    if known is None or p is None:
-        return ''
-    ratio, quietest = fit.rms / known, fit.noise.quietest
-    part = f', that of its quietest part {multiple(quietest * ratio)} times' if quietest < 0.5 else ''
-    return (f'the residual of {micrometres(fit.rms)} is {multiple(ratio)} times the stated repeatability of '
-            f'{micrometres(known)}{part} ({p_words(p)}), and no structure is found in it')
-
-
-def p_value(p: float) -> str:
-    """Return a probability with two significant digits: '<1e−6', '4.2e−5', '0.37', '>0.99'; '–' where it is none."""
-    if not math.isfinite(p):
-        return '–'
-    if p < SMALLEST_P or p > 0.995:
-        return '>0.99' if p > 0.995 else '<1e−6'
-    return f'{p:.2g}' if p >= 1e-4 else f'{p:.1e}'.replace('e-0', 'e−')
-
-
-def p_words(p: float) -> str:
-    """Return a probability as an equation: 'p = 0.37', 'p < 1e−6'."""
-    return f'p = {p_value(p)}'.replace('= <', '< ').replace('= >', '> ')
+    return tuple(('xyz'[place], float(size[place] / size[best])) for place in worse), 'xyz'[best]

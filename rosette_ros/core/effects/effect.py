@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rosette_ros.core.axes import UPRIGHT, tilt
-from rosette_ros.core.effects.run_functions import beside, between_readings
+from rosette_ros.core.effects.run_functions import around, beside, between_readings
 from rosette_ros.core.errors import InvalidModel
 from rosette_ros.core.records import Floats, Ints, Run
 
@@ -243,6 +243,12 @@ class Course(_Factor):
         every = between_readings(run, most=run.size)[1:-1]
         return beside(every, setting.number(name), 1.5 * every.size / between_readings(run).size)
 
+    def moments(self, run: Run, setting: Setting) -> dict[str, tuple[float, float]]:
+        """Return the times of the readings of `at` on either side of each instant: any between gives the same waves."""
+        names = [one.name for one in self.searched if (one.kind, one.unit) == ('instant', 's') and one.name in setting]
+        found = {name: around(run, setting.number(name), self.at(run, setting)) for name in names}
+        return {name: pair for name, pair in found.items() if pair}
+
 
 class Effect(_ByValue):
     """What a model may have as a term, and a diagnosis may search: settings, amplitudes and columns, and its words.
@@ -329,6 +335,10 @@ class Effect(_ByValue):
         """Return where to refine each continuous parameter of a setting found on the grid."""
         return {one.name: (setting.number(one.name) / 1.6, setting.number(one.name) * 1.6)
                 for one in self.searched if one.kind == 'scale'}
+
+    def moments(self, run: Run, setting: Setting) -> dict[str, tuple[float, float]]:
+        """Return between which times, s since the first reading, each moment lies that the run places no better."""
+        return {}
 
     def check_setting(self, setting: Setting) -> None:
         """Raise InvalidModel unless the setting gives searched parameters values that can be."""
@@ -431,3 +441,6 @@ class PhysicalEffect(Effect):
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         return {**self.course.brackets(run, setting), **self.motion.brackets(run, setting)}
+
+    def moments(self, run: Run, setting: Setting) -> dict[str, tuple[float, float]]:
+        return self.course.moments(run, setting)

@@ -8,7 +8,7 @@ import numpy as np
 
 from rosette_ros.core import axes
 from rosette_ros.core.geometry import radial as radial
-from rosette_ros.core.records import Bools, Floats, Run
+from rosette_ros.core.records import Bools, Floats, Ints, Run
 
 COARSE = 4
 """Readings of one temperature in a row, on average, above which it is taken as rounded."""
@@ -178,6 +178,16 @@ def beside(values: Floats, value: float, reach: float) -> Floats:
     """Return those of rising values that are at most `reach` places from one of them, and at least two to each side."""
     place, far = int(np.searchsorted(values, value)), max(2, int(np.ceil(reach)))
     return values[max(place - far, 0):place + far + 1]
+
+
+def around(run: Run, instant: float, at: Ints | None = None) -> tuple[float, float] | None:
+    """Return the times of the last reading before an instant and of the first after it, s since the first reading.
+
+    at: the readings that count, None for all. Return None where no reading is on one side.
+    """
+    time = np.sort(seconds(run) if at is None else seconds(run)[at])
+    later = int(np.searchsorted(time, instant, side='right'))
+    return (float(time[later - 1]), float(time[later])) if 0 < later < time.size else None
 
 
 def between_readings(run: Run, most: int = 120) -> Floats:

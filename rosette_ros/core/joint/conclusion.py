@@ -1,10 +1,51 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a joint evaluation says in one sentence: whether the runs fit one model, and what they do not share."""
+"""What a joint evaluation decides: whether the runs fit one model, and what they do not share."""
 
-from rosette_ros.core.diagnosis.verdict import UNLIKELY, Conclusion, Level, p_words
+from dataclasses import dataclass
+from enum import StrEnum
+
+from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level
 from rosette_ros.core.joint.joint_evaluation import JointResult
-from rosette_ros.core.joint.sharing import ITEMS
-from rosette_ros.core.number_words import micrometres
+
+
+class JointOutcome(StrEnum):
+    """What several runs decide together."""
+
+    FITS = 'fit one model'
+    IN_PART = 'fit one model in part'
+    UNKNOWN = 'cannot be said: no repeatability'
+    REFUTED = 'do not fit one model'
+    CONTRADICTED = 'contradict what was declared'
+
+
+JOINT_LEVELS = {
+    JointOutcome.FITS: Level.GOOD, JointOutcome.IN_PART: Level.DOUBTFUL, JointOutcome.UNKNOWN: Level.DOUBTFUL,
+    JointOutcome.REFUTED: Level.BAD, JointOutcome.CONTRADICTED: Level.BAD}
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """What several runs say together.
+
+    runs: how many; rms: of the residual, m; p: of lack of fit, None without a repeatability; items: what they were
+    declared to share and do not, or do not share, as of ITEMS.
+    """
+
+    outcome: JointOutcome
+    runs: int = 1
+    rms: float = 0.0
+    p: float | None = None
+    items: tuple[str, ...] = ()
+
+    @property
+    def level(self) -> Level:
+        """How the outcome is shown."""
+        return JOINT_LEVELS[self.outcome]
+
+    @property
+    def model_fails(self) -> bool:
+        """Whether the model is refuted."""
+        return self.level is Level.BAD
 
 
 def fits(result: JointResult) -> bool | None:
@@ -14,21 +55,14 @@ def fits(result: JointResult) -> bool | None:
 
 def conclude(result: JointResult) -> Conclusion:
     """Return the Conclusion of a joint evaluation."""
-    count, residual = len(result.solution.model.runs), f'residual {micrometres(result.rms)} per coordinate'
-    who, s, does = (f'The {count} runs', '', 'do') if count > 1 else ('The run', 's', 'does')
-    untrue = [ITEMS[test.item] for test in result.tests if test.is_contradicted and test.is_used]
-    unused = [ITEMS[test.item] for test in result.tests if test.item != 'sense' and not test.is_used]
+    untrue = tuple(test.item for test in result.tests if test.is_contradicted and test.is_used)
+    unused = tuple(test.item for test in result.tests if test.item != 'sense' and not test.is_used)
     if untrue:
-        return Conclusion(Level.BAD, f'{who} contradict{s} what was declared the same: {", ".join(untrue)}; '
-                          f'{residual}.',
-                          'Declare it separate, or measure again.')
-    if result.lack_of_fit_p is not None and fits(result) is False:
-        return Conclusion(Level.BAD, f'{who} {does} not fit one model: {residual}, {p_words(result.lack_of_fit_p)} '
-                          'beside the repeatability.', 'Diagnose each run: rosette diagnose RUN.')
-    if unused:
-        return Conclusion(Level.DOUBTFUL, f'{who} fit{s} one model without: {", ".join(unused)}; {residual}.',
-                          'Find out why it differs between the runs.')
-    if fits(result) is None:
-        return Conclusion(Level.DOUBTFUL, f'Whether one model fits cannot be said, there is no repeatability; '
-                          f'{residual}.', 'Measure the repeatability before the run.')
-    return Conclusion(Level.GOOD, f'{who} fit{s} one model: {residual}.', 'Nothing needs to be done.')
+        outcome = JointOutcome.CONTRADICTED
+    elif fits(result) is False:
+        outcome = JointOutcome.REFUTED
+    elif unused:
+        outcome = JointOutcome.IN_PART
+    else:
+        outcome = JointOutcome.UNKNOWN if fits(result) is None else JointOutcome.FITS
+    return Conclusion(outcome, len(result.solution.model.runs), result.rms, result.lack_of_fit_p, untrue or unused)

@@ -21,6 +21,7 @@ from rosette_ros.presentation.plots.result_plots import Extra, Series, six_curve
 from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
 from rosette_ros.presentation.report.provenance import FileDigest, digest, software
 from rosette_ros.presentation.table_format import Table
+from rosette_ros.words.result_words import conclusion_text
 
 CLOCKWISE_LESS = 'clockwise less counter-clockwise'
 
@@ -41,7 +42,7 @@ def joint_html(result: JointResult, files: Sequence[FileDigest] = (), command: s
     runs = result.solution.model.runs
     simulated = [run.name for run in runs if run.simulated]
     return PAGES.get_template('joint.html.j2').render(
-        result=result, iso=text.iso_range(runs[0].rotation), verdict=conclude(result),
+        result=result, iso=text.iso_range(runs[0].rotation), verdict=conclusion_text(conclude(result)),
         rows=dict(results.joint_rows(result)), runs=list(map(results.joint_head, runs)),
         known=result.knowledge.known, nothing=results.nothing_known(result), hidden=result.knowledge.hidden,
         files=tuple(dict.fromkeys(files)),

@@ -43,6 +43,8 @@ from rosette_ros.presentation.report.provenance import Source, order_of, softwar
 from rosette_ros.presentation.table_format import Table
 from rosette_ros.presentation.tables import base_name, curves, tables_of
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table
+from rosette_ros.words.result_words import comparison_words
+from rosette_ros.words.verdict_words import verdict_text
 
 MOST_CANDIDATES, MOST_SPECTRA, MOST_SHARES = 8, 3, 3
 COLUMNS = {'candidates': ('effect', 'claimed', 'p', 'size', 'visible_fraction', 'held_out_rms_after_um', 'look_alikes'),
@@ -65,8 +67,8 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
     pictures = pictures or pictures_of(summary, overlays, refit, made)
     run, identity = summary.run, source.identity if source else Identity()
     return PAGES.get_template('report.html.j2').render(
-        summary=summary, source=source, iso=text.iso_range(run.rotation), command=command,
-        sizes=bars(summary),
+        summary=summary, verdict=verdict_text(summary.verdict), source=source, iso=text.iso_range(run.rotation),
+        command=command, sizes=bars(summary), compared=comparison_words(summary.comparison),
         findings=findings(summary), p_noise=text.P_NOISE, pictures=inline_svgs(pictures), k=text.COVERAGE_FACTOR,
         changed=len(fits_of(summary)) > 1, cross_validation=text.CROSS_VALIDATION,
         tables=shown_tables(summary, identity, refit, made), budget=made, spheres=sphere_rows(refit) if refit else (),

@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy import special
 
-from rosette_ros.core.diagnosis.verdict import Conclusion, Level
+from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.error_summary import peak_to_valley
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import same_angles
@@ -30,6 +30,7 @@ from rosette_ros.presentation.report.page_parts import PAGES, inline_svgs
 from rosette_ros.presentation.report.provenance import Source, software
 from rosette_ros.presentation.table_format import Column, Table, column, micrometre_column, words
 from rosette_ros.presentation.tables import FILE_UNITS
+from rosette_ros.words.result_words import ConclusionText
 
 ROLES = (('(i) all corrected', ()), ('(ii) plate turned', ()), ('(iii) CMM correction off', ()),
          ('(iv) CMM and table axial correction off', ('ctz',)), ('table angular correction off', ('crz',)),
@@ -155,18 +156,19 @@ class Verification:
         return off + self.mean[:, CURVES.index(curve)] - self.maker.at(curve, self.angle)
 
     @property
-    def verdict(self) -> Conclusion:
+    def verdict(self) -> ConclusionText:
         """The conclusion: do the runs agree, and how well."""
         shift, turn = self.overall
         size = f'{text.micro(shift)} µm and {text.micro(turn, 2)} µrad (the paper: 0.02 µm and 0.2 µrad)'
         if self.agrees:
-            return Conclusion(Level.GOOD, 'The error motions are the same under all conditions: they reproduce within '
-                              f'{size}.', 'Nothing needs to be done.')
+            return ConclusionText(Level.GOOD, 'The error motions are the same under all conditions: they reproduce '
+                                  f'within {size}.', 'Nothing needs to be done.')
         sizes = np.abs(self.differences) / self.u
         worst = self.members[int(np.nanargmax(np.nanmax(sizes, axis=(1, 2))))].label
         curve = CURVES[int(np.nanargmax(np.nanmax(sizes, axis=(0, 1))))]
-        return Conclusion(Level.BAD, f'The runs differ by more than their noise: they reproduce within {size}.',
-                          f'Check {worst} and {curve} first; rosette report of each run names what its model lacks.')
+        return ConclusionText(Level.BAD, f'The runs differ by more than their noise: they reproduce within {size}.',
+                              f'Check {worst} and {curve} first; rosette report of each run names what its model '
+                              'lacks.')
 
 
 def verify(runs: Sequence[tuple[Fit, Source]], maker: MakerTable | None = None) -> Verification:

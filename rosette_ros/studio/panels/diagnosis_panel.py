@@ -11,6 +11,7 @@ from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.records import Run
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR, MEANINGS, duration, micro, words_of
 from rosette_ros.presentation.identity_words import SIMULATED
@@ -21,6 +22,8 @@ from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.widgets import button, card, marked, row
 from rosette_ros.studio.studio_session import OpenedRun
+from rosette_ros.words.result_words import check_words
+from rosette_ros.words.verdict_words import verdict_text
 
 Action = Callable[[str, Setting | None], Awaitable[None] | None]
 """Takes the name of an effect and its setting."""
@@ -77,7 +80,8 @@ class VerdictPanel:
         waits = opened.is_large and not (step or verdict or results.problem)
         if verdict:
             outcome = f'{verdict.outcome[0].upper()}{verdict.outcome[1:]}'
-            level, words = verdict.level.value, (outcome, verdict.sentence, verdict.action)
+            text = verdict_text(verdict)
+            level, words = verdict.level.value, (outcome, text.sentence, text.action)
         elif results.problem:
             level, words = Level.BAD.value, ('Error', results.problem, '')
         else:
@@ -88,8 +92,8 @@ class VerdictPanel:
                                 'on request.' if waits else '')
         self._icon.set_name(ICONS[level])
         self._box.classes(remove=' '.join(Level), add=level)
-        for label, text in zip((self._outcome, self._sentence, self._action), words, strict=True):
-            label.set_text(text)
+        for label, shown in zip((self._outcome, self._sentence, self._action), words, strict=True):
+            label.set_text(shown)
         self._progress.set_visibility(bool(step))
         if step:
             self._step.set_text(f'step {list(STEPS).index(step) + 1} of {len(STEPS)}: {STEPS[step]} …')
@@ -159,10 +163,12 @@ class CandidatesPanel:
         self._cards = {}
         if diagnosis is None:
             return
+        run = diagnosis.fit.run
         claimed = {one.effect: one for one in reversed(diagnosis.candidates) if one.claimed}
         others = [one for one in diagnosis.candidates if one.effect not in claimed][:NEXT_BEST]
         for one in reversed(claimed.values()):
-            self._add_card(one, OF_CLAIMED, [shape for shape in diagnosis.recovered if shape.claim == one.effect])
+            self._add_card(one, run, OF_CLAIMED,
+                           [shape for shape in diagnosis.recovered if shape.claim == one.effect])
         for place, shape in enumerate(shape for shape in diagnosis.recovered if not shape.claim):
             with marked(ui.element('article').classes('candidate claimed'), f'shape-{place}'):
                 ui.label(f'No name: {shape.words}.').classes('small')
@@ -171,12 +177,12 @@ class CandidatesPanel:
             with ui.expansion('Not significant: the next best').props('dense').classes('small'), \
                     ui.element('div').classes('list'):
                 for one in others:
-                    self._add_card(one, OF_OTHERS)
+                    self._add_card(one, run, OF_OTHERS)
         if diagnosis.invisible:
             hidden = ', '.join(map(words_of, diagnosis.invisible))
             ui.label(f'Not observable in this order of measurement: {hidden}.').classes('small')
 
-    def _add_card(self, one: Candidate, columns: tuple[str, ...], shapes: Sequence[Shape] = ()) -> None:
+    def _add_card(self, one: Candidate, run: Run, columns: tuple[str, ...], shapes: Sequence[Shape] = ()) -> None:
         with marked(ui.element('article').classes('candidate'), f'candidate-{one.effect}') as self._cards[one.effect]:
             self._cards[one.effect].classes('claimed' if one.claimed else '')
             with row():
@@ -186,7 +192,7 @@ class CandidatesPanel:
                     ui.label('missing' if one.claimed else 'not significant')
             if one.effect in MEANINGS:
                 ui.label(MEANINGS[one.effect].meaning).classes('small')
-            widgets.fact_list(tables.candidates([one]).select(*columns))
+            widgets.fact_list(tables.candidates([one], run).select(*columns))
             for shape in shapes:
                 _draw(shape)
             with row():
@@ -232,7 +238,7 @@ class CrossCheckPanel:
     def _fill(self, name: str, check: CrossCheck | None) -> None:
         if check is not None:
             table = tables.cross_check(check)
-            ui.label(f'{name}: {check.text}')
+            ui.label(f'{name}: {check_words(check)}')
             widgets.plain_table(table.select(*OF_CHECKED), [ICONS[Level(one or Level.GOOD)] for one in table.levels])
             for one in check.effects:
                 ui.label(f'{one.name}: {one.reason}')

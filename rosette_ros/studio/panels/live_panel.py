@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from nicegui import run, ui
 
 from rosette_ros.analysis import analyse
-from rosette_ros.core.diagnosis.verdict import Verdict
+from rosette_ros.core.diagnosis.verdict import VerdictText
 from rosette_ros.core.errors import CellError, InvalidData, NotDeterminable, RosetteError, one_line
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import ErrorMotions
@@ -154,7 +154,7 @@ class CellPanel:
             await self._show_part(run_id, len(cells))
         self._curves_run = run_id
 
-    def _show_calibration(self, progress: CalibrationProgress, verdict: Verdict | None) -> None:
+    def _show_calibration(self, progress: CalibrationProgress, verdict: VerdictText | None) -> None:
         phase = PHASE_WORDS.get(progress.phase) or phase_name(progress.phase)
         self._phase.set_text(f'{phase}, order {progress.order}' if progress.order else phase)
         count = f'{progress.done} of {progress.total} ball centres. ' if progress.total else ''

@@ -56,7 +56,7 @@ class ModelPanel:
         self._noise.set_text(micro(noise) if noise else 'not known')
         fitted = results.fit.effects if results.fit else ()
         sizes = ('',) * len(session.model.base) + tuple(
-            tables.size_words(one.name, one.parameters, one.setting) for one in fitted)
+            tables.size_words(one.name, one.parameters, one.setting, opened.run) for one in fitted)
         self._parts.show(self._show_parts, session.model_parts, sizes)
         self._undo.set_enabled(bool(session.undo_words))
         self._redo.set_enabled(bool(session.redo_words))

@@ -20,6 +20,7 @@ from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.figures_panel import WIDTH
 from rosette_ros.studio.panels.widgets import button, input_field, marked, plain_table, row
 from rosette_ros.studio.studio_session import OpenedRun
+from rosette_ros.words.result_words import conclusion_text
 
 Start = Callable[[Sequence[int]], Awaitable[None]]
 """Takes the places of the chosen runs."""
@@ -164,7 +165,7 @@ def _fill_overlay(every: dict[str, ErrorMotions] | None) -> None:
 def _fill_joint(result: JointResult | None) -> None:
     if result is None:
         return
-    verdict = conclude(result)
+    verdict = conclusion_text(conclude(result))
     marked(ui.label(verdict.sentence).classes('title'), 'joint-verdict')
     ui.label(verdict.action)
     for name, words in joint_rows(result):

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Comparisons, second runs and joint evaluations in words."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rosette_ros.core.diagnosis.comparison import Comparison
+from rosette_ros.core.diagnosis.second_run import CONFIRMED, NOT_SEEN, CheckedEffect, CrossCheck
+from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level, noise_facts
+from rosette_ros.core.joint.conclusion import Conclusion, JointOutcome
+from rosette_ros.core.joint.sharing import ITEMS
+from rosette_ros.core.model.noise import AXES
+from rosette_ros.core.number_words import micrometres, multiple, p_words
+from rosette_ros.words.noise_words import noise_words
+
+
+@dataclass(frozen=True)
+class ConclusionText:
+    """What several runs say together, in words: level, one sentence, and what to do."""
+
+    level: Level
+    sentence: str
+    action: str
+
+
+def conclusion_text(conclusion: Conclusion) -> ConclusionText:
+    """Return the conclusion of a joint evaluation in words."""
+    who, s, do = (f'The {conclusion.runs} runs', '', 'do') if conclusion.runs > 1 else ('The run', 's', 'does')
+    residual, items = f'residual {micrometres(conclusion.rms)} per coordinate', ', '.join(
+        ITEMS[item] for item in conclusion.items)
+    lack = '' if conclusion.p is None else f' ({p_words(conclusion.p)} given the repeatability)'
+    sentence, action = {
+        JointOutcome.CONTRADICTED: (f'{who} contradict{s} what was declared the same: {items}; {residual}.',
+                                    'Declare it separate, or measure again.'),
+        JointOutcome.REFUTED: (f'{who} {do} not fit one model: {residual}{lack}.',
+                               'Diagnose each run: rosette diagnose RUN.'),
+        JointOutcome.IN_PART: (f'{who} fit{s} one model without: {items}; {residual}.',
+                               'Find out why it differs between the runs.'),
+        JointOutcome.UNKNOWN: (f'Whether one model fits cannot be said, as the repeatability is not known; {residual}.',
+                               'Measure the repeatability before the run.'),
+        JointOutcome.FITS: (f'{who} fit{s} one model: {residual}.', 'Nothing needs to be done.')}[conclusion.outcome]
+    return ConclusionText(conclusion.level, sentence, action)
+
+
+def comparison_words(comparison: Comparison) -> str:
+    """Return how large the residual is and where it is largest; this judges nothing."""
+    chi = comparison.fit.reduced_chi_square
+    times = '' if chi is None else f', {multiple(float(np.sqrt(chi)))} times the repeatability'
+    places = sorted((one for one in comparison.groupings if one.p < UNLIKELY), key=lambda one: one.p)
+    where = ''.join(f', at {one.label} {one.keys[one.worst]}' for one in places[:3])
+    like = 'are alike' if comparison.neighbour_correlation > 0 else 'differ more than by chance'
+    alike = f'; successive readings {like}' if comparison.neighbour_p < UNLIKELY else ''
+    return (f'The residual is {micrometres(comparison.fit.rms)}{times}; it is largest along '
+            f'{AXES[int(np.argmax(comparison.axis_rms))]}{where}{alike}.')
+
+
+def check_words(check: CrossCheck) -> str:
+    """Return what the second run confirms, and how its residual changes."""
+    parts = list(map(_checked, check.effects))
+    if any(one.outcome == CONFIRMED for one in check.effects):
+        parts.append(f'The residual of this run falls from {micrometres(check.before.rms)} to '
+                     f'{micrometres(check.after.rms)}.')
+    if check.carried is not None:
+        parts.append('With the amplitudes of the first run, and none fitted, the residual is '
+                     f'{micrometres(check.carried.rms)}.')
+    if words := '; '.join(noise_words(noise_facts(check.after))):
+        parts.append(f'The noise of this run, which all this takes into account, is not white and equal: {words}.')
+    return ' '.join(parts) or 'Nothing was learnt, so there is nothing to check.'
+
+
+def _checked(one: CheckedEffect) -> str:
+    if one.outcome == CONFIRMED:
+        size = {True: ', with the same size', False: ', with another size', None: ''}[one.same_size]
+        return f'{one.name} is confirmed{size}.'
+    return f'{one.name} {"is not seen" if one.outcome == NOT_SEEN else "cannot be checked"}: {one.reason}.'

@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A verdict in words: every interface prints these as they stand."""
+
+import re
+from collections.abc import Sequence
+from itertools import groupby
+
+from rosette_ros.core.diagnosis.verdict import (
+    WRONG,
+    MissingEffect,
+    Outcome,
+    Residual,
+    UnnamedMotion,
+    Verdict,
+    VerdictText,
+    WrongReading,
+)
+from rosette_ros.core.number_words import micrometres, multiple, p_words
+from rosette_ros.words.effect_words import SCALES, between_words, fixed, names, plain_name, setting_words
+from rosette_ros.words.noise_words import noise_actions, noise_words
+
+VARIABLES = {
+    'time': 'time', 'table angle': 'the table angle', 'CMM position': 'the CMM position',
+    'ball': 'the ball that is measured',
+    'travel': 'the angle that the table has turned', 'move size': 'the size of the last table move',
+    'time since move': 'the time since the last table move', 'table sense': 'the sense of rotation of the table',
+    'touches': 'the number of readings', 'cmm direction': 'the direction of the last CMM move',
+    'cmm distance': 'the length of the last CMM move', 'cmm sense': 'the senses of the last CMM moves',
+    'temperature': 'the temperature'}
+"""What a run records of its readings, in words."""
+MOTIONS = {
+    'plate growing': 'makes the plate grow or shrink', 'table or plate turning': 'turns the table or the plate',
+    'table axis tilting': 'tilts the table axis', 'plate tilting': 'tilts the plate',
+    'scales and squareness of the CMM': 'changes the scales and the squareness of the CMM'}
+"""Motions of bodies but for displacements along axes, as verbs."""
+_ALONG = re.compile(r'(\w+) along (its )?(.+)')
+
+
+def verdict_text(verdict: Verdict) -> VerdictText:
+    """Return a verdict in words."""
+    if verdict.outcome == Outcome.NOT_DETERMINABLE:
+        remove = f', or remove {names(verdict.added)} from the model' if verdict.added else ''
+        return VerdictText(verdict.outcome, verdict.reason, f'Measure the missing balls{remove}.')
+    actions = '; '.join(_actions(verdict)) or 'nothing needs to be done'
+    return VerdictText(verdict.outcome, ' '.join(_sentences(verdict)), f'{_capital(actions)}.',
+                       tuple(_limits(verdict)))
+
+
+def unexplained_words(verdict: Verdict) -> str:
+    """Return what no named effect explains, empty where nothing is left."""
+    return '; '.join(map(unnamed_words, verdict.unnamed)) or (
+        _against_repeatability(verdict.after) if verdict.unexplained and verdict.after else '')
+
+
+def unnamed_words(one: UnnamedMotion) -> str:
+    """Return what moves and with what: 'something moves the frame in y with the time since the last table move; ...'.
+    """
+    ball = re.match(r'ball (\d+)', str(one.setting.get('of', '')))
+    along = _ALONG.fullmatch(one.motion)
+    if along:
+        body = f'ball {ball[1]}' if ball else f'the {along[1]}'
+        moves = f'moves {body} {f"along its {along[3]}" if along[2] else f"in {along[3]}"}'
+    else:
+        moves = MOTIONS.get(one.motion, f'moves ({one.motion})')
+    sets = [(some - {'ball'} or some) if ball else some for some in one.alternatives]
+    first, *others = dict.fromkeys(names(VARIABLES.get(name, name) for name in sorted(some)) for some in sets)
+    instead = f' (or with {", or with ".join(others)}: this run cannot distinguish them)' if others else ''
+    return f'something {moves} with {first}{instead}; the library has no name for it'
+
+
+def _sentences(verdict: Verdict) -> list[str]:
+    out = [*_outcome(verdict), *_wrong(verdict)]
+    if verdict.too_large:
+        out.append(f'The stated repeatability is {multiple(verdict.too_large)} times what the readings show, so '
+                   'uncertainties based on it are too large.')
+    if words := noise_words(verdict.noise):
+        out.append(f'The noise is not white and equal: {"; ".join(words)}.')
+    if verdict.step and verdict.after:
+        share = 100 * (verdict.step / verdict.after.rms)**2 / 12
+        out.append(f'The readings are rounded to {micrometres(verdict.step)}, which accounts for {share:.0f} % of the '
+                   'variance of the residual.')
+    if verdict.doubtful:
+        likely = ' and '.join(f'{name} ({plain_name(name)}; probability {chance(p)})' for name, p in verdict.doubtful)
+        out.append(f'Possible, but not certain enough to be named: {likely}.')
+    if not verdict.has_motions:
+        out.append('The model has no error motions of the table: their curves are zero by assumption.')
+    return out
+
+
+def _outcome(verdict: Verdict) -> list[str]:
+    """Return what was decided, in sentences."""
+    before, after = verdict.before, verdict.after
+    if not (before and after):
+        return []
+    basis = [] if before.repeatability is not None else [
+        'The repeatability is not known, so this rests on the structure of the residual alone.']
+    match verdict.outcome:
+        case Outcome.NAMED:
+            it = 'it' if len({one.name for one in verdict.missing}) == 1 else 'them'
+            lacks = (f'The model lacks {_missing(verdict)}: with {it} the residual falls from '
+                     f'{micrometres(before.rms)} to {micrometres(after.rms)}.')
+            scatters = [f'Even with {it}, the readings scatter more than stated: {_against_repeatability(after)}.'] * (
+                after.scatters and not verdict.unnamed)
+            return [lacks, *_unnamed_sentences(verdict.unnamed), *scatters, *basis]
+        case Outcome.UNNAMED:
+            return [*_unnamed_sentences(verdict.unnamed), *basis]
+        case Outcome.SCATTERS:
+            return [f'The readings scatter more than stated: {_against_repeatability(after)}.']
+        case Outcome.NO_REPEATABILITY:
+            return ['Whether the model fits cannot be said, as the repeatability is not known; the residual of '
+                    f'{micrometres(before.rms)} shows no structure.']
+        case Outcome.DOUBTFUL_READINGS:
+            return [f'The model fits, but there are doubts about the readings: {_against_repeatability(before)}.']
+    return [f'The model fits: {_against_repeatability(before)}.']
+
+
+def _missing(verdict: Verdict) -> str:
+    """Return what a model lacks: 'ball_slip (slip of one ball; ball 11, between 37.4 and 49.7 min)'."""
+    out = []
+    for name, group in groupby(verdict.missing, key=lambda one: one.name):
+        some = tuple(group)
+        settings = list(map(_reading, verdict.outliers)) if name == 'outlier' else list(map(_setting, some))
+        p = some[0].probability
+        others = ''.join(f', or {other} with {chance(share)}' for other, share in some[0].alternatives)
+        likely = [] if p is None else [f'probability {chance(p)}{others}']
+        words = '; '.join(filter(None, [plain_name(name), *settings, *likely]))
+        out.append(f'{name} ({words})' if words else name)
+    return names(out)
+
+
+def _setting(one: MissingEffect) -> str:
+    """Return the setting of what a model lacks; its only moment goes without a name."""
+    moments, setting = dict(one.moments), dict(one.setting)
+    when = []
+    if list(moments) == ['t0']:
+        when = [between_words(*moments['t0'])]
+        del setting['t0']
+    return ', '.join(filter(None, [setting_words(one.name, setting, (), moments), *when]))
+
+
+def _unnamed_sentences(every: Sequence[UnnamedMotion]) -> list[str]:
+    """Return a sentence for each structure without a name."""
+    return [f'{_capital(unnamed_words(one))} (probability {chance(one.probability)}).' for one in every]
+
+
+def _wrong(verdict: Verdict) -> list[str]:
+    if not verdict.wrong:
+        return []
+    more = [f'{verdict.more_wrong} more'] * bool(verdict.more_wrong)
+    return [f'Wrong readings, off by more than {WRONG:.0f} times the scatter of the others: '
+            f'{"; ".join([*map(_reading, verdict.wrong), *more])}.']
+
+
+def _reading(one: WrongReading) -> str:
+    scale = SCALES['s']
+    return (f'reading {one.number}, table position {one.table_position}, ball {one.ball}, after '
+            f'{fixed(scale.factor * one.time, 1)} {scale.unit}, {micrometres(one.size)} along {one.axis}')
+
+
+def _against_repeatability(residual: Residual) -> str:
+    """Return how large the residual is against the stated repeatability; empty where none is."""
+    known, p = residual.repeatability, residual.p
+    if known is None or p is None:
+        return ''
+    ratio = residual.rms / known
+    part = (f', that of its quietest part {multiple(residual.quietest * ratio)} times'
+            if residual.quietest < 0.5 else '')
+    return (f'the residual of {micrometres(residual.rms)} is {multiple(ratio)} times the stated repeatability of '
+            f'{micrometres(known)}{part} ({p_words(p)}) and shows no structure')
+
+
+def _actions(verdict: Verdict) -> list[str]:
+    """Return what to do, most urgent first."""
+    out = [f'check the readings: {remark}' for remark in verdict.remarks]
+    missing = list(dict.fromkeys(one.name for one in verdict.missing))
+    if missing:
+        it = 'it' if len(missing) == 1 else 'them'
+        commands = ', '.join(f'rosette add {name} --model FILE' for name in missing)
+        out.append(f'check {names(missing)} in the cell or add {it} to the model: {commands}')
+        if verdict.look_alikes:
+            out.append(f'measure in another order to distinguish {it} from {" and ".join(verdict.look_alikes)} '
+                       '(rosette advise)')
+    elif verdict.outcome == Outcome.UNNAMED:
+        out.append('look at the residual maps, and check the cell for what the residual depends on')
+    elif verdict.outcome == Outcome.SCATTERS:
+        out.append('measure the repeatability again, check the resolution of the coordinates, and look at the '
+                   'residual maps')
+    elif verdict.outcome == Outcome.NO_REPEATABILITY:
+        out.append('measure the repeatability')
+    if verdict.outliers or verdict.wrong:
+        out.append('measure the wrong readings again')
+    if verdict.too_large:
+        out.append('measure the repeatability again, and check its unit')
+    if verdict.present:
+        present = ' and '.join(f'{name} ({micrometres(rms)} rms)' for name, rms in verdict.present)
+        out.append(f'look in the cell for the cause of what the model only describes, {present}, or keep it in the '
+                   'model')
+    out += noise_actions(verdict.noise)
+    if verdict.not_needed:
+        out.append(f'remove {names(verdict.not_needed)} from the model: the residual does not rise without it by more '
+                   'than chance')
+    if not verdict.has_motions:
+        out.append('add table_motions to the model')
+    if verdict.hidden:
+        out.append(f'measure next in an order that shows {", ".join(verdict.hidden)} (rosette advise)')
+    return out
+
+
+def _limits(verdict: Verdict) -> list[str]:
+    """Return what the run cannot tell, a sentence each."""
+    out = []
+    if verdict.missing and verdict.look_alikes:
+        missing = names(dict.fromkeys(one.name for one in verdict.missing))
+        out.append(f'In this order of measurement {missing} cannot be distinguished from '
+                   f'{" and ".join(verdict.look_alikes)}.')
+    if verdict.hidden:
+        out.append(f'This order of measurement cannot show {", ".join(verdict.hidden)}.')
+    return out
+
+
+def chance(probability: float) -> str:
+    """Return a probability in percent, never 100 %."""
+    return f'{100 * min(probability, 0.999):.3g} %'
+
+
+def _capital(text: str) -> str:
+    return f'{text[:1].upper()}{text[1:]}'
