@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from synthetic import synthetic_run
 
-from rosette_ros.core.diagnosis.settings import choose_settings
+from rosette_ros.core.diagnosis.effect_settings import choose_settings
 from rosette_ros.core.errors import InvalidModel, NotDeterminable
 from rosette_ros.core.model.model import Model
 from rosette_ros.core.planning.advice import VARIANTS, advise, advise_run, scheme_of

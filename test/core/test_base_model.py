@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import MICROMETRE, synthetic_run
 
-from rosette_ros.core.diagnosis.settings import choose_settings
+from rosette_ros.core.diagnosis.effect_settings import choose_settings
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.base_model import CompleteSpace
 from rosette_ros.core.model.base_space import base_space

@@ -11,7 +11,7 @@ from synthetic import MICROMETRE, RADIUS
 from benchmarks.bench_coverage import coverage
 from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.budget_monte_carlo import monte_carlo
-from rosette_ros.core.diagnosis.settings import choose_settings
+from rosette_ros.core.diagnosis.effect_settings import choose_settings
 from rosette_ros.core.error_summary import fit_lines
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.form_field import form_basis

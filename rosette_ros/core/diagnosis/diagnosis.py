@@ -21,7 +21,7 @@ from rosette_ros.core.diagnosis.noise_hypotheses import Choice, choose, kinds_be
 from rosette_ros.core.diagnosis.null_gains import is_coarse, null_gains, p_of
 from rosette_ros.core.diagnosis.posterior import ALIKE, CLAIM, Claim, Posterior
 from rosette_ros.core.diagnosis.recovered_shape import Shape, recovered_shapes
-from rosette_ros.core.diagnosis.settings import RELINEARISED, choose_settings, evidence_of
+from rosette_ros.core.diagnosis.effect_settings import RELINEARISED, choose_settings, evidence_of
 from rosette_ros.core.diagnosis.verdict import Verdict, decide
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free import FREE, TIMES
