@@ -11,7 +11,7 @@ from rosette_ros.core.diagnosis.scores import grouped
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free_forms import FREE_FORMS
 from rosette_ros.core.effects.library import EFFECTS, OF_ANY_TABLE
-from rosette_ros.core.model.base_space import base_space
+from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import JointSpace
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.records import Run
@@ -29,9 +29,9 @@ def spaces():
     part = Run(
         6, 0.18, *(value[keep] for value in (PART.table_position, PART.ball, PART.centre)),
         time=PART.time[keep], temperature=PART.temperature[keep], approach=PART.approach[keep])
-    whole = base_space(RUN, 0.18)
+    whole = BaseSpace(RUN, 0.18)
     columns = np.moveaxis(EFFECTS['frame_drift'].columns(RUN, Setting(axes='xyz')), -1, 0)
-    return {'complete': (RUN, whole), 'incomplete': (part, base_space(part, 0.18)),
+    return {'complete': (RUN, whole), 'incomplete': (part, BaseSpace(part, 0.18)),
             'with an effect': (RUN, JointSpace(whole, columns, np.zeros((0, RUN.size, 3))))}
 
 

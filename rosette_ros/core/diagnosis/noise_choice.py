@@ -16,10 +16,8 @@ from rosette_ros.core.diagnosis.noise_search import NO_AXIS, SEEN, NoiseFit, Noi
 from rosette_ros.core.diagnosis.noise_statistics import check_of, two_sided_f
 from rosette_ros.core.diagnosis.search import MOST_EFFECTS, Member
 from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.model.base_model import BaseLines
-from rosette_ros.core.model.base_space import base_space
+from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import Fit
-from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Noise
 
 if TYPE_CHECKING:
@@ -140,7 +138,7 @@ def noise_problem(fitted: Fit, members: Sequence[Member] = ()) -> NoiseProblem:
     """Return the problem of the noise of the run of a fit, beside the effects of a selection."""
     run, joint = fitted.run, fitted.joint
     columns = [np.moveaxis(member.effect.columns(run, member.setting), -1, 0) for member in members]
-    space = joint.space if joint.whitening.is_plain else base_space(run, fitted.mean_radius, fitted.model.base)
+    space = joint.space if joint.whitening.is_plain else BaseSpace(run, fitted.mean_radius, fitted.model.base)
     return NoiseProblem(run, space.basis, np.concatenate([joint.every, *columns]), fitted.residual)
 
 
@@ -162,10 +160,8 @@ def noise_of_z(fitted: Fit) -> Noise:
     """Return white noise, or one of z and one of x and y where an F-test of a white fit's residuals finds two.
 
     The repeatability by axis counts with its degrees of freedom."""
-    square, run, base = np.sum(fitted.residual**2, axis=0), fitted.run, fitted.model.base
-    absent = sum(run.n - np.unique(used).size for term, used in zip(BASE_TERMS[1:], (run.ball, run.cmm_position))
-                 if term in base)  # balls and CMM positions without a reading have no deviation to be fitted
-    axial = run.size - int(BaseLines.of(run.n, base).z.sum()) + absent
+    square, run = np.sum(fitted.residual**2, axis=0), fitted.run
+    axial = run.size - fitted.joint.space.ranks[0]
     plane = fitted.dof - axial
     dof, check = check_of(run)
     square = square + dof * check * square.sum() / fitted.dof

@@ -23,7 +23,7 @@ from rosette_ros.core.diagnosis.noise_statistics import (
     two_sided_f,
 )
 from rosette_ros.core.diagnosis.scores import cost
-from rosette_ros.core.model.base_model import Basis
+from rosette_ros.core.model.base_space import Basis
 from rosette_ros.core.model.least_squares import HIDDEN, Fit
 from rosette_ros.core.model.model import KINDS_OF_NOISE
 from rosette_ros.core.model.noise import Noise, Whitening, place_of

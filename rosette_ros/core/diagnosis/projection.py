@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from rosette_ros.core.model.base_model import BaseSpace
+from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import JointSpace
 from rosette_ros.core.records import Ints
 

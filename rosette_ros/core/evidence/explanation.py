@@ -16,7 +16,7 @@ from rosette_ros.core.evidence.hypotheses import Search
 from rosette_ros.core.evidence.log_evidence import Cause, Evidence, with_priors
 from rosette_ros.core.evidence.noise_hypotheses import choose
 from rosette_ros.core.evidence.posterior import ALIKE, CLAIM, Claim, Posterior
-from rosette_ros.core.model.base_space import NormalSpace
+from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import Fit, fit
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise
@@ -106,7 +106,7 @@ def explain(run: Run, model: Model | None = None) -> Explained:
 
 
 def _evidence(base: Fit, bank: Bank) -> Evidence:
-    solved = NormalSpace(base.run, base.mean_radius, base.model.base, base.joint.whitening)
+    solved = BaseSpace(base.run, base.mean_radius, base.model.base, base.joint.whitening)
     space = CoordinateSpace(solved, base.joint.every)
     return Evidence(base.run, bank, space, base.white_residual, 3 * base.run.size - solved.rank - space.rank)
 

@@ -4,7 +4,7 @@
     p = F_r [ R_z(phi) C_c (b_j + P_j) + T(phi) + Theta(phi) x R_z(phi) b_j + M(alpha) ]
 
 with C the placement of the plate on the table (reference: the first clamping of a plate) and F the machine frame of a
-run (reference: the first), rotations exact, the rest linear as in core/model/base_model.py. Gauss-Newton with the
+run (reference: the first), rotations exact, the rest linear as in core/model/base_space.py. Gauss-Newton with the
 sparse columns at the nominal places; the directions that no reading sees are fixed by the least curves, then the least
 frames, placements and CMM deviations: the gauge of one run, continued to all.
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from rosette_ros.core.effects.effect import BodyMotion
 from rosette_ros.core.geometry import nominal_angles, radial, rotate_z, rotation_matrix
-from rosette_ros.core.model.base_model import BaseParameters, BaseSpace
+from rosette_ros.core.model.base_space import BaseParameters, BaseSpace
 from rosette_ros.core.records import Floats, Run
 
 NEGLIGIBLE = 1e-9

@@ -16,8 +16,7 @@ from rosette_ros.core.diagnosis.candidates import HIDDEN_SHARE, families, why_no
 from rosette_ros.core.diagnosis.projection import Projection
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.effects.library import effects_of
-from rosette_ros.core.model.base_model import BaseSpace
-from rosette_ros.core.model.base_space import base_space
+from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.records import Floats, Run
 
@@ -101,7 +100,7 @@ def visible_share(run: Run, name: str, terms: tuple[str, ...] = BASE_TERMS) -> S
 @lru_cache(maxsize=1)
 def _projection(run: Run, terms: tuple[str, ...]) -> Projection:
     """Return the projection on what the base model leaves; of the run that is looked at now only."""
-    return Projection(base_space(run, run.radius, terms), run.size)
+    return Projection(BaseSpace(run, run.radius, terms), run.size)
 
 
 def _typical(rising: Sequence[tuple[Setting, float]]) -> tuple[Setting, float]:
@@ -112,7 +111,7 @@ def _typical(rising: Sequence[tuple[Setting, float]]) -> tuple[Setting, float]:
 @lru_cache(maxsize=64)
 def _of_unit_noise(run: Run, terms: tuple[str, ...], names: tuple[str, ...]) -> tuple[Visibility, ...]:
     """Return the Visibility of effects for sigma = 1 m."""
-    space, effects = base_space(run, run.radius, terms), effects_of(run)
+    space, effects = BaseSpace(run, run.radius, terms), effects_of(run)
     out, shapes = [], {}
     for one in visible_shares(run, terms, names):
         bias, detectable = np.zeros(6), np.inf
