@@ -19,8 +19,8 @@ from rosette_ros.core.diagnosis import second_run
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis, diagnose, find, fitted_with_noise, judge
-from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.effect_settings import choose_settings
+from rosette_ros.core.diagnosis.second_run import CrossCheck
 from rosette_ros.core.diagnosis.verdict import UNLIKELY, Verdict
 from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
 from rosette_ros.core.joint.joint_evaluation import evaluate_jointly

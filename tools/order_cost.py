@@ -3,7 +3,7 @@
 
 An effect is a function f of the run (a ramp in time, cycles, the sense of the last move, ...) times a shape known from
 the geometry. Its power that the base model takes up is the power spectrum of f on the grid of table and CMM positions,
-|F(p, q)|^2, summed over the lines of the base model shifted by the shape (see base_model.CompleteSpace): one FFT per
+|F(p, q)|^2, summed over the lines of the base model shifted by the shape (see base_entries.line_shares): one FFT per
 function judges all effects. Parts that no order can show (the mean of a creep is a plate deviation) do not count.
 """
 

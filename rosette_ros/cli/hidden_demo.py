@@ -25,7 +25,7 @@ from rosette_ros.cli.demo_cell import compare as compare_truth
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.geometry import Frame
-from rosette_ros.core.model.base_space import base_space
+from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.records import Floats, Run
 from rosette_ros.core.scheme import Scheme
@@ -183,6 +183,6 @@ def visible_strengths(config: MachineConfig, run: Run, hidden: Sequence[Mapping[
     made = [Machine(config.changed(hidden=each, hidden_draw=None)).calibrate(scheme)
             for each in ([], *([effect] for effect in hidden))]
     clean, *moved = (one.centre for one, *_ in made)
-    left = base_space(run, run.radius).residual(np.array(moved).reshape(len(hidden), run.size, 3) - clean)
+    left = BaseSpace(run, run.radius).residual(np.array(moved).reshape(len(hidden), run.size, 3) - clean)
     strengths = np.linalg.norm(left.reshape(len(hidden), -1), axis=1) / (1e-6 * config.probing.repeatability_um)
     return float(made[0][2].time[0]), strengths

@@ -13,8 +13,10 @@ import numpy as np
 
 from rosette_ros.core.budget_inputs import temperature_course
 from rosette_ros.core.form_field import form_basis, standard_height
-from rosette_ros.core.geometry import nominal_angles, radial, rotate_z, rotation_matrix
+from rosette_ros.core.geometry import radial, rotate_z, rotation_matrix
+from rosette_ros.core.model.base_space import BaseParameters
 from rosette_ros.core.model.least_squares import observed
+from rosette_ros.core.model.second_order import beyond_linear
 from rosette_ros.core.records import Floats
 from rosette_ros.core.touches import fit_spheres
 from rosette_ros.core.uncertainty_budget import PROBABILITY, Budget, form_directions, root_mean
@@ -155,7 +157,8 @@ class _SimulatedReadings:
         self.rest = np.sqrt(1 - made.touch_share) if self.touch_sigma else np.ones(3)
         self.nominal = run.centre - observed(run)
         fit = self.fit
-        self.of_fit = self._beyond(fit.error_motions.values[None], fit.plate[None], fit.cmm[None])
+        self.of_fit = beyond_linear(run, fit.mean_radius, BaseParameters(
+            fit.error_motions.values[None], fit.plate[None], fit.cmm[None]))
 
     def readings(self, rng: np.random.Generator, count: int) -> Floats:
         """Return the ball centres of `count` runs in the table frame as it is found, (B, N, 3), m."""
@@ -236,31 +239,12 @@ class _SimulatedReadings:
 
     def _second_order(self, y: Floats) -> Floats:
         """Return the second-order terms of displacements (B, N, 3), m: those of the fit, and how they change."""
-        fit, offset = self.fit, np.broadcast_to(self.fit.beyond, y.shape)
+        run, fit, offset = self.run, self.fit, np.broadcast_to(self.fit.beyond, y.shape)
         effects = sum((one.displacement for one in fit.effects), start=np.zeros(3))
         for _ in range(STEPS):
             found = fit.joint.space.parameters(y - offset - effects)
-            offset = fit.beyond + self._beyond(found.curves, found.plate, found.cmm) - self.of_fit
+            offset = fit.beyond + beyond_linear(run, fit.mean_radius, found) - self.of_fit
         return offset
-
-    def _beyond(self, curves: Floats, plate: Floats, cmm: Floats) -> Floats:
-        """Return exact places of balls less those of the linear equation, (B, N, 3), m.
-
-            p = R(eps) (R(Theta_i) R_z (b_j + P_j) + T_i),  eps: common tilt of the deviations of the CMM
-
-        curves: (B, n, 6); plate, cmm: (B, n, 3)."""
-        run, lever = self.run, self.fit.mean_radius
-        used = np.unique(run.cmm_position) - 1
-        angle = nominal_angles(run.n)[used]
-        plane = np.linalg.pinv(np.stack([lever * np.sin(angle), -lever * np.cos(angle), np.ones(used.size)], axis=-1))
-        tilt = (cmm[:, used, 2] @ plane.T) * np.array([1.0, 1.0, 0.0])
-        at, table = plate[:, run.ball - 1], run.table_position - 1
-        shift, turn = curves[:, table, :3], curves[:, :, 3:]
-        nominal = rotate_z(self.angle, run.radius * self.spoke)
-        body = np.einsum('bnij,bnj->bni', rotation_matrix(turn)[:, table], nominal + rotate_z(self.angle, at)) + shift
-        turned = np.cross(turn[:, table] + tilt[:, None], lever * radial(run.alpha))
-        linear = turned + shift + rotate_z(run.phi, at) + nominal
-        return np.asarray(body @ np.swapaxes(rotation_matrix(tilt), 1, 2) - linear)
 
 
 def _student(rng: np.random.Generator, dof: float, count: int) -> Floats:

@@ -10,7 +10,8 @@ over the table positions i, fall into one small system for each frequency f (W f
 with U the transform of -R (cry + i crx)/2, V(f) = conj U(-f) and, as crz is real, C(-f) = conj C(f), which joins the
 systems of f and -f. f = 0 holds the CMM deviations alone. What no three-rosette run can know is left out: T(1) of W,
 U(-1), V(1). Some balls at all CMM positions are the same equations seen from the plate: i' = -i, j' = k, k' = j,
-w' = omega^-i w. Derived for this project; test/core/test_reduced_space.py compares it with a dense solution.
+w' = omega^-i w. Their inverses tell in a millisecond how well a set determines the curves, before it is chosen; runs
+are solved by core/model/base_space.py.
 """
 
 import itertools
@@ -22,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rosette_ros.core.errors import InvalidPlan
-from rosette_ros.core.geometry import Floats, Ints
+from rosette_ros.core.geometry import Floats
 
 Complexes = NDArray[np.complexfloating[Any, Any]]
 TOLERANCE = 1e-9
@@ -36,78 +37,6 @@ _KNOWN = {(12, 4): (0, 4, 6, 9), (12, 6): (0, 1, 3, 5, 8, 9), (12, 8): (0, 1, 3,
           (36, 12): (0, 6, 8, 9, 14, 18, 19, 22, 25, 29, 32, 34),
           (36, 18): (0, 1, 5, 6, 8, 10, 12, 15, 16, 17, 20, 23, 25, 26, 28, 29, 33, 35)}
 """Good sets for usual numbers of balls, from 0, by (balls, size)."""
-
-
-class FrequencyBlocks:
-    """The systems of f = 1 .. h, h = n // 2, for n table positions and CMM positions `members` (d,) from 0.
-
-    z: (h, d, 4), columns T, U, V, P; w: (h, 2 d, 5), columns T(f), P, conj T(-f), conj P, C(f), with the data of f
-    above the conjugate ones of -f. Left-out unknowns are columns of zeros.
-    """
-
-    def __init__(self, n: int, members: Ints) -> None:
-        self.n, self.members = n, np.asarray(members)
-        f = np.arange(1, n // 2 + 1)[:, None]
-        omega = np.exp(2j * np.pi / n * self.members)[None] * np.ones((n // 2, 1))
-        one, zero = np.ones_like(omega), np.zeros_like(omega)
-        z = np.stack([one, omega, omega.conj(), omega**(-f)], axis=-1)
-        above = np.stack([one, omega**(1 - f), zero, zero, 1j * omega], axis=-1)
-        below = np.stack([zero, zero, one, omega.conj()**(1 + f), -1j * omega.conj()], axis=-1)
-        z[0, :, 2] = above[0, :, 0] = 0
-        self.z, self.w = Systems(z), Systems(np.concatenate([above, below], axis=1))
-        self.paired = np.where(2 * f[:, 0] == n, 1, 2)
-
-    @property
-    def is_determined(self) -> bool:
-        """Whether the readings determine all that is not left out."""
-        return self.z.is_determined and self.w.is_determined
-
-    @property
-    def rank(self) -> int:
-        """Rank of the base model."""
-        return int(3 * self.members.size + self.paired @ self.z.rank + self.paired @ self.w.rank)
-
-    def curve_variance(self, lever: float, count: int = 1, turned: Floats | None = None) -> Floats:
-        """Return the variances of the curves for unit variance of each coordinate of `count` readings a pair, (n, 6).
-
-        lever: m; turned: (n,) twice the angle, rad, between the axes of the systems and those of the curves.
-        """
-        n, (z, w) = self.n, (self.z.inverse, self.w.inverse)
-        size_z, size_w = (np.sum(np.abs(rows)**2, axis=2) for rows in (z, w))  # of each unknown, (h, unknowns)
-        swing = np.exp(-1j * (np.zeros(n) if turned is None else turned))
-        each, pair = self.paired / (n * count), 1.0 / (n * count)
-        axial = each @ size_z[:, 0]
-        both = np.where(self.paired == 1, 0.5, 1.0)  # f = n / 2 holds U and V = conj U once
-        tilt = pair * (both @ (size_z[:, 1] + size_z[:, 2]))
-        mixed = pair * 2 * np.sum(both * np.sum(z[:, 1] * z[:, 2].conj(), axis=1)) * swing
-        radial = pair * (both @ (size_w[:, 0] + size_w[:, 2]))
-        skew = pair * 2 * np.sum(both * np.sum(w[:, 0] * w[:, 2].conj(), axis=1)) / swing
-        turn = 2 * each @ size_w[:, 4] / lever**2
-        one = np.ones(n)
-        return np.stack([radial + skew.real, radial - skew.real, axial * one, 2 * (tilt - mixed.real) / lever**2,
-                         2 * (tilt + mixed.real) / lever**2, turn * one], axis=-1)
-
-
-class Systems:
-    """Systems (h, rows, unknowns), each with an orthonormal basis, its pseudo-inverse and its rank."""
-
-    def __init__(self, design: Complexes) -> None:
-        left, value, right = np.linalg.svd(design, full_matrices=False)
-        keep = value > TOLERANCE * value[:, :1]
-        self.rank: Ints = keep.sum(axis=1)
-        self.is_determined = bool(np.all(self.rank == np.count_nonzero(np.abs(design).max(axis=1), axis=1)))
-        self.basis: Complexes = left * keep[:, None]
-        scaled = right.conj().swapaxes(1, 2) * np.where(keep, 1 / np.where(keep, value, 1), 0)[:, None]
-        self.inverse: Complexes = scaled @ left.conj().swapaxes(1, 2)
-
-    def projected(self, data: Complexes) -> Complexes:
-        """Return what the systems can describe of data (h, m, rows), same shape and precision."""
-        basis = self.basis.astype(data.dtype, copy=False)
-        return (data @ basis.conj()) @ basis.swapaxes(1, 2)
-
-    def solved(self, data: Complexes) -> Complexes:
-        """Return the unknowns (h, m, unknowns) of data (h, m, rows)."""
-        return data @ self.inverse.swapaxes(1, 2)
 
 
 def complete_variance(n: int, lever: float) -> Floats:
@@ -130,8 +59,30 @@ def penalty(n: int, members: tuple[int, ...]) -> float:
 
     members: CMM positions, or balls, in use, from 0; infinite where they do not determine the curves.
     """
-    blocks = FrequencyBlocks(n, np.array(members))
-    return relative_uncertainty(blocks.curve_variance(1.0), 1.0) if blocks.is_determined else math.inf
+    f = np.arange(1, n // 2 + 1)[:, None]
+    omega = np.exp(2j * np.pi / n * np.array(members))[None] * np.ones((n // 2, 1))
+    one, zero = np.ones_like(omega), np.zeros_like(omega)
+    axial: Complexes = np.stack([one, omega, omega.conj(), omega**(-f)], axis=-1)
+    above = np.stack([one, omega**(1 - f), zero, zero, 1j * omega], axis=-1)
+    below = np.stack([zero, zero, one, omega.conj()**(1 + f), -1j * omega.conj()], axis=-1)
+    axial[0, :, 2] = above[0, :, 0] = 0
+    sizes_z, sizes_w = _sizes(axial), _sizes(np.concatenate([above, below], axis=1))
+    if sizes_z is None or sizes_w is None:
+        return math.inf
+    paired = np.where(2 * f[:, 0] == n, 1, 2) / n  # f = n / 2 is its own mirror
+    (t, u, v, _), (w, _, mirrored, _, c) = paired @ sizes_z, paired @ sizes_w
+    plane, tilt = (w + mirrored) / 2, u + v
+    return relative_uncertainty(np.tile([plane, plane, t, tilt, tilt, 2 * c], (n, 1)), 1.0)
+
+
+def _sizes(design: Complexes) -> Floats | None:
+    """Return the variances (h, unknowns) of the unknowns of systems (h, rows, unknowns), None where some are open."""
+    value, right = np.linalg.svd(design, full_matrices=False)[1:]
+    keep = value > TOLERANCE * value[:, :1]
+    if np.any(keep.sum(axis=1) < np.count_nonzero(np.abs(design).max(axis=1), axis=1)):
+        return None
+    weight = np.where(keep, 1 / np.where(keep, value, 1), 0)**2
+    return np.asarray(np.einsum('hku,hk->hu', np.abs(right)**2, weight))
 
 
 def fewest_members(n: int) -> int:

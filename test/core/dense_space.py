@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from rosette_ros.core.geometry import nominal_angles, rotate_z
-from rosette_ros.core.model.base_model import BaseParameters
+from rosette_ros.core.model.base_space import BaseParameters
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Whitening
 

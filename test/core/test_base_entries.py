@@ -6,7 +6,7 @@ import pytest
 
 from rosette_ros.core.errors import InvalidPlan, NotDeterminable
 from rosette_ros.core.model.base_entries import refuse_undetermined
-from rosette_ros.core.model.base_space import NormalSpace
+from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import Scheme, plan
 
@@ -26,7 +26,7 @@ def is_refused_when_measured(scheme):
     """Return whether the dense least squares of the run refuses it."""
     run = Run(N, 0.1, scheme.table_position, scheme.ball, np.zeros((scheme.ball.size, 3)))
     try:
-        NormalSpace(run, 0.1)
+        BaseSpace(run, 0.1)
     except NotDeterminable:
         return True
     return False

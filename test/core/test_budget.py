@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from rosette_ros.core.errors import InvalidPlan
-from rosette_ros.core.model.base_space import base_space
+from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.planning.budget import propose
 from rosette_ros.core.planning.expectation import expect
@@ -30,7 +30,7 @@ def test_the_error_is_that_of_simulated_drift():
     step = np.diff(3.0 * best.touches * np.arange(1, run.size + 1) + 20.0 * np.cumsum(moves), prepend=0.0)
     drift = np.cumsum(rng.standard_normal((400, run.size, 3)) * 2e-7 * np.sqrt(step / 3600)[:, None], axis=1)
     noise = rng.standard_normal((400, run.size, 3)) * sigma_of_touches(best.touches, 1e-7)
-    curves = base_space(run, 0.1825).parameters(drift + noise).curves
+    curves = BaseSpace(run, 0.1825).parameters(drift + noise).curves
     assert np.sqrt(np.mean(curves**2, axis=(0, 1))) == pytest.approx(best.u, rel=0.12)
 
 

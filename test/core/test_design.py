@@ -6,8 +6,7 @@ import pytest
 
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.model.base_model import CompleteSpace
-from rosette_ros.core.model.base_space import NormalSpace
+from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import plan
 from rosette_ros.core.sensitive_order import READINGS, SWEEPS, Sweeps, order_from_text, shortest_way
@@ -44,7 +43,7 @@ def powers(space, run, effect, **setting):
 def visible(scheme, effect, **setting):
     """Return the visible share of an effect in a scheme."""
     run = run_of(scheme)
-    whole, hidden = powers(CompleteSpace(run, RADIUS), run, effect, **setting)
+    whole, hidden = powers(BaseSpace(run, RADIUS), run, effect, **setting)
     return np.sqrt(1 - hidden / whole)
 
 
@@ -131,7 +130,7 @@ def test_judge_agrees_with_dense_least_squares(effect, settings, of):
     scheme = plan(7, 'random', 3, 'alternate')
     run, order = run_of(scheme), order_of(scheme)
     judged = Judge(7)(order).hidden[of]
-    space = NormalSpace(run, RADIUS)
+    space = BaseSpace(run, RADIUS)
     # Times a shape of the base model, the mean of t is hidden in any order and does not count, and
     # the mean of a sense or of a wave is hidden and does count; elsewhere the mean is gauge.
     grows = {'table_zero_drift', 'axis_tilt_drift', 'plate_creep', 'plate_expansion', 'plate_warp'}

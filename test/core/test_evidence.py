@@ -12,7 +12,7 @@ from rosette_ros.core.diagnosis.noise_kinds import Beside, NoiseKinds
 from rosette_ros.core.diagnosis.posterior import Posterior
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free import FREE, motions, variables
-from rosette_ros.core.model.base_space import NormalSpace
+from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import Whitening
 from rosette_ros.core.planning.advice import planned_run
@@ -32,7 +32,7 @@ def run_of(n, order='sensitive', missing=0):
 
 def space_of(run, noise='white'):
     """Return the base model of a run under a noise."""
-    space = NormalSpace(run, RADIUS, whitening=Whitening(run.size, *NOISES[noise]))
+    space = BaseSpace(run, RADIUS, whitening=Whitening(run.size, *NOISES[noise]))
     return CoordinateSpace(space, np.zeros((0, run.size, 3)))
 
 

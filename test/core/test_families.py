@@ -13,7 +13,7 @@ from rosette_ros.core.effects.free_forms import FREE_FORMS, axes_words
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.effects.run_functions import COARSE, lagged, last_move, temperature_change, temperature_waves
 from rosette_ros.core.geometry import rotate_z
-from rosette_ros.core.model.base_space import base_space
+from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import Model
 from rosette_ros.words.verdict_words import unexplained_words
@@ -26,7 +26,7 @@ def measured(displacement, order='random', strength=20.0, seed=3, n=12):
     run, *_ = synthetic_run(n, order, seed, turning='alternate')
     run = run.replace(temperature=20 + 0.1 * np.sin(run.time / 900), repeatability=SIGMA)
     moved = np.asarray(displacement(run), dtype=float)
-    visible = np.linalg.norm(base_space(run, RADIUS).residual(moved[None]))
+    visible = np.linalg.norm(BaseSpace(run, RADIUS).residual(moved[None]))
     noise = SIGMA * np.random.default_rng(seed).standard_normal(moved.shape)
     return run.replace(centre=run.centre + strength * SIGMA / visible * moved + noise)
 

@@ -7,7 +7,8 @@ from synthetic import synthetic_run
 
 from rosette_ros.core.diagnosis.comparison import spectrum
 from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.model.base_model import BaseLines, CompleteSpace
+from rosette_ros.core.model.base_entries import line_shares
+from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.records import Run
 
 RUN =  synthetic_run(9, 'random', 1)[0]
@@ -38,14 +39,13 @@ def test_what_the_base_model_takes_is_not_seen(p, q, axis):
 
 def test_the_lines_count_the_rank():
     """The points that the base model takes are its rank: one for each of z, two for each of w."""
-    lines = BaseLines.of(9)
-    axial, plane = lines.shares
-    assert axial.sum() + 2 * plane.sum() == lines.rank == 12 * 9 - 13
+    axial, plane = line_shares(9)
+    assert axial.sum() + 2 * plane.sum() == BaseSpace(RUN, RUN.radius).rank == 12 * 9 - 13
 
 
 def test_a_residual_has_nothing_on_whole_lines():
     """What a fit leaves of random readings is off the lines."""
-    left = CompleteSpace(RUN, RUN.radius).residual(np.random.default_rng(3).standard_normal((1, 81, 3)))
+    left = BaseSpace(RUN, RUN.radius).residual(np.random.default_rng(3).standard_normal((1, 81, 3)))
     found = spectrum(RUN, left[0])
     assert found.axial[found.axial_base == 1].max() < 1e-15
     assert found.plane[found.plane_base == 1].max() < 1e-15

@@ -9,7 +9,7 @@ from synthetic import synthetic_run
 
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.core.model.base_space import base_space
+from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.planning.advice import advise, planned_run
 from rosette_ros.core.planning.visibility import visibility
@@ -31,7 +31,7 @@ def share(run, name, setting):
     """Return the visible share over all columns, each axis freed of its mean."""
     columns = np.moveaxis(EFFECTS[name].columns(run, Setting(setting)), -1, 0)
     columns = columns - columns.mean(axis=1, keepdims=True)
-    visible = base_space(run, run.radius).residual(columns)
+    visible = BaseSpace(run, run.radius).residual(columns)
     return np.linalg.norm(visible) / max(np.linalg.norm(columns), 1e-300)
 
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Verdicts in words, from facts alone."""
 
+from rosette_ros.core.diagnosis.diagnosis import Unnamed
 from rosette_ros.core.diagnosis.verdict import MissingEffect, Outcome, Residual, Verdict
 from rosette_ros.core.effects.effect import Setting
-from rosette_ros.core.diagnosis.diagnosis import Unnamed
 from rosette_ros.words.effect_words import between_words, setting_words
 from rosette_ros.words.verdict_words import unexplained_words, unnamed_words, verdict_text
 

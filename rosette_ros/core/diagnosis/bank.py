@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from rosette_ros.core.effects.effect import Effect, Factors, Setting
 from rosette_ros.core.effects.free import FREE, motions
 from rosette_ros.core.effects.library import effects_of
-from rosette_ros.core.model.base_space import NormalSpace
-from rosette_ros.core.model.least_squares import HIDDEN, JointSpace
+from rosette_ros.core.model.base_space import BaseSpace
+from rosette_ros.core.model.least_squares import JointSpace
 from rosette_ros.core.model.noise import Real, Whitening
 from rosette_ros.core.records import Floats, Ints, Run
 
@@ -41,29 +41,20 @@ CHUNK = 4_000_000
 class CoordinateSpace(JointSpace):
     """Base model and columns of a model, solved by normal equations: coordinates of what they describe of others."""
 
-    def __init__(self, space: NormalSpace, columns: Floats) -> None:
+    def __init__(self, space: BaseSpace, columns: Floats) -> None:
         super().__init__(space, columns, np.zeros((0, *columns.shape[1:])))
-        self._solved = space
 
     def inside(self, rows: NDArray[Real]) -> NDArray[Real]:
         """Return coordinates (m, k) of what base model and effects describe of white rows (m, N, 3), orthonormal."""
         own: NDArray[Real] = rows.reshape(len(rows), -1) @ self._mixed.astype(rows.dtype).T
-        return np.concatenate([self._solved.inside(rows), own], axis=1)
+        return np.concatenate([self.space.inside(rows), own], axis=1)
 
     def inside_of(self, waves: Any, directions: NDArray[Any]) -> NDArray[np.float32]:
         """Return these coordinates (m, d, k) of waves (m, N) times directions (d, N, 3) in diagonal noise, single."""
         white, count = directions * self.whitening.factors, len(self._mixed)
         mixed = np.einsum('dnc,knc->ndk', white, self._mixed.reshape(count, *white.shape[1:])).astype(np.float32)
         own = (waves @ mixed.reshape(len(mixed), len(white) * count)).reshape(waves.shape[0], len(white), count)
-        return np.concatenate([self._solved.inside_of(waves, directions), own], axis=2)
-
-    @cached_property
-    def _mixed(self) -> Floats:
-        """Orthonormal rows (r, 3 N) of what the effects have beyond the base model."""
-        scaled = self._flat[:self.q] / self._scale[:self.q, None]
-        value, vector = np.linalg.eigh(scaled @ scaled.T)
-        keep = value > HIDDEN**2
-        return np.asarray((vector[:, keep] / np.sqrt(value[keep])).T @ scaled)
+        return np.concatenate([self.space.inside_of(waves, directions), own], axis=2)
 
 
 @dataclass(eq=False)

@@ -10,7 +10,7 @@ from scipy import special
 from rosette_ros.core.diagnosis.bank import Reals
 from rosette_ros.core.diagnosis.verdict import UNLIKELY
 from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.model.base_model import BaseLines
+from rosette_ros.core.model.base_entries import line_shares
 from rosette_ros.core.model.least_squares import Fit, fit
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.core.model.noise import AXES, places
@@ -237,5 +237,5 @@ def spectrum(run: Run, displacement: Floats, terms: tuple[str, ...] = BASE_TERMS
     sizes = (np.abs(np.fft.fft2(part) / n**2) for part in (grid[..., 2], grid[..., 0] + 1j * grid[..., 1]))
     frequency = np.fft.fftfreq(n)
     order = np.argsort(frequency)
-    parts = (part[np.ix_(order, order)] for part in (*sizes, *BaseLines.of(n, terms).shares))
+    parts = (part[np.ix_(order, order)] for part in (*sizes, *line_shares(n, terms)))
     return Spectrum(np.rint(frequency[order] * n).astype(int), *parts)

@@ -13,8 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from rosette_ros.core.diagnosis.bank import Bank, Reals
-from rosette_ros.core.diagnosis.log_evidence import Cause, State
 from rosette_ros.core.diagnosis.effect_settings import evidence_of, families_of_terms, grid_falls, is_searched, searched
+from rosette_ros.core.diagnosis.log_evidence import Cause, State
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.model.least_squares import Fit, JointSpace, fit
 from rosette_ros.core.model.model import Model, Term

@@ -15,13 +15,13 @@ import numpy as np
 from rosette_ros.core.diagnosis.bank import HIDDEN_SHARE, Bank, families_of, why_not_judged
 from rosette_ros.core.diagnosis.base_terms import f_test, missing_base
 from rosette_ros.core.diagnosis.cross_validation import CrossValidation, WithoutBlocks
+from rosette_ros.core.diagnosis.effect_settings import RELINEARISED, choose_settings, evidence_of
 from rosette_ros.core.diagnosis.hypotheses import Search
 from rosette_ros.core.diagnosis.log_evidence import Cause, State, with_priors
 from rosette_ros.core.diagnosis.noise_hypotheses import Choice, choose, kinds_beside
 from rosette_ros.core.diagnosis.null_gains import is_coarse, null_gains, p_of
 from rosette_ros.core.diagnosis.posterior import ALIKE, CLAIM, Claim, Posterior
 from rosette_ros.core.diagnosis.recovered_shape import Shape, recovered_shapes
-from rosette_ros.core.diagnosis.effect_settings import RELINEARISED, choose_settings, evidence_of
 from rosette_ros.core.diagnosis.verdict import Verdict, decide
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.free import FREE, TIMES

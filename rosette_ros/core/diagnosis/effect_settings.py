@@ -10,7 +10,6 @@ from rosette_ros.core.diagnosis.hypotheses import refined
 from rosette_ros.core.diagnosis.log_evidence import ROUNDING, Cause, Evidence, State, turned_by
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.errors import InvalidModel, NotDeterminable
-from rosette_ros.core.model.base_space import NormalSpace
 from rosette_ros.core.model.least_squares import Fit, fit, refused_as_hidden
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise
@@ -55,9 +54,8 @@ def is_searched(model: Model) -> bool:
 
 def evidence_of(fitted: Fit, bank: Bank) -> Evidence:
     """Return the Evidence of a fit under its noise."""
-    solved = NormalSpace(fitted.run, fitted.mean_radius, fitted.model.base, fitted.joint.whitening)
-    space = CoordinateSpace(solved, fitted.joint.every)
-    return Evidence(fitted.run, bank, space, fitted.white_residual, 3 * fitted.run.size - solved.rank - space.rank)
+    space = CoordinateSpace(fitted.joint.space, fitted.joint.every)
+    return Evidence(fitted.run, bank, space, fitted.white_residual, 3 * fitted.run.size - space.space.rank - space.rank)
 
 
 def families_of_terms(run: Run, model: Model) -> list[CauseFamily]:

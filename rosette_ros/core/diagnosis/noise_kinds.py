@@ -20,7 +20,7 @@ from scipy.special import digamma, gammaln
 
 from rosette_ros.core.diagnosis.log_evidence import log_mean
 from rosette_ros.core.errors import NotDeterminable
-from rosette_ros.core.model.base_space import NormalSpace
+from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.model import NOISE_TERMS
 from rosette_ros.core.model.noise import Noise, Whitening, places
 from rosette_ros.core.records import Floats, Ints, Run
@@ -67,13 +67,13 @@ class Beside:
 
     def under(self, whitening: Whitening) -> 'Left':
         """Return what is left under a noise; raises NotDeterminable where too little counts."""
-        return Left(self, NormalSpace(self.run, self._lever, self._terms, whitening))
+        return Left(self, BaseSpace(self.run, self._lever, self._terms, whitening))
 
 
 class Left:
     """What a noise leaves: by part (z; x and y) square sums, products with and of the columns, and ln det."""
 
-    def __init__(self, beside: Beside, space: NormalSpace) -> None:
+    def __init__(self, beside: Beside, space: BaseSpace) -> None:
         self.beside, self.space = beside, space
         self._rows = space.residual(np.concatenate([beside.observed[None], beside.columns]))
         self.parts = []

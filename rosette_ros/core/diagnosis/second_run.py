@@ -17,8 +17,8 @@ from rosette_ros.core.diagnosis.bank import HIDDEN_SHARE, CauseFamily, columns_o
 from rosette_ros.core.diagnosis.base_terms import f_test
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
 from rosette_ros.core.diagnosis.diagnosis import NOISELESS
-from rosette_ros.core.diagnosis.noise_hypotheses import kinds_beside
 from rosette_ros.core.diagnosis.effect_settings import choose_settings
+from rosette_ros.core.diagnosis.noise_hypotheses import kinds_beside
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter, fit

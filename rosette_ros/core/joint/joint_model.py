@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """One least squares for several runs: which unknowns they have, how these are seen, what stays hidden.
 
-    p = F_r [ R_z(phi) C_c (b_j + P_j) + T(phi) + Theta(phi) x R_z(phi) b_j + M(alpha) ]
+    p = F_r [ R(Theta(phi)) R_z(phi) C_c (b_j + P_j) + T(phi) + M(alpha) ]
 
 with C the placement of the plate on the table (reference: the first clamping of a plate) and F the machine frame of a
-run (reference: the first), rotations exact, the rest linear as in core/model/base_model.py. Gauss-Newton with the
-sparse columns at the nominal places; the directions that no reading sees are fixed by the least curves, then the least
-frames, placements and CMM deviations: the gauge of one run, continued to all.
+run (reference: the first), exact as in core/model/kinematics.py. Gauss-Newton with the sparse columns at the nominal
+places; the directions that no reading sees are fixed by the least curves, then the least frames, placements and CMM
+deviations: the gauge of one run, continued to all.
 
 Places of the CMM within SAME_PLACE have one deviation M. What is seen only by how they differ is beyond this model, and
 in practice not determined: balls that are 10 to 40 um off would give the mean tilt of a table to +-600 urad, a thousand
@@ -26,9 +26,10 @@ import scipy.linalg
 import scipy.sparse
 
 from rosette_ros.core.errors import InvalidData, NotDeterminable
-from rosette_ros.core.geometry import SAME_ANGLE, TWO_PI, Floats, Ints, rotate_z, rotation_matrix, wrap
+from rosette_ros.core.geometry import SAME_ANGLE, TWO_PI, Floats, Ints, rotate_z, wrap
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.sharing import SEATS, Sharing
+from rosette_ros.core.model.kinematics import moved, on_table
 
 SAME_PLACE = 1e-4
 """Nominal places of the CMM that are nearer to each other are one, m."""
@@ -178,14 +179,15 @@ class JointModel:
 
     def predicted(self, unknowns: Floats) -> Floats:
         """Return the ball centres (N, 3) that unknowns (q,) predict, rotations exact, m."""
-        curves, plate, cmm, placement, frame = (
-            unknowns[place].reshape(-1, 3 if name in ('plate', 'cmm') else 6) for name, place in self.groups.items())
-        at = self.base + rotate_z(self.turn, plate[self.ball])
-        at = _moved(at, placement[self.placement], self.lever)
-        motion = curves[self.table]
-        at = rotate_z(self.phi + self.deviation, at)
-        at = at + motion[:, :3] + np.cross(motion[:, 3:] / self.lever, at) + cmm[self.cmm]
-        return _moved(at, frame[self.frame], self.lever)
+        part = {name: unknowns[place].reshape(-1, 3 if name in ('plate', 'cmm') else 6)
+                for name, place in self.groups.items()}
+        curves, placement, frame = (part[name] / np.repeat([1.0, self.lever], 3)
+                                    for name in ('curves', 'placement', 'frame'))
+        clamped, framed = placement[self.placement], frame[self.frame]
+        at = self.base + rotate_z(self.turn, part['plate'][self.ball])
+        at = moved(at, clamped[:, 3:], clamped[:, :3])
+        at = on_table(at, self.phi + self.deviation, curves[self.table]) + part['cmm'][self.cmm]
+        return moved(at, framed[:, 3:], framed[:, :3])
 
 
 class JointSolution:
@@ -355,11 +357,6 @@ def tilts(place: Floats) -> Floats:
     x, y, z = place.T
     zero = np.zeros_like(x)
     return np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=-1).reshape(-1, 3, 3)
-
-
-def _moved(points: Floats, motion: Floats, lever: float) -> Floats:
-    """Return points (N, 3) displaced by motions (N, 6): translation, m, and lever times rotation vector."""
-    return np.asarray((rotation_matrix(motion[:, 3:] / lever) @ points[..., None])[..., 0] + motion[:, :3])
 
 
 def _places(run: Readings) -> str:

@@ -18,8 +18,7 @@ from scipy import special
 from rosette_ros.core.effects.effect import BodyMotion, Searched, Setting
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.geometry import TWO_PI, radial
-from rosette_ros.core.model.base_model import GAUGE, BaseParameters, BaseSpace, Basis, CompleteSpace
-from rosette_ros.core.model.base_space import base_space
+from rosette_ros.core.model.base_space import GAUGE, BaseParameters, BaseSpace, Basis
 from rosette_ros.core.model.model import Model, Term
 from rosette_ros.core.model.noise import Noise, Real, Whitening
 from rosette_ros.core.model.second_order import (
@@ -211,13 +210,15 @@ class JointSpace:
     def basis(self) -> Basis:
         """Orthonormal rows that span base model and effects in white coordinates."""
         base = self.space.basis
-        if not self.q:
-            return base
+        return Basis(base.axial, base.plane, self._mixed.reshape(len(self._mixed), base.axial.shape[1], 3))
+
+    @cached_property
+    def _mixed(self) -> Floats:
+        """Orthonormal rows (r, 3 N) of what the effects have beyond the base model."""
         scaled = self._flat[:self.q] / self._scale[:self.q, None]
         value, vector = np.linalg.eigh(scaled @ scaled.T)
         keep = value > HIDDEN**2
-        rows = (vector[:, keep] / np.sqrt(value[keep])).T @ scaled
-        return Basis(base.axial, base.plane, rows.reshape(len(rows), -1, 3))
+        return np.asarray((vector[:, keep] / np.sqrt(value[keep])).T @ scaled)
 
     def curves(self, rows: Floats) -> Floats:
         """Return what displacements (m, N, 3), m, do to the curves, (m, n, 6), where all parameters are fitted anew.
@@ -256,9 +257,8 @@ class JointSpace:
         are removed from a curve; else what no correlation exceeds. The share of the effects is exact."""
         base, every = self.space.curve_cofactor(), range(6)
         one, other = base[high, every], base[low, every]
-        is_even = isinstance(self.space, CompleteSpace)
         out = (np.sqrt(one) + np.sqrt(other))**2
-        if is_even:
+        if self.space.is_even:
             out = np.minimum(out, (one + other) * len(base) / (len(base) - 2))
         if len(self.every):
             step = self._bias.curves[:, high, every] - self._bias.curves[:, low, every]
@@ -318,7 +318,7 @@ def fit(run: Run, model: Model | None = None, settings: Sequence[Mapping[str, fl
     model = model or Model()
     lever = mean_radius(run)
     noise = noise or Noise()
-    space = space or base_space(run, lever, model.base, noise.whitening(run))
+    space = space or BaseSpace(run, lever, model.base, noise.whitening(run))
     parts = _parts(run, model, settings)
     columns = np.concatenate([np.zeros((0, run.size, 3)), *(part.columns for part in parts)])
     linear = JointSpace(space, columns, np.zeros((0, run.size, 3)))

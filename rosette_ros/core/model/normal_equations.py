@@ -25,27 +25,44 @@ Gauge = tuple[Floats, Floats]
 SINGULAR, DOUBTFUL = 1e-9, 1e-6
 """Eigenvalue over the largest below which unknowns are open; condition below which eigenvalues are looked at."""
 SMALL = 333
-"""Readings up to which dense arrays are quicker than an FFT or sparse ones."""
+"""Readings up to which dense arrays are quicker than sparse ones."""
 CHUNK = 64
 """Columns that are whitened at a time where that fills them."""
 PARTS = ((2,), (0, 1))
 """Axes that are independent of each other in the model."""
 
 
+class _Plan:
+    """What the design depends on: equal for runs of the same places in the same order."""
+
+    def __init__(self, run: Run) -> None:
+        self.run = run
+        self._key = run.n, run.table_position.tobytes(), run.ball.tobytes()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Plan) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+
 class Part:
     """Least squares of one independent part of the base model in white coordinates: readings (rows, m).
 
-    axes: one of PARTS; terms: of the base model; rank: of the design, without `null`, what readings leave open beyond
-    the gauge, (q, some) combinations of the q unknowns.
+    axes: one of PARTS; terms: of the base model; rank: of the design; wanted: its rank if readings leave nothing open
+    beyond the gauge; null: what they do, (q, some) combinations of the q unknowns.
     """
 
-    def __init__(self, run: Run, axes: tuple[int, ...], terms: tuple[str, ...], whitening: Whitening) -> None:
-        n, count = run.n, len(axes)
+    def __init__(self, plan: _Plan, axes: tuple[int, ...], terms: tuple[str, ...], whitening: Whitening) -> None:
+        run, n, count = plan.run, plan.run.n, len(axes)
         self._axes, self._white = axes, None if whitening.is_diagonal else whitening
-        design: Any = designs(run, terms)[PARTS.index(axes)]
+        design: Any = _designs(plan, terms)[PARTS.index(axes)]
         if self._white is None and not whitening.is_plain:
             design = scipy.sparse.diags_array(whitening.factors[:, list(axes)].ravel()) @ design
         self._design = design.toarray() if run.size <= SMALL else design
+        # by place: sums do not depend on when a reading was taken
+        self._order = (count * np.lexsort((run.ball, run.table_position))[:, None] + np.arange(count)).ravel()
+        self._sorted = self._design[self._order]
         normal = self._normal()
         kept = self._kept = normal.shape[0] - (count * n if self._white is None else 0)
         touched = np.repeat([np.isin(np.arange(1, n + 1), place) for place in (run.ball, run.cmm_position)], count, 0)
@@ -55,8 +72,9 @@ class Part:
         absent = np.repeat([term not in terms for term in BASE_TERMS], [3 * n, count * n, count * n])
         unseen = self._gauge[0] @ scipy.linalg.null_space(self._gauge[0][absent]) if absent.any() else self._gauge[0]
         used, diagonal = has & ~absent, normal.diagonal()
-        scale = diagonal[used].mean()
-        self.rank, self.null = int(used.sum()) - unseen.shape[1], np.zeros((len(used), 0))
+        scale = diagonal[used].mean() if used.any() else 1.0
+        self.wanted = self.rank = int(used.sum()) - unseen.shape[1]
+        self.null = np.zeros((len(used), 0))
         fixed = np.linalg.qr(unseen[:kept])[0]
         self._across, self._own = _dense(normal[:kept, kept:]), np.where(used, diagonal, scale)[kept:]
         left = _dense(normal[:kept, :kept]) - (self._across / self._own) @ self._across.T
@@ -70,12 +88,12 @@ class Part:
         if failed or scipy.linalg.lapack.dpocon(self._root, norm, uplo='L')[0] < DOUBTFUL:
             value, vector = np.linalg.eigh(_dense(normal))
             self.rank = int(np.count_nonzero(value > SINGULAR * max(value[-1], 1.0)))
-            self.null = vector[:, :-self.rank]
+            self.null = vector[:, :len(value) - self.rank]
 
     def _normal(self) -> Any:
         """Return the normal equations, (q, q), sparse where the design is and whitening keeps it so."""
         if self._white is None:
-            return self._design.T @ self._design
+            return self._sorted.T @ self._sorted
         width = self._design.shape[1]
         return np.hstack([self._back(self._whitened(_dense(self._design[:, start:start + CHUNK])))
                           for start in range(0, width, CHUNK)])
@@ -111,14 +129,7 @@ class Part:
         They stand in an orthonormal basis: products of columns less those of their coordinates are the products of what
         the design leaves of them, at the cost of 4 n or 5 n unknowns instead of all readings.
         """
-        single = rows.dtype == np.float32
-        root, across, own = self._single[1:] if single else (self._root, self._across, self._own)
-        right = self._back(rows)
-        size = np.sqrt(own)[:, None]
-        last = right[self._kept:] / size
-        first = scipy.linalg.solve_triangular(root, right[:self._kept] - (across / size.T) @ last, lower=True,
-                                              check_finite=False)
-        return np.concatenate([first, last])
+        return self._halved(self._back(rows))
 
     def inside_of(self, waves: Any, directions: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return these coordinates (m, d, k) of waves (m, N), dense or sparse, times white directions (d, N, axes).
@@ -139,10 +150,7 @@ class Part:
     @cached_property
     def _mix(self) -> NDArray[np.float32]:
         """What makes right sides (q,) coordinates (k,), (q, k), single."""
-        size = np.sqrt(self._own)
-        last = np.vstack([np.zeros((self._kept, size.size)), np.diag(1 / size)])
-        first = self._half(np.hstack([np.eye(self._kept), -self._across / self._own])).T
-        return np.asarray(np.hstack([first, last]), dtype=np.float32)
+        return np.asarray(self._halved(np.eye(len(self._gauge[0]))).T, dtype=np.float32)
 
     @property
     def log_det(self) -> float:
@@ -152,31 +160,36 @@ class Part:
     @cached_property
     def leverage(self) -> Floats:
         """The share of each white row that the design describes, (rows,)."""
-        every = _dense(self._design).T
-        right = every if self._white is None else self._whitened(_dense(self._design)).T
-        size = np.sqrt(self._own)[:, None]
-        last = right[self._kept:] / size
-        return np.asarray(np.sum(self._half(right[:self._kept] - (self._across / size.T) @ last)**2, axis=0)
-                          + np.sum(last**2, axis=0))
+        return np.asarray(np.sum(self._halved(self._whitened(_dense(self._design)).T)**2, axis=0))
 
     def parameters(self, rows: Floats) -> Floats:
         """Return the unknowns (q, m) of white rows (rows, m), in the gauge."""
-        found = self._solved(self._back(rows))
-        found += self._solved(self._back(rows - self._whitened(self._design @ found)))
+        if self._white is None:
+            rows = rows[self._order]
+            found = self._solved(self._sorted.T @ rows)
+            found += self._solved(self._sorted.T @ (rows - self._sorted @ found))
+        else:
+            found = self._solved(self._back(rows))
+            found += self._solved(self._back(rows - self._whitened(self._design @ found)))
         vectors, constraints = self._gauge
         return np.asarray(found - vectors @ np.linalg.solve(constraints @ vectors, constraints @ found))
+
+    def orthonormal_rows(self) -> Floats:
+        """Return orthonormal rows (rank, rows) that span the design in white coordinates."""
+        design = self._design if self._white is None else self._whitened(_dense(self._design))
+        value, vector = np.linalg.eigh(_dense(self._normal()))
+        keep = slice(len(value) - self.rank, None)
+        basis = design @ (vector[:, keep] / np.sqrt(value[keep]))
+        # one Cholesky step makes the basis orthonormal to rounding
+        return np.asarray(scipy.linalg.solve_triangular(np.linalg.cholesky(basis.T @ basis), basis.T, lower=True))
 
     @cached_property
     def variances(self) -> Floats:
         """Return the variances of all unknowns in the gauge, (q,)."""
         vectors, constraints = self._gauge
         shift = np.linalg.solve((constraints @ vectors).T, vectors.T)
-        total = np.zeros(len(vectors))
-        size = self._own.size
-        for rows in (self._half(np.hstack([np.eye(self._kept), -self._across / self._own])),
-                     np.hstack([np.zeros((size, self._kept)), np.eye(size) / np.sqrt(self._own)])):
-            total += np.sum((rows - (rows @ constraints.T) @ shift)**2, axis=0)
-        return total
+        rows = self._halved(np.eye(len(vectors)))
+        return np.asarray(np.sum((rows - (rows @ constraints.T) @ shift)**2, axis=0))
 
     def open_unknowns(self) -> Bools:
         """Return which unknowns the readings leave open beyond the gauge, (q,)."""
@@ -188,34 +201,44 @@ class Part:
 
     def _solved(self, right: NDArray[Real]) -> NDArray[Real]:
         """Return the solution (q, m) of the normal equations for right sides (q, m)."""
-        root, across, own = self._single[1:] if right.dtype == np.float32 else (self._root, self._across, self._own)
+        root, across, own = self._factors(right)
         last = right[self._kept:] / own[:, None]
-        first = scipy.linalg.cho_solve((root, True), right[:self._kept] - across @ last, check_finite=False)
+        solve = scipy.linalg.lapack.spotrs if right.dtype == np.float32 else scipy.linalg.lapack.dpotrs
+        first = solve(root, right[:self._kept] - across @ last, lower=1)[0]
         return np.concatenate([first, last - (across.T @ first) / own[:, None]])
 
-    def _half(self, right: Floats) -> Floats:
-        solved: Floats = scipy.linalg.solve_triangular(self._root, right, lower=True, check_finite=False)
-        return solved
+    def _halved(self, right: NDArray[Real]) -> NDArray[Real]:
+        """Return H (q, m) of right sides (q, m): H'H is the inverse of the normal equations."""
+        root, across, own = self._factors(right)
+        size = np.sqrt(own)[:, None]
+        last = right[self._kept:] / size
+        first = scipy.linalg.solve_triangular(root, right[:self._kept] - (across / size.T) @ last, lower=True,
+                                              check_finite=False)
+        return np.concatenate([first, last])
+
+    def _factors(self, like: NDArray[Any]) -> tuple[Any, ...]:
+        """Return root, across and own in the precision of an array."""
+        return self._single[1:] if like.dtype == np.float32 else (self._root, self._across, self._own)
 
     @cached_property
     def _single(self) -> tuple[Any, ...]:
         return tuple(one.astype(np.float32) for one in (self._design, self._root, self._across, self._own))
 
 
-def orthonormal_rows(run: Run, terms: tuple[str, ...], whitening: Whitening | None = None) -> tuple[Floats, Floats]:
-    """Return orthonormal rows that span the designs, in white coordinates: z, (r, N), x and y in turn, (r, 2 N)."""
-    out = []
-    for design, axes in zip(designs(run, terms), PARTS):
-        dense = design.toarray()
-        if whitening is not None and not whitening.is_plain:
-            for place, axis in enumerate(axes):
-                dense[place::len(axes)] = whitening.along(axis).apply(dense[place::len(axes)].T).T
-        value, vector = np.linalg.eigh(dense.T @ dense)
-        keep = value > SINGULAR * max(value[-1], 1.0)
-        basis = dense @ (vector[:, keep] / np.sqrt(value[keep]))
-        # one Cholesky step makes the basis orthonormal to rounding
-        out.append(scipy.linalg.solve_triangular(np.linalg.cholesky(basis.T @ basis), basis.T, lower=True))
-    return out[0], out[1]
+def parts_of(run: Run, terms: tuple[str, ...], whitening: Whitening) -> tuple[Part, Part]:
+    """Return the Parts of z, and of x and y, of a run; in white noise those of another run of the same plan."""
+    plan = _Plan(run)
+    return _plain(plan, terms) if whitening.is_plain else _parts(plan, terms, whitening)
+
+
+def _parts(plan: _Plan, terms: tuple[str, ...], whitening: Whitening) -> tuple[Part, Part]:
+    axial, plane = (Part(plan, axes, terms, whitening) for axes in PARTS)
+    return axial, plane
+
+
+@lru_cache(maxsize=4)
+def _plain(plan: _Plan, terms: tuple[str, ...]) -> tuple[Part, Part]:
+    return _parts(plan, terms, Whitening(plan.run.size, np.ones(3)))
 
 
 def _dense(matrix: Any) -> Floats:
@@ -224,12 +247,12 @@ def _dense(matrix: Any) -> Floats:
 
 
 @lru_cache(maxsize=4)
-def designs(run: Run, terms: tuple[str, ...] = BASE_TERMS) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]:
+def _designs(plan: _Plan, terms: tuple[str, ...]) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]:
     """Return the sparse designs of z, (N, 5 n): ctz, R crx, R cry, P_z, M_z, and of (x, y), (2 N, 7 n).
 
     The latter has x and y of a reading in turn: ctx, cty, R crz, P_x, P_y, M_x, M_y.
     """
-    n = run.n
+    n, run = plan.run.n, plan.run
     z, x, y = entries(n, run.table_position, run.ball, terms)
     return _sparse(z, 5 * n), _sparse([entry for pair in zip(x, y) for entry in pair], 7 * n, 2)
 

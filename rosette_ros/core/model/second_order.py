@@ -13,8 +13,9 @@ that it consists of is known: by Gauss and Newton, from fit to fit.
 import numpy as np
 
 from rosette_ros.core.effects.effect import BodyMotion
-from rosette_ros.core.geometry import nominal_angles, radial, rotate_z, rotation_matrix
-from rosette_ros.core.model.base_model import BaseParameters, BaseSpace
+from rosette_ros.core.geometry import nominal_angles, radial, rotate_z
+from rosette_ros.core.model.base_space import BaseParameters, BaseSpace
+from rosette_ros.core.model.kinematics import axis_tilt, moved, on_table
 from rosette_ros.core.records import Floats, Run
 
 NEGLIGIBLE = 1e-9
@@ -32,33 +33,39 @@ def second_order(run: Run, lever: float, base: BaseParameters, motion: BodyMotio
     lever: radius at which the rotations of the linear equation act, m; base: its parameters, of one column; motion: of
     the effects.
     """
-    curves, plate, cmm = base.curves[0], base.plate[0], base.cmm[0]
-    place, ball = run.table_position - 1, run.ball - 1
-    nominal = rotate_z(run.phi, plate[ball])
-    tilt, delta = _axis_tilt(cmm, lever), run.angle_deviation
+    curves, plate, tilt = base.curves[0], base.plate[0], axis_tilt(base.cmm, lever)
     largest = _length(curves[:, 3:]) + _length(tilt) + (_length(motion.rotation) if motion else 0.0)
     growth = float(np.abs(motion.growth).max()) if motion else 0.0
-    off = _length(plate) + run.radius * float(np.abs(delta).max()) + (_length(motion.shift) if motion else 0.0)
+    turn = run.radius * float(np.abs(run.angle_deviation).max())
+    off = _length(plate) + turn + (_length(motion.shift) if motion else 0.0)
     # a bound that costs nothing
     if (largest + growth) * off + (largest + growth)**2 * run.radius + largest * _length(curves[:, :3]) < NEGLIGIBLE:
         return turned_plate(run, base)
-    balls = run.radius * radial(nominal_angles(run.n))
-    at = (balls + plate)[ball]
-    arm = lever * radial(run.alpha)
-    linear = np.cross(curves[place, 3:] + tilt, arm) + curves[place, :3] + nominal
-    turn = delta
+    exact: Floats = beyond_linear(run, lever, base, motion)[0]
+    return exact
+
+
+def beyond_linear(run: Run, lever: float, base: BaseParameters, motion: BodyMotion | None = None) -> Floats:
+    """Return the exact places of the balls less those of the linear equation, (m, N, 3), m; base: of m columns.
+
+    lever, motion: as of `second_order`.
+    """
+    ball, tilt = run.ball - 1, axis_tilt(base.cmm, lever)[:, None]
+    curves, plate = base.curves[:, run.table_position - 1], base.plate[:, ball]
+    balls, arm = run.radius * radial(nominal_angles(run.n))[ball], lever * radial(run.alpha)
+    at, turn = balls + plate, run.angle_deviation
+    linear = np.cross(curves[..., 3:] + tilt, arm) + curves[..., :3] + rotate_z(run.phi, plate)
     if motion is not None:
-        centre = np.nanmean(plate, axis=0)
+        centre = np.nanmean(base.plate, axis=1)[:, None]
         at = at + motion.shift + motion.beyond + motion.growth[:, None] * np.array([1.0, 1.0, 0.0]) * (at - centre)
-        turn = delta + motion.rotation[:, 2]
+        turn = turn + motion.rotation[:, 2]
         arm = arm * (run.radius / lever)
         linear = linear + np.cross(motion.rotation, arm) + motion.growth[:, None] * arm
         linear = linear + rotate_z(run.phi, motion.shift)
-    exact = _rotated(rotation_matrix(curves[:, 3:])[place], rotate_z(run.phi + turn, at)) + curves[place, :3]
+    exact = on_table(at, run.phi + turn, curves)
     if motion is not None:
-        exact = _rotated(rotation_matrix(motion.rotation * np.array([1.0, 1.0, 0.0])), exact)
-    out: Floats = exact @ rotation_matrix(tilt).T - rotate_z(run.phi + delta, balls[ball]) - linear
-    return out
+        exact = moved(exact, motion.rotation * np.array([1.0, 1.0, 0.0]))
+    return np.asarray(moved(exact, tilt) - rotate_z(run.phi + run.angle_deviation, balls) - linear)
 
 
 def turned_plate(run: Run, base: BaseParameters) -> Floats:
@@ -76,18 +83,6 @@ def is_negligible(space: BaseSpace, terms: Floats, rms: float) -> bool:
     left = space.whitening.inverse(space.residual(terms[None]))
     curves = np.abs(space.parameters(terms[None]).curves[0]).max(axis=0) * np.repeat([1.0, space.lever], 3)
     return bool(max(np.abs(left).max(), curves.max()) <= max(NEGLIGIBLE, SHARE * rms))
-
-
-def _axis_tilt(cmm: Floats, lever: float) -> Floats:
-    """Return the tilt of the axis in the frame, (3,), rad: the common tilt of the CMM's deviations, NaN left out."""
-    known = np.isfinite(cmm[:, 2])
-    angle = nominal_angles(len(cmm))[known]
-    plane = lever * np.stack([np.sin(angle), -np.cos(angle), np.full(angle.size, 1 / lever)], axis=-1)
-    return np.append(np.linalg.lstsq(plane, cmm[known, 2], rcond=None)[0][:2], 0.0)
-
-
-def _rotated(matrix: Floats, vector: Floats) -> Floats:
-    return np.asarray((matrix @ vector[..., None])[..., 0])
 
 
 def _length(vectors: Floats) -> float:

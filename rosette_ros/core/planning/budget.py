@@ -8,8 +8,7 @@ from itertools import product
 import numpy as np
 
 from rosette_ros.core.errors import InvalidPlan
-from rosette_ros.core.model.base_model import BaseSpace
-from rosette_ros.core.model.base_space import base_space
+from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.records import Floats
 from rosette_ros.core.reduced_sets import best_members, fewest_members, relative_uncertainty
@@ -68,7 +67,7 @@ def _proposals(scheme: Scheme, radius: float, times: Mapping[int, Floats], sigma
                drift: float) -> Iterator[Proposal]:
     """Yield what a scheme gives by numbers of touches; times: (N,) of the readings by these, s."""
     run = planned_run(scheme, radius)
-    space = base_space(run, radius)
+    space = BaseSpace(run, radius)
     cofactor, effects = space.curve_cofactor(), _of_steps(space, run.size) if drift else None
     for touches, time in times.items():
         plane, axial = sigma_of_touches(touches, sigma)[[0, 2]]**2

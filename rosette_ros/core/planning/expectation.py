@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rosette_ros.core.model.base_entries import refuse_undetermined
-from rosette_ros.core.model.base_model import GAUGE, BaseLines
-from rosette_ros.core.model.base_space import base_space
+from rosette_ros.core.model.base_space import GAUGE, BaseSpace
 from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.records import Floats, Run
 from rosette_ros.core.reduced_sets import relative_uncertainty
@@ -43,12 +42,12 @@ def expect(scheme: Scheme, radius: float, pace: Pace | None = None) -> Expectati
     """
     refuse_undetermined(scheme)
     run = planned_run(scheme, radius, pace)
-    space, n = base_space(run, radius), scheme.n
+    space, n = BaseSpace(run, radius), scheme.n
     number = np.unique(scheme.touches, return_counts=True)
     every = np.array([sigma_of_touches(int(touches), 1.0) if touches else np.ones(3) for touches in number[0]])
     x, _, z = np.sqrt(number[1] @ every**2 / run.size)
     variance = space.curve_cofactor() * np.array([x, x, z, z, z, x])**2
-    return Expectation(space.rank, BaseLines.of(n).rank, np.sqrt(variance), relative_uncertainty(variance, radius),
+    return Expectation(space.rank, 12 * n - 13, np.sqrt(variance), relative_uncertainty(variance, radius),
                        float(n / np.sqrt(run.size)), float(np.sqrt((2 * x**2 + z**2) / 3)), float(run.time[-1]),
                        _unobservable(run))
 

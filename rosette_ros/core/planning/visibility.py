@@ -15,10 +15,8 @@ import numpy as np
 from rosette_ros.core.diagnosis.bank import HIDDEN_SHARE, Bank, CauseFamily, CoordinateSpace, why_not_judged
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.effects.library import effects_of
-from rosette_ros.core.model.base_model import BaseSpace
-from rosette_ros.core.model.base_space import NormalSpace
+from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.model import BASE_TERMS
-from rosette_ros.core.model.noise import Whitening
 from rosette_ros.core.records import Floats, Run
 
 DETECTABLE = 6.0
@@ -101,8 +99,7 @@ def visible_share(run: Run, name: str, terms: tuple[str, ...] = BASE_TERMS) -> S
 @lru_cache(maxsize=1)
 def _space(run: Run, terms: tuple[str, ...]) -> CoordinateSpace:
     """Return the space of the base model; of the run that is looked at now only."""
-    white = Whitening(run.size, np.ones(3))
-    return CoordinateSpace(NormalSpace(run, run.radius, terms, white), np.zeros((0, run.size, 3)))
+    return CoordinateSpace(BaseSpace(run, run.radius, terms), np.zeros((0, run.size, 3)))
 
 
 def _typical(rising: Sequence[tuple[Setting, float]]) -> tuple[Setting, float]:
@@ -113,7 +110,7 @@ def _typical(rising: Sequence[tuple[Setting, float]]) -> tuple[Setting, float]:
 @lru_cache(maxsize=64)
 def _of_unit_noise(run: Run, terms: tuple[str, ...], names: tuple[str, ...]) -> tuple[Visibility, ...]:
     """Return the Visibility of effects for sigma = 1 m."""
-    space, effects = NormalSpace(run, run.radius, terms, Whitening(run.size, np.ones(3))), effects_of(run)
+    space, effects = BaseSpace(run, run.radius, terms), effects_of(run)
     out, shapes = [], {}
     for one in visible_shares(run, terms, names):
         bias, detectable = np.zeros(6), np.inf

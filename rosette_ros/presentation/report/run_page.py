@@ -12,7 +12,7 @@ from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.diagnosis.comparison import spectrum
 from rosette_ros.core.error_summary import difference, fit_lines
 from rosette_ros.core.errors import InvalidData
-from rosette_ros.core.model.base_space import base_space
+from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.planning.plan_comparison import Point
 from rosette_ros.core.records import ErrorMotions, Run
@@ -148,7 +148,7 @@ def _differences(motions: ErrorMotions, overlays: Sequence[Series]) -> list[Seri
 
 def _point(run: Run) -> Point:
     """Return where a run stands beside a complete one: for noise that is white and equal."""
-    variance = base_space(run, run.radius).curve_cofactor()
+    variance = BaseSpace(run, run.radius).curve_cofactor()
     return 'this run', run.size / run.n**2, relative_uncertainty(variance, run.radius)
 
 
