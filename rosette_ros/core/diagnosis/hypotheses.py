@@ -8,7 +8,7 @@ import numpy as np
 import scipy  # which loads `optimize` where it is used: many runs have nothing to refine
 
 from rosette_ros.core.diagnosis.bank import CauseFamily
-from rosette_ros.core.diagnosis.log_evidence import Cause, Evidence, State, Suggestion
+from rosette_ros.core.diagnosis.log_evidence import NEAR, Cause, Evidence, State, Suggestion
 from rosette_ros.core.effects.effect import Setting
 
 MOST = 5
@@ -19,8 +19,6 @@ COARSE, FINE = 5e-3, 0.3
 """Share of its bracket to which a parameter is refined, at most and times the square root of what it is worth."""
 AGAIN = 1.05
 """Factor by which what parameters are worth has to grow for them to be refined in turn once more."""
-NEAR = 9.0
-"""Log evidence by which a refined hypothesis may gain on one of the grid: what is worse by more is not refined."""
 
 
 class Search:

@@ -34,6 +34,9 @@ A_FREE = 0.1
 """Share of the causes in cells that the library does not name."""
 SEARCHED = 1.0
 """Each number that has to be searched makes a cause rarer by e: so many particular things are seldom true."""
+NEAR = 9.0
+"""Log evidence by which an estimate, on the grid or of a kind of noise, may be wrong: what is worse by more than this
+is not looked at."""
 SIZES = 2.0**np.arange(1, 12.25, 0.5)
 """Sizes of a member over sigma, the root of its square sum over all readings, that are summed over: from what can
 hardly be seen to what a cell stops for."""

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rosette_ros.core.diagnosis.bank import columns_of
-from rosette_ros.core.diagnosis.hypotheses import NEAR, Search
-from rosette_ros.core.diagnosis.log_evidence import Cause, State
+from rosette_ros.core.diagnosis.hypotheses import Search
+from rosette_ros.core.diagnosis.log_evidence import NEAR, Cause, State
 from rosette_ros.core.diagnosis.noise_kinds import LEAST, NOT_WHITE, Beside, Found, NoiseKinds
 from rosette_ros.core.diagnosis.posterior import Key, Posterior
 from rosette_ros.core.errors import NotDeterminable

@@ -18,7 +18,7 @@ import numpy as np
 import scipy.linalg
 from scipy.special import digamma, gammaln
 
-from rosette_ros.core.diagnosis.log_evidence import log_mean
+from rosette_ros.core.diagnosis.log_evidence import NEAR, log_mean
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.model import NOISE_TERMS
@@ -29,8 +29,8 @@ NOT_WHITE = 0.2
 """Share of the runs whose noise is not white and equal, shared out evenly over its kinds."""
 LEAST = math.log(1 - NOT_WHITE) - 5
 """Log evidence over white noise without prior below which a kind is not looked at."""
-HOPELESS = 18.0
-"""Log evidence below the best from which on a kind is not looked at: more than its estimate is ever wrong by."""
+CLOSE = 3
+"""Kinds of which the evidence itself is worked out, not only its bound."""
 DEGREES = np.array([1.5, 3.0, 6.0, 12.0, 25.0])
 """Degrees of freedom of the weights of groups that are summed over: from wild to hardly any difference."""
 MEMORIES = (0.3, 0.6, 0.8, 0.9, 0.97, 1.0)
@@ -163,13 +163,13 @@ class NoiseKinds:
         made, quick = list[_Scatter](), {name: self._quick(name) + self._each for name in self.groups}
         for name in sorted(quick, key=lambda name: -quick[name]):
             top = max([*(one.log_evidence for one in out), *(one.bound for one in made)])
-            if quick[name] > max(least, top - HOPELESS):
+            if quick[name] > max(least, top - NEAR):
                 made += self._scatter((name,))
         single = sorted((one for one in made if one.bound > white.log_evidence), key=lambda one: -one.bound)
         for other in single[1:3]:
             made += self._scatter((*single[0].names, *other.names))
-        top = max((one.bound for one in made), default=0.0)
-        out += [self._found(one, one.bound > top - HOPELESS / 2) for one in made]
+        made.sort(key=lambda one: -one.bound)
+        out += [self._found(one, place < CLOSE) for place, one in enumerate(made)]
         return sorted(out, key=lambda one: -one.log_evidence)
 
     def _quick(self, name: str) -> float:

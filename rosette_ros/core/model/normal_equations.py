@@ -46,6 +46,34 @@ class _Plan:
         return hash(self._key)
 
 
+class _Places:
+    """What one part of the design is before any noise, of readings of the same places in the same order.
+
+    design: (rows, q), dense where that is quicker; order: of its rows by place, so that sums do not depend on when a
+    reading was taken; used: (q,) unknowns that readings touch; unseen: (q, k) combinations of them that none sees.
+    """
+
+    def __init__(self, plan: _Plan, axes: tuple[int, ...], terms: tuple[str, ...]) -> None:
+        run, n, count = plan.run, plan.run.n, len(axes)
+        design = _designs(plan, terms)[PARTS.index(axes)]
+        self.design: Any = design.toarray() if run.size <= SMALL else design
+        self.order = (count * np.lexsort((run.ball, run.table_position))[:, None] + np.arange(count)).ravel()
+        touched = np.repeat([np.isin(np.arange(1, n + 1), place) for place in (run.ball, run.cmm_position)], count, 0)
+        has = np.concatenate([np.ones(3 * n, dtype=bool), touched.ravel()])
+        vectors, constraints = _z_gauge(n) if count == 1 else _w_gauge(n)
+        self.gauge = vectors * has[:, None], constraints * has
+        absent = np.repeat([term not in terms for term in BASE_TERMS], [3 * n, count * n, count * n])
+        self.unseen = self.gauge[0] @ scipy.linalg.null_space(self.gauge[0][absent]) if absent.any() else self.gauge[0]
+        self.used = has & ~absent
+        self._fixed: dict[int, tuple[Floats, Floats]] = {}
+
+    def fixed(self, kept: int) -> tuple[Floats, Floats]:
+        """Return what fixes the first unknowns that are kept, orthonormal, and orthonormal combinations cut to them."""
+        if kept not in self._fixed:
+            self._fixed[kept] = np.linalg.qr(self.unseen[:kept])[0], np.linalg.qr(self.unseen)[0][:kept]
+        return self._fixed[kept]
+
+
 class Part:
     """Least squares of one independent part of the base model in white coordinates: readings (rows, m).
 
@@ -54,33 +82,26 @@ class Part:
     """
 
     def __init__(self, plan: _Plan, axes: tuple[int, ...], terms: tuple[str, ...], whitening: Whitening) -> None:
-        run, n, count = plan.run, plan.run.n, len(axes)
         self._axes, self._white = axes, None if whitening.is_diagonal else whitening
-        design: Any = _designs(plan, terms)[PARTS.index(axes)]
+        places = _places(plan, axes, terms)
+        self._design = design = places.design
         if self._white is None and not whitening.is_plain:
-            design = scipy.sparse.diags_array(whitening.factors[:, list(axes)].ravel()) @ design
-        self._design = design.toarray() if run.size <= SMALL else design
-        # by place: sums do not depend on when a reading was taken
-        self._order = (count * np.lexsort((run.ball, run.table_position))[:, None] + np.arange(count)).ravel()
+            factors = whitening.factors[:, list(axes)].ravel()
+            self._design = (factors[:, None] * design if isinstance(design, np.ndarray)
+                            else scipy.sparse.diags_array(factors) @ design)
+        self._order, self._gauge, used = places.order, places.gauge, places.used
         self._sorted = self._design[self._order]
         normal = self._normal()
-        kept = self._kept = normal.shape[0] - (count * n if self._white is None else 0)
-        touched = np.repeat([np.isin(np.arange(1, n + 1), place) for place in (run.ball, run.cmm_position)], count, 0)
-        has = np.concatenate([np.ones(3 * n, dtype=bool), touched.ravel()])
-        vectors, constraints = _z_gauge(n) if count == 1 else _w_gauge(n)
-        self._gauge = vectors * has[:, None], constraints * has
-        absent = np.repeat([term not in terms for term in BASE_TERMS], [3 * n, count * n, count * n])
-        unseen = self._gauge[0] @ scipy.linalg.null_space(self._gauge[0][absent]) if absent.any() else self._gauge[0]
-        used, diagonal = has & ~absent, normal.diagonal()
+        kept = self._kept = normal.shape[0] - (len(axes) * plan.run.n if self._white is None else 0)
+        diagonal = normal.diagonal()
         scale = diagonal[used].mean() if used.any() else 1.0
-        self.wanted = self.rank = int(used.sum()) - unseen.shape[1]
+        self.wanted = self.rank = int(used.sum()) - places.unseen.shape[1]
         self.null = np.zeros((len(used), 0))
-        fixed = np.linalg.qr(unseen[:kept])[0]
+        fixed, null = places.fixed(kept)
         self._across, self._own = _dense(normal[:kept, kept:]), np.where(used, diagonal, scale)[kept:]
         left = _dense(normal[:kept, :kept]) - (self._across / self._own) @ self._across.T
         left += scale * fixed @ fixed.T
         left[np.diag_indices(kept)] += scale * ~used[:kept]
-        null = np.linalg.qr(unseen)[0][:kept]
         scaled = fixed.shape[1] + np.count_nonzero(~used)
         self._of_gauge = -np.linalg.slogdet(null.T @ null)[1] - scaled * np.log(scale)
         norm = float(np.abs(left).sum(axis=0).max(initial=0))
@@ -244,6 +265,11 @@ def _plain(plan: _Plan, terms: tuple[str, ...]) -> tuple[Part, Part]:
 def _dense(matrix: Any) -> Floats:
     found: Floats = np.array(matrix) if isinstance(matrix, np.ndarray) else matrix.toarray()
     return found
+
+
+@lru_cache(maxsize=8)
+def _places(plan: _Plan, axes: tuple[int, ...], terms: tuple[str, ...]) -> _Places:
+    return _Places(plan, axes, terms)
 
 
 @lru_cache(maxsize=4)
