@@ -69,7 +69,9 @@ class Setting(dict[str, float | str]):
     """The values of the searched parameters of an effect, by name; hashable."""
 
     def __hash__(self) -> int:  # type: ignore[override]  # a setting is never changed
-        return hash(frozenset(self.items()))
+        if not hasattr(self, '_hash'):
+            self._hash = hash(frozenset(self.items()))
+        return self._hash
 
     def number(self, name: str) -> float:
         """Return a value that is a number."""
