@@ -172,57 +172,70 @@ class NoiseKinds:
         out += [self._found(one, place < CLOSE) for place, one in enumerate(made)]
         return sorted(out, key=lambda one: -one.log_evidence)
 
+    def _prior(self, name: str, nu: Floats | float) -> tuple[Floats, Floats, Floats]:
+        """Return shapes and rates (..., groups) of the gamma distributions of weights, and log evidence of the check.
+
+        What a repeatability by axis says of the axes is known before the run."""
+        dof, square = check_of(self.run)
+        if name not in ('z', 'axis'):
+            dof, square = 0.0, np.ones(int(self.groups[name].max()) + 1)
+        seen = dof * np.array([2.0, 1.0] if name == 'z' else [1.0] * len(square))
+        energy = seen * (np.array([square[:2].mean(), square[2]]) if name == 'z' else square)
+        half = np.asarray(nu)[..., None] / 2
+        shape, rate = half + seen / 2, half + energy / 2
+        known = gammaln(shape) - gammaln(half) + half * np.log(half) - shape * np.log(rate) + energy / 2
+        return shape, rate, np.sum(known, axis=-1)
+
     def _quick(self, name: str) -> float:
         """Return about the log evidence of one kind of scatter, by what white noise leaves."""
         residual, share, square, _ = self.beside.white.fitted
         group = self.groups[name]
         dof = np.maximum(np.bincount(group, 1 - share), 1e-6)
         energy = np.bincount(group, residual**2) * self.beside.dof / square
-        nu = DEGREES[:, None]
+        shape, rate, known = self._prior(name, DEGREES)
         return float(log_mean(np.sum(
-            gammaln((nu + dof) / 2) - gammaln(nu / 2) + nu / 2 * np.log(nu / 2) - (nu + dof) / 2 * np.log(
-                (nu + energy) / 2), axis=1) + 0.5 * self.beside.dof))
+            gammaln(shape + dof / 2) - gammaln(shape) + shape * np.log(rate) - (shape + dof / 2) * np.log(
+                rate + energy / 2), axis=1) + 0.5 * self.beside.dof + known))
 
     def _scatter(self, names: tuple[str, ...]) -> Iterator['_Scatter']:
         """Yield the scatter that differs by all of some groups, the degrees of freedom of the last one summed over."""
-        groups = [self.groups[name] for name in names]
-        degrees, state = [6.0] * len(names), _Weights.equal(groups, self.beside.white)
+        degrees, state = [6.0] * len(names), _Weights.equal([self.groups[name] for name in names], self.beside.white)
         try:
             for place in range(len(names)):
                 found = []
                 for nu in DEGREES:
                     degrees[place] = float(nu)
-                    state = self._bayes(groups, degrees, state)
+                    state = self._bayes(names, degrees, state)
                     found.append((state, float(nu)))
                 best = max(found, key=lambda one: one[0].bound)
                 degrees[place], state = best[1], best[0]
         except (NotDeterminable, np.linalg.LinAlgError):
             return  # a part of the readings counts for nothing
         bound = float(log_mean(np.array([one.bound for one, _ in found])))
-        yield _Scatter(names, groups, degrees, state, bound - self._zero + len(names) * self._each)
+        yield _Scatter(names, degrees, state, bound - self._zero + len(names) * self._each)
 
     def _found(self, one: '_Scatter', is_near: bool) -> Found:
         """Return a scatter as a kind of noise; is_near: whether its evidence itself is asked for, not its bound."""
-        gap = self._gap(one.groups, one.degrees, one.state) if is_near else 0.0
-        return Found(one.names, self._noise(one.names, one.groups, one.degrees, one.state), one.bound + gap,
-                     one.state.likelihood)
+        gap = self._gap(one.names, one.degrees, one.state) if is_near else 0.0
+        return Found(one.names, self._noise(one.names, one.degrees, one.state), one.bound + gap, one.state.likelihood)
 
-    def _bayes(self, groups: Sequence[Ints], degrees: Sequence[float], state: '_Weights') -> '_Weights':
+    def _bayes(self, names: Sequence[str], degrees: Sequence[float], state: '_Weights') -> '_Weights':
         """Return weights of groups by variational Bayes; state: where to begin."""
-        shapes: list[Floats] = [np.zeros(0)] * len(groups)
+        shapes: list[Floats] = [np.zeros(0)] * len(names)
         weights, left, before = list(state.weights), state.left, -np.inf
         for _ in range(STEPS):
             residual, share, square, _ = left.fitted
             error = residual**2 * self.beside.dof / square + share
-            total = np.prod([one[group] for one, group in zip(weights, groups)], axis=0)
+            total = np.prod([one[self.groups[name]] for one, name in zip(weights, names)], axis=0)
             bound = 0.0
-            for k, (group, nu) in enumerate(zip(groups, degrees)):
+            for k, (name, nu) in enumerate(zip(names, degrees)):
+                group, (shape, rate, known) = self.groups[name], self._prior(name, nu)
                 rest, count = total / weights[k][group], np.bincount(group, minlength=len(weights[k]))
-                a, b = (nu + count) / 2, (nu + np.bincount(group, error * rest, minlength=len(weights[k]))) / 2
+                a, b = shape + count / 2, rate + np.bincount(group, error * rest, minlength=len(weights[k])) / 2
                 weights[k], shapes[k] = a / b, a
-                bound += float(np.sum(
-                    -(a - nu / 2) * digamma(a) + gammaln(a) - gammaln(nu / 2) - nu / 2 * np.log(2 * b / nu)
-                    - a * (nu / 2 - b) / b + count / 2 * (digamma(a) - np.log(a))))
+                bound += float(known + np.sum(
+                    -(a - shape) * digamma(a) + gammaln(a) - gammaln(shape) + shape * np.log(rate / b)
+                    - a * (rate - b) / b + count / 2 * (digamma(a) - np.log(a))))
                 total = rest * weights[k][group]
             left = self.beside.under(Whitening(self.run.size, 1 / np.sqrt(total.reshape(-1, 3))))
             # the determinant of the noise counts the mean of the logarithm, not the logarithm of the mean
@@ -232,30 +245,30 @@ class NoiseKinds:
             before = likelihood + bound
         return _Weights(tuple(weights), tuple(shapes), left, max(before, likelihood + bound), likelihood)
 
-    def _gap(self, groups: Sequence[Ints], degrees: Sequence[float], state: '_Weights') -> float:
+    def _gap(self, names: Sequence[str], degrees: Sequence[float], state: '_Weights') -> float:
         """Return by how much the log evidence is above its bound, by weights drawn from what was found."""
         rng, found = np.random.default_rng(0), []
         for _ in range(SAMPLES):
             total, odds = np.ones(3 * self.run.size), 0.0
-            for group, nu, weights, a in zip(groups, degrees, state.weights, state.shapes):
-                b, drawn = a / weights, rng.gamma(a)
+            for name, nu, weights, a in zip(names, degrees, state.weights, state.shapes):
+                b, drawn, (shape, rate, known) = a / weights, rng.gamma(a), self._prior(name, nu)
                 own = drawn * weights / a
-                odds += float(np.sum(nu / 2 * math.log(nu / 2) - gammaln(nu / 2) + (nu / 2 - a) * np.log(own)
-                                     - (nu / 2 - b) * own - a * np.log(b) + gammaln(a)))
-                total = total * own[group]
+                odds += float(known + np.sum(shape * np.log(rate) - gammaln(shape) + (shape - a) * np.log(own)
+                                             - (rate - b) * own - a * np.log(b) + gammaln(a)))
+                total = total * own[self.groups[name]]
             whitening = Whitening(self.run.size, 1 / np.sqrt(total.reshape(-1, 3)))
             found.append(self.beside.under(whitening).joined[0] + odds)
         return max(float(log_mean(np.array(found))) - state.bound, 0.0)
 
-    def _noise(self, names: Sequence[str], groups: Sequence[Ints], degrees: Sequence[float],
-               state: '_Weights') -> Noise:
+    def _noise(self, names: Sequence[str], degrees: Sequence[float], state: '_Weights') -> Noise:
         noise = Noise()
-        for name, group, nu, weights in zip(names, groups, degrees, state.weights):
+        for name, nu, weights in zip(names, degrees, state.weights):
             if name in ('z', 'axis'):
                 noise = replace(noise, axes=noise.axes / np.sqrt(weights[[0, 0, 1] if name == 'z' else [0, 1, 2]]))
             elif name in ('reading', 'coordinate'):
                 before = 1.0 if noise.weight is None else noise.weight
-                noise = replace(noise, tail=name, tail_dof=nu, weight=before * weights[group].reshape(-1, 3))
+                own = weights[self.groups[name]].reshape(-1, 3)
+                noise = replace(noise, tail=name, tail_dof=nu, weight=before * own)
             else:
                 noise = replace(noise, by=name, factors=1 / np.sqrt(weights))
         return noise.scaled()
@@ -305,7 +318,6 @@ class _Scatter:
     """Scatter that differs by all of some groups; bound: of its log evidence, as of Found."""
 
     names: tuple[str, ...]
-    groups: Sequence[Ints]
     degrees: Sequence[float]
     state: '_Weights'
     bound: float
