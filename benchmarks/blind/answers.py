@@ -2,7 +2,6 @@
 """What a diagnosis says of a run, read from its result alone, and whether it is true."""
 
 import itertools
-import re
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -27,52 +26,29 @@ well; wrong name: at least one name is not true.
 """
 ALIKE = 4.0
 """A shape of which less than this norm is left of the cause, in σ, describes it: noise does not show the difference."""
-WORDS = {
-    'time': r'\btime\b(?! since)', 'temperature': r'temperature', 'ball': r'\bballs?\b',
-    'table angle': r'table angle|table position|angle of the table',
-    'CMM position': r'CMM position|place in the machine', 'travel': r'travel',
-    'table sense': r'sense of the (last )?table|table turns|backlash',
-    'cmm sense': r"sense of the (last )?CMM|CMM's",
-    'cmm direction': r'direction of (the )?(last )?(approach|move|CMM)', 'cmm distance': r'distance of the (last )?CMM',
-    'move size': r'size of the last', 'time since move': r'time since', 'touches': r'touches'}
-"""Variables by the words with which a text tells them."""
 PLACE = frozenset(('table angle', 'ball', 'CMM position'))
 """Any two of these are what all three are: the CMM position is the sum of the other two."""
 
 
 def answered(found: Any) -> Record:
-    """Return what a Diagnosis says; what it does not say is None, or empty where it is a list.
+    """Return what a Diagnosis says.
 
     told: for each thing without a name the alternatives of the variables on which it depends.
     """
-    unnamed, explanations = getattr(found, 'unnamed', None), getattr(found, 'explanations', None)
     text = unexplained_words(found.verdict)
-    if unnamed is None:
-        told = [[sorted(told_variables(text))]] if found.unexplained and told_variables(text) else []
-    else:
-        told = [[sorted(one) for one in thing.alternatives] for thing in unnamed]
+    told = [[sorted(one) for one in thing.alternatives] for thing in found.unnamed]
     return {
         'claims': [{'effect': one.effect, 'setting': {name: value if isinstance(value, str) else float(value)
                                                       for name, value in one.setting.items()},
-                    'look_alikes': list(one.look_alikes), 'probability': _number(getattr(one, 'probability', None))}
+                    'look_alikes': list(one.look_alikes), 'probability': float(one.probability)}
                    for one in found.candidates if one.claimed],
-        'explanations': explanations and [
+        'explanations': [
             {'members': list(one.members), 'noise': ' '.join(one.noise), 'probability': float(one.probability)}
-            for one in explanations],
-        'probability_of_nothing': _number(getattr(found, 'probability_of_nothing', None)),
-        'probability_of_unnamed': _number(getattr(found, 'probability_of_unnamed', None)),
+            for one in found.explanations],
+        'probability_of_nothing': float(found.probability_of_nothing),
+        'probability_of_unnamed': float(found.probability_of_unnamed),
         'unexplained': bool(found.unexplained), 'told': told, 'text': text, 'outcome': found.verdict.outcome.value,
         'sentence': verdict_text(found.verdict).sentence, 'rms': float(found.final.rms)}
-
-
-def _number(value: Any) -> float | None:
-    return None if value is None else float(value)
-
-
-def told_variables(text: str) -> set[str]:
-    """Return the variables that a text tells; names of effects that it refuses are not among them."""
-    text = re.sub(r', not as .*?(;|$)', r'\1', text)
-    return {name for name, words in WORDS.items() if re.search(words, text, re.IGNORECASE)}
 
 
 def remaining(found: Any, shift: Floats) -> float:

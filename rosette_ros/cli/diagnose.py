@@ -24,7 +24,7 @@ from rosette_ros.words.verdict_words import verdict_text
 NEXT_BEST = 4
 """So many effects that are not identified are shown."""
 CANDIDATE_COLUMNS = (
-    'effect', 'probability', 'p', 'visible_fraction', 'rms_after_um', 'held_out_rms_after_um', 'delta_bic',
+    'effect', 'probability', 'p', 'visible_fraction', 'rms_after_um', 'held_out_rms_after_um',
     'look_alikes')
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.blind import SETS, Trial, Truth, trials
-from benchmarks.blind.answers import WORDS, answered, is_told, judged, told_variables, truths
+from benchmarks.blind.answers import answered, is_told, judged, truths
 from benchmarks.blind.cause import said
 from benchmarks.blind.runs import SIGMA, Plan, true_curves, visible_part
 from benchmarks.blind.trial import CAUSES, causes_of
@@ -18,6 +18,7 @@ from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.geometry import rotate_z
 from rosette_ros.core.records import remove_gauge
+from rosette_ros.words.verdict_words import VARIABLES
 
 
 def hidden(kind, seed=1, strength=16.0):
@@ -40,7 +41,7 @@ def test_what_a_cause_allows_is_in_the_library_and_in_the_vocabulary():
     """A name that the library does not have could not be fair, nor a variable that nothing can tell."""
     for cause in causes_of(CAUSES).values():
         assert {*cause.right, *cause.part, *cause.family} <= set(EFFECTS)
-        assert cause.variables and frozenset().union(*cause.variables) <= set(WORDS)
+        assert cause.variables and frozenset().union(*cause.variables) <= set(VARIABLES)
 
 
 def test_causes_act_where_they_say():
@@ -141,28 +142,14 @@ def test_what_is_told_has_to_be_all_and_nothing_else(told, wanted):
     assert is_told(told, said('table angle + ball')) is wanted
 
 
-def test_variables_are_read_from_a_text():
-    """Effects that it refuses are not among them."""
-    assert told_variables('ball 7 moves in time, not as a step') == {'ball', 'time'}
-    assert told_variables('it changes with time along a curve, in x, not as table_backlash and ball_slip') == {'time'}
-    assert told_variables('it depends on the time since the last table move') == {'time since move'}
-    assert told_variables('it depends on the sense of the last table move') == {'table sense'}
-
-
-def test_a_diagnosis_with_and_without_probabilities_is_read():
-    """What it does not have is null."""
+def test_a_diagnosis_is_read_with_its_probabilities():
+    """Claims, explanations and the variables of what has no name."""
     given = {'effect': 'frame_drift', 'setting': {'axes': 'x'}, 'look_alikes': ('frame_cycle',), 'claimed': True}
-    verdict = Verdict(Outcome.UNNAMED, unnamed=('it changes with time',))
-    old = SimpleNamespace(candidates=[SimpleNamespace(**given)], unexplained=True, verdict=verdict,
-                          final=SimpleNamespace(rms=1e-7))
-    said_then = answered(old)
-    assert said_then['told'] == [[['time']]] and said_then['explanations'] is None
-    assert said_then['claims'] == [{'effect': 'frame_drift', 'setting': {'axes': 'x'}, 'look_alikes': ['frame_cycle'],
-                                    'probability': None}]
-    new = SimpleNamespace(**{
-        **vars(old), 'candidates': [SimpleNamespace(**given, probability=0.9)], 'probability_of_nothing': 0.01,
-        'probability_of_unnamed': 0.2, 'unnamed': (SimpleNamespace(alternatives=(frozenset(('travel', 'ball')),)),),
-        'explanations': (SimpleNamespace(members=('frame_drift',), noise='white', probability=0.9),)})
+    new = SimpleNamespace(
+        candidates=[SimpleNamespace(**given, probability=0.9)], unexplained=True, verdict=Verdict(Outcome.UNNAMED),
+        final=SimpleNamespace(rms=1e-7), probability_of_nothing=0.01, probability_of_unnamed=0.2,
+        unnamed=(SimpleNamespace(alternatives=(frozenset(('travel', 'ball')),)),),
+        explanations=(SimpleNamespace(members=('frame_drift',), noise=('white',), probability=0.9),))
     said_now = answered(new)
     assert said_now['told'] == [[['ball', 'travel']]] and said_now['claims'][0]['probability'] == 0.9
     assert said_now['explanations'] == [{'members': ['frame_drift'], 'noise': 'white', 'probability': 0.9}]

@@ -17,7 +17,8 @@ from rosette_ros.presentation.tables import bars, effects, size_words, tables_of
 
 CURVES = {'ctx': 'm', 'cty': 'm', 'ctz': 'm', 'crx': 'rad', 'cry': 'rad', 'crz': 'rad'}
 WITH_UNIT = re.compile(r'_(um|urad|deg|s|C|si|sigma|in_unit|per_um)$')
-PURE = re.compile(r'^(p|reading|table_position|ball|cmm_position|number|visible_fraction.*|rank|dof|runs|delta_bic|'
+PURE = re.compile(r'^(p|probability|reading|table_position|ball|cmm_position|number|visible_fraction.*|rank|dof|runs|'
+                  r'delta_bic|'
                   r'reduced_chi_square|typical_visible_fraction|recommended_order_visible_fraction|value|'
                   r'expanded_uncertainty|group|by|share|weight|worst_share|held_out_change)$')
 """Numbers without a unit; what has its unit beside it in the row; names."""
