@@ -194,7 +194,8 @@ class ColumnSet:
 class BlockGroup:
     """Blocks of as many columns, or fewer: family, setting: (b,) their numbers; column: (b, q) of the bank.
 
-    number: (b,) of the settings among those of all families; mix: T, (b, q, q), of free courses its diagonal, (b, q);
+    number: (b,) of the settings among those of all families; most: (b,) largest norm of a displacement that physics
+    allows, m; mix: T, (b, q, q), of free courses its diagonal, (b, q);
     0 where there are fewer columns.
     """
 
@@ -203,6 +204,7 @@ class BlockGroup:
     number: Ints
     column: Ints
     mix: Reals
+    most: Floats
 
     @cached_property
     def rank(self) -> Ints:
@@ -234,7 +236,8 @@ class Bank:
         for key, found in sorted(made.items()):
             of, setting, column = (np.concatenate([one[k] for one in found]) for k in range(3))
             mix = np.zeros((*column.shape, key[0])[:3 - key[1]], np.float32)
-            self.groups[key] = BlockGroup(of, setting, np.array(self.ends)[of] + setting, column, mix)
+            self.groups[key] = BlockGroup(of, setting, np.array(self.ends)[of] + setting, column, mix,
+                                          np.full(len(of), np.inf))
         for part, pieces in self._parts:
             self._orthonormalise(part, pieces)
 
@@ -282,6 +285,9 @@ class Bank:
                     over = part.rows_of(mean, wave, which)
                     gram = part.gram(squares, wave, which) - over @ over.transpose(0, 2, 1)
                     group.mix[place, :q, :q] = orthonormal(gram)
+                    longest = np.sqrt(np.maximum(np.einsum('bqq->bq', gram).max(axis=1), 1e-300))
+                    group.most[place] = longest * [self.families[k].effect.most(self.families[k].settings[j]) for k, j
+                                                   in zip(group.family[place], group.setting[place])]
 
     def left(self, space: CoordinateSpace) -> dict[Key, Reals]:
         """Return what a model leaves of the blocks of each group, T B M B' T', (b, q, q), by its key."""

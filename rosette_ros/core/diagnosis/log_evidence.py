@@ -63,6 +63,13 @@ def decomposed(gram: Reals) -> tuple[Reals, Reals]:
     return np.maximum(value, 0), vector * (value > ROUNDING)[:, None]
 
 
+def allowed(line: Floats, most: Reals | float) -> Floats:
+    """Return log Bayes factors (b, sizes) for sizes of which none is above `most` (b,): the least one always is."""
+    sizes = SIZES if line.shape[-1] == len(SIZES) else SIZES[::2]
+    out = sizes > np.maximum(np.asarray(most)[..., None], sizes[0])
+    return np.where(out, -np.inf, line + np.log(len(sizes) / np.sum(~out, axis=-1, keepdims=True)))
+
+
 def turned_by(vector: Reals, rows: Reals) -> Reals:
     """Return the components (b, q, k) of products of blocks along their eigenvectors."""
     return np.asarray(vector.transpose(0, 2, 1) @ rows)
@@ -104,13 +111,15 @@ def beside(value: Reals, product: Reals, across: Reals | None, left: float, dof:
 class Cause:
     """A family at a setting: rows (q, 3 N), T M D of what the model leaves in white coordinates.
 
-    volume: log of what the sum over all settings is worth over this one; size: the likeliest of SIZES.
+    volume: log of what the sum over all settings is worth over this one; most: largest size that physics allows; size:
+    the likeliest of SIZES.
     """
 
     family: CauseFamily
     setting: Setting
     rows: Floats
     volume: float
+    most: float = np.inf
     size: float = 16.0
 
     @property
@@ -123,11 +132,13 @@ class Cause:
 class Blocks:
     """What a model leaves of the blocks of a group that are seen, (b,); number: of the setting in the bank.
 
-    value, vector: (b, q), (b, q, q) of their products; product: (b, q) of vectors with what is left.
+    value, vector: (b, q), (b, q, q) of their products; product: (b, q) of vectors with what is left; most: (b,) largest
+    size that physics allows.
     """
 
     seen: Ints
     number: Ints
+    most: Floats
     value: Reals
     vector: Reals
     product: Reals
@@ -136,13 +147,13 @@ class Blocks:
         """Return the log Bayes factors of the blocks, all sizes included; across: their products with the members."""
         value, product, dof = self.value, self.product, state.evidence.dof
         if across is None:
-            return log_mean(beside(value, product, None, state.left, dof, SIZES[::2]))
+            return log_mean(allowed(beside(value, product, None, state.left, dof, SIZES[::2]), self.most))
         used = turned_by(self.vector, across[self.seen]) @ state.root.astype(np.float32)
         product = product - used @ (state.root.T @ state.product).astype(np.float32)
         if MANY * used.shape[2] < value.shape[1]:
-            return log_mean(beside(value, product, used, state.left, dof, SIZES[::2]))
+            return log_mean(allowed(beside(value, product, used, state.left, dof, SIZES[::2]), self.most))
         gram = value[:, None] * np.eye(value.shape[1], dtype=np.float32) - used @ used.transpose(0, 2, 1)
-        return log_mean(of_sizes(gram, product, state.left, dof, SIZES[::2]))
+        return log_mean(allowed(of_sizes(gram, product, state.left, dof, SIZES[::2]), self.most))
 
 
 @dataclass(frozen=True)
@@ -177,7 +188,8 @@ class Evidence:
             judged = np.count_nonzero(value > ROUNDING, axis=1) < dof  # what describes everything explains nothing
             seen, value, vector = seen[judged], value[judged], vector[judged]
             turned = turned_by(vector, product[seen])[..., 0]
-            self.blocks[key] = Blocks(seen, bank.groups[key].number[seen], value, vector, turned)
+            group = bank.groups[key]
+            self.blocks[key] = Blocks(seen, group.number[seen], group.most[seen] / self.scale, value, vector, turned)
 
     def _scale_to(self, residual: Floats) -> None:
         self.scale = float(np.sqrt(np.sum(residual**2) / self.dof)) or 1.0
@@ -190,14 +202,17 @@ class Evidence:
         other.__dict__.pop('empty', None)
         other._scale_to(residual)
         products = self.bank.products(other.y[None], self.space.whitening)
-        other.blocks = {key: replace(one, product=turned_by(one.vector, products[key][one.seen])[..., 0])
-                        for key, one in self.blocks.items()}
+        other.blocks = {key: replace(one, product=turned_by(one.vector, products[key][one.seen])[..., 0],
+                                     most=one.most * self.scale / other.scale) for key, one in self.blocks.items()}
         return other
 
     def member(self, family: CauseFamily, setting: Setting, volume: float) -> Cause:
         """Return a family at any setting as a Cause."""
-        rows = self.space.residual(columns_of(family, self.run, setting))
-        return Cause(family, setting, rows.reshape(len(rows), 3 * self.run.size), volume)
+        rows, most = self.space.residual(columns_of(family, self.run, setting)), family.effect.most(setting)
+        if np.isfinite(most):
+            columns = family.effect.columns(self.run, setting)
+            most *= float(np.sqrt(np.sum((columns - columns.mean(axis=0))**2, axis=(0, 1)).max())) / self.scale
+        return Cause(family, setting, rows.reshape(len(rows), 3 * self.run.size), volume, most)
 
     @cached_property
     def empty(self) -> 'State':
@@ -219,7 +234,7 @@ class State:
         for _ in range(3 if len(members) > 1 else 1):
             before = sizes.copy()
             for k in range(len(members)):
-                line = self._line(k, sizes)
+                line = allowed(self._line(k, sizes), members[k].most)
                 sizes[k] = SIZES[int(np.argmax(line))]
                 occam[k] = float(log_mean(line)) - line.max()
             if np.array_equal(before, sizes):

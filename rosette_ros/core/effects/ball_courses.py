@@ -42,15 +42,6 @@ class BallStep(OneBall):
         return tuple(Setting(ball=ball, t0=float(t0)) for ball in run.balls
                      for t0 in on.thinned(on.midway(seconds(run)[run.ball == ball]), 40))
 
-    def chances(self, run: Run) -> float:
-        return max(1, len(run.balls) * min(run.n, 40) // 2)
-
-    def chances_of(self, run: Run, settings: Sequence[Setting], usual: float) -> list[float]:
-        """A move before the last reading of a ball or after its first one is told apart from an outlier by nothing."""
-        time = {ball: seconds(run)[run.ball == ball] for ball in range(1, run.n + 1)}
-        own = [time[setting.whole('ball')] for setting in settings]
-        after = [np.count_nonzero(one > setting.number('t0')) for one, setting in zip(own, settings)]
-        return [usual if 1 < number < one.size - 1 else 6 * run.size for number, one in zip(after, own)]
 
     def instants(self, run: Run, setting: Setting, name: str) -> Floats:
         """Return the instants between that ball's readings around a setting."""
@@ -71,10 +62,6 @@ class BallCreep(OneBall):
         end = duration(run)
         return grid(ball=run.balls, t0=(0.0, *(end * np.arange(1, 5) / 6).tolist()),
                     tau=(end * np.array([0.05, 0.15, 0.45, 5.0])).tolist())
-
-    def chances(self, run: Run) -> float:
-        """Neighbouring moments and time constants look alike."""
-        return 16 * len(run.balls)
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         t0, tau, end = setting.number('t0'), setting.number('tau'), duration(run)
@@ -104,11 +91,6 @@ class BallSeats(OneBall):
             out += [Setting(ball=ball, motion='sense')] if sense else []
         return tuple(out)
 
-    def chances(self, run: Run) -> float:
-        return len(run.balls) * min(run.n, 14)**2 // 4
-
-    def chances_of(self, run: Run, settings: Sequence[Setting], usual: float) -> list[float]:
-        return [len(run.balls) if setting.word('motion') == 'sense' else usual for setting in settings]
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         return {} if setting.word('motion') == 'sense' else super().brackets(run, setting)
@@ -173,9 +155,6 @@ class EachForm(EachBall):
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return (Setting(),)
 
-    def chances(self, run: Run) -> float:
-        return len(run.balls)
-
     def amplitudes(self, run: Run, setting: Setting, given: tuple[Quantity, ...], along: Along) -> tuple[Quantity, ...]:
         ball = setting.whole('ball')
         return tuple(amplitude for each in ([ball] if ball else run.balls) for one in given for amplitude in along(
@@ -197,9 +176,6 @@ class PlateWaves(Course):
         every = grid(p=range(1, min(3, top) + 1), m=range(min(6, top) + 1))
         return tuple(Setting({**one, 'wave': wave}) for one in every for wave in (STANDING, *TRAVELLING)
                      if wave == STANDING or one['m'])
-
-    def chances(self, run: Run) -> float | None:
-        return None
 
     def kind(self, setting: Setting) -> Hashable:
         """Whether there are four functions."""

@@ -68,9 +68,6 @@ class Drift(InTime):
 class Curve(InTime):
     """t and t^2."""
 
-    def chances(self, run: Run) -> float:
-        return 4
-
     def waves(self, run: Run, settings: Sequence[Setting]) -> Floats:
         return _repeated(seconds(run) ** np.array([[1], [2]]), settings)
 
@@ -83,11 +80,12 @@ class WarmUp(InTime):
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return grid(tau=np.geomspace(duration(run) / 50, duration(run), 14).tolist())
 
-    def chances(self, run: Run) -> float:
-        return 5
-
     def waves(self, run: Run, settings: Sequence[Setting]) -> Floats:
         return -np.expm1(-seconds(run) / values(settings, 'tau'))[:, None]
+
+
+EXPANSION, LONGEST = 3e-5, 1.5
+"""Thermal expansion, 1/K, and length, m, of a part of a machine that are hardly ever exceeded: zinc, a portal."""
 
 
 @dataclass(frozen=True)
@@ -104,11 +102,11 @@ class Temperature(Course):
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return (Setting(),) if np.any(temperature_change(run)) else ()
 
-    def chances(self, run: Run) -> float:
-        return 1
-
     def waves(self, run: Run, settings: Sequence[Setting]) -> Floats:
         return _repeated(on.temperature_waves(run), settings)
+
+    def most(self, setting: Setting) -> float:
+        return EXPANSION * (LONGEST if self.unit == 'm' else 1.0)
 
     def amplitudes(self, run: Run, setting: Setting, given: tuple[Quantity, ...], along: Along) -> tuple[Quantity, ...]:
         gaps = [Quantity(f'gap{k}', self.unit, f'way {k} in gaps of the record{self.along}')
@@ -118,19 +116,12 @@ class Temperature(Course):
 
 @dataclass(frozen=True)
 class LaggedTemperature(Temperature):
-    """T as a part of the machine with a time constant follows it; from a fiftieth of the run to the whole of it.
+    """T as a part of the machine with a time constant follows it; from a fiftieth of the run to the whole of it."""
 
-    To follow at once is simpler.
-    """
-
-    simpler: int = 1
     searched = (TAU,)
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return grid(tau=np.geomspace(duration(run) / 50, duration(run), 10).tolist()) if super().settings(run) else ()
-
-    def chances(self, run: Run) -> float:
-        return 20
 
     def waves(self, run: Run, settings: Sequence[Setting]) -> Floats:
         return np.array([_behind_temperature(run, float(tau)) for tau in values(settings, 'tau')[:, 0]])
@@ -157,6 +148,9 @@ class TimeOrTemperature(Course):
         drivers = {'time': seconds, 'temperature': temperature_change}
         return np.array([[drivers[setting.word('driver')](run)] for setting in settings])
 
+    def most(self, setting: Setting) -> float:
+        return EXPANSION if setting.word('driver') == 'temperature' else float('inf')
+
     def amplitudes(self, run: Run, setting: Setting, given: tuple[Quantity, ...], along: Along) -> tuple[Quantity, ...]:
         unit = {'time': '1/s', 'temperature': '1/K'}[setting.word('driver')]
         return super().amplitudes(run, setting, tuple(Quantity(one.name, unit, one.meaning) for one in given), along)
@@ -172,9 +166,6 @@ class Cycle(InTime):
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return grid(period=(duration(run) / np.arange(FEWEST_CYCLES, min(run.size / 4, 100) + 0.25, 0.5)).tolist())
-
-    def chances(self, run: Run) -> float:
-        return max(1, int(min(run.size / 4, 100)))
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         cycles = duration(run) / setting.number('period')
@@ -201,9 +192,6 @@ class Step(InTime):
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return grid(t0=between_readings(run)[1:-1].tolist())
 
-    def chances(self, run: Run) -> float:
-        return max(1, min(run.size, 200) // 4)
-
     def waves(self, run: Run, settings: Sequence[Setting]) -> Floats:
         return (seconds(run) > values(settings, 't0')).astype(float)[:, None]
 
@@ -220,9 +208,6 @@ class Pulse(InTime):
         lengths = np.unique(np.geomspace(SHORTEST, max(instants.size - 1, SHORTEST), 12).astype(int))
         return tuple(Setting(t0=float(instants[start]), t1=float(instants[start + length])) for length in lengths
                      for start in range(0, instants.size - length, max(1, length // 4)))
-
-    def chances(self, run: Run) -> float:
-        return max(1, min(run.size, 200))
 
     def instants(self, run: Run, setting: Setting, name: str) -> Floats:
         """Return the instants beside that of a setting that leave the pulse readings enough."""
@@ -258,25 +243,19 @@ class Recovery(InTime):
         found, tau = super().instants(run, setting, name), setting.number('tau')
         return found[tau >= shortest(run, found)]
 
-    def chances(self, run: Run) -> float:
-        return max(1, min(run.size, 200) // 2)
-
     def waves(self, run: Run, settings: Sequence[Setting]) -> Floats:
         since = seconds(run) - values(settings, 't0')
         return np.where(since > 0, np.exp(-np.maximum(since, 0) / values(settings, 'tau')), 0.0)[:, None]
 
 
 class Onset(InTime):
-    """max(0, t - t0); sixteen moments; a steady drift is simpler, so that each has to stand against more."""
+    """max(0, t - t0); sixteen moments."""
 
     searched = (Searched('t0', 's', 'moment at which it begins, since the first reading', 'phase'),)
     carries = 'nothing'
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return grid(t0=np.linspace(0, duration(run), 18)[1:-1].tolist())
-
-    def chances(self, run: Run) -> float:
-        return 32
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         t0, beside = setting.number('t0'), duration(run) / 17
@@ -367,9 +346,6 @@ class TableOrder(Course):
         beside = np.where(orders < 1.5, max(least - 1e-9, 0.4 / turns), 0.4 / turns)
         return grid(nu=orders[np.abs(orders - np.round(orders)) > beside].tolist())
 
-    def chances(self, run: Run) -> float:
-        return len(self.settings(run)) / 2
-
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         nu, half, least = setting.number('nu'), 0.5 / self._turns(run), self._least(run)
         low, high = (least, 1 - least) if nu < 1 else (1 + least if nu < 1.5 else 0.0, np.inf)
@@ -408,9 +384,6 @@ class TableHeat(Course):
         one_sense = np.allclose(self._travelled(run, UNWRAPPED), turned)
         return grid(angle=(TURNED,) if one_sense else (TURNED, UNWRAPPED),
                     psi0=np.geomspace(turned[-1] / 50, turned[-1], 14).tolist())
-
-    def chances(self, run: Run) -> float:
-        return 5
 
     def waves(self, run: Run, settings: Sequence[Setting]) -> Floats:
         angle = np.array([self._travelled(run, setting.word('angle', TURNED)) for setting in settings])

@@ -140,21 +140,17 @@ class _Factor(_ByValue):
     """What motion and course have in common: a part of the settings, and what a run has to record.
 
     searched: the parameters that it reads; variables: what of a reading it depends on; depends_on: what of it the run
-    has to record; simpler: how many times as much a setting has to stand against, as another explanation is simpler.
+    has to record.
     """
 
     searched: ClassVar[tuple[Searched, ...]] = ()
     variables: ClassVar[tuple[str, ...]] = ()
     depends_on: ClassVar[tuple[str, ...]] = ()
-    simpler: int = 1
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         """Return the settings to try of it on a run; () means nothing to try."""
         return (Setting(),)
 
-    def chances(self, run: Run) -> float | None:
-        """Return how many of these count as separate chances in the search; None where all of the effect do."""
-        return len(self.settings(run))
 
 
 class Motion(_Factor):
@@ -224,9 +220,9 @@ class Course(_Factor):
         """Return why it is not known in a run, or an empty string."""
         return ''
 
-    def chances_of(self, run: Run, settings: Sequence[Setting], usual: float) -> list[float]:
-        """Return the numbers of chances against which settings have to stand; usual: those of the effect."""
-        return [usual] * len(settings)
+    def most(self, setting: Setting) -> float:
+        """Return the largest amplitude that physics allows, SI."""
+        return float('inf')
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         """Return where to refine its continuous parameters: a positive scale by half as much again to either side, an
@@ -299,6 +295,10 @@ class Effect(_ByValue):
         """Return the Quantity of each column."""
         return ()
 
+    def most(self, setting: Setting) -> float:
+        """Return the largest amplitude that physics allows, SI."""
+        return float('inf')
+
     def columns(self, run: Run, setting: Setting) -> Floats:
         """Return the displacement of every reading per unit of each amplitude, (N, 3, q), m/unit."""
         return np.moveaxis(self.blocks(run, [setting])[0], 0, -1)
@@ -325,13 +325,6 @@ class Effect(_ByValue):
         """Return the number of columns of a setting."""
         return len(self.amplitudes(run, setting))
 
-    def independent_settings(self, run: Run) -> int:
-        """Return how many settings count as separate chances in the search, at least 1."""
-        return max(1, len(self.settings(run)))
-
-    def chances(self, run: Run, settings: Sequence[Setting]) -> list[float]:
-        """Return the numbers of separate chances against which settings have to stand, those of all as a rule."""
-        return [self.independent_settings(run)] * len(settings)
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         """Return where to refine each continuous parameter of a setting found on the grid."""
@@ -387,6 +380,9 @@ class PhysicalEffect(Effect):
         return self.course.amplitudes(run, setting, self.quantities,
                                       lambda one: self.motion.amplitudes(run, setting, one))
 
+    def most(self, setting: Setting) -> float:
+        return self.course.most(setting)
+
     def factors(self, run: Run, settings: Sequence[Setting]) -> Sequence[Factors]:
         """Return the Factors of settings by their kind; each function and direction is worked out once."""
         parts = [self.motion.parts(run, setting) for setting in settings]
@@ -433,13 +429,6 @@ class PhysicalEffect(Effect):
         waves = self.course.waves(run, [setting])[0]
         return self.motion.of_body(run, setting, amplitudes.reshape(len(waves), -1).T @ waves)
 
-    def independent_settings(self, run: Run) -> int:
-        both = self.motion.chances(run), self.course.chances(run)
-        every = len(self.settings(run)) if both[0] is None or both[1] is None else int(both[0] * both[1])
-        return self.motion.simpler * self.course.simpler * max(1, every)
-
-    def chances(self, run: Run, settings: Sequence[Setting]) -> list[float]:
-        return self.course.chances_of(run, settings, self.independent_settings(run))
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         return {**self.course.brackets(run, setting), **self.motion.brackets(run, setting)}

@@ -196,7 +196,7 @@ EFFECTS: dict[str, PhysicalEffect] = {one.name: one for one in (
         plain='expansion of the plate', meaning='The plate grows or shrinks.',
         look='Temperature of the plate: handling, lamps, soaking time, warm table top.',
         formula='epsilon R e_r (t or T - T0)', source='ISO 1 and ISO 10360 (thermal expansion)'),
-    PhysicalEffect('plate_expansion_lag', move.PlateGrowth(), of.LaggedTemperature('m/m', simpler=10),
+    PhysicalEffect('plate_expansion_lag', move.PlateGrowth(), of.LaggedTemperature('m/m'),
         Quantity('epsilon', '1/K', 'relative growth'),
         plain='expansion of the plate behind the temperature',
         meaning='The plate grows and shrinks with the measured temperature, but later.',

@@ -156,7 +156,6 @@ class PlateOnSupports(Motion):
 
     body = 'plate'
     searched = (Searched('height', 'm', 'h, height of the balls above the supports, negative below', 'phase'),)
-    simpler = 10  # a shift along axes is, and little else in the time of a table position
 
     def settings(self, run: Run) -> tuple[Setting, ...]:
         return grid(height=(0.0, 0.1, -0.1))
@@ -268,9 +267,6 @@ class BallForm(Motion):
         return (*grid(ball=run.balls, harmonic=[*harmonics, 0], part=('both',)),
                 *grid(ball=(0,), harmonic=harmonics, part=('both', 'xy', 'z')))
 
-    def chances(self, run: Run) -> float:
-        return 5
-
     def parts(self, run: Run, setting: Setting) -> Sequence[Any]:
         """Return harmonic and name of each part: cosine and sine in the plane, and along z."""
         names = {'both': ('a', 'b', 'az', 'bz'), 'xy': ('a', 'b'), 'z': ('az', 'bz')}[setting.word('part', 'both')]
@@ -337,10 +333,6 @@ class CmmReversal(CmmScales):
         known = np.all(on.cmm_senses(run) != 0)
         return grid(first=(UNKNOWN,) if known else FIRST_SENSES)
 
-    def chances(self, run: Run) -> float:
-        """A few readings look alike."""
-        return 1
-
     def parts(self, run: Run, setting: Setting) -> Sequence[Any]:
         return tuple(enumerate(FIRST_SENSES[setting.word('first', UNKNOWN)]))
 
@@ -371,10 +363,6 @@ class ProbeDeflection(Motion):
         first = FIRST_MOVES.tolist()
         return (*grid(lobes=(0, 2, 3, 4), part=('along', 'across'), theta0=first),
                 *grid(lobes=(1, 2, 3, 4), part=('z',), theta0=first))
-
-    def chances(self, run: Run) -> float:
-        """The direction of one move changes one reading."""
-        return 12
 
     def brackets(self, run: Run, setting: Setting) -> dict[str, Bracket]:
         """Refine the direction of the first move as far as the next one that is tried, to either side."""
