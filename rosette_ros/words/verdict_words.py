@@ -119,7 +119,7 @@ def _missing(verdict: Verdict) -> str:
     out = []
     for name, group in groupby(verdict.missing, key=lambda one: one.name):
         some = tuple(group)
-        settings = list(map(_reading, verdict.outliers)) if name == 'outlier' else list(map(_setting, some))
+        settings = list(map(_reading, verdict.outliers)) if 'reading' in some[0].setting else list(map(_setting, some))
         p = some[0].probability
         others = ''.join(f', or {other} with {chance(share)}' for other, share in some[0].alternatives)
         likely = [] if p is None else [f'probability {chance(p)}{others}']

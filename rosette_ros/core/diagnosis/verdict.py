@@ -310,7 +310,7 @@ def _outliers(final: 'Fit', known: int) -> tuple[WrongReading, ...]:
     """Return the wrong readings that a fit has as effects beyond the first ones, which are known."""
     found = []
     for effect in final.effects[known:]:
-        if effect.name == 'outlier':
+        if 'reading' in effect.setting:
             largest = max(effect.parameters, key=lambda one: abs(one.value))
             found.append(_reading(final.run, effect.setting.whole('reading') - 1, largest.value,
                                   largest.name.removeprefix('d_')))
