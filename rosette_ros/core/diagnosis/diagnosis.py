@@ -24,7 +24,7 @@ from rosette_ros.core.diagnosis.posterior import ALIKE, CLAIM, Claim, Posterior
 from rosette_ros.core.diagnosis.recovered_shape import Shape, recovered_shapes
 from rosette_ros.core.diagnosis.verdict import Verdict, decide
 from rosette_ros.core.effects.effect import Setting
-from rosette_ros.core.effects.free import FREE, TIMES
+from rosette_ros.core.effects.free import FREE, TIMES, place_of
 from rosette_ros.core.effects.library import EFFECTS, effects_of
 from rosette_ros.core.errors import InvalidData, NotDeterminable
 from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter, fit
@@ -327,7 +327,7 @@ class RunSearch:
                 instead = {name: p for name, p in self.posterior.instead(one.name).items() if name not in EFFECTS}
                 likely = sorted((name for name, p in instead.items() if p > ALIKE * max(instead.values())),
                                 key=lambda name: -instead[name])
-                sets = dict.fromkeys(frozenset(name.replace('one ball', 'ball').split(TIMES)) for name in likely)
+                sets = dict.fromkeys(frozenset(place_of(one)[0] for one in name.split(TIMES)) for name in likely)
                 out.append(Unnamed(tuple(sets), one.setting.word('along'), one.setting, sum(instead.values())))
         return tuple(out)
 

@@ -54,7 +54,9 @@ def choose(white: Search, fitted: Fit, under: Callable[[Noise], Search]) -> Choi
             values[key] = max(values.get(key, -np.inf), value + shift)
 
     take(white, (), math.log(1 - NOT_WHITE))
-    waiting, tried = [(), *([best.members] if best.members else [])], set[Key]()
+    # noise may take the place of what moves single readings, or the frame
+    rest = [tuple(one for one in best.members if one.family.effect.body != body) for body in ('', 'reading', 'frame')]
+    waiting, tried = list(dict.fromkeys([(), *rest])), set[Key]()
     while waiting and len(tried) < MOST:
         members = waiting.pop(0)
         base = State(white.evidence, [white.evidence.member(one.family, one.setting, one.volume) for one in members])

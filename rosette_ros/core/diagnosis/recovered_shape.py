@@ -15,7 +15,7 @@ import numpy as np
 from rosette_ros.core.diagnosis.bank import CauseFamily, columns_of, scaled
 from rosette_ros.core.diagnosis.log_evidence import SIZES, Cause, State
 from rosette_ros.core.effects.effect import Setting
-from rosette_ros.core.effects.free import FREE, TIMES, motions, variables
+from rosette_ros.core.effects.free import FREE, TIMES, motions, place_of, variables
 from rosette_ros.core.records import Floats
 
 MOST_POINTS = 200
@@ -64,8 +64,8 @@ def _shape(state: State, place: int) -> Shape | None:
     setting = member.setting if member.family.is_free else _twin(rest, member)
     if setting is None:
         return None
-    *ball, name = setting.word('of').split(TIMES)
-    if not all(one.startswith('ball ') for one in ball):
+    *at_one, name = setting.word('of').split(TIMES)
+    if not all(place_of(one)[1] for one in at_one):
         return None  # of two variables: a surface
     family = CauseFamily(FREE, name, (setting,))
     mix, functions, count = _mixed(state, setting)
@@ -78,7 +78,7 @@ def _shape(state: State, place: int) -> Shape | None:
         (rest.residual,) if member.family.is_free else (rest.residual, rest.residual - state.residual))]
     sigma = state.evidence.scale * np.sqrt(state.rss / max(state.evidence.dof - len(state.basis), 1))
     variable = next(one for one in variables(run) if one.name == name)
-    where = np.flatnonzero(run.ball == int(ball[0].removeprefix('ball '))) if ball else np.arange(run.size)
+    where = np.flatnonzero(functions.any(axis=0)) if at_one else np.arange(run.size)
     at = where[np.unique(variable.values[where], return_index=True)[1]]
     at = at[np.unique(np.linspace(0, at.size - 1, MOST_POINTS).round().astype(int))]
     centred = (functions - functions[:, where].mean(axis=1, keepdims=True))[:, at]
@@ -88,7 +88,8 @@ def _shape(state: State, place: int) -> Shape | None:
         basis[k::count] = mix[k::count, None] * centred
         basis = basis[mix > 0]
         both = [amplitude @ basis for amplitude in amplitudes]
-        curves.append(ShapeCurve(axis, ball[0] if ball else '', both[0], sigma * np.linalg.norm(root.T @ basis, axis=0),
+        u = sigma * np.linalg.norm(root.T @ basis, axis=0)
+        curves.append(ShapeCurve(axis, at_one[0] if at_one else '', both[0], u,
                                  None if member.family.is_free else both[1]))
     return Shape(FREE.name, setting, f'{setting.word("along")} with {setting.word("of")}',
                  '' if member.family.is_free else member.name, variable.name, variable.unit, variable.values[at],

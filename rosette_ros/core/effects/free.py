@@ -15,7 +15,7 @@ import numpy as np
 
 from rosette_ros.core.effects import run_functions as on
 from rosette_ros.core.effects.effect import Effect, Factors, Quantity, Searched, Setting
-from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.records import Floats, Ints, Run
 
 NAME = 'free'
 TIMES = ' × '
@@ -50,8 +50,8 @@ class Variable:
         return tuple(self.kinds)[:2 if self.name == 'ball' else 1]
 
     @property
-    def of_ball(self) -> tuple[str, ...]:
-        """The kinds of process of one ball, which has few readings: the smoothest and the roughest."""
+    def of_place(self) -> tuple[str, ...]:
+        """The kinds of process at one place, which has few readings: the smoothest and the roughest."""
         return tuple(dict.fromkeys((next(iter(self.kinds)), *self.kinds)[::max(len(self.kinds), 1)]))
 
 
@@ -148,7 +148,14 @@ def motions(run: Run) -> dict[str, Floats]:
 PLAIN = ('frame along z', 'frame along x and y', 'plate growing', 'table or plate turning', 'table axis tilting')
 """Motions of courses of two variables."""
 OF_BALL = ('frame along z', 'plate along its x and y', 'plate along its x, y and z')
-"""Motions of one ball, or of each by itself."""
+OF_PLACE = {'ball': OF_BALL, 'CMM position': ('frame along z', 'frame along x and y', 'frame along x, y and z'),
+            'table angle': ('frame along z', 'frame along x and y', 'frame along x, y and z')}
+"""Motions at one ball, one CMM position or one table angle."""
+
+
+def _places(run: Run) -> dict[str, Ints]:
+    """Return the number of the place of each reading by its variable."""
+    return {'ball': run.ball, 'CMM position': run.cmm_position, 'table angle': run.table_position}
 
 
 class FreeEffect(Effect):
@@ -161,7 +168,7 @@ class FreeEffect(Effect):
     formula = 'any function, as a sum of cosines or waves'
     source = 'Solin and Sarkka (2020), Hilbert space methods for Gaussian processes'
     repeatable = True
-    searched = (Searched('of', '', 'variables, one or two, or one ball and a variable'),
+    searched = (Searched('of', '', 'variables, one or two, or a variable at one place'),
                 Searched('kind', '', 'how quickly it changes with them'),
                 Searched('along', '', 'which body moves along what'))
 
@@ -182,11 +189,12 @@ class FreeEffect(Effect):
                     for a, b in kinds for along in PLAIN)
         yield from ((name, tuple(dict.fromkeys(some))) for name, some in pairs.items())
         alone: dict[str, list[Setting]] = {}
-        for one in every:
-            if one.name not in ('ball', 'touches', 'CMM position'):
-                alone.setdefault('one ball' + TIMES + one.name, []).extend(
-                    self._setting(f'ball {ball}' + TIMES + one.name, kind, along) for ball in run.balls
-                    for kind in one.of_ball for along in OF_BALL)
+        for place, number in _places(run).items():
+            for one in every:
+                if one.name not in (*OF_PLACE, 'touches') or (place, one.name) == ('ball', 'table angle'):
+                    alone.setdefault(f'one {place}{TIMES}{one.name}', []).extend(
+                        self._setting(f'{place} {k}{TIMES}{one.name}', kind, along)
+                        for k in np.unique(number).tolist() for kind in one.of_place for along in OF_PLACE[place])
         yield from ((name, tuple(dict.fromkeys(some))) for name, some in alone.items())
 
     @staticmethod
@@ -203,7 +211,7 @@ class FreeEffect(Effect):
     @staticmethod
     def variables_of(setting: Setting) -> frozenset[str]:
         """Return the variables on which a setting depends."""
-        return frozenset('ball' if name.startswith('ball ') else name for name in setting.word('of').split(TIMES))
+        return frozenset(place_of(name)[0] for name in setting.word('of').split(TIMES))
 
     def amplitudes(self, run: Run, setting: Setting) -> tuple[Quantity, ...]:
         count, directions = len(self.course(run, setting)[1]), len(motions(run)[setting.word('along')])
@@ -217,6 +225,12 @@ class FreeEffect(Effect):
     def columns(self, run: Run, setting: Setting) -> Floats:
         functions, directions = self.course(run, setting)[0], motions(run)[setting.word('along')]
         return np.moveaxis((functions[:, None, :, None] * directions).reshape(-1, run.size, 3), 0, -1)
+
+
+def place_of(name: str) -> tuple[str, int]:
+    """Return the variable of a place such as 'ball 7' or 'one ball' and its number, 0 where it has none."""
+    variable, _, number = name.removeprefix('one ').rpartition(' ')
+    return (variable, int(number)) if number.isdigit() else (name.removeprefix('one '), 0)
 
 
 @lru_cache(maxsize=2048)
@@ -233,10 +247,13 @@ def _course(run: Run, of: str, kind: str) -> tuple[Floats, Floats]:
         both = variance[:, None] * more
         a, b = np.unravel_index(np.argsort(-both, axis=None, kind='stable')[:MOST_OF_TWO], both.shape)
         functions, variance = functions[a] * other[b], both[a, b]
-    if names[0].startswith('ball ') and len(kinds) < len(names):
-        own_ball = run.ball == int(names[0].removeprefix('ball '))
+    if len(kinds) < len(names):
+        place, number = place_of(names[0])
+        own = _places(run)[place] == number
         functions, variance = functions[:run.n - 1], variance[:run.n - 1]
-        functions = (functions - functions[:, own_ball].mean(axis=1, keepdims=True)) * own_ball
+        if place == 'ball':  # the plate has a constant deviation of each
+            functions = functions - functions[:, own].mean(axis=1, keepdims=True)
+        functions = functions * own
     keep = variance > LEAST * variance.max()
     functions, variance = functions[keep][:MOST], variance[keep][:MOST]
     functions.setflags(write=False)
