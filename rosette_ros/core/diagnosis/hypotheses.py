@@ -17,6 +17,8 @@ BEAM, BRANCHES = 2, 3
 """Hypotheses that are grown side by side, and how many ways each."""
 COARSE, FINE = 5e-3, 0.3
 """Share of its bracket to which a parameter is refined, at most and times the square root of what it is worth."""
+ENOUGH = 0.1
+"""Log evidence by which an exchange has to be better for another one to be tried."""
 AGAIN = 1.05
 """Factor by which what parameters are worth has to grow for them to be refined in turn once more."""
 
@@ -46,7 +48,7 @@ class Search:
             best = top
         while True:
             better = max(self._exchanged(best), key=_evidence, default=best)
-            if better.log_evidence <= best.log_evidence + 1e-6:
+            if better.log_evidence <= best.log_evidence + ENOUGH:
                 return best
             best = better
 
@@ -105,7 +107,7 @@ class Search:
                 rest = self._kept(State(self.evidence, kept))
                 yield rest
                 for child in self._children(rest, BRANCHES, fewer == 1, -np.inf):
-                    near = child.log_evidence > state.log_evidence - NEAR
+                    near = child.log_evidence > state.log_evidence - NEAR / 3
                     yield self._settled(child) if near else child
 
     def refined(self, state: State, offer: Suggestion) -> Cause:

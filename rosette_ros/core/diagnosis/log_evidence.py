@@ -231,14 +231,10 @@ class State:
         self._gram, self.product = self.rows @ self.rows.T, self.rows @ evidence.y
         sizes = np.array([one.size for one in members])
         occam = np.zeros(len(members))
-        for _ in range(3 if len(members) > 1 else 1):
-            before = sizes.copy()
-            for k in range(len(members)):
-                line = allowed(self._line(k, sizes), members[k].most)
-                sizes[k] = SIZES[int(np.argmax(line))]
-                occam[k] = float(log_mean(line)) - line.max()
-            if np.array_equal(before, sizes):
-                break
+        for k in reversed(range(len(members))):  # the newest one first, as the others have their sizes already
+            line = allowed(self._line(k, sizes), members[k].most)
+            sizes[k] = SIZES[int(np.argmax(line))]
+            occam[k] = float(log_mean(line)) - line.max()
         self.members = tuple(replace(one, size=float(size)) for one, size in zip(members, sizes))
         self.root, log_det = self._root(range(len(members)), sizes)
         self.inverse = self.root @ self.root.T
