@@ -295,7 +295,7 @@ class State:
         for family, start, end in zip(bank.families, bank.ends, bank.ends[1:]):
             value = log_bf[start:end]
             if seen[start:end].any():  # of what this order hides altogether a run says nothing
-                best, whole = int(np.argmax(value)), float(log_mean(value))
+                best, whole = int(np.argmax(np.where(seen[start:end], value, -np.inf))), float(log_mean(value))
                 out.append(Suggestion(whole + family.log_prior, family, family.settings[best],
                                       whole - float(value[best])))
         return sorted(out, key=lambda one: -one.gain)
