@@ -4,17 +4,22 @@
 import numpy as np
 from synthetic import synthetic_run
 
-from rosette_ros.core.diagnosis.noise_search import NoiseProblem, estimate
+from rosette_ros.core.diagnosis.noise_hypotheses import kinds_beside
 from rosette_ros.core.model.least_squares import fit
 
 SIGMA = 1e-7
-NONE = np.zeros((0, 144, 3))
 
 
 def noisy(offset, seed=0, order='random'):
     """Return a run of 12 balls with an offset (N, 3) in sigma on its readings, whose repeatability is known."""
     run = synthetic_run(12, order, seed, repeatability=SIGMA)[0]
     return run.replace(centre=run.centre + SIGMA * offset)
+
+
+def moved(run, displacement, size):
+    """Return a run moved by a displacement (N, 3) of which the base model leaves a norm of so many SIGMA."""
+    visible = np.linalg.norm(fit(run.replace(centre=run.centre + 1e-6 * displacement)).residual - fit(run).residual)
+    return run.replace(centre=run.centre + size * SIGMA * 1e-6 / visible * displacement)
 
 
 def white(seed):
@@ -44,24 +49,6 @@ def student(seed, dof):
     return noise * np.sqrt((dof - 2) / rng.chisquare(dof, (144, 1)))
 
 
-def problem(offset, seed=0, order='random'):
-    """Return the problem of the noise of a run."""
-    run = noisy(offset, seed, order)
-    found = fit(run)
-    return NoiseProblem(run, found.joint.space.basis, NONE, found.residual, 0)
-
-
-def estimated(offset, seed=0, order='random'):
-    """Return the NoiseFit of a run."""
-    return estimate(problem(offset, seed, order))
-
-
-def covariance(sd, phi, wander):
-    """Return the covariance (3 N, 3 N) of a noise, written out."""
-    size = len(sd)
-    k = np.arange(size)
-    kernel = np.minimum(k[:, None], k) + 1.0 if phi == 1 else phi**np.abs(k[:, None] - k)
-    out = np.zeros((size, 3, size, 3))
-    for axis in range(3):
-        out[:, axis, :, axis] = np.diag(sd[:, axis]**2) + wander[axis] * kernel
-    return out.reshape(3 * size, 3 * size)
+def noise_of(run):
+    """Return the likeliest Noise of a run beside the base model alone."""
+    return kinds_beside(fit(run))[0].noise

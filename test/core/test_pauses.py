@@ -29,9 +29,9 @@ def step(run, at, size=1e-6):
 
 def test_a_step_in_the_pause_is_found_there(paused):
     """Somebody requalified the probe before going on: the moment found lies in the pause."""
-    found = diagnose(step(paused, PAUSE))
+    found = find(step(paused, PAUSE))
     assert found.missing == ('frame_step',)
-    t0 = found.candidates[0].setting['t0']
+    t0 = found.terms[0].fixed['t0']
     assert paused.time[PAUSE - 1] < t0 < paused.time[PAUSE]
 
 
@@ -39,8 +39,9 @@ def test_drift_knows_how_long_the_pause_was(paused):
     """2 h of 5 nm/min within the pause count."""
     drift = 5e-9 / 60 * (paused.time - paused.time[0])
     found = find(paused.replace(centre=paused.centre + drift[:, None] * [0.0, 0.0, 1.0]))
-    assert found.missing
-    assert found.missing[0] == 'frame_drift'
+    assert found.missing == ('frame_drift',)
+    rates = {one.name: one for one in found.final.effects[0].parameters}
+    assert abs(rates['d_z'].value - 5e-9 / 60) < 3 * rates['d_z'].u
 
 
 def test_a_pause_alone_is_no_effect(paused):

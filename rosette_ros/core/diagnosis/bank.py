@@ -318,7 +318,8 @@ class Bank:
 
         (b, q, k) by its key; is_open: of free courses, too."""
         raw = whitening.adjoint(rows.reshape(len(rows), -1, 3)).astype(np.float32)
-        flat = np.concatenate([part.products(raw) for part, pieces in self._parts if is_open or not pieces[0].key[1]])
+        flat = np.concatenate([np.zeros((0, len(rows)), np.float32), *(
+            part.products(raw) for part, pieces in self._parts if is_open or not pieces[0].key[1])])
         return {key: group.mixed(flat[group.column]) for key, group in self.groups.items() if is_open or not key[1]}
 
     def seen(self, left: Mapping[Key, Reals]) -> dict[Key, Floats]:

@@ -37,7 +37,7 @@ SEARCHED = 1.0
 NEAR = 9.0
 """Log evidence by which an estimate, on the grid or of a kind of noise, may be wrong: what is worse by more than this
 is not looked at."""
-SIZES = 2.0**np.arange(1, 12.25, 0.5)
+SIZES = 2.0**np.arange(1, 15.25, 0.5)
 """Sizes of a member over sigma, the root of its square sum over all readings, that are summed over: from what can
 hardly be seen to what a cell stops for."""
 

@@ -27,9 +27,10 @@ BORDER = 0.25
 """Share of the range of a variable by which its cosines go on at either end, so that they are free there."""
 STANDS_STILL = 1e-3
 """Change of a variable, over its size, that is rounding or the clock's, and no variable."""
-MATERN = {'slow': (0.6, 2), 'middle': (0.2, 2), 'quick': (0.07, 2), 'rough': (0.3, 1)}
+WALK, EACH = 'rough', 'each'
+MATERN = {'slow': (0.6, 2), 'middle': (0.2, 2), 'quick': (0.07, 2), WALK: (0.3, 1)}
 """Length over the range, and smoothness, of the processes of a variable: 2 once differentiable, 1 a random walk."""
-WAVES = {'smooth': 1.5, 'each': np.inf}
+WAVES = {'smooth': 1.5, EACH: np.inf}
 """Waves per turn at which the size of a process of an angle has fallen to a half; each value by itself."""
 
 
@@ -90,14 +91,7 @@ def variables(run: Run) -> tuple[Variable, ...]:
     moved = np.maximum.accumulate(np.where(np.abs(move) > 1e-9, np.arange(run.size), 0))
     if 'table_travel' not in run.unrecorded:
         if np.ptp(psi) > 2.4 * np.pi:  # of one turn it is the table angle
-            turns = np.ptp(psi) / (2 * np.pi)
             found += _ordinary('travel', 'rad', psi, ('slow', 'middle', 'quick'))
-            for part in (2, 3):
-                if turns > part:
-                    order = np.arange(1, 2 * part)
-                    order = order[order % part > 0]
-                    waves = np.concatenate([np.cos(order[:, None] * psi / part), np.sin(order[:, None] * psi / part)])
-                    found.append(Variable('travel', 'rad', psi, waves, {f'{part} turns': np.ones(len(waves))}))
         size = np.abs(move[moved])
         if np.unique(np.round(size, 6)).size > 1:
             found += _ordinary('move size', 'rad', move[moved], ('slow', 'middle'))
@@ -178,7 +172,8 @@ class FreeEffect(Effect):
         single: dict[str, list[Setting]] = {}
         for one in every:
             single.setdefault(one.name, []).extend(
-                self._setting(one.name, kind, along) for kind in one.kinds for along in motions(run))
+                self._setting(one.name, kind, along) for kind in one.kinds for along in motions(run)
+                if kind != WALK or not along.startswith('frame'))  # a frame that walks at random is a kind of noise
         yield from ((name, tuple(dict.fromkeys(some))) for name, some in single.items())
         pairs: dict[str, list[Setting]] = {}
         for one, other in combinations(every, 2):
@@ -194,7 +189,8 @@ class FreeEffect(Effect):
                 if one.name not in (*OF_PLACE, 'touches') or (place, one.name) == ('ball', 'table angle'):
                     alone.setdefault(f'one {place}{TIMES}{one.name}', []).extend(
                         self._setting(f'{place} {k}{TIMES}{one.name}', kind, along)
-                        for k in np.unique(number).tolist() for kind in one.of_place for along in OF_PLACE[place])
+                        for k in np.unique(number).tolist() for kind in one.of_place for along in OF_PLACE[place]
+                        if kind != EACH)  # of one place that is the scatter of its readings
         yield from ((name, tuple(dict.fromkeys(some))) for name, some in alone.items())
 
     @staticmethod
