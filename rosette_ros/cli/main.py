@@ -38,7 +38,6 @@ VERBS = {
     'evaluate': ('evaluate', 'the six error motions of a run, with uncertainties'),
     'compare': ('compare', 'a model compared with a run: where it fails, by how much of the noise'),
     'diagnose': ('diagnose', 'which physical effect is missing from the model'),
-    'explain': ('explain', 'what explains a run: effects, noise, what has no name, with probabilities'),
     'effects': ('effects', 'the library of physical effects, or one of them explained'),
     'add': ('add', 'add an effect to a model file; with --run, the error before and after'),
     'remove': ('remove', 'remove an effect from a model file; with --run, the error before and after'),
