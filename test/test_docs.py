@@ -135,7 +135,7 @@ def test_every_verb_is_listed():
     listed = {verb for row in re.findall(r'^\| (`.*?) \|', text_of(ROOT / 'docs/commands.md'), re.MULTILINE)
               for verb in re.findall(r'`([\w-]+)[ `]', row)}
     used = set(re.findall(r'^(?:\.venv/bin/)?rosette ([\w-]+)', text_of(ROOT / 'README.md'), re.MULTILINE))
-    assert listed == set(VERBS)
+    assert listed == {verb for verb, (module, _) in VERBS.items() if (ROOT / f'rosette_ros/cli/{module}.py').is_file()}
     assert used and used - set(VERBS) == set()
 
 
