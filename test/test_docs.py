@@ -80,6 +80,8 @@ def test_links_have_targets(path):
     text = text_of(path)
     missing = [target for target in LINK.findall(text) if not (path.parent / target).exists()]
     assert missing == []
+    own = re.findall(r'\]\(#([^)\s]+)\)', text)
+    assert [anchor for anchor in own if anchor not in anchors(path)] == []
     for target, anchor in re.findall(r'\]\((?!https?:)([^)#\s]*\.md)#([^)\s]+)\)', text):
         assert anchor in anchors(path.parent / target), f'{target}#{anchor}'
 
@@ -144,6 +146,11 @@ def test_the_readme_is_read_in_two_minutes():
     prose = re.sub(r'^```.*?^```$', '', text_of(ROOT / 'README.md'), flags=re.MULTILINE | re.DOTALL)
     lines = [line for line in prose.splitlines() if not line.startswith(('|', '[', '!['))]
     assert 200 < len(' '.join(lines).split()) <= 500
+
+
+def test_the_documents_stay_short():
+    """All pages together; what is said once is linked from elsewhere."""
+    assert sum(len(text_of(path).split()) for path in (*DOCUMENTS, ROOT / 'CHANGELOG.rst')) <= 25_000
 
 
 def test_changelog_begins_with_this_version():
