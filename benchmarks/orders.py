@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What each order of measurement shows and costs: the tables of docs/orders.md.
+"""What each order of measurement shows and costs, as tables.
 
     python -m benchmarks.orders [--balls 12] [--sizes 6 12 24 36 72] [--seeds 5]
 """

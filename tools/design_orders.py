@@ -4,7 +4,7 @@
     python -m tools.design_orders 12 24 72 [--seed 1] [--steps 4000] [--heat 0.05]
 
 Writes the tables in rosette_ros/core/sensitive_order.py. Up to ten balls the order is designed
-reading by reading after the sweeps, beyond that by sweeps alone; docs/orders.md says how.
+reading by reading after the sweeps, beyond that by sweeps alone; tools/order_cost.py says what counts.
 """
 
 import argparse

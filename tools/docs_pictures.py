@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes the pictures of reports, plans and budgets in docs/ from simulated runs: python tools/docs_pictures.py
 
-With --browser PATH the first screen of the page, light and dark, and its first two pages on paper are taken by a
-headless Chromium, too.
+The first screen of the page is taken by a headless Chromium (--browser PATH).
 """
 
 import argparse
@@ -12,9 +11,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
-from PIL import Image
 from playwright.sync_api import sync_playwright
-from pypdfium2 import PdfDocument
 
 from rosette_ros.analysis import analyse, summarise
 from rosette_ros.core.budget_monte_carlo import monte_carlo
@@ -35,9 +32,8 @@ from rosette_ros.presentation.plots.plan_plots import pictures_of_plans
 from rosette_ros.presentation.plots.plot_style import LOOK
 from rosette_ros.presentation.plots.result_plots import Series, six_curves
 from rosette_ros.presentation.plots.touch_plots import touch_directions
-from rosette_ros.presentation.report import Source, open_source, pictures_of, report_html
+from rosette_ros.presentation.report import open_source, pictures_of, report_html
 from rosette_ros.presentation.report.run_page import budget_of
-from rosette_ros.presentation.report.verification import MakerTable, verification_pictures, verify
 from rosette_ros.simulation import Machine, MachineConfig
 
 IMAGES = Path(__file__).parents[1] / 'docs' / 'images'
@@ -45,15 +41,11 @@ BROWSER = Path('/usr/bin/chromium')
 DPI = 110
 HIDDEN = [{'kind': 'frame_drift', 'rate_um_per_h': [0.9, 0.0, 0.5]},
           {'kind': 'ball_slip', 'ball': 4, 'shift_um': [0.9, 0.5, 0.3], 'at_h': 1.1}]
-CMM_OFF = {'cmm': {'correction': False}}
-CONDITIONS = ({}, {'clamping': {'plate_turn_deg': 90.0}}, CMM_OFF, {**CMM_OFF, 'table': {'axial_correction': False}},
-              {'table': {'angular_correction': False}}, {})
 FINE = {'fine_orders': (11, 13, 17), 'fine_share': 0.5, 'translation_um': 0.3, 'rotation_urad': 2.0}
 MOVED = (0, 30, 60, 90, 130, *range(150, 360, 30))
-SHOWN = ('curves', 'deviations', 'residual_maps', 'residuals_against', 'ladder', 'visibility')
+SHOWN = ('curves', 'residual_maps')
 COMPARED = ('diagonal', 'row', 'there_and_back', 'sensitive', 'diagonal:50%')
-PAPER = 'report-paper.png'
-SCREENS = {'light': 'report-verdict.png', 'dark': 'report-verdict-dark.png'}
+SCREEN = 'report-verdict.png'
 
 
 def main():
@@ -75,7 +67,6 @@ def main():
         page = Path(folder) / 'page.html'
         write_text(page, report_html(summary, source, 'rosette report run.csv', pictures=pictures))
         photograph(page, options.browser)
-    keep(verification_pictures(verification())['verification_curves'], 'report-verification.png')
     keep(irregular_plate(), 'plans-irregular-plate.png')
     picture_plans()
     keep(touch_directions(lobed()), 'report-touches.png')
@@ -129,8 +120,8 @@ def picture_plans():
         order, _, places = name.partition(':')
         plans.append(replace(outlook_of_order(12, 0.1825, None, order, places), name=name))
     pictures = pictures_of_plans(plans)
-    for name, made in (('shares', 'shares'), ('pairs', 'pairs_3'), ('uncertainty', 'uncertainty')):
-        keep(pictures[made], f'plans-{name}.png')
+    for name in ('shares', 'uncertainty'):
+        keep(pictures[name], f'plans-{name}.png')
 
 
 def keep(figure, name):
@@ -141,35 +132,17 @@ def keep(figure, name):
 
 
 def photograph(page, browser):
-    """Take the first screen of a page, light and dark, and its first two sheets of paper."""
+    """Take the first screen of a page."""
     if not browser.is_file():
-        print(f'{browser}: no browser there, so {", ".join((*SCREENS.values(), PAPER))} stay as they are')
+        print(f'{browser}: no browser there, so {SCREEN} stays as it is')
         return
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=str(browser), args=['--no-sandbox', '--disable-gpu'])
-        for scheme, name in SCREENS.items():
-            tab = chromium.new_page(viewport={'width': 1080, 'height': 680}, color_scheme=scheme)
-            tab.goto(page.as_uri())
-            tab.screenshot(path=IMAGES / name)
-            print(f'docs/images/{name}: {(IMAGES / name).stat().st_size / 1e3:.0f} kB')
-        sheets = [sheet.render(scale=1.0).to_pil() for sheet in PdfDocument(tab.pdf(format='A4'))][:2]
+        tab = chromium.new_page(viewport={'width': 1080, 'height': 680}, color_scheme='light')
+        tab.goto(page.as_uri())
+        tab.screenshot(path=IMAGES / SCREEN)
         chromium.close()
-    both = Image.new('RGB', (sheets[0].width + sheets[1].width + 12, sheets[0].height), '#888888')
-    both.paste(sheets[0])
-    both.paste(sheets[1], (sheets[0].width + 12, 0))
-    both.save(IMAGES / PAPER, optimize=True)
-    print(f'docs/images/{PAPER}: {(IMAGES / PAPER).stat().st_size / 1e3:.0f} kB')
-
-
-def verification():
-    """Return the Verification of six simulated runs; the machine goes on from run to run."""
-    runs, state = [], None
-    for place, changes in enumerate(CONDITIONS, 1):
-        machine = Machine(MachineConfig().changed(seed=1, **changes), state)
-        runs.append((analyse(machine.run(plan(12, 'diagonal'))), Source(f'{place}.csv', ())))
-        state = machine.state
-    curves = machine.maker_table()
-    return verify(runs, MakerTable(runs[0][0].error_motions.angle, curves[:, 2], curves[:, 5]))
+    print(f'docs/images/{SCREEN}: {(IMAGES / SCREEN).stat().st_size / 1e3:.0f} kB')
 
 
 if __name__ == '__main__':

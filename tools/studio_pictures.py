@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the images of docs/studio.md: the page in a real browser, beside a simulated cell.
+"""Makes the images of the studio in docs/results.md: the page in a real browser, beside a simulated cell.
 
 python tools/studio_pictures.py [FOLDER]; the browser is the one that tools/browser.sh names.
 """
@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[1]
 FLAGS = ('--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking',
          '--disable-component-update', '--disable-sync')
 DRIFT = {'kind': 'frame_drift', 'rate_um_per_h': [1.0, 0.0, 0.5]}
-DESKTOP, TABLET = {'width': 1280, 'height': 800}, {'width': 820, 'height': 1180}
+DESKTOP = {'width': 1280, 'height': 800}
 DOMAIN = 63
 
 
@@ -45,21 +45,12 @@ def main(folder):
 
 
 def picture_run(browser, address, folder):
-    """Take images of a run: verdict, preview, dark, tablet, after adding."""
-    for name, size, scheme in (('verdict', DESKTOP, 'light'), ('dark', DESKTOP, 'dark'), ('tablet', TABLET, 'light')):
-        page = browser.new_page(viewport=size, color_scheme=scheme)
-        page.goto(address)
-        settle(page, 'bad')
-        page.screenshot(path=folder / f'studio-{name}.png')
-        if name == 'verdict':
-            page.get_by_test_id('verdict-preview').click()
-            expect(page.get_by_test_id('preview-words')).to_contain_text('It helps')
-            page.wait_for_timeout(3000)
-            page.screenshot(path=folder / 'studio-preview.png')
-            page.get_by_test_id('preview-add').click()
-            settle(page, 'good')
-            page.screenshot(path=folder / 'studio-added.png')
-        page.close()
+    """Take an image of the verdict on a run."""
+    page = browser.new_page(viewport=DESKTOP)
+    page.goto(address)
+    settle(page, 'bad')
+    page.screenshot(path=folder / 'studio-verdict.png')
+    page.close()
 
 
 def picture_cell(browser, address, folder):

@@ -229,7 +229,7 @@ def plan(n: int, order: str = 'diagonal', seed: int = 0, turning: str = 'forward
 
     order: one of ORDERS. `row`: table outer, CMM and plate inner (the paper's case 1); `diagonal`: CMM outer (case 2,
     Table 1); `column`: ball outer (case 3); `random`: a shuffle drawn from `seed`; `sensitive`: small steps of the
-    table in which every effect of the library shows (docs/orders.md); `there_and_back`, `row_there_and_back`:
+    table in which every effect of the library shows (docs/measuring.md); `there_and_back`, `row_there_and_back`:
     `diagonal` or `row` at half the CMM positions, then the same backwards. turning: `forward` turns the table
     counter-clockwise always; `alternate` turns it backwards in every second inner loop (every second move in `random`),
     so that backlash shows; `sensitive` and those there and back have senses of their own whatever it says.

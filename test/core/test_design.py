@@ -80,7 +80,7 @@ def test_less_motion_than_random(n):
         assert mine_way.cmm_way < CMM_WAY.get(n, 0.6) * drawn_way.cmm_way
 
 
-# Visible shares that docs/orders.md promises; the bound of what grows with time times a shape of
+# Visible shares that users of the order rely on; the bound of what grows with time times a shape of
 # the base model is one half, sqrt(var t / mean t^2).
 PROMISED = [
     ('frame_drift', {'axes': 'z'}, {6: 0.6, 12: 0.95, 24: 0.96, 72: 0.98}),
@@ -97,7 +97,7 @@ PROMISED = [
 
 @pytest.mark.parametrize('effect, setting, shares', PROMISED)
 def test_promised_shares(effect, setting, shares):
-    """The order shows what the documentation promises."""
+    """The order shows what it was designed for."""
     for n, promised in shares.items():
         assert visible(plan(n, 'sensitive'), effect, **setting) > promised, n
 
