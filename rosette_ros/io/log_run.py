@@ -132,7 +132,9 @@ class LogRun:
             self.frames += [frame for one in message.transforms if (frame := msg.table_frame_of(one))]
 
     def _run(self, run_id: str) -> RunAnswers:
-        return self.runs.setdefault(run_id, RunAnswers(run_id, self.frames))
+        if run_id not in self.runs:
+            self.runs[run_id] = RunAnswers(run_id, self.frames)
+        return self.runs[run_id]
 
     @property
     def targets(self) -> list[msg.Target]:

@@ -11,7 +11,6 @@ from nicegui.events import UploadEventArguments
 
 from rosette_ros.core.errors import RosetteError, one_line
 from rosette_ros.core.records import Run
-from rosette_ros.io.log_reader import READ_WITHIN
 from rosette_ros.presentation.report import open_source
 from rosette_ros.presentation.report.provenance import Source
 from rosette_ros.studio.access_control import MOST_UPLOAD, TOO_LARGE
@@ -20,8 +19,8 @@ from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels.widgets import ErrorLine, button, input_field, marked, row
 from rosette_ros.studio.worker import Superseded, WorkerFailed
 
-READ_MEMORY = 2 << 30
-"""Most memory for reading a run that was uploaded, bytes; it takes READ_WITHIN at most."""
+READ_MEMORY, READ_WITHIN = 2 << 30, 60.0
+"""Most memory and time for reading a run that was uploaded, bytes and s."""
 MOST_NAME = 120
 """Longest name of a file, bytes; systems take 255."""
 
