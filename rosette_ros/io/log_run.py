@@ -176,7 +176,8 @@ class LogRun:
         Raises InvalidData where there is none, another, or more than one without a choice."""
         present = self.run_ids
         if not present:
-            raise InvalidData(f'{self.path}: {NO_RUN}')
+            raise InvalidData(f'{self.path}: {NO_RUN}' if self.targets else f'{self.path}: wanted probe targets '
+                              f'({PROBE_TARGET}), got none beside {len(self.answers)} ball centres; record both')
         if run_id is None and len(present) > 1:
             raise InvalidData(f'{self.path}: wanted one run, got {len(present)}: {", ".join(present)}; choose one by '
                               'its run_id')

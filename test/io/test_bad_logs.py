@@ -66,7 +66,8 @@ def test_log_without_targets_is_refused_with_words(make_cell, tmp_path):
     """Number of balls, radius and phase are known from the targets only."""
     cell = make_cell()
     cell.sent = [entry for entry in cell.sent if 'probe_target' not in entry[0]]
-    with pytest.raises(InvalidData, match='log: wanted probe targets of phase RUN, got none'):
+    with pytest.raises(InvalidData, match='log: wanted probe targets .rosette_msgs/msg/ProbeTarget., got none beside '
+                       '21 ball centres; record both'):
         read_log(cell.write(tmp_path / 'log')).to_run()
 
 
