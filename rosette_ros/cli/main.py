@@ -21,7 +21,7 @@ from types import FrameType, ModuleType
 from typing import Any, NoReturn
 
 from rosette_ros import __version__
-from rosette_ros.cli.arguments import UsageError, keep_inputs
+from rosette_ros.cli.arguments import UsageError, expand_home, keep_inputs
 from rosette_ros.core.errors import RosetteError, one_line, unknown
 
 SIGNS = {'−': '-', '–': '-', '─': '-', '±': '+-', '→': '->', 'µ': 'u', '°': 'deg', 'σ': 'sigma', 'Δ': 'd', '·': '.',
@@ -110,6 +110,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             signal.signal(number, _end)
     try:
         options = parse(sys.argv[1:] if argv is None else list(argv))
+        expand_home(options)
         keep_inputs(options)
         code = options.run(options)
         sys.stdout.flush()

@@ -45,7 +45,7 @@ class SimulatedCmm(CmmNode):
 
     def __init__(self) -> None:
         super().__init__(WANTED)
-        self._file = Path(self.parameters['machine'] or default_machine())
+        self._file = Path(self.parameters['machine'] or default_machine()).expanduser()
         self._machine = Machine(load_machine(self._file))
         self._run_id: str | None = None
         self._switched_on = self.system.now().nanoseconds

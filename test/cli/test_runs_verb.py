@@ -73,6 +73,14 @@ def test_what_is_no_run_is_passed_over(rosette, refused, folder):
     assert 'wanted one log, got a.mcap, b.mcap; name one of them' in refused('info', folder / 'several')
 
 
+def test_the_home_of_the_user_is_found_in_every_option(rosette, folder, monkeypatch):
+    """A shell expands `~/` where it begins a word only."""
+    monkeypatch.setenv('HOME', str(folder))
+    (folder / 'model.yaml').write_text('{schema: rosette-model/1, effects: [frame_drift]}')
+    assert 'frame_drift' in rosette('evaluate', '~/drift.csv', '--model=~/model.yaml').out
+    assert len(json.loads(rosette('runs', '~/', '--json').out)['runs']) == 2
+
+
 def test_evaluate_points_to_diagnose_where_the_model_fails(rosette, folder):
     """And only there."""
     assert f'{program()} diagnose {folder / "drift.csv"}' in rosette('evaluate', folder / 'drift.csv').out

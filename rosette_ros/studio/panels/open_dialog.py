@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Opening a run: by its path, from suggested ones, or by upload."""
 
+import os
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path, PurePosixPath
@@ -61,7 +62,7 @@ class OpenDialog:
 
     async def _open_path(self) -> None:
         if self._path.value.strip():
-            await self.open(self._path.value.strip())
+            await self.open(os.path.expanduser(self._path.value.strip()))
 
     async def open(self, path: str, asked: bool = True, run_id: str = '') -> None:
         """Open a path, or show what is wrong with it; asked: in the dialog, which else stays as a person has it."""
