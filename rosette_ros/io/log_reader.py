@@ -26,7 +26,16 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.io import bag_metadata as bag
-from rosette_ros.io.log_run import NEEDED, RECORDS, TF_MESSAGE, TF_STATIC, LogRun, check_version
+from rosette_ros.io.log_run import (
+    DIAGNOSTICS,
+    NEEDED,
+    RECORDS,
+    SIMULATED_STATUS,
+    TF_MESSAGE,
+    TF_STATIC,
+    LogRun,
+    check_version,
+)
 from rosette_ros.io.message_decoder import message_decoder
 from rosette_ros.io.safe_yaml import BAD_VALUE
 from rosette_ros.io.text_file import reading
@@ -39,6 +48,7 @@ READ_WITHIN, PER_BYTE = 10.0, 1e-5
 """Longest processor time for reading a log as a run, s: so much, and for each byte; a cell's takes a fifth at most."""
 
 _INDEXES = frozenset((Opcode.MESSAGE_INDEX, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT))
+_SIMULATED = SIMULATED_STATUS.encode()
 _PACKED = b'\x28\xb5\x2f\xfd'  # how zstd begins: a message that rosbag2 compressed on its own
 _DAMAGED = (McapError, struct.error, ArithmeticError, ValueError, MemoryError)  # what the library raises
 
@@ -337,6 +347,8 @@ def read_log(path: str | Path) -> LogRun:
     problems, checked = list(listing.problems), set[tuple[str, str]]()
     for file in files:
         for message in file.messages(_is_needed):
+            if message.type_name == DIAGNOSTICS and (log.is_cmm_simulated or _SIMULATED not in message.data):
+                continue
             schema = (message.type_name, message.channel.schema_text)
             try:
                 record = decoded(message)
