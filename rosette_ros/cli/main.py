@@ -11,6 +11,7 @@ import gc
 import importlib
 import io
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -62,9 +63,10 @@ VERBS = {
 
 FEWER_COLLECTIONS = 10_000
 """New objects after which garbage is looked for: figures are made of many and leave little; a twelfth of a report."""
+_ROS = re.compile(r'rclpy|ament_index_python|rosidl\w+|\w+_(msgs|srvs|interfaces)')
 _SOURCE = 'source the set-up file of ROS 2 and of the workspace'
 _ARCHIVE = 'pip install distributed duckdb fsspec pyarrow'
-INSTALL = {'rclpy': _SOURCE, 'rosette_msgs': _SOURCE, 'nicegui': 'pip install nicegui plotly',
+INSTALL = {'nicegui': 'pip install nicegui plotly',
            **dict.fromkeys(('dask', 'distributed', 'duckdb', 'fsspec', 'pyarrow'), _ARCHIVE)}
 """Package: how it is installed, where that is not its name alone."""
 
@@ -197,8 +199,8 @@ def _implementation(verb: str, module: str) -> ModuleType:
         package = (error.name or '').partition('.')[0]
         if package in ('', 'rosette_ros'):
             raise
-        raise UsageError(f'{verb}: wanted the Python package {package}, got none; '
-                         f'{INSTALL.get(package, f"pip install {package}")}') from error
+        install = _SOURCE if _ROS.fullmatch(package) else INSTALL.get(package, f'pip install {package}')
+        raise UsageError(f'{verb}: wanted the Python package {package}, got none; {install}') from error
 
 
 if __name__ == '__main__':
