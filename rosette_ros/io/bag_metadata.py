@@ -5,6 +5,7 @@ Every key is mandatory for rosbag2. The same mapping, without the top-level key,
 record `rosbag2`. Source: rosbag2_storage (jazzy), metadata_io and yaml.hpp."""
 
 import re
+import shlex
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -194,7 +195,7 @@ def find_files(path: str | Path) -> BagListing:
             return read_bag_metadata(path / FILE_NAME)
         if not (found := files_in(path)):
             raise InvalidData(f'{path}: wanted a log directory with .mcap files, got none in it')
-        if not is_one_log(one.name for one in found):
+        if not holds_log(path):
             raise InvalidData(f'{path}: wanted one log, got {", ".join(one.name for one in found)}; name one of them')
         return BagListing(found)
 
@@ -235,7 +236,8 @@ def packed_in(directory: Path) -> list[Path]:
 
 def packed_error(path: Path) -> InvalidData:
     """Return the error about a compressed file, with the command that unpacks it."""
-    return InvalidData(f'{path}: is a compressed file; unpack it: zstd -d {path} -o {path.with_suffix("")}')
+    command = shlex.join(['zstd', '-d', str(path), '-o', str(path.with_suffix(''))])
+    return InvalidData(f'{path}: is a compressed file; unpack it: {command}')
 
 
 def read_bag_metadata(path: Path) -> BagListing:

@@ -10,6 +10,7 @@ import struct
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from io import SEEK_END, BufferedReader
 from pathlib import Path
@@ -26,16 +27,8 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.io import bag_metadata as bag
-from rosette_ros.io.log_run import (
-    DIAGNOSTICS,
-    NEEDED,
-    RECORDS,
-    SIMULATED_STATUS,
-    TF_MESSAGE,
-    TF_STATIC,
-    LogRun,
-    check_version,
-)
+from rosette_ros.io import log_run
+from rosette_ros.io.log_run import RECORDS, TF_MESSAGE, LogRun
 from rosette_ros.io.message_decoder import message_decoder
 from rosette_ros.io.safe_yaml import BAD_VALUE
 from rosette_ros.io.text_file import reading
@@ -48,7 +41,7 @@ READ_WITHIN, PER_BYTE = 10.0, 1e-5
 """Longest processor time for reading a log as a run, s: so much, and for each byte; a cell's takes a fifth at most."""
 
 _INDEXES = frozenset((Opcode.MESSAGE_INDEX, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT))
-_SIMULATED = SIMULATED_STATUS.encode()
+_SIMULATED = log_run.SIMULATED_STATUS.encode()
 _PACKED = b'\x28\xb5\x2f\xfd'  # how zstd begins: a message that rosbag2 compressed on its own
 _DAMAGED = (McapError, struct.error, ArithmeticError, ValueError, MemoryError)  # what the library raises
 
@@ -76,7 +69,7 @@ class LogChannel(NamedTuple):
     @property
     def is_static_frames(self) -> bool:
         """Whether it carries latched transforms."""
-        return self.type_name == TF_MESSAGE and self.topic.rpartition('/')[2] == TF_STATIC
+        return self.type_name == TF_MESSAGE and self.topic.rpartition('/')[2] == log_run.TF_STATIC
 
 
 class LoggedMessage(NamedTuple):
@@ -190,11 +183,10 @@ class LogFile:
                     raise InvalidData(f'{self.path}: is empty; wanted an MCAP log' if not stream.seek(0, SEEK_END) else
                                       f'{self.path}: is not an MCAP file: wanted it to begin with {MAGIC!r} and a '
                                       'header record') from error
-                self.truncated = place is None and isinstance(error, EndOfFile)
-                if self.truncated:
-                    return
                 if place is None:
-                    self._note(f'is damaged ({str(error) or type(error).__name__:.200}): what stands behind is lost')
+                    self.truncated = isinstance(error, EndOfFile)
+                    if not self.truncated:
+                        self._note(f'is damaged ({str(error) or type(error).__name__:.200}): the rest is lost')
                     return
                 self._note('a damaged part was skipped; reading went on where the summary says')
                 stream.seek(place)
@@ -274,19 +266,11 @@ class LogFile:
             self._undescribed += 1
         elif wanted(channel):
             if data.startswith(_PACKED):
-                data = self._unpacked(data, channel.topic)
+                with suppress(zstandard.ZstdError):  # then it cannot be decoded, which is told
+                    data = _uncompressed(data, 'zstd', MAX_RECORD)
+                self._allowance.take(len(data))
             return LoggedMessage(channel, record.log_time, record.publish_time, data, self.counts[number])
         return None
-
-    def _unpacked(self, data: bytes, topic: str) -> bytes:
-        """Return a message that was compressed on its own (rosbag2, compression_mode: MESSAGE)."""
-        try:
-            data = _uncompressed(data, 'zstd', MAX_RECORD)
-        except zstandard.ZstdError as error:
-            raise InvalidData(f'{self.path}: topic {topic}: message {self.summary.messages}: its zstd data is '
-                              'damaged') from error
-        self._allowance.take(len(data))
-        return data
 
     def _in_chunk(self, chunk: Chunk, stream: _Bounded) -> list[McapRecord]:
         """Return the records in a chunk; none, and a problem, where it is damaged."""
@@ -347,13 +331,13 @@ def read_log(path: str | Path) -> LogRun:
     problems, checked = list(listing.problems), set[tuple[str, str]]()
     for file in files:
         for message in file.messages(_is_needed):
-            if message.type_name == DIAGNOSTICS and (log.is_cmm_simulated or _SIMULATED not in message.data):
+            if message.type_name == log_run.DIAGNOSTICS and (log.is_cmm_simulated or _SIMULATED not in message.data):
                 continue
             schema = (message.type_name, message.channel.schema_text)
             try:
                 record = decoded(message)
                 if message.type_name in RECORDS and schema not in checked:
-                    check_version(*schema, record)
+                    log_run.check_version(*schema, record)
                     checked.add(schema)
                 log.add(message.type_name, record)
             except (InvalidData, *BAD_VALUE) as error:
@@ -378,7 +362,7 @@ def read_log(path: str | Path) -> LogRun:
 
 
 def _is_needed(channel: LogChannel) -> bool:
-    return channel.type_name in NEEDED and (channel.type_name != TF_MESSAGE or channel.is_static_frames)
+    return channel.type_name in log_run.NEEDED and (channel.type_name != TF_MESSAGE or channel.is_static_frames)
 
 
 def decoded(message: LoggedMessage) -> SimpleNamespace:

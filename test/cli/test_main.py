@@ -15,7 +15,6 @@ from rosette_ros import __version__
 from rosette_ros.cli import main as main_module
 from rosette_ros.cli.main import VERBS, error_lines, main
 
-
 SOURCE = 'source the set-up file of ROS 2 and of the workspace'
 
 
