@@ -2,7 +2,6 @@
 """Logs in folders, on this computer or behind a URL that fsspec knows: where they are, and what is in them."""
 
 import hashlib
-import re
 import tempfile
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
@@ -15,8 +14,9 @@ import fsspec
 
 from rosette_ros.archive.run_archive import MARK
 from rosette_ros.core.errors import InvalidData
+from rosette_ros.io.bag_metadata import FILE_NAME as METADATA
+from rosette_ros.io.bag_metadata import is_hidden, is_one_log
 
-METADATA = 'metadata.yaml'
 SUFFIXES = ('.mcap', '.csv')
 _STAMPED = ('size', 'mtime', 'created', 'LastModified', 'last_modified', 'ETag', 'etag')
 """What file systems say of a file that changes when its content does."""
@@ -63,9 +63,9 @@ class FoundLog:
 def find_logs(places: Iterable[str]) -> list[FoundLog]:
     """Return the logs in folders and all that is below them, each once; a place may be a log itself.
 
-    A directory with a metadata.yaml, or with files that are named after it as rosbag2 does, is one log; other .mcap
-    files and all .csv files are one each. Raises InvalidData where nothing is, where an archive is, or where a URL
-    needs a driver."""
+    A directory with a metadata.yaml, or with .mcap files that rosbag2 has numbered, is one log; other .mcap files and
+    all .csv files are one each. What is hidden, in the trash, or no file is none. Raises InvalidData
+    where nothing is, where an archive is, or where a URL needs a driver."""
     found: dict[str, FoundLog] = {}
     for place in places:
         try:
@@ -79,7 +79,12 @@ def find_logs(places: Iterable[str]) -> list[FoundLog]:
         if f'{root}/{MARK}' in files:
             raise InvalidData(f'{place}: wanted a folder of logs, or a log, got an archive')
         is_local = 'file' in ((system.protocol,) if isinstance(system.protocol, str) else system.protocol)
-        for path, inside in _grouped(root, list(files)):
+        kept = [path for path, facts in files.items()
+                if (facts['type'] == 'file' or (is_local and Path(path).is_file()))
+                and not any(map(is_hidden, path.removeprefix(root).split('/')))]
+        if root in files and not kept:
+            raise InvalidData(f'{place}: wanted a folder of logs, or a log, got a device, a pipe or a hidden file')
+        for path, inside in _grouped(root, kept):
             names = [file if is_local else system.unstrip_protocol(file) for file in (path, *inside)]
             stamp = ' '.join(f'{files[file][key]}' for file in inside for key in _STAMPED if key in files[file])
             found.setdefault(names[0], FoundLog(names[0], tuple(names[1:]), stamp))
@@ -96,12 +101,13 @@ def _grouped(root: str, files: list[str]) -> Iterator[tuple[str, list[str]]]:
         folders[path.parent].append(path)
     for folder, inside in folders.items():
         logs = [path for path in inside if path.suffix == '.mcap']
-        is_one = any(path.name == METADATA for path in inside) or all(
-            re.fullmatch(rf'{re.escape(folder.name)}_\d+', path.stem) for path in logs)
+        is_one = is_one_log(path.name for path in inside)
+        is_described = folder / METADATA in inside
         if logs and is_one:
             yield str(folder), list(map(str, logs))
-        elif not logs and folder / METADATA in inside:  # its files are missing: it is a log that cannot be read
+        elif is_described:  # its files are missing: it is a log that cannot be read
             yield str(folder), [str(folder / METADATA)]
         for path in inside:
-            if path.suffix in SUFFIXES and not (is_one and path in logs):
+            is_packed = path.match('*.mcap.zst*') and not is_described and path.with_suffix('') not in inside
+            if is_packed or (path.suffix in SUFFIXES and not (is_one and path in logs)):
                 yield str(path), [str(path)]

@@ -18,6 +18,7 @@ import yaml
 
 from rosette_ros.cell.built_messages import check_messages
 from rosette_ros.core.errors import CellError, InvalidConfig
+from rosette_ros.io.safe_yaml import read_yaml
 from rosette_ros.nodes import names, qos
 
 MODULES = {names.RECORDER: 'rosette_ros.nodes.recorder', names.EVALUATOR: 'rosette_ros.nodes.evaluator',
@@ -27,6 +28,7 @@ DME_CMM = 'rosette_ros.nodes.dme_cmm'
 """The node that takes the place of the simulated CMM where one with an I++ DME server is there."""
 
 START_TIMEOUT = 60.0
+MOST_PARAMETERS = 1 << 20  # longest parameter file, bytes
 CHECK_PERIOD = 0.2  # a failed node is restarted within this time, s, unless the cell ends meanwhile
 MOST_FAILURES, FAILURES_WITHIN = 5, 60.0  # a node that fails so often within so many seconds is not restarted
 _STEPS = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # how a node is ended: signal, s for it
@@ -220,10 +222,21 @@ class Cell:
     def _command(self, name: str) -> list[str]:
         params = self.output_dir / f'{name}.yaml'
         params.write_text(yaml.safe_dump({'/**': {'ros__parameters': self._params[name]}}), encoding='utf-8')
-        files = [str(path) for path in (self._params_file, params) if path is not None]
+        files = [str(path) for path in (self._given_params(), params) if path is not None]
         return [sys.executable, '-m', self._modules[name], '--ros-args', '-r', f'__ns:=/{self.namespace}',
                 *names.remap_arguments(self._remappings), '--enclave', names.enclave(self.namespace, name),
                 *(part for path in files for part in ('--params-file', path))]
+
+    def _given_params(self) -> str | Path | None:
+        """Return the parameter file that was given, or a copy where ROS does not take its lists: [0.35, 0.26, 0]."""
+        if self._params_file is None:
+            return None
+        given = read_yaml(self._params_file, 'a parameter file', MOST_PARAMETERS, InvalidConfig)
+        if repr(given) == repr(yaml.safe_load(Path(self._params_file).read_text(encoding='utf-8'))):
+            return self._params_file
+        copy = self.output_dir / 'given.yaml'
+        copy.write_text(yaml.safe_dump(given), encoding='utf-8')
+        return copy
 
     def _await_output(self, wanted: Mapping[str, str]) -> None:
 

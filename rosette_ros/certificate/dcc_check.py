@@ -14,6 +14,7 @@ from rosette_ros import __version__
 from rosette_ros.certificate.dcc import DCC, OWN, SI, Element, content_digest, document
 from rosette_ros.certificate.statements import Inputs, state
 from rosette_ros.core.errors import InvalidData, RosetteError, one_line
+from rosette_ros.io.bag_metadata import find_files
 from rosette_ros.io.identity_file import Identity, format_identity, parse_identity
 from rosette_ros.presentation.report.provenance import digest
 
@@ -126,8 +127,7 @@ def _texts(values: Any) -> dict[str, str]:
 
 def _hashes(path: str | Path) -> set[str]:
     """Return the SHA-256 of the files of a run."""
-    files = sorted(Path(path).glob('*.mcap')) if Path(path).is_dir() else [path]
-    return {digest(file).sha256 for file in files}
+    return {digest(file).sha256 for file in find_files(path).files}
 
 
 def _differences(one: Element, made: Element, path: str) -> Iterator[tuple[str, float]]:

@@ -4,6 +4,7 @@
 import argparse
 import contextlib
 import math
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -67,6 +68,19 @@ def keep_inputs(options: argparse.Namespace, *written: Path) -> None:
              for one in (value if isinstance(value, list) else [value]) if isinstance(one, (str, Path))]
     for path in (*written, *(given[name] for name in WRITTEN if given.get(name))):
         refuse_read(path, named)
+
+
+def expand_home(options: argparse.Namespace) -> None:
+    """Replace `~/` at the begin of what was given by the home of the user, where no shell has (`--model=~/m.yaml`)."""
+    for name, value in vars(options).items():
+        if isinstance(value, list):
+            setattr(options, name, [_expanded(one) for one in value])
+        else:
+            setattr(options, name, _expanded(value))
+
+
+def _expanded(value: Any) -> Any:
+    return os.path.expanduser(value) if isinstance(value, str) and value.startswith('~/') else value
 
 
 def namespace(text: str) -> str:

@@ -18,7 +18,7 @@ from rosette_ros import command
 from rosette_ros.calibration.settings import IDENTITY
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.hang_detection import HangDetector
-from rosette_ros.cell.supervisor import CHECK_PERIOD, MODULES, Cell
+from rosette_ros.cell.supervisor import CHECK_PERIOD, MODULES, MOST_PARAMETERS, Cell
 from rosette_ros.cli.arguments import IN_LOG, SHARED, UsageError, add_shared, made_folder
 from rosette_ros.cli.console import console
 from rosette_ros.core.errors import CellError, InvalidConfig
@@ -33,7 +33,6 @@ from rosette_ros.simulation.machine_config import MachineConfig, load_machine
 
 CMMS = ('simulated', 'dme')
 DME = CMMS[1]
-MOST_BYTES = 1 << 20
 ROUNDING = 1e-9  # m
 
 
@@ -82,7 +81,7 @@ def run(options: argparse.Namespace) -> None:
 
 def given_parameters(path: str, node: str) -> Iterator[dict[str, Any]]:
     """Yield the parameters of a node in each section of a parameter file; raises InvalidConfig where it is no YAML."""
-    for name, given in sections(read_yaml(path, 'a parameter file', MOST_BYTES, InvalidConfig)):
+    for name, given in sections(read_yaml(path, 'a parameter file', MOST_PARAMETERS, InvalidConfig)):
         if name.rpartition('/')[2] in (node, '*', '**') and isinstance(given, dict):
             yield given
 
@@ -91,7 +90,7 @@ def log_folder(params: str | None) -> str:
     """Return the folder of the logs that a parameter file states, or the usual one."""
     stated = [one['log_dir'] for one in (given_parameters(params, names.RECORDER) if params else ()) if
               isinstance(one.get('log_dir'), str)]
-    return stated[-1] if stated else str(SHARED['--output']['default'])
+    return os.path.expanduser(stated[-1]) if stated else str(SHARED['--output']['default'])
 
 
 def refuse_other_plate(machine: str | None, params: str) -> None:

@@ -11,6 +11,7 @@ import gc
 import importlib
 import io
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -21,7 +22,7 @@ from types import FrameType, ModuleType
 from typing import Any, NoReturn
 
 from rosette_ros import __version__
-from rosette_ros.cli.arguments import UsageError, keep_inputs
+from rosette_ros.cli.arguments import UsageError, expand_home, keep_inputs
 from rosette_ros.core.errors import RosetteError, one_line, unknown
 
 SIGNS = {'−': '-', '–': '-', '─': '-', '±': '+-', '→': '->', 'µ': 'u', '°': 'deg', 'σ': 'sigma', 'Δ': 'd', '·': '.',
@@ -61,9 +62,10 @@ VERBS = {
 
 FEWER_COLLECTIONS = 10_000
 """New objects after which garbage is looked for: figures are made of many and leave little; a twelfth of a report."""
+_ROS = re.compile(r'rclpy|ament_index_python|rosidl\w+|\w+_(msgs|srvs|interfaces)')
 _SOURCE = 'source the set-up file of ROS 2 and of the workspace'
 _ARCHIVE = 'pip install distributed duckdb fsspec pyarrow'
-INSTALL = {'rclpy': _SOURCE, 'rosette_msgs': _SOURCE, 'nicegui': 'pip install nicegui plotly',
+INSTALL = {'nicegui': 'pip install nicegui plotly',
            **dict.fromkeys(('dask', 'distributed', 'duckdb', 'fsspec', 'pyarrow'), _ARCHIVE)}
 """Package: how it is installed, where that is not its name alone."""
 
@@ -109,6 +111,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             signal.signal(number, _end)
     try:
         options = parse(sys.argv[1:] if argv is None else list(argv))
+        expand_home(options)
         keep_inputs(options)
         code = options.run(options)
         sys.stdout.flush()
@@ -195,8 +198,8 @@ def _implementation(verb: str, module: str) -> ModuleType:
         package = (error.name or '').partition('.')[0]
         if package in ('', 'rosette_ros'):
             raise
-        raise UsageError(f'{verb}: wanted the Python package {package}, got none; '
-                         f'{INSTALL.get(package, f"pip install {package}")}') from error
+        install = _SOURCE if _ROS.fullmatch(package) else INSTALL.get(package, f'pip install {package}')
+        raise UsageError(f'{verb}: wanted the Python package {package}, got none; {install}') from error
 
 
 if __name__ == '__main__':

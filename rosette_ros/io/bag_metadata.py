@@ -5,6 +5,7 @@ Every key is mandatory for rosbag2. The same mapping, without the top-level key,
 record `rosbag2`. Source: rosbag2_storage (jazzy), metadata_io and yaml.hpp."""
 
 import re
+import shlex
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -183,24 +184,60 @@ def find_files(path: str | Path) -> BagListing:
     Raises InvalidData where there is none, or metadata.yaml is none or names a file that is missing."""
     path = Path(path)
     with reading(path, 'a log'):
-        if not path.is_dir():
-            if not path.exists():
-                raise InvalidData(f'{path}: wanted a log directory or an .mcap file, got nothing there; check the path')
+        if path.is_file():
             return BagListing((path,))
+        if not path.is_dir():
+            raise InvalidData(f'{path}: wanted a log directory or an .mcap file, got '
+                              f'{"a device or a pipe" if path.exists() else "nothing there; check the path"}')
+        if packed := packed_in(path):
+            raise packed_error(packed[0])
         if (path / FILE_NAME).is_file():
             return read_bag_metadata(path / FILE_NAME)
-        if found := files_in(path):
-            return BagListing(found)
-        raise InvalidData(f'{path}: wanted a log directory with .mcap files, got none in it')
+        if not (found := files_in(path)):
+            raise InvalidData(f'{path}: wanted a log directory with .mcap files, got none in it')
+        if not holds_log(path):
+            raise InvalidData(f'{path}: wanted one log, got {", ".join(one.name for one in found)}; name one of them')
+        return BagListing(found)
+
+
+def is_hidden(name: str) -> bool:
+    """Return whether a file or folder is none that a person has put there: hidden, of macOS, in the trash."""
+    return name.startswith(('.', '$RECYCLE.BIN', '__MACOSX'))
+
+
+def is_one_log(names: Iterable[str]) -> bool:
+    """Return whether files in a folder are one log: they are described, a single one, or numbered as rosbag2 does."""
+    names = list(names)
+    return FILE_NAME in names or len({_numbered(name)[0] for name in names if name.endswith('.mcap')}) == 1
+
+
+def holds_log(directory: Path) -> bool:
+    """Return whether a folder is one log, sound or not, compressed or not."""
+    names = [one.name for one in files_in(directory)] + [one.stem for one in packed_in(directory)]
+    return is_one_log([*names, *([FILE_NAME] if (directory / FILE_NAME).is_file() else [])])
+
+
+def _numbered(name: str) -> tuple[str, int]:
+    """Return the name of a file without its number, and that: `x_12.mcap`: x and 12; `x_000001` and times have none."""
+    match = re.fullmatch(r'(.*)_(0|[1-9]\d{0,4})', Path(name).stem)
+    return (match[1], int(match[2])) if match else (Path(name).stem, 0)
 
 
 def files_in(directory: Path) -> tuple[Path, ...]:
     """Return the .mcap files in a directory, `<name>_<number>.mcap` in the order of their numbers."""
-    def number(path: Path) -> tuple[str, int]:
-        match = re.fullmatch(r'(.*)_(\d{1,9})', path.stem)
-        return (match[1], int(match[2])) if match else (path.stem, 0)
+    found = (path for path in directory.glob('*.mcap') if not is_hidden(path.name) and path.is_file())
+    return tuple(sorted(found, key=lambda path: _numbered(path.name)))
 
-    return tuple(sorted(directory.glob('*.mcap'), key=number))
+
+def packed_in(directory: Path) -> list[Path]:
+    """Return the files that rosbag2 has compressed as a whole and nobody has unpacked beside."""
+    return sorted(path for path in directory.glob('*.mcap.zst*') if not path.with_suffix('').is_file())
+
+
+def packed_error(path: Path) -> InvalidData:
+    """Return the error about a compressed file, with the command that unpacks it."""
+    command = shlex.join(['zstd', '-d', str(path), '-o', str(path.with_suffix(''))])
+    return InvalidData(f'{path}: is a compressed file; unpack it: {command}')
 
 
 def read_bag_metadata(path: Path) -> BagListing:
@@ -212,7 +249,8 @@ def read_bag_metadata(path: Path) -> BagListing:
         bag = load_plain(data.decode())[TOP_KEY]
         storage, names = bag['storage_identifier'], bag['relative_file_paths']
         custom_data = _custom_data(bag)
-        messages = {path.parent / entry['path']: int(entry['message_count']) for entry in bag.get('files') or ()}
+        messages = {path.parent / entry['path'].removesuffix('.zstd'): int(entry['message_count'])
+                    for entry in bag.get('files') or ()}
     except (yaml.YAMLError, *BAD_VALUE) as error:
         raise InvalidData(
             f'{path}: wanted a rosbag2 description with {TOP_KEY}, storage_identifier and relative_file_paths, got '
@@ -224,15 +262,16 @@ def read_bag_metadata(path: Path) -> BagListing:
     if not (is_list and names and len({*names}) == len(names)):
         raise InvalidData(f'{path}: relative_file_paths: wanted names of files in the same folder, got {names!r:.200}; '
                           'each is named once')
-    for name in names:
-        if not (path.parent / name).is_file():
-            raise InvalidData(f'{path}: names {name}, which is missing; put the file back, or delete metadata.yaml to '
-                              'read the files that are there')
-    others = sorted({one.name for one in path.parent.glob('*.mcap')} - {*names})
+    files = tuple(path.parent / name.removesuffix('.zstd') for name in names)  # as they are when unpacked
+    for file in files:
+        if not file.is_file():
+            raise InvalidData(f'{path}: names {file.name}, which is missing; put the file back, or delete '
+                              'metadata.yaml to read the files that are there')
+    others = [one.name for one in files_in(path.parent) if one not in files]
     problems = []
     if others:
         problems.append(f'{path}: does not name {", ".join(others)}, which was not read; delete metadata.yaml to read '
                         'all files that are there')
     if custom_data is None:
         problems.append(f'{path}: custom_data: its checksum is wrong; that in the .mcap files is used')
-    return BagListing(tuple(path.parent / name for name in names), custom_data or {}, tuple(problems), messages)
+    return BagListing(files, custom_data or {}, tuple(problems), messages)

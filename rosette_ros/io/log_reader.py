@@ -1,50 +1,49 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reading logs: the messages of .mcap files, decoded by the schemas that the log carries.
 
-A file is read from front to back, so that one that ends in the middle gives everything up to its last whole chunk.
-The mcap library parses the records, mcap-ros2-support the messages. Where records begin and end is found here, and
-their lengths are bounded before memory is asked for: behind a damaged record reading goes on with the next one.
-Source: MCAP specification, version 0."""
+A file is read from front to back by the StreamReader of the mcap library, so that one that ends in the middle gives
+everything up to its last whole chunk; behind damage reading goes on with the next chunk that its summary points to.
+mcap-ros2-support decodes the messages. What a record states of its own size is bounded before memory is asked for."""
 
 import math
-import os
 import struct
 import time
-import zlib
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from io import BytesIO
+from contextlib import suppress
+from dataclasses import replace
+from io import SEEK_END, BufferedReader
 from pathlib import Path
 from types import SimpleNamespace
-from typing import IO, NamedTuple
+from typing import NamedTuple
 
 import lz4.frame
 import zstandard
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import EndOfFile
+from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Header, Metadata, Schema, Statistics
+from mcap.reader import SeekingReader
+from mcap.records import Channel, Chunk, Header, McapRecord, Message, Metadata, Schema, Statistics
+from mcap.stream_reader import StreamReader, breakup_chunk
 
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.io import bag_metadata as bag
-from rosette_ros.io.log_run import NEEDED, RECORDS, TF_MESSAGE, TF_STATIC, LogRun, check_version
+from rosette_ros.io import log_run
+from rosette_ros.io.log_run import RECORDS, TF_MESSAGE, LogRun
 from rosette_ros.io.message_decoder import message_decoder
 from rosette_ros.io.safe_yaml import BAD_VALUE
 from rosette_ros.io.text_file import reading
 
 MAGIC = b'\x89MCAP0\r\n'
-MAX_RECORD = 1 << 28  # larger records and chunks are not read, bytes
-MAX_SUMMARY = 1 << 26  # a larger summary is not used, bytes; 40 000 chunks need half of it
-MAX_EXPANSION, SPARE = 100, 64 << 20  # a log may expand to so many times its size, and so many bytes more
-MAX_MESSAGES, MAX_PROBLEMS = 10_000_000, 20  # of a log; named of a file
-READ_WITHIN = 60.0  # longest processor time for reading a log as a run, s: 2.5 million messages of a cell
+MAX_RECORD = 1 << 25  # larger records and chunks are not read, bytes
+MAX_EXPANSION, SPARE = 100, 4 << 20  # a log may expand to so many times its size, and so many bytes more
+MAX_PROBLEMS = 20  # named of a file
+READ_WITHIN, PER_BYTE = 10.0, 1e-5
+"""Longest processor time for reading a log as a run, s: so much, and for each byte; a cell's takes a fifth at most."""
 
-_READ = frozenset((Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA,
-                   Opcode.STATISTICS))
-_RECORD_HEAD, _MESSAGE_HEAD = struct.Struct('<BQ'), struct.Struct('<HIqq')
-_FOOTER, _CHUNK_INDEX = struct.Struct('<QQI'), struct.Struct('<16xQQ')
-_KNOWN, _PRIVATE = frozenset(Opcode), 0x80
-_DAMAGED = (EndOfFile, struct.error, ValueError)  # what the parsers of the library raise
+_INDEXES = frozenset((Opcode.MESSAGE_INDEX, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT))
+_SIMULATED = log_run.SIMULATED_STATUS.encode()
+_PACKED = b'\x28\xb5\x2f\xfd'  # how zstd begins: a message that rosbag2 compressed on its own
+_DAMAGED = (McapError, struct.error, ArithmeticError, ValueError, MemoryError)  # what the library raises
 
 
 class LogChannel(NamedTuple):
@@ -70,7 +69,7 @@ class LogChannel(NamedTuple):
     @property
     def is_static_frames(self) -> bool:
         """Whether it carries latched transforms."""
-        return self.type_name == TF_MESSAGE and self.topic.rpartition('/')[2] == TF_STATIC
+        return self.type_name == TF_MESSAGE and self.topic.rpartition('/')[2] == log_run.TF_STATIC
 
 
 class LoggedMessage(NamedTuple):
@@ -92,22 +91,41 @@ class LoggedMessage(NamedTuple):
 
 
 class Allowance:
-    """What is left of what files, read together, may take: expanded bytes, messages, processor time in s."""
+    """What is left of what files, read together, may take: expanded bytes, processor time in s.
+
+    Both grow with the size of the files: a log may be as long as a run is."""
 
     def __init__(self, paths: Iterable[Path], within: float) -> None:
         self._paths = tuple(paths)
-        sizes = (path.stat().st_size for path in self._paths if path.is_file())
-        self._bytes, self._messages = MAX_EXPANSION * sum(sizes) + SPARE, MAX_MESSAGES
-        self._within, self._until = within, time.thread_time() + within
+        size = sum(path.stat().st_size for path in self._paths if path.is_file())
+        self._bytes, self._within = MAX_EXPANSION * size + SPARE, within + PER_BYTE * size
+        self._until = time.thread_time() + self._within
 
-    def take(self, expanded: int, messages: int) -> None:
-        """Take something of it; raises InvalidData where too little is left."""
-        self._bytes, self._messages = self._bytes - expanded, self._messages - messages
+    def take(self, expanded: int = 0) -> None:
+        """Take bytes of it; raises InvalidData where too little is left."""
+        self._bytes -= expanded
         over = (f'that expands to at most {MAX_EXPANSION} times its size, got a larger one' if self._bytes < 0 else
-                f'of at most {MAX_MESSAGES} messages, got more' if self._messages < 0 else
-                f'that is read within {self._within:g} s, got a longer one' if time.thread_time() > self._until else '')
+                f'that is read within {self._within:.3g} s, got a longer one' if time.thread_time() > self._until
+                else '')
         if over:
             raise InvalidData(f'{self._paths[0]}: wanted a log {over}; no cell writes such a log')
+
+
+class _Bounded(BufferedReader):
+    """A file of which nothing larger than a record is read at once; what ends early raises EndOfFile."""
+
+    def read(self, size: int | None = -1) -> bytes:
+        data = super().read(size) if size and size <= MAX_RECORD else b''
+        if len(data) != size:
+            raise EndOfFile
+        return data
+
+
+class _Records(StreamReader):
+    """The reader of the library, which does not parse what only finds messages without reading all."""
+
+    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
+        return super()._read_record(0 if opcode in _INDEXES else opcode, length)
 
 
 class LogFile:
@@ -123,145 +141,107 @@ class LogFile:
         self.custom_data: dict[str, str] = {}
         self.chunks, self.summary, self.truncated = 0, bag.FileSummary(path.name), False
         self._schemas: dict[int, Schema] = {}
-        self._undescribed = 0
+        self._undescribed, self._sound = 0, len(MAGIC)
         self._stated: int | None = None
+        self._places: list[int] | None = None
 
     def messages(self, wanted: Callable[[LogChannel], bool] = lambda channel: True) -> Iterator[LoggedMessage]:
         """Yield the messages of the wanted channels; all are counted.
 
         Raises InvalidData where it is no MCAP file of profile ros2."""
-        with reading(self.path, 'a log'), open(self.path, 'rb', buffering=1 << 20) as stream:
-            yield from self._read(stream, wanted)
+        with reading(self.path, 'a log'), open(self.path, 'rb', buffering=0) as raw:
+            stream = _Bounded(raw, 1 << 20)
+            for record in self._records(stream):
+                for one in self._in_chunk(record, stream) if isinstance(record, Chunk) else (record,):
+                    if not isinstance(one, Message):
+                        self._describe(one)
+                    elif message := self._message(one, wanted):
+                        yield message
+        self._compare()
 
-    def _read(self, stream: IO[bytes], wanted: Callable[[LogChannel], bool]) -> Iterator[LoggedMessage]:
-        size = os.fstat(stream.fileno()).st_size
-        self._check_begin(stream, size)
-        for opcode, length in self._records(stream, size):
-            if opcode == Opcode.FOOTER:
-                stream.seek(length, os.SEEK_CUR)
-                if stream.read(len(MAGIC) + 1) != MAGIC:
-                    self._note('wanted its end behind its footer, got something else; what stands there was not read')
-                break
-            if opcode in _READ and length > MAX_RECORD:
-                self._note(f'a record of {length} bytes was skipped; wanted at most {MAX_RECORD}')
-            elif opcode == Opcode.CHUNK:
-                data = self._chunk_data(stream.read(length))
-                self.chunks += 1
-                if data is not None:
-                    yield from self._in_chunk(data, wanted)
-            elif opcode in _READ:
-                yield from self._record(opcode, stream.read(length), wanted)
-            elif opcode not in _KNOWN and opcode < _PRIVATE:
-                self._note(f'a record of unknown kind {opcode:#04x} was skipped; it was damaged')
-        else:
-            self.truncated = True
+    def _records(self, stream: _Bounded) -> Iterator[McapRecord]:
+        """Yield the records of a file, chunks as they are; behind damage those from the next chunk of its summary on.
+
+        `_sound`: behind the last chunk that was right."""
+        is_first = True
+        while True:
+            reader = _Records(stream, not is_first, emit_chunks=True, validate_crcs=True,
+                              record_size_limit=MAX_RECORD)
+            try:
+                for record in reader.records:
+                    if is_first and not isinstance(record, Header):
+                        raise InvalidData(f'{self.path}: is not an MCAP file: wanted a header record first, got a '
+                                          f'{type(record).__name__} record')
+                    is_first = False
+                    self._allowance.take()
+                    yield record
+                return
+            except _DAMAGED as error:
+                self._read_summary(stream)
+                place = next((one for one in self._places or () if one >= self._sound), None)
+                if is_first and (place is None or isinstance(error, InvalidMagic)):
+                    raise InvalidData(f'{self.path}: is empty; wanted an MCAP log' if not stream.seek(0, SEEK_END) else
+                                      f'{self.path}: is not an MCAP file: wanted it to begin with {MAGIC!r} and a '
+                                      'header record') from error
+                if place is None:
+                    self.truncated = isinstance(error, EndOfFile)
+                    if not self.truncated:
+                        self._note(f'is damaged ({str(error) or type(error).__name__:.200}): the rest is lost')
+                    return
+                self._note('a damaged part was skipped; reading went on where the summary says')
+                stream.seek(place)
+                self._sound, is_first = place + 1, False
+
+    def _read_summary(self, stream: _Bounded) -> None:
+        """Take schemas, channels and places of chunks of the summary, where there is a right one."""
+        at = stream.tell()
+        if self._places is None:
+            self._places = []
+            stream.seek(0)
+            try:
+                summary = SeekingReader(stream, record_size_limit=MAX_RECORD).get_summary()
+            except (OSError, *_DAMAGED):
+                summary = None
+            if summary is not None:
+                for one in (*summary.schemas.values(), *summary.channels.values()):
+                    self._describe(one)
+                self._places = sorted(one.chunk_start_offset for one in summary.chunk_indexes)
+        stream.seek(at)
+
+    def _compare(self) -> None:
+        """Take note of messages that are missing."""
         if self._undescribed:
             self._note(f'{self._undescribed} messages of channels that the log does not describe before them')
         found, stated = self.summary.messages, self._stated
         is_short = not self.problems and (stated not in (None, found) or found < self._least)
         if self.truncated:
-            self._note(f'ends in the middle: the writer was killed or the file was cut; '
-                       f'read {self.summary.messages} messages of {self.chunks} whole chunks')
+            self._note(f'ends in the middle: the writer was killed or the file was cut; read {found} messages of '
+                       f'{self.chunks} whole chunks')
         if is_short:
             self._note(f'wanted {max(stated or 0, self._least)} messages, as its summary or {bag.FILE_NAME} says, got '
                        f'{found}; it was damaged')
-
-    def _records(self, stream: IO[bytes], size: int) -> Iterator[tuple[int, int]]:
-        """Yield as `_records`; behind damage it goes on with the next chunk that the summary of the file points to."""
-        chunks, end = self._summary(stream, size)
-        places, at, row = [*sorted(chunks), end], len(MAGIC), 0
-        while at + _RECORD_HEAD.size <= size:
-            stream.seek(at)
-            opcode, length = _RECORD_HEAD.unpack(stream.read(_RECORD_HEAD.size))
-            if at in chunks and (opcode, length) != (Opcode.CHUNK, chunks[at]):
-                self._note(f'the head of chunk {self.chunks + 1} is damaged; it was read as the summary says')
-                opcode, length = Opcode.CHUNK, chunks[at]
-            while row < len(places) and places[row] <= at:
-                row += 1
-            following = places[row] if row < len(places) else size
-            at += _RECORD_HEAD.size + length
-            self._allowance.take(0, 0)
-            if opcode and at <= following:
-                yield opcode, length
-            elif following < size:
-                self._note('a damaged part was skipped; reading went on where the summary says')
-                at = following
-            else:
-                return
-
-    def _summary(self, stream: IO[bytes], size: int) -> tuple[dict[int, int], int]:
-        """Take schemas and channels of the summary; return of each chunk in it place and length, and its own place.
-
-        A summary without a right checksum is none: ({}, size)."""
-        foot = _RECORD_HEAD.size + _FOOTER.size
-        stream.seek(max(size - foot - len(MAGIC), 0))
-        data = stream.read()
-        if len(data) < foot + len(MAGIC) or data[foot:] != MAGIC or data[0] != Opcode.FOOTER:
-            return {}, size
-        begin, _, checksum = _FOOTER.unpack_from(data, _RECORD_HEAD.size)
-        long = size - foot - len(MAGIC) - begin
-        if not (len(MAGIC) <= begin and 0 < long <= MAX_SUMMARY):
-            return {}, size
-        stream.seek(begin)
-        content = stream.read(long)
-        if zlib.crc32(data[:foot - 4], zlib.crc32(content)) != checksum:
-            return {}, size
-        chunks, part = dict[int, int](), BytesIO(content)
-        for opcode, length in _records(part, 0, long):
-            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                deque(self._record(opcode, part.read(length), lambda channel: False), 0)
-            elif opcode == Opcode.CHUNK_INDEX and length >= _CHUNK_INDEX.size:
-                place, whole = _CHUNK_INDEX.unpack(part.read(_CHUNK_INDEX.size))
-                chunks[place] = whole - _RECORD_HEAD.size
-        return {place: whole for place, whole in chunks.items() if len(MAGIC) <= place < begin - whole}, begin
-
-    def _check_begin(self, stream: IO[bytes], size: int) -> None:
-        magic = stream.read(len(MAGIC))
-        if not magic:
-            raise InvalidData(f'{self.path}: is empty; wanted an MCAP log')
-        if magic != MAGIC:
-            raise InvalidData(f'{self.path}: is not an MCAP file: wanted it to begin with {MAGIC!r}, got {magic!r}')
-        if size < len(MAGIC) + _RECORD_HEAD.size:
-            raise InvalidData(f'{self.path}: is empty behind its first {len(MAGIC)} bytes; wanted a log')
-        opcode, length = next(_records(stream, len(MAGIC), size), (None, 0))
-        if opcode is None:
-            return  # it ends in the middle of its first record
-        if opcode != Opcode.HEADER or length > MAX_RECORD:
-            raise InvalidData(f'{self.path}: is not an MCAP file: wanted a header record first, got a record of kind '
-                              f'{opcode}')
-        try:
-            profile = Header.read(_Content(stream.read(length))).profile
-        except _DAMAGED:
-            self._note('a damaged header record was skipped')
-            return
-        if profile != 'ros2':
-            raise InvalidData(f'{self.path}: profile: wanted ros2, got {profile!r:.80}; record with ROS 2, or convert '
-                              'the log')
 
     def _note(self, problem: str) -> None:
         words = f'{self.path}: {problem}'
         if words not in self.problems and len(self.problems) <= MAX_PROBLEMS:
             self.problems.append(words if len(self.problems) < MAX_PROBLEMS else f'{self.path}: has more problems')
 
-    def _record(self, opcode: int, content: bytes, wanted: Callable[[LogChannel], bool]) -> Iterator[LoggedMessage]:
-        """Take a record that is no chunk; a damaged one becomes a problem."""
-        if opcode == Opcode.MESSAGE:
-            yield from self._message(content, wanted)
-            return
-        try:
-            if opcode == Opcode.SCHEMA:
-                schema = Schema.read(_Content(content))
-                self._schemas[schema.id] = schema
-            elif opcode == Opcode.CHANNEL:
-                self._add_channel(Channel.read(_Content(content)))
-            elif opcode == Opcode.METADATA:
-                record = Metadata.read(_Content(content))
-                if record.name == bag.METADATA_RECORD:
-                    self.custom_data = bag.custom_data_in(record.metadata) or self.custom_data
-            elif opcode == Opcode.STATISTICS:
-                self._stated = Statistics.read(_Content(content)).message_count
-        except _DAMAGED:
-            self._note(f'a damaged {Opcode(opcode).name.lower()} record was skipped')
+    def _describe(self, record: McapRecord) -> None:
+        """Take a record that is neither message nor chunk."""
+        if isinstance(record, Header) and record.profile != 'ros2':
+            raise InvalidData(f'{self.path}: profile: wanted ros2, got {record.profile!r:.80}; record with ROS 2, or '
+                              'convert the log')
+        if isinstance(record, Schema):
+            self._schemas[record.id] = record
+        elif isinstance(record, Channel):
+            self._add_channel(record)
+        elif isinstance(record, Statistics):
+            self._stated = record.message_count
+        elif isinstance(record, Metadata) and record.name == bag.METADATA_RECORD:
+            try:
+                self.custom_data = bag.custom_data_in(record.metadata) or self.custom_data
+            except ValueError:
+                self._note('a damaged metadata record was skipped')
 
     def _add_channel(self, record: Channel) -> None:
         schema = self._schemas.get(record.schema_id) or Schema(record.schema_id, b'', '', '')
@@ -274,83 +254,57 @@ class LogFile:
             self._note(f'channel {record.id} is described twice, of topic {channel.topic!r} and of {first.topic!r}; '
                        'the first holds')
 
-    def _message(self, content: bytes, wanted: Callable[[LogChannel], bool]) -> Iterator[LoggedMessage]:
-        if len(content) < _MESSAGE_HEAD.size:
-            self._note('a damaged message record was skipped')
-            return
-        number, _, log_time, publish_time = _MESSAGE_HEAD.unpack_from(content)
+    def _message(self, record: Message, wanted: Callable[[LogChannel], bool]) -> LoggedMessage | None:
+        """Return a message of a wanted channel; it is counted in any case."""
+        number, data = record.channel_id, record.data
         channel = self.channels.get(number)
-        self.summary.count(log_time)
+        self.summary.count(record.log_time)
         if not self.summary.messages % 1000:
-            self._allowance.take(0, 1000)
+            self._allowance.take()
         self.counts[number] += 1
         if channel is None:
             self._undescribed += 1
         elif wanted(channel):
-            yield LoggedMessage(channel, log_time, publish_time, content[_MESSAGE_HEAD.size:], self.counts[number])
-
-    def _chunk_data(self, content: bytes) -> bytes | None:
-        """Return the uncompressed bytes of a chunk record; None, and a problem, where it is damaged."""
-        place, wrong = f'chunk {self.chunks + 1}', 'its head'
-        try:
-            chunk = Chunk.read(_Content(content))
-            if chunk.compression not in ('', 'lz4', 'zstd'):
-                raise InvalidData(f'{self.path}: {place}: compression: wanted none, lz4 or zstd, got '
-                                  f'{chunk.compression!r}; decompress the log with `mcap decompress`')
-            wrong = f'its {chunk.compression} data'
-            self._allowance.take(min(chunk.uncompressed_size, MAX_RECORD), 0)
-            data = _uncompressed(chunk) if chunk.uncompressed_size <= MAX_RECORD else b''
-            wrong = 'its length' if len(data) != chunk.uncompressed_size else 'its checksum'
-            if wrong == 'its checksum' and chunk.uncompressed_crc in (0, zlib.crc32(data)):
-                return data
-        except (*_DAMAGED, RuntimeError, EOFError, zstandard.ZstdError) as error:
-            wrong = 'its length' if isinstance(error, EndOfFile) else wrong
-        self._note(f'{place} is damaged ({wrong} is wrong): its messages are lost')
+            if data.startswith(_PACKED):
+                with suppress(zstandard.ZstdError):  # then it cannot be decoded, which is told
+                    data = _uncompressed(data, 'zstd', MAX_RECORD)
+                self._allowance.take(len(data))
+            return LoggedMessage(channel, record.log_time, record.publish_time, data, self.counts[number])
         return None
 
-    def _in_chunk(self, data: bytes, wanted: Callable[[LogChannel], bool]) -> Iterator[LoggedMessage]:
-        stream, end = BytesIO(data), 0
-        for opcode, length in _records(stream, 0, len(data)):
-            end += _RECORD_HEAD.size + length
-            if opcode in (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL):
-                yield from self._record(opcode, stream.read(length), wanted)
-        if end != len(data):
-            self._note('a chunk does not end with a whole record: what stands behind the last whole one is lost')
+    def _in_chunk(self, chunk: Chunk, stream: _Bounded) -> list[McapRecord]:
+        """Return the records in a chunk; none, and a problem, where it is damaged."""
+        self.chunks += 1
+        wrong, size = f'its {chunk.compression} data', chunk.uncompressed_size
+        if chunk.compression not in ('', 'lz4', 'zstd'):
+            raise InvalidData(f'{self.path}: chunk {self.chunks}: compression: wanted none, lz4 or zstd, got '
+                              f'{chunk.compression!r:.80}; decompress the log with `mcap decompress`')
+        if size > MAX_RECORD:
+            self._note(f'a chunk that expands to {size} bytes was skipped; wanted at most {MAX_RECORD}')
+            return []
+        try:
+            data = _uncompressed(chunk.data, chunk.compression, size)
+            self._allowance.take(len(data))
+            wrong = 'its length' if len(data) != size else 'its checksum'
+            if wrong == 'its checksum':
+                records = breakup_chunk(replace(chunk, compression='', data=data), validate_crc=True)
+                self._sound = stream.tell()
+                return records
+        except (*_DAMAGED, RuntimeError, EOFError, zstandard.ZstdError):
+            pass
+        self._note(f'chunk up to byte {stream.tell()} is damaged ({wrong} is wrong): its messages are lost')
+        self._read_summary(stream)
+        return []
 
 
-def _records(stream: IO[bytes], at: int, size: int) -> Iterator[tuple[int, int]]:
-    """Yield (opcode, length) of each whole record from `at` on, with the stream at its content."""
-    while at + _RECORD_HEAD.size <= size:
-        stream.seek(at)
-        opcode, length = _RECORD_HEAD.unpack(stream.read(_RECORD_HEAD.size))
-        at += _RECORD_HEAD.size + length
-        if at > size or not opcode:
-            return
-        yield opcode, length
-
-
-class _Content(ReadDataStream):
-    """The content of one record; a field that ends behind it raises EndOfFile."""
-
-    def __init__(self, content: bytes) -> None:
-        super().__init__(BytesIO(content))
-        self._size = len(content)
-
-    def read(self, length: int) -> bytes:
-        if self.count + length > self._size:
-            raise EndOfFile
-        return super().read(length)
-
-
-def _uncompressed(chunk: Chunk) -> bytes:
-    """Return at most one byte more than a chunk shall have: a wrong size is seen and takes no memory."""
-    most = chunk.uncompressed_size + 1
-    if chunk.compression == 'lz4':
-        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=most))
-    if chunk.compression == 'zstd':
-        with zstandard.ZstdDecompressor().stream_reader(chunk.data) as reader:
-            return reader.read(most)
-    return chunk.data
+def _uncompressed(data: bytes, compression: str, size: int) -> bytes:
+    """Return at most one byte more than data shall have: a wrong size is seen and takes no memory."""
+    if compression == 'lz4':
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1))
+    if compression == 'zstd':
+        with zstandard.ZstdDecompressor().stream_reader(data) as reader:
+            return reader.read(size + 1)
+    return data
 
 
 def open_files(listing: bag.BagListing, within: float = math.inf) -> list[LogFile]:
@@ -377,11 +331,13 @@ def read_log(path: str | Path) -> LogRun:
     problems, checked = list(listing.problems), set[tuple[str, str]]()
     for file in files:
         for message in file.messages(_is_needed):
+            if message.type_name == log_run.DIAGNOSTICS and (log.is_cmm_simulated or _SIMULATED not in message.data):
+                continue
             schema = (message.type_name, message.channel.schema_text)
             try:
                 record = decoded(message)
                 if message.type_name in RECORDS and schema not in checked:
-                    check_version(*schema, record)
+                    log_run.check_version(*schema, record)
                     checked.add(schema)
                 log.add(message.type_name, record)
             except (InvalidData, *BAD_VALUE) as error:
@@ -406,7 +362,7 @@ def read_log(path: str | Path) -> LogRun:
 
 
 def _is_needed(channel: LogChannel) -> bool:
-    return channel.type_name in NEEDED and (channel.type_name != TF_MESSAGE or channel.is_static_frames)
+    return channel.type_name in log_run.NEEDED and (channel.type_name != TF_MESSAGE or channel.is_static_frames)
 
 
 def decoded(message: LoggedMessage) -> SimpleNamespace:

@@ -26,13 +26,15 @@ ERROR_MOTIONS = 'rosette_msgs/msg/ErrorMotions'
 CALIBRATION_EVENT = 'rosette_msgs/msg/CalibrationEvent'
 DIAGNOSIS = 'rosette_msgs/msg/Diagnosis'
 TF_MESSAGE, TF_STATIC = 'tf2_msgs/msg/TFMessage', 'tf_static'
-CLOCK = 'rosgraph_msgs/msg/Clock'
+DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 
 REPEATABILITY_KEY, DOF_KEY = 'rosette.repeatability_m', 'rosette.repeatability_dof'
 AXES_KEY = 'rosette.repeatability_axes_m'
 """Entries of custom_data where the repeatability is known but was not measured in the log."""
 RESUMES_KEY = 'rosette.resumes'  # entry of custom_data, name of the log that a run goes on from
-SIMULATED_KEY = 'rosette.simulated'  # entry of custom_data, `yes` where the imported run was simulated
+SIMULATED_KEY = 'rosette.simulated'  # entry of custom_data, `yes` where the run was simulated
+CMM_NODE, SIMULATED_STATUS = 'cmm', 'simulated_s'
+"""Name of the node of a CMM, and the entry of its status on /diagnostics that only a simulated one has."""
 
 IDENTITY_KEY = 'identity'  # entry of the settings of a CalibrationEvent
 MOST_SETTINGS = 16 << 20  # longest settings in a log, characters
@@ -59,7 +61,7 @@ class PublishedMotions(NamedTuple):
 RECORDS: dict[str, Callable[[Any], msg.Target | msg.Answer | msg.CalibrationProgress]] = {
     PROBE_TARGET: msg.target_of, BALL_CENTRE: msg.answer_of, RUN_STATE: msg.progress_of}
 """By type of a message that has to be readable, the function that makes the record of it."""
-NEEDED = frozenset((*RECORDS, ERROR_MOTIONS, DIAGNOSIS, CALIBRATION_EVENT, TF_MESSAGE))
+NEEDED = frozenset((*RECORDS, ERROR_MOTIONS, DIAGNOSIS, CALIBRATION_EVENT, TF_MESSAGE, DIAGNOSTICS))
 """Types of the messages that a LogRun takes."""
 
 _KINDS = {str: 'a text', float: 'a number', int: 'a whole number of 32 bits'}
@@ -91,9 +93,9 @@ class LogRun:
     """What a log holds.
 
     runs: what was asked and answered, by run_id, in order of appearance; frames: in order of receipt; states: the last
-    of each run; events: CalibrationEvents, decoded; verdicts: the last of the evaluator by run_id and name of the
-    model; start_ns, end_ns: first and last log time; truncated: whether the log ends in the middle; problems: what is
-    wrong with it, in words."""
+    of each run; events: CalibrationEvents, decoded; is_cmm_simulated: whether the status of the CMM says so; verdicts:
+    the last of the evaluator by run_id and name of the model; start_ns, end_ns: first and last log time; truncated:
+    whether the log ends in the middle; problems: what is wrong with it, in words."""
 
     path: Path
     files: tuple[Path, ...]
@@ -102,6 +104,7 @@ class LogRun:
     error_motions: list[PublishedMotions] = field(default_factory=list)
     states: list[msg.CalibrationProgress] = field(default_factory=list)
     events: list[SimpleNamespace] = field(default_factory=list)
+    is_cmm_simulated: bool = False
     verdicts: dict[tuple[str, str], VerdictText | None] = field(default_factory=dict)
     topics: tuple[TopicSummary, ...] = ()
     messages: int = 0
@@ -128,11 +131,17 @@ class LogRun:
             self.events.append(message)
         elif type_name == DIAGNOSIS:
             self.verdicts[plain(message.run_id), plain(message.model_name, 4000)] = msg.verdict_of(message)
+        elif type_name == DIAGNOSTICS:
+            self.is_cmm_simulated |= any(
+                one.name.rpartition('/')[2] == CMM_NODE and any(value.key == SIMULATED_STATUS for value in one.values)
+                for one in message.status)
         else:
             self.frames += [frame for one in message.transforms if (frame := msg.table_frame_of(one))]
 
     def _run(self, run_id: str) -> RunAnswers:
-        return self.runs.setdefault(run_id, RunAnswers(run_id, self.frames))
+        if run_id not in self.runs:
+            self.runs[run_id] = RunAnswers(run_id, self.frames)
+        return self.runs[run_id]
 
     @property
     def targets(self) -> list[msg.Target]:
@@ -153,9 +162,8 @@ class LogRun:
 
     @property
     def simulated(self) -> bool:
-        """Whether the cell ran on a simulated clock, as only a simulated CMM publishes, or the log says so itself."""
-        return (self.custom_data.get(SIMULATED_KEY) == 'yes'
-                or any(topic.type_name == CLOCK and topic.messages for topic in self.topics))
+        """Whether its recorder or its CMM says so; anybody may publish a /clock."""
+        return self.is_cmm_simulated or self.custom_data.get(SIMULATED_KEY) == 'yes'
 
     @property
     def unasked(self) -> tuple[str, ...]:
@@ -174,7 +182,8 @@ class LogRun:
         Raises InvalidData where there is none, another, or more than one without a choice."""
         present = self.run_ids
         if not present:
-            raise InvalidData(f'{self.path}: {NO_RUN}')
+            raise InvalidData(f'{self.path}: {NO_RUN}' if self.targets else f'{self.path}: wanted probe targets '
+                              f'({PROBE_TARGET}), got none beside {len(self.answers)} ball centres; record both')
         if run_id is None and len(present) > 1:
             raise InvalidData(f'{self.path}: wanted one run, got {len(present)}: {", ".join(present)}; choose one by '
                               'its run_id')

@@ -2,6 +2,7 @@
 """From the CDR bytes of a logged message to its fields, by the schema that the log carries."""
 
 import contextlib
+import re
 import struct
 from collections.abc import Callable
 from functools import lru_cache
@@ -17,6 +18,11 @@ from rosette_ros.io.safe_yaml import BAD_VALUE
 
 MAX_MESSAGE, MAX_SCHEMA = 1 << 22, 1 << 16
 """Longer messages and schemas are not decoded, bytes: error motions of 10 000 balls take 1 MB."""
+MAX_STRUCTURES, MOST_NESTED = 1 << 17, 12
+"""The same of messages with arrays of messages, or with so many within: each takes 0.2 kB and 2 µs, at most one a byte
+and level; a diagnosis of 100 candidates takes 30 kB. Types within a type are as many at most."""
+
+_NESTED = re.compile(r'^[ \t]*(?:\w+/)*(?!MSG:)[A-Z]\w*(\[)?', re.MULTILINE)
 
 
 class _Payload(bytes):
@@ -37,8 +43,14 @@ def message_decoder(type_name: str, schema_text: str) -> Callable[[bytes], Simpl
     """Return the function that decodes the CDR bytes of a type by its ros2msg text.
 
     Raises InvalidData where the text is no definition; so does the function where bytes end early or are no CDR."""
+    if not schema_text.strip():
+        raise InvalidData(f'the log has no definition of {type_name}; record it where its package is installed')
     if len(schema_text) > MAX_SCHEMA:
         raise InvalidData(f'schema of {type_name}: wanted at most {MAX_SCHEMA} bytes, got {len(schema_text)}')
+    nested = _NESTED.findall(schema_text)
+    most = MAX_STRUCTURES if any(nested) or len(nested) > MOST_NESTED else MAX_MESSAGE
+    if (types := len(re.findall('^MSG:', schema_text, re.MULTILINE))) > MOST_NESTED:
+        raise InvalidData(f'schema of {type_name}: wanted at most {MOST_NESTED} types within it, got {types}')
     printed = StringIO()  # the parser of the library prints the line that is wrong
     try:
         with contextlib.redirect_stderr(printed):
@@ -51,8 +63,8 @@ def message_decoder(type_name: str, schema_text: str) -> Callable[[bytes], Simpl
         if data[:2] != b'\0\1':
             got = data[:2].hex(' ') or 'nothing'
             raise InvalidData(f'{type_name}: wanted little-endian CDR (00 01), got {got}')
-        if len(data) > MAX_MESSAGE:
-            raise InvalidData(f'{type_name}: wanted a message of at most {MAX_MESSAGE} bytes, got {len(data)}')
+        if len(data) > most:
+            raise InvalidData(f'{type_name}: wanted a message of at most {most} bytes, got {len(data)}')
         try:
             decoded: SimpleNamespace = decoder(_Payload(data))
             return decoded

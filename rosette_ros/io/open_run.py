@@ -9,6 +9,7 @@ from pathlib import Path
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.records import Run
+from rosette_ros.io import bag_metadata as bag
 from rosette_ros.io.ball_centre_table import read_csv, read_with_plate
 from rosette_ros.io.identity_file import Identity, read_identity
 from rosette_ros.io.log_reader import MAGIC, read_log
@@ -19,8 +20,8 @@ WANTED = 'a log directory, an .mcap file or a CSV table'
 _PLATE_LINE = re.compile(rb'^"?#\s*plate\s*:', re.MULTILINE)
 _HEAD = 1 << 16
 _OTHERS = {b'SQLite format 3\0': 'is an sqlite3 log; wanted MCAP: convert it with `ros2 bag convert`',
-           b'PK\x03\x04': 'is a workbook or an archive; wanted a table: save it as CSV, UTF-8, or unpack it',
-           b'\x28\xb5\x2f\xfd': 'is a compressed file; wanted a log: unpack it with `zstd -d`'}
+           b'PK\x03\x04': 'is a workbook or an archive; wanted a table: save it as CSV, UTF-8, or unpack it'}
+_PACKED = b'\x28\xb5\x2f\xfd'  # zstd
 
 
 def is_log(path: str | Path) -> bool:
@@ -37,6 +38,8 @@ def is_log(path: str | Path) -> bool:
             begin = stream.read(16)
     if not begin:
         raise InvalidData(f'{path}: is empty; wanted {WANTED}')
+    if begin.startswith(_PACKED):
+        raise bag.packed_error(path)
     for magic, words in _OTHERS.items():
         if begin.startswith(magic):
             raise InvalidData(f'{path}: {words}')
@@ -45,12 +48,20 @@ def is_log(path: str | Path) -> bool:
 
 def runs_in(folder: str | Path) -> list[Path]:
     """Return the logs and tables in a folder, newest first; raises InvalidData where it cannot be read."""
+    with reading(folder, 'a folder of runs'):
+        return sorted(filter(_is_run, Path(folder).iterdir()), key=lambda path: path.stat().st_mtime, reverse=True)
+
+
+def _is_run(path: Path) -> bool:
+    """Return whether a name in a folder is that of a log or a table, sound or not; a link without an end is none."""
     try:
-        found = sorted(Path(folder).iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
-        return [path for path in found
-                if path.suffix in ('.mcap', '.csv') or (path.is_dir() and next(path.glob('*.mcap'), None))]
-    except OSError as error:
-        raise InvalidData(f'{folder}: wanted a folder of runs, got: {error.strerror}') from error
+        if bag.is_hidden(path.name):
+            return False
+        if path.is_dir():
+            return bag.holds_log(path)
+        return path.is_file() and path.suffix in ('.mcap', '.csv')
+    except OSError:  # a folder of somebody else
+        return False
 
 
 def open_run(path: str | Path, run_id: str | None = None) -> Run:
@@ -112,7 +123,7 @@ def joint_identity(paths: Sequence[str | Path], run_id: str | None = None, file:
 
 def _open(path: str | Path, run_id: str | None) -> tuple[Run, LogRun | None]:
     if is_log(path):
-        if Path(path).is_dir() and not next(Path(path).glob('*.mcap'), None) and (inside := runs_in(path)):
+        if Path(path).is_dir() and not bag.holds_log(Path(path)) and (inside := runs_in(path)):
             raise InvalidData(f'{path}: wanted a run, got a folder of {len(inside)}: '
                               f'{", ".join(one.name for one in inside)}; name one of them (rosette runs lists them)')
         log = read_log(path)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """YAML from outside: no aliases, no deep nesting, no key twice, and one kind of error whatever is wrong with it.
 
+Whole numbers beside floats in a list are floats: a person who writes [0.35, 0.26, 0] means no other kind of number.
+
 A few hundred bytes of aliases within aliases stand for more than fits into a memory, and nesting of some ten
 thousand levels ends the whole process in the loader: both are refused before anything is built."""
 
@@ -26,7 +28,11 @@ class NotPlain(yaml.YAMLError):
 
 
 class _Loader(_CLoader):  # type: ignore[valid-type, misc]  # which of the two is known at run time only
-    """The safe loader, which also refuses a key that stands twice."""
+    """The safe loader, which also refuses a key that stands twice, and gives the numbers of a list one type."""
+
+    def construct_sequence(self, node: yaml.SequenceNode, deep: bool = False) -> list[Any]:
+        values: list[Any] = super().construct_sequence(node, deep)
+        return list(map(float, values)) if {*map(type, values)} == {int, float} else values
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen = set[str]()

@@ -27,8 +27,10 @@ def reading(path: str | Path, wanted: str, kind: type[RosetteError] = InvalidDat
 
 
 def read_limited(path: str | Path, wanted: str, most: int, kind: type[RosetteError] = InvalidData) -> bytes:
-    """Return the bytes of a file; raises an error of a kind where it cannot be read or has more than `most` bytes."""
-    with reading(path, wanted, kind), open(path, 'rb') as stream:
+    """Return the bytes of a file, `~/` being the home of the user.
+
+    Raises an error of a kind where it cannot be read or has more than `most` bytes."""
+    with reading(path, wanted, kind), open(os.path.expanduser(path), 'rb') as stream:
         data = stream.read(most + 1)
     if len(data) > most:
         raise kind(f'{path}: wanted {wanted} of at most {most} bytes, got more')

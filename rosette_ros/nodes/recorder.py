@@ -104,16 +104,16 @@ class Recorder(CellNode):
         self._ending: Progress | None = None  # since the log was to be closed
         self._told, self._over_since = ('', RunState.PHASE_IDLE), math.inf  # last run and phase; of the open log's run
         self._requested = ('', 0.0)  # the last run that was requested, and when
-        self._not_recorded: set[str] = set()
-        self._said = {SIMULATED_KEY: 'yes'} if self.parameters['simulated'] else {}
         self._is_simulated = self.get_parameter('use_sim_time').value
+        self._said = {SIMULATED_KEY: 'yes'} if self.parameters['simulated'] or self._is_simulated else {}
         self._simulated_now = 0
         self._last = 'no log yet'
         self._processes: dict[str, str] = {}
         self._subscribed: dict[str, Subscription] = {}
         self._clock_topic, self._rosout_topic = map(self.resolve_topic_name, (names.CLOCK, names.ROSOUT))
         self._kinds = {self.resolve_topic_name(topic.name): interface_class(topic.type_name) for topic in TOPICS}
-        for topic in TOPICS:
+        self._not_recorded = set() if self._is_simulated else {self._clock_topic}
+        for topic in TOPICS if self._is_simulated else (one for one in TOPICS if one.name != names.CLOCK):
             self._record(topic.name, topic.type_name, topic.retention, topic.profile)
         self.publishers_of(names.RUN_STATE).on_change = self._on_restart
         self._discover()
@@ -151,12 +151,8 @@ class Recorder(CellNode):
     def _is_of_another_run(self, data: bytes) -> bool:
         """Return whether a target is not of the open log: a new subscription may get those of earlier runs late.
 
-        By the name of the run as it stands in CDR, with its final zero: to decode a target takes a hundred times as
-        long. Raises InvalidData where it is no target at all."""
-        is_other = self._session.is_open and f'{self._session.run_id}\0'.encode() not in data
-        if is_other:
-            decoded(data, ProbeTarget)
-        return is_other
+        Raises InvalidData where it is no target at all."""
+        return self._session.is_open and bool(decoded(data, ProbeTarget).run_id != self._session.run_id)
 
     def _handle(self, topic: str, message: Any) -> None:
         if isinstance(message, Heartbeat):
@@ -198,6 +194,10 @@ class Recorder(CellNode):
 
     def _discover(self) -> None:
         home = self.get_namespace().rstrip('/') + '/'
+        if self._clock_topic in self._not_recorded and (others := self.get_publishers_info_by_topic(self._clock_topic)):
+            self.get_logger().warning(
+                f'{self._clock_topic} is neither used nor recorded: the cell has wall time (use_sim_time: false), and '
+                f'{", ".join(one.node_name for one in others)} publishes another one', once=True)
         for topic, types in self.get_topic_names_and_types():
             if not topic.startswith(home) or topic in self._subscribed or topic in self._not_recorded:
                 continue

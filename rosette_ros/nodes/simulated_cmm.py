@@ -18,6 +18,7 @@ from rosgraph_msgs.msg import Clock
 
 from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import InvalidConfig, InvalidPlan, RosetteError
+from rosette_ros.io.log_run import SIMULATED_STATUS
 from rosette_ros.io.messages import MACHINE_FRAME, nanoseconds, target_of
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import OK, WARN, Health, run_node
@@ -45,7 +46,7 @@ class SimulatedCmm(CmmNode):
 
     def __init__(self) -> None:
         super().__init__(WANTED)
-        self._file = Path(self.parameters['machine'] or default_machine())
+        self._file = Path(self.parameters['machine'] or default_machine()).expanduser()
         self._machine = Machine(load_machine(self._file))
         self._run_id: str | None = None
         self._switched_on = self.system.now().nanoseconds
@@ -141,7 +142,7 @@ class SimulatedCmm(CmmNode):
         sentence = f'{self.measured} balls measured, {self.failed} targets refused'
         sentence += f', {self._struck} faults as configured' if self._struck else ''
         return WARN if self.failed or self._struck else OK, sentence, {
-            'measured': self.measured, 'failed': self.failed, 'simulated_s': f'{self._machine.time:.1f}'}
+            'measured': self.measured, 'failed': self.failed, SIMULATED_STATUS: f'{self._machine.time:.1f}'}
 
 
 def _refuse_other_plate(target: ProbeTarget, balls: int, radius: float) -> None:

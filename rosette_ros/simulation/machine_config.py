@@ -5,6 +5,7 @@ Each part has its settings beside it (cell_parts, motion, probing, faults, hidde
 stand in settings only, where a person reads and writes them.
 """
 
+from os.path import expanduser
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -102,5 +103,5 @@ def load_machine(path: Path | str) -> MachineConfig:
     values = read_yaml(path, 'a machine file', MAX_BYTES, InvalidConfig)
     config = machine_config({} if values is None else values, str(path))
     if file := config.table.correction_file:
-        config = config.changed(table={'correction_file': str(Path(path).absolute().parent / file)})
+        config = config.changed(table={'correction_file': str(Path(path).absolute().parent / expanduser(file))})
     return config

@@ -72,21 +72,22 @@ class Worker:
         self._process = process
 
         def receive() -> tuple[str, Any]:
-            _start(process.start)
-            sender.close()
-            if self._process is not process:
-                process.kill()
             try:
+                _start(process.start)
+                sender.close()
+                if self._process is not process:
+                    process.kill()
                 while (answer := receiver.recv())[0] not in (VALUE, ERROR):
                     name, values = answer
                     loop.call_soon_threadsafe(called[name], *values)
                 return answer
-            except (EOFError, OSError):  # it was ended, perhaps in the middle of what it said
+            except (EOFError, OSError):  # it was ended, perhaps as it started, or in the middle of what it said
                 return ERROR, Superseded() if self._process is not process else WorkerFailed(
                     f'{function.__name__}: its process ended without a result; is there enough memory?')
             finally:
                 receiver.close()
-                process.join()
+                if process.pid is not None:
+                    process.join()
 
         try:
             async with asyncio.timeout(within):

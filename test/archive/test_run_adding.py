@@ -158,7 +158,7 @@ def test_damaged_and_foreign_files_are_rows(logs, tmp_path):
     assert set(found) == {'corrupt.mcap', 'truncated.mcap', 'foreign.csv', 'empty.mcap'}
     assert all(words and '\n' not in words and str(folder) not in words for words in found.values())
     assert 'is empty' in found['empty.mcap']
-    assert 'wanted' in found['foreign.csv'] and 'wanted ball centres' in found['corrupt.mcap']
+    assert 'wanted' in found['foreign.csv'] and 'is not an MCAP file' in found['corrupt.mcap']
     (folder / 'truncated.mcap').write_bytes(whole)
     assert add_logs(archive, find_logs([str(folder)]), PlainLoop()).evaluated == 1
     assert sorted(row['problem'] == '' for row in archive.read_rows().to_pylist()) == [False] * 3 + [True]
@@ -210,15 +210,32 @@ def test_logs_behind_a_url(logs, archive, tmp_path):
 
 
 def test_loose_files_are_logs_of_their_own(logs, tmp_path):
-    """Those that are named after their folder are parts of one."""
+    """Those that rosbag2 has numbered are parts of one, whatever their folder is called; the oldest may be gone."""
     for log in logs.iterdir():
         shutil.copy(next(log.glob('*.mcap')), tmp_path / f'{log.name}.mcap')
     (tmp_path / 'run').mkdir()
     for part in range(2):
-        shutil.copy(tmp_path / f'run_00000{part}.mcap', tmp_path / 'run' / f'run_{part}.mcap')
+        shutil.copy(tmp_path / f'run_00000{part}.mcap', tmp_path / 'run' / f'rolling_{part + 9}.mcap')
     found = find_logs([str(tmp_path), str(tmp_path / 'run')])
     assert sorted((Path(log.path).name, len(log.files)) for log in found) == [
         ('run', 2), *((f'run_00000{number}.mcap', 1) for number in range(3))]
+
+
+def test_what_is_no_log_is_passed_over(logs, tmp_path):
+    """Pipes, devices, links without an end, hidden files, trash; a packed file is a row that says how to unpack it."""
+    for name in ('pipe.mcap', '.Trash-1000/x.mcap', '__MACOSX/._x.csv', '$RECYCLE.BIN/x.csv', '._x.csv'):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text('x')
+    (tmp_path / 'pipe.mcap').unlink()
+    os.mkfifo(tmp_path / 'pipe.mcap')
+    for name, target in (('device.mcap', '/dev/zero'), ('none.mcap', 'nowhere'), ('loop.mcap', 'loop.mcap'),
+                         ('up', '.'), ('linked.mcap', next(logs.glob('*/*.mcap')))):
+        (tmp_path / name).symlink_to(target)
+    (tmp_path / 'packed').mkdir()
+    (tmp_path / 'packed' / 'x_0.mcap.zstd').write_bytes(b'x')
+    assert [Path(log.path).name for log in find_logs([str(tmp_path)])] == [tmp_path.name, 'x_0.mcap.zstd']
+    with pytest.raises(InvalidData, match='pipe.mcap: wanted a folder of logs, or a log, got a device, a pipe'):
+        find_logs([str(tmp_path / 'pipe.mcap')])
 
 
 def test_an_interruption_keeps_what_is_done(logs, tmp_path):

@@ -10,9 +10,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from rclpy.context import Context
 
 from rosette_ros.cell.client import CellClient
-from rosette_ros.cell.supervisor import MODULES, MOST_FAILURES, NodeProcess
+from rosette_ros.cell.supervisor import MODULES, MOST_FAILURES, Cell, NodeProcess
 from rosette_ros.core.errors import CellError
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.nodes import names
@@ -30,6 +31,20 @@ def test_why_a_node_ended(tmp_path, code, last, words):
     output.write_text(f'{last}\n[INFO] [2.0] [rosette.recorder]: log opened\n')
     assert NodeProcess('recorder', SimpleNamespace(returncode=code, pid=1), output, 0).failure() == (
         f'node recorder {words}')
+
+
+def test_a_parameter_file_may_have_whole_numbers_beside_floats(tmp_path):
+    """ROS itself takes no such list."""
+    path = tmp_path / 'cell.yaml'
+    for numbers, is_given in (('[0.35, 0.26, 0]', False), ('[0.35, 0.26, 0.0]', True)):
+        path.write_text(f'/**/sequencer: {{ros__parameters: {{table: {{origin_m: {numbers}}}}}}}')
+        with Cell(nodes=(), params_file=path, output_dir=tmp_path / 'output') as cell:
+            cell.nodes, cell._params = [names.SEQUENCER], {names.SEQUENCER: {}}
+            arguments = cell._command(names.SEQUENCER)
+        assert (str(path) in arguments) == is_given
+        context = Context()
+        context.init(arguments)
+        context.shutdown()
 
 
 @pytest.fixture(scope='module')

@@ -15,6 +15,8 @@ from rosette_ros import __version__
 from rosette_ros.cli import main as main_module
 from rosette_ros.cli.main import VERBS, error_lines, main
 
+SOURCE = 'source the set-up file of ROS 2 and of the workspace'
+
 
 def test_unknown_verb_names_the_known_ones(refused):
     """And the one that was probably meant."""
@@ -30,7 +32,8 @@ def test_unknown_option_is_refused(refused):
 
 @pytest.mark.parametrize(('verb', 'package', 'what_to_do'), [
     ('studio', 'nicegui', 'pip install nicegui plotly'),
-    ('calibrate', 'rclpy', 'source the set-up file of ROS 2 and of the workspace'),
+    ('calibrate', 'rclpy', SOURCE), ('cell', 'action_msgs', SOURCE), ('demo', 'action_msgs', SOURCE),
+    ('replay', 'builtin_interfaces', SOURCE),
 ])
 def test_a_package_that_is_not_installed_is_named(verb, package, what_to_do):
     """rosdep does not bring all that one verb needs; the other verbs work without."""

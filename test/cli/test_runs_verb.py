@@ -52,7 +52,34 @@ def test_a_folder_of_runs_is_no_run(refused, folder, tmp_path):
     """They are named."""
     assert (f'{folder}: wanted a run, got a folder of 2: drift.csv, clean.csv; name one of them (rosette runs lists '
             'them)') in refused('evaluate', folder)
-    assert 'wanted a folder of runs, got: No such file' in refused('runs', tmp_path / 'none')
+    assert 'wanted a folder of runs that can be read, got No such file' in refused('runs', tmp_path / 'none')
+
+
+def test_what_is_no_run_is_passed_over(rosette, refused, folder):
+    """Pipes, links without an end, loops, hidden files, trash, folders that hold no log; none ends the verb."""
+    os.mkfifo(folder / 'pipe.mcap')
+    for name, target in (('none.csv', 'nowhere'), ('loop.mcap', 'loop.mcap'), ('up', '.'), ('device.csv', '/dev/zero')):
+        (folder / name).symlink_to(target)
+    for name in ('.Trash-1000/x_0.mcap', '__MACOSX/x_0.mcap', 'several/a.mcap', 'several/b.mcap', '._clean.csv'):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text('x')
+    (folder / 'pipes').mkdir()
+    os.mkfifo(folder / 'pipes' / 'x_0.mcap')
+    os.mkfifo(folder / 'pipes' / 'metadata.yaml')
+    found = json.loads(rosette('runs', folder, '--json').out)['runs']
+    assert [Path(one['path']).name for one in found] == ['drift.csv', 'clean.csv']
+    assert 'got a folder of 2: drift.csv, clean.csv' in refused('evaluate', folder)
+    assert 'wanted a log directory with .mcap files, got none in it' in refused('info', folder / 'pipes')
+    assert 'got a device or a pipe' in refused('info', folder / 'pipe.mcap')
+    assert 'wanted one log, got a.mcap, b.mcap; name one of them' in refused('info', folder / 'several')
+
+
+def test_the_home_of_the_user_is_found_in_every_option(rosette, folder, monkeypatch):
+    """A shell expands `~/` where it begins a word only."""
+    monkeypatch.setenv('HOME', str(folder))
+    (folder / 'model.yaml').write_text('{schema: rosette-model/1, effects: [frame_drift]}')
+    assert 'frame_drift' in rosette('evaluate', '~/drift.csv', '--model=~/model.yaml').out
+    assert len(json.loads(rosette('runs', '~/', '--json').out)['runs']) == 2
 
 
 def test_evaluate_points_to_diagnose_where_the_model_fails(rosette, folder):

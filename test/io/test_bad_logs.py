@@ -33,8 +33,9 @@ def mcap_of(tmp_path, profile='ros2', **chunk):
 @pytest.mark.parametrize(('data', 'words'), [
     (b'', r'some.mcap: is empty; wanted an MCAP log'),
     (b'hello world', r'some.mcap: is not an MCAP file: wanted it to begin with .*MCAP0'),
-    (b'\x89MCAP0\r\n', r'some.mcap: is empty behind its first 8 bytes; wanted a log'),
-    (b'\x89MCAP0\r\n\x05' + bytes(8), r'wanted a header record first, got a record of kind 5'),
+    (b'\x89MCAP0\r\n', r'some.mcap: is not an MCAP file: wanted .* and a header record'),
+    (b'\x89MCAP0\r\n\x05' + bytes(8), r'some.mcap: is not an MCAP file: wanted .* and a header record'),
+    (b'\x89MCAP0\r\n\x0f\4' + bytes(11), r'wanted a header record first, got a DataEnd record'),
 ])
 def test_no_mcap_is_refused_with_words(tmp_path, data, words):
     """The error names the file and what it begins with."""
@@ -65,7 +66,8 @@ def test_log_without_targets_is_refused_with_words(make_cell, tmp_path):
     """Number of balls, radius and phase are known from the targets only."""
     cell = make_cell()
     cell.sent = [entry for entry in cell.sent if 'probe_target' not in entry[0]]
-    with pytest.raises(InvalidData, match='log: wanted probe targets of phase RUN, got none'):
+    with pytest.raises(InvalidData, match='log: wanted probe targets .rosette_msgs/msg/ProbeTarget., got none beside '
+                       '21 ball centres; record both'):
         read_log(cell.write(tmp_path / 'log')).to_run()
 
 

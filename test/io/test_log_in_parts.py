@@ -2,17 +2,21 @@
 """Logs in several files, as other recorders write them, are one log; the index of a long log takes little memory."""
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import zstandard
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from split_bag import split
 from written_logs import HELLO, TEXT, Wall, again, files_of, serialised
 
+from rosette_ros.core.errors import InvalidData
 from rosette_ros.io import bag_metadata, log_writer
 from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.log_writer import LogWriter
+from rosette_ros.io.open_run import runs_in
 
 PARTS = 11
 
@@ -81,3 +85,51 @@ def test_memory_of_an_index_is_bounded(tmp_path, monkeypatch):
     assert statistics.message_count == 13 * seconds
     assert 550 < statistics.chunk_count < 650  # 200 of 1 s, 200 of 2 s, 200 of 4 s
     assert held / statistics.chunk_count * 40_000 < 60e6
+
+
+def packed(log):
+    """Compress the files of a log as rosbag2 does with compression_mode FILE."""
+    for path in log.glob('*.mcap'):
+        path.with_suffix('.mcap.zstd').write_bytes(zstandard.compress(path.read_bytes()))
+        path.unlink()
+    text = (log / 'metadata.yaml').read_text()
+    (log / 'metadata.yaml').write_text(text.replace('.mcap\n', '.mcap.zstd\n'))
+
+
+@pytest.mark.parametrize('described', [True, False])
+def test_files_compressed_as_a_whole_name_the_command(parts, described):
+    """And are read once they are unpacked beside."""
+    _, whole, log = parts
+    packed(log)
+    if not described:
+        (log / 'metadata.yaml').unlink()
+    assert runs_in(log.parent) == sorted([log, whole], key=lambda path: -path.stat().st_mtime)
+    for number in range(PARTS):
+        with pytest.raises(InvalidData, match=r'zstd: is a compressed file; unpack it: zstd -d .*mcap.zstd -o .*mcap'):
+            read_log(log)
+        one = log / f'log_{number}.mcap'
+        one.write_bytes(zstandard.decompress(one.with_suffix('.mcap.zstd').read_bytes()))
+    found = read_log(log)
+    assert (found.problems, found.to_run().centre.tobytes()) == ((), read_log(whole).to_run().centre.tobytes())
+
+
+def test_messages_compressed_one_by_one_are_read(make_cell, tmp_path):
+    """As rosbag2 does with compression_mode MESSAGE."""
+    class Packing(LogWriter):
+        def write(self, topic, data, *times):
+            super().write(topic, zstandard.compress(data), *times)
+
+    cell = make_cell()
+    found, wanted = (cell.write(tmp_path / name, writer=kind) for name, kind in (('a', Packing), ('b', LogWriter)))
+    assert [one.data for one in iter_log(found)] == [one.data for one in iter_log(wanted)]
+    assert read_log(found).to_run().centre.tobytes() == read_log(wanted).to_run().centre.tobytes()
+
+
+def test_a_topic_without_a_definition_is_named(make_cell, tmp_path):
+    """rosbag2 writes an empty one where the package is not installed."""
+    cell = make_cell()
+    define = cell.define
+    cell.define = lambda kind: replace(define(kind), text='' if kind.endswith('BallCentre') else define(kind).text)
+    with pytest.raises(InvalidData, match='topic /rosette/ball_centre: message 1: the log has no definition of '
+                       'rosette_msgs/msg/BallCentre; record it where its package is installed'):
+        read_log(cell.write(tmp_path / 'log'))

@@ -225,13 +225,19 @@ def test_other_messages_are_kept_for_information(make_cell, tmp_path):
     assert log.end_ns - log.start_ns == 10**7 * (len(cell.sent) - 1)
 
 
-def test_a_simulated_clock_says_that_a_run_is_simulated(make_cell, tmp_path):
-    """A real CMM publishes no /clock."""
+@pytest.mark.parametrize(('said', 'name', 'key', 'wanted'), [
+    ({}, 'rosette/cmm', 'simulated_s', True), ({}, 'rosette/cmm', 'measured', False),
+    ({}, 'gazebo', 'simulated_s', False), ({}, '', '', False), ({'rosette.simulated': 'yes'}, '', '', True)])
+def test_a_run_is_simulated_if_its_cell_says_so(make_cell, tmp_path, said, name, key, wanted):
+    """Its recorder, or its CMM by its status; the /clock of another program (Gazebo, ros2 bag play) says nothing."""
     cell = make_cell()
-    assert not read_log(cell.write(tmp_path / 'real')).to_run().simulated
-    kind = 'rosgraph_msgs/msg/Clock'
-    cell.sent.append(('/clock', kind, cell.message(kind)))
-    assert read_log(cell.write(tmp_path / 'simulated')).to_run().simulated
+    cell.sent.append(('/clock', 'rosgraph_msgs/msg/Clock', cell.message('rosgraph_msgs/msg/Clock')))
+    kind = 'diagnostic_msgs/msg/'
+    status = cell.message(f'{kind}DiagnosticStatus', name=name, values=[
+        cell.message(f'{kind}KeyValue', key=key, value='1.0')])
+    kind = f'{kind}DiagnosticArray'
+    cell.sent.append(('/diagnostics', kind, cell.message(kind, status=[status])))
+    assert read_log(cell.write(tmp_path / 'log', custom_data=said)).to_run().simulated == wanted
 
 
 def test_log_of_another_version_of_the_message_is_read_by_its_own_schema(make_cell, tmp_path):

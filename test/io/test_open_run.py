@@ -38,7 +38,7 @@ def test_run_is_chosen_by_its_id(make_cell, tmp_path):
 
 @pytest.mark.parametrize(('name', 'data', 'words'), [
     ('some.db3', b'SQLite format 3\0...', 'some.db3: is an sqlite3 log; wanted MCAP: convert it'),
-    ('some.mcap.zst', b'\x28\xb5\x2f\xfd\0', 'some.mcap.zst: is a compressed file; wanted a log'),
+    ('some.mcap.zst', b'\x28\xb5\x2f\xfd\0', 'is a compressed file; unpack it: zstd -d .*some.mcap.zst -o .*some.mcap'),
     ('some.csv', b'', 'some.csv: is empty; wanted a log directory, an .mcap file or a CSV table'),
     ('some.mcap', b'a,b,c', 'some.mcap: is not an MCAP file'),
     ('some.json', b'{"a": 1}', 'some.json: wanted "# schema: rosette-ball-centres/1"'),

@@ -4,10 +4,12 @@
 import errno
 import itertools
 import shutil
+import time
 from pathlib import Path
 
 import pytest
 from builtin_interfaces.msg import Time
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from rosette_msgs.msg import (
@@ -21,6 +23,7 @@ from rosette_msgs.msg import (
     Touches,
 )
 from rosette_msgs.srv import Diagnose, Recorded, StartRecording, StopRecording
+from rosgraph_msgs.msg import Clock
 from service_msgs.msg import ServiceEventInfo
 from std_msgs.msg import Header
 
@@ -76,6 +79,38 @@ def test_latched_targets_of_an_earlier_run_that_arrive_late(recorder, tmp_path):
         receive(recorder, 'probe_target', ProbeTarget(run_id=run_id, seq=1, attempt=1, phase=ProbeTarget.PHASE_RUN))
     assert stop(recorder, 'second').success
     assert [target.run_id for target in read_log(tmp_path / 'second').targets] == ['second']
+
+
+@pytest.mark.parametrize('other', ['my_row', 'row_2', 'Row', ''])
+def test_names_of_runs_are_compared_whole(recorder, tmp_path, other):
+    """`row` is in `my_row`."""
+    assert start(recorder, 'row').success
+    for run_id in (other, 'row'):
+        receive(recorder, 'probe_target', ProbeTarget(header=Header(frame_id='row'), run_id=run_id, seq=1, attempt=1))
+    assert stop(recorder, 'row').success
+    assert [target.run_id for target in read_log(tmp_path / 'row').targets] == ['row']
+
+
+@pytest.mark.parametrize('is_simulated', [False, True])
+def test_the_clock_of_another_program_is_not_recorded(ros, tmp_path, capfd, is_simulated):
+    """And makes no run a simulated one: only a cell on simulated time says so."""
+    with ros('-r', '__ns:=/rosette', '-p', f'log_dir:={tmp_path}', '-p', f'use_sim_time:={is_simulated}'):
+        other, node = Node('gazebo'), Recorder()
+        publisher = other.create_publisher(Clock, '/clock', 10)
+        deadline = time.monotonic() + 20.0
+        while not node.count_publishers('/clock') and time.monotonic() < deadline:
+            time.sleep(0.05)
+        node._discover()
+        assert start(node, 'run').success
+        assert ('/clock' in node._subscribed) == is_simulated
+        if is_simulated:
+            receive(node, 'probe_target', ProbeTarget(run_id='run'))
+        node._close()
+        other.destroy_publisher(publisher)
+        node.destroy_node()
+        other.destroy_node()
+    assert read_log(tmp_path / 'run').simulated == is_simulated
+    assert ('/clock is neither used nor recorded' in capfd.readouterr().err) != is_simulated
 
 
 def test_a_sequencer_that_is_restarted_while_a_log_is_open(recorder, tmp_path, monkeypatch):

@@ -5,6 +5,8 @@ import asyncio
 import contextlib
 import os
 import signal
+import subprocess
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -401,6 +403,26 @@ def test_a_killed_process_is_an_error():
     """As where memory runs out."""
     with pytest.raises(WorkerFailed, match='kill_itself: its process ended without a result'):
         in_loop(Worker().run(kill_itself))
+
+
+@pytest.mark.parametrize('after', [0.0, 0.5])
+def test_a_signal_to_all_processes_leaves_no_traceback(after):
+    """As of a service manager, or a terminal that is closed, while a run is opening: it ended in an EOFError."""
+    script = f"""
+import asyncio, os, signal, threading, time
+from rosette_ros.studio.worker import Superseded, Worker, WorkerFailed, prepare
+signal.signal(signal.SIGTERM, lambda *_: worker.stop())
+worker = Worker()
+os.setsid()
+prepare()
+threading.Timer({after}, os.killpg, (0, signal.SIGTERM)).start()
+try:
+    asyncio.run(worker.run(time.sleep, 60))
+except (Superseded, WorkerFailed):
+    print('ended')
+"""
+    done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True, check=False, timeout=60)
+    assert (done.stdout, done.stderr, done.returncode) == ('ended\n', '', 0)
 
 
 def kill_itself():

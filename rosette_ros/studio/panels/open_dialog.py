@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Opening a run: by its path, from suggested ones, or by upload."""
 
+import os
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path, PurePosixPath
@@ -11,7 +12,6 @@ from nicegui.events import UploadEventArguments
 
 from rosette_ros.core.errors import RosetteError, one_line
 from rosette_ros.core.records import Run
-from rosette_ros.io.log_reader import READ_WITHIN
 from rosette_ros.presentation.report import open_source
 from rosette_ros.presentation.report.provenance import Source
 from rosette_ros.studio.access_control import MOST_UPLOAD, TOO_LARGE
@@ -20,8 +20,8 @@ from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels.widgets import ErrorLine, button, input_field, marked, row
 from rosette_ros.studio.worker import Superseded, WorkerFailed
 
-READ_MEMORY = 2 << 30
-"""Most memory for reading a run that was uploaded, bytes; it takes READ_WITHIN at most."""
+READ_MEMORY, READ_WITHIN = 2 << 30, 60.0
+"""Most memory and time for reading a run that was uploaded, bytes and s."""
 MOST_NAME = 120
 """Longest name of a file, bytes; systems take 255."""
 
@@ -62,7 +62,7 @@ class OpenDialog:
 
     async def _open_path(self) -> None:
         if self._path.value.strip():
-            await self.open(self._path.value.strip())
+            await self.open(os.path.expanduser(self._path.value.strip()))
 
     async def open(self, path: str, asked: bool = True, run_id: str = '') -> None:
         """Open a path, or show what is wrong with it; asked: in the dialog, which else stays as a person has it."""
