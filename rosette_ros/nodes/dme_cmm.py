@@ -25,6 +25,7 @@ from rosette_ros.dme.ball_probing import DmeCmm, MeasuredBall
 from rosette_ros.dme.dme_plan import PlannedBall, Way, refuse_plan, refuse_unsafe_plan
 from rosette_ros.dme.dme_session import DmeSession, ToolNotInUse
 from rosette_ros.dme.dme_settings import DmeSettings, load_dme_settings
+from rosette_ros.dme.rotary_table import TableState
 from rosette_ros.dme.stop_mark import StopMark
 from rosette_ros.io.messages import MACHINE_FRAME, Phase
 from rosette_ros.nodes import conversions, names, qos
@@ -79,7 +80,7 @@ class DmeCmmNode(CmmNode):
             aim, pole = self.aim_of(target)
             plan.append(PlannedBall(target.balls, target.table_position, target.ball, aim, target.table_angle,
                                     target.approach, pole, target.touches))
-        self._ways |= refuse_plan(self._settings, plan, 0.0 if cmm is None else cmm.table.angle, self._ways)
+        self._ways |= refuse_plan(self._settings, plan, TableState(0.0) if cmm is None else cmm.table, self._ways)
 
     def on_target(self, target: ProbeTarget) -> None:
         """Have the ball measured, unless it is just being measured."""

@@ -296,7 +296,7 @@ def test_an_error_before_the_ball_is_reached():
         with pytest.raises(CellError, match=r'GoTo\(X\(532.5\), Y\(260\), Z\(-240\)\): the server answered error 2500'):
             await measured(cmm)
         assert np.linalg.norm((await measured(cmm)).centre - [0.5325, 0.26, -0.3]) < NANOMETRE
-    run(scene, GoTo=at(1, lambda tag, asked: error(tag, 3, 2500)))
+    run(scene, GoTo=at(3, lambda tag, asked: error(tag, 3, 2500)))
 
 
 @pytest.mark.parametrize('name', ['GoTo', 'PtMeas'])

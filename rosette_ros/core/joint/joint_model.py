@@ -53,7 +53,7 @@ class TableSet:
     name: str
     sense: int
     angle: Floats
-    place: slice
+    place: slice | Ints
     words: str
 
 
