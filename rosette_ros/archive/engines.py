@@ -71,10 +71,16 @@ class DaskEngine(AbstractContextManager['DaskEngine']):
             logging.getLogger('distributed').setLevel(logging.CRITICAL)
             if not self._scheduler:
                 dask.config.set({f'distributed.{name}': value for name, value in SETTINGS.items()})
-                self._cluster = LocalCluster(
-                    n_workers=self._workers, threads_per_worker=1, processes=True, host='127.0.0.1',
-                    dashboard_address=None, scheduler_kwargs={'dashboard_address': '127.0.0.1:0'},
-                    silence_logs=logging.CRITICAL, preload=[__name__])
+                try:
+                    self._cluster = LocalCluster(
+                        n_workers=self._workers, threads_per_worker=1, processes=True, host='127.0.0.1',
+                        dashboard_address=None, scheduler_kwargs={'dashboard_address': '127.0.0.1:0'},
+                        silence_logs=logging.CRITICAL, preload=[__name__])
+                except (LookupError, OSError, RuntimeError, TypeError, ValueError) as error:
+                    raise InvalidConfig(
+                        'Dask: wanted workers on this computer, got none: '
+                        f'{" ".join(str(error).split()):.200}; correct the settings of Dask (DASK_... in the '
+                        'environment, ~/.config/dask)') from error
             try:
                 self._client = Client(self._cluster or self._scheduler, timeout=PATIENCE, set_as_default=False)
             except (OSError, ValueError) as error:

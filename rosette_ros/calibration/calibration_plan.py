@@ -17,9 +17,9 @@ from rosette_ros.io.messages import TABLE_FRAME, Phase, Target
 class CalibrationPlan:
     """All targets of one calibration, N in the order of asking.
 
-    phase, table_position, ball, approach, touches, session: (N,), approach 0 where the table stays, touches 0 for as
-    many as the CMM usually makes, session one more after every pause that is planned; taught: the table frame in
-    machine coordinates as roughly known before the alignment."""
+    phase, table_position, ball, approach, touches, session: (N,), approach the sense in which the table gets, or got,
+    there, touches 0 for as many as the CMM usually makes, session one more after every pause that is
+    planned; taught: the table frame in machine coordinates as roughly known before the alignment."""
 
     scheme: Scheme
     radius: float
@@ -57,15 +57,19 @@ class CalibrationPlan:
         return int(np.count_nonzero(self.phase == Phase.ALIGNMENT))
 
     def target(self, index: int) -> Target:
-        """Return the target at 0..N-1, seq is index + 1, with its nominal centre, before it is asked (attempt 0)."""
-        n = self.scheme.n
+        """Return the target at 0..N-1, seq is index + 1, with its nominal centre, before it is asked (attempt 0).
+
+        Its approach is 0 where the table stands as the target before has left it."""
+        n, before = self.scheme.n, index - 1
+        stays = index > 0 and (self.table_position[before], self.approach[before]) == (
+            self.table_position[index], self.approach[index])
         position, ball = int(self.table_position[index]), int(self.ball[index])
         made = Target(
             run_id='', seq=index + 1, attempt=0, session=0, phase=Phase(int(self.phase[index])), balls=n,
             radius=self.radius, table_position=position, ball=ball, cmm_position=int(cmm_position(n, position, ball)),
             table_angle=float(nominal_angles(n)[position - 1] + self.scheme.table_offset),
-            approach=int(self.approach[index]), centre=(0.0, 0.0, 0.0), frame_id=TABLE_FRAME, stamp_ns=0,
-            touches=int(self.touches[index]))
+            approach=0 if stays else int(self.approach[index]), centre=(0.0, 0.0, 0.0), frame_id=TABLE_FRAME,
+            stamp_ns=0, touches=int(self.touches[index]))
         x, y, z = made.place.tolist()
         return made._replace(centre=(x, y, z))
 
@@ -80,21 +84,24 @@ def plan_calibration(scheme: Scheme, radius: float, taught: Frame, repeats: int 
     """Return the CalibrationPlan of a scheme.
 
     Repeatability check: ball 1 at table position 1, `repeats` times. Alignment: ball 1 at every table position (the
-    axis), then every ball at table position 1 (the plane and the x axis). The run in the order of `scheme`. Drift
+    axis), then every ball at table position 1 (the plane and the x axis), the table turning as for the first reading of
+    the run, so that position 1 is approached as planned. The run in the order of `scheme`. Drift
     check: the first ball of the run once more. touches: of balls for which the scheme names none; outside of the run as
     many as most of its balls get; balls: those that exist, all if none. Source: Kniel et al. (2019), section 2.2, steps
     (a)-(d)."""
-    every, first = np.arange(1, scheme.n + 1), np.ones(scheme.n, dtype=int)
+    sense, every = int(scheme.approach[0]), np.arange(1, scheme.n + 1)
     present = np.sort(balls) if balls else every
-    on_plate = np.ones_like(present), present, np.ones_like(present)
+    around = every if sense > 0 else np.roll(every[::-1], 1)
+    checks = ((Phase.REPEATABILITY, np.ones(repeats, dtype=int), np.ones(repeats, dtype=int)),
+              (Phase.ALIGNMENT, around, np.ones_like(every)), (Phase.ALIGNMENT, np.ones_like(present), present))
     of_run = np.where(scheme.touches > 0, scheme.touches, touches)
     usual, last = int(np.bincount(of_run).argmax()), slice(0, 1 if drift_check else 0)
-    parts = [(Phase.REPEATABILITY, *(np.ones(repeats, dtype=int),) * 3), (Phase.ALIGNMENT, every, first, first),
-             (Phase.ALIGNMENT, *on_plate), (Phase.RUN, scheme.table_position, scheme.ball, scheme.approach),
+    parts = [*((*part, np.full(part[1].size, sense)) for part in checks),
+             (Phase.RUN, scheme.table_position, scheme.ball, scheme.approach),
              (Phase.DRIFT_CHECK, scheme.table_position[last], scheme.ball[last], scheme.approach[last])]
     phase = np.concatenate([np.full(part[1].size, part[0]) for part in parts])
-    position, ball, sense = (np.concatenate([part[column] for part in parts]) for column in (1, 2, 3))
-    stays, in_run = np.diff(position, prepend=0) == 0, phase == Phase.RUN
+    position, ball, approach = (np.concatenate([part[column] for part in parts]) for column in (1, 2, 3))
+    in_run = phase == Phase.RUN
     number, session = np.full(phase.size, usual), np.where(phase == Phase.DRIFT_CHECK, scheme.session[-1], 1)
     number[in_run], session[in_run] = of_run, scheme.session
-    return CalibrationPlan(scheme, radius, taught, phase, position, ball, np.where(stays, 0, sense), number, session)
+    return CalibrationPlan(scheme, radius, taught, phase, position, ball, approach, number, session)

@@ -16,6 +16,8 @@ from rosette_ros.core.errors import CellError, InvalidConfig, plain
 from rosette_ros.io.messages import Phase, answer_of, target_of
 from rosette_ros.io.run_assembly import RunAnswers
 
+SUCCEEDED = 5
+"""Kind of the CalibrationEvent of a run that ended in success."""
 OF_EVENT = {'order': '', 'seed': 0, 'options': ''}
 """Fields of the goal that a CalibrationEvent has too, and what they are where they are not set."""
 
@@ -153,9 +155,8 @@ def _resumed_job(request: Request, recalled: Any, changes: Mapping[str, Value], 
     values = settings.with_identity({**values, **planned})
     plan = settings.plan_of(values)
     earlier = earlier_answers(recalled, plan)
-    if earlier.answered == plan.total and recalled.error_motions:
-        raise CellError(f'resume: run {run_id} lacks nothing: all {plan.total} targets are answered and its error '
-                        'motions are published')
+    if any(event.kind == SUCCEEDED for event in recalled.events):
+        raise CellError(f'resume: run {run_id} lacks nothing: it ended in success and its log is closed')
     latest = max((*(one.stamp_ns for one in earlier.targets), *(one.stamp_ns for one in earlier.answers)), default=0)
     return Job(Sequence(run_id, plan, settings.limits_of(values), earlier), request, plan.scheme.order,
                settings.format_settings(values), resumes=recalled.log, stamp_ns=latest, located_ns=earlier.run_begin())

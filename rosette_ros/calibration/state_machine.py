@@ -134,8 +134,7 @@ class Sequence:
                  session: int = 0, verifies: bool = False) -> None:
         """Prepare; nothing is asked before begin().
 
-        earlier: what the log of an earlier part holds; session: the last one before, at least; verifies: whether there
-        is a log to be verified."""
+        earlier: what the log of an earlier part holds; session: at least the last; verifies: whether a log is there."""
         self.run_id, self.plan, self.limits, self.verifies = run_id, plan, limits, verifies
         self.answers = RunAnswers(run_id)
         self.phase, self.text = Phase.IDLE, 'ready'
@@ -144,7 +143,7 @@ class Sequence:
         self.session = max(self.earlier.session, session) + 1
         self._asked: Target | None = None
         self._asked_again, self._alignment = list[int](), list[Answer]()
-        self._next_index = self._tries = self._losses = self._refusals = self._planned_session = 0
+        self._next_index = self._tries = self._losses = self._refusals = self._planned_session = self._left_by = 0
         self._is_received = self._is_whole = False  # the log: has received since the last pause; holds all answers
         self._results: Results | None = None
         self._held, self._is_gone, self.disturbed = '', True, list[str]()
@@ -199,7 +198,7 @@ class Sequence:
             return (Remark(f'not used: answer to seq {answer.seq}, waiting for {waiting}'),)
         if words := complaint(answer, target, self.limits):
             return self._again(words, now, answer.is_refused)
-        self._asked = None
+        self._asked, self._left_by = None, target.seq
         commands = self._take(target, answer)
         self._pace.append(now)
         if self.phase.is_end or self._held:
@@ -231,7 +230,7 @@ class Sequence:
         self._held, self._in_doubt = '', frozenset()
         self._pace.clear()
         self.session += restarted
-        self._is_received &= not restarted
+        self._is_received, self._left_by = self._is_received and not restarted, 0 if restarted else self._left_by
         remark = Remark('the run continues' + (f' in session {self.session}' if restarted else ''))
         if self._asked is None:
             return (remark, *self._next(now))
@@ -286,9 +285,9 @@ class Sequence:
         if self._held or self._asked is not None or self.phase in (Phase.CANCELLED, Phase.FAILED):
             return ()  # it is verified when the run has continued
         self._refusals += 1
-        if self._results is not None or self._refusals >= VERIFY_REFUSALS:
-            return self._finish(Phase.FAILED, f'the log cannot be verified: {words}')
-        return self.hold(f'the log cannot be verified yet: {words}', now)
+        is_final = self._results is not None or self._refusals >= VERIFY_REFUSALS
+        return (self._finish(Phase.FAILED, f'the log cannot be verified: {words}') if is_final else
+                self.hold(f'the log cannot be verified yet: {words}', now))
 
     def tick(self, now: float) -> Commands:
         """Ask again or give up if an answer is late."""
@@ -381,9 +380,10 @@ class Sequence:
         return ()
 
     def _placed(self, target: Target, attempt: int) -> Target:
-        """Return a target of the plan as it is asked now, in the frame that is known."""
+        """Return a target as it is asked now; where the one before has not just left the table there, with approach."""
+        approach = target.approach if self._left_by == target.seq - 1 else int(self.plan.approach[target.seq - 1])
         return self.plan.placed(target, self._frame, self._frame_id)._replace(
-            run_id=self.run_id, attempt=attempt, session=self.session)
+            run_id=self.run_id, attempt=attempt, session=self.session, approach=approach)
 
     def _ask(self, target: Target, now: float) -> Command:
         before = self.answers.last_target(target.seq) or self.earlier.last_target(target.seq)
@@ -425,8 +425,8 @@ class Sequence:
     def _align(self) -> Commands:
         """Find the table frame from the alignment's centres; a CMM may know it already."""
         n = self.plan.scheme.n
-        centres = np.array([answer.centre for answer in self._alignment])
-        frames = {answer.frame for answer in self._alignment}
+        self._alignment[:n] = sorted(self._alignment[:n], key=lambda answer: answer.table_position)
+        centres, frames = np.array([one.centre for one in self._alignment]), {one.frame for one in self._alignment}
         remarks = tuple(map(Remark, remarks_on_answers(self.answers.counting())))
         if frames == {TABLE_FRAME}:
             self._frame, self._frame_id = Frame.identity(), TABLE_FRAME

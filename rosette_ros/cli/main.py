@@ -9,6 +9,7 @@ import argparse
 import codecs
 import gc
 import importlib
+import importlib.util
 import io
 import os
 import re
@@ -17,13 +18,16 @@ import shutil
 import signal
 import sys
 import textwrap
+import traceback
 from collections.abc import Sequence
+from pathlib import Path
 from types import FrameType, ModuleType
 from typing import Any, NoReturn
 
 from rosette_ros import __version__
 from rosette_ros.cli.arguments import UsageError, expand_home, keep_inputs
 from rosette_ros.core.errors import RosetteError, one_line, unknown
+from rosette_ros.nodes.environment import check_middleware
 
 SIGNS = {'−': '-', '–': '-', '─': '-', '±': '+-', '→': '->', 'µ': 'u', '°': 'deg', 'σ': 'sigma', 'Δ': 'd', '·': '.',
          '✓': 'ok', '✗': 'x', **dict(zip('▁▂▃▄▅▆▇█', '12345678', strict=True))}
@@ -65,6 +69,8 @@ FEWER_COLLECTIONS = 10_000
 _ROS = re.compile(r'rclpy|ament_index_python|rosidl\w+|\w+_(msgs|srvs|interfaces)')
 _SOURCE = 'source the set-up file of ROS 2 and of the workspace'
 _ARCHIVE = 'pip install distributed duckdb fsspec pyarrow'
+WITH_ROS = ('demo', 'cell', 'check-cmm', 'calibrate', 'studio', 'replay')
+"""Verbs that load ROS."""
 INSTALL = {'nicegui': 'pip install nicegui plotly',
            **dict.fromkeys(('dask', 'distributed', 'duckdb', 'fsspec', 'pyarrow'), _ARCHIVE)}
 """Package: how it is installed, where that is not its name alone."""
@@ -192,14 +198,25 @@ def declare(parser: argparse.ArgumentParser, verb: ModuleType) -> bool:
 
 def _implementation(verb: str, module: str) -> ModuleType:
     """Return the module of a verb; raise UsageError, naming the package, where one is not installed."""
+    if verb in WITH_ROS:
+        check_middleware()
     try:
         return importlib.import_module(f'rosette_ros.cli.{module}')
-    except ModuleNotFoundError as error:
-        package = (error.name or '').partition('.')[0]
-        if package in ('', 'rosette_ros'):
+    except RosetteError:
+        raise
+    except Exception as error:
+        package = (getattr(error, 'name', None) or '').partition('.')[0]
+        file = traceback.extract_tb(error.__traceback__)[-1].filename
+        is_ours = package in ('', 'rosette_ros') and Path(file).is_relative_to(Path(__file__).parents[1])
+        if is_ours or package == 'rosette_ros':
             raise
-        install = _SOURCE if _ROS.fullmatch(package) else INSTALL.get(package, f'pip install {package}')
-        raise UsageError(f'{verb}: wanted the Python package {package}, got none; {install}') from error
+        if isinstance(error, ModuleNotFoundError) and importlib.util.find_spec(package) is None:
+            install = _SOURCE if _ROS.fullmatch(package) else INSTALL.get(package, f'pip install {package}')
+            raise UsageError(f'{verb}: wanted the Python package {package}, got none; {install}') from error
+        where = getattr(sys.modules.get(package), '__file__', None) or file
+        raise UsageError(f'{verb}: {where}: wanted a package that can be loaded, got: '
+                         f'{" ".join(str(error).split()):.300}; check PYTHONPATH and the settings of that package'
+                         ) from error
 
 
 if __name__ == '__main__':

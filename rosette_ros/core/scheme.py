@@ -18,7 +18,7 @@ from rosette_ros.core.geometry import TWO_PI, Floats, Ints, nominal_angles, radi
 from rosette_ros.core.reduced_sets import best_members, fewest_members, penalty
 from rosette_ros.core.sensitive_order import sensitive
 
-TURNINGS = ('forward', 'alternate')
+TURNINGS = ('forward', 'alternate', 'clockwise', 'counterclockwise')
 _DERIVED: Any = None  # in place of what is as usual; never in a scheme that exists
 
 
@@ -230,9 +230,10 @@ def plan(n: int, order: str = 'diagonal', seed: int = 0, turning: str = 'forward
     order: one of ORDERS. `row`: table outer, CMM and plate inner (the paper's case 1); `diagonal`: CMM outer (case 2,
     Table 1); `column`: ball outer (case 3); `random`: a shuffle drawn from `seed`; `sensitive`: small steps of the
     table in which every effect of the library shows (docs/measuring.md); `there_and_back`, `row_there_and_back`:
-    `diagonal` or `row` at half the CMM positions, then the same backwards. turning: `forward` turns the table
-    counter-clockwise always; `alternate` turns it backwards in every second inner loop (every second move in `random`),
-    so that backlash shows; `sensitive` and those there and back have senses of their own whatever it says.
+    `diagonal` or `row` at half the CMM positions, then the same backwards. turning: `forward`, or `counterclockwise`,
+    turns the table counter-clockwise always; `alternate` turns it backwards in every second inner loop (every second
+    move in `random`), so that backlash shows; `sensitive` and those there and back have senses of their own then;
+    `clockwise` is the mirror image of `forward`: it begins at position 1 and ball 1, too, and both count down.
     cmm_positions, balls: those in use, from 1, one of the two; all if none (half of the CMM positions there and back).
 
     Raises InvalidPlan for fewer than three balls, an unknown order or turning, places that do not exist or do not
@@ -248,16 +249,17 @@ def plan(n: int, order: str = 'diagonal', seed: int = 0, turning: str = 'forward
         raise InvalidPlan(f'turning: wanted one of {", ".join(TURNINGS)}, got {turning!r}')
     cmm_positions, balls = chosen_places(n, order, cmm_positions, balls)
     back = order in BACK
-    if back:
-        turning = 'forward'
+    sense = -1 if turning == 'clockwise' else 1
+    turning = 'alternate' if turning == 'alternate' and not back else 'forward'
     i, j = _pairs(n, BACK.get(order, order), turning, seed)
-    approach = _approach(n, order, turning, i)
+    approach = sense * _approach(n, order, turning, i)
+    i, j = (sense * one % n for one in (i, j))
     if cmm_positions or balls:
         used = np.isin((i + j) % n + 1, cmm_positions) if cmm_positions else np.isin(j + 1, balls)
         i, j, approach = i[used], j[used], approach[used]
     if back:
         i, j = (np.concatenate([one, one[::-1]]) for one in (i, j))
-        approach = np.where(np.arange(i.size) <= i.size // 2, 1, -1)
+        approach = np.where(np.arange(i.size) <= i.size // 2, sense, -sense)
     return Scheme(n, order, int(seed), i + 1, j + 1, approach)
 
 

@@ -175,7 +175,7 @@ class DmeCmm:
         points, times, step = list[Floats](), list[float](), None
         try:
             position, target = await self._lift(), float(np.rad2deg(table_angle))
-            if turning_steps(settings.table, self.table.angle, target, approach):
+            if turning_steps(settings.table, self.table, target, approach):
                 refuse_to_turn(settings, position)
                 await turn_table(self._moved, self.session.request, settings.table, self.table, target, approach)
             refuse_unsafe(settings, path, around, start=position)
@@ -202,7 +202,10 @@ class DmeCmm:
 
         Raises CellError where it is not where it was sent."""
         position, table = await self.position(), self.settings.table
-        self.table.angle = await read_table(self.session.request, table, self.table.angle)
+        angle = await read_table(self.session.request, table, self.table.angle)
+        if abs(angle - self.table.angle) > table.tolerance_deg:  # a person has turned it
+            self.table.approach = 0
+        self.table.angle = angle
         steps = lift(self.settings, position, table.frame.to_outer(table.balls_at(np.deg2rad(self.table.angle))))
         for step in steps:
             await self._moved(go_to(step.point))

@@ -11,7 +11,7 @@ from rosette_ros.core.errors import InvalidPlan
 from rosette_ros.core.geometry import TWO_PI, Floats
 from rosette_ros.dme.dme_settings import DmeSettings
 from rosette_ros.dme.probe_path import ball_path, lifted, obstacles, refuse_unsafe
-from rosette_ros.dme.rotary_table import turning_steps
+from rosette_ros.dme.rotary_table import TableState, turning_steps
 
 Way = tuple[int, bytes, bytes]
 """What decides whether the way around a ball is safe: touches, its place, and those of all balls."""
@@ -82,9 +82,9 @@ def refuse_target(settings: DmeSettings, target: PlannedBall) -> tuple[Floats, i
     return balls, own
 
 
-def refuse_plan(settings: DmeSettings, plan: Iterable[PlannedBall], now: float,
+def refuse_plan(settings: DmeSettings, plan: Iterable[PlannedBall], table: TableState,
                 known: Collection[Way] = ()) -> set[Way]:
-    """Check targets in the order of asking; now: angle of the table, degrees; the rest as of `refuse_unsafe_plan`.
+    """Check targets in the order of asking; table: where it stands; the rest as of `refuse_unsafe_plan`.
 
     Raises InvalidPlan, naming table position and ball: of a ball that the settings have elsewhere, a way that is not
     safe, an angle that the table cannot be turned to."""
@@ -92,7 +92,9 @@ def refuse_plan(settings: DmeSettings, plan: Iterable[PlannedBall], now: float,
     for target in plan:
         try:
             refuse_target(settings, target)
-            now = [now, *turning_steps(settings.table, now, float(np.rad2deg(target.table_angle)), target.approach)][-1]
+            wanted = float(np.rad2deg(target.table_angle))
+            for angle in turning_steps(settings.table, table, wanted, target.approach):
+                table = TableState(angle, int(np.sign(angle - table.angle)))
         except InvalidPlan as error:
             raise InvalidPlan(f'{target}: {error}') from None
     return refuse_unsafe_plan(settings, plan, known)

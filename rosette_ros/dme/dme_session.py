@@ -21,6 +21,8 @@ ABORTED, CLAMPED, NO_SURFACE = 6, 504, 1006
 OF_A_COMMAND = frozenset((ABORTED, 501, 502, 505, 506, 507, 508, 509, 510, 511, 513, NO_SURFACE, 1008, 1010, 1502,
                           1503, 2000, 2002, 2500, 2505, 2506))
 """Errors that concern one command: the machine stands as it is used to. After any other severe one a person looks."""
+FOR_PERSON = frozenset((500, 2504))
+"""Emergency stop and collision: a person looks, whatever severity the server gives them."""
 _UNSUPPORTED = frozenset((501, 502, 505, 506, 507, 508, 509, 510, 511))
 SEVERE = 2
 """From this severity on the server takes nothing but ClearAllErrors."""
@@ -273,7 +275,7 @@ class DmeSession:
                     future.set_result(None)
 
     def _note(self, error: wire.DmeError, pending: SentCommand | None) -> None:
-        if error.severity < SEVERE:
+        if error.severity < SEVERE and error.number not in FOR_PERSON:
             what = f'{wire.format_value(pending.call)}: ' if pending else ''
             self.warnings.append(f'{what}{error}')
             if pending:

@@ -2,8 +2,8 @@
 """How the table is turned: which values of R are commanded one after the other, and what its encoder says.
 
 No command of the protocol states a sense. A table is turned by steps below 180 degrees, which have one shortest way,
-the last one in the wanted sense. Angles here are those of the table, counter-clockwise about its axis, degrees; R is
-sign * angle + zero.
+the last one in the wanted sense: also where it stands there but is not known to have come so. Angles here are those of
+the table, counter-clockwise about its axis, degrees; R is sign * angle + zero.
 """
 
 import math
@@ -27,36 +27,42 @@ _SAME = 1e-6  # degrees by which two angles of a plan are one
 
 @dataclass
 class TableState:
-    """Where the table stands: unwrapped angle of the encoder, degrees, and the sense of its last move, 0 before any."""
+    """Where the table stands: unwrapped angle of the encoder, degrees, and the sense of its last move, 0 if unknown."""
 
     angle: float
     approach: int = 0
 
 
-def turning_steps(settings: DmeTableSettings, now: float, target: float, approach: int) -> list[float]:
-    """Return the unwrapped angles, degrees, through which the table turns from `now` to `target` modulo a turn.
+def turning_steps(settings: DmeTableSettings, state: TableState, target: float, approach: int) -> list[float]:
+    """Return the unwrapped angles, degrees, through which the table turns from where it is to `target` modulo a turn.
 
-    approach: sense in which it gets there, 0 for the shorter way. A table with limits turns back beyond the target
+    approach: sense in which it gets there, 0 for the shorter way; where it stands there from another sense, it comes
+    again, from one step of its positions before. A table with limits turns back beyond the target
     where the wanted way would leave them. Raises InvalidPlan where that is not possible; [] where it stands there.
     """
+    now = state.angle
     forward = (target - now) % 360.0
-    if min(forward, 360.0 - forward) <= settings.tolerance_deg:
+    is_there = min(forward, 360.0 - forward) <= settings.tolerance_deg
+    if is_there and (approach in (0, state.approach) or settings.turn == 'none'):
         return []
     if settings.turn == 'none':
         raise InvalidPlan(f'table angle {target:g} deg: wanted a table that can be turned, got table.turn: none')
-    sense = approach or (1 if forward <= 180.0 else -1)
+    sense, before = approach or (1 if forward <= 180.0 else -1), 360.0 / settings.balls
     if settings.limits_deg is None:
+        if is_there:
+            end = now + (forward + 180.0) % 360.0 - 180.0
+            return [end - sense * before, end]
         return _divided(now, now + (forward if sense > 0 else forward - 360.0))
     first, last = sorted((value - settings.zero_deg) * settings.sign for value in settings.limits_deg)
     turns = range(math.floor((first - target) / 360.0), math.ceil((last - target) / 360.0) + 1)
     ends = [end for end in (target + 360.0 * turn for turn in turns) if first - _SAME <= end <= last + _SAME]
     ahead = [end for end in ends if (end - now) * sense > 0]
-    if ahead:
+    if ahead and not is_there:
         return _divided(now, min(ahead, key=lambda end: abs(end - now)))
     for end in sorted(ends, key=lambda end: abs(end - now)):
-        before = min(max(end - sense * settings.overrun_deg, first), last)
-        if (end - before) * sense > settings.tolerance_deg:
-            return [*_divided(now, before), end]
+        back = min(max(end - sense * (before if is_there else settings.overrun_deg), first), last)
+        if (end - back) * sense > settings.tolerance_deg:
+            return [*_divided(now, back), end]
     raise InvalidPlan(f'table angle {target:g} deg: wanted a way there {"counter-" * (sense > 0)}clockwise within R '
                       f'{settings.limits_deg[0]:g} .. {settings.limits_deg[1]:g}, there is none; turn the other way, '
                       'or set table.zero_deg elsewhere')
@@ -92,13 +98,14 @@ async def read_table(request: Request, settings: DmeTableSettings, near: float |
 async def turn_table(move: Move, request: Request, settings: DmeTableSettings, state: TableState, target: float,
                      approach: int) -> None:
     """Turn the table to an angle, degrees, in a sense, and update its state; raises CellError where it is elsewhere."""
-    for angle in turning_steps(settings, state.angle, target, approach):
+    for angle in turning_steps(settings, state, target, approach):
+        before, state.approach = state.angle, 0  # unknown where the move is aborted
         await move(turning_call(settings, angle))
         found = await read_table(request, settings, angle)
         if abs(found - angle) > settings.tolerance_deg:
             raise CellError(f'wanted the table at {angle:.4f} deg, got {found:.4f} from R; see table.sign, '
                             'table.reading, table.zero_deg and table.tolerance_deg')
-        state.angle, state.approach = found, int(np.sign(angle - state.angle))
+        state.angle, state.approach = found, int(np.sign(angle - before))
 
 
 def turning_call(settings: DmeTableSettings, angle: float) -> Call:

@@ -5,12 +5,15 @@ from pathlib import Path
 
 from rosette_ros.core.errors import RosetteError, one_line, plain
 from rosette_ros.dme.dme_session import DmeLost, DmeSession, DmeStopped
+from rosette_ros.io.text_file import remove_file, replace_file
 
 SUFFIX = '.stopped'
 
 
 class StopMark:
     """The file SETTINGS.stopped; it is there while the machine moves for a target, and until a person has looked.
+
+    It is on the disk before anything moves, as a whole: the end of the power forgets nothing.
 
     complaint: why it could not be written, '' where it could."""
 
@@ -30,9 +33,9 @@ class StopMark:
         """Keep why, '' to remove the file; nothing moves a stopped machine: one that cannot be written is no error."""
         try:
             if words:
-                self.path.write_text(f'{words}\n', encoding='utf-8')
+                replace_file(self.path, f'{words}\n'.encode())
             else:
-                self.path.unlink(missing_ok=True)
+                remove_file(self.path)
             self.complaint = ''
         except OSError as error:
             self.complaint = (f'{self.path}: cannot be written: {error.strerror}; a restart of the cell would forget '

@@ -24,6 +24,7 @@ DEEPEST = 12
 """Values nested deeper than this are refused; the protocol needs 3."""
 ACK, DATA, ERROR, DONE = '&#!%'
 _END = ('mark', ')')
+_COMMA = '; these are decimal commas: set the decimal sign of the I++ server to a point (its language or region)'
 UNSOLICITED = frozenset(('E0000', '00000'))
 """Tags of what a server says without having been asked."""
 
@@ -232,19 +233,24 @@ def numbers(values: Sequence[Value], name: str, count: int = 1) -> tuple[float, 
     except NotDme as error:
         raise NotDme(f'{name}: {error}') from None
     if found is None or len(made) != count:
-        raise NotDme(f'wanted {name}(...) with {count} numbers, got {shown(values)}')
+        raise NotDme(f'wanted {name}(...) with {count} numbers, got {shown(values)}{_COMMA * (len(made) == 2 * count)}')
     return made
 
 
 def number(value: Value) -> float:
     """Return a finite number, also where it stands in quotes; raises NotDme where there is none."""
-    try:
-        made = float(value) if isinstance(value, float | int | str) else math.nan
-    except ValueError:
-        made = math.nan
+    made = _as_float(value) if isinstance(value, float | int | str) else math.nan
     if not math.isfinite(made):
-        raise NotDme(f'wanted a finite number, got {shown([value])}')
+        has_comma = isinstance(value, str) and math.isfinite(_as_float(value.replace(',', '.')))
+        raise NotDme(f'wanted a finite number, got {shown([value])}{_COMMA * has_comma}')
     return made
+
+
+def _as_float(value: float | str) -> float:
+    try:
+        return float(value)
+    except ValueError:
+        return math.nan
 
 
 def text(value: Value) -> str:

@@ -2,8 +2,8 @@
 """Writing a log: one directory with `<name>_0.mcap` and rosbag2's metadata.yaml.
 
 What was written is on the disk after at most `flush_interval` seconds of wall time: the open chunk is finished,
-indexed and synchronised, and metadata.yaml gives the counts so far. So a killed process loses no more than that, and
-the file reads up to its last whole chunk."""
+indexed and synchronised. So a killed process loses no more than that, and the file reads up to its last whole chunk.
+metadata.yaml is written at the begin, without counts, and at the end."""
 
 import contextlib
 import io
@@ -127,11 +127,10 @@ class LogWriter(contextlib.AbstractContextManager['LogWriter']):
             self.flush()
 
     def flush(self) -> None:
-        """Finish the open chunk and bring everything to the disk, metadata.yaml included."""
+        """Finish the open chunk and bring everything to the disk."""
         if self._writer is not None:
             with self._disk_errors():
                 self._synchronise(self._writer)
-                self._write_metadata_file()
 
     def close(self) -> None:
         """Finish the file with its summary and write metadata.yaml; a second call does nothing."""

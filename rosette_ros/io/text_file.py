@@ -107,6 +107,13 @@ def replace_file(path: str | Path, data: bytes, force: bool = True) -> None:
         beside.unlink(missing_ok=True)
 
 
+def remove_file(path: Path) -> None:
+    """Delete a file, if there is one, so that it stays deleted when the power ends. Raises OSError."""
+    with contextlib.suppress(FileNotFoundError):
+        path.unlink()
+        synchronise_folder(path.parent)
+
+
 def give_name(path: Path, name: Path) -> None:
     """Rename a file; raises FileExistsError where there is one of the new name."""
     try:

@@ -2,38 +2,53 @@
 """What every CMM node of this package has: targets in, answers and touches out, and how many there were."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from concurrent.futures import Future as ThreadFuture
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
 
 import numpy as np
 from builtin_interfaces.msg import Time as TimeMessage
 from rclpy.duration import Duration
-from rosette_msgs.msg import BallCentre, ProbeTarget, Touches
+from rclpy.task import Future
+from rosette_msgs.msg import BallCentre, ProbeTarget, RunState, Touches
 from rosette_msgs.srv import CheckPlan
 from std_msgs.msg import Header
 
 from rosette_ros.calibration.settings import Wanted
 from rosette_ros.core.errors import CellError, InvalidPlan, RosetteError, one_line
 from rosette_ros.core.geometry import Floats
-from rosette_ros.io.messages import MACHINE_FRAME, short_frame
+from rosette_ros.io.messages import MACHINE_FRAME, Phase, short_frame
 from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.base_node import CellNode
+from rosette_ros.nodes.interfaces import waiting_service
+from rosette_ros.nodes.liveliness import process_of
 
+T = TypeVar('T')
 _ROUND = 1e-6  # by which a unit vector may be off
 FARTHEST = 100.0  # a centre that is farther from the origin of the machine is taken for a mistake, m
 
 
 class CmmNode(CellNode, ABC):
-    """A CMM of the cell. Topics: subscribes to `probe_target`; publishes `ball_centre` and `touches`. The service
-    `cmm/check_plan` says of a whole plan whether it can be measured.
+    """A CMM of the cell. Topics: subscribes to `probe_target` and `run_state`; publishes `ball_centre` and `touches`.
+    The service `cmm/check_plan` says of a whole plan whether it can be measured.
+
+    It obeys one process: while two publish targets it takes none, and says so. A sequencer whose state is that nothing
+    is measured is none of two: `rosette check-cmm` may ask beside it.
 
     measured, failed: how many targets were answered so."""
 
     def __init__(self, wanted: Sequence[Wanted]) -> None:
         super().__init__(names.CMM, wanted)
         self.measured = self.failed = 0
+        self._aside = ThreadPoolExecutor(1, 'aside')
+        self._state = RunState(phase=RunState.PHASE_REPEATABILITY)
         # Before the topics: whoever finds those has to find the service, too, and DDS announces in this order.
-        self.create_service(CheckPlan, names.CHECK_PLAN, self._on_check_plan)
-        self.on(names.PROBE_TARGET, ProbeTarget, self.on_target, qos.ORDER)
+        waiting_service(self, CheckPlan, names.CHECK_PLAN, self._on_check_plan)
+        self.requesters, self._state_publishers = map(self.publishers_of, (names.PROBE_TARGET, names.RUN_STATE))
+        self.requesters.is_idle = self._is_idle
+        self.on(names.RUN_STATE, RunState, self.on_state, qos.STATE, from_one=True)
+        self.on(names.PROBE_TARGET, ProbeTarget, self.on_target, qos.ORDER, from_one=True)
         self.answers = self.create_publisher(BallCentre, names.BALL_CENTRE, qos.ANSWER)
         self.touches = self.create_publisher(Touches, names.TOUCHES, qos.ANSWER)
 
@@ -41,13 +56,39 @@ class CmmNode(CellNode, ABC):
     def check_plan(self, targets: Sequence[ProbeTarget]) -> None:
         """Raise RosetteError where these targets, in this order, cannot all be measured, as far as is known."""
 
-    def _on_check_plan(self, request: CheckPlan.Request, response: CheckPlan.Response) -> CheckPlan.Response:
+    async def ended(self, work: 'ThreadFuture[T]', timeout: float = 0.0) -> bool:
+        """Wait, while other callbacks run, for the end of what another thread does; return whether it has ended.
+
+        timeout: s, 0 for none."""
+        waited = Future()
+        work.add_done_callback(lambda _: self.executor.create_task(waited.set_result, None))
+        if timeout:
+            self.after(timeout, lambda: waited.set_result(None))
+        await waited
+        return work.done()
+
+    async def _on_check_plan(self, request: CheckPlan.Request, response: CheckPlan.Response) -> CheckPlan.Response:
+        work = self._aside.submit(self.check_plan, request.targets)
+        await self.ended(work)
         try:
-            self.check_plan(request.targets)
+            work.result()
         except RosetteError as error:
             response.message = one_line(error)
         response.success = not response.message
         return response
+
+    def on_state(self, state: RunState) -> None:
+        """Take note of what the sequencer does."""
+        self._state = state
+        self.requesters.look()
+
+    def is_state_of(self, endpoints: Iterable[bytes]) -> bool:
+        """Return whether the process that has one of these endpoints (GIDs) publishes the state of the run."""
+        return not {*map(process_of, endpoints)}.isdisjoint(map(process_of, self._state_publishers.used))
+
+    def _is_idle(self, gid: bytes) -> bool:
+        """Return whether a publisher of targets is of a sequencer that measures nothing."""
+        return self._state.phase in (Phase.IDLE, Phase.DONE, Phase.CANCELLED, Phase.FAILED) and self.is_state_of([gid])
 
     @abstractmethod
     def on_target(self, target: ProbeTarget) -> None:
@@ -82,5 +123,6 @@ class CmmNode(CellNode, ABC):
 
     def finish(self) -> None:
         """End once all subscribers have the answers: nobody could send them again what was lost in transport."""
+        self._aside.shutdown(cancel_futures=True)
         for publisher in (self.touches, self.answers):
             publisher.wait_for_all_acked(Duration(seconds=5))

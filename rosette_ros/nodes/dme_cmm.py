@@ -10,7 +10,7 @@ import asyncio
 import sys
 import threading
 from collections.abc import Coroutine, Sequence
-from concurrent.futures import Future, wait
+from concurrent.futures import Future
 from functools import partial
 from queue import SimpleQueue
 from typing import Any, TypeVar
@@ -25,11 +25,13 @@ from rosette_ros.dme.ball_probing import DmeCmm, MeasuredBall
 from rosette_ros.dme.dme_plan import PlannedBall, Way, refuse_plan, refuse_unsafe_plan
 from rosette_ros.dme.dme_session import DmeSession, ToolNotInUse
 from rosette_ros.dme.dme_settings import DmeSettings, load_dme_settings
+from rosette_ros.dme.rotary_table import TableState
 from rosette_ros.dme.stop_mark import StopMark
 from rosette_ros.io.messages import MACHINE_FRAME, Phase
-from rosette_ros.nodes import conversions, names, qos
+from rosette_ros.nodes import conversions, names
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, Health, run_node
 from rosette_ros.nodes.cmm_node import CmmNode
+from rosette_ros.nodes.interfaces import waiting_service
 
 WANTED = (
     Wanted('settings', '', 'settings file of the CMM (rosette-dme/1)', read_only=True),)
@@ -60,15 +62,14 @@ class DmeCmmNode(CmmNode):
         self._is_prepared = False
         self._trouble = self._mark.read()
         self._wanted: ProbeTarget | None = None
-        self._askers: set[bytes] = set()
+        self._asker = frozenset[bytes]()
         self._one, self._told = asyncio.Lock(), ''
         self._found: SimpleQueue[tuple[ProbeTarget, MeasuredBall | RosetteError]] = SimpleQueue()
         self._failure: BaseException | None = None
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name='dme', daemon=True)
         self._thread.start()
-        self.on(names.RUN_STATE, RunState, self._on_state, qos.STATE)
-        self.create_service(Trigger, names.RECOVER, self._on_recover)
+        waiting_service(self, Trigger, names.RECOVER, self._on_recover)
         if not self._trouble:
             self._do(self._get_ready())
 
@@ -79,30 +80,26 @@ class DmeCmmNode(CmmNode):
             aim, pole = self.aim_of(target)
             plan.append(PlannedBall(target.balls, target.table_position, target.ball, aim, target.table_angle,
                                     target.approach, pole, target.touches))
-        self._ways |= refuse_plan(self._settings, plan, 0.0 if cmm is None else cmm.table.angle, self._ways)
+        self._ways |= refuse_plan(self._settings, plan, TableState(0.0) if cmm is None else cmm.table, self._ways)
 
     def on_target(self, target: ProbeTarget) -> None:
         """Have the ball measured, unless it is just being measured."""
         if self._wanted is None or (self._wanted.run_id, self._wanted.seq) != (target.run_id, target.seq):
-            self._wanted, self._askers = target, self._all_askers()
+            self._wanted, self._asker = target, self.requesters.used
             self._do(self._measure(target))
 
-    def _on_state(self, state: RunState) -> None:
-        """Abort what moves for a run that has ended."""
+    def on_state(self, state: RunState) -> None:
+        """Abort what moves for a run that has ended, as the process says that asked for it."""
+        super().on_state(state)
         if self._wanted is not None and self._wanted.run_id == state.run_id and state.phase in (
-                Phase.CANCELLED, Phase.FAILED):
+                Phase.CANCELLED, Phase.FAILED) and self.is_state_of(self._asker):
             self._stop_measuring()
 
     def _stop_measuring(self) -> None:
         self._wanted = None
         self._do(self._halt())
 
-    def _all_askers(self) -> set[bytes]:
-        """Return who publishes targets."""
-        topic = self.resolve_topic_name(names.PROBE_TARGET)
-        return {bytes(info.endpoint_gid) for info in self.get_publishers_info_by_topic(topic)}
-
-    def _on_recover(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    async def _on_recover(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Clear errors, or connect anew, because a person has looked at the machine; answer what came of it."""
         self.get_logger().info('a person has looked at the machine')
         if not self._problem():
@@ -110,8 +107,8 @@ class DmeCmmNode(CmmNode):
             return response
         self._wanted = None
         ready = self._do(self._get_ready(by_person=True))
-        wait([ready], RECOVERY)
-        problem = ready.result() if ready.done() else f'not ready within {RECOVERY:g} s: /diagnostics'
+        has_ended = await self.ended(ready, RECOVERY)
+        problem = ready.result() if has_ended else f'not ready within {RECOVERY:g} s: /diagnostics'
         response.success = not problem
         self.wake()  # the next goal shall not be refused for what is over
         response.message = problem or 'errors are cleared, or the server is connected anew: the machine is ready'
@@ -122,7 +119,7 @@ class DmeCmmNode(CmmNode):
         if self._failure is not None:
             raise self._failure
         self._publish_found()
-        if self._wanted is not None and not self._askers <= self._all_askers():
+        if self._wanted is not None and not self._asker & self.requesters.running:
             self.get_logger().warning(
                 f'the node that requested ball {self._wanted.ball} is disconnected; its measurement is aborted')
             self._stop_measuring()

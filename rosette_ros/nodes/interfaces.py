@@ -3,7 +3,7 @@
 
 import importlib
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from typing import Any
 
 from rclpy.action import ActionServer
@@ -59,6 +59,20 @@ def introspected_service(node: Node, service_type: type, name: str, callback: Ca
     """Return a service that publishes its traffic on `<name>/_service_event`."""
     service = node.create_service(service_type, name, callback)
     service.configure_introspection(node.get_clock(), qos_profile_services_default, ServiceIntrospectionState.CONTENTS)
+    return service
+
+
+def waiting_service(node: Node, service_type: type, name: str, callback: Callable[..., Any]) -> Service:
+    """Return a service whose callback is a coroutine: while it waits, the node's other callbacks run.
+
+    An EventsExecutor (rclpy 7.1.6) takes what the callback returns for the response."""
+    service = node.create_service(service_type, name, callback)
+    send = service.send_response
+
+    async def finish(work: Coroutine[Any, Any, Any], header: Any) -> None:
+        send(await work, header)
+
+    service.send_response = lambda work, header: node.executor.create_task(finish, work, header)
     return service
 
 

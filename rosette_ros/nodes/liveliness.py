@@ -160,7 +160,7 @@ class NodeMonitor:
 
 class Trouble(NamedTuple):
     """What keeps a run from going on: nodes that are disconnected or restarted, several publishers of one topic, in
-    words, and whether answers were not used because of them."""
+    words, and whether answers, or perhaps the open target, were not used because of them."""
 
     gone: list[str]
     restarted: list[str]
@@ -176,7 +176,8 @@ class Trouble(NamedTuple):
         """Return it in words, '' where there is none."""
         if self.nodes:
             return f'{" and ".join(f"the {_NODE_WORDS[name]}" for name in self.nodes)} is disconnected'
-        return self.conflict or f'another node has published {names.BALL_CENTRE}' * self.has_ignored
+        others = f'another node has published {names.BALL_CENTRE} or {names.PROBE_TARGET}'
+        return self.conflict or others * self.has_ignored
 
 
 class CellMonitor:
@@ -273,8 +274,8 @@ class CellMonitor:
 
     @property
     def ignored(self) -> int:
-        """Number of answers that were not used because another node published, too."""
-        return self._publishers_of[names.BALL_CENTRE].ignored
+        """Number of answers that were not used because another node published, or of targets that may not be."""
+        return sum(self._publishers_of[topic].ignored for topic in (names.BALL_CENTRE, names.PROBE_TARGET))
 
     def problems(self, nodes: Iterable[str]) -> str:
         """Return why nodes that are there cannot do their work, in their own words; '' where all can."""

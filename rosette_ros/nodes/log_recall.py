@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Logs of earlier runs, as the recorder finds them and reads them back."""
 
+import os
 import re
 from collections.abc import Iterator
 from itertools import count, takewhile
 from pathlib import Path
 
+from rosette_msgs.msg import CalibrationEvent
 from rosette_msgs.srv import Recall
 from tf2_msgs.msg import TFMessage
 
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.io.bag_metadata import find_files
-from rosette_ros.io.log_reader import LoggedMessage, iter_log
+from rosette_ros.io.log_reader import MAGIC, LoggedMessage, iter_log
 from rosette_ros.io.type_definitions import TypeLibrary
 from rosette_ros.nodes import names
 from rosette_ros.nodes.interfaces import decoded, interface_class
@@ -21,7 +23,8 @@ _FIELDS = {'rosette_msgs/msg/ProbeTarget': 'targets', 'rosette_msgs/msg/BallCent
            'rosette_msgs/msg/CalibrationEvent': 'events', 'rosette_msgs/msg/ErrorMotions': 'error_motions'}
 _COPIED = {'rosette_msgs/msg/ProbeTarget': names.PROBE_TARGET, 'rosette_msgs/msg/BallCentre': names.BALL_CENTRE,
            'rosette_msgs/msg/Touches': names.TOUCHES}
-"""What of an earlier part opens the log that continues it; and its table frames."""
+"""What of an earlier part opens the log that continues it; and the table frames after its first target: those before it
+are of earlier runs, whatever their stamps are."""
 
 
 def find_part(log_dir: Path, wanted: str) -> Path:
@@ -67,9 +70,11 @@ def next_part(log_dir: Path, run_id: str) -> Path:
 def recall(folder: Path, library: TypeLibrary) -> Recall.Response:
     """Return what a log holds of its run; library: of the installed messages.
 
+    Of a log that was not closed no success is returned: its run can be resumed, and ends from what is in the log.
     Raises InvalidData where the log cannot be read or was written with another version of the messages."""
     response = Recall.Response(success=True, log=folder.name, run_id=run_of(folder.name))
-    if not any(file.stat().st_size for file in find_files(folder).files):
+    files = find_files(folder).files
+    if not any(file.stat().st_size for file in files):
         return response
     for message in iter_log(folder):
         if message.type_name in _FIELDS:
@@ -79,15 +84,22 @@ def recall(folder: Path, library: TypeLibrary) -> Recall.Response:
             found = decoded(message.data, interface_class(message.type_name))
             if found.run_id == response.run_id:
                 getattr(response, _FIELDS[message.type_name]).append(found)
-        elif message.channel.is_static_frames:
+        elif message.channel.is_static_frames and response.targets:
             response.frames += decoded(message.data, TFMessage).transforms
+    with open(files[-1], 'rb') as stream:
+        stream.seek(-len(MAGIC), os.SEEK_END)
+        is_closed = stream.read() == MAGIC
+    if not is_closed:
+        response.events = [event for event in response.events if event.kind != CalibrationEvent.SUCCEEDED]
     return response
 
 
 def iter_copied(folder: Path) -> Iterator[tuple[str, LoggedMessage]]:
     """Yield (name of the topic, message) for what of a log opens the next part."""
+    has_begun = False
     for message in iter_log(folder):
         if message.type_name in _COPIED:
+            has_begun = True
             yield _COPIED[message.type_name], message
-        elif message.channel.is_static_frames:
+        elif message.channel.is_static_frames and has_begun:
             yield names.TF_STATIC, message

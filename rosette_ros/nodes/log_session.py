@@ -168,7 +168,8 @@ class LogSession:
 
     def open(self, directory: Path, run_id: str, now: float, log_time: int, earlier: Iterable[Message] = (),
              custom_data: Mapping[str, str] | None = None) -> None:
-        """Open the log of a run; messages of an earlier part, latched and recent ones come first.
+        """Open the log of a run; latched messages, which may be of earlier runs, those of an earlier part and
+        recent ones come first.
 
         now: steady time, s; log_time: ROS time of what was received before, ns; custom_data: for metadata.yaml.
         Raises InvalidData where the directory holds a log already, CellError where one is open."""
@@ -182,7 +183,7 @@ class LogSession:
         for topic in self._definitions:
             if profiles := self._qos_of(topic):
                 self._add_to_log(self._writer, topic, profiles)
-        for message in (*earlier, *(one for kept in self._latched.values() for one in kept)):
+        for message in (*(one for kept in self._latched.values() for one in kept), *earlier):
             self._write(message, log_time)
         for message in self._recent:
             if now - message.received <= self._recent_kept:

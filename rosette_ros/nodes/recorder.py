@@ -102,6 +102,7 @@ class Recorder(CellNode):
         self._session = LogSession(self.parameters['recent_s'], self._offered_qos, lambda: self.parameters.values(LOG))
         self._contents = RunContents('', self.get_logger().error)
         self._ending: Progress | None = None  # since the log was to be closed
+        self._looked: Any = None  # what the log held when its bytes were read last
         self._told, self._over_since = ('', RunState.PHASE_IDLE), math.inf  # last run and phase; of the open log's run
         self._requested = ('', 0.0)  # the last run that was requested, and when
         self._is_simulated = self.get_parameter('use_sim_time').value
@@ -292,7 +293,9 @@ class Recorder(CellNode):
         if not self._is_log_of(request.run_id):
             response.message = f'wanted the log of run {plain(request.run_id)} open, got {self._open_log}'
             return response
-        self._replace_damaged(is_whole=True)
+        there = self._session.directory, self._contents.answers.answered, self._contents.missing(request)
+        self._replace_damaged(is_whole=there != self._looked)  # asked again and again until it is all there
+        self._looked = there
         self._session.flush()
         response.success, response.message = not self._session.failure, self._session.failure
         stamps = list(self._contents.answers.good_stamps())

@@ -19,21 +19,23 @@ from rosette_ros.nodes.qos import HEARTBEAT_LOST
 class TopicPublishers:
     """The publishers of a topic whose processes run.
 
-    peer: monitor of the node that publishes it; on_change: called when another process publishes it than before; found:
-    their endpoints (GIDs); used: that of the last one that was alone; is_single: whether messages are used; ignored:
-    number of messages that were not."""
+    peer: monitor of the node that publishes it; on_change: called when another process publishes it than before;
+    is_idle: of an endpoint (GID), whether it does not count beside others; running: all endpoints; found: those that
+    count; used: that of the last one that was alone; is_single: whether messages are used; ignored:
+    number of messages that were not, without a subscription how often there were two."""
 
     def __init__(self, node: Node, topic: str, peer: NodeMonitor) -> None:
         """Start without a publisher."""
         self._node, self._peer = node, peer
         self.on_change: Callable[[], object] = lambda: None
+        self.is_idle: Callable[[bytes], bool] = lambda gid: False
         self.topic = node.resolve_topic_name(topic)
         self._subscription: Subscription | None = None
-        self.found, self.used = frozenset[bytes](), frozenset[bytes]()
+        self.running, self.found, self.used = frozenset[bytes](), frozenset[bytes](), frozenset[bytes]()
         self.is_single, self.ignored = True, 0
         self._names: dict[bytes, str] = {}
         self._first_seen: dict[bytes, float] = {}
-        self._matched, self._running = 0, 0
+        self._matched, self._peers = 0, 0
 
     def judge(self, subscription: Subscription) -> None:
         """Take note of the subscription whose messages `admits` judges."""
@@ -58,18 +60,20 @@ class TopicPublishers:
 
     def watch(self) -> None:
         """Look where something may have changed; call it often."""
-        is_plain = self.is_single and len(self.found) == len(self._names) < 2 and self._running >= len(self.found)
-        if not is_plain or (self._count(), self._peer.running()) != (self._matched, self._running):
+        is_plain = self.is_single and len(self.found) == len(self._names) < 2 and self._peers >= len(self.found)
+        if not is_plain or (self._count(), self._peer.running()) != (self._matched, self._peers):
             self.look()
 
     def look(self) -> None:
         """Find out which publishers there are."""
-        self._matched, self._running = self._count(), self._peer.running()
-        self.found = self._find(time.monotonic())
+        self._matched, self._peers = self._count(), self._peer.running()
+        self.running = self._find(time.monotonic())
+        self.found = frozenset(gid for gid in self.running if not self.is_idle(gid)) or self.running
         if len(self.found) == 1 and self.found != self.used:
             before, self.used = self.used, self.found
             if before:
                 self.on_change()
+        self.ignored += self._subscription is None and self.is_single and len(self.found) > 1
         # a publisher is matched a moment before it is on the graph, and its first message may be there by then
         self.is_single = len(self.found) < 2 and (self._subscription is None or self._matched <= len(self._names))
 
@@ -89,5 +93,5 @@ class TopicPublishers:
         found = sorted(self._names, key=lambda gid: self._first_seen[gid])
         with_heartbeat = [gid for gid in found if process_of(gid) in beating]
         is_new = any(now - self._first_seen[gid] < HEARTBEAT_LOST for gid in with_heartbeat[-1:])
-        ended = with_heartbeat[:max(len(with_heartbeat) - max(self._running, is_new), 0)]
+        ended = with_heartbeat[:max(len(with_heartbeat) - max(self._peers, is_new), 0)]
         return frozenset(self._names) - frozenset(ended)

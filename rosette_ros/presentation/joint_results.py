@@ -37,8 +37,7 @@ def test_result(test: SharingTest) -> str:
     return 'NOT used: the readings contradict it'
 
 
-REVERSAL_SIGN = ('ISO 230-2 takes the reversal error the other way: counter-clockwise (the positive sense) less '
-                 'clockwise.')
+REVERSAL_SIGN = 'The sign is that of ISO 230-2: counter-clockwise (the positive sense) less clockwise.'
 
 
 def sharing_table(result: JointResult) -> Table:
@@ -60,7 +59,7 @@ def joint_curves(result: JointResult) -> list[Table]:
     shown = [_titled(motions, 'Six error motions of the ' + one.words, one.words)
              for one, motions in result.curves]
     for one in result.reversals:
-        shown.append(replace(_titled(one.motions, 'Reversal: clockwise less counter-clockwise', 'reversal'),
+        shown.append(replace(_titled(one.motions, 'Reversal: counter-clockwise less clockwise', 'reversal'),
                              note=_mean_words(one)))
     return shown
 

@@ -73,14 +73,20 @@ def moves(state: MachineState, timing: TimingSettings, n: int, division: Floats,
     """Return the moves from `state` through N targets.
 
     division: (N,) where the table shall stand, in table divisions from angle 0; approach: (N,) sense in which it shall
-    turn, 0 is taken as +1; aim: (N, 3) m; wait: (N,) s before each ball;
-    stop: (N,) rad by which the table would stop off, if it moves; touches: Q per ball; deadband: m;
-    free: axis of the CMM, 0..2, along which it comes to every ball from the free side of the plate: no sense changes.
+    turn, 0 is taken as +1; where it stands there from the other sense, it comes again, from a division before; aim:
+    (N, 3) m; wait: (N,) s before each ball; stop: (N,) rad by which the table would stop off, if it moves; touches: Q
+    per ball; deadband: m; free: axis of the CMM, 0..2, along which it comes to every ball from the free side of the
+    plate: no sense changes.
     """
     before = np.concatenate([[state.steps], division[:-1]])
     forward = np.round((division - before) % n, 12) % n
     move = np.where((approach < 0) & (forward > 0), forward - n, forward)
-    turned = np.abs(move)
+    has_turned = (np.cumsum(move != 0) > 0) | (state.approach != 0)
+    wanted = np.where(move != 0, np.sign(move), np.sign(approach) * has_turned)
+    last = np.maximum.accumulate(np.where(wanted != 0, np.arange(move.size), -1))
+    sense = np.concatenate([[state.approach], _held(wanted, last, state.approach)])
+    again = (move == 0) & (sense[:-1] * sense[1:] < 0)
+    turned = np.where(again, 2.0, np.abs(move))
     way = aim - np.concatenate([state.cmm[None, :], aim[:-1]])
     far = np.abs(way) > deadband
 
@@ -99,7 +105,7 @@ def moves(state: MachineState, timing: TimingSettings, n: int, division: Floats,
     held = np.maximum.accumulate(np.where(moved, np.arange(len(moved))[:, None], -1))
     return Moves(
         steps=state.steps + move.cumsum(), turned=state.turned + turned.cumsum(),
-        approach=_held(np.sign(move).astype(np.int64), held[:, 0], state.approach),
+        approach=sense[1:].astype(np.int64),
         stop=_held(stop, held[:, 0], state.stop), cmm=aim,
         cmm_sense=_held(np.sign(way), held[:, 1:], state.cmm_sense, np.arange(3)),
         began=clock[:-1:2], arrived=clock[1::2], ended=clock[2::2])

@@ -12,6 +12,7 @@ import sys
 import time
 from pathlib import Path
 
+import dask
 import fsspec
 import numpy as np
 import psutil
@@ -351,3 +352,10 @@ def free_port():
     with socket.socket() as probe:
         probe.bind(('127.0.0.1', 0))
         return probe.getsockname()[1]
+
+
+def test_settings_of_dask_that_are_none_are_told_in_one_line():
+    """They come from the environment or a file of another program."""
+    with dask.config.set({'distributed.comm.timeouts.connect': 'abc'}), DaskEngine(workers=1) as engine, pytest.raises(
+            InvalidConfig, match="Dask: wanted workers on this computer, got none: .*'Invalid time unit: abc"):
+        _ = engine.client

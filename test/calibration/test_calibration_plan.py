@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plan of a calibration: phases around the n*n run."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rosette_msgs.msg import RunState
@@ -46,13 +48,31 @@ def test_repeats_and_drift_check_can_be_left_out():
 @pytest.mark.parametrize('order', ORDERS)
 @pytest.mark.parametrize('turning', TURNINGS)
 def test_table_stays_exactly_where_its_position_stays(order, turning):
-    """The approach is 0 where the table does not move and its sense where it does."""
+    """The approach is 0 where the table stands as it is to be approached, and its sense where it does not."""
     made = calibration(5, order, turning)
     before = None
     for index in range(made.total):
-        target = made.target(index)
-        assert (target.approach == 0) == (target.table_position == before)
-        before = target.table_position
+        target, sense = made.target(index), made.approach[index]
+        assert target.approach == (0 if (target.table_position, sense) == before else sense)
+        before = target.table_position, sense
+
+
+def test_a_clockwise_run_finds_position_1_approached_clockwise():
+    """The alignment turns as the run begins, so that its readings at position 1, too, are approached as planned."""
+    made = calibration(4, 'row', 'clockwise')
+    targets = [made.target(index) for index in range(made.total)]
+    assert {target.approach for target in targets} == {0, -1}
+    assert (targets[0].table_position, targets[0].table_angle, targets[0].approach) == (1, 0.0, -1)
+    assert [one.table_position for one in targets if one.phase is Phase.ALIGNMENT] == [1, 4, 3, 2, 1, 1, 1, 1]
+
+
+def test_a_position_that_is_approached_from_both_sides_is_approached_twice():
+    """A plan may measure one place twice, once from either side."""
+    scheme = plan(3, 'row')
+    both = replace(scheme, table_position=scheme.table_position.repeat(2), ball=scheme.ball.repeat(2),
+                   approach=np.tile([1, -1], 9), touches=scheme.touches.repeat(2), session=scheme.session.repeat(2))
+    made = plan_calibration(both, 0.1, Frame.identity(), 0, drift_check=False)
+    assert [made.target(index).approach for index in range(6, made.total)] == [0, *[-1, 1] * 8, -1]
 
 
 def test_nominal_centre_is_at_the_cmm_position():

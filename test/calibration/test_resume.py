@@ -94,6 +94,17 @@ def test_after_a_pause_the_target_is_asked_again_in_a_new_session():
     assert last_ask(sequence.answer(answer_to(again), 2.0)).session == 2
 
 
+def test_after_a_pause_the_approach_is_stated():
+    """Nobody knows how the table then stands, so that "no move" would be no approach."""
+    sequence = Sequence(RUN_ID, PLAN, LIMITS)
+    second = last_ask(sequence.answer(answer_to(last_ask(sequence.begin(0.0))), 0.0))
+    assert second.approach == 0
+    sequence.hold('the CMM is disconnected', 1.0)
+    assert last_ask(sequence.resume_asking(2.0, restarted=True)).approach == 1
+    asks = asked(Sequence(RUN_ID, PLAN, LIMITS, earlier(1)))
+    assert [ask.approach for ask in asks[:2]] == [1, 0]
+
+
 def test_who_does_not_come_back_ends_the_run():
     """After the patience, in words that say what to do."""
     sequence = Sequence(RUN_ID, PLAN, LIMITS)

@@ -5,6 +5,8 @@ import os
 import re
 import socket
 import struct
+import subprocess
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -13,6 +15,8 @@ import pytest
 from rosette_ros.cell import supervisor
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.supervisor import LOCAL, MODULES, PROFILES, RANGE, TRANSPORTS, added_environment
+from rosette_ros.core.errors import CellError
+from rosette_ros.nodes.environment import check_domain
 from rosette_ros.nodes.recorder import LAST_MESSAGES
 from rosette_ros.nodes.sequencer import ANSWERS_TIMEOUT
 
@@ -93,3 +97,40 @@ def test_the_command_that_resumes_names_the_domain_of_the_environment(monkeypatc
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain_id))
     with CellClient() as client:
         assert client.resume_command('run_a').endswith(f'calibrate --resume run_a --domain {domain_id}')
+
+
+@pytest.mark.parametrize(('given', 'domain', 'words'), [
+    ('300', None, "ROS_DOMAIN_ID: wanted a whole number in 0..232, got '300'; set another one, or give --domain"),
+    ('-1', None, "got '-1'"), ('lab', None, "got 'lab'"), ('300', 5, ''), ('', None, ''), (' 7 ', None, '')])
+def test_a_domain_that_does_not_exist(given, domain, words):
+    """ROS would end the process, or log in its own words; one that is given is what counts."""
+    if not words:
+        check_domain(domain, {'ROS_DOMAIN_ID': given})
+        return
+    with pytest.raises(CellError, match=re.escape(words)):
+        check_domain(domain, {'ROS_DOMAIN_ID': given})
+
+
+@pytest.mark.parametrize(('name', 'value', 'verb', 'words'), [
+    ('RMW_IMPLEMENTATION', 'rmw_cyclonedds_cpp', ('calibrate',),
+     r"RMW_IMPLEMENTATION: wanted one that is installed, rmw_\w+.*, got 'rmw_cyclonedds_cpp'; unset it, or install"),
+    ('ROS_DOMAIN_ID', '300', ('calibrate',), 'ROS_DOMAIN_ID: wanted a whole number in 0..232'),
+    ('ROS_DOMAIN_ID', '300', ('cell',), 'ROS_DOMAIN_ID: wanted a whole number in 0..232'),
+    ('PYTHONPATH', 'rclpy', ('check-cmm',), r'check-cmm: \S*/rclpy/__init__.py: wanted a package that can be loaded, '
+                                            "got: No module named 'rclpy.*; check PYTHONPATH"),
+    ('DASK_CONFIG', 'dask', ('archive', 'query', '--help'),
+     r'archive: \S*dask\S*: wanted a package that can be loaded, got: A dask config file at .* is malformed'),
+])
+def test_an_environment_of_others_is_told_in_one_line(tmp_path, name, value, verb, words):
+    """A middleware that is not there, a domain beyond the ports, another rclpy, settings that no program can read."""
+    (tmp_path / 'other' / 'rclpy').mkdir(parents=True)
+    (tmp_path / 'other' / 'rclpy' / '__init__.py').touch()
+    (tmp_path / 'dask').mkdir()
+    (tmp_path / 'dask' / 'x.yaml').write_text('distributed: [')
+    paths = {'rclpy': os.pathsep.join([str(tmp_path / 'other'), *sys.path]), 'dask': str(tmp_path / 'dask')}
+    done = subprocess.run([sys.executable, '-m', 'rosette_ros.cli.main', *verb], capture_output=True, text=True,
+                          timeout=60, cwd=tmp_path, env={**os.environ, name: paths.get(value, value)}, check=False)
+    if value == 'rmw_cyclonedds_cpp' and 'no cell' in done.stderr:
+        pytest.skip('it is installed')
+    assert done.returncode == 2, done.stderr
+    assert re.fullmatch(rf'rosette: {words}.*', done.stderr.strip()), done.stderr

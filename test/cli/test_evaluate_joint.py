@@ -45,7 +45,7 @@ def test_there_and_back_as_json(rosette, back):
 def test_there_and_back_in_words(rosette, back):
     """What became known, what did not, the rank."""
     out = ' '.join(rosette('evaluate', back, '--joint').out.split())
-    assert 'Reversal: clockwise less counter-clockwise' in out
+    assert 'Reversal: counter-clockwise less clockwise' in out
     assert ('ISO 230-2 takes the reversal error the other way: counter-clockwise (the '
             'positive sense) less clockwise. Means: ctx') in out
     assert 'Asynchronous error motion value' not in out  # of one run

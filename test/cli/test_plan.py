@@ -74,7 +74,7 @@ def test_seed_draws_the_random_order(rosette):
                      'the table, plate and CMM cannot be separated'),
     (('--order', 'zigzag'), "order: wanted one of row, diagonal, column, random, sensitive, there_and_back, "
                              "row_there_and_back, got 'zigzag'"),
-    (('--turning', 'left'), "turning: wanted one of forward, alternate, got 'left'"),
+    (('--turning', 'left'), "turning: wanted one of forward, alternate, clockwise, counterclockwise, got 'left'"),
     (('--balls', '6.5'), "--balls: wanted a whole number of at most 1000, got '6.5'"),
     (('--balls', '100000'), "--balls: wanted a whole number of at most 1000, got '100000'"),
     (('--radius-mm', '-1'), "--radius-mm: wanted a positive number (mm), got '-1'"),

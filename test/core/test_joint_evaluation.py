@@ -34,14 +34,9 @@ def measured(seed=1, n=8, order='diagonal', turn=0.0, noise=0, hidden='', sense=
     machine = Machine(config(seed, n, **groups))
     for _ in range(noise):
         machine.align()
-    scheme = plan(n, order)
-    made, alignment, _ = machine.calibrate(scheme if sense > 0 else backwards(scheme), run_id=f'{order}{noise}')
+    scheme = plan(n, order, turning='forward' if sense > 0 else 'clockwise')
+    made, alignment, _ = machine.calibrate(scheme, run_id=f'{order}{noise}')
     return machine, Readings.of(made, alignment.frame)
-
-
-def backwards(scheme):
-    """Return a scheme in which the table always turns clockwise."""
-    return type(scheme)(scheme.n, scheme.order, 0, scheme.table_position[::-1], scheme.ball[::-1], -scheme.approach)
 
 
 def joint(*runs, **declared):
@@ -65,7 +60,7 @@ def test_there_and_back_gives_six_reversal_curves_with_means():
     (reversal,) = result.reversals
     assert reversal.p < 1e-6
     assert all(reversal.is_known)
-    error = (reversal.mean - [0, 0, 0, 0, 0, -2e-6]) / reversal.u_mean
+    error = (reversal.mean - [0, 0, 0, 0, 0, 2e-6]) / reversal.u_mean
     assert np.abs(error).max() < 3
     assert reversal.u_mean[CURVES.index('crz')] < 1e-7
 
@@ -77,7 +72,23 @@ def test_two_logs_of_both_senses_share_their_frame_and_give_the_means():
     assert {test.item for test in result.tests} == {'table', 'plate', 'clamping', 'cmm', 'frame', 'sense'}
     assert not any(test.is_contradicted for test in result.tests if test.item != 'sense')
     (reversal,) = result.reversals
-    assert reversal.mean[5] == pytest.approx(-2e-6, abs=4 * reversal.u_mean[5])
+    assert reversal.mean[5] == pytest.approx(2e-6, abs=4 * reversal.u_mean[5])
+
+
+def test_the_reversal_is_that_of_the_angles_that_both_runs_have():
+    """Its sign is that of the effect table_backlash; where a run lacks an angle, the others count; a note says so."""
+    forward, (machine, back) = measured(order='row', hidden='backlash'), measured(
+        order='row', hidden='backlash', sense=-1, noise=1)
+    kept = back.table_position != 1
+    some = replace(back, **{name: getattr(back, name)[kept] for name in (
+        'table_position', 'ball', 'centre', 'angle_deviation', 'approach')})
+    assert np.all(back.approach == -1) and np.all(forward[1].approach == 1)
+    whole, result = joint(forward, (machine, back)), joint(forward, (machine, some))
+    assert (whole.notes, whole.reversals[0].motions.angle.size) == ((), 8)
+    (reversal,) = result.reversals
+    assert np.rad2deg(reversal.motions.angle) == pytest.approx(45 * np.arange(1, 8))
+    assert reversal.mean[5] == pytest.approx(2e-6, abs=4 * reversal.u_mean[5]) and reversal.u_mean[5] < 1e-7
+    assert result.notes == ('table counter-clockwise: no reversal at 0 deg, where nothing was measured clockwise',)
 
 
 def test_without_the_frames_the_means_of_the_reversal_are_not_known():

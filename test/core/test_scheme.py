@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rosette_ros.core.errors import InvalidPlan
-from rosette_ros.core.scheme import COMPLETE_ORDERS, TURNINGS, plan, travel_sense, unwrap_travel
+from rosette_ros.core.scheme import BACK, COMPLETE_ORDERS, ORDERS, TURNINGS, plan, travel_sense, unwrap_travel
 
 # Rows 1-12 of Table 1, Kniel et al. (2019): CMM position, table position, ball.
 TABLE_1 = [(1, 1, 1), (1, 2, 6), (1, 3, 5), (1, 4, 4), (1, 5, 3), (1, 6, 2),
@@ -64,12 +64,25 @@ def test_sense_waits_for_the_first_move():
     assert list(travel_sense(np.array([0.0, 0.0, 1.0, 1.0, 0.5]), 1e-6)) == [0, 0, 1, 1, -1]
 
 
+@pytest.mark.parametrize('order', ORDERS)
+def test_clockwise_is_the_mirror_image(order):
+    """Position 1 stays at angle 0 and ball 1 where it is; both count down, and the table turns the other way."""
+    forward, clockwise = (plan(6, order, 3, turning) for turning in ('counterclockwise', 'clockwise'))
+    if order not in BACK:  # those are at chosen CMM positions
+        for name in ('table_position', 'ball'):
+            assert np.array_equal(getattr(clockwise, name) - 1, (1 - getattr(forward, name)) % 6)
+        assert np.array_equal(clockwise.approach, -forward.approach)
+    if order != 'sensitive':
+        assert clockwise.approach[0] == -1
+    assert np.array_equal(forward.table_position, plan(6, order, 3).table_position)
+
+
 @pytest.mark.parametrize('arguments, words', [
     ((2, 'row'), 'number of balls: wanted a whole number of at least 3, got 2'),
     ((4.5, 'row'), 'number of balls: wanted a whole number of at least 3, got 4.5'),
     ((6, 'spiral'), "order: wanted one of row, diagonal, column, random, sensitive, there_and_back, "
                      "row_there_and_back, got 'spiral'"),
-    ((6, 'row', 0, 'both'), "turning: wanted one of forward, alternate, got 'both'"),
+    ((6, 'row', 0, 'both'), "turning: wanted one of forward, alternate, clockwise, counterclockwise, got 'both'"),
 ])
 def test_bad_plans_are_refused(arguments, words):
     """A plan that cannot be measured is refused with what was wanted and what came."""

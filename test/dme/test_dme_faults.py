@@ -58,7 +58,8 @@ def moved(server, tag, words):
 @pytest.mark.parametrize(('name', 'severity', 'number', 'person'), [
     ('PtMeas', 2, 1006, False), ('GoTo', 3, 1008, False), ('GoTo', 3, 2500, False), ('PtMeas', 3, 2000, False),
     ('PtMeas', 3, 2504, True), ('GoTo', 3, 500, True), ('GoTo', 9, 503, True), ('PtMeas', 3, 1005, True),
-    ('PtMeas', 2, 514, True), ('GoTo', 3, 4711, True),
+    ('PtMeas', 2, 514, True), ('GoTo', 3, 4711, True), ('GoTo', 1, 500, True), ('PtMeas', 0, 500, True),
+    ('PtMeas', 1, 2504, True),
 ])
 def test_errors_of_the_machine(name, severity, number, person):
     """One of the command: cleared, the tip goes up, the next ball is measured. Any other: a person has to look."""
@@ -296,7 +297,7 @@ def test_an_error_before_the_ball_is_reached():
         with pytest.raises(CellError, match=r'GoTo\(X\(532.5\), Y\(260\), Z\(-240\)\): the server answered error 2500'):
             await measured(cmm)
         assert np.linalg.norm((await measured(cmm)).centre - [0.5325, 0.26, -0.3]) < NANOMETRE
-    run(scene, GoTo=at(1, lambda tag, asked: error(tag, 3, 2500)))
+    run(scene, GoTo=at(3, lambda tag, asked: error(tag, 3, 2500)))
 
 
 @pytest.mark.parametrize('name', ['GoTo', 'PtMeas'])
@@ -333,3 +334,16 @@ def test_a_command_that_is_aborted_and_never_ends():
         with pytest.raises(DmeStopped, match='aborted'):
             await asyncio.wait_for(task, 10.0)
     run(scene, settings_of(timeouts={'abort_s': 0.5}))
+
+
+@pytest.mark.parametrize(('name', 'words'), [
+    ('Get', 'X(532,50000), Y(260,00000), Z(-240,00000), R(0,00000)'), ('GetProp', 'Tool.AvrRadius("2,5")')])
+def test_decimal_commas(name, words):
+    """One line names the setting; nothing is measured."""
+    async def scene(server, cmm):
+        server.replies[name] = lambda tag, asked: (
+            [Response(tag, ACK), encoded(f'{tag} # {words}'), Response(tag, DONE)])
+        with pytest.raises(CellError, match='these are decimal commas: set the decimal sign of the I.. server to a po'):
+            await (measured(cmm) if name == 'Get' else cmm.prepare())
+        assert server.moves == []
+    run(scene)

@@ -9,6 +9,7 @@ from rosette_ros.core.errors import InvalidPlan
 from rosette_ros.core.geometry import TWO_PI
 from rosette_ros.dme.dme_plan import PlannedBall, all_balls, refuse_plan, refuse_unsafe_plan
 from rosette_ros.dme.probe_path import UnsafePath
+from rosette_ros.dme.rotary_table import TableState
 
 
 @pytest.mark.parametrize(('changes', 'said'), [
@@ -56,8 +57,8 @@ def planned(balls=6, radius=0.1825, turned=0.0, shift=(0.0, 0.0, 0.0), **changes
 
 def test_a_plan_that_fits():
     """Also a few millimetres off, as two persons teach a table."""
-    assert len(refuse_plan(settings_of(), planned(), 0.0)) == 6
-    assert len(refuse_plan(settings_of(), planned(shift=(2e-3, -1e-3, 1e-3)), 0.0)) == 6
+    assert len(refuse_plan(settings_of(), planned(), TableState(0.0))) == 6
+    assert len(refuse_plan(settings_of(), planned(shift=(2e-3, -1e-3, 1e-3)), TableState(0.0))) == 6
 
 
 @pytest.mark.parametrize(('changes', 'plan', 'said'), [
@@ -82,7 +83,7 @@ def test_a_plan_that_fits():
 def test_plans_of_others_that_are_refused(changes, plan, said):
     """In words that say how far plan and settings differ, with table position and ball."""
     with pytest.raises(InvalidPlan) as caught:
-        refuse_plan(settings_of(**changes), plan, 0.0)
+        refuse_plan(settings_of(**changes), plan, TableState(0.0))
     assert said in str(caught.value)
 
 
@@ -90,6 +91,6 @@ def test_balls_of_unequal_pitch_are_known_by_their_places():
     """Their numbers are places on the circle of the plan."""
     settings = settings_of(table={'balls': 12, 'azimuths_deg': [0, 90, 210]})
     whole = planned(12)
-    assert refuse_plan(settings, [one for one in whole if one.ball in (1, 4, 8)], 0.0)
+    assert refuse_plan(settings, [one for one in whole if one.ball in (1, 4, 8)], TableState(0.0))
     with pytest.raises(InvalidPlan, match='table position 1, ball 2: wanted the ball within 20 mm of'):
-        refuse_plan(settings, [one for one in whole if one.ball in (1, 2)], 0.0)
+        refuse_plan(settings, [one for one in whole if one.ball in (1, 2)], TableState(0.0))

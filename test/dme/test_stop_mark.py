@@ -2,6 +2,8 @@
 """The file that keeps that a person is wanted."""
 
 import asyncio
+import os
+from pathlib import Path
 
 import pytest
 from scripted_server import OK, error, prepared, run, settings_of, unsolicited
@@ -21,6 +23,21 @@ def test_it_is_kept_until_it_is_cleared(tmp_path):
     mark.clear()
     mark.clear()
     assert StopMark(path).read() == mark.complaint == ''
+
+
+def test_the_disk_has_it_before_the_machine_moves(tmp_path, monkeypatch):
+    """The file is whole under its name, file and folder are synchronised, also where it is removed."""
+    synchronised = []
+    fsync = os.fsync
+    monkeypatch.setattr(os, 'fsync', lambda number: (synchronised.append(
+        Path(f'/proc/self/fd/{number}').resolve().name), fsync(number)))
+    mark = StopMark(tmp_path / 'dme.yaml')
+    monkeypatch.setattr(Path, 'write_text', None)
+    mark.write('moving')
+    beside, folder = synchronised
+    assert beside.endswith('.part') and folder == tmp_path.name
+    mark.clear()
+    assert synchronised[2:] == [tmp_path.name]
 
 
 def test_files_that_are_not_as_written(tmp_path):

@@ -176,9 +176,11 @@ def test_after_a_second_everything_is_on_the_disk(tmp_path):
     wall.now = 2.0
     log.write('/text', HELLO, 3, 3)
     assert readable(tmp_path / 'log') == 3
-    bag = yaml.safe_load((tmp_path / 'log' / 'metadata.yaml').read_text())
-    assert bag['rosbag2_bagfile_information']['message_count'] == 3
+    described = tmp_path / 'log' / 'metadata.yaml'
+    counts = [yaml.safe_load(described.read_text())['rosbag2_bagfile_information']['message_count']]
     log.close()
+    counts.append(yaml.safe_load(described.read_text())['rosbag2_bagfile_information']['message_count'])
+    assert counts == [0, 3]  # at the begin and at the end
 
 
 def readable(directory):

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A plan file whose table always turns clockwise, in a live cell: with an ordinary run it gives the reversal."""
-
-from dataclasses import replace
+"""A run whose table always turns clockwise, in a live cell: with an ordinary run it gives the reversal."""
 
 import numpy as np
 import pytest
@@ -11,9 +9,7 @@ from rosette_msgs.srv import EvaluateJointly
 
 from rosette_ros.cell.client import CellClient
 from rosette_ros.core.errors import CellError
-from rosette_ros.core.scheme import plan
 from rosette_ros.io.log_reader import iter_log, read_log
-from rosette_ros.io.plan_file import MeasuringPlan, format_plan
 
 N = 6
 BACKLASH = {'kind': 'table_backlash', 'width_urad': 5.0}
@@ -25,23 +21,15 @@ def joint_messages(log):
             if entry.topic == '/rosette/joint_evaluation']
 
 
-def clockwise():
-    """Return the lines of a plan file: `diagonal` backwards, each move of the table in the negative sense."""
-    forward = plan(N, 'diagonal')
-    scheme = replace(forward, order='clockwise', table_position=forward.table_position[::-1],
-                     ball=forward.ball[::-1], approach=-forward.approach)
-    return format_plan(MeasuringPlan(scheme, 0.1825))
-
-
 def test_runs_of_both_senses_give_the_reversal(domain_id, cell_of, make_peer, wait_until):
-    """Measured as planned; of three runs the two that are named are evaluated as one, and give the backlash."""
+    """Measured as planned, position 1 too; of three runs the two that are named give the backlash."""
     with cell_of(N, groups={'hidden': [BACKLASH]}), CellClient(domain_id) as client:
-        first, other = (client.calibrate(order=order) for order in ('diagonal', 'row'))
-        second = client.calibrate(plan=clockwise(), joint_with=[first.run_id])
+        first, other = (client.calibrate(order=order) for order in ('row', 'diagonal'))
+        second = client.calibrate(order='row', turning='clockwise', joint_with=[first.run_id])
         run = read_log(second.log).to_run()
         assert run.approach.tolist() == [-1] * N * N
         moved = np.diff(run.table_travel)
-        assert np.all(moved < 1e-3) and moved.sum() < -2 * np.pi
+        assert np.all(moved < 1e-3) and moved.sum() == pytest.approx(-5 * np.pi / 3, abs=1e-3)
         peer = make_peer(domain_id)
         asked = peer.node.create_client(EvaluateJointly, 'evaluator/evaluate_jointly')
         peer.start()
@@ -55,9 +43,9 @@ def test_runs_of_both_senses_give_the_reversal(domain_id, cell_of, make_peer, wa
     assert list(found.run_ids) == [first.run_id, second.run_id] and other.run_id not in found.run_ids
     assert sorted(curves.sense for curves in found.curves) == [-1, 1]
     (reversal,) = found.reversals
-    assert reversal.mean[5] == pytest.approx(-5e-6, abs=4 * reversal.u_mean[5])
+    assert reversal.mean[5] == pytest.approx(5e-6, abs=4 * reversal.u_mean[5])
     assert 4 * reversal.u_mean[5] < 2.5e-6
-    assert any('reversal' in words for words in found.known)
+    assert any('reversal' in words for words in found.known) and len(reversal.angle) == N and not found.notes
     logged, *_ = joint_messages(second.log)
     assert list(logged.run_ids) == [first.run_id, second.run_id]
     assert second.message == f'error motions are published; jointly with {first.run_id}: {logged.verdict}'

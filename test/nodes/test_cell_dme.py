@@ -14,6 +14,7 @@ import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from faulty_proxy import spoiling
+from rosette_msgs.msg import ProbeTarget, RunState
 
 from rosette_ros.cell.client import CellClient
 from rosette_ros.cell.cmm_check import CmmClient
@@ -200,6 +201,31 @@ def test_a_cancelled_run_is_aborted_at_once(cell, client, served, module_domain_
         wait_until(lambda: 'nobody waits for ball' in cell.processes[names.CMM].text())
         assert 'error 0006' not in cell.processes[names.CMM].text()
         assert all(one.status == STATUS_OK for one in read_log(outcomes[0].log).answers)
+
+
+def test_who_did_not_ask_aborts_nothing(cell, client, served, module_domain_id, make_peer, wait_until):
+    """A node that publishes targets or states, and leaves: the ball is measured to its end, and the run too."""
+    stranger, heard, outcomes = make_peer(module_domain_id), [], []
+    stranger.start()
+    with served.slow():
+        began = time.monotonic()
+        thread = threading.Thread(target=lambda: outcomes.append(client.calibrate(
+            'row', on_progress=heard.append, options='limits.return_timeout_s: 60.0')))
+        thread.start()
+        wait_until(lambda: served.when('< .* PtMeas', began))
+        targets = stranger.node.create_publisher(ProbeTarget, names.PROBE_TARGET, qos.TARGET)
+        states = stranger.node.create_publisher(RunState, names.RUN_STATE, qos.STATE)
+        states.publish(RunState(run_id=heard[-1].run_id, phase=RunState.PHASE_FAILED))
+        wait_until(lambda: '2 nodes publish /rosette/probe_target' in cell.processes[names.CMM].text())
+        for one in targets, states:
+            stranger.node.destroy_publisher(one)
+        time.sleep(1.0)
+        assert served.when('AbortE', began) is None
+        assert 'is disconnected; its measurement is aborted' not in cell.processes[names.CMM].text()
+    thread.join()
+    stranger.stop()
+    assert outcomes[0].success, outcomes[0].message
+    assert served.when('AbortE', began) is None
 
 
 def test_a_collision_stops_the_run_until_a_person_has_looked(cell, client, served, wait_until, trigger):

@@ -209,6 +209,25 @@ def test_what_another_node_says_does_not_end_or_change_a_run(cell, client, stran
     assert np.array_equal(outcome.error_motions.values, undisturbed.error_motions.values)
 
 
+def test_a_target_of_another_node_is_not_measured(cell, client, stranger, undisturbed):
+    """The CMM obeys the process that asks, holds while there are two, and says so; what it then did not take is asked
+    again."""
+    forger, cmm = Forger(stranger), cell.processes[names.CMM]
+    said = len(cmm.text())
+
+    def join(run_id):
+        forger.publish(ProbeTarget, names.PROBE_TARGET, qos.TARGET, ProbeTarget(
+            header=Header(frame_id='machine'), run_id=run_id, seq=9999, balls=N, radius=0.1825, table_position=1,
+            ball=1, cmm_position=1))
+
+    outcome, _ = disturbed_run(client, cell, join, forger.leave, lambda told: (
+        is_held(told) and '2 nodes publish /rosette/probe_target' in cmm.text()[said:]))
+    assert outcome.success, outcome.message
+    assert '2 nodes publish /rosette/probe_target' in outcome.message
+    assert not [answer for answer in read_log(outcome.log).answers if answer.seq == 9999]
+    assert np.array_equal(outcome.error_motions.values, undisturbed.error_motions.values)
+
+
 def test_a_cmm_without_heartbeat_follows_one_with_heartbeat(cell_of, domain_id, make_peer, wait_until):
     """The simulated CMM has gone, another that publishes no heartbeat answers: it is accepted."""
     with cell_of(3, simulated_time=False, sequencer={'repeats': 0}) as cell, CellClient(domain_id) as client:

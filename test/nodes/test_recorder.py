@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
@@ -22,12 +23,14 @@ from rosette_msgs.msg import (
     RunState,
     Touches,
 )
-from rosette_msgs.srv import Diagnose, Recorded, StartRecording, StopRecording
+from rosette_msgs.srv import Diagnose, Recall, Recorded, StartRecording, StopRecording
 from rosgraph_msgs.msg import Clock
 from service_msgs.msg import ServiceEventInfo
 from std_msgs.msg import Header
+from tf2_msgs.msg import TFMessage
 
 from rosette_ros.core.errors import InvalidData
+from rosette_ros.io import bag_metadata, written_file
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_writer import LogWriter
 from rosette_ros.io.run_assembly import RunAnswers
@@ -221,6 +224,52 @@ def test_what_is_recorded_of_a_result_is_answered(recorder):
     receive(recorder, 'error_motions', ErrorMotions(run_id='run', header=Header(stamp=STAMP)))
     receive(recorder, 'diagnosis', Diagnosis(run_id='run'))
     assert recorder._on_recorded(request, Recorded.Response()).missing == ['the table frame']
+
+
+def placed(x, sec):
+    """Return a table frame at x, m, with a stamp."""
+    return TFMessage(transforms=[TransformStamped(
+        header=Header(stamp=Time(sec=sec), frame_id='machine'), child_frame_id='table',
+        transform=Transform(translation=Vector3(x=x), rotation=Quaternion(w=1.0)))])
+
+
+def test_a_frame_of_an_earlier_run_is_none_of_a_resumed_one(recorder, tmp_path):
+    """Whatever its stamp is: it was there before the first target."""
+    receive(recorder, '/tf_static', placed(9.0, 11))
+    assert start(recorder, 'run').success
+    for seq, phase, sec in ((1, 2, 10), (2, 3, 20)):
+        header = Header(stamp=Time(sec=sec), frame_id='machine')
+        common = {'run_id': 'run', 'seq': seq, 'table_position': 1, 'ball': 1, 'header': header}
+        receive(recorder, 'probe_target', ProbeTarget(attempt=1, session=1, phase=phase, balls=3, radius=0.1, **common))
+        receive(recorder, 'ball_centre', BallCentre(**common))
+        if phase == 2:
+            receive(recorder, '/tf_static', placed(1.0, 12))
+    recorder._close()
+    for part in 'run_part2', 'run_part3':
+        resumed = recorder._on_start(StartRecording.Request(run_id='run', resumes='run'), StartRecording.Response())
+        assert resumed.success, resumed.message
+        recalled = recorder._on_recall(Recall.Request(run='run'), Recall.Response())
+        assert {one.transform.translation.x for one in recalled.frames} == {1.0}
+        recorder._close()
+        assert read_log(tmp_path / part).runs['run'].frame().origin.tolist() == [1.0, 0.0, 0.0]
+
+
+def test_the_log_is_not_read_again_and_again(recorder, monkeypatch):
+    """While something is missing that is asked for five times a second; metadata.yaml is not written meanwhile."""
+    sums, described = [], []
+    read, describe = written_file._sum, bag_metadata.write_bag_metadata
+    monkeypatch.setattr(written_file, '_sum', lambda path: (sums.append(path), read(path))[1])
+    monkeypatch.setattr(bag_metadata, 'write_bag_metadata', lambda *about: (described.append(about), describe(*about)))
+    assert start(recorder, 'run').success
+    measure(recorder, 1)
+    for _ in range(20):
+        recorder._on_recorded(Recorded.Request(run_id='run', model_hash='abc'), Recorded.Response())
+    assert (len(sums), len(described)) == (1, 1)
+    measure(recorder, 2)
+    recorder._on_recorded(Recorded.Request(run_id='run', model_hash='abc'), Recorded.Response())
+    assert (len(sums), len(described)) == (2, 1)
+    recorder._close()
+    assert (len(sums), len(described)) == (3, 2)
 
 
 # The disk does not hold what was written

@@ -27,7 +27,7 @@ ENCLAVES = {'sequencer': ('sequencer',), 'cmm': ('cmm',), 'evaluator': ('evaluat
 BY_HAND = (names.START_CALIBRATION, names.CANCEL_CALIBRATION, names.DIAGNOSE, names.ADD_EFFECT, names.REMOVE_EFFECT,
            names.EVALUATE_JOINTLY, names.RECOVER)
 EXTRAS = {
-    'cmm': {(HEAR, 'rt/rosette/run_state'), *(pair for name in (names.RECOVER,) for pair in (
+    'cmm': {*(pair for name in (names.RECOVER,) for pair in (
         (HEAR, f'rq/rosette/{name}Request'), (SAY, f'rr/rosette/{name}Reply')))},
     'operator': {pair for name in BY_HAND for pair in (
         (SAY, f'rq/rosette/{name}Request'), (HEAR, f'rr/rosette/{name}Reply'))},

@@ -65,6 +65,19 @@ def test_while_there_are_two_nothing_is_used(clock):
     assert made.ignored == 3
 
 
+def test_an_idle_one_does_not_count_beside_another(clock):
+    """A sequencer that measures nothing; alone, it counts."""
+    topic = Topic()
+    made = publishers_of(topic, SimpleNamespace(publishers=list, running=lambda: 0))
+    made.is_idle = lambda gid: gid == bytes([1] * 16)
+    for there, used in ([1], 1), ([1, 2], 2), ([2], 2), ([1], 1):
+        topic.on_graph, topic.matched = there, len(there)
+        made.look()
+        assert made.admits() and made.used == {bytes([used] * 16)} and len(made.running) == len(there)
+    topic.on_graph, topic.matched = [1, 2, 3], 3
+    assert not made.admits() and len(made.found) == 2
+
+
 def test_another_publisher_that_is_alone_is_used(clock):
     """That it is another one is told."""
     topic, changes = Topic(), []

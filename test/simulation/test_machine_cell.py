@@ -239,6 +239,15 @@ def test_time_and_travel(order, turning):
     assert np.abs(run.table_travel - expected).max() < 1e-12
 
 
+def test_a_place_is_approached_anew_from_the_other_side():
+    """From one division before: there and back take the time of two divisions."""
+    machine = Machine(MachineConfig().changed(plate={'balls': 6}))
+    readings = [machine.measure(2, 1, approach) for approach in (1, -1, -1, 0)]
+    assert [reading.approach for reading in readings] == [1, -1, -1, -1]
+    assert machine.state.turned == 3 and machine.state.steps == 1
+    assert readings[1].began + 2 * 60 / machine.config.timing.table_speed_deg_per_s < readings[1].time
+
+
 def test_approach_is_zero_before_the_table_has_moved():
     """A cell just switched on does not know from which side its table came."""
     machine = Machine(MachineConfig())

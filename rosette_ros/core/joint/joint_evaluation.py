@@ -14,7 +14,7 @@ from rosette_ros.core import axes
 from rosette_ros.core.errors import InvalidData, NotDeterminable
 from rosette_ros.core.geometry import Floats, Frame
 from rosette_ros.core.joint.joint_model import JointModel, JointSolution, TableSet
-from rosette_ros.core.joint.knowledge import Knowledge, knowledge, pairs_of_senses
+from rosette_ros.core.joint.knowledge import Knowledge, angles_of_one_sense, knowledge, pairs_of_senses
 from rosette_ros.core.joint.readings import Readings
 from rosette_ros.core.joint.sharing import ITEMS, Sharing, apart
 from rosette_ros.core.model.least_squares import UNLIKELY
@@ -55,9 +55,10 @@ class SharingTest:
 
 @dataclass(frozen=True, eq=False)
 class Reversal:
-    """Curves clockwise less counter-clockwise of one table: motions; mean, u_mean: (6,) over the angles, m and rad.
+    """Curves counter-clockwise less clockwise of one table, m and rad, at the angles that both senses have.
 
-    is_known: (6,) whether the readings determine the mean; p: chance that noise alone makes so large a reversal.
+    The sign is that of ISO 230-2 and of the effect table_backlash. mean, u_mean: (6,) over the angles; is_known: (6,)
+    whether the readings determine the mean; p: chance that noise alone makes so large a reversal.
     """
 
     table: str
@@ -109,16 +110,16 @@ class JointResult:
 
     @cached_property
     def reversals(self) -> tuple[Reversal, ...]:
-        """Of each table that was measured in both senses at the same angles."""
+        """Of each table that was measured in both senses."""
         out = []
         p = next((test.p for test in self.tests if test.item == 'sense'), None)
         for forwards, back in pairs_of_senses(self.solution):
             (a, mix_a), (b, mix_b) = self._of(forwards), self._of(back)
-            hidden = (self.solution.hidden[back.place] - self.solution.hidden[forwards.place]).reshape(len(a), 6, -1)
+            hidden = (self.solution.hidden[forwards.place] - self.solution.hidden[back.place]).reshape(len(a), 6, -1)
             known = np.abs(hidden.mean(axis=0)).max(axis=1, initial=0) < 1e-6
-            mix = mix_b - mix_a
-            mean = self._motions(np.zeros(1), (b - a).mean(axis=0)[None], mix.mean(axis=0)[None])
-            out.append(Reversal(forwards.name, self._motions(forwards.angle, b - a, mix), mean.values[0], mean.u[0],
+            mix = mix_a - mix_b
+            mean = self._motions(np.zeros(1), (a - b).mean(axis=0)[None], mix.mean(axis=0)[None])
+            out.append(Reversal(forwards.name, self._motions(forwards.angle, a - b, mix), mean.values[0], mean.u[0],
                                 tuple(known.tolist()), p))
         return tuple(out)
 
@@ -174,6 +175,7 @@ def evaluate_jointly(runs: Sequence[Readings], declared: Mapping[str, Any] | Non
         solution = JointSolution(JointModel(runs, solution.model.sharing.without(worst.item)))
     if solution.model.sharing.by_sense:
         tests.append(_sense(solution))
+    notes += angles_of_one_sense(solution)
     said = frozenset(item for item in wanted.items if _FIELDS.get(item, item) in declared)
     return JointResult(solution, said, (*tests, *dropped), *_sigma(solution), tuple(notes))
 

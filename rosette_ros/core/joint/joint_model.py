@@ -54,7 +54,7 @@ class TableSet:
     name: str
     sense: int
     angle: Floats
-    place: slice
+    place: slice | Ints
     words: str
 
 

@@ -2,11 +2,11 @@
 """What a joint evaluation determines, and what it does not, in words."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rosette_ros.core.geometry import Floats, same_angles
+from rosette_ros.core.geometry import SAME_ANGLE, Floats, Ints, wrap
 from rosette_ros.core.joint.joint_model import JointSolution, TableSet, tilts
 
 SEEN = 1e-6
@@ -61,10 +61,32 @@ def _with_or_but(parts: Sequence[str], waves: Sequence[int]) -> str:
 
 
 def pairs_of_senses(solution: JointSolution) -> list[tuple[TableSet, TableSet]]:
-    """Return the sets of both senses of the same table at the same angles, counter-clockwise first."""
+    """Return the sets of both senses of the same table at the angles that both have, counter-clockwise first."""
+    found = []
+    for one, other in _both_senses(solution):
+        rows, other_rows = np.nonzero(np.abs(wrap(one.angle[:, None] - other.angle)) <= SAME_ANGLE)
+        if rows.size:
+            found.append((_at(one, rows), _at(other, other_rows)))
+    return found
+
+
+def angles_of_one_sense(solution: JointSolution) -> list[str]:
+    """Return which angles of a table that was measured in both senses have no reversal, in words."""
+    return [f'{one.words}: no reversal at {", ".join(f"{angle:.6g}" for angle in np.rad2deg(one.angle[alone]))} deg, '
+            f'where nothing was measured {("counter-" * (other.sense > 0))}clockwise'
+            for pair in _both_senses(solution) for one, other in (pair, pair[::-1])
+            if (alone := np.abs(wrap(one.angle[:, None] - other.angle)).min(axis=1) > SAME_ANGLE).any()]
+
+
+def _both_senses(solution: JointSolution) -> list[tuple[TableSet, TableSet]]:
     sets = solution.model.sets
     return [(one, other) for one in sets for other in sets
-            if (one.name, one.sense, other.sense) == (other.name, 1, -1) and same_angles(one.angle, other.angle)]
+            if (one.name, one.sense, other.sense) == (other.name, 1, -1)]
+
+
+def _at(one: TableSet, rows: Ints) -> TableSet:
+    place = np.arange(one.place.start, one.place.stop) if isinstance(one.place, slice) else one.place
+    return replace(one, angle=one.angle[rows], place=place.reshape(-1, 6)[rows].ravel())
 
 
 def _of_curves(hidden: Floats, angle: Floats) -> tuple[list[str], list[int]]:

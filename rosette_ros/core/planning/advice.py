@@ -17,7 +17,7 @@ from rosette_ros.core.touches import USUAL, Pace
 SECONDS_PER_BALL = 30.0   # s, 20 touches and the move down and up
 TABLE_SPEED = 0.1         # rad/s
 CMM_SPEED = 0.05          # m/s
-VARIANTS = tuple((order, turning) for order in ORDERS for turning in TURNINGS
+VARIANTS = tuple((order, turning) for order in ORDERS for turning in ('forward', 'alternate')
                  if order != 'row_there_and_back'
                  and (turning == 'forward' or order in ('diagonal', 'column', 'random')))
 """Orders and turnings that differ and are advised: a row never turns back, others have senses of their own."""
@@ -141,7 +141,8 @@ def advise_order(scheme: Scheme, radius: float, sigma: float, wanted: Sequence[s
     was measured so, without it the run is taken as it is expected, with a rotation as of Run.
     """
     planned = planned_run(scheme, radius, rotation=rotation)
-    turning = 'alternate' if np.any(scheme.approach < 0) else 'forward'
+    backwards = scheme.approach < 0
+    turning = 'clockwise' if backwards.all() else 'alternate' if backwards.any() else 'forward'
     duration = float(planned.time[-1])
     return OrderAdvice(scheme.order, turning, scheme.seed, run or planned, sigma, tuple(wanted), tuple(names),
                        duration - SECONDS_PER_BALL * (planned.size - 1), duration)

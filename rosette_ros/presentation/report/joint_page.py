@@ -23,7 +23,7 @@ from rosette_ros.presentation.report.provenance import FileDigest, digest, softw
 from rosette_ros.presentation.table_format import Table
 from rosette_ros.words.result_words import conclusion_text
 
-CLOCKWISE_LESS = 'clockwise less counter-clockwise'
+CLOCKWISE_LESS = 'counter-clockwise less clockwise'
 
 
 def open_with_files(path: Path | str, run_id: str | None = None) -> tuple[Readings, tuple[FileDigest, ...]]:

@@ -181,7 +181,7 @@ def _fill_joint(result: JointResult | None) -> None:
         Curves(one.words, motions, COLOURS[place % len(COLOURS)])
         for place, (one, motions) in enumerate(result.curves)])
     for one, means in zip(result.reversals, reversal_means(result), strict=True):
-        _draw('Reversal: clockwise less counter-clockwise', [Curves('reversal', one.motions, COLOURS[0])])
+        _draw('Reversal: counter-clockwise less clockwise', [Curves('reversal', one.motions, COLOURS[0])])
         plain_table(means)
 
 
