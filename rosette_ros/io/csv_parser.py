@@ -47,7 +47,7 @@ _TEXTS = ('schema', 'run_id', 'note', 'plate', 'frame', 'pauses_before')
 _KEYS = (*_TEXTS, 'radius_mm', 'repeatability_um', 'repeatability_dof', 'repeatability_axes_um', 'balls',
          'repeated_balls', 'table_axis', 'table_x', 'simulated', 'table_positions', 'table_offset_deg')
 SEPARATORS = {',': 'commas', ';': 'semicolons', '\t': 'tabs'}
-_SEP = re.compile(r'"?sep=(.)"?[,;\s]*')
+_SEP = re.compile(r'"?sep=([,;|:\t])"?[,;\s]*')
 _CLOCK = re.compile(r'\d[.\s-]*[^\W\d_]{3}|\d:\d|\d[-/.]\d+[-/.]\d')
 _HEADS = 1000
 """The names of the columns stand in one of so many lines."""
