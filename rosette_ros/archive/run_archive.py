@@ -12,6 +12,7 @@ import datetime
 import io
 import json
 import os
+import re
 import secrets
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -42,12 +43,26 @@ ROWS = f'''
 """The rows that count: of each run under each model the last; a problem until its file could be read."""
 
 
+def local_folder(name: str | Path) -> Path:
+    """Return the absolute path of a folder on this computer; `~` and file:/// are read.
+
+    Raises InvalidData for other URLs, and for host:/folder where no folder has that name: a folder `s3:` would be made
+    here, and queried there."""
+    text = re.sub('^(file|local):(///|/(?!/))', '/', str(name))
+    head = text.partition('/')[0]
+    if '://' in text or (':' in head and not Path(head).exists()):
+        raise InvalidData(f'{name}: wanted a folder of this computer as archive, got a place elsewhere; mount it and '
+                          'name where it is mounted' + f', or write ./{text} for a folder of that name' * (
+                              '://' not in text))
+    return Path(text).expanduser().absolute()
+
+
 class RunArchive:
     """An archive of runs in a folder; raises InvalidData where it is none, or of a newer version of the format."""
 
     def __init__(self, folder: str | Path, make: bool = False) -> None:
         """Open an archive; make: where there is none yet, make one."""
-        self.folder = Path(folder)
+        self.folder = local_folder(folder)
         mark = self.folder / MARK
         if make and not mark.exists():
             self._make(mark)
@@ -118,7 +133,7 @@ class RunArchive:
         with duckdb.connect() as base:
             base.execute("SET TimeZone = 'UTC'; SET autoinstall_known_extensions = false")  # nothing from the network
             base.register('parts', SCHEMA.empty_table())
-            if files := [str(path) for path in parts]:
+            if files := [re.sub(r'([*?[])', r'[\1]', str(path)) for path in parts]:  # DuckDB takes them as patterns
                 base.register('parts', base.read_parquet(files, union_by_name=True))
             for name, text in views.items():
                 base.execute(f'CREATE TEMP VIEW {name} AS {text}')

@@ -38,11 +38,12 @@ _ANGLES = ('rotation', 'tilt')
 class History:
     """Runs of a table in the order of time.
 
-    dates, runs: when measured, run_id; days: (m,) since the first; range, U: (m, 6) of the errors, m and rad; curves:
-    (m, 6, n), NaN in runs with another number of balls than the last one, which are other_balls; tolerances: by curve,
-    of the last run that states any; temperature: (m,); quantities: what is looked at; serials: of each run by device;
-    missing: effects that the diagnosis of each run names; simulated: names of the runs that are; left_out: runs between
-    the steps of the table."""
+    dates, runs, paths: when measured, run_id, which several logs may have, and where the log was found; days: (m,)
+    since the first; range, U: (m, 6) of the errors, m and rad; curves: (m, 6, n), NaN in runs with another number
+    of balls than the last one, which are other_balls; tolerances: by curve, of the last run that states any;
+    temperature: (m,); quantities: what is looked at; serials: of each run by device; missing: effects that the
+    diagnosis of each run names; simulated: names of the runs that are; left_out: runs between the steps of the
+    table."""
 
     serial: str
     model_hash: str
@@ -60,6 +61,7 @@ class History:
     simulated: tuple[str, ...]
     left_out: tuple[str, ...] = ()
     other_balls: tuple[str, ...] = ()
+    paths: tuple[str, ...] = ()
 
     def events(self) -> tuple[Event, ...]:
         """Return the changes, in the order of time."""
@@ -188,7 +190,7 @@ def history_of(rows: Sequence[Mapping[str, Any]], serial: str = '') -> History:
         tuple({one: row[f'{one}_serial'] for one in SERIALS} for row in rows),
         tuple(tuple(row['missing'] or ()) for row in rows),
         tuple(row['run_id'] for row in rows if row['simulated']), left_out,
-        tuple(row['run_id'] for row in rows if row['n'] != n))
+        tuple(row['run_id'] for row in rows if row['n'] != n), tuple(row['path'] for row in rows))
 
 
 def _limits(row: Mapping[str, Any]) -> dict[str, float]:

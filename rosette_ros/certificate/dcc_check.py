@@ -16,6 +16,8 @@ from rosette_ros.certificate.statements import Inputs, state
 from rosette_ros.core.errors import InvalidData, RosetteError, one_line
 from rosette_ros.io.bag_metadata import find_files
 from rosette_ros.io.identity_file import Identity, format_identity, parse_identity
+from rosette_ros.io.open_run import has_plate
+from rosette_ros.presentation.report.joint_page import open_with_files
 from rosette_ros.presentation.report.provenance import digest
 
 MOST_BYTES = 16 << 20
@@ -55,7 +57,7 @@ def verify_certificate(data: bytes, source: str, paths: Sequence[str | Path]) ->
         hashes, order = {path: _hashes(path) for path in paths}, list(inputs.files)
         found += [f'{name}: no file of the run has the SHA-256 {one[:12]}… that the certificate states'
                   for one, name in inputs.files.items() if one not in set().union(*hashes.values())]
-        made = document(state(sorted(paths, key=lambda path: min(
+        made = document(state(sorted(paths, key=lambda path: max(  # runs may have a plate file in common
             (order.index(one) for one in hashes[path] if one in order), default=len(order))), inputs))
         is_same = dict(inputs.programs).get('rosette_ros') == __version__
         for words, size in _differences(root, made, ''):
@@ -126,7 +128,9 @@ def _texts(values: Any) -> dict[str, str]:
 
 
 def _hashes(path: str | Path) -> set[str]:
-    """Return the SHA-256 of the files of a run."""
+    """Return the SHA-256 of the files of a run, also of the plate file of a table."""
+    if has_plate(path):
+        return {one.sha256 for one in open_with_files(path)[1]}
     return {digest(file).sha256 for file in find_files(path).files}
 
 

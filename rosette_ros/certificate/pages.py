@@ -2,6 +2,7 @@
 """A certificate for people: two pages of PDF with the XML attached."""
 
 import io
+import unicodedata
 from collections.abc import Iterable, Sequence
 from functools import cache, partial
 from html import escape
@@ -22,6 +23,7 @@ from reportlab.platypus import Flowable, KeepTogether, Paragraph, SimpleDocTempl
 
 from rosette_ros.certificate.statements import DOI, METHOD, PAPER, Certificate, Measured
 from rosette_ros.core.error_summary import Conformity
+from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.uncertainty_budget import Budget
 from rosette_ros.io.identity_file import DEVICES
@@ -41,7 +43,6 @@ INK, SOFT, LINE, RED = (colors.HexColor(one) for one in ('#000000', '#555555', '
 COLOURS = {Conformity.CONFORMS: '#00694b', Conformity.FAILS: '#a33c00', Conformity.UNDECIDED: '#8a5a00'}
 SHOWN = ('error', 'unit', 'range_in_unit', 'U_range_in_unit', 'once_per_turn_in_unit', 'residual_in_unit',
          'asynchronous_in_unit', 'tolerance_in_unit', 'conformity')
-UNKNOWN_LETTER = '□'
 NEGLIGIBLE = 0.05
 """A contribution below this share of u in each curve is named beneath the table of the budget, not a row of it."""
 WIDTHS = (1.0, 0.92, 0.85)
@@ -223,10 +224,21 @@ def _number(one: Certificate) -> str:
 
 
 def _known(words: str) -> str:
-    """Return a text in which letters that the font lacks are marked."""
+    """Return a text as the pages set it; raises InvalidData where it has letters that the font cannot set.
+
+    Letters that run from right to left, or combine with others, would need a shaping library."""
     _fonts()
     letters = pdfmetrics.getFont(PLAIN).face.charToGlyph
-    return ''.join(one if ord(one) in letters else UNKNOWN_LETTER for one in words)
+    text = ''.join(' ' if unicodedata.category(one) in ('Cc', 'Cf') else one
+                   for one in unicodedata.normalize('NFC', words))
+    lacking = [one for one in text if ord(one) not in letters or unicodedata.bidirectional(one) in ('R', 'AL', 'AN')
+               or unicodedata.category(one) in ('Mn', 'Mc', 'Me')]
+    if lacking:
+        kinds = dict.fromkeys(unicodedata.name(one, f'U+{ord(one):04X}').split()[0].lower() for one in lacking)
+        raise InvalidData(f'--pdf: wanted letters that its font can set, got {words!r:.80} with letters named '
+                          f'{", ".join(kinds)}; state it in Latin, Greek or Cyrillic letters, or leave --pdf out: the '
+                          'certificate (XML) takes every script')
+    return text
 
 
 def _text(words: str) -> str:

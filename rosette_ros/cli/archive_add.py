@@ -13,7 +13,7 @@ from rosette_ros import command
 from rosette_ros.archive.engines import DaskEngine
 from rosette_ros.archive.log_finder import find_logs
 from rosette_ros.archive.run_adding import Added, add_logs
-from rosette_ros.archive.run_archive import RunArchive
+from rosette_ros.archive.run_archive import RunArchive, local_folder
 from rosette_ros.cli.arguments import add_shared, whole
 from rosette_ros.cli.console import console, print_json
 from rosette_ros.core.errors import counted
@@ -47,6 +47,7 @@ def add_engine(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> int:
     """Add and say what was done; 1 where a new log could not be evaluated."""
+    local_folder(options.into)  # refused before hours of work
     model = read_model(options.model)
     identity = read_identity(options.identity) if options.identity else None
     logs = find_logs(options.folders)

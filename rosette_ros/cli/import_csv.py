@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.markup import escape
 
-from rosette_ros.cli.console import console, head
+from rosette_ros.cli.console import console, head, warn
 from rosette_ros.io.ball_centre_table import read_csv
 from rosette_ros.io.run_to_log import write_log
 from rosette_ros.io.type_definitions import TypeLibrary
@@ -26,4 +26,5 @@ def run(options: argparse.Namespace) -> None:
     log = write_log(run, Path(options.output), TypeLibrary.from_environment(os.environ))
     out = console()
     out.print(head(run))
+    warn(run)
     out.print(f'Log: {escape(str(log))}', soft_wrap=True)

@@ -19,6 +19,7 @@ from rosette_ros.io.log_run import RESUMES_KEY, LogRun
 from rosette_ros.io.messages import Phase, phase_name
 from rosette_ros.io.open_run import is_log, open_run
 from rosette_ros.io.reading_checks import remarks_on_answers
+from rosette_ros.io.run_to_log import NOTES_KEY
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.identity_words import NOTHING, SIMULATED, identity_rows
 from rosette_ros.presentation.table_format import Table, column, words
@@ -78,9 +79,10 @@ def _logged(log: LogRun, run_id: str) -> dict[str, Any]:
     except RosetteError as error:
         problem = str(error)
     remarks = [one for one in found.remarks if one != log.damage] if found else remarks_on_answers(answers.counting())
+    noted = dict.fromkeys([*(found.notes if found else ()), *log.custom_data.get(NOTES_KEY, '').splitlines()])
     return _run_facts(run_id, first.balls, first.radius, phases, found, order=state.order if state else None,
-                      unused=unused, remarks=remarks, identity=dict(identity.entries),
-                      tolerances=dict(identity.tolerances),
+                      notes=[one for one in noted if one not in remarks], unused=unused, remarks=remarks,
+                      identity=dict(identity.entries), tolerances=dict(identity.tolerances),
                       published_curves=len(published), model=published[-1].model_name if published else None,
                       ended=f'{phase_name(state.phase).lower()}: {state.text}' if state else None, problem=problem,
                       simulated=log.simulated)

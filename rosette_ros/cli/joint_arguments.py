@@ -24,5 +24,8 @@ def is_joint(options: argparse.Namespace) -> bool:
         raise UsageError('--joint: wanted no --model and, for several runs, no --run-id, got '
                          f'{"--model" if options.model else "--run-id"}; the base model is fitted to whole logs')
     if is_wanted and getattr(options, 'refit_spheres', False):
-        raise UsageError('--refit-spheres: wanted one run, got several as one; leave --joint out')
+        plates = [path for path in options.run_path if has_plate(path)]
+        raise UsageError(f'--refit-spheres: wanted the log of a run, which has its touches, got the table {plates[0]} '
+                         'with ball centres only; leave the option out' if plates and len(options.run_path) == 1 else
+                         '--refit-spheres: wanted one run, got several as one; leave --joint out')
     return bool(is_wanted)

@@ -5,7 +5,7 @@
 unit of its last written decimal of the nominal one means the nominal one: 51.43 at 7 balls is 360°/7, not an error of
 25 µrad."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -18,16 +18,16 @@ from rosette_ros.core.geometry import Bools, Floats, fitted_frame, nominal_angle
 from rosette_ros.core.joint.readings import Plate, Readings
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import cmm_position, nominal_places
-from rosette_ros.io.csv_parser import COLUMNS, SCHEMA, WAY_COLUMNS, CsvTable
+from rosette_ros.io.csv_parser import COLUMNS, LENGTHS, SCHEMA, WAY_COLUMNS, CsvTable
 from rosette_ros.io.plate_file import plate_of_table
-from rosette_ros.io.reading_checks import note_on_offset, remarks_on_table
+from rosette_ros.io.reading_checks import RADII, note_on_offset, remarks_on_table
 from rosette_ros.io.run_assembly import MAX_BALLS, misplaced
 from rosette_ros.io.text_file import read_limited, write_text
 
 MAX_BYTES = 256 << 20  # a larger table is refused; 360 balls make 17 MB
 MOST_POSITIONS = 3600
 TRAVEL_TOLERANCE = 1e-3  # a travel that angles and approach determine to within this, rad, is not written
-_UNIT = 2.0  # factor within which a ratio of radii is taken for a wrong unit
+_UNIT = 1.5  # factor within which a ratio of radii is taken for a wrong unit
 
 
 def read_csv(path: str | Path) -> Run:
@@ -38,19 +38,21 @@ def read_csv(path: str | Path) -> Run:
 def parse_csv(data: bytes, source: str = 'table') -> Run:
     """Return the Run of a CSV table given as bytes; `source` is named in errors."""
     table = CsvTable(data, source)
-    notes = [*filter(None, [table.notes]), *_put_on_places(table)]
+    notes = [*table.notes, *_put_on_places(table)]
     n = _find_balls(table)
     _check_rows(table, n)
     angle = _table_angles(table, n)
+    places = rotate_z(table.table_offset, nominal_places(n, 1e3 * table.radius, table.table_position, table.ball))
+    _check_units(table, places, 'radius_mm')
     if table.in_machine:
-        places = rotate_z(table.table_offset, nominal_places(n, 1e3 * table.radius, table.table_position, table.ball))
         axis = ', '.join(f'{round(value, 3) + 0.0:.3f}' for value in _to_table_frame(table, places))
         notes.append(f'the table frame was fitted to all readings; its axis, about which positions and balls are '
                      f'counted counter-clockwise, is ({axis}) in the machine frame')
     table.centre, table.rotation = turned_frame(table.table_offset, table.centre, table.rotation)
     _check_places(table, n)
     columns = table.columns
-    recorded: dict[str, Any] = {'temperature': columns.get('temperature_C'), 'approach': columns.get('approach')}
+    recorded: dict[str, Any] = {field: columns.get(name) for field, name in (
+        ('time', 'time_s'), ('temperature', 'temperature_C'), ('approach', 'approach'))}
     if WAY_COLUMNS[0] in columns:
         recorded['table_travel'] = np.deg2rad(columns[WAY_COLUMNS[0]])
     senses = _sense_columns(table.rotation)
@@ -59,12 +61,12 @@ def parse_csv(data: bytes, source: str = 'table') -> Run:
         recorded['cmm_sense'][:, list(senses)] = np.stack([columns[name] for name in senses.values()], axis=-1)
     run = Run(
         n, table.radius, table.table_position, table.ball, table.centre / 1e3, table_angle=angle,
-        time=columns['time_s'].astype(float, copy=False), repeatability=table.repeatability,
-        repeatability_dof=table.repeatability_dof, repeatability_axes=table.repeatability_axes,
+        repeatability=table.repeatability, repeatability_dof=table.repeatability_dof,
+        repeatability_axes=table.repeatability_axes,
         run_id=table.run_id, repeats=table.repeats, session=table.session,
         source=source, notes=(*notes, *note_on_offset(table.table_offset)), simulated=table.simulated,
         rotation=table.rotation, table_offset=table.table_offset, **recorded)
-    return run.replace(remarks=remarks_on_table(run))
+    return run.replace(remarks=remarks_on_table(run, table.step, 'time_s' in columns))
 
 
 def read_with_plate(path: str | Path) -> Readings:
@@ -76,7 +78,8 @@ def read_with_plate(path: str | Path) -> Readings:
     every = nominal_angles(positions) + table.table_offset
     nominal = every[table.table_position - 1]
     places = 1e3 * rotate_z(nominal, plate.centres[table.ball - 1])
-    notes = [table.notes] if table.notes else []
+    notes = table.notes
+    _check_units(table, places, f'the plate file {table.plate}')
     if table.in_machine:
         _to_table_frame(table, places)
         notes.append('the table frame was fitted to all readings')
@@ -241,7 +244,7 @@ def _check_order(table: CsvTable) -> None:
         raise table.wrong(row, 'approach', '1, -1 or 0 (unknown)', approach[row],
                           'it is the sense of the last move of the table, counter-clockwise 1')
     for name, falls, least, form in (('seq', np.less_equal, 'more than', 'd'), ('time_s', np.less, 'at least', '.12g')):
-        values = columns[name]
+        values = columns.get(name, np.zeros(0))
         for row in np.flatnonzero(falls(np.diff(values), 0)):
             raise table.wrong(row + 1, name, f'{least} {values[row]:{form}}, the row before',
                               f'{values[row + 1]:{form}}', 'rows stand in the order of measuring')
@@ -268,6 +271,8 @@ def _check_rows(table: CsvTable, n: int) -> None:
 def _table_angles(table: CsvTable, n: int) -> Floats:
     """Return the table angles from that of position 1, nominal where the cell says no more than that, (N,), rad."""
     offset = float(np.rad2deg(table.table_offset))
+    if 'table_angle_deg' not in table.columns:
+        return 2 * np.pi * (table.table_position - 1) / n
     angle = table.columns['table_angle_deg'].astype(float, copy=False) - offset
     position = table.table_position - 1
     nominal = 360.0 * position / n
@@ -291,7 +296,7 @@ def _wrapped(degrees: Floats) -> Floats:
     return np.asarray((degrees + 180.0) % 360.0 - 180.0)
 
 
-def _last_decimal(cells: tuple[str, ...]) -> Floats:
+def _last_decimal(cells: Sequence[str]) -> Floats:
     """Return the value of the last written decimal of each number, (N,): 0.01 for 51.43."""
     texts = np.strings.lower(np.strings.strip(np.array(cells)))
     mantissa, _, exponent = np.strings.partition(texts, 'e')
@@ -308,19 +313,36 @@ def _angle_advice(angle: Floats, nominal: Floats, n: int) -> str:
     return 'is the number of balls right? If some are missing, say so by "# balls: ..."'
 
 
+def _check_units(table: CsvTable, places: Floats, stated: str) -> None:
+    """Refuse coordinates, and a radius that is `stated`, in another unit than the one in its name.
+
+    places: (N, 3) of the balls in any frame, mm."""
+    lies, wanted = (float(np.median(np.linalg.norm(one - one.mean(axis=0), axis=-1))) for one in (table.centre, places))
+    radius = float(np.median(np.linalg.norm(places, axis=-1)))
+    unit, factor = _unit(wanted / lies if lies else 0.0)
+    if unit and (RADII[0] <= 1e-3 * radius <= RADII[1] or unit in ('cm', 'inch')):
+        raise InvalidData(
+            f'{table.source}: columns x_mm, y_mm, z_mm: wanted ball centres on a circle of R = {radius:.6g} mm, as '
+            f'{stated} says, got R = {radius * lies / wanted:.4g}; these are {unit}, of {factor:g} mm: name the '
+            f'columns x_{unit}, y_{unit}, z_{unit}, or write millimetres')
+    unit, factor = _unit(lies / wanted if wanted else 0.0)
+    if unit:
+        raise InvalidData(
+            f'{table.source}: {stated}: wanted about {radius * lies / wanted:.4g} mm, as far as the ball centres lie '
+            f'from the axis, got {radius:.6g}; this is {unit}, of {factor:g} mm: write '
+            f'{f"radius_{unit}, or " * (stated == "radius_mm")}millimetres')
+
+
+def _unit(ratio: float) -> tuple[str, float]:
+    """Return the unit other than mm that a ratio of lengths is about, '' if none, and what it is in mm."""
+    return next(((unit, factor) for unit, factor in LENGTHS.items()
+                 if factor != 1 and factor / _UNIT < ratio < factor * _UNIT), ('', 1.0))
+
+
 def _check_places(table: CsvTable, n: int) -> None:
-    """Refuse ball centres that lie nearer to another ball's place than to their own, and wrong units."""
+    """Refuse ball centres that lie nearer to another ball's place than to their own."""
     centre, radius = table.centre, table.radius * 1e3
     i, j = table.table_position, table.ball
-    measured = np.median(np.hypot(centre[:, 0], centre[:, 1]))
-    for factor, unit in ((1e-3, 'metres'), (1e3, 'micrometres')):
-        if not 1 / _UNIT < measured / radius / factor < _UNIT:
-            continue
-        if factor == 1e3 and radius < 1:
-            raise InvalidData(f'{table.source}: radius_mm: wanted about {measured:.4g}, as far as the ball centres lie '
-                              f'from the axis, got {radius:.6g}; this is metres, write millimetres')
-        raise InvalidData(f'{table.source}: columns x_mm, y_mm: wanted coordinates about {radius:.6g} mm from the '
-                          f'axis, as radius_mm says, got {measured:.4g}; these are {unit}, write millimetres')
     for row in misplaced(n, radius, i, j, centre):
         x, y, _ = nominal_places(n, radius, i, j)[row]
         raise table.wrong(

@@ -17,7 +17,12 @@ Pairs = Sequence[tuple[Target, Answer]]
 """Targets, and of each the answer that counts, in the order of asking."""
 ECHO = 1e-12  # an answer that is no farther from the expected place is that place, m
 SAME_TURN = 0.1  # a travel that differs by less from what was asked, rad, is that of the asked move
-QUICKEST, TEMPERATURES, REPEATABILITIES = 0.1, (-10.0, 60.0), (1e-9, 1e-3)  # what can be: s a ball; °C; m
+PACES, TEMPERATURES, REPEATABILITIES = (1.0, 3600.0), (-10.0, 60.0), (1e-9, 1e-3)  # what can be: s a ball; °C; m
+RADII = (0.02, 5.0)
+"""Circles of ball centres that can be, m."""
+USUAL_PACE = 30.0  # s a ball
+_TIMES = {'µs': 1e-6, 'ms': 1e-3, 'minutes': 60.0, 'hours': 3600.0, 'days': 86400.0, 'ns': 1e-9}
+_LENGTHS = {'m': 1e3, 'inch': 25.4, 'cm': 10.0, 'µm': 1e-3}
 RADIUS = 2e-3  # a radius is wrong that differs by more than this share from the circle of the ball centres
 
 
@@ -53,20 +58,29 @@ def remarks_on_answers(pairs: Pairs) -> tuple[str, ...]:
     return tuple(filter(None, check_answers(pairs).values()))
 
 
-def remarks_on_table(run: Run) -> tuple[str, ...]:
-    """Return what is wrong with the readings of a table, in words."""
+def remarks_on_table(run: Run, step: float, is_timed: bool) -> tuple[str, ...]:
+    """Return what is wrong with the readings of a table, in words.
+
+    step: to which its coordinates are rounded, m; is_timed: whether it has times."""
     same = f'the time is the same in all {run.size} readings: effects in time cannot be found'
-    found = (same if run.size > 1 and not np.ptp(run.time) else '', resolution_words(run.centre, run.repeatability))
-    return (*filter(None, found), *_remarks_on_units(run), *remarks_on_radius(run))
+    found = (same if run.size > 1 and not np.ptp(run.time) else '', resolution_words(step, run.repeatability))
+    return (*filter(None, found), *_remarks_on_units(run, is_timed), *remarks_on_radius(run))
 
 
-def _remarks_on_units(run: Run) -> tuple[str, ...]:
+def _remarks_on_units(run: Run, is_timed: bool) -> tuple[str, ...]:
     """Return which quantities of a table cannot be in the unit of their column, in words."""
     found = []
-    step = float(np.median(np.diff(run.time))) if run.size > 1 else 0.0
-    if 0 < step < QUICKEST:
-        found.append(f'ball centres are {significant(step, 2)} s apart, quicker than a CMM measures; is time_s in '
-                     'minutes, hours or days? give seconds')
+    step = float(np.median(np.diff(run.time))) if run.size > 1 and is_timed else 0.0
+    if step and not PACES[0] <= step <= PACES[1]:
+        unit = min(_TIMES, key=lambda unit: abs(np.log(step * _TIMES[unit] / USUAL_PACE)))
+        found.append(f'ball centres are {significant(step, 2)} s apart, {"quicker" if step < 1 else "slower"} than a '
+                     f'CMM measures; is time_s in {unit}, which would be {significant(step * _TIMES[unit], 2)} s? give '
+                     'seconds')
+    if not RADII[0] <= run.radius <= RADII[1]:
+        likely = [f'{unit} (R = {1e3 * run.radius * factor:.6g} mm)' for unit, factor in _LENGTHS.items()
+                  if 0.05 <= run.radius * factor <= 1]
+        found.append(f'a circle of ball centres of R = {1e3 * run.radius:.6g} mm is none of a plate of balls; are '
+                     f'radius and coordinates in {" or ".join(likely) or "another unit"}? give mm')
     warm = run.temperature[np.isfinite(run.temperature)]
     if warm.size and not (TEMPERATURES[0] <= warm.min() and warm.max() <= TEMPERATURES[1]):
         found.append(f'the temperature is {warm.min():.1f} to {warm.max():.1f} °C; is temperature_C in °F or K? give '
@@ -93,9 +107,8 @@ def remarks_on_radius(run: Run) -> tuple[str, ...]:
     return ()
 
 
-def resolution_words(coordinates: ArrayLike, repeatability: float | None) -> str:
-    """Return that coordinates, m, are rounded to steps larger than the repeatability, m; '' where they are not."""
-    step = resolution_of(coordinates)
+def resolution_words(step: float, repeatability: float | None) -> str:
+    """Return that coordinates are rounded to steps larger than the repeatability, m; '' where they are not."""
     if not step or (repeatability is not None and step <= repeatability):
         return ''
     beside = '' if repeatability is None else f', more than the repeatability of {micrometres(repeatability, 2)}'
@@ -166,4 +179,5 @@ def _echo(pairs: Pairs) -> str:
 
 def _resolution(centres: ArrayLike, repeated: Floats) -> str:
     spread = float(np.sqrt(np.mean(np.var(repeated, axis=0, ddof=1)))) if len(repeated) > 1 else 0.0
-    return resolution_words(centres, spread if spread > ECHO else None)  # all the same: not 0 to the last bit
+    known = spread if spread > ECHO else None  # all the same: not 0 to the last bit
+    return resolution_words(resolution_of(centres), known)

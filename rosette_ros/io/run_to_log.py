@@ -19,6 +19,8 @@ from rosette_ros.io.type_definitions import TypeLibrary
 
 TARGET_TOPIC, ANSWER_TOPIC, FRAME_TOPIC = '/rosette/probe_target', '/rosette/ball_centre', '/tf_static'
 MAX_SECONDS = 2**31  # seconds that a ROS time stamp can hold
+NOTES_KEY = 'rosette.notes'
+"""In custom_data: how the table was read, and what is doubtful in it, a line each."""
 LATCHED = Qos(durability='transient_local')
 
 
@@ -26,7 +28,8 @@ def write_log(run: Run, directory: str | Path, library: TypeLibrary) -> Path:
     """Write a Run as a log directory and return its path.
 
     library: knows rosette_msgs. Each reading becomes a ProbeTarget and a BallCentre in the table frame; the rotation of
-    that, where it is known, goes to /tf_static, the repeatability to custom_data. Times are kept to 1 ns, from 0 on.
+    that, where it is known, goes to /tf_static, the repeatability, and how a table was read, to custom_data. Times are
+    kept to 1 ns, from 0 on.
 
     Raises InvalidData where the directory holds a log, or the run is longer than stamps can hold, CellError where
     the disk refuses; nothing is left then."""
@@ -81,6 +84,8 @@ def _frame_message(rotation: Floats) -> dict[str, Any]:
 
 def _known(run: Run) -> dict[str, str]:
     known = {'rosette.source': str(run.source)}
+    if said := (*run.notes, *run.remarks):
+        known[NOTES_KEY] = '\n'.join(said)
     if run.simulated:
         known[log_run.SIMULATED_KEY] = 'yes'
     if run.repeatability is not None:

@@ -81,11 +81,3 @@ def _angles(motions: ErrorMotions) -> str:
 def table_trend(folder: str, table: str, model: str) -> TableTrend:
     """Return the trend of a table under a model; raises InvalidData where it has few runs."""
     return trend_of(read_history(RunArchive(folder), table, model))
-
-
-def paths_of(folder: str, runs: Sequence[str], table: str, model: str) -> list[str]:
-    """Return where the logs of runs were found."""
-    rows = RunArchive(folder).read_rows(('run_id', 'path'), 'table_serial = ? AND model_hash = ?',
-                                        (table, model)).to_pylist()
-    known = {row['run_id']: row['path'] for row in rows}
-    return [known.get(run, '') for run in runs]

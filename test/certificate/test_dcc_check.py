@@ -11,12 +11,14 @@ import xml.etree.ElementTree as ET
 from dataclasses import replace
 
 import pytest
-from certificates import KINDS, made
+from certificates import DAYS, FULL, KINDS, made, table
 
 from rosette_ros.certificate import dcc_check
+from rosette_ros.certificate.dcc import to_xml
 from rosette_ros.certificate.dcc_check import parsed, verify_certificate
-from rosette_ros.certificate.statements import state
+from rosette_ros.certificate.statements import Inputs, state
 from rosette_ros.core.errors import InvalidData
+from rosette_ros.io.identity_file import parse_identity
 
 MUTATIONS = int(os.environ.get('FUZZ_EXAMPLES', 300))
 """So many changed documents; `make fuzz` takes more."""
@@ -43,6 +45,27 @@ def test_it_agrees_wherever_the_data_are_and_whatever_they_are_called(tmp_path):
     copy.write_text(f'{path.read_text()}\n')
     with pytest.raises(InvalidData, match='clean.csv: no file of the run has the SHA-256'):
         verify_certificate(data, 'cert.xml', [copy])
+
+
+def test_a_table_with_a_plate_file_agrees(tmp_path):
+    """Wherever both are; a plate file that was changed is another one."""
+    folders = [tmp_path / name for name in ('made', 'copied')]
+    for folder in folders:
+        folder.mkdir()
+        (folder / 'plate.yaml').write_text('schema: rosette-plate/1\nazimuth_deg: [0, 60, 120, 180, 240, 300]\n'
+                                           'radius_mm: 182.5\n')
+        for seed, name in enumerate(('one', 'two', 'three'), 1):
+            text = table(f'plate_{name}', seed=seed).read_text()
+            (folder / f'{name}.csv').write_text(text.replace(
+                '# balls: 6', '# plate: plate.yaml\n# table_positions: 6', 1))
+    first, other = ([folder / f'{name}.csv' for name in ('one', 'two', 'three')] for folder in folders)
+    inputs = Inputs(parse_identity((FULL + DAYS).encode()), '2026-11-30', is_joint=True)
+    for paths, found in ((first[:1], other[:1]), (first, other[::-1])):
+        data = to_xml(state(paths, inputs))
+        assert verify_certificate(data, 'cert.xml', found).largest == 0
+    (folders[1] / 'plate.yaml').write_text((folders[0] / 'plate.yaml').read_text() + '# other\n')
+    with pytest.raises(InvalidData, match='plate.yaml: no file of the run has the SHA-256'):
+        verify_certificate(data, 'cert.xml', other)
 
 
 def test_runs_may_be_named_in_any_order():

@@ -3,6 +3,7 @@
 
 import io
 import re
+import unicodedata
 
 import pypdfium2
 import pytest
@@ -11,6 +12,7 @@ from pypdf import PdfReader
 
 from rosette_ros.certificate.pages import to_pdf
 from rosette_ros.certificate.statements import Inputs, state
+from rosette_ros.core.errors import InvalidData
 from rosette_ros.io.identity_file import parse_identity
 
 
@@ -74,11 +76,20 @@ def test_what_is_missing_stands_on_the_pages():
     assert pages.count('not stated') > 15 and 'name not stated, DE' in pages and 'signer not stated' in pages
 
 
-def test_letters_that_the_font_lacks_are_marked():
-    """They stand in the XML; nothing breaks."""
+def test_letters_of_every_script_are_set_or_refused_by_name():
+    """None becomes a box, is set the wrong way round or without its marks."""
     paths, _, data = made('clean')
-    assert 'Süd □□' in pages_of(to_pdf(state(paths, Inputs(parse_identity(FULL.replace('Süd', 'Süd 計量').replace(
-        'tolerances', 'measured: {begin: 2026-04-12}\ntolerances').encode()), '2026-11-30')), data, 'cert.xml'))[0]
+
+    def page(name):
+        text = FULL.replace('Drehtisch AG', name).replace('tolerances', 'measured: {begin: 2026-04-12}\ntolerances')
+        return pages_of(to_pdf(state(paths, Inputs(parse_identity(text.encode()), '2026-11-30')), data, 'cert.xml'))[0]
+    for name in ('Čeněk Łódź ß', 'Αθήνα', 'Завод «Москва»', 'Công ty Việt', 'Tu\u0308v Ünal İş', 'Հայ', 'ქართული'):
+        assert unicodedata.normalize('NFC', name) in page(name), name
+    for name, script in (('株式会社 計量', 'cjk'), ('カメラ', 'katakana'), ('측정', 'hangul'), ('मापन', 'devanagari'),
+                         ('قياس', 'arabic'), ('מדידה', 'hebrew'), ('วัด', 'thai'), ('A\u0336B', 'combining'),
+                         ('📏', 'straight')):
+        with pytest.raises(InvalidData, match=f'--pdf: wanted letters that its font can set, got .* named .*{script}'):
+            page(name)
 
 
 def test_long_entries_are_wrapped():

@@ -88,6 +88,24 @@ def test_a_full_disk_is_one_line_and_loses_nothing(logs, in_this_process, rosett
     assert '1 evaluated' in rosette('archive', 'add', logs, '--into', archive).out
 
 
+def test_an_archive_elsewhere_is_refused_before_any_work(logs, in_this_process, rosette, refused, tmp_path,
+                                                         monkeypatch):
+    """By every verb alike, and nothing is made here; what is here is found by any of its names."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('HOME', str(tmp_path))
+    before = sorted(tmp_path.iterdir())
+    for place in ('s3://bucket/plant', 'gs:', 'gs://bucket', 'nas:/plant', 'file://nas/plant', 'memory://x',
+                  'C:\\plant', 'user@host:plant'):
+        for verb in (('add', 'nowhere', '--into', place), ('query', place)):
+            assert f'{place}: wanted a folder of this computer as archive, got a place elsewhere' in refused(
+                'archive', *verb)
+    assert sorted(tmp_path.iterdir()) == before
+    for place in ('~/home [1]', f'file://{tmp_path}/url*', f'{tmp_path}/a?b', './with:colon', "it's"):
+        assert '1 evaluated' in rosette('archive', 'add', logs, '--into', place).out
+        assert json.loads(rosette('archive', 'query', place, '--json').out)['rows'], place
+    assert {'home [1]', 'url*', 'a?b', 'with:colon', "it's"} < {path.name for path in tmp_path.iterdir()}
+
+
 def test_no_archive_is_made_among_other_files(logs, in_this_process, refused, tmp_path):
     """And a question to a folder that is none names the command that makes one."""
     assert 'wanted an archive or an empty folder, got a folder of other files' in refused(

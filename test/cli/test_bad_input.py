@@ -30,9 +30,9 @@ def radians(lines):
 
 
 TABLES = {
-    'missing column': (drop_column('y_mm'), ('line 5', 'wanted the column y_mm', 'rosette plan --csv-template')),
+    'missing column': (drop_column('y_mm'), ('line 5', 'wanted the column y_mm', '--order diagonal --csv-template')),
     'word': (change(7, 5, 'abc'), ('line 8', 'x_mm', "wanted a number, got 'abc'")),
-    'NaN': (change(7, 6, 'nan'), ('line 8', 'y_mm', "wanted a finite number, got 'nan'")),
+    'NaN': (change(7, 6, 'nan'), ('line 8', 'y_mm', "wanted a finite number, got nan")),
     'ball out of range': (change(9, 2, '0'), ('line 10', 'ball', 'wanted at least 1, got 0')),
     'n disagrees': (change(40, 2, '9'), ('ball', 'got 9')),
     'radians': (radians, ('radians',)),

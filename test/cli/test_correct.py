@@ -96,6 +96,11 @@ def test_the_next_command_has_the_model_of_the_correction(rosette, measure, tmp_
 @pytest.mark.parametrize(('words', 'error'), [
     (['--curves', 'crz,foo'], '--curves: wanted some of ctx,cty,ctz,crx,cry,crz, got'),
     (['--for', 'linuxcnc', '--step', '1'], 'wanted at most 256 lines, which LinuxCNC reads, got 361'),
+    (['--for', 'linuxcnc', '--step', '79'], 'straight lines lose at most 10% of crz, got --step 79, which loses '),
+    (['--for', 'linuxcnc', '--range', '-9999', '9999'],
+     'a range of 19998 deg; LinuxCNC repeats no table, so narrow MIN_LIMIT and MAX_LIMIT of the axis, and --range, '),
+    (['--for', 'linuxcnc', '--range', '-9999', '9999', '--step', '78.5'], 'which loses '),
+    (['--for', 'linuxcnc', '--range', '-360', '450'], 'got 406; take --step 3.177 to '),
     (['--for', 'csv', '--range', '360', '0'], 'correct: --range: wanted MIN below MAX, got 360 and 0'),
     (['--for', 'linuxcnc', '--range', '90', '90'], 'correct: --range: wanted MIN below MAX, got 90 and 90'),
     (['--for', 'csv', '--range', '0', 'inf'],

@@ -78,6 +78,15 @@ def test_a_table_has_no_touches(refused):
         'the run\n')
 
 
+def test_a_table_with_a_plate_file_has_no_touches(refused, tmp_path):
+    """It is one run, and not several; what is wrong is that it is a table."""
+    table = tmp_path / 'run.csv'
+    table.write_text('# schema: rosette-ball-centres/1\n# plate: plate.yaml\n')
+    assert refused('evaluate', table, '--refit-spheres') == (
+        'rosette: --refit-spheres: wanted the log of a run, which has its touches, got the table '
+        f'{table} with ball centres only; leave the option out\n')
+
+
 def test_several_runs_are_not_refitted(refused, lobed, clean):
     """One run at a time."""
     assert refused('evaluate', lobed, clean, '--joint', '--refit-spheres') == (

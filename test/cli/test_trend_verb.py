@@ -94,6 +94,12 @@ def test_a_change_is_found_with_its_date_and_owner(archive, rosette, refused, tm
     assert 'exists already' in refused('trend', archive, '--table', 'RT-7', '-o', page)
 
 
+def test_runs_are_found_by_their_paths():
+    """Logs of several cells may have the same run_id."""
+    rows = [{**row, 'run_id': 'same', 'path': f'/logs/{place}'} for place, row in enumerate(hit_rows(8))]
+    assert history_of(rows[::-1], 'RT-7').paths == tuple(f'/logs/{place}' for place in range(8))
+
+
 def test_a_curve_that_changed_lately_is_named(rosette, tmp_path):
     """Two runs after its change there is no forecast of crz, and there is one of ctz."""
     RunArchive(tmp_path / 'plant', make=True).add(hit_rows(12))

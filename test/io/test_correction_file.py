@@ -91,7 +91,7 @@ def test_a_compensation_file_of_linuxcnc():
 
 
 @pytest.mark.parametrize(('limits', 'corrected', 'words'), [
-    ((0, 360, 1), CURVES, 'wanted at most 256 lines, which LinuxCNC reads, got 361; take --step 1.412 or more'),
+    ((0, 360, 1), CURVES, 'wanted at most 256 lines, which LinuxCNC reads, got 361; take --step 1.412 to '),
     ((0, 360, 5), ('ctz',), 'wanted crz among the errors to correct, .* got ctz')])
 def test_what_linuxcnc_would_not_read_is_refused(limits, corrected, words):
     """In words, with what would do."""

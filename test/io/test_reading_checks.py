@@ -118,7 +118,7 @@ def test_a_table_is_checked_too():
     assert remark.startswith('readings are rounded to 1 µm')
     [remark] = parse_csv(format_csv(run.replace(time=np.zeros(run.size))).encode()).remarks
     assert remark.startswith('the time is the same in all 36 readings')
-    for changed, words in (({'time': run.time / 3600}, 's apart, quicker than a CMM measures; is time_s in minutes'),
+    for changed, words in (({'time': run.time / 3600}, 's apart, quicker than a CMM measures; is time_s in hours'),
                            ({'temperature': 32 + 1.8 * run.temperature}, 'is temperature_C in °F or K? give °C'),
                            ({'repeatability': 2e-3}, 'the stated repeatability is 2000 µm; is it in mm or m? give µm'),
                            ({'repeatability': 1e-13}, 'repeatability is 0.000000100 µm; is it in mm or m? give µm')):

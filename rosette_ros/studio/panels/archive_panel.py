@@ -39,7 +39,7 @@ class ArchivePanel:
         self._controller, self._on_open = controller, on_open
         self._runs: ArchiveRuns | None = None
         self._trend: TableTrend | None = None
-        self._is_filling, self._paths = False, list[str]()
+        self._is_filling = False
         with card('Archive of runs', 'archive'):
             with row():
                 self._folder = input_field(ui.input('folder of the archive', value=folder), 'archive-folder',
@@ -164,9 +164,7 @@ class ArchivePanel:
         view = importlib.import_module('rosette_ros.studio.archive_view')
         folder, model = self._folder.value.strip(), self._runs.model
         trend: TableTrend = await self._controller.archivist.run(view.table_trend, folder, table, model)
-        paths = await asyncio.to_thread(view.paths_of, folder, trend.history.runs, table, model)
-        self._trend, self._paths = trend, paths
-        history = trend.history
+        self._trend, history = trend, trend.history
         self._draw(f'Table {table or "without serial number"}: the six errors over time, with U (k = 2); shaded: '
                    'between which runs it changed', ('trend', folder, table, model, history.runs), trend_figure,
                    history.dates, history.range, history.U, history.tolerances,
@@ -187,8 +185,9 @@ class ArchivePanel:
             await self._on_open(line['path'], line['run_id'])
 
     async def _point_clicked(self, trace: int, points: list[int]) -> None:
-        if self._trend is not None and points and self._paths[points[0]]:
-            await self._on_open(self._paths[points[0]], self._trend.history.runs[points[0]])
+        if self._trend is not None and points:
+            history = self._trend.history
+            await self._on_open(history.paths[points[0]], history.runs[points[0]])
 
 
 def _fill(trend: 'TableTrend') -> None:
