@@ -12,7 +12,7 @@ from rosette_ros.core.diagnosis.log_evidence import NEAR, Cause, Evidence, State
 from rosette_ros.core.effects.effect import Setting
 
 MOST = 5
-"""Members of a hypothesis at most."""
+"""Members of a hypothesis, and exchanges in it, at most."""
 BEAM, BRANCHES = 2, 3
 """Hypotheses that are grown side by side, and how many ways each."""
 COARSE, FINE = 5e-3, 0.3
@@ -46,11 +46,12 @@ class Search:
             if top.log_evidence <= best.log_evidence:
                 break
             best = top
-        while True:
+        for _ in range(MOST):
             better = max(self._exchanged(best), key=_evidence, default=best)
             if better.log_evidence <= best.log_evidence + ENOUGH:
-                return best
+                break
             best = better
+        return best
 
     def hopeful(self, most: int) -> list[CauseFamily]:
         """Return all named families, and so many free ones that are worth most alone or beside the best members."""
