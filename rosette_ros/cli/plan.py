@@ -244,7 +244,7 @@ def show(made: Outlook, output: str | None = None) -> None:
             ('Determines', f'rank {expected.rank} of {expected.full_rank} of a complete run; curves with '
                            f'{expected.penalty:.2f} times the uncertainty of one (at best {expected.ideal:.2f} for so '
                            'many readings)'),
-            ('Unobservable', '; '.join(expected.unobservable)),
+            ('Not determined', '; '.join(expected.unobservable)),
             *([] if made.effects else [('Effects', f'are judged up to {MOST_JUDGED} balls')]),
             ('Time', f'{expected.duration / 3600:.2f} h'),
             ('Order', CASES.get(scheme.order, 'own')), ('Paper', 'Kniel et al., Measurement 2019')])])
@@ -273,9 +273,9 @@ CASES = {
     'diagonal': 'CMM outside, table and plate inside (case 2 of the paper): mean systematic error of the table',
     'column': 'ball outside, CMM and table inside (case 3 of the paper): table and CMM alike',
     'random': 'shuffled: drift in time is spread over all positions',
-    'sensitive': 'designed: every effect of the library is observable, with little travel',
-    'there_and_back': 'diagonal at half the CMM positions, then the same backwards: every effect of the library '
-                      'is observable',
+    'sensitive': 'designed: shows every effect of the library, with little travel',
+    'there_and_back': 'diagonal at half the CMM positions, then the same backwards: shows every effect of the '
+                      'library',
     'row_there_and_back': 'row at half the CMM positions, then the same backwards: quickest where the table moves '
                           'slowly',
 }

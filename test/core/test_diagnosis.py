@@ -11,6 +11,7 @@ from rosette_ros.core.diagnosis.comparison import compare
 from rosette_ros.core.diagnosis.cross_validation import CrossValidation
 from rosette_ros.core.diagnosis.diagnosis import RunSearch, _search, diagnose, find, judge
 from rosette_ros.core.diagnosis.verdict import Outcome
+from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import BASE_TERMS, Model
@@ -50,7 +51,7 @@ def test_the_hidden_effect_is_named(kind):
     assert abs(top.cross_validation_after / SIGMA - 1) < 4 * 0.041
     assert top.cross_validation_after < top.cross_validation_before
     assert not found.unexplained
-    assert f'The model lacks {kind}' in verdict_text(found.verdict).sentence
+    assert f'Missing: {EFFECTS[kind].plain}' in verdict_text(found.verdict).sentence
 
 
 def test_what_the_model_describes_is_still_in_the_cell():

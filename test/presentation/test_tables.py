@@ -17,8 +17,8 @@ from rosette_ros.presentation.tables import bars, effects, size_words, tables_of
 
 CURVES = {'ctx': 'm', 'cty': 'm', 'ctz': 'm', 'crx': 'rad', 'cry': 'rad', 'crz': 'rad'}
 WITH_UNIT = re.compile(r'_(um|urad|deg|s|C|si|sigma|in_unit|per_um)$')
-PURE = re.compile(r'^(p|reading|table_position|ball|cmm_position|number|visible_fraction.*|rank|dof|runs|delta_bic|'
-                  r'reduced_chi_square|typical_visible_fraction|recommended_order_visible_fraction|value|'
+PURE = re.compile(r'^(p|probability|reading|table_position|ball|cmm_position|number|visible_fraction.*|rank|dof|runs|'
+                  r'delta_bic|reduced_chi_square|typical_visible_fraction|recommended_order_visible_fraction|value|'
                   r'expanded_uncertainty|group|by|share|weight|worst_share|held_out_change)$')
 """Numbers without a unit; what has its unit beside it in the row; names."""
 
@@ -34,8 +34,8 @@ def tables(hidden='drift'):
 
 
 def test_curves_are_those_of_the_evaluation():
-    """Of the final model, every digit."""
-    wanted = evaluation_json(summary_of('drift').final)
+    """As modelled now, every digit."""
+    wanted = evaluation_json(summary_of('drift').fit)
     found = rows(tables()['curves'])
     assert [float(row['table_angle_deg']) for row in found] == pytest.approx(np.rad2deg(wanted['angle_rad']))
     for curve, unit in CURVES.items():
@@ -48,7 +48,7 @@ def test_curves_are_those_of_the_evaluation():
 
 def test_deviations_are_those_of_the_evaluation():
     """Plate and CMM."""
-    wanted = evaluation_json(summary_of('drift').final)
+    wanted = evaluation_json(summary_of('drift').fit)
     found = rows(tables()['deviations'])
     for what in ('plate', 'cmm'):
         np.testing.assert_allclose(

@@ -104,7 +104,7 @@ def test_bad_entries_are_refused_and_change_nothing(session):
     with pytest.raises(InvalidModel, match='is in the model already'):
         session.add('table_motions')
     session.add('frame_drift')
-    with pytest.raises(InvalidModel, match='effect frame_drift stands twice; remove one'):
+    with pytest.raises(InvalidModel, match='effect frame_drift is in it twice; remove one'):
         session.add('frame_drift')
     assert session.undo_words == 'add frame_drift'
 
@@ -241,7 +241,7 @@ def test_all_base_terms_can_be_removed(controller, run):
         controller.act(controller.session.remove, 0)
     in_loop(controller.refresh())
     assert (controller.step, controller.session.results.problem) == ('', '')
-    assert 'The model lacks table_motions' in verdict_text(controller.session.results.verdict).sentence
+    assert 'Missing: error motions of the table' in verdict_text(controller.session.results.verdict).sentence
 
 
 def test_what_was_asked_before_ends(controller, run):

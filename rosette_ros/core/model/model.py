@@ -90,7 +90,7 @@ class Model:
         for term in self.terms:
             term.effect.check_setting(term.fixed)
             if str(term) in seen and not (self.repeated or term.is_open):
-                raise InvalidModel(f'model: effect {term} stands twice; remove one'
+                raise InvalidModel(f'model: effect {term} is in it twice; remove one'
                                    f'{", or give one another setting" if term.effect.searched else ""}')
             seen.add(str(term))
 

@@ -100,7 +100,7 @@ class OrderAdvice:
 class Advice:
     """The present order, the recommended next one, and all that were compared.
 
-    weak: effects that the present order hides or shows badly; wanted: those that the next one must show; text: why;
+    weak: effects that the present order hides or shows badly; wanted: those that the next one must show;
     balls: those in use in all orders, () where they are all.
     """
 
@@ -109,7 +109,6 @@ class Advice:
     orders: tuple[OrderAdvice, ...]
     weak: tuple[str, ...]
     wanted: tuple[str, ...]
-    text: str
     balls: tuple[int, ...] = ()
 
 
@@ -201,7 +200,7 @@ def _advice(present: OrderAdvice, n: int, radius: float, sigma: float, wanted: S
                             rotation=rotation)
     else:
         best = present
-    return Advice(present, best, every, weak, wanted, _text(present, best, weak, wanted), balls)
+    return Advice(present, best, every, weak, wanted, balls)
 
 
 def _best(orders: Sequence[OrderAdvice], wanted: Sequence[str]) -> OrderAdvice:
@@ -215,25 +214,3 @@ def _best(orders: Sequence[OrderAdvice], wanted: Sequence[str]) -> OrderAdvice:
             near.append(one)
             top = max(top, one.worst)
     return min((one for one in orders if one in near and one.worst >= ALMOST * top), key=lambda one: one.travel_time)
-
-
-def _text(present: OrderAdvice, best: OrderAdvice, weak: Sequence[str], wanted: Sequence[str]) -> str:
-    seen_by_best = {name: visible_share(best.run, name) for name in wanted}
-    hidden = [name for name in weak if present.shares[name].hidden]
-    seen = [name for name in weak if name not in hidden]
-    parts = [] if weak else [f'Order {present.label} shows every effect of the library.']
-    if hidden:
-        parts.append(f'Order {present.label} does not show {", ".join(hidden)}.')
-    if seen:
-        parts.append(f'It shows {", ".join(seen)} only weakly.')
-    if best is not present:
-        shares = ', '.join(f'{name} {100 * present.share(name):.0f} → {100 * seen_by_best[name].typical_share:.0f} %'
-                           for name in wanted[:6])
-        longer = best.duration / present.duration - 1
-        parts.append(f'Measure next in order {best.label}: observable shares {shares}; the run takes '
-                     f'{100 * abs(longer):.0f} % {"longer" if longer >= 0 else "less"}.')
-    still = [name for name in wanted if seen_by_best[name].hidden]
-    if still:
-        parts.append(f'No order here shows {", ".join(still)}: repeat balls after turning the table the other way, or '
-                     'check it with another instrument.')
-    return ' '.join(parts)
