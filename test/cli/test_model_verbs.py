@@ -131,7 +131,7 @@ def test_a_term_of_ones_own(rosette, model):
 
 
 REFUSED = {
-    'unknown effect': (('frame_drif',), "effect: wanted one of frame_drift, "),
+    'unknown effect': (('frame_drif',), "Unknown effect 'frame_drif'. Did you mean frame_drift?"),
     'unknown setting': (('frame_warmup', '--set', 'time=3'), 'wanted settings among axes, tau'),
     'word for a number': (('frame_warmup', '--set', 'tau=long'),
                           "effect frame_warmup: tau: wanted a positive number (s), got 'long'"),
@@ -198,7 +198,7 @@ def test_remove_names_what_is_there(refused, rosette, model):
     """For a name that is not in the model."""
     rosette('add', 'frame_drift', '--model', model)
     line = refused('remove', 'plate_warp', '--model', model)
-    assert "cmm_deviations, frame_drift to remove, got 'plate_warp'" in line
+    assert "Unknown effect 'plate_warp'. " in line
 
 
 def test_a_broken_file_is_left_alone(refused, model):

@@ -103,7 +103,7 @@ def test_a_fall_no_larger_than_chance_is_none(creeping):
     entry, = cross_check(machine_run(13), creeping).effects
     assert entry.cross_validation_with < entry.cross_validation_without
     assert entry.outcome == 'not seen'
-    assert entry.reason.endswith('by no more than chance makes it fall (probability that it is noise: 0.14)')
+    assert entry.reason == 'the residual falls with it by no more than chance makes it fall (p = 0.14)'
 
 
 def test_an_order_that_hides_it_cannot_check_it(creeping):
