@@ -26,6 +26,7 @@ from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.error_results import errors
 from rosette_ros.presentation.explanation_results import causes
 from rosette_ros.presentation.table_format import Column, Table, column, micrometre_column, words
+from rosette_ros.words.verdict_words import title_of
 
 FILE_UNITS = tuple(unit.replace('µ', 'u') for unit in text.CURVE_UNITS)
 EXPANDED = f'U: expanded uncertainty (k = {text.COVERAGE_FACTOR})'
@@ -296,7 +297,8 @@ def candidates(every: Sequence[Candidate], run: Run, title: str = 'Candidates, m
         column('visible_fraction', text.VISIBLE, [one.visible_fraction for one in every], text.percent),
         *_with_and_without('before', 'after', every),
         column('delta_bic', 'ΔBIC', [one.delta_bic for one in every], partial(text.fixed, places=0)),
-        words('look_alikes', 'cannot be told from', [', '.join(one.look_alikes) for one in every])))
+        column('look_alikes', 'cannot be told from', [', '.join(one.look_alikes) for one in every],
+               lambda alike: ', '.join(map(title_of, filter(None, alike.split(', ')))), number=False)))
 
 
 def _with_and_without(without: str, present: str, rows: Sequence[Candidate | CheckedEffect]) -> list[Column]:
