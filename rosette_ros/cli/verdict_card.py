@@ -9,7 +9,7 @@ from rich.markup import escape
 
 from rosette_ros import command
 from rosette_ros.cli.console import COLOURS, print_parts, say
-from rosette_ros.core.diagnosis.verdict import Verdict
+from rosette_ros.core.diagnosis.verdict import Outcome, Verdict
 from rosette_ros.core.effects.free import FREE
 from rosette_ros.presentation.explanation_results import causes
 from rosette_ros.words.verdict_words import HEADLINES, NOTHING_TO_DO, verdict_text
@@ -21,8 +21,10 @@ NEW_MODEL = 'model.yaml'
 def print_card(out: Console, verdict: Verdict, run_path: Path | str, model: Path | str | None = None) -> None:
     """Print the card of a verdict on a run; model: the file of the model that was judged, None for the base model."""
     text = verdict_text(verdict)
-    out.print(f'[bold {COLOURS[verdict.level]}]{HEADLINES[verdict.outcome]}[/]')
-    say(out, text.sentence)
+    has_headline = verdict.outcome != Outcome.FITS  # whose sentence says it
+    if has_headline:
+        out.print(f'[bold {COLOURS[verdict.level]}]{HEADLINES[verdict.outcome]}[/]')
+    say(out, text.sentence, None if has_headline else COLOURS[verdict.level])
     if verdict.missing:
         print_parts(out, [causes(verdict)])
         out.print()
