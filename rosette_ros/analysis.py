@@ -21,7 +21,7 @@ from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis, diagnose, find, fitted_with_noise, judge
 from rosette_ros.core.diagnosis.effect_settings import choose_settings
 from rosette_ros.core.diagnosis.second_run import CrossCheck
-from rosette_ros.core.diagnosis.verdict import UNLIKELY, Verdict
+from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
 from rosette_ros.core.joint.joint_evaluation import evaluate_jointly
 from rosette_ros.core.model.least_squares import Fit, fit
@@ -168,15 +168,18 @@ class Summary:
         return self.ladder[-1].fit
 
     @property
+    def found(self) -> Fit | None:
+        """The Fit with the cause found; None where nothing that has a name is missing."""
+        return self.final if self.diagnosis.missing else None
+
+    @property
     def verdict(self) -> Verdict:
         """The one verdict."""
         return self.diagnosis.verdict
 
     def lines(self, tolerances: Mapping[str, float] | None = None) -> tuple[AxisError, ...]:
-        """The six errors in a line each, by the final model; tolerances: of ranges by curve, m and rad."""
-        p = self.final.lack_of_fit_p
-        is_found = bool(self.diagnosis.terms) and p is not None and p >= UNLIKELY and not self.diagnosis.unexplained
-        return fit_lines(self.final, tolerances, '' if is_found else doubt_of(self.verdict))
+        """The six errors in a line each, as modelled now; tolerances: of ranges by curve, m and rad."""
+        return fit_lines(self.fit, tolerances, doubt_of(self.verdict))
 
     @cached_property
     def visibilities(self) -> tuple[Visibility, ...]:

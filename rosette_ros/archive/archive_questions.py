@@ -13,7 +13,7 @@ from rosette_ros.archive.run_archive import RunArchive
 from rosette_ros.archive.run_row import AXES
 from rosette_ros.core.diagnosis.verdict import Level
 from rosette_ros.core.effects.library import effect
-from rosette_ros.core.errors import InvalidData, unknown
+from rosette_ros.core.errors import InvalidData, unknown_name
 from rosette_ros.presentation.json_output import CURVE_KEYS
 
 _BOTH = (*CURVE_KEYS, *(f'U_{key}' for key in CURVE_KEYS))
@@ -53,7 +53,7 @@ class Question:
     def condition(self) -> tuple[str, list[Any]]:
         """Return the condition in SQL on `runs` and its values; raises InvalidData and InvalidModel (see `ask_for`)."""
         if (level := self.equal.get('level')) and level not in set(Level):
-            raise InvalidData(f'level: {unknown(level, tuple(map(str, Level)))}')
+            raise InvalidData(unknown_name('level', level, tuple(map(str, Level))))
         parts, values = [f"problem {'<>' if self.problems else '='} ''"], list[Any]()
         for word, value in self.equal.items():
             parts, values = [*parts, f'{SERIAL[word]} = ?'], [*values, value]

@@ -180,7 +180,7 @@ def _flowables(one: Certificate, places: Sequence[FigurePlace]) -> list[Any]:
         [*(f'{file.path}: SHA-256 {file.sha256}' for file in one.files),
          ', '.join(f'{name} {version}' for name, version in one.inputs.programs if version[:1].isdigit()),
          'The digital certificate (DCC, XML) is attached to this file; it counts, these pages are for reading. It has '
-         'the curves in numbers: rosette certificate --verify compares it with the run.'])]
+         'the curves in numbers and can be verified against the run.'])]
     return [*flowables, _signature(one)]
 
 

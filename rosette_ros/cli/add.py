@@ -4,6 +4,7 @@
 import argparse
 import contextlib
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.markup import escape
@@ -12,14 +13,18 @@ from rosette_ros.analysis import Change, analyse, change
 from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, head, print_json, print_parts
 from rosette_ros.core.effects.custom import AMPLITUDE, DIRECTIONS, FUNCTIONS, NAMES, PER
+from rosette_ros.core.effects.effect import Setting
+from rosette_ros.core.effects.library import effect
 from rosette_ros.core.errors import InvalidModel, NotDeterminable
-from rosette_ros.core.model.model import NOISE_TERMS, Model
+from rosette_ros.core.model.model import BASE_TERMS, NOISE_TERMS, Model, Term
 from rosette_ros.core.records import Run
 from rosette_ros.io.model_file import read_model, write_model
 from rosette_ros.io.open_run import open_run
 from rosette_ros.presentation.formatting import micro, model_words
 from rosette_ros.presentation.json_output import change_json
 from rosette_ros.presentation.tables import change_errors, curve_changes, fitted_effects
+from rosette_ros.words.effect_words import capital
+from rosette_ros.words.verdict_words import titles
 
 ADD, REMOVE = 'add', 'remove'
 
@@ -31,8 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'A user-defined term is amplitude x direction x expression, for example\n'
         '  rosette add wave --model m.yaml --direction z --expression "t*cos(3*alpha)"\n'
         f'Expressions know {", ".join(NAMES)}\nand the functions {", ".join(FUNCTIONS)}.\n{AMPLITUDE}')
-    parser.add_argument('effect', metavar='EFFECT', help='name of an effect (rosette effects), of a '
-                        f'part of the base model or of the noise ({", ".join(NOISE_TERMS)}), or, with --expression, '
+    parser.add_argument('effects', metavar='EFFECT', nargs='+', help='names of effects (rosette effects), of '
+                        f'parts of the base model or of the noise ({", ".join(NOISE_TERMS)}), or, with --expression, '
                         'of a user-defined term')
     add_file(parser)
     parser.add_argument('--set', metavar='NAME=VALUE', dest='settings', action='append',
@@ -58,19 +63,28 @@ def assignment(text: str) -> tuple[str, int | float | str]:
 def run(options: argparse.Namespace) -> None:
     """Add to the model file."""
     before = model_before(options.model)
-    change_file(options, ADD, before, extended(before, options))
+    change_file(options, ADD, options.effects, before, extended(before, options))
 
 
 def extended(model: Model, options: argparse.Namespace) -> Model:
     """Return the model with what the options ask for; raise InvalidModel."""
-    name, settings = options.effect, dict(options.settings)
+    settings = dict(options.settings)
+    name, *others = options.effects
     own = {key: value for key in ('direction', 'expression', 'per') if (value := getattr(options, key)) is not None}
     if own and settings:
         raise InvalidModel(f'{name}: wanted either --set for an effect of the library or '
                            '--direction and --expression for a user-defined term, got both')
+    if others and (own or settings):
+        raise InvalidModel(f'wanted one effect with settings of its own, got {", ".join(options.effects)}; add one '
+                           'after the other')
     if own:
         return model.with_entry({'own': name, **own})
-    return model.with_effect(name, settings)
+    for one in options.effects:
+        term = None if one in (*BASE_TERMS, *NOISE_TERMS) else Term(effect(one), Setting(settings))
+        if one in (*model.base, *model.noise) or (term and not term.is_open and str(term) in map(str, model.terms)):
+            raise InvalidModel(f'{term or one} is already in {options.model}')
+        model = model.with_effect(one, settings)
+    return model
 
 
 def add_file(parser: argparse.ArgumentParser) -> None:
@@ -87,10 +101,10 @@ def model_before(path: str) -> Model:
     return read_model(path) if Path(path).exists() else Model()
 
 
-def change_file(options: argparse.Namespace, action: str, before: Model, after: Model) -> None:
+def change_file(options: argparse.Namespace, action: str, effects: Sequence[str], before: Model, after: Model) -> None:
     """Change the model file and show what that does to a run; raises first where the run cannot determine the model."""
-    name, measured = options.effect, open_run(options.run_path) if options.run_path else None
-    done, words = (None, '') if measured is None else compared(measured, action, name, before, after)
+    name, measured = ' '.join(effects), open_run(options.run_path) if options.run_path else None
+    done, words = (None, '') if measured is None else compared(measured, action, effects, before, after)
     write_model(after, options.model, force=True)
     if options.json:
         print_json(change_json(action, name, options.model, (before, after), done, words))
@@ -106,7 +120,8 @@ def change_file(options: argparse.Namespace, action: str, before: Model, after: 
         out.print('With --run RUN the error before and after is shown.')
 
 
-def compared(measured: Run, action: str, name: str, before: Model, after: Model) -> tuple[Change | None, str]:
+def compared(measured: Run, action: str, effects: Sequence[str], before: Model,
+             after: Model) -> tuple[Change | None, str]:
     """Return the change on a run and its meaning, None where the old model did not fit; may raise NotDeterminable."""
     try:
         done = change(measured, before, after)
@@ -115,20 +130,22 @@ def compared(measured: Run, action: str, name: str, before: Model, after: Model)
             raise
         analyse(measured, after)
         return None, f'The model before could not be fitted: {error}'
-    return done, judgement(action, name, done)
+    return done, judgement(action, effects, done)
 
 
-def judgement(action: str, name: str, done: Change) -> str:
+def judgement(action: str, effects: Sequence[str], done: Change) -> str:
     """Return a sentence on whether a change is for the better."""
+    name, is_one = titles(effects), len(effects) == 1
+    it, verb = ('it', 's') if is_one else ('them', '')
     before, after = done.cross_validation_before, done.cross_validation_after
     errors = f'{micro(before)} to {micro(after)} µm'
     if not (math.isfinite(before) and math.isfinite(after)):
-        return f'Whether {name} helps cannot be judged: too few readings for a cross-validation.'
+        return f'Whether {name} help{verb} cannot be judged: too few readings for a cross-validation.'
     if action == ADD:
-        return f'{name} helps: the cross-validation error falls from {errors}.' if done.helps else (
-            f'{name} does not lower the cross-validation error by more than chance ({errors}): it only describes '
-            f'noise. Remove it with rosette remove {name}.')
+        return f'{capital(name)} help{verb}: the cross-validation error falls from {errors}.' if done.helps else (
+            f'{capital(name)} {"does" if is_one else "do"} not lower the cross-validation error by more than chance '
+            f'({errors}): noise is all that is described. Take {it} out of the model again.')
     if done.hurts:
-        return (f'{name} is needed: without it the cross-validation error rises from {errors}. '
-                f'Add it again with rosette add {name}.')
-    return f'{name} is not needed: without it the cross-validation error changes from {errors}, no more than by chance.'
+        return f'{capital(name)} is needed: without it the cross-validation error rises from {errors}. Add it again.'
+    return (f'{capital(name)} is not needed: without it the cross-validation error changes from {errors}, no more than '
+            'by chance.')

@@ -16,6 +16,7 @@ from rosette_ros.io.open_run import open_run
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.formatting import exact, millimetres
 from rosette_ros.presentation.json_output import advice_json
+from rosette_ros.words.advice_words import advice_words
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -54,7 +55,7 @@ def show(advice: Advice, n: int, radius: float) -> None:
     out, best = console(), advice.best
     balls = f'{len(advice.balls)} balls at {n} table positions' if advice.balls else f'{n} balls'
     out.print(f'[bold]{balls} on R = {millimetres(radius)}, order {escape(advice.present.label)}[/]\n'
-              f'{escape(advice.text)}')
+              f'{escape(advice_words(advice))}')
     print_parts(out, [
         tables.visibility(advice.present.visibilities, best.visibilities).select(
             'effect', 'typical_visible_fraction', 'detectable_rms_um', 'recommended_order_visible_fraction',

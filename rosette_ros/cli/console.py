@@ -13,7 +13,14 @@ from rich.console import Console
 from rich.markup import escape
 
 from rosette_ros.core.records import Run
-from rosette_ros.presentation.formatting import missing_words, model_words, residual_words, run_size, uncertainty_words
+from rosette_ros.presentation.formatting import (
+    glued,
+    missing_words,
+    model_words,
+    residual_words,
+    run_size,
+    uncertainty_words,
+)
 from rosette_ros.presentation.table_format import Column, Table, words
 
 if TYPE_CHECKING:  # plan and info start without the least squares
@@ -115,20 +122,25 @@ def warn(run: Run) -> None:
 
 
 def fit_rows(fit: 'Fit') -> list[tuple[str, str]]:
-    """Return what was fitted, how well it fits and what is not observable, as rows of `pairs`."""
+    """Return what was fitted, how well it fits and what cannot be measured, as rows of `pairs`."""
     unused = [f'; deviations of {what} {", ".join(map(str, places))}: not measured' for what, used in (
         ('balls', fit.run.ball), ('the CMM at positions', fit.run.cmm_position))
         if (places := sorted({*range(1, fit.run.n + 1)} - {*used.tolist()}))]
     return [('Model', f'{escape(model_words(fit.model))} (rank {fit.rank}, {fit.dof} degrees of freedom)'),
             ('Residual', residual_words(fit)), ('Uncertainty', uncertainty_words(fit)),
-            ('Not observable', f'by any three-rosette run, and removed from the curves: {"; ".join(fit.gauge)}'
-                               f'{"".join(unused)}')]
+            ('Removed', f'cannot be measured by this method: {"; ".join(fit.gauge)}{"".join(unused)}')]
 
 
 def print_verdict(out: Console, verdict: 'VerdictText | ConclusionText | CorrectionCheck') -> None:
     """Print a verdict as it stands: its sentence, and what to do."""
-    out.print(f'[{COLOURS[verdict.level]}]{escape(verdict.sentence)}[/]')
-    out.print(escape(verdict.action))
+    say(out, verdict.sentence, COLOURS[verdict.level])
+    say(out, verdict.action)
+
+
+def say(out: Console, text: str, style: str | None = None) -> None:
+    """Print a sentence; no line breaks between a number and its unit."""
+    for line in textwrap.wrap(glued(text), out.width, break_long_words=False, break_on_hyphens=False):
+        out.print(escape(line.replace('\u00a0', ' ')), style=style, soft_wrap=True)
 
 
 def print_parts(out: Console, parts: Iterable[Any]) -> None:

@@ -122,9 +122,10 @@ def show(out: Console, config: MachineConfig, log_path: Path, seconds: float, ma
         Table('truth', 'Difference to the truth in standard uncertainties', (
             words('curve', 'curve', CURVES), column('rms', 'rms', np.sqrt(np.mean(comparison.error**2, axis=0)), two),
             column('largest', 'largest', np.abs(comparison.error).max(axis=0), two)))])
-    # 6 n values, ten of them fixed by the gauge
-    out.print(f'\nDifference to the truth: [bold]rms {comparison.rms:.2f}[/] standard uncertainties; 1 ± '
-              f'{1 / np.sqrt(2 * (comparison.error.size - 10)):.2f} is expected')
+    spread = 2 / np.sqrt(2 * (comparison.error.size - 10))  # 6 n values, ten of them fixed by the gauge
+    passed = 'passed' if abs(comparison.rms - 1) <= spread else 'not passed'
+    out.print(f'\nDifference to the truth: [bold]rms {comparison.rms:.2f}[/] standard uncertainties; expected '
+              f'{1 - spread:.2f} to {1 + spread:.2f}: {passed}')
     out.print(f'Took {seconds:.1f} s; a real cell would have measured for '
               f'{(run.time[-1] if machine_s is None else machine_s) / 3600:.1f} h\n')
     if summary is not None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette diagnose: which physical effect the model lacks, how sure that is, and what is not observable."""
+"""rosette diagnose: which physical effect the model lacks, how sure that is, and what the run cannot show."""
 
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
@@ -9,20 +9,20 @@ from rich.markup import escape
 
 from rosette_ros.analysis import MOST_BALLS_ADVISED, advise_run, cross_check, diagnose
 from rosette_ros.cli.arguments import add_shared
-from rosette_ros.cli.console import console, head, pairs, print_json, print_parts, print_verdict
+from rosette_ros.cli.console import console, head, pairs, print_json, print_parts
+from rosette_ros.cli.verdict_card import print_card
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.planning.visibility import Visibility, visibility
 from rosette_ros.io.model_file import read_model
 from rosette_ros.io.open_run import open_run
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.explanation_results import explanations
-from rosette_ros.presentation.formatting import MEANINGS
 from rosette_ros.presentation.json_output import diagnosis_json
+from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.result_words import check_words
-from rosette_ros.words.verdict_words import verdict_text
 
 NEXT_BEST = 4
-"""So many effects that are not identified are shown."""
+"""So many explanations, and effects that are not identified, are shown."""
 CANDIDATE_COLUMNS = (
     'effect', 'probability', 'p', 'visible_fraction', 'rms_after_um', 'held_out_rms_after_um',
     'look_alikes')
@@ -47,6 +47,7 @@ def run(options: Namespace) -> None:
         return
     out = console()
     out.print(head(measured))
+    print_card(out, diagnosis.verdict, options.run_path, options.model)
     show(out, diagnosis, invisible)
     if check is not None:
         colour = {True: 'green', False: 'red', None: 'yellow'}[check.confirmed]
@@ -56,25 +57,21 @@ def run(options: Namespace) -> None:
 
 
 def invisible_effects(diagnosis: Diagnosis) -> tuple[Visibility, ...]:
-    """Return the Visibility of every effect that is not observable in the order of the run."""
+    """Return the Visibility of every effect that the run could not have shown."""
     final, names = diagnosis.final, diagnosis.invisible
     return visibility(final.run, final.sigma, final.model.base, names=names) if names else ()
 
 
 def show(out: Console, diagnosis: Diagnosis, invisible: Sequence[Visibility]) -> None:
-    """Print a diagnosis and the verdict; invisible: of the effects that are not observable."""
-    print_verdict(out, verdict_text(diagnosis.verdict))
+    """Print what is behind the verdict; invisible: of the effects that the run could not have shown."""
     refused, measured = '; '.join(f'{name}: {reason}' for name, reason in diagnosis.unavailable), diagnosis.fit.run
-    advice = advise_run(measured).text if invisible and measured.n <= MOST_BALLS_ADVISED else ''
+    advice = advice_words(advise_run(measured)) if invisible and measured.n <= MOST_BALLS_ADVISED else ''
     notes = [(title, escape(text)) for title, text in (('Not judged', refused), ('Next order', advice)) if text]
     claimed = [one for one in diagnosis.candidates if one.claimed]
-    others, run = [one for one in diagnosis.candidates if not one.claimed][:NEXT_BEST], diagnosis.fit.run
+    others = [one for one in diagnosis.candidates if not one.claimed][:NEXT_BEST]
     print_parts(out, [
-        explanations(diagnosis),
-        tables.candidates(claimed, run, 'Missing effects, most significant first').select(*CANDIDATE_COLUMNS),
-        pairs((escape(name), escape(f'{MEANINGS[name].meaning} Look at: {MEANINGS[name].look}'))
-              for name in dict.fromkeys(one.effect for one in claimed) if name in MEANINGS) if claimed else None,
         tables.effects([(one.effect, one.setting, one.parameters) for one in claimed],
                        'Parameters of the missing effects, all fitted together'),
-        tables.candidates(others, run, 'Not identified: the next best').select(*CANDIDATE_COLUMNS),
+        explanations(diagnosis).first(NEXT_BEST),
+        tables.candidates(others, measured, 'The next best').select(*CANDIDATE_COLUMNS),
         tables.bias(invisible, measured.rotation), pairs(notes) if notes else None])

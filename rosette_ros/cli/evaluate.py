@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 from rich.markup import escape
 
-from rosette_ros import command
-from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, evaluate_jointly, judge
+from rosette_ros.analysis import MOST_BALLS_JUDGED, analyse, evaluate_jointly, find
 from rosette_ros.cli.arguments import add_formats, add_shared
 from rosette_ros.cli.console import console, fit_rows, head, pairs, print_json, print_parts, print_verdict, warn
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
-from rosette_ros.core.diagnosis.verdict import Verdict
+from rosette_ros.cli.verdict_card import print_card
+from rosette_ros.core.diagnosis.diagnosis import Finding
 from rosette_ros.core.error_summary import AxisError, doubt_of, fit_lines
 from rosette_ros.core.joint.conclusion import conclude
 from rosette_ros.core.model.least_squares import Fit
@@ -22,11 +22,11 @@ from rosette_ros.io.sharing_file import read_sharing
 from rosette_ros.io.touch_log import open_refitted
 from rosette_ros.presentation import joint_results as results
 from rosette_ros.presentation.error_results import errors
+from rosette_ros.presentation.formatting import FOUND, NOW
 from rosette_ros.presentation.json_output import evaluation_json
 from rosette_ros.presentation.tables import curves, deviations, fitted_effects
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table, spheres_json
 from rosette_ros.words.result_words import conclusion_text
-from rosette_ros.words.verdict_words import verdict_text
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -48,7 +48,8 @@ def run(options: Namespace) -> None:
                        (measured, None))
     tolerances = identity.limits(measured.rotation)
     fit = analyse(measured, read_model(options.model))
-    verdict = judge(fit.run, fit.model) if fit.run.n <= MOST_BALLS_JUDGED and not options.csv else None
+    found = find(fit.run, fit.model) if fit.run.n <= MOST_BALLS_JUDGED and not options.csv else None
+    verdict = found.verdict if found else None
     if verdict is None:
         warn(fit.run)
     if options.csv:
@@ -59,25 +60,24 @@ def run(options: Namespace) -> None:
         spheres = {'spheres': spheres_json(refit)} if refit else {}
         print_json({**evaluation_json(fit, verdict, lines), **spheres})
     else:
-        show(fit, verdict, lines)
+        show(options, fit, found, lines)
         if refit:
             print_parts(console(), [sphere_table(refit), pairs(sphere_rows(refit))])
 
 
-def show(fit: Fit, verdict: Verdict | None, lines: Sequence[AxisError]) -> None:
-    """Print the evaluation; verdict: None where the plate has too many balls to judge it unasked; lines: of errors."""
+def show(options: Namespace, fit: Fit, found: Finding | None, lines: Sequence[AxisError]) -> None:
+    """Print the evaluation; found: None where the plate has too many balls to judge it unasked; lines: of errors."""
     out = console()
     out.print(head(fit.run))
-    if verdict:
-        print_verdict(out, verdict_text(verdict))
-        if verdict.model_fails:
-            out.print(f'What is missing, and how sure that is:\n  {escape(command("diagnose", fit.run.source))}',
-                      soft_wrap=True)
+    if found:
+        print_card(out, found.verdict, options.run_path[0], options.model)
     else:
         out.print(f'Plates of more than {MOST_BALLS_JUDGED} balls are judged on request: rosette diagnose RUN')
+    final = found.final if found and found.missing else None
     print_parts(out, [
-        errors(lines), curves(fit.error_motions), deviations(fit), fitted_effects(fit.effects, 'Effects in the model'),
-        pairs(fit_rows(fit))])
+        errors(lines, found=fit_lines(final) if final else ()), curves(fit.error_motions, NOW if final else ''),
+        *([curves(final.error_motions, FOUND)] if final else []), deviations(fit),
+        fitted_effects(fit.effects, 'Effects in the model'), pairs(fit_rows(fit))])
 
 
 def run_jointly(options: Namespace) -> None:

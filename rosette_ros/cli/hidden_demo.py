@@ -36,6 +36,7 @@ from rosette_ros.presentation.table_format import Table, column, words
 from rosette_ros.presentation.tables import nested_models
 from rosette_ros.simulation import Machine, MachineConfig, load_machine
 from rosette_ros.simulation.envelope import open_envelope, seal_envelope
+from rosette_ros.words.advice_words import advice_words
 
 ENVELOPE, MODEL = 'envelope.json', 'model.yaml'
 INSTANTS = ('at_h', 'from_h')
@@ -94,7 +95,7 @@ def tell(out: Console, log_path: Path) -> None:
     write_model(summary.final.model, log_path / MODEL, force=True)
     show_truth(out, config, log.frame_of(run.run_id), summary.fit, summary.final)
     section(out, '5', 'advise: what to measure next?')
-    out.print((summary.advice or advise_run(run)).text)
+    out.print(advice_words(summary.advice or advise_run(run)))
     section(out, '6', 'the envelope')
     show_envelope(out, config, log_path, run, summary.diagnosis)
     out.print(f'\nModel: {escape(shown(log_path / MODEL))}')
@@ -115,7 +116,7 @@ def show_truth(out: Console, config: MachineConfig, frame: Frame | None, before:
         sizes.append(f'{np.sqrt(np.mean(off[:3]**2)):.3f} µm and {np.sqrt(np.mean(off[3:]**2)):.2f} µrad rms '
                      f'({found.rms:.2f} standard uncertainties)')
     out.print(f'\nThe six curves differ from those built into the machine by\n  {sizes[0]} before,\n'
-              f'  {sizes[1]} after; 1 standard uncertainty is expected.')
+              f'  {sizes[1]} after; expected 1.')
 
 
 def show_envelope(out: Console, config: MachineConfig, log_path: Path, run: Run, diagnosis: Diagnosis) -> None:
@@ -132,8 +133,8 @@ def show_envelope(out: Console, config: MachineConfig, log_path: Path, run: Run,
         words('answer', 'answer', [text for text, _ in answers])), levels=tuple(level for _, level in answers)))
     if wrong := wrongly_named(kinds, diagnosis):
         out.print(f'[yellow]Named but not hidden: {escape(", ".join(wrong))}[/]')
-    out.print('visible: norm of the part of the effect in the readings that table, plate and CMM cannot cause, in σ '
-              f'of a coordinate; from {SURE_SIGMA:g} σ a name is expected\n'
+    out.print('visible: size in the readings of what table, plate and CMM cannot cause, in σ of '
+              f'a coordinate; from {SURE_SIGMA:g} σ it should be named\n'
               'times count from the first reading of the run')
 
 
@@ -169,7 +170,7 @@ def answer(kind: str, strength: float, diagnosis: Diagnosis) -> tuple[str, Level
     if alike:
         return f'named as {alike[0]}, which looks the same here, as stated', Level.GOOD
     if kind in diagnosis.invisible:
-        return 'not observable in this order, as stated', Level.DOUBTFUL
+        return 'this order cannot show it, as stated', Level.DOUBTFUL
     if strength < SURE_SIGMA:
         return 'too small to be named', Level.DOUBTFUL
     return 'not named' + (', but something is stated to be unexplained' if diagnosis.unexplained else ''), Level.BAD

@@ -64,14 +64,11 @@ def _facts(path: Path, kind: str, files: Iterable[Path], runs: list[dict[str, An
 
 
 def _logged(log: LogRun, run_id: str) -> dict[str, Any]:
-    """Return what a log holds of one run; phases: of a run that was broken off all n² targets are asked."""
+    """Return what a log holds of one run; as `_run_facts`."""
     state, answers = {one.run_id: one for one in log.states}.get(run_id), log.runs[run_id]
     identity = log.identity(run_id)
     first, published = answers.targets[0], [one for one in log.error_motions if one.run_id == run_id]
-    is_done = state is not None and state.phase == Phase.DONE
-    planned = {} if is_done else {Phase.RUN: max(target.balls for target in answers.targets) ** 2}
-    phases = {phase.name.lower(): {'asked': max(asked, planned.get(phase, 0)), 'answered': answered}
-              for phase, (asked, answered) in answers.counts().items()}
+    phases = counts_of(log, run_id)
     found = problem = None
     unused = {reason: count for reason, count in answers.unused().items() if count}
     try:
@@ -81,11 +78,35 @@ def _logged(log: LogRun, run_id: str) -> dict[str, Any]:
     remarks = [one for one in found.remarks if one != log.damage] if found else remarks_on_answers(answers.counting())
     noted = dict.fromkeys([*(found.notes if found else ()), *log.custom_data.get(NOTES_KEY, '').splitlines()])
     return _run_facts(run_id, first.balls, first.radius, phases, found, order=state.order if state else None,
-                      notes=[one for one in noted if one not in remarks], unused=unused, remarks=remarks,
+                      notes=[one for one in noted if one not in remarks],
+                      balls=np.unique(found.ball).size if found and is_done(log, run_id) else first.balls,
+                      broken_off=broken_off(log, run_id), unused=unused, remarks=remarks,
                       identity=dict(identity.entries), tolerances=dict(identity.tolerances),
                       published_curves=len(published), model=published[-1].model_name if published else None,
                       ended=f'{phase_name(state.phase).lower()}: {state.text}' if state else None, problem=problem,
                       simulated=log.simulated)
+
+
+def is_done(log: LogRun, run_id: str) -> bool:
+    """Return whether a run came to its end."""
+    return any(one.run_id == run_id and one.phase == Phase.DONE for one in log.states)
+
+
+def counts_of(log: LogRun, run_id: str) -> dict[str, dict[str, int]]:
+    """Return what was asked and answered in each phase of a run; of one that was broken off all n² are asked."""
+    answers = log.runs[run_id]
+    planned = {} if is_done(log, run_id) else {Phase.RUN: max(target.balls for target in answers.targets) ** 2}
+    return {phase.name.lower(): {'asked': max(asked, planned.get(phase, 0)), 'answered': answered}
+            for phase, (asked, answered) in answers.counts().items()}
+
+
+def broken_off(log: LogRun, run_id: str) -> str:
+    """Return after how much a run was cancelled or failed: 'cancelled after 2 of 144'; '' where it was not."""
+    state = next((one for one in log.states if one.run_id == run_id), None)
+    if state is None or state.phase not in (Phase.CANCELLED, Phase.FAILED):
+        return ''
+    done = counts_of(log, run_id).get('run', {'asked': log.runs[run_id].targets[0].balls**2, 'answered': 0})
+    return f'{phase_name(state.phase).lower()} after {done["answered"]} of {done["asked"]}'
 
 
 def _run_facts(run_id: str, n: int, radius: float, phases: dict[str, dict[str, int]], found: Run | None,
@@ -100,8 +121,8 @@ def _run_facts(run_id: str, n: int, radius: float, phases: dict[str, dict[str, i
             'repeatability_axes_m': found.repeatability_axes if found else None,
             'notes': found.notes if found else (), 'missing': text.missing_words(found) if found else '',
             'remarks': found.remarks if found else (), 'unused': {}, 'published_curves': 0, 'model': None,
-            'simulated': found.simulated if found else None, 'ended': None, 'problem': None, 'identity': {},
-            'tolerances': {}, **of_log}
+            'simulated': found.simulated if found else None, 'ended': None, 'broken_off': '', 'problem': None,
+            'identity': {}, 'tolerances': {}, **of_log}
 
 
 def show(facts: dict[str, Any]) -> None:
@@ -134,7 +155,8 @@ def run_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
     degrees = facts['temperature_range_C']
     rows = [('Run', escape(facts['run_id'] or 'without a name')),
             ('SIMULATED', SIMULATED.partition(': ')[2] if facts['simulated'] else ''),
-            ('Plate', text.plate_words(facts['n'], facts['balls'], facts['radius_m'])),
+            ('Plate', ', '.join(filter(None, (text.plate_words(facts['n'], facts['balls'], facts['radius_m']),
+                                              facts['broken_off'])))),
             ('Measured', ', '.join(f'{name.replace("_", " ")} {phase["answered"]} of {phase["asked"]}'
                                    for name, phase in facts['phases'].items())),
             *(('Note', escape(note)) for note in (facts['missing'], *facts['notes'])),

@@ -26,43 +26,49 @@ from typing import Any, NoReturn
 
 from rosette_ros import __version__
 from rosette_ros.cli.arguments import UsageError, expand_home, keep_inputs
-from rosette_ros.core.errors import RosetteError, one_line, unknown
+from rosette_ros.core.errors import RosetteError, one_line, unknown_name
 from rosette_ros.nodes.environment import check_middleware
 
 SIGNS = {'−': '-', '–': '-', '─': '-', '±': '+-', '→': '->', 'µ': 'u', '°': 'deg', 'σ': 'sigma', 'Δ': 'd', '·': '.',
          '✓': 'ok', '✗': 'x', **dict(zip('▁▂▃▄▅▆▇█', '12345678', strict=True))}
 """Signs that are printed, and what a terminal without them shows: a number keeps its sign."""
-VERBS = {
-    'demo': ('demo', 'calibrate a simulated rotary table from start to end'),
-    'envelope': ('envelope', 'open the envelope of demo --hidden: what was hidden, what is found'),
-    'plan': ('plan', 'what a plan measures and determines; plans side by side'),
-    'cell': ('cell', 'a whole cell on this computer: starts its nodes, restarts failed nodes'),
-    'check-cmm': ('check_cmm', 'try a CMM before a calibration: what its node does wrong'),
-    'dme': ('dme', 'a CMM with an I++ DME server: check it, its paths; such a server to try clients'),
-    'calibrate': ('calibrate', 'start a calibration in a running cell and wait for the result'),
-    'evaluate': ('evaluate', 'the six error motions of a run, with uncertainties'),
-    'compare': ('compare', 'a model compared with a run: where it fails, by how much of the noise'),
-    'diagnose': ('diagnose', 'which physical effect is missing from the model'),
-    'effects': ('effects', 'the library of physical effects, or one of them explained'),
-    'add': ('add', 'add an effect to a model file; with --run, the error before and after'),
-    'remove': ('remove', 'remove an effect from a model file; with --run, the error before and after'),
-    'advise': ('advise', 'what an order of measurement can show, and what to measure next'),
-    'budget': ('uncertainty', 'the uncertainty budget of a run (GUM), confirmed by Monte Carlo'),
-    'report': ('report', 'a run on one page: verdict, curves, residuals, candidates, conditions'),
-    'certificate': ('certificate', 'a calibration certificate (DCC, PDF) of a run, or its check against the run'),
-    'runs': ('runs', 'the runs in a folder, with their verdicts'),
-    'archive': ('archive', 'many runs of many cells in an archive: add, ask, evaluate under another model'),
-    'trend': ('trend', 'how a table changes over the runs of an archive; when to calibrate again'),
-    'studio': ('studio', 'a page in the browser: verdict, curves, maps, what is missing, a running cell'),
-    'correct': ('correct', 'a correction of the table from a run: for ROS, as a table, for LinuxCNC'),
-    'verify': ('verify', 'whether a correction did what it promised, by a run before and one after'),
-    'info': ('info', 'what is in a run'),
-    'import': ('import_csv', 'convert a ball-centre table (CSV) to a log'),
-    'export': ('export_csv', 'convert a run to a ball-centre table (CSV)'),
-    'replay': ('replay', 'publish the messages of a log again, for an evaluator'),
-    'shell': ('shell', 'a shell that finds rosette and the Python with ROS'),
-}
-"""Verb: (module in rosette_ros.cli, what it does). A new verb is a new module and a line here."""
+GROUPS = {
+    'try': {
+        'demo': ('demo', 'calibrate a simulated rotary table from start to end'),
+        'envelope': ('envelope', 'open the envelope of demo --hidden: what was hidden, what was found'),
+        'shell': ('shell', 'a shell that finds rosette and the Python with ROS')},
+    'measure': {
+        'plan': ('plan', 'what a plan measures and determines; plans side by side'),
+        'advise': ('advise', 'what an order of measurement can show, and what to measure next'),
+        'check-cmm': ('check_cmm', 'try a CMM before a calibration: what its node does wrong'),
+        'dme': ('dme', 'a CMM with an I++ DME server: check it, its paths; or a server for tests'),
+        'cell': ('cell', 'a whole cell on this computer: starts its nodes, restarts failed nodes'),
+        'calibrate': ('calibrate', 'start a calibration in a running cell and wait for the result')},
+    'evaluate': {
+        'evaluate': ('evaluate', 'the six error motions of a run, with uncertainties'),
+        'diagnose': ('diagnose', 'which physical effect is missing from the model'),
+        'compare': ('compare', 'where a model fails on a run, and by how much of the noise'),
+        'budget': ('uncertainty', 'the uncertainty budget of a run (GUM), confirmed by Monte Carlo')},
+    'improve': {
+        'effects': ('effects', 'the library of physical effects, or one of them explained'),
+        'add': ('add', 'add effects to a model file; with --run, the error before and after'),
+        'remove': ('remove', 'remove an effect from a model file; with --run, the error before and after'),
+        'correct': ('correct', 'a correction of the table from a run: for ROS, as a table, for LinuxCNC'),
+        'verify': ('verify', 'whether a correction did what it promised, by a run before and one after')},
+    'document': {
+        'report': ('report', 'a run on one page: verdict, curves, residuals, candidates, conditions'),
+        'studio': ('studio', 'a page in the browser: verdict, curves, maps, what is missing, a running cell'),
+        'certificate': ('certificate', 'a calibration certificate (DCC, PDF) of a run, or its check')},
+    'archive': {
+        'info': ('info', 'what is in a run'),
+        'runs': ('runs', 'the runs in a folder, with their verdicts'),
+        'archive': ('archive', 'many runs of many cells: add, ask, evaluate under another model'),
+        'trend': ('trend', 'how a table changes over the runs of an archive; when to calibrate again'),
+        'import': ('import_csv', 'convert a ball-centre table (CSV) to a log'),
+        'export': ('export_csv', 'convert a run to a ball-centre table (CSV)'),
+        'replay': ('replay', 'publish the messages of a log again, for an evaluator')}}
+"""By what one wants to do: verb: (module in rosette_ros.cli, what it does). A new verb is a new module and a line."""
+VERBS = {verb: what for group in GROUPS.values() for verb, what in group.items()}
 
 FEWER_COLLECTIONS = 10_000
 """New objects after which garbage is looked for: figures are made of many and leave little; a twelfth of a report."""
@@ -87,7 +93,21 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Raise UsageError instead of printing the usage over several lines."""
+        words = message.removeprefix('unrecognized arguments: ').split()
+        if message.startswith('unrecognized') and (asked := next((one for one in words if one[0] == '-'), '')):
+            raise UsageError(unknown_name('option', asked.partition('=')[0], self.options(), f'{self.prog} --help'))
         raise UsageError(f'{message} (see {self.prog} --help)')
+
+    def options(self) -> list[str]:
+        """Return the names of all options, those of its words included."""
+        below = [made for action in self._actions if isinstance(action, argparse._SubParsersAction)
+                 for made in action.choices.values()]
+        return [*self._option_string_actions, *(name for made in below for name in made.options())]
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Raise an error with the nearest value where there is no such choice."""
+        if action.choices is not None and value not in action.choices:
+            raise argparse.ArgumentError(action, unknown_name('value', str(value), list(map(str, action.choices))))
 
 
 def _without_signs(error: UnicodeError) -> tuple[str, int]:
@@ -161,16 +181,20 @@ def _end(number: int, frame: FrameType | None) -> NoReturn:
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:
     """Return the options of a command; `run` of them carries it out, `command_line` is how it was called."""
+    listed = '\n\n'.join('\n'.join([group, *(f'  {verb:<12} {text}' for verb, (_, text) in verbs.items())])
+                         for group, verbs in GROUPS.items())
     parser = Parser(
-        prog='rosette', description='Calibrates rotary tables by the three-rosette method: table, '
-        'ball plate and measuring machine are separated, none has to be calibrated before.',
-        epilog='RUN is a log directory, an .mcap file or a ball-centre table (CSV). '
+        prog='rosette', formatter_class=argparse.RawDescriptionHelpFormatter,
+        usage='rosette [-h] [--version] VERB ...',
+        description='Calibrates rotary tables by the three-rosette method: table, ball plate and\n'
+        'measuring machine are separated, none has to be calibrated before.',
+        epilog=f'{listed}\n\nRUN is a log directory, an .mcap file or a ball-centre table (CSV).\n'
         '`rosette VERB --help` explains a verb.')
     parser.add_argument('--version', action='version', version=f'rosette {__version__}')
-    verbs = parser.add_subparsers(metavar='VERB', parser_class=Parser)
+    verbs = parser.add_subparsers(metavar='VERB', prog='rosette', parser_class=Parser, help=argparse.SUPPRESS)
     asked = argv[0] if argv else '--help'
     for verb, (module, text) in VERBS.items():
-        of_verb = verbs.add_parser(verb, help=text, description=f'{text[0].upper()}{text[1:]}.')
+        of_verb = verbs.add_parser(verb, description=f'{text[0].upper()}{text[1:]}.')
         if verb == asked:
             implementation = _implementation(verb, module)
             has_words = declare(of_verb, implementation)
@@ -178,7 +202,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
             if verb != 'shell' and not has_words:  # which have options of their own
                 return of_verb.parse_intermixed_args(argv[1:])
     if not asked.startswith('-') and asked not in VERBS:
-        raise UsageError(f'verb: {unknown(asked, VERBS)}')
+        raise UsageError(unknown_name('verb', asked, VERBS, 'rosette --help'))
     return parser.parse_args(argv or [asked])
 
 

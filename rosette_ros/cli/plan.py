@@ -21,7 +21,6 @@ from rosette_ros.cli.arguments import UsageError, positive, whole
 from rosette_ros.cli.console import console, pairs, print_json, print_parts
 from rosette_ros.core import axes
 from rosette_ros.core.errors import InvalidData, InvalidPlan
-from rosette_ros.core.planning.advice import SECONDS_PER_BALL
 from rosette_ros.core.planning.budget import MOST_BALLS as MOST_JUDGED
 from rosette_ros.core.planning.budget import propose
 from rosette_ros.core.planning.plan_comparison import Outlook, better, outlook
@@ -63,10 +62,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--hours', type=positive('h'), help='propose plans that take no longer, instead of --order')
     parser.add_argument('--drift-um', metavar='D', type=positive('µm'), default=0.0, help='with --hours: standard '
                         'deviation of a random walk of the frame after an hour (default: none)')
-    parser.add_argument('--touch-s', metavar='S', type=positive('s'), help='time of a touch (default: with --hours '
-                        f'{Pace.touch:g} s, else {SECONDS_PER_BALL:g} s a ball)')
+    parser.add_argument('--touch-s', metavar='S', type=positive('s'), help='time of a touch, the way to '
+                        f'the ball included (default {Pace.touch:g})')
     parser.add_argument('--table-move-s', metavar='S', type=positive('s'), help='time of a move of the table (default: '
-                        f'with --hours {Pace.table_move:g} s, else at usual speeds)')
+                        'at usual speeds)')
     parser.add_argument('--axis', metavar=('X', 'Y', 'Z'), type=float, nargs=3, help='direction of the table axis in '
                         'the machine, for what the plan shows of gravity and of the axes of the CMM (default 0 0 1)')
     parser.add_argument('-o', '--output', metavar='FILE', help='write the plan as a file for calibrate --plan, CSV')
@@ -119,8 +118,7 @@ def run(options: argparse.Namespace) -> None:
         sys.stdout.write(results.template(scheme, radius_mm) if options.csv_template else
                          '\n'.join([results.HEADER, *lines]) + '\n')
         return None
-    pace = Pace(options.touch_s or Pace.touch, options.table_move_s or Pace.table_move) if (
-        options.touch_s or options.table_move_s) else None
+    pace = pace_of(options)
     try:
         rotation = axes.axis_rotation(options.axis) if options.axis else None
     except InvalidData as error:
@@ -139,6 +137,11 @@ def run(options: argparse.Namespace) -> None:
     else:
         show_comparison(plans)
     return None
+
+
+def pace_of(options: argparse.Namespace) -> Pace:
+    """Return the pace of the cell, the same for a plan and for plans of a given time."""
+    return Pace(options.touch_s or Pace.touch, options.table_move_s)
 
 
 def put_on_plate(options: argparse.Namespace) -> None:
@@ -186,8 +189,7 @@ def show_proposals(options: argparse.Namespace) -> None:
         raise UsageError('plan: wanted --balls with --hours')
     radius_mm = options.radius_mm or USUAL_RADIUS_MM
     sigma, drift, radius = 1e-6 * options.sigma_um, 1e-6 * options.drift_um, 1e-3 * radius_mm
-    found = propose(options.balls, radius, options.hours, sigma, drift, Pace(
-        options.touch_s or Pace.touch, options.table_move_s or Pace.table_move))
+    found = propose(options.balls, radius, options.hours, sigma, drift, pace_of(options))
     if options.json:
         print_json({'schema': 'rosette-proposals/1', 'n': options.balls, 'radius_m': radius,
                     'hours': options.hours, 'sigma_m': sigma, 'drift_m_per_sqrt_h': drift, 'plans': [
@@ -244,7 +246,7 @@ def show(made: Outlook, output: str | None = None) -> None:
             ('Determines', f'rank {expected.rank} of {expected.full_rank} of a complete run; curves with '
                            f'{expected.penalty:.2f} times the uncertainty of one (at best {expected.ideal:.2f} for so '
                            'many readings)'),
-            ('Unobservable', '; '.join(expected.unobservable)),
+            ('Not determined', '; '.join(expected.unobservable)),
             *([] if made.effects else [('Effects', f'are judged up to {MOST_JUDGED} balls')]),
             ('Time', f'{expected.duration / 3600:.2f} h'),
             ('Order', CASES.get(scheme.order, 'own')), ('Paper', 'Kniel et al., Measurement 2019')])])
@@ -273,9 +275,9 @@ CASES = {
     'diagonal': 'CMM outside, table and plate inside (case 2 of the paper): mean systematic error of the table',
     'column': 'ball outside, CMM and table inside (case 3 of the paper): table and CMM alike',
     'random': 'shuffled: drift in time is spread over all positions',
-    'sensitive': 'designed: every effect of the library is observable, with little travel',
-    'there_and_back': 'diagonal at half the CMM positions, then the same backwards: every effect of the library '
-                      'is observable',
+    'sensitive': 'designed: shows every effect of the library, with little travel',
+    'there_and_back': 'diagonal at half the CMM positions, then the same backwards: shows every effect of the '
+                      'library',
     'row_there_and_back': 'row at half the CMM positions, then the same backwards: quickest where the table moves '
                           'slowly',
 }

@@ -17,4 +17,4 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Remove from the model file."""
     before = model_before(options.model)
-    change_file(options, REMOVE, before, before.without_effect(options.effect))
+    change_file(options, REMOVE, [options.effect], before, before.without_effect(options.effect))

@@ -10,6 +10,7 @@ from rich.markup import escape
 from rosette_ros.analysis import MOST_BALLS_JUDGED, judge
 from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, print_json, print_parts
+from rosette_ros.cli.info import broken_off
 from rosette_ros.core.errors import RosetteError, counted
 from rosette_ros.core.model.model import Model
 from rosette_ros.io.log_reader import read_log
@@ -57,7 +58,9 @@ def facts(path: Path) -> dict[str, Any]:
         log = read_log(path) if is_log(path) else None
         measured = log.to_run() if log else open_run(path)
         n, size = measured.n, measured.size
-        if log and not log.problems and (verdict := log.verdicts.get((measured.run_id, str(Model())))):
+        if log and (words := broken_off(log, measured.run_id)):
+            problem = f'{n} balls, {words}'
+        elif log and not log.problems and (verdict := log.verdicts.get((measured.run_id, str(Model())))):
             judged = 'cell'
         elif n <= MOST_BALLS_JUDGED:
             verdict, judged = verdict_text(judge(measured)), 'now'

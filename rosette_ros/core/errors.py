@@ -47,6 +47,14 @@ def unknown(name: str, known: Collection[str]) -> str:
     return f'wanted one of {", ".join(known)}, got {name!r}{f"; did you mean {near[0]!r}?" if near else ""}'
 
 
+def unknown_name(what: str, name: str, known: Collection[str], listed_by: str = '') -> str:
+    """Return the words for a name that does not exist: the nearest one, else all of a few, else what lists them."""
+    near = difflib.get_close_matches(name, known, 1) or [one for one in known if name and name in one]
+    if near:
+        return f'Unknown {what} {name!r}. Did you mean {near[0]}?'
+    return f'Unknown {what} {name!r}. ' + (f'{listed_by} lists them.' if listed_by else f'Known: {", ".join(known)}.')
+
+
 def counted(number: int, one: str, several: str = '') -> str:
     """Return a number with its noun: '1 answer', '3 answers'; several: the plural where it is not `one` with an s."""
     return f'{number} {one if number == 1 else several or f"{one}s"}'

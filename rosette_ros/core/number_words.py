@@ -43,5 +43,5 @@ def p_value(p: float) -> str:
 
 
 def p_words(p: float) -> str:
-    """Return a probability as an equation: 'p = 0.37', 'p < 1e−6'."""
-    return f'p = {p_value(p)}'.replace('= <', '< ').replace('= >', '> ')
+    """Return it as 'probability that it is noise: 0.37'."""
+    return f'probability that it is noise: {p_value(p)}'

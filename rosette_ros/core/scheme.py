@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rosette_ros.core.axes import ALIGNED, cmm_axes, moving_axes
-from rosette_ros.core.errors import InvalidPlan
+from rosette_ros.core.errors import InvalidPlan, unknown_name
 from rosette_ros.core.geometry import TWO_PI, Floats, Ints, nominal_angles, radial, rotate_z, wrap
 from rosette_ros.core.reduced_sets import best_members, fewest_members, penalty
 from rosette_ros.core.sensitive_order import sensitive
@@ -244,9 +244,9 @@ def plan(n: int, order: str = 'diagonal', seed: int = 0, turning: str = 'forward
                           'with fewer the table, plate and CMM cannot be separated')
     n = int(n)
     if order not in ORDERS:
-        raise InvalidPlan(f'order: wanted one of {", ".join(ORDERS)}, got {order!r}')
+        raise InvalidPlan(unknown_name('order', order, ORDERS))
     if turning not in TURNINGS:
-        raise InvalidPlan(f'turning: wanted one of {", ".join(TURNINGS)}, got {turning!r}')
+        raise InvalidPlan(unknown_name('turning', turning, TURNINGS))
     cmm_positions, balls = chosen_places(n, order, cmm_positions, balls)
     back = order in BACK
     sense = -1 if turning == 'clockwise' else 1

@@ -16,16 +16,32 @@ USUAL = 20
 """Touches of a ball of which the expected uncertainties and times are told."""
 CIRCLES_AT = (0.867, -0.133)
 """Heights of the highest and the lowest circle, in radii: of a ball of 15 mm touched 1 mm below pole and equator."""
+TABLE_SPEED = 0.1
+"""Usual speed of a table, rad/s."""
+CMM_SPEED = 0.05
+"""Usual speed of a CMM, m/s."""
 TOUCH_SHARE = 0.8
 """Part of the worst coordinate of a centre that the touches take, the positioning of the CMM, which stays, the rest."""
 
 
 @dataclass(frozen=True)
 class Pace:
-    """How long a cell takes: for a touch, and for a move of the table, the CMM's included, s."""
+    """How long a cell takes: for a touch, and for a move of the table, the CMM's included, s.
 
-    touch: float = 3.0
-    table_move: float = 20.0
+    table_move: None for the time that table and CMM need at usual speeds, whichever takes longer.
+    """
+
+    touch: float = 1.5
+    table_move: float | None = None
+
+    def times(self, touches: Floats, turn: Floats, move: Floats) -> Floats:
+        """Return when each of N readings ends, (N,), s; turn: rad, and move: m, before each."""
+        moving = np.maximum(turn / TABLE_SPEED, move / CMM_SPEED) if self.table_move is None else (
+            self.table_move * (turn > 0))
+        return np.asarray(np.cumsum(self.touch * touches + moving))
+
+
+USUAL_PACE = Pace()
 
 
 def touch_directions(circles: int, points: int, top: float, lowest: float) -> Floats:

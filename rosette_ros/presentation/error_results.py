@@ -10,16 +10,19 @@ from rosette_ros.core.error_summary import COVERAGE_FACTOR, DECISION_RULE, AxisE
 from rosette_ros.core.records import CURVES, SI_UNITS, ErrorMotions
 from rosette_ros.io.identity_file import ARC_SECOND
 from rosette_ros.presentation import formatting as text
+from rosette_ros.presentation.formatting import FOUND, NOW
 from rosette_ros.presentation.table_format import Column, Table, words
 
 LEVELS = {Conformity.CONFORMS: 'good', Conformity.FAILS: 'bad', Conformity.UNDECIDED: 'doubtful', None: ''}
-WHAT_IS_WHAT = (f'Peak to valley, with U (k = {COVERAGE_FACTOR}) of the range, in brackets of its worst point; '
-                'once-per-turn part (fundamental) and the rest (residual synchronous).')
+WHAT_IS_WHAT = (f'Range: peak to valley; U (k = {COVERAGE_FACTOR}) of the range, and of the worst point of the curve; '
+                'once-per-turn part (fundamental) and residual synchronous part.')
 
 
 def errors(lines: Sequence[AxisError], title: str = 'The six errors of the table (ISO 230-7)',
-           name: str = 'errors') -> Table:
-    """Return the table of AxisErrors: what is not stated of any of them has no column."""
+           name: str = 'errors', found: Sequence[AxisError] = ()) -> Table:
+    """Return the table of AxisErrors: what is not stated of any of them has no column.
+
+    found: the same with the cause found in the model, where one is missing."""
     units = [text.CURVE_UNITS[CURVES.index(line.curve)] for line in lines]
     digits = [text.decimals(1e6 * line.expanded) for line in lines]
 
@@ -31,6 +34,9 @@ def errors(lines: Sequence[AxisError], title: str = 'The six errors of the table
         exact = tuple(None if value is None else 1e6 * value for value in values)
         return Column(key, head, exact, tuple(show(value, place) for place, value in enumerate(values)))
 
+    def plus_minus(value: float | None, place: int) -> str:
+        return f'±{shown(value, place)}'
+
     several = any(line.asynchronous is not None for line in lines)
     limited = any(line.tolerance is not None for line in lines)
     doubts = dict.fromkeys(line.doubt for line in lines if line.doubt and line.tolerance is not None)
@@ -39,11 +45,14 @@ def errors(lines: Sequence[AxisError], title: str = 'The six errors of the table
              'included, with its U.' if several else ' The asynchronous error motion value needs several runs.')
     return Table(name, title, (
         words('error', 'error', [f'{line.curve} ({line.name})'.replace('-', '−') for line in lines]),
-        words('unit', 'unit', units), micro('range_in_unit', 'range', [line.range for line in lines]),
-        micro('U_range_in_unit', 'U', [line.expanded for line in lines], lambda value, place: (
-            f'±{shown(value, place)} ({shown(COVERAGE_FACTOR * lines[place].u_point, place)})')),
+        words('unit', 'unit', units),
+        micro('range_in_unit', f'range, {NOW}' if found else 'range', [line.range for line in lines]),
+        micro('U_range_in_unit', 'U', [line.expanded for line in lines], plus_minus),
+        *((micro('found_range_in_unit', f'range, {FOUND}', [line.range for line in found]),
+           micro('U_found_range_in_unit', 'U', [line.expanded for line in found], plus_minus)) if found else ()),
+        micro('U_point_in_unit', 'U of a point', [COVERAGE_FACTOR * line.u_point for line in lines], plus_minus),
         micro('once_per_turn_in_unit', 'once per turn', [line.once_per_turn for line in lines]),
-        micro('residual_in_unit', 'the rest', [line.residual for line in lines]),
+        micro('residual_in_unit', 'residual synchronous', [line.residual for line in lines]),
         *([micro('asynchronous_in_unit', 'asynchronous', [line.asynchronous for line in lines], lambda value, place: (
             '' if value is None else f'{shown(value, place)} ±{shown(_expanded(lines[place]), place)}'))]
           if several else ()),

@@ -1,10 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What explains a run, as a table: sets of effects, unnamed motions and kinds of noise with probabilities."""
+"""What explains a run, as tables: the causes of a verdict, and sets of effects, unnamed motions and kinds of noise."""
 
 from rosette_ros.core.diagnosis.diagnosis import Finding
+from rosette_ros.core.diagnosis.verdict import Verdict
 from rosette_ros.core.effects.library import EFFECTS
-from rosette_ros.presentation.formatting import fixed
-from rosette_ros.presentation.table_format import Column, Table
+from rosette_ros.presentation.formatting import MEANINGS, before_after, fixed
+from rosette_ros.presentation.table_format import Column, Table, column, words
+from rosette_ros.words.cause_words import does_words
+from rosette_ros.words.verdict_words import chance, title_of
+
+
+def causes(verdict: Verdict) -> Table:
+    """Return what a verdict says is missing, a row for each cause, the one that explains most first."""
+    every = verdict.missing
+    looks = [MEANINGS[one.name].look if one.name in MEANINGS else '' for one in every]
+    return Table('causes', 'What is missing, the one that explains most first', (
+        column('probability', 'probability', [one.probability for one in every],
+               lambda p: '' if p is None else chance(p)),
+        column('effect', '', [one.name for one in every]),
+        words('cause', 'cause', [title_of(one.name) for one in every]),
+        words('does', 'what it does', map(does_words, every)),
+        column('rms_before_um', '', [1e6 * one.before for one in every]),
+        Column('rms_after_um', 'error falls', tuple(1e6 * one.after for one in every),
+               tuple(before_after(one.before, one.after) for one in every), 'µm'),
+        words('check', 'check', looks)))
 
 
 def explanations(found: Finding) -> Table:

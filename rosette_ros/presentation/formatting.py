@@ -39,9 +39,12 @@ if TYPE_CHECKING:  # plan and info start without the least squares
     from rosette_ros.core.model.model import Model
 
 CURVE_UNITS = tuple(f'µ{unit}' for unit in SI_UNITS.values())
-P_NOISE, CROSS_VALIDATION, OBSERVABLE, LIMIT = (
-    'p (noise alone)', 'cross-validation error', 'observable share', 'detection limit')
+P_NOISE, CROSS_VALIDATION, VISIBLE, LIMIT = (
+    'probability that it is noise', 'cross-validation error', 'visible part', 'detection limit')
 """Terms that every interface uses in the same words."""
+NOW, FOUND = 'as modelled now', 'with the cause found'
+"""The two models of a run whose verdict says that a cause is missing."""
+_BEFORE_UNIT = re.compile(r'(?<=\d) (?=(?:µ|mm\b|ppm\b|min\b|h\b|s\b|%|°|σ))')
 DATED = 10**17
 """Earlier times, ns since the epoch (March 1973), are no dates: those of an imported table count from its start."""
 MOST_MISSING = 5
@@ -143,6 +146,11 @@ def instant(stamp_ns: int) -> str:
     return '' if stamp_ns < DATED else f'{datetime.fromtimestamp(stamp_ns * 1e-9, UTC):%Y-%m-%d %H:%M:%S UTC}'
 
 
+def glued(text: str) -> str:
+    """Return a text in which no line breaks between a number and its unit."""
+    return _BEFORE_UNIT.sub('\u00a0', text)
+
+
 def signs(text: str) -> str:
     """Return a text with minus signs in its numbers."""
     return re.sub(r'(?<![\w.-])-(?=\d)', '−', text)
@@ -210,7 +218,7 @@ def missing_words(run: Run) -> str:
 def not_known(run: Run, gauge: Sequence[str]) -> list[str]:
     """Return what the readings of a run do not tell, in sentences; gauge: combinations that no run tells."""
     missing = missing_words(run).replace(' ...', ' and more')
-    return [f'No three-rosette run can know, and the curves are free of: {"; ".join(gauge)}.',
+    return [f'Cannot be measured by this method; removed: {"; ".join(gauge)}.',
             *([f'{missing[0].upper()}{missing[1:]}.'] if missing else []),
             *(['The repeatability is not known: lack of fit cannot be judged.'] if run.repeatability is None else []),
             *(f'{remark[0].upper()}{remark[1:]}.' for remark in run.remarks)]
@@ -246,7 +254,7 @@ def residual_words(fit: 'Fit') -> str:
         return f'{text}; the repeatability is not known'
     dof = '' if fit.run.repeatability_dof is None else f' ({fit.run.repeatability_dof:g} degrees of freedom)'
     return (f'{text}, {multiple(fit.rms / known)} times the repeatability of {micrometres(known)}{dof}; '
-            f'lack of fit: {p_words(fit.lack_of_fit_p)}')
+            f'{p_words(fit.lack_of_fit_p)}')
 
 
 def uncertainty_words(fit: 'Fit') -> str:

@@ -125,7 +125,7 @@ def _means(one: Reversal) -> list[tuple[str, str]]:
 def _mean_words(one: Reversal) -> str:
     means = [' ± '.join(filter(None, (f'{curve} {mean}', spread)))
              for curve, (mean, spread) in zip(CURVES, _means(one), strict=True)]
-    p = '' if one.p is None else f'; that noise alone makes such a reversal: {p_words(one.p)}'
+    p = '' if one.p is None else f'; {p_words(one.p)}'
     return f'{REVERSAL_SIGN} Means: {", ".join(means)}{p}'
 
 
@@ -138,7 +138,7 @@ def joint_rows(result: JointResult) -> list[tuple[str, str]]:
     """Return what was fitted, how well it fits, what became known and what did not, as (name, text)."""
     solution, lack = result.solution, result.lack_of_fit_p
     known = result.knowledge.known or (nothing_known(result),)
-    fit = '' if lack is None else f'; lack of fit: {p_words(lack)}'
+    fit = '' if lack is None else f'; {p_words(lack)}'
     if fits(result) is False:
         fit += ', one model does not fit'
     return [('Model', f'{solution.model.unknowns} unknowns, rank {solution.rank}, {solution.dof} degrees of freedom; '

@@ -26,6 +26,7 @@ from rosette_ros.core.planning.visibility import Visibility
 from rosette_ros.core.records import SI_UNITS
 from rosette_ros.presentation.error_results import errors_json
 from rosette_ros.presentation.formatting import COVERAGE_FACTOR
+from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.noise_words import noise_words
 from rosette_ros.words.result_words import check_words, comparison_words
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text
@@ -215,7 +216,7 @@ def _side_json(fit: Fit) -> Json:
 def advice_json(advice: Advice, n: int, radius: float, run_id: str = '') -> Json:
     """Return an advice, schema rosette-advice/1; n: balls; radius: m."""
     return plain({
-        'schema': ADVICE, 'run_id': run_id, 'n': n, 'radius_m': radius, 'text': advice.text,
+        'schema': ADVICE, 'run_id': run_id, 'n': n, 'radius_m': radius, 'text': advice_words(advice),
         'present': _order_json(advice.present), 'recommended': _order_json(advice.best),
         'orders': [_order_json(order) for order in advice.orders], 'weak': advice.weak, 'wanted': advice.wanted})
 

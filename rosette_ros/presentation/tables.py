@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from rosette_ros.analysis import Change, LadderStep, Summary
-from rosette_ros.core.diagnosis.comparison import Comparison
+from rosette_ros.core.diagnosis.comparison import DRAWS, Comparison
 from rosette_ros.core.diagnosis.diagnosis import Candidate
 from rosette_ros.core.diagnosis.second_run import CONFIRMED, CheckedEffect, CrossCheck
 from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level
 from rosette_ros.core.effects.custom import AMPLITUDE
 from rosette_ros.core.effects.effect import Setting
-from rosette_ros.core.error_summary import peak_to_valley
+from rosette_ros.core.error_summary import fit_lines, peak_to_valley
 from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter
 from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.model.noise import AXES
@@ -24,7 +24,9 @@ from rosette_ros.core.planning.visibility import Visibility
 from rosette_ros.core.records import CURVES, ErrorMotions, Floats, Run
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.error_results import errors
+from rosette_ros.presentation.explanation_results import causes
 from rosette_ros.presentation.table_format import Column, Table, column, micrometre_column, words
+from rosette_ros.words.verdict_words import title_of
 
 FILE_UNITS = tuple(unit.replace('µ', 'u') for unit in text.CURVE_UNITS)
 EXPANDED = f'U: expanded uncertainty (k = {text.COVERAGE_FACTOR})'
@@ -38,23 +40,28 @@ ALIKE = 0.05
 """Relative range of uncertainties that are told once, by the largest."""
 LEAST_NOISE = 1e-15
 """What stands for the noise of readings that have none, m: nothing is divided by zero."""
+LEAST_P = 1 / (DRAWS + 1)
+"""Smallest probability that the draws of a comparison can show."""
 BARS, GAP, MOST_BARS = '▁▂▃▄▅▆▇█', '·', 40
 
 
 def tables_of(summary: Summary, tolerances: Mapping[str, float] | None = None) -> tuple[Table, ...]:
     """Return every table of a run, in the order of the report; tolerances: of ranges by curve, m and rad."""
     comparison, diagnosis, best = summary.comparison, summary.diagnosis, summary.advice.best if summary.advice else None
-    final = summary.final
-    return (errors(summary.lines(tolerances)), curves(final.error_motions), deviations(final), axes(comparison),
-            places(comparison), worst_readings(comparison), waves(comparison), residuals(summary.fit, final),
+    fit, found = summary.fit, summary.found
+    return (errors(summary.lines(tolerances), found=fit_lines(found) if found else ()),
+            curves(fit.error_motions, text.NOW if found else ''),
+            *([curves(found.error_motions, text.FOUND, 'found_curves')] if found else []), deviations(fit),
+            axes(comparison), places(comparison), worst_readings(comparison), waves(comparison),
+            residuals(fit, summary.final), causes(summary.verdict),
             groups(comparison), nested_models(summary.ladder), candidates(diagnosis.candidates, summary.run),
-            fitted_effects(final.effects, 'Effects in the final model'),
+            fitted_effects(summary.final.effects, f'Effects {text.FOUND if found else "in the model"}'),
             visibility(summary.visibilities, best.visibilities if best else ()),
             bias(summary.visibilities, summary.run.rotation), *([orders(summary.advice)] if summary.advice else []))
 
 
-def curves(motions: ErrorMotions) -> Table:
-    """Return the six curves; for people with U, below the curve where it is the same at all angles."""
+def curves(motions: ErrorMotions, which: str = '', name: str = 'curves') -> Table:
+    """Return the six curves; for people with U, below the curve where it is the same at all angles; which: model."""
     values, u = 1e6 * motions.values, 1e6 * motions.u
     expanded = text.COVERAGE_FACTOR * u
     alike, spans = _alike(u), peak_to_valley(values)
@@ -73,7 +80,7 @@ def curves(motions: ErrorMotions) -> Table:
     columns += [column(f'u_{curve}_{unit}', '', u[:, place])
                 for place, (curve, unit) in enumerate(zip(CURVES, FILE_UNITS, strict=True))]
     note = text.axis_note(motions.rotation)
-    return Table('curves', f'Six error motions of the table; {EXPANDED}', tuple(columns),
+    return Table(name, f'Six error motions of the table{f", {which}" * bool(which)}; {EXPANDED}', tuple(columns),
                  note=f'{note[:1].upper()}{note[1:]}.' if note else '')
 
 
@@ -120,7 +127,7 @@ def effects(fitted: Iterable[tuple[str, Mapping[str, object], Sequence[Parameter
         column('value', 'value', [one[0] for one in shown], str),
         column('expanded_uncertainty', 'U', [one[1] for one in shown], str),
         words('unit', 'unit', [one[2] for one in shown]),
-        words('setting', 'searched values',
+        words('setting', 'when and where',
               [text.setting_words(name, setting, known) for name, setting, _, known in rows])),
         note=' '.join(
             [*['Not determined: the readings do not tell these from other parameters of the model.'] * any(
@@ -162,7 +169,11 @@ def places(comparison: Comparison) -> Table:
         words('worst', 'largest at', [*(one.keys[one.worst] for one in every), '']),
         micrometre_column('rms_um', 'its rms', [size * sigma for size in largest]),
         column('rms_sigma', 'in σ', largest, lambda one: text.sigmas(one) if np.isfinite(one) else text.UNKNOWN),
-        column('p', text.P_NOISE, p, text.p_value)), levels=_marked(p))
+        column('p', text.P_NOISE, p, _p_of_draws)), levels=_marked(p))
+
+
+def _p_of_draws(p: float) -> str:
+    return '<0.003' if p == LEAST_P else text.p_value(p)
 
 
 def bars(sizes: Floats, top: float) -> str:
@@ -191,8 +202,9 @@ def worst_readings(comparison: Comparison) -> Table:
         *(column(f'without_{key}', name, [
             np.nan if one.without is None else 1e6 * max(one.without[part]) for one in worst], partial(
                 text.fixed, places=2), unit) for key, name, unit, part in (
-            ('ct_um', 'ct without it', 'µm', slice(0, 3)), ('cr_urad', 'cr without it', 'µrad', slice(3, 6)))),
-        column('p', text.P_NOISE, [one.p for one in worst], text.p_value)), levels=_marked(one.p for one in worst))
+            ('ct_um', 'change of ct if left out', 'µm', slice(0, 3)),
+            ('cr_urad', 'change of cr if left out', 'µrad', slice(3, 6)))),
+        column('p', text.P_NOISE, [one.p for one in worst], _p_of_draws)), levels=_marked(one.p for one in worst))
 
 
 def reading(fit: Fit, place: int) -> Table:
@@ -275,17 +287,18 @@ def base_name(model: Model) -> str:
 
 
 def candidates(every: Sequence[Candidate], run: Run, title: str = 'Candidates, most significant first') -> Table:
-    """Return candidates with probability, size and confounded effects; run: of the diagnosis."""
+    """Return candidates with probability, size and effects that they cannot be told from; run: of the diagnosis."""
     return Table('candidates', f'{title}; each fitted together with the identified ones above it', (
         words('effect', 'effect', [one.effect for one in every]),
         words('claimed', 'identified', ['yes' if one.claimed else 'no' for one in every]),
         column('probability', 'probability', [one.probability for one in every], text.percent),
         column('p', text.P_NOISE, [one.p for one in every], text.p_value),
         words('size', 'size', [size_words(one.effect, one.parameters, one.setting, run) for one in every]),
-        column('visible_fraction', text.OBSERVABLE, [one.visible_fraction for one in every], text.percent),
+        column('visible_fraction', text.VISIBLE, [one.visible_fraction for one in every], text.percent),
         *_with_and_without('before', 'after', every),
         column('delta_bic', 'ΔBIC', [one.delta_bic for one in every], partial(text.fixed, places=0)),
-        words('look_alikes', 'confounded with', [', '.join(one.look_alikes) for one in every])))
+        column('look_alikes', 'cannot be told from', [', '.join(one.look_alikes) for one in every],
+               lambda alike: ', '.join(map(title_of, filter(None, alike.split(', ')))), number=False)))
 
 
 def _with_and_without(without: str, present: str, rows: Sequence[Candidate | CheckedEffect]) -> list[Column]:
@@ -301,7 +314,7 @@ def _with_and_without(without: str, present: str, rows: Sequence[Candidate | Che
 
 def size_words(effect: str, parameters: Sequence[Parameter], setting: Mapping[str, float | str],
                run: Run | None = None) -> str:
-    """Return the parameters of an effect with expanded uncertainties, and its searched values.
+    """Return the parameters of an effect with expanded uncertainties, and when and where it is.
 
     run: in which it was found, where that places moments only between readings."""
     shown = [(one.name, *text.shown_parameter(one)) for one in text.joined(parameters)]
@@ -317,7 +330,7 @@ def cross_check(check: CrossCheck) -> Table:
     return Table('cross_check', 'Effects checked on the other run', (
         words('effect', 'effect', [one.name for one in every]),
         words('outcome', 'outcome', [one.outcome for one in every]),
-        column('visible_fraction', text.OBSERVABLE, [one.visible_fraction for one in every], text.percent),
+        column('visible_fraction', text.VISIBLE, [one.visible_fraction for one in every], text.percent),
         column('p', text.P_NOISE, [one.p for one in every], text.p_value), *_with_and_without('without', 'with', every),
         words('same_size', 'same size', [{True: 'yes', False: 'no', None: ''}[one.same_size] for one in every])),
         levels=tuple('' if one.outcome == CONFIRMED else Level.DOUBTFUL for one in every),
@@ -327,13 +340,13 @@ def cross_check(check: CrossCheck) -> Table:
 
 
 def visibility(every: Sequence[Visibility], recommended: Sequence[Visibility] = ()) -> Table:
-    """Return the observable share of every effect in an order, beside that in the recommended one."""
+    """Return the visible part of every effect in an order, beside that in the recommended one."""
     best = {one.name: one for one in recommended}
     beside = [best.get(one.name) for one in every]
     return Table('visibility', 'What the order of measurement shows of every effect', (
         words('effect', 'effect', [one.name for one in every]),
         words('meaning', 'meaning', [text.MEANINGS[one.name].meaning for one in every]),
-        column('typical_visible_fraction', f'{text.OBSERVABLE}, typical', [one.typical_share for one in every],
+        column('typical_visible_fraction', f'{text.VISIBLE}, typical', [one.typical_share for one in every],
                text.percent),
         column('visible_fraction', 'at best', [one.share for one in every], text.percent),
         column('detectable_rms_um', f'{text.LIMIT}, rms', [1e6 * one.detectable for one in every], _limit, 'µm'),
@@ -348,7 +361,7 @@ def visibility(every: Sequence[Visibility], recommended: Sequence[Visibility] = 
 
 
 def _limit(value: float | None) -> str:
-    """Return a detection limit, µm; above LARGEST_LIMIT the effect is practically not observable."""
+    """Return a detection limit, µm; above LARGEST_LIMIT the effect is practically not visible."""
     return '' if value is None else text.fixed(value, 2) if value < LARGEST_LIMIT else text.UNKNOWN
 
 
@@ -356,15 +369,15 @@ def _remark(entry: Visibility) -> str:
     if entry.reason:
         return f'not judged: {entry.reason}'
     if entry.hidden:
-        return 'not observable in this order'
-    return f'confounded with {", ".join(entry.alike)}' if entry.alike else ''
+        return 'this order cannot show it'
+    return f'cannot be told from {", ".join(entry.alike)}' if entry.alike else ''
 
 
 def bias(visibilities: Sequence[Visibility], rotation: Floats | None = None) -> Table:
     """Return what 1 µm rms of each effect adds to the six curves where it is not in the model; rotation: as of Run."""
     names = text.curve_names(rotation)
     every = [one for one in visibilities if not one.reason]
-    return Table('bias', 'Bias of the curves per µm rms of an effect that is not in the model', (
+    return Table('bias', 'How much 1 µm (rms) of a hidden effect would change each curve', (
         words('effect', 'effect', [one.name for one in every]),
         *(column(f'{curve}_{FILE_UNITS[place]}_per_um', names[place], [one.bias[place] for one in every],
                  partial(text.fixed, places=2), text.CURVE_UNITS[place]) for place, curve in enumerate(CURVES)),
@@ -372,14 +385,14 @@ def bias(visibilities: Sequence[Visibility], rotation: Floats | None = None) -> 
 
 
 def orders(advice: Advice) -> Table:
-    """Return the orders that were compared for the next run; the largest smallest observable share first."""
+    """Return the orders that were compared for the next run; the largest smallest visible part first."""
     every = (advice.present, *sorted(advice.orders, key=lambda order: -order.worst))
     marks = ['present', *('recommended' if one.label == advice.best.label and advice.best is not advice.present else ''
                           for one in every[1:])]
-    return Table('orders', 'Orders for the next run, by the observable share of the effects that are weak now', (
+    return Table('orders', 'Orders for the next run, by the visible part of the effects that this order hardly shows', (
         words('order', 'order', [one.label for one in every]), words('mark', '', marks),
-        words('worst_effect', 'least observable', [one.worst_effect for one in every]),
-        column('worst_share', text.OBSERVABLE, [one.worst for one in every], text.percent),
+        words('worst_effect', 'least visible', [one.worst_effect for one in every]),
+        column('worst_share', text.VISIBLE, [one.worst for one in every], text.percent),
         column('travel_time_s', 'time of moves', [one.travel_time for one in every], text.duration),
         column('duration_s', 'whole run', [one.duration for one in every], text.duration),
         *(column(f'visible_fraction_{name}', name, [one.share(name) for one in every], text.percent)

@@ -70,7 +70,7 @@ class Page:
             'Escape': ('close the preview', controller.drop_preview),
             'u': ('undo', partial(self._act, self._session.undo)),
             'r': ('redo', partial(self._act, self._session.redo)),
-            'v': ('switch between present model and preview', self._figures.switch),
+            'v': ('switch between the model as it is and the preview', self._figures.switch),
             's': ('save the model', self._save_model), 'd': ('light or dark', self._change_theme),
             '?': ('show the keys', lambda: self._help.open())}
         self._build_help()

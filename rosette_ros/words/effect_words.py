@@ -66,6 +66,11 @@ def names(words: Iterable[str]) -> str:
     return f'{", ".join(others)} and {last}' if others else last
 
 
+def capital(text: str) -> str:
+    """Return a text as the beginning of a sentence."""
+    return f'{text[:1].upper()}{text[1:]}'
+
+
 def plain_name(name: str) -> str:
     """Return an effect or a base term in words, '' for one that has none; a setting in brackets is left out."""
     known = MEANINGS.get(name.partition('(')[0])
@@ -102,7 +107,7 @@ def setting_words(effect: str, setting: Mapping[str, object], without: Container
 def between_words(low: float, high: float) -> str:
     """Return between which times, s since the first reading, something lies: 'between 37.4 and 49.7 min'."""
     scale = SCALES['s']
-    places = decimals(scale.factor * (high - low), 3)
+    places = max(decimals(scale.factor * (high - low)), 1)
     first, last = (exact(scale.factor * one, places) for one in (low, high))
     return f'between {first} and {last} {scale.unit}'
 

@@ -19,7 +19,7 @@ def noise_words(noise: NoiseFacts) -> list[str]:
                    f'{noise.tail_dof:g} degrees of freedom)')
     if noise.noisiest:
         where, *alike = noise.noisiest
-        same = f' (which this order of measurement cannot distinguish from {" or ".join(alike)})' if alike else ''
+        same = f' (this run cannot tell it from {" or ".join(alike)})' if alike else ''
         out.append(f'{where} scatters {noise.factor:.1f} times as much as the others{same}')
     if noise.walk:
         out.append(f'the frame wanders: a random walk of {micrometres(noise.walk)} over the run')

@@ -34,7 +34,7 @@ def conclusion_text(conclusion: Conclusion) -> ConclusionText:
         JointOutcome.CONTRADICTED: (f'{who} contradict{s} what was declared the same: {items}; {residual}.',
                                     'Declare it separate, or measure again.'),
         JointOutcome.REFUTED: (f'{who} {do} not fit one model: {residual}{lack}.',
-                               'Diagnose each run: rosette diagnose RUN.'),
+                               'Diagnose each run.'),
         JointOutcome.IN_PART: (f'{who} fit{s} one model without: {items}; {residual}.',
                                'Find out why it differs between the runs.'),
         JointOutcome.UNKNOWN: (f'Whether one model fits cannot be said, as the repeatability is not known; {residual}.',

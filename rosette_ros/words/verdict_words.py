@@ -2,12 +2,10 @@
 """A verdict in words: every interface prints these as they stand."""
 
 import re
-from collections.abc import Sequence
-from itertools import groupby
+from collections.abc import Iterable, Sequence
 
 from rosette_ros.core.diagnosis.verdict import (
     WRONG,
-    MissingEffect,
     Outcome,
     Residual,
     UnnamedMotion,
@@ -16,9 +14,20 @@ from rosette_ros.core.diagnosis.verdict import (
     WrongReading,
 )
 from rosette_ros.core.number_words import micrometres, multiple, p_words
-from rosette_ros.words.effect_words import SCALES, between_words, fixed, names, plain_name, setting_words
+from rosette_ros.words.effect_words import SCALES, capital, fixed, names, plain_name
 from rosette_ros.words.noise_words import noise_actions, noise_words
 
+HEADLINES = {
+    Outcome.FITS: 'THE MODEL FITS', Outcome.NAMED: 'CAUSE FOUND, NOT IN THE MODEL',
+    Outcome.UNNAMED: 'SOMETHING IS MISSING THAT HAS NO NAME', Outcome.SCATTERS: 'THE READINGS SCATTER MORE THAN STATED',
+    Outcome.DOUBTFUL_READINGS: 'THE MODEL FITS, READINGS IN DOUBT',
+    Outcome.NOISE: 'THE MODEL FITS, THE NOISE IS UNUSUAL',
+    Outcome.NO_REPEATABILITY: 'NOT JUDGED, THE REPEATABILITY IS NOT KNOWN',
+    Outcome.NOT_DETERMINABLE: 'TOO FEW READINGS FOR THE MODEL'}
+"""How an outcome is shown; files and messages have its value."""
+NOTHING_TO_DO = 'Nothing needs to be done.'
+MOST_TITLES = 4
+"""So many effects are said by their titles; of more, how many there are."""
 VARIABLES = {
     'time': 'time', 'table angle': 'the table angle', 'CMM position': 'the CMM position',
     'ball': 'the ball that is measured',
@@ -39,11 +48,29 @@ _ALONG = re.compile(r'(\w+) along (its )?(.+)')
 def verdict_text(verdict: Verdict) -> VerdictText:
     """Return a verdict in words."""
     if verdict.outcome == Outcome.NOT_DETERMINABLE:
-        remove = f', or remove {names(verdict.added)} from the model' if verdict.added else ''
+        remove = f', or remove {titles(verdict.added)} from the model' if verdict.added else ''
         return VerdictText(verdict.outcome, verdict.reason, f'Measure the missing balls{remove}.')
-    actions = '; '.join(_actions(verdict)) or 'nothing needs to be done'
-    return VerdictText(verdict.outcome, ' '.join(_sentences(verdict)), f'{_capital(actions)}.',
-                       tuple(_limits(verdict)))
+    actions = '; '.join(_actions(verdict))
+    return VerdictText(verdict.outcome, ' '.join(_sentences(verdict)), f'{capital(actions)}.' if actions else
+                       NOTHING_TO_DO, tuple(_limits(verdict)))
+
+
+def titles(every: Iterable[str]) -> str:
+    """Return effects by their titles, each once with how often it is there."""
+    found = list(every)
+    return names(f'{title_of(one)}{f" ({found.count(one)} times)" if found.count(one) > 1 else ""}'
+                 for one in dict.fromkeys(found))
+
+
+def some_titles(every: Sequence[str]) -> str:
+    """Return effects by their titles, of many the first ones and how many more there are."""
+    more = len(every) - MOST_TITLES
+    return titles(every) if more <= 0 else f'{", ".join(map(title_of, every[:MOST_TITLES]))} and {more} more'
+
+
+def title_of(name: str) -> str:
+    """Return the plain title of an effect, its name where it has none."""
+    return plain_name(name) or name
 
 
 def unexplained_words(verdict: Verdict) -> str:
@@ -64,7 +91,7 @@ def unnamed_words(one: UnnamedMotion) -> str:
         moves = MOTIONS.get(one.motion, f'moves ({one.motion})')
     sets = [(some - {'ball'} or some) if ball else some for some in one.alternatives]
     first, *others = dict.fromkeys(names(VARIABLES.get(name, name) for name in sorted(some)) for some in sets)
-    instead = f' (or with {", or with ".join(others)}: this run cannot distinguish them)' if others else ''
+    instead = f' (or with {", or with ".join(others)}: this run cannot tell which)' if others else ''
     return f'something {moves} with {first}{instead}; the library has no name for it'
 
 
@@ -80,8 +107,8 @@ def _sentences(verdict: Verdict) -> list[str]:
         out.append(f'The readings are rounded to {micrometres(verdict.step)}, which accounts for {share:.0f} % of the '
                    'variance of the residual.')
     if verdict.doubtful:
-        likely = ' and '.join(f'{name} ({plain_name(name)}; probability {chance(p)})' for name, p in verdict.doubtful)
-        out.append(f'Possible, but not certain enough to be named: {likely}.')
+        likely = names(f'{title_of(name)} ({chance(p)})' for name, p in verdict.doubtful)
+        out.append(f'Possible, but not certain: {likely}.')
     if not verdict.has_motions:
         out.append('The model has no error motions of the table: their curves are zero by assumption.')
     return out
@@ -96,9 +123,10 @@ def _outcome(verdict: Verdict) -> list[str]:
         'The repeatability is not known, so this rests on the structure of the residual alone.']
     match verdict.outcome:
         case Outcome.NAMED:
-            it = 'it' if len({one.name for one in verdict.missing}) == 1 else 'them'
-            lacks = (f'The model lacks {_missing(verdict)}: with {it} the residual falls from '
-                     f'{micrometres(before.rms)} to {micrometres(after.rms)}.')
+            it = 'it' if len(verdict.missing) == 1 else 'them'
+            known = '' if before.repeatability is None else f' (repeatability {micrometres(before.repeatability)})'
+            lacks = (f'Missing: {titles(one.name for one in verdict.missing)}. With {it} the error falls from '
+                     f'{micrometres(before.rms)} to {micrometres(after.rms)}{known}.')
             scatters = [f'Even with {it}, the readings scatter more than stated: {_against_repeatability(after)}.'] * (
                 after.scatters and not verdict.unnamed)
             return [lacks, *_unnamed_sentences(verdict.unnamed), *scatters, *basis]
@@ -114,33 +142,9 @@ def _outcome(verdict: Verdict) -> list[str]:
     return [f'The model fits: {_against_repeatability(before)}.']
 
 
-def _missing(verdict: Verdict) -> str:
-    """Return what a model lacks: 'ball_slip (slip of one ball; ball 11, between 37.4 and 49.7 min)'."""
-    out = []
-    for name, group in groupby(verdict.missing, key=lambda one: one.name):
-        some = tuple(group)
-        settings = list(map(_reading, verdict.outliers)) if 'reading' in some[0].setting else list(map(_setting, some))
-        p = some[0].probability
-        others = ''.join(f', or {other} with {chance(share)}' for other, share in some[0].alternatives)
-        likely = [] if p is None else [f'probability {chance(p)}{others}']
-        words = '; '.join(filter(None, [plain_name(name), *settings, *likely]))
-        out.append(f'{name} ({words})' if words else name)
-    return names(out)
-
-
-def _setting(one: MissingEffect) -> str:
-    """Return the setting of what a model lacks; its only moment goes without a name."""
-    moments, setting = dict(one.moments), dict(one.setting)
-    when = []
-    if list(moments) == ['t0']:
-        when = [between_words(*moments['t0'])]
-        del setting['t0']
-    return ', '.join(filter(None, [setting_words(one.name, setting, (), moments), *when]))
-
-
 def _unnamed_sentences(every: Sequence[UnnamedMotion]) -> list[str]:
     """Return a sentence for each structure without a name."""
-    return [f'{_capital(unnamed_words(one))} (probability {chance(one.probability)}).' for one in every]
+    return [f'{capital(unnamed_words(one))} (probability {chance(one.probability)}).' for one in every]
 
 
 def _wrong(verdict: Verdict) -> list[str]:
@@ -172,14 +176,9 @@ def _against_repeatability(residual: Residual) -> str:
 def _actions(verdict: Verdict) -> list[str]:
     """Return what to do, most urgent first."""
     out = [f'check the readings: {remark}' for remark in verdict.remarks]
-    missing = list(dict.fromkeys(one.name for one in verdict.missing))
-    if missing:
-        it = 'it' if len(missing) == 1 else 'them'
-        commands = ', '.join(f'rosette add {name} --model FILE' for name in missing)
-        out.append(f'check {names(missing)} in the cell or add {it} to the model: {commands}')
-        if verdict.look_alikes:
-            out.append(f'measure in another order to distinguish {it} from {" and ".join(verdict.look_alikes)} '
-                       '(rosette advise)')
+    if verdict.missing:
+        it = 'it' if len(verdict.missing) == 1 else 'them'
+        out.append(f'find {it} in the cell, or add {it} to the model')
     elif verdict.outcome == Outcome.UNNAMED:
         out.append('look at the residual maps, and check the cell for what the residual depends on')
     elif verdict.outcome == Outcome.SCATTERS:
@@ -192,36 +191,27 @@ def _actions(verdict: Verdict) -> list[str]:
     if verdict.too_large:
         out.append('measure the repeatability again, and check its unit')
     if verdict.present:
-        present = ' and '.join(f'{name} ({micrometres(rms)} rms)' for name, rms in verdict.present)
-        out.append(f'look in the cell for the cause of what the model only describes, {present}, or keep it in the '
-                   'model')
+        out.append('corrected in the calculation; find the cause: ' + names(
+            f'{title_of(name)} ({micrometres(rms)} rms)' for name, rms in verdict.present))
     out += noise_actions(verdict.noise)
     if verdict.not_needed:
-        out.append(f'remove {names(verdict.not_needed)} from the model: the residual does not rise without it by more '
+        out.append(f'remove {titles(verdict.not_needed)} from the model: the error does not rise without it by more '
                    'than chance')
     if not verdict.has_motions:
-        out.append('add table_motions to the model')
-    if verdict.hidden:
-        out.append(f'measure next in an order that shows {", ".join(verdict.hidden)} (rosette advise)')
+        out.append('add the error motions of the table to the model')
     return out
 
 
 def _limits(verdict: Verdict) -> list[str]:
     """Return what the run cannot tell, a sentence each."""
-    out = []
-    if verdict.missing and verdict.look_alikes:
-        missing = names(dict.fromkeys(one.name for one in verdict.missing))
-        out.append(f'In this order of measurement {missing} cannot be distinguished from '
-                   f'{" and ".join(verdict.look_alikes)}.')
+    alike = {one.name: one.alternatives for one in verdict.missing if one.alternatives}
+    out = [f'This run cannot tell {title_of(name)} from ' + ' or '.join(
+        f'{title_of(other)} ({chance(p)})' for other, p in others) + '.' for name, others in alike.items()]
     if verdict.hidden:
-        out.append(f'This order of measurement cannot show {", ".join(verdict.hidden)}.')
+        out.append(f'This run could not have shown {some_titles(verdict.hidden)}.')
     return out
 
 
 def chance(probability: float) -> str:
-    """Return a probability in percent, never 100 %."""
-    return f'{100 * min(probability, 0.999):.3g} %'
-
-
-def _capital(text: str) -> str:
-    return f'{text[:1].upper()}{text[1:]}'
+    """Return a probability in whole percent, from 1 to 99 %."""
+    return f'{100 * min(max(probability, 0.01), 0.99):.0f} %'

@@ -98,8 +98,8 @@ def test_what_is_no_time_is_refused(archive, question):
 
 
 @pytest.mark.parametrize(('question', 'words'), [
-    (Question({'level': 'god'}), "level: wanted one of good, doubtful, bad, got 'god'; did you mean 'good'?"),
-    (Question({}, effect='plate_crep'), "got 'plate_crep'; did you mean 'plate_creep'?")])
+    (Question({'level': 'god'}), "Unknown level 'god'. Did you mean good?"),
+    (Question({}, effect='plate_crep'), "Unknown effect 'plate_crep'. Did you mean plate_creep?")])
 def test_a_misspelt_word_is_refused(archive, question, words):
     """It is no question that nothing answers."""
     with pytest.raises(RosetteError, match=re.escape(words)):

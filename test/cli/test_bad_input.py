@@ -76,7 +76,7 @@ def test_too_few_ball_centres(refused, make_table):
 MODELS = {
     'base: [table]': "model: base: wanted some of table_motions, plate_deviations, "
                      "cmm_deviations, got 'table'",
-    'effects: [warp]': "effect: wanted one of frame_drift, ",
+    'effects: [warp]': "Unknown effect 'warp'. Did you mean ",
     'effects: frame_drift': "effects: wanted a list, got 'frame_drift'",
     'effects: 0': 'effects: wanted a list, got 0',
     'base: [table_motions\n': 'wanted YAML, got text that is none: line 2, column 1: ',

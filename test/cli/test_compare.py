@@ -68,7 +68,7 @@ def test_what_a_person_sees(rosette):
     """Verdict first, σ and where it comes from, bars, the map with the loud ball, no colour."""
     answer = rosette('compare', simulated_table('slip'))
     lines = answer.out.splitlines()
-    assert 'The model lacks ball_slip' in lines[1]
+    assert 'Missing: slip of one ball' in lines[1]
     assert ' µm, the repeatability; uncertainties of the curves are from ' in ' '.join(answer.out.split())
     bars = next(line for line in lines if line.startswith('ball '))
     assert bars.split()[1][3] == '█'
@@ -132,7 +132,7 @@ def test_a_broken_model_is_named(refused, tmp_path):
     path.write_text('effects: [frame_drif]\n')
     line = refused('compare', simulated_table(), '--model', path)
     assert str(path) in line
-    assert "wanted one of frame_drift, frame_drift_onset" in line
+    assert 'Unknown effect ' in line
 
 
 def test_no_number_is_cut(capsys):

@@ -44,7 +44,7 @@ def test_json(rosette):
 
 def test_an_unknown_name_lists_the_known_ones(refused):
     """In one line."""
-    assert 'effect: wanted one of frame_drift, frame_drift_onset, ' in refused('effects', 'drift')
+    assert "Unknown effect 'drift'. Did you mean " in refused('effects', 'drift')
 
 
 def test_the_page_is_that_of_the_library():

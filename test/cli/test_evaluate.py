@@ -133,7 +133,7 @@ def test_the_table_for_a_person(rosette, make_table):
                  'ECC', 'µm', 'µrad', 'U (k=2)', 'repeatability of 0.100 µm', 'eccentricity'):
         assert word in out
     assert '\x1b' not in out
-    assert max(len(line) for line in out.splitlines() if 'rosette diagnose' not in line) <= 100
+    assert max(len(line) for line in out.splitlines() if 'rosette add' not in line) <= 100
 
 
 def test_csv_of_the_curves(rosette, make_table):
@@ -159,9 +159,9 @@ def test_missing_balls_show_in_the_uncertainty(rosette, make_table):
     assert got['u']['ctz_m'][1] > got['u']['ctz_m'][4]
     out = rosette('evaluate', path).out
     assert '34 of 36 ball centres' in out
-    assert out.count('±') == 6 + 36 + 36  # errors; curves; plate and CMM
+    assert out.count('±') == 2 * 6 + 36 + 36  # errors; curves; plate and CMM
     assert '…' not in out
-    assert max(len(line) for line in out.splitlines() if 'rosette diagnose' not in line) <= 100
+    assert max(len(line) for line in out.splitlines() if 'rosette add' not in line) <= 100
 
 
 def test_a_large_plate_is_judged_on_request(rosette, make_table):

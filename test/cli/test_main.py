@@ -13,21 +13,23 @@ from terminal import Terminal
 
 from rosette_ros import __version__
 from rosette_ros.cli import main as main_module
-from rosette_ros.cli.main import VERBS, error_lines, main
+from rosette_ros.cli.main import GROUPS, VERBS, error_lines, main
 
 SOURCE = 'source the set-up file of ROS 2 and of the workspace'
 
 
-def test_unknown_verb_names_the_known_ones(refused):
-    """And the one that was probably meant."""
-    line = refused('evalute', 'run.csv')
-    assert 'verb: wanted one of demo, envelope, plan, cell, check-cmm, dme, calibrate,' in line
-    assert "got 'evalute'; did you mean 'evaluate'?" in line
-
-
-def test_unknown_option_is_refused(refused):
-    """An abbreviation is no option either."""
-    assert 'unrecognized arguments: --js' in refused('evaluate', 'run.csv', '--js')
+@pytest.mark.parametrize('words, wanted', [
+    (('evalute', 'run.csv'), "Unknown verb 'evalute'. Did you mean evaluate?"),
+    (('xyz',), "Unknown verb 'xyz'. rosette --help lists them."),
+    (('evaluate', 'run.csv', '--jsn'), "Unknown option '--jsn'. Did you mean --json?"),
+    (('dme', 'check', '--jsn'), "Unknown option '--jsn'. Did you mean --json?"),
+    (('effects', 'backlash'), "Unknown effect 'backlash'. Did you mean table_backlash?"),
+    (('plan', 'sensitiv', '--balls', '12', '--radius-mm', '180'), "Unknown order 'sensitiv'. Did you mean sensitive?"),
+    (('report', 'run.csv', '--format', 'gif'), "argument --format: Unknown value 'gif'. Known: svg, png.")])
+def test_an_unknown_name_is_answered_by_the_nearest(refused, words, wanted):
+    """Not by all that there are; an abbreviation is no option either."""
+    line = refused(*words)
+    assert wanted in line and len(line) < 160
 
 
 @pytest.mark.parametrize(('verb', 'package', 'what_to_do'), [
@@ -46,12 +48,12 @@ def test_a_package_that_is_not_installed_is_named(verb, package, what_to_do):
 
 
 def test_without_a_verb_comes_the_help(capsys):
-    """Every verb stands in it."""
+    """Every verb stands in it, in its group."""
     with pytest.raises(SystemExit) as end:
         main([])
     assert end.value.code == 0
     out = capsys.readouterr().out
-    assert all(f'    {verb}' in out for verb in VERBS)
+    assert all(f'\n  {verb} ' in out for verb in VERBS) and all(f'\n{group}\n  ' in out for group in GROUPS)
 
 
 @pytest.mark.parametrize('verb', VERBS)

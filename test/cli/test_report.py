@@ -110,7 +110,7 @@ def test_tables_are_files_of_their_folder(rosette, here, names, files):
     (('--compare', 'RUN', 'RUN', 'RUN', 'RUN', '--share', 'RUN'), '--share does not go with --compare; leave it out'),
     (('RUN', '--maker', 'RUN'), '--maker goes with --compare only'),
     (('RUN', '--run-id', 'other'), "wanted run 'other', got 'clean_1'"),
-    (('RUN', '--format', 'gif'), 'invalid choice'),
+    (('RUN', '--format', 'gif'), 'Unknown value'),
     (('RUN', '--format', 'png'), '--format goes with --figures only; leave it out'),
     (('nowhere.csv',), 'nowhere.csv: wanted a log directory, an .mcap file or a CSV table'),
     (('RUN', '-o', 'nowhere/page.html'),
@@ -157,7 +157,7 @@ def test_runs_beside_one_another(rosette, here):
     runs = [simulated_table('clean', N, 'diagonal', seed) for seed in (1, 1, 1, 1)]
     answer = rosette('report', '--compare', *runs, '--tables', 'tables', '--figures', 'figures')
     assert (answer.code, answer.err) == (0, '')
-    page = (here / 'verification.html').read_text(encoding='utf-8')
+    page = (here / 'verification.html').read_text(encoding='utf-8').replace('\u00a0', ' ')
     assert 'the paper: 0.02 µm and 0.2 µrad' in page
     assert sorted(file.name for file in (here / 'tables').iterdir()) == [
         'reproducibility.csv', 'run_spans.csv', 'runs.csv', 'verification_curves.csv']

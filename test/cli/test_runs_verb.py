@@ -4,6 +4,7 @@
 import json
 import os
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -16,6 +17,8 @@ from rosette_ros import program
 from rosette_ros.analysis import judge
 from rosette_ros.io.open_run import open_run
 from rosette_ros.words.verdict_words import verdict_text
+
+GOLDEN = Path(__file__).parents[1] / 'golden' / 'logs'
 
 
 @pytest.fixture
@@ -37,7 +40,7 @@ def test_runs_are_listed_with_their_verdicts(rosette, folder):
         assert one['verdict'] == verdict_text(judge(open_run(one['path']))).sentence
         assert (one['n'], one['readings'], one['problem']) == (8, 64, '')
     out = ' '.join(rosette('runs', folder).out.split())
-    assert '2 runs' in out and 'The model lacks frame_drift' in out
+    assert '2 runs' in out and 'Missing: drift of the probe relative to the' in out
 
 
 def test_a_file_that_is_no_run_is_listed_with_its_problem(rosette, folder):
@@ -46,6 +49,14 @@ def test_a_file_that_is_no_run_is_listed_with_its_problem(rosette, folder):
     found = {Path(one['path']).name: one for one in json.loads(rosette('runs', folder, '--json').out)['runs']}
     assert found['broken.csv']['verdict'] is None and 'broken.csv' in found['broken.csv']['problem']
     assert found['clean.csv']['verdict']
+
+
+def test_a_cancelled_run_is_told_as_that(rosette, tmp_path):
+    """With its balls and how many centres it has; the error that it cannot be evaluated is no verdict."""
+    shutil.copytree(GOLDEN / 'log_broken_off_n6_row', tmp_path / 'log')
+    found = json.loads(rosette('runs', tmp_path, '--json').out)['runs'][0]
+    assert (found['problem'], found['verdict']) == ('6 balls, cancelled after 23 of 36', None)
+    assert '6 balls on R = 182.5 mm, cancelled after 23 of 36' in rosette('info', tmp_path / 'log').out
 
 
 def test_a_folder_of_runs_is_no_run(refused, folder, tmp_path):
@@ -82,17 +93,18 @@ def test_the_home_of_the_user_is_found_in_every_option(rosette, folder, monkeypa
     assert len(json.loads(rosette('runs', '~/', '--json').out)['runs']) == 2
 
 
-def test_evaluate_points_to_diagnose_where_the_model_fails(rosette, folder):
+def test_evaluate_says_what_to_add_where_the_model_fails(rosette, folder):
     """And only there."""
-    assert f'{program()} diagnose {folder / "drift.csv"}' in rosette('evaluate', folder / 'drift.csv').out
-    assert 'diagnose' not in rosette('evaluate', folder / 'clean.csv').out
+    assert f'{program()} add frame_drift --model model.yaml --run {folder / "drift.csv"}' in rosette(
+        'evaluate', folder / 'drift.csv').out
+    assert 'rosette add' not in rosette('evaluate', folder / 'clean.csv').out
 
 
 def test_a_printed_command_runs_where_a_path_has_spaces(rosette, folder):
     """A shell takes it as one word."""
     spaced = (folder / 'drift.csv').rename(folder / "the operator's [run] 1.csv")
-    [printed] = [line.strip() for line in rosette('evaluate', spaced).out.splitlines() if ' diagnose ' in line]
-    assert shlex.split(printed)[1:] == ['diagnose', str(spaced)]
+    [printed] = [line.strip() for line in rosette('evaluate', spaced).out.splitlines() if 'rosette add ' in line]
+    assert shlex.split(printed)[1:] == ['add', 'frame_drift', '--model', 'model.yaml', '--run', str(spaced)]
 
 
 def test_the_program_is_called_as_it_is_found(monkeypatch):

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plans for a given time: as good as those that were found independently, and never longer than the time."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,11 +14,20 @@ from rosette_ros.core.planning.expectation import expect
 from rosette_ros.core.scheme import plan
 from rosette_ros.core.touches import Pace, sigma_of_touches
 
+PACE = Pace(3.0, 20.0)
+
+
+def test_a_plan_takes_as_long_as_it_is_proposed_to():
+    """By itself and among those for a given time."""
+    best = propose(12, 0.1825, 1.0)[0]
+    scheme = replace(best.scheme, touches=np.full(best.scheme.ball.size, best.touches))
+    assert best.duration == pytest.approx(expect(scheme, 0.1825).duration) and best.duration <= 3600
+
 
 @pytest.mark.parametrize('hours, error', [(1, 1.41), (2, 1.07), (4, 0.81)])
 def test_plans_are_as_good_as_those_found_elsewhere(hours, error):
     """n = 12, 3 s a touch, 20 s a table move, a frame that wanders by 0.1 µm in an hour."""
-    found = propose(12, 0.1825, hours, 1e-7, 1e-7)
+    found = propose(12, 0.1825, hours, 1e-7, 1e-7, PACE)
     assert round(found[0].error, 2) <= error
     assert all(one.duration <= 3600 * hours for one in found)
     assert [one.error for one in found] == sorted(one.error for one in found)
@@ -24,7 +35,7 @@ def test_plans_are_as_good_as_those_found_elsewhere(hours, error):
 
 def test_the_error_is_that_of_simulated_drift():
     """The expected error of a proposal is the scatter of curves fitted to noise and drift that no model describes."""
-    best, rng = propose(6, 0.1825, 0.4, 1e-7, 2e-7)[0], np.random.default_rng(1)
+    best, rng = propose(6, 0.1825, 0.4, 1e-7, 2e-7, PACE)[0], np.random.default_rng(1)
     run = planned_run(best.scheme, 0.1825)
     moves = np.abs(np.diff(run.table_position, prepend=run.table_position[:1])) > 0
     step = np.diff(3.0 * best.touches * np.arange(1, run.size + 1) + 20.0 * np.cumsum(moves), prepend=0.0)
@@ -55,4 +66,4 @@ def test_expectation_of_a_complete_and_of_a_reduced_run():
 def test_what_cannot_be_proposed(n, hours, words):
     """Too little time and too many balls are told with what to do."""
     with pytest.raises(InvalidPlan, match=words):
-        propose(n, 0.1825, hours, pace=Pace())
+        propose(n, 0.1825, hours, pace=PACE)

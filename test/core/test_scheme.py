@@ -80,9 +80,9 @@ def test_clockwise_is_the_mirror_image(order):
 @pytest.mark.parametrize('arguments, words', [
     ((2, 'row'), 'number of balls: wanted a whole number of at least 3, got 2'),
     ((4.5, 'row'), 'number of balls: wanted a whole number of at least 3, got 4.5'),
-    ((6, 'spiral'), "order: wanted one of row, diagonal, column, random, sensitive, there_and_back, "
-                     "row_there_and_back, got 'spiral'"),
-    ((6, 'row', 0, 'both'), "turning: wanted one of forward, alternate, clockwise, counterclockwise, got 'both'"),
+    ((6, 'spiral'), "Unknown order 'spiral'. Known: row, diagonal, column, random, sensitive, there_and_back, "
+                     'row_there_and_back.'),
+    ((6, 'row', 0, 'both'), "Unknown turning 'both'. Known: forward, alternate, clockwise, counterclockwise."),
 ])
 def test_bad_plans_are_refused(arguments, words):
     """A plan that cannot be measured is refused with what was wanted and what came."""

@@ -75,7 +75,7 @@ SIX = plan(6)
     (HEAD + 'table_position,ball\n', 'wanted rows below the columns table_position, ball, '),
     (HEAD + '# order: row\n# order: column\n', "wanted the key order once, got it again: 'column'; remove one of them"),
     (HEAD + '# order: row\n# table_offset: 15\n', "wanted the key table_offset_deg, got 'table_offset'; correct it"),
-    (YAML + 'order: zigzag\n', 'order: wanted one of row, diagonal'),
+    (YAML + 'order: zigzag\n', "Unknown order 'zigzag'"),
     (YAML + 'order: row\ncmm_positions: 3\n', '3 of 6 CMM positions or balls do not determine the curves'),
     (rows_of(SIX, lambda rows: [[1, 7], *rows]), 'row 1: ball: wanted a whole number in 1..6, got 7'),
     (rows_of(SIX, lambda rows: [*rows, [1.5, 1]]), 'row 37: table_position: wanted a whole number in 1..6, got 1.5'),

@@ -33,7 +33,8 @@ def test_the_page_shows_curves_reversal_knowledge_and_tests():
     assert list(joint_pictures(result)) == ['curves', 'reversal']
     page = joint_html(result, command='rosette report A B --joint')
     for words in ('fit one model: residual', 'the reversal of all six curves, with its means', 'not known</h2>',
-                  'once-per-turn part of (ctx, cty): eccentricity', 'p (noise alone)', 'Means of the reversal curves',
+                  'once-per-turn part of (ctx, cty): eccentricity', 'probability that it is noise',
+                  'Means of the reversal curves',
                   'table motions', 'the readings are those of a simulated CMM', 'rosette report A B --joint'):
         assert words in page, words
     tables = {table.name: table for table in joint_tables(result, Identity())}

@@ -64,15 +64,15 @@ def test_the_verdict_says_what_is_wrong_and_what_to_do(drift_page):
     summary, text = summary_of('drift'), ' '.join(Page(drift_page).texts['verdict'].split())
     assert summary.diagnosis.missing == ('frame_drift',)
     stated = verdict_text(summary.verdict)
-    for words in (stated.sentence, stated.action, 'Verdict: named effect missing', 'What to do:',
-                  'The probe drifts steadily', 'Look at:'):
+    for words in (stated.sentence, stated.action, 'CAUSE FOUND, NOT IN THE MODEL', 'What to do:', 'the probe moves by',
+                  'drift of the probe relative to the table', 'as modelled now', 'with the cause found'):
         assert words in text
 
 
 def test_a_run_that_fits_says_so(clean_page):
     """And claims nothing."""
     read = Page(clean_page)
-    assert 'Verdict: fits The model fits' in ' '.join(read.texts['verdict'].split())
+    assert 'THE MODEL FITS The model fits' in ' '.join(read.texts['verdict'].split())
     assert 'What is missing' not in read.texts['verdict']
 
 

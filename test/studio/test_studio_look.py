@@ -70,16 +70,15 @@ def test_every_effect_has_words():
 
 
 def test_all_missing_effects_are_explained_and_added(opened):
-    """Each in words with its identifier; one button adds all; their sizes stay in sight, and what to do is said."""
+    """Each by its title; one button adds all; their sizes stay in sight, and what to do is said."""
     page = opened('twice.csv')
     for name in ('frame_drift', 'table_zero_drift'):
-        words = MEANINGS[name].plain
-        expect(page.get_by_test_id('verdict-meaning')).to_contain_text(f'{words[0].upper()}{words[1:]}{name}')
-        expect(page.get_by_test_id('verdict-meaning')).to_contain_text(MEANINGS[name].look)
+        for words in (MEANINGS[name].plain, MEANINGS[name].look):
+            expect(page.get_by_test_id('verdict-causes')).to_contain_text(words)
     expect(page.get_by_test_id('verdict-add')).to_contain_text('Add all 2')
     page.get_by_test_id('verdict-add').click()
     expect(page.get_by_test_id('verdict')).to_have_class(re.compile(r'\bgood\b'))
-    expect(page.get_by_test_id('verdict-action')).to_contain_text('Look in the cell for the cause')
+    expect(page.get_by_test_id('verdict-action')).to_contain_text('Corrected in the calculation; find the cause')
     expect(page.get_by_test_id('size-frame_drift')).to_contain_text('µm/h')
     expect(page.get_by_test_id('size-table_zero_drift')).to_contain_text('µrad/h')
     page.keyboard.press('u')

@@ -106,7 +106,7 @@ def test_bad_entries_are_refused_and_change_nothing(session):
     with pytest.raises(InvalidModel, match='is in the model already'):
         session.add('table_motions')
     session.add('frame_drift')
-    with pytest.raises(InvalidModel, match='effect frame_drift stands twice; remove one'):
+    with pytest.raises(InvalidModel, match='effect frame_drift is in it twice; remove one'):
         session.add('frame_drift')
     assert session.undo_words == 'add frame_drift'
 
@@ -219,7 +219,7 @@ def test_a_model_that_the_run_cannot_determine_has_a_verdict(controller, run):
     controller.act(controller.session.add, 'frame_drift')
     in_loop(controller.refresh())
     assert verdict_text(controller.session.results.verdict).action == (
-        'Measure the missing balls, or remove frame_drift from the model.')
+        'Measure the missing balls, or remove drift of the probe relative to the table from the model.')
 
 
 def test_a_mistake_of_the_program_is_shown(controller, run, monkeypatch):
@@ -243,7 +243,7 @@ def test_all_base_terms_can_be_removed(controller, run):
         controller.act(controller.session.remove, 0)
     in_loop(controller.refresh())
     assert (controller.step, controller.session.results.problem) == ('', '')
-    assert 'The model lacks table_motions' in verdict_text(controller.session.results.verdict).sentence
+    assert 'Missing: error motions of the table' in verdict_text(controller.session.results.verdict).sentence
 
 
 def test_what_was_asked_before_ends(controller, run):

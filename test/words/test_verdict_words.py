@@ -4,8 +4,12 @@
 from rosette_ros.core.diagnosis.diagnosis import Unnamed
 from rosette_ros.core.diagnosis.verdict import MissingEffect, Outcome, Residual, Verdict
 from rosette_ros.core.effects.effect import Setting
-from rosette_ros.words.effect_words import between_words, setting_words
-from rosette_ros.words.verdict_words import unexplained_words, unnamed_words, verdict_text
+from rosette_ros.core.effects.library import EFFECTS
+from rosette_ros.core.model.least_squares import Parameter
+from rosette_ros.presentation.formatting import glued
+from rosette_ros.words.cause_words import MOVES, does_words
+from rosette_ros.words.effect_words import between_words
+from rosette_ros.words.verdict_words import chance, unexplained_words, unnamed_words, verdict_text
 
 BEFORE, AFTER = Residual(3.6e-7, 9.1e-8, 1e-9, 1.0), Residual(1.02e-7, 9.1e-8, 0.2, 1.0)
 
@@ -31,12 +35,26 @@ def test_what_has_no_name_is_said_by_body_and_variable():
     assert unexplained_words(verdict) == unnamed_words(one)
 
 
-def test_a_moment_is_an_interval():
-    """A step that a run places between two readings is said so, in the sentence and in tables."""
-    slip = MissingEffect('ball_slip', Setting(ball=11, t0=2600.0), {'t0': (2244.0, 2982.0)}, 0.99)
-    text = verdict_text(Verdict(Outcome.NAMED, BEFORE, AFTER, (slip,)))
-    assert text.sentence == (
-        'The model lacks ball_slip (slip of one ball; ball 11, between 37.4 and 49.7 min; probability 99 %): with it '
-        'the residual falls from 0.360 µm to 0.102 µm.')
-    assert setting_words('ball_slip', slip.setting, (), slip.moments) == 'ball 11, t0 between 37.4 and 49.7 min'
-    assert between_words(60.0, 61.0) == 'between 1 and 1.0167 min'
+def test_a_cause_says_what_it_does_by_how_much_and_when():
+    """A step that a run places between two readings is said so; only what is significant is said of its axes."""
+    sizes = tuple(Parameter(f'd_{axis}', value, 1e-8, 'm') for axis, value in zip('xyz', (1.9e-6, -1e-9, 4e-7)))
+    slip = MissingEffect('ball_slip', Setting(ball=11, t0=2600.0), {'t0': (2244.0, 2982.0)}, 0.996,
+                         (('ball_creep', 0.04),), sizes)
+    text = verdict_text(Verdict(Outcome.NAMED, BEFORE, AFTER, (slip,), hidden=('table_backlash',)))
+    assert text.sentence == ('Missing: slip of one ball. With it the error falls from 0.360 µm to 0.102 µm '
+                             '(repeatability 0.0910 µm).')
+    assert text.limits == ('This run cannot tell slip of one ball from creep of one ball (4 %).',
+                           'This run could not have shown backlash of the table.')
+    assert does_words(slip) == 'ball 11 moves by 1.90 µm in x, 0.40 in z between 37.4 and 49.7 min'
+    assert between_words(60.0, 61.0) == 'between 1 and 1.017 min'
+    assert (chance(0.9999), chance(1e-5)) == ('99 %', '1 %')
+
+
+def test_every_effect_says_what_it_does():
+    """Each motion has its verb."""
+    assert {type(one.motion) for one in EFFECTS.values()} == set(MOVES)
+
+
+def test_numbers_keep_their_units():
+    """At the end of a line, too."""
+    assert glued('from 0.36 µm to 3 % in 2 min') == 'from 0.36\u00a0µm to 3\u00a0% in 2\u00a0min'

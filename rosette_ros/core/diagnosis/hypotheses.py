@@ -19,8 +19,8 @@ COARSE, FINE = 5e-3, 0.3
 """Share of its bracket to which a parameter is refined, at most and times the square root of what it is worth."""
 ENOUGH = 0.1
 """Log evidence by which an exchange has to be better for another one to be tried."""
-AGAIN = 1.05
-"""Factor by which what parameters are worth has to grow for them to be refined in turn once more."""
+AGAIN = 0.05
+"""Share by which what parameters are worth has to grow for them to be refined in turn once more."""
 
 
 class Search:
@@ -155,7 +155,7 @@ def refined(evidence: Evidence, member: Cause, worth: Callable[[Cause], float],
                 continue
             better = at(name, value)
             member = better if worth(better) >= worth(member) else member
-        if len(brackets) < 2 or worth(member) <= AGAIN * before:
+        if len(brackets) < 2 or worth(member) <= before + AGAIN * abs(before):
             return member
 
 

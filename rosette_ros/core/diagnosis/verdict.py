@@ -12,7 +12,7 @@ from rosette_ros.core.records import ROUNDED, Floats, Run, resolution_of
 
 if TYPE_CHECKING:  # nodes and clients pass a verdict on: they start faster without what makes a fit
     from rosette_ros.core.diagnosis.posterior import Claim
-    from rosette_ros.core.model.least_squares import Fit
+    from rosette_ros.core.model.least_squares import Fit, Parameter
 
 UNLIKELY = 0.01
 """Probability of lack of fit below which readings scatter more than stated.
@@ -118,14 +118,18 @@ class Residual:
 class MissingEffect:
     """What a model lacks: a name, its setting, and between which times, s since the first reading, moments of it lie.
 
-    A base term has no setting; probability: None where none was worked out; alternatives: names that the run cannot
-    distinguish from it, each with its probability."""
+    A base term has no setting and no parameters; probability: None where none was worked out; alternatives: names that
+    the run cannot tell from it, each with its probability; before, after: rms of the residual, m, without it and with
+    it, beside what stands above it."""
 
     name: str
     setting: Mapping[str, float | str] = field(default_factory=dict)
     moments: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     probability: float | None = None
     alternatives: tuple[tuple[str, float], ...] = ()
+    parameters: tuple['Parameter', ...] = ()
+    before: float = np.nan
+    after: float = np.nan
 
 
 class UnnamedMotion(Protocol):
@@ -257,7 +261,7 @@ def decide(fit: 'Fit', final: 'Fit', missing: Sequence[str] = (), unnamed: Seque
     else:
         outcome = Outcome.NOISE if noise.is_other else Outcome.FITS
     return Verdict(
-        outcome, before, after, _missing(final, len(fit.effects), missing, {one.name: one for one in claims}),
+        outcome, before, after, _missing(fit, final, missing, {one.name: one for one in claims}),
         tuple(unnamed), tuple((one.name, one.probability) for one in doubtful), tuple(not_needed), tuple(hidden),
         _outliers(final, len(fit.effects)), wrong[:MOST_WRONG],
         max(len(wrong) - MOST_WRONG, 0), _too_large(final),
@@ -281,18 +285,39 @@ def _residual(fit: 'Fit') -> Residual:
     return Residual(fit.rms, fit.run.repeatability, fit.lack_of_fit_p, fit.noise.quietest)
 
 
-def _missing(final: 'Fit', known: int, names: Sequence[str],
+def _missing(fit: 'Fit', final: 'Fit', names: Sequence[str],
              claims: Mapping[str, 'Claim']) -> tuple[MissingEffect, ...]:
-    """Return what a model lacks by name, each effect with its settings; known: the number of effects it has."""
-    out = []
-    for name in names:
-        terms = [term for term in final.model.terms[known:] if term.name == name]
-        settings = [one.setting for one in final.effects[known:] if one.name == name]
-        claim = claims.get(name)
-        more = (claim.probability, claim.alternatives) if claim else (None, ())
-        out += [MissingEffect(name, setting, term.effect.moments(final.run, setting), *more)
-                for term, setting in zip(terms, settings)] or [MissingEffect(name)]
+    """Return what a model lacks: base terms, then effects with their settings, the one that explains most first."""
+    if not names:
+        return ()
+    known = len(fit.effects)
+    found = list(zip(final.model.terms[known:], final.effects[known:]))
+    terms = [name for name in names if name not in {term.name for term, _ in found}]
+    errors = [fit.rms] * bool(terms) + nested_rms(final, known)
+    errors[0], errors[-1] = fit.rms, final.rms
+    out = [MissingEffect(name, before=errors[0], after=errors[1]) for name in terms]
+    for place, (term, one) in enumerate(found, bool(terms)):
+        claim = claims.get(term.name)
+        out.append(MissingEffect(
+            term.name, one.setting, term.effect.moments(final.run, one.setting), claim.probability if claim else None,
+            claim.alternatives if claim else (), one.parameters, errors[place], errors[place + 1]))
     return tuple(out)
+
+
+def nested_rms(final: 'Fit', known: int) -> list[float]:
+    """Return the rms of the residual with the first `known` effects of a model, with one more, ... with all, m."""
+    joint, run = final.joint, final.run
+    size = 3 * run.size
+    moved = sum((one.displacement for one in final.effects), np.zeros_like(final.residual))
+    left = joint.space.residual((final.residual + moved)[None]).reshape(size)
+    pairs = [(term.effect, one.setting) for term, one in zip(final.model.terms, final.effects)]
+    widths = [len(effect.amplitudes(run, setting)) for effect, setting in pairs]
+    searched = [sum(one.kind != 'choice' for one in effect.searched) for effect, _ in pairs]
+    columns, used = (np.cumsum([0, *counts]) for counts in (widths, np.add(widths, searched)))
+    basis = np.linalg.qr(joint.space.residual(joint.columns).reshape(-1, size).T).Q
+    falls = np.concatenate([[0.0], np.cumsum((left @ basis)**2)])
+    rss, dof = np.maximum(left @ left - falls[columns], 0.0), final.dof + used[-1] - used
+    return [float(one) for one in np.sqrt(rss / dof)[known:]]
 
 
 def _too_large(final: 'Fit') -> float:

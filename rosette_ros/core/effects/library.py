@@ -9,7 +9,7 @@ from rosette_ros.core.effects import courses as of
 from rosette_ros.core.effects import motions as move
 from rosette_ros.core.effects.effect import Effect, PhysicalEffect, Quantity
 from rosette_ros.core.effects.free import FREE
-from rosette_ros.core.errors import InvalidModel, unknown
+from rosette_ros.core.errors import InvalidModel, unknown_name
 from rosette_ros.core.records import Run
 
 EFFECTS: dict[str, PhysicalEffect] = {one.name: one for one in (
@@ -320,9 +320,9 @@ def effects_of(run: Run) -> dict[str, Effect]:
 
 
 def effect(name: str) -> Effect:
-    """Return the effect or free course of a name; raise InvalidModel, listing the known ones, if there is none."""
+    """Return the effect or free course of a name; raise InvalidModel, with the nearest one, if there is none."""
     if name not in EFFECTS and name != FREE.name:
-        raise InvalidModel(f'effect: {unknown(name, (*EFFECTS, FREE.name))}')
+        raise InvalidModel(unknown_name('effect', name, EFFECTS, 'rosette effects'))
     return EFFECTS.get(name) or FREE
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from rosette_ros.core.effects.custom import CustomTerm
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.effects.library import EFFECTS, effect
-from rosette_ros.core.errors import InvalidModel
+from rosette_ros.core.errors import InvalidModel, unknown_name
 
 SCHEMA = 'rosette-model/1'
 BASE_TERMS = ('table_motions', 'plate_deviations', 'cmm_deviations')
@@ -90,7 +90,7 @@ class Model:
         for term in self.terms:
             term.effect.check_setting(term.fixed)
             if str(term) in seen and not (self.repeated or term.is_open):
-                raise InvalidModel(f'model: effect {term} stands twice; remove one'
+                raise InvalidModel(f'model: effect {term} is in it twice; remove one'
                                    f'{", or give one another setting" if term.effect.searched else ""}')
             seen.add(str(term))
 
@@ -132,7 +132,7 @@ class Model:
             return replace(self, noise=tuple(one for one in self.noise if one != name))
         places = [k for k, term in enumerate(self.terms) if name in (term.name, str(term))]
         if not places:
-            raise InvalidModel(f'model: wanted one of {", ".join(self.names)} to remove, got {name!r}')
+            raise InvalidModel(f'model: {unknown_name("effect", name, self.names)}')
         return replace(self, terms=self.terms[:places[-1]] + self.terms[places[-1] + 1:])
 
     def to_mapping(self) -> dict[str, str | list[str] | list[Entry]]:

@@ -10,13 +10,10 @@ import numpy as np
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.planning.visibility import Share, Visibility, visibility, visible_share, visible_shares
-from rosette_ros.core.records import Floats, Run
+from rosette_ros.core.records import Floats, Ints, Run
 from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, nominal_places, plan, unwrap_travel
-from rosette_ros.core.touches import USUAL, Pace
+from rosette_ros.core.touches import USUAL, USUAL_PACE, Pace
 
-SECONDS_PER_BALL = 30.0   # s, 20 touches and the move down and up
-TABLE_SPEED = 0.1         # rad/s
-CMM_SPEED = 0.05          # m/s
 VARIANTS = tuple((order, turning) for order in ORDERS for turning in ('forward', 'alternate')
                  if order != 'row_there_and_back'
                  and (turning == 'forward' or order in ('diagonal', 'column', 'random')))
@@ -100,7 +97,7 @@ class OrderAdvice:
 class Advice:
     """The present order, the recommended next one, and all that were compared.
 
-    weak: effects that the present order hides or shows badly; wanted: those that the next one must show; text: why;
+    weak: effects that the present order hides or shows badly; wanted: those that the next one must show;
     balls: those in use in all orders, () where they are all.
     """
 
@@ -109,28 +106,30 @@ class Advice:
     orders: tuple[OrderAdvice, ...]
     weak: tuple[str, ...]
     wanted: tuple[str, ...]
-    text: str
     balls: tuple[int, ...] = ()
 
 
-def planned_run(scheme: Scheme, radius: float, pace: Pace | None = None, rotation: Floats | None = None) -> Run:
+def planned_run(scheme: Scheme, radius: float, pace: Pace = USUAL_PACE, rotation: Floats | None = None) -> Run:
     """Return a run as it is expected: nominal centres, times of moves and touches, slow warming; rotation: as of Run.
 
-    pace: of the cell, None for usual speeds and SECONDS_PER_BALL of USUAL touches. The temperature rises by 0.1 K along
-    half a sine, so that what follows the temperature is not the same as what follows the time.
+    pace: of the cell. The temperature rises by 0.1 K along half a sine, so that what follows the temperature is not the
+    same as what follows the time.
     """
-    travel = unwrap_travel(scheme.table_angle, scheme.approach, scheme.n)
     centres = nominal_places(scheme.n, radius, scheme.table_position, scheme.ball)
-    turn = np.abs(np.diff(travel, prepend=travel[:1])) / TABLE_SPEED
-    move = np.linalg.norm(np.diff(centres, axis=0, prepend=centres[:1]), axis=1) / CMM_SPEED
-    touches = np.where(scheme.touches > 0, scheme.touches, USUAL)
-    time = np.cumsum(SECONDS_PER_BALL * touches / USUAL + np.maximum(turn, move) if pace is None else
-                     pace.touch * touches + pace.table_move * (turn > 0))
-    time = time - time[0]
+    time = times_of(scheme, radius, np.where(scheme.touches > 0, scheme.touches, USUAL), pace)
     temperature = 20 + 0.1 * np.sin(0.5 * np.pi * time / time[-1])
     return Run(scheme.n, radius, scheme.table_position, scheme.ball, centres, time=time, temperature=temperature,
                approach=scheme.approach, repeats=scheme.repeats, session=scheme.session,
                source=f'planned run, order {scheme.order}', rotation=rotation, table_offset=scheme.table_offset)
+
+
+def times_of(scheme: Scheme, radius: float, touches: Floats | Ints | int, pace: Pace = USUAL_PACE) -> Floats:
+    """Return when each reading of a scheme is expected, (N,), s from the first; touches: of each, or of all."""
+    travel = unwrap_travel(scheme.table_angle, scheme.approach, scheme.n)
+    centres = nominal_places(scheme.n, radius, scheme.table_position, scheme.ball)
+    move = np.linalg.norm(np.diff(centres, axis=0, prepend=centres[:1]), axis=1)
+    time = pace.times(np.broadcast_to(touches, move.shape), np.abs(np.diff(travel, prepend=travel[:1])), move)
+    return np.asarray(time - time[0])
 
 
 def advise_order(scheme: Scheme, radius: float, sigma: float, wanted: Sequence[str] = (), names: Sequence[str] = (),
@@ -145,7 +144,7 @@ def advise_order(scheme: Scheme, radius: float, sigma: float, wanted: Sequence[s
     turning = 'clockwise' if backwards.all() else 'alternate' if backwards.any() else 'forward'
     duration = float(planned.time[-1])
     return OrderAdvice(scheme.order, turning, scheme.seed, run or planned, sigma, tuple(wanted), tuple(names),
-                       duration - SECONDS_PER_BALL * (planned.size - 1), duration)
+                       duration - Pace.touch * USUAL * (planned.size - 1), duration)
 
 
 def advise(n: int, order: str = 'diagonal', radius: float = 0.1825, sigma: float = 1e-7, wanted: Sequence[str] = (),
@@ -202,7 +201,7 @@ def _advice(present: OrderAdvice, n: int, radius: float, sigma: float, wanted: S
                             rotation=rotation)
     else:
         best = present
-    return Advice(present, best, every, weak, wanted, _text(present, best, weak, wanted), balls)
+    return Advice(present, best, every, weak, wanted, balls)
 
 
 def _best(orders: Sequence[OrderAdvice], wanted: Sequence[str]) -> OrderAdvice:
@@ -216,25 +215,3 @@ def _best(orders: Sequence[OrderAdvice], wanted: Sequence[str]) -> OrderAdvice:
             near.append(one)
             top = max(top, one.worst)
     return min((one for one in orders if one in near and one.worst >= ALMOST * top), key=lambda one: one.travel_time)
-
-
-def _text(present: OrderAdvice, best: OrderAdvice, weak: Sequence[str], wanted: Sequence[str]) -> str:
-    seen_by_best = {name: visible_share(best.run, name) for name in wanted}
-    hidden = [name for name in weak if present.shares[name].hidden]
-    seen = [name for name in weak if name not in hidden]
-    parts = [] if weak else [f'Order {present.label} shows every effect of the library.']
-    if hidden:
-        parts.append(f'Order {present.label} does not show {", ".join(hidden)}.')
-    if seen:
-        parts.append(f'It shows {", ".join(seen)} only weakly.')
-    if best is not present:
-        shares = ', '.join(f'{name} {100 * present.share(name):.0f} → {100 * seen_by_best[name].typical_share:.0f} %'
-                           for name in wanted[:6])
-        longer = best.duration / present.duration - 1
-        parts.append(f'Measure next in order {best.label}: observable shares {shares}; the run takes '
-                     f'{100 * abs(longer):.0f} % {"longer" if longer >= 0 else "less"}.')
-    still = [name for name in wanted if seen_by_best[name].hidden]
-    if still:
-        parts.append(f'No order here shows {", ".join(still)}: repeat balls after turning the table the other way, or '
-                     'check it with another instrument.')
-    return ' '.join(parts)

@@ -9,11 +9,11 @@ import numpy as np
 
 from rosette_ros.core.errors import InvalidPlan
 from rosette_ros.core.model.base_space import BaseSpace
-from rosette_ros.core.planning.advice import planned_run
+from rosette_ros.core.planning.advice import planned_run, times_of
 from rosette_ros.core.records import Floats
 from rosette_ros.core.reduced_sets import best_members, fewest_members, relative_uncertainty
 from rosette_ros.core.scheme import Scheme, plan
-from rosette_ros.core.touches import TOUCHES, Pace, sigma_of_touches
+from rosette_ros.core.touches import TOUCHES, USUAL_PACE, Pace, sigma_of_touches
 
 ORDERS_TRIED = ('row', 'diagonal', 'row_there_and_back', 'there_and_back')
 MOST_BALLS = 36
@@ -37,7 +37,7 @@ class Proposal:
 
 
 def propose(n: int, radius: float, hours: float, sigma: float = 1e-7, drift: float = 0.0,
-            pace: Pace | None = None) -> tuple[Proposal, ...]:
+            pace: Pace = USUAL_PACE) -> tuple[Proposal, ...]:
     """Return the Proposals of n balls that take no longer than `hours`, best first, one of each order.
 
     sigma: standard deviation of a coordinate from 20 touches, m; drift: standard deviation of a random walk of the
@@ -46,12 +46,10 @@ def propose(n: int, radius: float, hours: float, sigma: float = 1e-7, drift: flo
     if n > MOST_BALLS:
         raise InvalidPlan(f'a plan for a given time: wanted at most {MOST_BALLS} balls, got {n}; choose with '
                           '--cmm-positions')
-    pace, best = pace or Pace(), dict[str, Proposal]()
-    shortest = np.inf
+    best, shortest = dict[str, Proposal](), float(np.inf)
     for count, order in product(range(fewest_members(n), n + 1), ORDERS_TRIED):
         scheme = plan(n, order, cmm_positions=[k + 1 for k in best_members(n, count)])
-        moves = np.abs(np.diff(scheme.table_position, prepend=scheme.table_position[:1])) > 0
-        times = {touches: np.cumsum(pace.touch * touches + pace.table_move * moves) for touches in TOUCHES}
+        times = {touches: times_of(scheme, radius, touches, pace) for touches in TOUCHES}
         shortest = min(shortest, *(float(time[-1]) for time in times.values()))
         short = {touches: time for touches, time in times.items() if time[-1] <= 3600 * hours}
         for one in _proposals(scheme, radius, short, sigma, drift) if short else ():

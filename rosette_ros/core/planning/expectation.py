@@ -11,7 +11,7 @@ from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.records import Floats, Run
 from rosette_ros.core.reduced_sets import relative_uncertainty
 from rosette_ros.core.scheme import Scheme
-from rosette_ros.core.touches import Pace, sigma_of_touches
+from rosette_ros.core.touches import USUAL_PACE, Pace, sigma_of_touches
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +35,8 @@ class Expectation:
     unobservable: tuple[str, ...]
 
 
-def expect(scheme: Scheme, radius: float, pace: Pace | None = None) -> Expectation:
-    """Return the Expectation of a scheme; radius: m; pace: of the cell, None for a usual one.
+def expect(scheme: Scheme, radius: float, pace: Pace = USUAL_PACE) -> Expectation:
+    """Return the Expectation of a scheme; radius: m; pace: of the cell.
 
     Raises InvalidPlan where it does not determine the curves.
     """

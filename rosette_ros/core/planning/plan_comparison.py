@@ -2,19 +2,19 @@
 """Plans side by side: what each determines and shows, and which is better where."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from rosette_ros.core.errors import counted
 from rosette_ros.core.planning.advice import GOOD_SHARE, planned_run
-from rosette_ros.core.planning.budget import MOST_BALLS, propose
+from rosette_ros.core.planning.budget import MOST_BALLS
 from rosette_ros.core.planning.expectation import Expectation, expect
 from rosette_ros.core.planning.visibility import Visibility, visibility
 from rosette_ros.core.records import Floats
 from rosette_ros.core.reduced_sets import best_members, fewest_members, penalty
-from rosette_ros.core.scheme import Scheme, places_in_use, plan
-from rosette_ros.core.touches import Pace
+from rosette_ros.core.scheme import Scheme
+from rosette_ros.core.touches import USUAL_PACE, Pace
 
 NOTICED = 0.02
 """Relative differences of uncertainties and times that are not worth a word."""
@@ -52,9 +52,9 @@ class Outlook:
         return tuple(one.name for one in self.effects if not one.reason)
 
 
-def outlook(name: str, scheme: Scheme, radius: float, sigma: float = 1e-7, pace: Pace | None = None,
+def outlook(name: str, scheme: Scheme, radius: float, sigma: float = 1e-7, pace: Pace = USUAL_PACE,
             effects: bool = True, rotation: Floats | None = None) -> Outlook:
-    """Return the Outlook of a plan; pace: of the cell, None for a usual one; effects: whether to look at them.
+    """Return the Outlook of a plan; pace: of the cell; effects: whether to look at them.
 
     rotation: of the table in the machine, as of Run: effects of gravity and of the CMM's axes depend on it.
 
@@ -64,34 +64,6 @@ def outlook(name: str, scheme: Scheme, radius: float, sigma: float = 1e-7, pace:
     seen = visibility(planned_run(scheme, radius, pace, rotation), sigma * expected.spread) if (
         effects and scheme.n <= MOST_BALLS) else ()
     return Outlook(name, scheme, radius, sigma, expected, seen, rotation)
-
-
-def outlook_of_order(n: int, radius: float, pace: Pace | None, order: str, places: str = '',
-                     touches: int = 0, balls: str = '', offset: float = 0.0) -> Outlook:
-    """Return the Outlook of an order; places, balls: CMM positions, balls in use as of `places_in_use`.
-
-    offset: table angle of table position 1, degrees. Raises InvalidPlan.
-    """
-    scheme = plan(n, order, 0, 'forward', places_in_use(places, n), places_in_use(balls, n, 'balls')).shifted(offset)
-    return _named(replace(scheme, touches=np.full(scheme.ball.size, touches)), radius, pace)
-
-
-def best_outlook(n: int, radius: float, pace: Pace, hours: float, drift: float) -> Outlook:
-    """Return the Outlook of the plan that is best in a time for a frame that wanders by `drift`, m, in an hour.
-
-    Raises InvalidPlan where there is none.
-    """
-    best = propose(n, radius, hours, drift=drift, pace=pace)[0]
-    return _named(replace(best.scheme, touches=np.full(best.scheme.ball.size, best.touches)), radius, pace)
-
-
-def _named(scheme: Scheme, radius: float, pace: Pace | None) -> Outlook:
-    """Return the Outlook of an order, named so that it differs from others: 'row, 6 CMM positions, 8 touches'."""
-    counts = (np.unique(scheme.cmm_position).size, 'CMM position'), (np.unique(scheme.ball).size, 'ball')
-    words = [scheme.order, *(counted(count, what) for count, what in counts if count < scheme.n)]
-    words += [f'{touches} touches' for touches in scheme.touches[:1] if touches]
-    words += [f'from {np.rad2deg(scheme.table_offset):g}° on'] * bool(scheme.table_offset)
-    return outlook(', '.join(words), scheme, radius, pace=pace)
 
 
 def point_of(plan: Outlook) -> Point:

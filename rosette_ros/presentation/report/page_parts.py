@@ -7,16 +7,15 @@ from collections.abc import Mapping
 
 import matplotlib as mpl
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup, escape
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from rosette_ros.presentation.formatting import glued
 from rosette_ros.presentation.plots.plot_style import LOOK
 
 PAGES = Environment(loader=PackageLoader('rosette_ros.presentation.report'), autoescape=True, trim_blocks=True,
                     lstrip_blocks=True, undefined=StrictUndefined)
-_OPTION = re.compile(r'--[\w-]+')
-PAGES.filters['options'] = lambda words: Markup(_OPTION.sub(r'<span class="nb">\g<0></span>', str(escape(words))))
-"""A text in which no line breaks within the name of an option."""
+PAGES.filters['glued'] = glued
 PAGES.filters['css_text'] = lambda words: ''.join(f'\\{ord(one):06x}' for one in words)
 """A text for a string of a style sheet: every character by its number."""
 _HEAD = re.compile(r'\A.*?(?=<svg\b)', re.DOTALL)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from rosette_ros.analysis import Summary
 from rosette_ros.core.budget_inputs import BudgetInputs
 from rosette_ros.core.diagnosis.comparison import spectrum
-from rosette_ros.core.error_summary import difference, fit_lines
+from rosette_ros.core.error_summary import difference, doubt_of, fit_lines
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import Fit
@@ -43,8 +43,9 @@ from rosette_ros.presentation.report.provenance import Source, order_of, softwar
 from rosette_ros.presentation.table_format import Table
 from rosette_ros.presentation.tables import base_name, curves, tables_of
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table
+from rosette_ros.words.advice_words import advice_words
 from rosette_ros.words.result_words import comparison_words
-from rosette_ros.words.verdict_words import verdict_text
+from rosette_ros.words.verdict_words import HEADLINES, title_of, titles, verdict_text
 
 MOST_CANDIDATES, MOST_SPECTRA, MOST_SHARES = 8, 3, 3
 COLUMNS = {'candidates': ('effect', 'claimed', 'p', 'size', 'visible_fraction', 'held_out_rms_after_um', 'look_alikes'),
@@ -68,18 +69,18 @@ def report_html(summary: Summary, source: Source | None = None, command: str = '
     run, identity = summary.run, source.identity if source else Identity()
     return PAGES.get_template('report.html.j2').render(
         summary=summary, verdict=verdict_text(summary.verdict), source=source, iso=text.iso_range(run.rotation),
-        command=command, sizes=bars(summary), compared=comparison_words(summary.comparison),
-        findings=findings(summary), p_noise=text.P_NOISE, pictures=inline_svgs(pictures), k=text.COVERAGE_FACTOR,
-        changed=len(fits_of(summary)) > 1, cross_validation=text.CROSS_VALIDATION,
+        headline=HEADLINES[summary.verdict.outcome], command=command, sizes=bars(summary),
+        compared=comparison_words(summary.comparison), pictures=inline_svgs(pictures), k=text.COVERAGE_FACTOR,
+        advised=advice_words(summary.advice) if summary.advice else '',
+        changed=summary.found is not None, now=text.NOW, found=text.FOUND, cross_validation=text.CROSS_VALIDATION,
         tables=shown_tables(summary, identity, refit, made), budget=made, spheres=sphere_rows(refit) if refit else (),
         identity=identity_rows(identity, source.contradictions if source else ()), signer=signer(identity),
         measured=conditions(summary, source), unknown=[
-            *unknowns(summary, made), *untouched, *([] if identity.entries else [NOTHING])], labels=[
-            model_label(summary, fit) for fit in fits_of(summary)], judged=text.model_words(summary.model),
-        simulated=SIMULATED * run.simulated,
+            *unknowns(summary, made), *untouched, *([] if identity.entries else [NOTHING])],
+        judged=text.model_words(summary.model), simulated=SIMULATED * run.simulated,
         running=f'{run.run_id or run.source}{" (SIMULATED)" * run.simulated}', model=format_model(summary.final.model),
         numbers={name: place for place, name in enumerate(pictures, 1)}, software=software(), overlays=overlays,
-        elsewhere=[one.label for one in overlays if difference(one.motions, summary.final.error_motions) is None],
+        elsewhere=[one.label for one in overlays if difference(one.motions, summary.fit.error_motions) is None],
         others=[one.effect for one in summary.diagnosis.candidates[MOST_CANDIDATES:]])
 
 
@@ -99,12 +100,13 @@ def touches_of(source: Source | None) -> tuple[SphereRefit | None, list[str]]:
     return found, [NO_TOUCHES] if source and not found else []
 
 
-def budget_of(summary: Summary, refit: SphereRefit | None = None, inputs: BudgetInputs | None = None) -> Budget | None:
-    """Return the uncertainty budget of the final model; None where the plate is too large, or there are no curves."""
-    fit = summary.final
+def budget_of(summary: Summary, refit: SphereRefit | None = None,
+              inputs: BudgetInputs | None = None) -> Budget | None:
+    """Return the uncertainty budget as modelled now; None where the plate is too large, or there are no curves."""
+    fit = summary.fit
     if fit.run.n > MOST_BALLS or 'table_motions' not in fit.model.base:
         return None
-    return budget(fit, inputs, touch_scatter(refit), doubt=doubt_in(summary))
+    return budget(fit, inputs, touch_scatter(refit), doubt=doubt_of(summary.verdict))
 
 
 def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: SphereRefit | None = None,
@@ -114,20 +116,17 @@ def pictures_of(summary: Summary, overlays: Sequence[Series] = (), refit: Sphere
     refit: the spheres fitted to the touches, where there are any; made: the uncertainty budget, likewise.
     """
     run, fits, found = summary.run, fits_of(summary), summary.diagnosis.candidates[:MOST_CANDIDATES]
-    when = ('before: ', 'after: ') if len(fits) > 1 else ('',)
-    rows = [Residuals(f'{word}{model_label(summary, fit)}', run, fit.residual)
-            for word, fit in zip(when, fits, strict=True)]
-    final = made.error_motions if made and made.inputs.values else summary.final.error_motions
-    series = [Series(model_label(summary, fits[-1]), final),
-              *(Series(model_label(summary, fit), fit.error_motions) for fit in fits[-2::-1]), *overlays]
+    rows = [Residuals(label, run, fit.residual) for label, fit in fits]
+    now = made.error_motions if made and made.inputs.values else summary.fit.error_motions
+    series = [Series(fits[0][0], now), *(Series(label, fit.error_motions) for label, fit in fits[1:]), *overlays]
     return {
-        'curves': six_curves(series), 'polar': polar_motions(final),
-        **({'differences': six_curves(less)} if (less := _differences(final, overlays)) else {}),
+        'curves': six_curves(series), 'polar': polar_motions(now),
+        **({'differences': six_curves(less)} if (less := _differences(now, overlays)) else {}),
         **({'budget': budget_bars(made)} if made else {}),
-        'deviations': deviations(summary.final.plate, summary.final.cmm, run.radius),
+        'deviations': deviations(summary.fit.plate, summary.fit.cmm, run.radius),
         'residual_maps': residual_plots.residual_maps(rows),
         'residuals_against': residual_plots.against(rows, run.repeatability),
-        'histogram': residual_plots.histogram(rows, run.repeatability, [one.dof for one in fits]),
+        'histogram': residual_plots.histogram(rows, run.repeatability, [one.dof for _, one in fits]),
         'noise': noise_plots.noise(summary.final),
         **({'spectrum': _spectrum(summary)} if run.is_complete else {}),
         'ladder': comparison_plots.ladder(summary.ladder, run.repeatability, run.repeatability_dof),
@@ -172,26 +171,23 @@ def every_table(summary: Summary, identity: Identity, refit: SphereRefit | None 
     limits = identity.limits(summary.run.rotation)
     tables = {table.name: table for table in tables_of(summary, limits)}
     if made and made.inputs.values:
+        lines, found = made.lines(limits, doubt_of(summary.verdict)), summary.found
         tables |= {table.name: table for table in (
-            errors(made.lines(limits, doubt_in(summary))), curves(made.error_motions))}
+            errors(lines, found=fit_lines(found) if found else ()),
+            curves(made.error_motions, text.NOW if found else ''))}
     return (*tables.values(), *([sphere_table(refit)] if refit else []), *(budget_tables(made) if made else ()))
-
-
-def doubt_in(summary: Summary) -> str:
-    """Return why nothing is decided by the final model, '' where it is."""
-    return max(line.doubt for line in summary.lines())
 
 
 def unknowns(summary: Summary, made: Budget | None = None) -> list[str]:
     """Return what the results of a run do not tell, in sentences."""
     run, every = summary.run, summary.visibilities
     hidden = [one.name for one in every if not one.reason and one.hidden]
-    reasons = [f'{one.name} ({one.reason})' for one in every if one.reason]
+    reasons = [f'{title_of(one.name)} ({one.reason})' for one in every if one.reason]
     what = ('what the uncertainty budget in Annex A lists' if made and made.inputs.values else
             'the scatter of the readings and the uncertainty of the effects in the model')
     return list(filter(None, (
         *text.not_known(run, summary.fit.gauge),
-        f'Not observable in this order of measurement: {text.names(hidden)}.' if hidden else '',
+        f'This run could not have shown {titles(hidden)}.' if hidden else '',
         f'Not judged: {"; ".join(reasons)}.' if reasons else '',
         'The temperature was not recorded.' if not np.isfinite(run.temperature).any() else '', *(
             f'{note[0].upper()}{note[1:]}.' for note in run.notes),
@@ -199,17 +195,11 @@ def unknowns(summary: Summary, made: Budget | None = None) -> list[str]:
         'F.')))
 
 
-def model_label(summary: Summary, fit: Fit) -> str:
-    """Return the name of a model in legends."""
-    if fit is summary.fit:
-        return base_name(fit.model) if not fit.model.terms else 'model as given'
-    return f'with {text.names(dict.fromkeys(fit.model.names[len(summary.model.names):]))}'
-
-
-def fits_of(summary: Summary) -> tuple[Fit, ...]:
-    """Return the fits before and after the identified effects are added; one where there are none."""
-    changed = summary.final.model.names != summary.fit.model.names
-    return (summary.fit, summary.final) if changed else (summary.fit,)
+def fits_of(summary: Summary) -> list[tuple[str, Fit]]:
+    """Return the fit of the model as it is, and that with the cause found where one is missing, with their names."""
+    if summary.found is None:
+        return [(base_name(summary.model) if not summary.model.terms else 'model as given', summary.fit)]
+    return [(text.NOW, summary.fit), (text.FOUND, summary.found)]
 
 
 def _spectrum(summary: Summary) -> Figure:
@@ -233,8 +223,7 @@ def bars(summary: Summary) -> list[tuple[str, float, str, str]]:
     """Return the bars beside the verdict, residual before and after, repeatability: label, m, text, class of colour."""
     fits, noise = fits_of(summary), summary.run.repeatability
     kinds = ('before', 'after') if len(fits) > 1 else ('after',)
-    sizes = [(f'Residual, {model_label(summary, one)}', one.rms, kind)
-             for one, kind in zip(fits, kinds, strict=True)]
+    sizes = [(f'Residual, {label}', one.rms, kind) for (label, one), kind in zip(fits, kinds, strict=True)]
     sizes += [('Repeatability of a reading', noise, 'noise')] if noise is not None else []
     return [(label, size, text.micrometres(size), kind) for label, size, kind in sizes]
 
@@ -249,19 +238,9 @@ def spans(fit: Fit) -> list[tuple[str, str, str]]:
     return out
 
 
-def findings(summary: Summary) -> list[tuple[str, str, str, str]]:
-    """Return name, p, meaning and where to look of each missing effect."""
-    out = []
-    for name in summary.diagnosis.missing:
-        p = min((one.p for one in summary.diagnosis.candidates if one.effect == name and one.claimed), default=0.0)
-        effect = text.MEANINGS.get(name)
-        out.append((name, text.p_value(p), effect.meaning if effect else '', effect.look if effect else ''))
-    return out
-
-
 def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str, str]]:
     """Return what was measured, when and how, as (name, text) rows."""
-    run, fit = summary.run, summary.final
+    run, fit = summary.run, summary.fit
     rows = [('Run', run.run_id or run.source),
             ('Measured by', 'a simulated CMM' if run.simulated else
              'a CMM; nothing in the data says that it is simulated'),
@@ -274,8 +253,8 @@ def conditions(summary: Summary, source: Source | None = None) -> list[tuple[str
             ('Repeatability', text.repeatability_words(
                 run.repeatability, run.repeatability_dof, run.repeatability_axes)),
             ('Table angles', f'at most {text.significant(1e6 * np.abs(run.angle_deviation).max())} µrad off nominal'),
-            ('Uncertainties', text.uncertainty_words(fit)), ('Model judged', text.model_words(summary.model)),
-            ('Model of the results', text.model_words(fit.model)),
+            ('Uncertainties', text.uncertainty_words(fit)), ('Model', text.model_words(fit.model)),
+            ('Model with the cause found', text.model_words(summary.found.model) if summary.found else ''),
             *(('Data', f'{file.path}, SHA-256 {file.sha256}') for file in (source.files if source else ())),
             ('Software', ', '.join(f'{name} {version}' for name, version in software()[:2]))]
     return [row for row in rows if row[1]]

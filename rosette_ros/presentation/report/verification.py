@@ -167,8 +167,7 @@ class Verification:
         worst = self.members[int(np.nanargmax(np.nanmax(sizes, axis=(1, 2))))].label
         curve = CURVES[int(np.nanargmax(np.nanmax(sizes, axis=(0, 1))))]
         return ConclusionText(Level.BAD, f'The runs differ by more than their noise: they reproduce within {size}.',
-                              f'Check {worst} and {curve} first; rosette report of each run names what its model '
-                              'lacks.')
+                              f'Check {worst} and {curve} first, and diagnose each run.')
 
 
 def verify(runs: Sequence[tuple[Fit, Source]], maker: MakerTable | None = None) -> Verification:

@@ -8,22 +8,23 @@ from nicegui import ui
 from rosette_ros.core.diagnosis.diagnosis import Candidate, Diagnosis
 from rosette_ros.core.diagnosis.recovered_shape import Shape
 from rosette_ros.core.diagnosis.second_run import CrossCheck
-from rosette_ros.core.diagnosis.verdict import Level
+from rosette_ros.core.diagnosis.verdict import Level, Verdict
 from rosette_ros.core.effects.effect import Setting
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.records import Run
 from rosette_ros.presentation import tables
-from rosette_ros.presentation.formatting import COVERAGE_FACTOR, MEANINGS, duration, micro, words_of
+from rosette_ros.presentation.explanation_results import causes
+from rosette_ros.presentation.formatting import COVERAGE_FACTOR, MEANINGS, duration, glued, micro, words_of
 from rosette_ros.presentation.identity_words import SIMULATED
 from rosette_ros.presentation.plots.shape_plots import MOST_CURVES
-from rosette_ros.presentation.report.run_page import findings, spans
+from rosette_ros.presentation.report.run_page import spans
 from rosette_ros.studio import figures
 from rosette_ros.studio.controller import Controller
 from rosette_ros.studio.panels import widgets
 from rosette_ros.studio.panels.widgets import button, card, marked, row
 from rosette_ros.studio.studio_session import OpenedRun
 from rosette_ros.words.result_words import check_words
-from rosette_ros.words.verdict_words import verdict_text
+from rosette_ros.words.verdict_words import HEADLINES, titles, verdict_text
 
 Action = Callable[[str, Setting | None], Awaitable[None] | None]
 """Takes the name of an effect and its setting."""
@@ -58,9 +59,10 @@ class VerdictPanel:
             self._icon = ui.icon('hourglass_empty').props('aria-hidden=true')
             with ui.element('div').classes('text').props('role=status aria-live=polite'):
                 self._simulated = marked(ui.label(SIMULATED).classes('error'), 'simulated')
-                self._outcome, self._sentence, self._action = (
-                    marked(ui.label('').classes(name), f'verdict-{name}') for name in ('outcome', 'sentence', 'action'))
-                self._meanings = widgets.Area(marked(ui.element('div').classes('meaning'), 'verdict-meaning'))
+                self._outcome, self._sentence = (
+                    marked(ui.label('').classes(name), f'verdict-{name}') for name in ('outcome', 'sentence'))
+                self._causes = widgets.Area(marked(ui.element('div'), 'verdict-causes'))
+                self._action = marked(ui.label('').classes('action'), 'verdict-action')
                 self._spans = widgets.Area(marked(ui.element('div').classes('spans').props(
                     'role=group aria-label="Peak to valley of the largest curve of each kind"'), 'spans'))
                 with ui.element('div').classes('progress small') as self._progress:
@@ -79,9 +81,9 @@ class VerdictPanel:
         self._simulated.set_visibility(opened.run.simulated)
         waits = opened.is_large and not (step or verdict or results.problem)
         if verdict:
-            outcome = f'{verdict.outcome[0].upper()}{verdict.outcome[1:]}'
             text = verdict_text(verdict)
-            level, words = verdict.level.value, (outcome, text.sentence, text.action)
+            level = verdict.level.value
+            words = HEADLINES[verdict.outcome], glued(text.sentence), glued(' '.join((*text.limits, text.action)))
         elif results.problem:
             level, words = Level.BAD.value, ('Error', results.problem, '')
         else:
@@ -98,19 +100,17 @@ class VerdictPanel:
         if step:
             self._step.set_text(f'step {list(STEPS).index(step) + 1} of {len(STEPS)}: {STEPS[step]} …')
         self._diagnose.set_visibility(waits)
-        missing = findings(results.summary) if results.summary else []
+        missing = results.summary.diagnosis.missing if results.summary else ()
         what = 'it' if len(missing) == 1 else f'all {len(missing)}'
         for one, verb in ((self._preview, 'Preview'), (self._add, 'Add')):
             one.set_visibility(bool(missing) and self._controller.session.preview is None)
             one.set_text(f'{verb} {what}')
-        self._meanings.show(self._show_meanings, missing)
+        self._causes.show(self._show_causes, verdict)
         self._spans.show(self._show_spans, spans(results.fit) if results.fit else [])
 
-    def _show_meanings(self, missing: list[tuple[str, str, str, str]]) -> None:
-        for name, _, meaning, look in missing:
-            with ui.element('p'):
-                widgets.named(name)
-                ui.label(f'{meaning} Look at: {look}' if look else meaning)
+    def _show_causes(self, verdict: Verdict | None) -> None:
+        if verdict and verdict.missing:
+            widgets.plain_table(causes(verdict))
 
     def _show_spans(self, every: list[tuple[str, str, str]]) -> None:
         ui.label('Peak to valley').classes('soft')
@@ -174,13 +174,12 @@ class CandidatesPanel:
                 ui.label(f'No name: {shape.words}.').classes('small')
                 _draw(shape)
         if others:
-            with ui.expansion('Not significant: the next best').props('dense').classes('small'), \
+            with ui.expansion('The next best').props('dense').classes('small'), \
                     ui.element('div').classes('list'):
                 for one in others:
                     self._add_card(one, run, OF_OTHERS)
         if diagnosis.invisible:
-            hidden = ', '.join(map(words_of, diagnosis.invisible))
-            ui.label(f'Not observable in this order of measurement: {hidden}.').classes('small')
+            ui.label(f'This run could not have shown {titles(diagnosis.invisible)}.').classes('small')
 
     def _add_card(self, one: Candidate, run: Run, columns: tuple[str, ...], shapes: Sequence[Shape] = ()) -> None:
         with marked(ui.element('article').classes('candidate'), f'candidate-{one.effect}') as self._cards[one.effect]:
@@ -189,7 +188,7 @@ class CandidatesPanel:
                 widgets.named(one.effect)
                 with ui.element('span').classes('badge' if one.claimed else 'badge soft'):
                     ui.icon('error' if one.claimed else 'radio_button_unchecked').props('aria-hidden=true')
-                    ui.label('missing' if one.claimed else 'not significant')
+                    ui.label('missing' if one.claimed else 'not missing')
             if one.effect in MEANINGS:
                 ui.label(MEANINGS[one.effect].meaning).classes('small')
             widgets.fact_list(tables.candidates([one], run).select(*columns))

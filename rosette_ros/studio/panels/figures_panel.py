@@ -12,7 +12,7 @@ from rosette_ros.core.errors import RosetteError
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.error_results import errors
-from rosette_ros.presentation.formatting import words_of
+from rosette_ros.presentation.formatting import FOUND, NOW, words_of
 from rosette_ros.presentation.identity_words import NOTHING, identity_rows
 from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE
 from rosette_ros.presentation.report.provenance import Source
@@ -23,7 +23,7 @@ from rosette_ros.studio.panels.widgets import Area, Figure, button, card, marked
 from rosette_ros.studio.round_figures import plate_figure, polar_figure
 from rosette_ros.studio.studio_session import OpenedRun, Preview
 
-PRESENT, PREVIEWED = 'present model', 'with preview'
+PREVIEWED = 'with preview'
 WIDTH = 720
 """Least width of figures with three panels side by side, px."""
 
@@ -39,7 +39,7 @@ class FiguresPanel:
             with row():
                 self._busy = marked(ui.spinner(size='22px').props('aria-label="Calculating"'), 'preview-busy')
                 self._title = marked(ui.label('').props('role=heading aria-level=2').classes('title'), 'preview-title')
-                self._switch = ui.toggle([PRESENT, PREVIEWED], value=PRESENT, on_change=self._draw)
+                self._switch = ui.toggle([NOW, PREVIEWED], value=NOW, on_change=self._draw)
                 marked(self._switch.props('no-caps dense unelevated toggle-color=primary'), 'switch')
                 self._add = button('Add', on_add, 'add', 'preview-add', strong=True, hint='Add it to the model (a)')
                 button('Close preview', on_drop, 'close', 'preview-drop', hint='Leave the model as it is (Esc)')
@@ -98,17 +98,19 @@ class FiguresPanel:
         if fit is None:
             return
         after, shown = preview.change.after if preview else None, self._shown or fit
-        self._whose.set_text(f'{PREVIEWED}: {preview.name}' if preview and shown is after else PRESENT)
-        verdict = self._controller.session.results.verdict
-        self._errors.show(_show_errors, shown, verdict if shown is fit else None, self._run)
+        self._whose.set_text(f'{PREVIEWED}: {preview.name}' if preview and shown is after else NOW)
+        results = self._controller.session.results
+        found = results.summary.found if results.summary and after is None else None
+        self._errors.show(_show_errors, shown, results.verdict if shown is fit else None, self._run, found)
         self._identity.show(_show_identity, self._run)
-        curves = [figures.Curves(PRESENT, fit.error_motions, AFTER if after is None else BEFORE)]
-        if after is not None:
-            curves.append(figures.Curves(PREVIEWED, after.error_motions, AFTER, 'dot'))
+        other, name = (found, FOUND) if after is None else (after, PREVIEWED)
+        curves = [figures.Curves(NOW, fit.error_motions, AFTER if other is None else BEFORE)]
+        if other is not None:
+            curves.append(figures.Curves(name, other.error_motions, AFTER, 'dot'))
         chosen, run = self._chosen(shown), shown.run
         angle = None if chosen is None else float(run.table_angle[chosen] + run.table_offset)
-        self._curves.draw((fit, after, angle), figures.curves_figure, curves, angle)
-        self._polar.draw((fit, after), polar_figure, curves)
+        self._curves.draw((fit, other, angle), figures.curves_figure, curves, angle)
+        self._polar.draw((fit, other), polar_figure, curves)
         self._plate.draw((shown,), plate_figure, shown.plate, run.radius)
         self._maps.draw((shown, fit, chosen), figures.maps_figure, shown, fit, chosen)
         self._times.draw((shown, after, chosen), figures.time_figure, shown,
@@ -138,10 +140,10 @@ class FiguresPanel:
     def switch(self) -> None:
         """Show the maps of the other model, where there is a preview."""
         if self._controller.session.preview is not None:
-            self._switch.set_value(PRESENT if self._switch.value == PREVIEWED else PREVIEWED)
+            self._switch.set_value(NOW if self._switch.value == PREVIEWED else PREVIEWED)
 
     def _show_preview(self, preview: Preview | None) -> None:
-        self._switch.set_value(PREVIEWED if preview else PRESENT)
+        self._switch.set_value(PREVIEWED if preview else NOW)
         if preview is not None:
             self._words.set_text(preview_words(preview.change))
             plain_table(tables.curve_changes(preview.change))
@@ -155,13 +157,13 @@ def preview_words(change: Change) -> str:
     return f'{judged}: {errors}.'
 
 
-def _show_errors(fit: Fit, verdict: Verdict | None, opened: OpenedRun | None) -> None:
+def _show_errors(fit: Fit, verdict: Verdict | None, opened: OpenedRun | None, cause_found: Fit | None) -> None:
     limits, words = dict[str, float](), ''
     try:
         limits = _source(opened).identity.limits(fit.run.rotation)
     except RosetteError as error:
         words = f'{error}. '
-    found = errors(fit_lines(fit, limits, doubt_of(verdict)))
+    found = errors(fit_lines(fit, limits, doubt_of(verdict)), found=fit_lines(cause_found) if cause_found else ())
     plain_table(found)
     ui.label(f'{words}{found.note}').classes('soft')
 

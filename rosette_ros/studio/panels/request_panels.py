@@ -34,7 +34,7 @@ class BudgetPanel:
         self._controller = controller
         with widgets.folded_card('Uncertainty budget (GUM)', 'budget'):
             ui.label('What the readings do not tell (form of balls, thermal coefficients, alignment, radius) comes '
-                     'from a file of inputs, as of rosette budget --inputs.').classes('soft small')
+                     'from a file of inputs (YAML, rosette-budget/1).').classes('soft small')
             with row():
                 path = input_field(ui.input('file of inputs (YAML), optional'), 'budget-inputs', 'min-width: 320px')
                 button('Calculate', lambda: on_make((path.value or '').strip()), 'stacked_bar_chart', 'budget-go')
@@ -93,7 +93,7 @@ class OverlayPanel(RunsPanel):
     def show(self, opened: OpenedRun) -> None:
         """Show the runs that can be chosen, and the result where it is of the run and the model that are shown."""
         runs = {place: one.name for place, one in enumerate(self._controller.session.runs) if one is not opened}
-        self._offer(runs, bool(runs), 'Their curves under the present model.', 'Open a second run first.')
+        self._offer(runs, bool(runs), 'Their curves as modelled now.', 'Open a second run first.')
         self._result.show(_fill_overlay, self._controller.of_present(self._controller.overlaid))
 
 

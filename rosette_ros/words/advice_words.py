@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an order of measurement shows and what to measure next, in words."""
+
+from rosette_ros.core.errors import counted
+from rosette_ros.core.planning.advice import GOOD_SHARE, Advice
+from rosette_ros.words.verdict_words import some_titles, titles
+
+SAME_TIME = 0.1
+"""Difference of durations below which two orders take the same time."""
+
+
+def advice_words(advice: Advice) -> str:
+    """Return an advice in sentences."""
+    present, best = advice.present, advice.best
+    hidden = [name for name in advice.weak if present.shares[name].hidden]
+    weak = [name for name in advice.weak if name not in hidden]
+    parts = [] if advice.weak else [f'Order {present.label} shows every effect of the library.']
+    if hidden:
+        parts.append(f'Order {present.label} cannot show {some_titles(hidden)}.')
+    if weak:
+        parts.append(f'It can hardly show {some_titles(weak)}.')
+    if best is not present:
+        more = sum(best.share(name) >= GOOD_SHARE > present.share(name) for name in advice.wanted)
+        what = counted(more, 'more effect') if more else f'more of {titles([best.worst_effect])}'
+        parts.append(f'Order {best.label} shows {what} in {_time(best.duration / present.duration - 1)}.')
+    if never := [name for name in advice.wanted if best.shares[name].hidden]:
+        parts.append(f'No order here shows {titles(never)}: repeat balls after turning the table the other way, or '
+                     'check it with another instrument.')
+    return ' '.join(parts)
+
+
+def _time(longer: float) -> str:
+    if abs(longer) < SAME_TIME:
+        return 'the same time'
+    return f'{100 * abs(longer):.0f} % {"more" if longer > 0 else "less"} time'
