@@ -7,12 +7,13 @@ the readings (of a free course: of the sizes of its process),
     y | H ~ N(0, sigma^2 [1 + sum_i tau_i^2 M D_i' D_i M]),   p(sigma) ~ 1 / sigma,   ln tau_i uniform over SIZES,
 
 in white coordinates of the noise. Settings are uniform over their grid and summed over. The prior of a set of members
-is a Poisson process: EXPECTED members in a run, A_FREE of which have no name, shared out evenly over the families but
-for what each has to find, SEARCHED.
+is a Poisson process, k of one family among k! orders: EXPECTED members in a run, A_FREE of which have no name, shared
+out evenly over the families but for what each has to find, SEARCHED.
 """
 
 import copy
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -240,8 +241,10 @@ class State:
         self.inverse = self.root @ self.root.T
         self.left = evidence.total - float(self.product @ self.inverse @ self.product)
         self.likelihood = -0.5 * log_det - 0.5 * evidence.dof * math.log(max(self.left / evidence.total, 1e-12))
+        times = Counter(one.name for one in members)
         self.log_evidence = float(self.likelihood + occam.sum()
-                                  + sum(one.volume + one.family.log_prior for one in members))
+                                  + sum(one.volume + one.family.log_prior for one in members)
+                                  - sum(math.lgamma(count + 1) for count in times.values()))
 
     def _root(self, which: Sequence[int], sizes: Floats) -> tuple[Floats, float]:
         """Return R with R R' = (G + 1/tau^2)^-1 of some members, 0 for the others, and ln det(1 + tau G tau)."""
@@ -330,8 +333,8 @@ class State:
             value = log_bf[start:end]
             if seen[start:end].any():  # of what this order hides altogether a run says nothing
                 best, whole = int(np.argmax(np.where(seen[start:end], value, -np.inf))), float(log_mean(value))
-                out.append(Suggestion(whole + family.log_prior, family, family.settings[best],
-                                      whole - float(value[best])))
+                prior = family.log_prior - math.log(1 + self.names.count(family.name))
+                out.append(Suggestion(whole + prior, family, family.settings[best], whole - float(value[best])))
         return sorted(out, key=lambda one: -one.gain)
 
 
