@@ -31,7 +31,7 @@ ROUNDING = 1e-5
 """Square of the visible share of a direction below which single precision says nothing of it."""
 EXPECTED = 1.0
 """Effects that a run which is diagnosed is expected to have: calibrated on simulated clean runs."""
-A_FREE = 0.1
+A_FREE = 0.2
 """Share of the causes in cells that the library does not name."""
 SEARCHED = 1.0
 """Each number that has to be searched makes a cause rarer by e: so many particular things are seldom true."""
