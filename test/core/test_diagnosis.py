@@ -17,6 +17,7 @@ from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import BASE_TERMS, Model
 from rosette_ros.core.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
+from rosette_ros.words.result_words import comparison_words
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
 SIGMA = 1e-7
@@ -179,9 +180,12 @@ def test_two_effects_are_found_together():
     """A drift and a plate that warps; a drift and what follows the temperature, for which one curve stands at first."""
     both = [{'kind': 'frame_drift', 'rate_um_per_h': [0.6, 0.2, 0.0]}, {'kind': 'plate_warp', 'rate_um_per_h': 0.9}]
     assert set(find(machine_run(hidden=both)).missing) == {'frame_drift', 'plate_warp'}
-    told = {(seed, size): set(find(warm_drift(seed, size)).missing) for seed, size in (
-        (2, 1.6e-6), (5, 1.6e-6), (5, 2.4e-6))}
-    assert all(one == {'frame_drift', 'frame_temperature'} for one in told.values()), told
+    assert set(find(warm_drift(2, 1.6e-6)).missing) == {'frame_drift', 'frame_temperature'}
+    for size in (1.6e-6, 2.4e-6):  # the drift may stay a course in time without a name
+        found = find(warm_drift(5, size))
+        drift = 'frame_drift' in found.missing or [one.motion for one in found.unnamed if frozenset({'time'})
+                                                   in one.alternatives] == ['frame along x, y and z']
+        assert 'frame_temperature' in found.missing and drift, (found.missing, unexplained_words(found.verdict))
 
 
 def test_a_candidate_without_a_fit_is_not_judged(monkeypatch):
@@ -211,13 +215,13 @@ def test_comparison_says_where_it_fails():
     groups = {grouping.label: grouping for grouping in moved.groupings}
     assert groups['ball'].keys[groups['ball'].worst] == '4'
     clean = compare(analyse(machine_run('diagonal')))
-    assert 'at ball 4' in moved.summary and 'at ball' not in clean.summary
+    assert 'at ball 4' in comparison_words(moved) and 'at ball' not in comparison_words(clean)
     assert np.allclose(clean.axis_rms, SIGMA, rtol=0.2)
     run = synthetic_run(8, 'random', 4, noise=SIGMA)[0]
     drift = 2e-6 * run.time / run.time[-1]
     for moved, words in ((drift, 'are alike'), (2e-7 * (-1.0)**np.arange(run.size), 'differ more than by chance')):
-        summary = compare(fit(run.replace(centre=run.centre + moved[:, None] * np.eye(3)[0]))).summary
-        assert f'neighbours in the sequence {words}' in summary
+        comparison = compare(fit(run.replace(centre=run.centre + moved[:, None] * np.eye(3)[0])))
+        assert f'; successive readings {words}.' in comparison_words(comparison)
 
 
 @pytest.mark.parametrize('name, draws, tolerance', [('', 400, 0.04), ('frame_drift', 400, 0.05),

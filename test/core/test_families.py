@@ -157,7 +157,7 @@ def test_a_foreign_shape_has_no_name():
         if (found.missing or len(told) != 1 or found.verdict.outcome != Outcome.UNNAMED
                 or not any(frozenset(variables) in sets and along == motion for sets, along in told)
                 or (kind == 'a ball that wanders' and not found.unnamed[0].setting['of'].startswith('ball 6 '))):
-            wrong[kind] = (found.missing, found.shapes, found.final.noise.kinds)
+            wrong[kind] = (found.missing, unexplained_words(found.verdict), found.final.noise.kinds)
     assert not wrong, wrong
 
 

@@ -22,7 +22,7 @@ from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.records import remove_gauge
 from rosette_ros.core.scheme import plan
 from rosette_ros.presentation.formatting import uncertainty_words
-from rosette_ros.words.verdict_words import verdict_text
+from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
 
 def covariance(sd, phi, wander):
@@ -103,14 +103,14 @@ def test_noise_is_told_as_noise():
             found = find(noisy(make(seed), seed, 'row' if kind == 'by CMM position' else 'random'))
             kinds = found.final.noise.kinds
             if found.missing or found.unnamed or kind.removesuffix(' of a walk') not in kinds:
-                wrong[kind, seed] = (found.missing, found.shapes, kinds)
+                wrong[kind, seed] = (found.missing, unexplained_words(found.verdict), kinds)
     assert not wrong, wrong
 
 
 def test_what_noise_is_like_stands_in_the_sentence():
     """The words for each kind; each axis is compared with the one that repeats best, the advice names the worse."""
-    for make, words in ((KINDS['tail reading'], ' stand out more than normal noise allows (Student, '),
-                        (KINDS['wander'], 'neighbouring readings are correlated 0.'),
+    for make, words in ((KINDS['tail reading'], 's stand out more than a normal distribution allows (Student, '),
+                        (KINDS['wander'], 'successive readings are correlated, coefficient 0.'),
                         (KINDS['wander of a walk'], 'the frame wanders')):
         assert words in verdict_text(judge(noisy(make(0)))).sentence
     assert 'CMM position 7 scatters ' in verdict_text(judge(noisy(KINDS['by CMM position'](0), 0, 'row'))).sentence
@@ -132,7 +132,7 @@ def test_rounding_is_told_as_rounding():
     assert 'rounded to 1.00 µm' in verdict_text(verdict).sentence
     as_much = judge(run.replace(centre=np.round(run.centre, 7)))
     assert as_much.outcome == Outcome.FITS
-    assert 'rounded to 0.100 µm, which makes 9 % of the variance' in verdict_text(as_much).sentence
+    assert 'rounded to 0.100 µm, which accounts for 9 % of the variance' in verdict_text(as_much).sentence
 
 
 def test_unequal_axes_have_uncertainties_of_their_own():
@@ -196,7 +196,7 @@ def test_effects_of_any_unit_are_taken_off():
     alike, unlike = (Beside(run, 0.1825, BASE_TERMS, white(0)[0], columns * np.array(units)[:, None, None], none,
                             np.zeros(0)) for units in ([1, 1, 1], [1, 1e-9, 1e9]))
     assert alike.dof == unlike.dof == fit(run).dof - 3
-    assert unlike.white.joined()[1] == pytest.approx(alike.white.joined()[1], rel=1e-9)
+    assert unlike.white.joined[1] == pytest.approx(alike.white.joined[1], rel=1e-9)
 
 
 def test_no_part_is_much_quieter_than_rounding_makes_it():
@@ -218,8 +218,8 @@ def test_a_repeatability_is_that_of_its_place():
     run = noisy(white(1)[0] * loud, 1, 'column').replace(repeatability_dof=30.0)
     verdict, found = judge(run), analyse(run)
     assert verdict.outcome == Outcome.NOISE
-    assert all(f'{one} 10 ' in verdict_text(verdict).sentence for one in ('ball', 'part')) and 'may as well be ' in (
-        verdict_text(verdict).sentence)
+    said = verdict_text(verdict).sentence
+    assert all(f'{one} 10 ' in said for one in ('ball', 'part')) and 'cannot distinguish from ' in said
     assert found.sigma == found.rms and found.sigma_source == 'residuals (the noise is not equal)'
     slow = Noise(by='time', factors=np.array([0.8, 1.0, 1.25]))  # the check was made one part before the run
     assert slow.quietest == pytest.approx(0.8) and Noise(by='ball', factors=slow.factors).quietest == 0.8

@@ -22,7 +22,7 @@ def test_a_ball_that_scatters_more_makes_no_shape():
             found = find(run.replace(centre=run.centre + SIGMA * size * white(52)[0]))
             kinds = found.final.noise.kinds
             if found.missing or found.unnamed or not any(kind.startswith(('by ', 'tail')) for kind in kinds):
-                wrong[order, factor] = (found.missing, found.shapes, kinds)
+                wrong[order, factor] = (found.missing, unexplained_words(found.verdict), kinds)
     assert not wrong, wrong
 
 
@@ -74,7 +74,7 @@ def test_the_noise_beside_an_effect_is_not_what_the_effect_alone_looks_like():
         found = find(moved(run, displacement(run), 40))
         noise = found.final.noise
         if found.missing != (kind,) or noise.by or noise.wander.any() or abs(found.final.rms / fit(run).rms - 1) > 0.05:
-            wrong[kind] = (found.missing, found.shapes, noise.kinds, found.final.rms / fit(run).rms)
+            wrong[kind] = (found.missing, unexplained_words(found.verdict), noise.kinds, found.final.rms / fit(run).rms)
     assert not wrong, wrong
 
 
@@ -99,5 +99,5 @@ def test_a_drift_beside_an_effect_is_no_wander():
         found = find(moved(run, run.time[:, None] * np.array([1e-4, 0, 5e-5]), 15))
         drift, = set(found.missing) - {'ball_machine_offset'} or {''}
         if len(found.missing) != 2 or drift not in ('frame_drift', 'frame_warmup'):
-            wrong[seed] = (found.missing, found.shapes, found.final.noise.kinds)
+            wrong[seed] = (found.missing, unexplained_words(found.verdict), found.final.noise.kinds)
     assert not wrong, wrong

@@ -9,7 +9,7 @@ from rosette_ros.core.diagnosis.verdict import Level, Outcome
 from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
-from rosette_ros.words.verdict_words import verdict_text
+from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
 
 def measured(n=8, order='random', hidden=(), shifts=None):
@@ -47,14 +47,15 @@ def test_two_of_one_size_are_named_however_large():
         are = all(f'reading {number}, ' in verdict_text(found.verdict).sentence for number in (21, 48))
         seen = max(one.visible_fraction for one in found.candidates)
         told['readings', size] = (found.missing == ('outlier',) and are and found.final.rms < 2e-7 and seen <= 1) or (
-            found.missing, found.shapes, found.final.rms, seen)
+            found.missing, unexplained_words(found.verdict), found.final.rms, seen)
     for size in (1.0, 100.0):
         first = {'kind': 'ball_slip', 'ball': 3, 'shift_um': [size, 0.0, 0.0], 'at_h': 0.4}
         for second in ({'kind': 'outlier', 'shift_um': [0.0, size, 0.0], 'at_h': 0.6},
                        {'kind': 'ball_slip', 'ball': 7, 'shift_um': [0.0, size, 0.0], 'at_h': 0.5}):
             found = find(measured(10, 'sensitive', (first, second)))
             told[second['kind'], size] = (set(found.missing) == {'ball_slip', second['kind']}
-                                          and found.final.rms < 2e-7) or (found.missing, found.shapes)
+                                          and found.final.rms < 2e-7) or (
+                found.missing, unexplained_words(found.verdict))
     assert set(told.values()) == {True}, told
 
 

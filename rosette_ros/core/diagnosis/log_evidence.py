@@ -233,9 +233,10 @@ class State:
         sizes = np.array([one.size for one in members])
         occam = np.zeros(len(members))
         for k in reversed(range(len(members))):  # the newest one first, as the others have their sizes already
-            line = allowed(self._line(k, sizes), members[k].most)
-            sizes[k] = SIZES[int(np.argmax(line))]
-            occam[k] = float(log_mean(line)) - line.max()
+            whole = self._line(k, sizes)
+            line = allowed(whole, members[k].most)
+            best = int(np.argmax(line))
+            sizes[k], occam[k] = SIZES[best], float(log_mean(line)) - whole[best]
         self.members = tuple(replace(one, size=float(size)) for one, size in zip(members, sizes))
         self.root, log_det = self._root(range(len(members)), sizes)
         self.inverse = self.root @ self.root.T

@@ -46,14 +46,15 @@ def choose(white: Search, fitted: Fit, under: Callable[[Noise], Search]) -> Choi
     """Return the Choice for a run; white: the search in white noise of a fit; under: makes that in another noise."""
     best = white.best()
     values: dict[Key, float] = {}
-    searches: dict[tuple[str, ...], tuple[Search, Noise]] = {(): (white, Noise())}
+    sources: dict[Key, tuple[Search, Noise]] = {}
 
-    def take(search: Search, kinds: tuple[str, ...], shift: float) -> None:
+    def take(search: Search, kinds: tuple[str, ...], noise: Noise, shift: float) -> None:
         for names, value in search.values.items():
             key = names, kinds
-            values[key] = max(values.get(key, -np.inf), value + shift)
+            if value + shift > values.get(key, -np.inf):  # noise of one kind may have other sizes beside other members
+                values[key], sources[key] = value + shift, (search, noise)
 
-    take(white, (), math.log(1 - NOT_WHITE))
+    take(white, (), Noise(), math.log(1 - NOT_WHITE))
     # noise may take the place of what moves single readings, or the frame
     rest = [tuple(one for one in best.members if one.family.effect.body != body) for body in ('', 'reading', 'frame')]
     waiting, tried = list(dict.fromkeys([(), *rest])), set[Key]()
@@ -74,11 +75,9 @@ def choose(white: Search, fitted: Fit, under: Callable[[Noise], Search]) -> Choi
             here = State(search.evidence, [search.evidence.member(each.family, each.setting, each.volume)
                                            for each in base.members])
             own = search.best()
-            take(search, one.kinds, base.log_evidence + one.log_evidence - here.log_evidence)
-            searches[one.kinds] = search, one.noise
+            take(search, one.kinds, one.noise, base.log_evidence + one.log_evidence - here.log_evidence)
             if own.names not in (base.names, best.names) and (own.names, one.kinds) not in tried:
                 waiting.append(own.members)
     posterior = Posterior(values)
-    names, kinds = posterior.best
-    search, noise = searches[kinds]
-    return Choice(posterior, search.state(names), noise)
+    search, noise = sources[posterior.best]
+    return Choice(posterior, search.state(posterior.best[0]), noise)

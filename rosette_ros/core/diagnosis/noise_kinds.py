@@ -289,7 +289,7 @@ class NoiseKinds:
 
         hope = float(log_mean(np.concatenate([log_bf(tried(phi, SHARES[2:4].tolist())).reshape(-1)
                                               for phi in (0.6, 0.97)])))
-        if hope + self._each < least:
+        if hope + self._each < min(least, LEAST):  # too rough to be held against more than white noise
             return
         every = {phi: log_bf(tried(phi, SHARES.tolist())) for phi in MEMORIES}
         equal = np.flatnonzero(RATIOS == 1)
