@@ -98,7 +98,8 @@ def beside(value: Reals, product: Reals, across: Reals | None, left: float, dof:
         b, q, k = across.shape
         every = np.concatenate([across, product[..., None]], axis=2)
         both = (across[..., None] * every[:, :, None]).reshape(b, q, -1)
-        system = -(shrunk @ both).reshape(b, -1, k, k + 1).transpose(2, 3, 0, 1)  # of what members leave, and products
+        # of what members leave, and products
+        system = -(shrunk @ both).reshape(b, -1, k, k + 1).transpose(2, 3, 0, 1).astype(float)
         system[np.arange(k), np.arange(k)] += 1
         for j in range(k):  # elimination; a direction that nothing is left of is rounding
             pivot = np.maximum(system[j, j], ROUNDING)
@@ -326,9 +327,10 @@ class State:
         for key, blocks in evidence.blocks.items():
             if is_open or not key[1]:
                 log_bf[bank.groups[key].number] = 0.0  # as likely as nothing where it is hidden
-                if blocks.seen.size:
-                    log_bf[blocks.number] = blocks.log_bf(across.get(key), self)
-                    seen[blocks.number] = True
+                free = np.count_nonzero(blocks.value > ROUNDING, axis=1) < evidence.dof - len(self.basis)
+                if free.any():  # what describes all that is left explains nothing
+                    log_bf[blocks.number[free]] = blocks.log_bf(across.get(key), self)[free]
+                    seen[blocks.number[free]] = True
         out = []
         for family, start, end in zip(bank.families, bank.ends, bank.ends[1:]):
             value = log_bf[start:end]
