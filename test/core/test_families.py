@@ -182,9 +182,9 @@ def test_what_temperature_may_be_is_said_where_it_is_not_recorded():
     drift = measured(lambda run: share(run)[:, None] * X, strength=30.0)
     unknown = np.full(drift.size, np.nan)
     found = find(drift.replace(temperature=unknown))
-    assert found.missing == ('frame_drift',) and 'frame_temperature' not in find(drift).look_alikes
+    assert found.missing == ('frame_drift',) and 'frame_temperature' not in find(drift).verdict.look_alikes
     step = measured(lambda run: (share(run) > 0.4)[:, None] * X, strength=30.0)
-    assert 'frame_temperature' not in find(step.replace(temperature=unknown)).look_alikes
+    assert 'frame_temperature' not in find(step.replace(temperature=unknown)).verdict.look_alikes
     assert 'frame_temperature' in found.verdict.look_alikes
 
 
@@ -192,7 +192,7 @@ def test_where_angle_is_time_both_stories_are_told():
     """In order row the table turns once: what stretches the plate by cos phi may be a plate that shrinks and grows."""
     def growth(run):
         return outwards(run, -np.cos(run.phi))
-    assert 'plate_expansion' not in find(measured(growth, strength=12.0)).look_alikes
+    assert 'plate_expansion' not in find(measured(growth, strength=12.0)).verdict.look_alikes
     found = find(measured(growth, 'row', 12.0))
     assert found.missing == ('plate_support',) and 'plate_expansion' in found.verdict.look_alikes
 

@@ -104,8 +104,9 @@ def beside(value: Reals, product: Reals, across: Reals | None, left: float, dof:
         for j in range(k):  # elimination; a direction that nothing is left of is rounding
             pivot = np.maximum(system[j, j], ROUNDING)
             log_det += np.log(pivot)
-            fall += system[j, k]**2 / pivot
-            system[j + 1:, j + 1:] -= system[j + 1:, j, None] / pivot * system[j, j + 1:]
+            row = np.where(system[j, j] > ROUNDING, system[j], 0)
+            fall = fall + row[k]**2 / pivot
+            system[j + 1:, j + 1:] -= row[j + 1:k, None] / pivot * row[j + 1:]
     return np.asarray(-0.5 * log_det - 0.5 * dof * np.log1p(-np.minimum(fall / left, 1 - 1e-12)))
 
 
@@ -196,7 +197,7 @@ class Evidence:
     def _scale_to(self, residual: Floats) -> None:
         self.scale = float(np.sqrt(np.sum(residual**2) / self.dof)) or 1.0
         self.y: Floats = residual.reshape(-1) / self.scale
-        self.total = float(self.y @ self.y)
+        self.total = max(float(self.y @ self.y), 1e-290)
 
     def on(self, residual: Floats) -> 'Evidence':
         """Return the same for another residual (N, 3) of the same model; what is made of the bank is shared."""

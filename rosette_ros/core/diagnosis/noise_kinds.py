@@ -267,7 +267,8 @@ class NoiseKinds:
                 noise = replace(noise, axes=noise.axes / np.sqrt(weights[[0, 0, 1] if name == 'z' else [0, 1, 2]]))
             elif name in ('reading', 'coordinate'):
                 before = 1.0 if noise.weight is None else noise.weight
-                own = weights[self.groups[name]].reshape(-1, 3)
+                own, left = weights[self.groups[name]].reshape(-1, 3), state.left.fitted[0].reshape(-1, 3)
+                own = own * np.sum(left**2) / np.sum(own * left**2)  # sigma is the root of the variance, as without
                 noise = replace(noise, tail=name, tail_dof=nu, weight=before * own)
             else:
                 noise = replace(noise, by=name, factors=1 / np.sqrt(weights))
