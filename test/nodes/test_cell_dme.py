@@ -163,7 +163,7 @@ def test_a_hidden_effect_is_named(cell, client, served):
         commands.cmm = whole
     assert outcome.success, outcome.message
     assert outcome.verdict.outcome is Outcome.NAMED
-    assert 'table_backlash' in outcome.verdict.sentence
+    assert 'backlash of the table' in outcome.verdict.sentence
 
 
 @pytest.mark.parametrize(('goal', 'words'), [
