@@ -405,7 +405,7 @@ def test_a_killed_process_is_an_error():
         in_loop(Worker().run(kill_itself))
 
 
-@pytest.mark.parametrize('after', [0.0, 0.5])
+@pytest.mark.parametrize('after', [0.5])
 def test_a_signal_to_all_processes_leaves_no_traceback(after):
     """As of a service manager, or a terminal that is closed, while a run is opening: it ended in an EOFError."""
     script = f"""
