@@ -3,6 +3,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -119,9 +120,9 @@ def test_demo_leaves_log_picture_and_machine(demo):
 def test_demo_agrees_with_the_truth(demo):
     """The rms of 30 normalised errors, 20 of them free, is 1 within four standard deviations."""
     [line] = [line for line in demo.out.splitlines() if 'Difference to the truth: rms' in line]
-    rms, spread = float(line.split()[5]), float(line.split()[10])
-    assert spread == pytest.approx(1 / np.sqrt(40), abs=0.01)
-    assert abs(rms - 1) < 4 * spread
+    rms, low, high = map(float, re.findall(r'\d\.\d+', line))
+    assert (1 - low, high - 1) == pytest.approx(2 * (2 / np.sqrt(40),), abs=0.01)
+    assert abs(rms - 1) < 2 * (high - 1)
 
 
 def test_evaluate_equals_what_was_published_bit_for_bit(demo, rosette):
@@ -177,7 +178,7 @@ def test_calibrate_cancel_and_refusal(domain_id, make_cell, tmp_path, rosette, r
         assert log.name.endswith('_row')
         verdict = verdict_text(judge(read_log(log).to_run()))
         for out in (done.out, rosette('evaluate', log).out):
-            assert f'{verdict.sentence} {verdict.action}' in ' '.join(out.split())
+            assert verdict.sentence in ' '.join(out.split())
         assert '4 balls' in done.err
         alone = rosette(*words, '--order', 'row', '--joint-with', 'nosuch')
         assert (alone.code, 'U (k=2)' in alone.out) == (2, True)
