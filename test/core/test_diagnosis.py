@@ -12,6 +12,7 @@ from rosette_ros.core.diagnosis.diagnosis import RunSearch, _search, diagnose, f
 from rosette_ros.core.diagnosis.effect_settings import choose_settings
 from rosette_ros.core.diagnosis.verdict import Outcome
 from rosette_ros.core.effects.free import motions
+from rosette_ros.core.effects.library import EFFECTS
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.core.model.model import BASE_TERMS, Model
@@ -56,7 +57,7 @@ def test_the_hidden_effect_is_named():
         assert abs(top.rms_after / SIGMA - 1) < 3 * 0.041 and top.rms_after < top.rms_before
         assert abs(top.cross_validation_after / SIGMA - 1) < 4 * 0.041
         assert top.cross_validation_after < top.cross_validation_before
-        assert f'The model lacks {kind}' in verdict_text(found.verdict).sentence
+        assert EFFECTS[kind].plain in verdict_text(found.verdict).sentence
         parameters = {one.name: one for one in top.parameters}
         assert all(abs(parameters[name].value - value) < 3 * parameters[name].u for name, value in truth.items()), kind
 
@@ -83,9 +84,9 @@ def test_what_the_model_describes_is_still_in_the_cell():
     size = f'{1e6 * found.fit.effects[0].rms:#.3g} µm rms'
     assert found.verdict.outcome == Outcome.FITS and found.not_needed == ()
     action = verdict_text(found.verdict).action
-    assert f'the cause of what the model only describes, frame_drift ({size}), or keep it' in action
+    assert f"find the cause: {EFFECTS['frame_drift'].plain} ({size})" in action.replace('\u00a0', ' ')
     clean = find(machine_run(n=8), drift)
-    assert 'only describes' not in verdict_text(clean.verdict).action and clean.not_needed == ('frame_drift',)
+    assert 'find the cause' not in verdict_text(clean.verdict).action and clean.not_needed == ('frame_drift',)
 
 
 def test_a_base_term_left_out_is_missed():
@@ -98,7 +99,7 @@ def test_a_base_term_left_out_is_missed():
         assert found.candidates[0].rms_after < 1.3 * SIGMA < found.candidates[0].rms_before
     said = verdict_text(judge(machine_run('diagonal', n=6), Model(BASE_TERMS[1:])))
     assert said.sentence.endswith('no error motions of the table: their curves are zero by assumption.')
-    assert 'add table_motions to the model' in said.action.lower()
+    assert 'add the error motions of the table to the model' in said.action.lower()
 
 
 def test_clean_runs_yield_no_name():
@@ -114,7 +115,7 @@ def test_hidden_by_the_order_is_said_and_not_claimed():
     backlash = [{'kind': 'table_backlash', 'width_urad': 9.0}]
     found = find(machine_run('diagonal', hidden=backlash))
     assert found.missing == () and 'table_backlash' in found.invisible
-    assert 'in an order that shows table_zero_drift, ' in verdict_text(found.verdict).action
+    assert EFFECTS['table_backlash'].plain in ' '.join(verdict_text(found.verdict).limits)
     found = find(machine_run('random', hidden=backlash, turning='alternate'))
     assert found.missing == ('table_backlash',) and 'table_backlash' not in found.invisible
 
