@@ -177,26 +177,6 @@ def test_a_period_is_searched_from_two_cycles_in_the_run_on():
                 assert turns * (1 - high) >= 2 - 1e-9 or high <= 0.65
 
 
-def test_what_temperature_may_be_is_said_where_it_is_not_recorded():
-    """A steady drift may follow a temperature that nobody recorded, a step may not."""
-    drift = measured(lambda run: share(run)[:, None] * X, strength=30.0)
-    unknown = np.full(drift.size, np.nan)
-    found = find(drift.replace(temperature=unknown))
-    assert found.missing == ('frame_drift',) and 'frame_temperature' not in find(drift).verdict.look_alikes
-    step = measured(lambda run: (share(run) > 0.4)[:, None] * X, strength=30.0)
-    assert 'frame_temperature' not in find(step.replace(temperature=unknown)).verdict.look_alikes
-    assert 'frame_temperature' in found.verdict.look_alikes
-
-
-def test_where_angle_is_time_both_stories_are_told():
-    """In order row the table turns once: what stretches the plate by cos phi may be a plate that shrinks and grows."""
-    def growth(run):
-        return outwards(run, -np.cos(run.phi))
-    assert 'plate_expansion' not in find(measured(growth, strength=12.0)).verdict.look_alikes
-    found = find(measured(growth, 'row', 12.0))
-    assert found.missing == ('plate_support',) and 'plate_expansion' in found.verdict.look_alikes
-
-
 def test_a_step_is_found_at_its_moment():
     """At 40 sigma a step after reading 50 is found between readings 50 and 51, and nothing beside it."""
     found = find(measured(lambda run: (np.arange(run.size) >= 50)[:, None] * Z, strength=40.0))
@@ -247,18 +227,9 @@ def test_a_load_that_turns_in_the_plate_needs_two_amplitudes():
     assert found.final.effects[0].parameters[0].value != 0 and len(found.final.effects[0].parameters) == 2
 
 
-def test_the_recovered_shape_is_the_true_one():
-    """Growth by spurts without a name: the curve is true to its uncertainty (chi square of 8 functions, 99.5 %); beside
-    a true claim the shape is that of the claim within U."""
+def test_the_recovered_shape_beside_a_true_claim_is_that_of_the_claim():
+    """Within U at nine of ten points, and larger than U."""
     for order in ('random', 'sensitive'):
-        run = measured(FOREIGN['a plate that grows by spurts'][0], order, strength=40.0)
-        free, = diagnose(run).recovered
-        assert (free.claim, free.variable, len(free.curves)) == ('', 'time', 1)
-        truth = np.interp(free.values, run.time, share(run) + 0.3 * np.sin(12 * share(run)))
-        size = np.linalg.lstsq(np.stack([truth, np.ones_like(truth)], axis=1), free.curves[0].value)[0][0]
-        off = free.curves[0].value - size * (truth - truth.mean())
-        assert np.mean(((off - off.mean()) / free.curves[0].u)**2) < 22 / 8
-        assert free.curves[0].u.max() < 0.1 * np.ptp(free.curves[0].value)
         beside, = diagnose(measured(TRUTHS['frame_drift_curved'], order, strength=40.0)).recovered
         assert beside.claim == 'frame_drift_curved'
         z = next(one for one in beside.curves if one.axis.endswith('z'))

@@ -402,7 +402,7 @@ def _candidate(search: RunSearch, member: Cause, before: WithoutBlocks, probabil
     more = used + len(basis) - len(state.basis) + _searched([member])
     rms_before, rms_after = (scale * float(np.sqrt(rss / max(evidence.dof - count, 1)))
                              for rss, count in ((state.rss, used), (left, more)))
-    share = float(np.sqrt(np.sum(member.rows**2) / max(len(member.rows), 1)))
+    share = min(float(np.sqrt(np.sum(member.rows**2) / max(len(member.rows), 1))), 1.0)
     return Candidate(
         member.name, dict(member.setting), probability, p, share, rms_before, rms_after,
         scale * before.rms, scale * before.rms_with(member),
