@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page in a real browser: verdict, add and remove, save, upload of what is broken."""
 
+import pytest
 import yaml
 from page_steps import choose_run, judged, open_path
-import pytest
 from playwright.sync_api import expect
 
 from rosette_ros.cli.main import main
