@@ -72,8 +72,7 @@ clean:
 export PYTHON
 # Tests start Python some hundred times: also where Python shall write no byte code, it does so here.
 test: export PYTHONDONTWRITEBYTECODE :=
-# The last digits of sums are those of this kernel, which x86-64 processors with AVX2 and AVX-512 have: so golden numbers
-# are compared to 1e-12 on all of them. Others choose for themselves.
+# Sums are rounded alike on all x86-64 processors that have this kernel, those with AVX2 and AVX-512.
 test: export OPENBLAS_CORETYPE := $(shell grep -qsm1 avx2 /proc/cpuinfo && echo Haswell)
 # Memory in pages of 2 MB, which is kept: tests that compute take 12 to 17 % less time on a virtual computer.
 test: export GLIBC_TUNABLES := glibc.malloc.hugetlb=1:glibc.malloc.mmap_threshold=33554432:glibc.malloc.trim_threshold=268435456
