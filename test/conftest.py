@@ -42,6 +42,7 @@ LONG = (
     'nodes/test_several_cells.py', 'presentation/test_run_page.py', 'cli/test_degenerate_runs.py',
     'nodes/test_evaluator_services.py', 'studio/test_studio_look.py', 'nodes/test_sros2_policy.py',
     'core/test_noise.py', 'nodes/test_between_steps.py', 'archive/test_run_adding.py',
+    'core/test_noise_beside_effects.py', 'nodes/test_wrong_start.py', 'presentation/test_figure_texts.py',
     'presentation/test_paper.py', 'nodes/test_cell_machine_faults.py',
     'nodes/test_cell.py', 'cli/test_report.py', 'nodes/test_reduced_runs.py', 'nodes/test_cell_other_cmm.py',
     'nodes/test_cell_dme.py', 'core/test_uncertainty_budget.py', 'core/test_families.py', 'core/test_diagnosis.py',

@@ -289,7 +289,7 @@ def test_repeatability_by_axis_holds_where_the_readings_say_little_of_an_axis():
         found = analyse(run)
         ratio.append(found.noise.axes[2] / found.noise.axes[0])
         off.append((found.error_motions.values - remove_gauge(truth))[:, 2] / found.error_motions.u[:, 2])
-    assert np.mean(ratio) > 3 and min(ratio) > 2, ratio
+    assert min(ratio) > 3, ratio
     assert 0.7 < np.sqrt(np.mean(np.square(off))) < 1.4
     check = np.array([1.0, 1.0, 4.0]) * SIGMA
     verdict = judge(noisy(white(1)[0]).replace(

@@ -15,6 +15,7 @@ from rosette_ros.core.diagnosis.posterior import Key, Posterior
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import Noise
+from rosette_ros.core.records import resolution_of
 
 MOST = 4
 """Searches beside that in white noise."""
@@ -37,9 +38,10 @@ def kinds_beside(fitted: Fit, members: tuple[Cause, ...] = (), scale: float | No
     run, none = fitted.run, np.zeros((0, fitted.run.size, 3))
     columns = [columns_of(one.family, run, one.setting) for one in members]
     sizes = np.array([one.size for one, rows in zip(members, columns) for _ in rows])
-    beside = Beside(run, fitted.mean_radius, fitted.model.base, fitted.residual / (scale or fitted.rms),
-                    fitted.joint.every, np.concatenate([none, *columns]), sizes)
-    return NoiseKinds(beside, fitted.model.noise).found(least)
+    unit = scale or fitted.rms
+    beside = Beside(run, fitted.mean_radius, fitted.model.base, fitted.residual / unit, fitted.joint.every,
+                    np.concatenate([none, *columns]), sizes)
+    return NoiseKinds(beside, fitted.model.noise, (resolution_of(run.centre) / unit)**2 / 12).found(least)
 
 
 def choose(white: Search, fitted: Fit, under: Callable[[Noise], Search]) -> Choice:

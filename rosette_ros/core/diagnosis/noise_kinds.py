@@ -18,7 +18,7 @@ import numpy as np
 import scipy.linalg
 from scipy.special import digamma, gammaln
 
-from rosette_ros.core.diagnosis.log_evidence import NEAR, log_mean
+from rosette_ros.core.diagnosis.log_evidence import log_mean
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.model import NOISE_TERMS
@@ -31,7 +31,7 @@ LEAST = math.log(1 - NOT_WHITE) - 5
 """Log evidence over white noise without prior below which a kind is not looked at."""
 CLOSE = 3
 """Kinds of which the evidence itself is worked out, not only its bound."""
-DEGREES = np.array([1.5, 3.0, 6.0, 12.0, 25.0])
+DEGREES = np.array([0.5, 1.5, 3.0, 6.0, 12.0, 25.0])
 """Degrees of freedom of the weights of groups that are summed over: from wild to hardly any difference."""
 MEMORIES = (0.3, 0.6, 0.8, 0.9, 0.97, 1.0)
 """phi of the wander that are summed over."""
@@ -128,6 +128,11 @@ class Found:
     likelihood: float
 
 
+def degrees_of(name: str) -> Floats:
+    """Return the degrees of freedom to sum over of a kind of scatter: tails without a kurtosis are wrong readings."""
+    return DEGREES[DEGREES > 4] if name in ('reading', 'coordinate') else DEGREES
+
+
 def check_of(run: Run) -> tuple[float, Floats]:
     """Return the degrees of freedom of the repeatability along each axis, 0 where it is not known by axis, and its
     variances, (3,), of mean 1."""
@@ -148,9 +153,11 @@ def groups_of(run: Run) -> dict[str, Ints]:
 class NoiseKinds:
     """The kinds of noise of a run beside a hypothesis."""
 
-    def __init__(self, beside: Beside, allowed: Sequence[str] = NOISE_TERMS) -> None:
-        """Take the kinds that a model allows; each is one of its terms of noise."""
-        self.beside, self.run = beside, beside.run
+    def __init__(self, beside: Beside, allowed: Sequence[str] = NOISE_TERMS, rounding: float = 0.0) -> None:
+        """Take the kinds that a model allows; each is one of its terms of noise.
+
+        rounding: variance that the rounding of readings has at least, in squared units of the residual."""
+        self.beside, self.run, self._rounding = beside, beside.run, rounding
         self.groups = {name: group for name, group in groups_of(beside.run).items() if _term_of(name) in allowed}
         self._may_wander = _term_of(WANDER) in allowed
         self._each = math.log(NOT_WHITE / (len(self.groups) + 1))
@@ -160,11 +167,9 @@ class NoiseKinds:
         """Return the kinds worth looking at, best first, white noise among them; least: log evidence that is of use."""
         white = Found((), Noise(), math.log(1 - NOT_WHITE), self._zero)
         out = [white, *(self._wander(least) if self._may_wander else ())]
-        made, quick = list[_Scatter](), {name: self._quick(name) + self._each for name in self.groups}
-        for name in sorted(quick, key=lambda name: -quick[name]):
-            top = max([*(one.log_evidence for one in out), *(one.bound for one in made)])
-            if quick[name] > max(least, top - NEAR):
-                made += self._scatter((name,))
+        # a fit in white noise spreads what scatters in one place over all: the estimate is low, and rules out little
+        made = [one for name in self.groups if self._quick(name) + self._each > min(least, LEAST)
+                for one in self._scatter((name,))]
         single = sorted((one for one in made if one.bound > white.log_evidence), key=lambda one: -one.bound)
         for other in single[1:3]:
             made += self._scatter((*single[0].names, *other.names))
@@ -192,7 +197,7 @@ class NoiseKinds:
         group = self.groups[name]
         dof = np.maximum(np.bincount(group, 1 - share), 1e-6)
         energy = np.bincount(group, residual**2) * self.beside.dof / square
-        shape, rate, known = self._prior(name, DEGREES)
+        shape, rate, known = self._prior(name, degrees_of(name))
         return float(log_mean(np.sum(
             gammaln(shape + dof / 2) - gammaln(shape) + shape * np.log(rate) - (shape + dof / 2) * np.log(
                 rate + energy / 2), axis=1) + 0.5 * self.beside.dof + known))
@@ -203,7 +208,7 @@ class NoiseKinds:
         try:
             for place in range(len(names)):
                 found = []
-                for nu in DEGREES:
+                for nu in degrees_of(names[place]):
                     degrees[place] = float(nu)
                     state = self._bayes(names, degrees, state)
                     found.append((state, float(nu)))
@@ -225,7 +230,7 @@ class NoiseKinds:
         weights, left, before = list(state.weights), state.left, -np.inf
         for _ in range(STEPS):
             residual, share, square, _ = left.fitted
-            error = residual**2 * self.beside.dof / square + share
+            error = np.maximum(residual**2, self._rounding) * self.beside.dof / square + share
             total = np.prod([one[self.groups[name]] for one, name in zip(weights, names)], axis=0)
             bound = 0.0
             for k, (name, nu) in enumerate(zip(names, degrees)):
