@@ -12,7 +12,7 @@ from rosette_ros.core.diagnosis.log_evidence import NEAR, Cause, Evidence, State
 from rosette_ros.core.effects.effect import Setting
 
 MOST = 5
-"""Members of a hypothesis, and exchanges in it, at most."""
+"""Families of members of a hypothesis, and exchanges in it, at most."""
 BEAM, BRANCHES = 2, 3
 """Hypotheses that are grown side by side, and how many ways each."""
 COARSE, FINE = 5e-3, 0.3
@@ -36,12 +36,13 @@ class Search:
         """Return the State of the largest evidence that the search finds."""
         empty = self._kept(self.evidence.empty)
         beam, best = [empty], empty
-        for depth in range(MOST):
+        while True:
             children: dict[tuple[str, ...], State] = {}
             for state in beam:
-                for child in self._children(state, BRANCHES, is_open=depth == 0):
+                for child in self._children(state, BRANCHES, is_open=not state.members):
                     children[child.names] = max(child, children.get(child.names, child), key=_evidence)
-            beam = [self._settled(one) for one in sorted(children.values(), key=_evidence)[:-BEAM - 1:-1]]
+            beam = [self._settled(one) for one in sorted(children.values(), key=_evidence)[:-BEAM - 1:-1]
+                    if len(set(one.names)) <= MOST]
             top = max(beam, key=_evidence, default=empty)
             if top.log_evidence <= best.log_evidence:
                 break
