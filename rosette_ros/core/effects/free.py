@@ -84,7 +84,8 @@ def _angle(name: str, values: Floats, top: int, kinds: tuple[str, ...] = tuple(W
 def variables(run: Run) -> tuple[Variable, ...]:
     """Return the variables that a run records and that change in it."""
     time, psi, top = on.seconds(run), on.travel(run), run.n // 2
-    gap = np.diff(time, prepend=time[:1])
+    step = np.diff(time)
+    gap = np.concatenate([[np.median(step) if step.size else 0.0], step])  # nobody knows what was before the first one
     found = [*_ordinary('time', 's', time, tuple(MATERN)), _angle('table angle', run.phi, top),
              _angle('CMM position', run.alpha, top), _angle('ball', run.beta, top)]
     move = np.diff(psi, prepend=psi[:1] - 2 * np.pi / run.n * np.sign(run.approach[:1] or 1))
@@ -189,9 +190,10 @@ class FreeEffect(Effect):
                 if one.name not in (*OF_PLACE, 'touches') or (place, one.name) == ('ball', 'table angle'):
                     alone.setdefault(f'one {place}{TIMES}{one.name}', []).extend(
                         self._setting(f'{place} {k}{TIMES}{one.name}', kind, along)
-                        for k in np.unique(number).tolist() for kind in one.of_place for along in OF_PLACE[place]
-                        if kind != EACH)  # of one place that is the scatter of its readings
-        yield from ((name, tuple(dict.fromkeys(some))) for name, some in alone.items())
+                        for k in np.unique(number).tolist() for kind in one.of_place
+                        if kind != EACH  # of one place that is the scatter of its readings
+                        and _moves_several(run, f'{place} {k}{TIMES}{one.name}', kind) for along in OF_PLACE[place])
+        yield from ((name, tuple(dict.fromkeys(some))) for name, some in alone.items() if some)
 
     @staticmethod
     def _setting(of: str, kind: str, along: str) -> Setting:
@@ -247,13 +249,19 @@ def _course(run: Run, of: str, kind: str) -> tuple[Floats, Floats]:
         place, number = place_of(names[0])
         own = _places(run)[place] == number
         functions, variance = functions[:run.n - 1], variance[:run.n - 1]
-        if place == 'ball':  # the plate has a constant deviation of each
-            functions = functions - functions[:, own].mean(axis=1, keepdims=True)
-        functions = functions * own
+        # each ball, CMM position and table position has a constant deviation
+        functions = (functions - functions[:, own].mean(axis=1, keepdims=True)) * own
     keep = variance > LEAST * variance.max()
     functions, variance = functions[keep][:MOST], variance[keep][:MOST]
     functions.setflags(write=False)
     return functions, variance / variance.max()
+
+
+def _moves_several(run: Run, of: str, kind: str) -> bool:
+    """Return whether no reading has most of the displacement of a course: else it is a wrong reading."""
+    functions, variance = _course(run, of, kind)
+    size = variance @ functions**2
+    return bool(size.max() < 0.5 * size.sum())
 
 
 FREE = FreeEffect()
