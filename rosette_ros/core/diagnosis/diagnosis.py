@@ -218,7 +218,7 @@ class RunSearch:
         if self.noiseless:
             return Choice(Posterior({((), ()): 0.0}), white.evidence.empty, Noise())
         if is_coarse(self.base):
-            best = white.best()
+            best = white.best
             posterior = Posterior({(names, ()): value for names, value in white.values.items()})
             return Choice(posterior, best if posterior.best[0] else white.evidence.empty,
                           Noise(resolution=resolution_of(self.run.centre)))
@@ -234,7 +234,7 @@ class RunSearch:
         evidence = evidence_of(self.base, bank)
         for _ in range(RELINEARISED):
             search = Search(evidence)
-            named = [] if self.noiseless else [one for one in search.best().members if not one.family.is_free]
+            named = [] if self.noiseless else [one for one in search.grown.members if not one.family.is_free]
             beyond = self.with_members(named).beyond if named else self.base.beyond
             if np.abs(beyond - self.base.beyond).max() <= NEGLIGIBLE:
                 break

@@ -2,6 +2,7 @@
 """The search for hypotheses that explain a run: sets of members grown side by side, exchanged, dropped."""
 
 from collections.abc import Callable, Container, Iterator
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -32,8 +33,9 @@ class Search:
         self.values: dict[tuple[str, ...], float] = {}
         self._offers: dict[tuple[tuple[str, Setting], ...], list[Suggestion]] = {}
 
-    def best(self) -> State:
-        """Return the State of the largest evidence that the search finds."""
+    @cached_property
+    def grown(self) -> State:
+        """The State of the largest evidence that is found by adding members."""
         empty = self._kept(self.evidence.empty)
         beam, best = [empty], empty
         while True:
@@ -47,6 +49,12 @@ class Search:
             if top.log_evidence <= best.log_evidence:
                 break
             best = top
+        return best
+
+    @cached_property
+    def best(self) -> State:
+        """The State of the largest evidence that the search finds, by exchanging members of the one that was grown."""
+        best = self.grown
         for _ in range(MOST):
             better = max(self._exchanged(best), key=_evidence, default=best)
             if better.log_evidence <= best.log_evidence + ENOUGH:
@@ -105,8 +113,11 @@ class Search:
         """Yield what one member more, one or two members less, or another in their place make of a state."""
         yield from map(self._settled, self._children(state, BRANCHES, True))
         for fewer in (1, 2)[:len(state.members)]:
+            some: dict[tuple[str, ...], State] = {}
             for kept in combinations(state.members, len(state.members) - fewer):
-                rest = self._kept(State(self.evidence, kept))
+                rest = State(self.evidence, kept)
+                some[rest.names] = max(rest, some.get(rest.names, rest), key=_evidence)
+            for rest in map(self._kept, some.values()):  # of events of one kind those that are missed least
                 yield rest
                 for child in self._children(rest, BRANCHES, fewer == 1, -np.inf):
                     near = child.log_evidence > state.log_evidence - NEAR / 3

@@ -46,7 +46,9 @@ def kinds_beside(fitted: Fit, members: tuple[Cause, ...] = (), scale: float | No
 
 def choose(white: Search, fitted: Fit, under: Callable[[Noise], Search]) -> Choice:
     """Return the Choice for a run; white: the search in white noise of a fit; under: makes that in another noise."""
-    best = white.best()
+    grown, scale = white.grown, white.evidence.scale
+    alone = kinds_beside(fitted, (), scale, max(LEAST, grown.log_evidence - NEAR))
+    best = grown if alone[0].log_evidence > grown.log_evidence + NEAR else white.best
     values: dict[Key, float] = {}
     sources: dict[Key, tuple[Search, Noise]] = {}
 
@@ -63,8 +65,8 @@ def choose(white: Search, fitted: Fit, under: Callable[[Noise], Search]) -> Choi
     while waiting and len(tried) < MOST:
         members = waiting.pop(0)
         base = State(white.evidence, [white.evidence.member(one.family, one.setting, one.volume) for one in members])
-        useful = max(values.values()) - 2 * NEAR - base.log_evidence  # to make it the best after a search under it
-        found = kinds_beside(fitted, base.members, white.evidence.scale, max(LEAST, useful))
+        useful = max(values.values()) - NEAR - base.log_evidence  # to make it the best after a search under it
+        found = kinds_beside(fitted, base.members, scale, max(LEAST, useful)) if members else alone
         for one in found[:2]:
             if (not one.kinds or one.log_evidence < found[0].log_evidence - NEAR / 3 or (base.names, one.kinds) in tried
                     or one.log_evidence < useful):
@@ -76,7 +78,7 @@ def choose(white: Search, fitted: Fit, under: Callable[[Noise], Search]) -> Choi
                 continue  # under this noise a part of the readings counts for nothing
             here = State(search.evidence, [search.evidence.member(each.family, each.setting, each.volume)
                                            for each in base.members])
-            own = search.best()
+            own = search.best
             take(search, one.kinds, one.noise, base.log_evidence + one.log_evidence - here.log_evidence)
             if own.names not in (base.names, best.names) and (own.names, one.kinds) not in tried:
                 waiting.append(own.members)

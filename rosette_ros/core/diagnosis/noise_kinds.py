@@ -18,7 +18,7 @@ import numpy as np
 import scipy.linalg
 from scipy.special import digamma, gammaln
 
-from rosette_ros.core.diagnosis.log_evidence import log_mean
+from rosette_ros.core.diagnosis.log_evidence import NEAR, log_mean
 from rosette_ros.core.errors import NotDeterminable
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.model import NOISE_TERMS
@@ -33,6 +33,8 @@ CLOSE = 3
 """Kinds of which the evidence itself is worked out, not only its bound."""
 DEGREES = np.array([0.5, 1.5, 3.0, 6.0, 12.0, 25.0])
 """Degrees of freedom of the weights of groups that are summed over: from wild to hardly any difference."""
+MIDDLE = 3.0
+"""Those that are looked at first."""
 MEMORIES = (0.3, 0.6, 0.8, 0.9, 0.97, 1.0)
 """phi of the wander that are summed over."""
 SHARES = 2.0**np.arange(-6, 7, 2)
@@ -42,7 +44,7 @@ RATIOS = 2.0**np.arange(-2, 2.5, 0.5)
 WANDER = 'wander'
 STEPS = 12
 """Steps of variational Bayes at most: it has converged where the evidence grows by less than TOLERANCE."""
-TOLERANCE = 0.05
+TOLERANCE = 0.3
 EXACT = 3000.0
 """Degrees of freedom of a repeatability that is known exactly."""
 SAMPLES = 32
@@ -167,14 +169,13 @@ class NoiseKinds:
         """Return the kinds worth looking at, best first, white noise among them; least: log evidence that is of use."""
         white = Found((), Noise(), math.log(1 - NOT_WHITE), self._zero)
         out = [white, *(self._wander(least) if self._may_wander else ())]
-        # a fit in white noise spreads what scatters in one place over all: the estimate is low, and rules out little
-        made = [one for name in self.groups if self._quick(name) + self._each > min(least, LEAST)
-                for one in self._scatter((name,))]
+        made = [one for name in self.groups for one in self._scatter((name,), min(least, LEAST))]
         single = sorted((one for one in made if one.bound > white.log_evidence), key=lambda one: -one.bound)
         for other in single[1:3]:
             made += self._scatter((*single[0].names, *other.names))
         made.sort(key=lambda one: -one.bound)
-        out += [self._found(one, place < CLOSE) for place, one in enumerate(made)]
+        near = max((one.bound for one in made), default=0.0) - NEAR
+        out += [self._found(one, place < CLOSE and one.bound > near) for place, one in enumerate(made)]
         return sorted(out, key=lambda one: -one.log_evidence)
 
     def _prior(self, name: str, nu: Floats | float) -> tuple[Floats, Floats, Floats]:
@@ -191,33 +192,26 @@ class NoiseKinds:
         known = gammaln(shape) - gammaln(half) + half * np.log(half) - shape * np.log(rate) + energy / 2
         return shape, rate, np.sum(known, axis=-1)
 
-    def _quick(self, name: str) -> float:
-        """Return about the log evidence of one kind of scatter, by what white noise leaves."""
-        residual, share, square, _ = self.beside.white.fitted
-        group = self.groups[name]
-        dof = np.maximum(np.bincount(group, 1 - share), 1e-6)
-        energy = np.bincount(group, residual**2) * self.beside.dof / square
-        shape, rate, known = self._prior(name, degrees_of(name))
-        return float(log_mean(np.sum(
-            gammaln(shape + dof / 2) - gammaln(shape) + shape * np.log(rate) - (shape + dof / 2) * np.log(
-                rate + energy / 2), axis=1) + 0.5 * self.beside.dof + known))
-
-    def _scatter(self, names: tuple[str, ...]) -> Iterator['_Scatter']:
-        """Yield the scatter that differs by all of some groups, the degrees of freedom of the last one summed over."""
+    def _scatter(self, names: tuple[str, ...], least: float = -np.inf) -> Iterator['_Scatter']:
+        """Yield the scatter that differs by all of some groups, the degrees of freedom of the last one summed over; none
+        where those in the middle are worth less than `least`."""
         degrees, state = [6.0] * len(names), _Weights.equal([self.groups[name] for name in names], self.beside.white)
+        prior = len(names) * self._each - self._zero
         try:
             for place in range(len(names)):
                 found = []
-                for nu in degrees_of(names[place]):
+                for nu in sorted(degrees_of(names[place]), key=lambda nu: abs(nu - MIDDLE)):
                     degrees[place] = float(nu)
                     state = self._bayes(names, degrees, state)
                     found.append((state, float(nu)))
+                    if found[0][0].bound + prior < least:
+                        return
                 best = max(found, key=lambda one: one[0].bound)
                 degrees[place], state = best[1], best[0]
         except (NotDeterminable, np.linalg.LinAlgError):
             return  # a part of the readings counts for nothing
         bound = float(log_mean(np.array([one.bound for one, _ in found])))
-        yield _Scatter(names, degrees, state, bound - self._zero + len(names) * self._each)
+        yield _Scatter(names, degrees, state, bound + prior)
 
     def _found(self, one: '_Scatter', is_near: bool) -> Found:
         """Return a scatter as a kind of noise; is_near: whether its evidence itself is asked for, not its bound."""
