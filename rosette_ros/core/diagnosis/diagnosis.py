@@ -18,7 +18,7 @@ from rosette_ros.core.diagnosis.cross_validation import CrossValidation, Without
 from rosette_ros.core.diagnosis.effect_settings import RELINEARISED, choose_settings, evidence_of
 from rosette_ros.core.diagnosis.hypotheses import Search
 from rosette_ros.core.diagnosis.log_evidence import Cause, State, with_priors
-from rosette_ros.core.diagnosis.noise_hypotheses import Choice, choose, kinds_beside
+from rosette_ros.core.diagnosis.noise_hypotheses import NOISELESS, Choice, choose, kinds_beside
 from rosette_ros.core.diagnosis.null_gains import is_coarse, null_gains, p_of
 from rosette_ros.core.diagnosis.posterior import ALIKE, CLAIM, Claim, Posterior
 from rosette_ros.core.diagnosis.recovered_shape import Shape, recovered_shapes
@@ -33,8 +33,6 @@ from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.model.second_order import NEGLIGIBLE
 from rosette_ros.core.records import Floats, Run, resolution_of
 
-NOISELESS = 1e-10
-"""Residual rms, m, below which nothing is searched: a tenth of a nanometre is negligible."""
 GUARD = 0.05
 """Search-wide probability of noise alone above which no name is claimed, whatever it is worth: what users were
 promised."""

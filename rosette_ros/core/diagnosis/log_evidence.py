@@ -19,7 +19,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
 
 from rosette_ros.core.diagnosis.bank import HIDDEN_SHARE, Bank, CauseFamily, CoordinateSpace, Key, Reals, columns_of
 from rosette_ros.core.effects.effect import Setting
@@ -256,9 +255,9 @@ class State:
             size[self._ends[k]:self._ends[k + 1]] = sizes[k]
         if not size.any():
             return np.zeros_like(self._gram), 0.0
-        root = np.linalg.cholesky(np.eye(len(size)) + size[:, None] * self._gram * size)
-        half = scipy.linalg.solve_triangular(root, np.diag(size), lower=True, check_finite=False)
-        return np.asarray(half.T), 2 * float(np.log(np.diag(root)).sum())
+        value, vector = np.linalg.eigh(size[:, None] * self._gram * size)
+        value = np.maximum(value, 0)  # a noise that leaves little of some readings makes products of any size
+        return size[:, None] * vector / np.sqrt(1 + value), float(np.log1p(value).sum())
 
     def _line(self, k: int, sizes: Floats) -> Floats:
         """Return the log Bayes factor of a member beside the others for each of SIZES."""

@@ -17,6 +17,8 @@ from rosette_ros.core.model.least_squares import Fit
 from rosette_ros.core.model.noise import Noise
 from rosette_ros.core.records import resolution_of
 
+NOISELESS = 1e-10
+"""Noise, m, below which none is looked for: a tenth of a nanometre is negligible."""
 MOST = 4
 """Searches beside that in white noise."""
 
@@ -41,7 +43,8 @@ def kinds_beside(fitted: Fit, members: tuple[Cause, ...] = (), scale: float | No
     unit = scale or fitted.rms
     beside = Beside(run, fitted.mean_radius, fitted.model.base, fitted.residual / unit, fitted.joint.every,
                     np.concatenate([none, *columns]), sizes)
-    return NoiseKinds(beside, fitted.model.noise, (resolution_of(run.centre) / unit)**2 / 12).found(least)
+    variance = max(resolution_of(run.centre)**2 / 12, NOISELESS**2) / unit**2
+    return NoiseKinds(beside, fitted.model.noise, variance).found(least)
 
 
 def choose(white: Search, fitted: Fit, under: Callable[[Noise], Search]) -> Choice:

@@ -158,7 +158,7 @@ class NoiseKinds:
     def __init__(self, beside: Beside, allowed: Sequence[str] = NOISE_TERMS, rounding: float = 0.0) -> None:
         """Take the kinds that a model allows; each is one of its terms of noise.
 
-        rounding: variance that the rounding of readings has at least, in squared units of the residual."""
+        rounding: least variance of any reading, in squared units of the residual."""
         self.beside, self.run, self._rounding = beside, beside.run, rounding
         self.groups = {name: group for name, group in groups_of(beside.run).items() if _term_of(name) in allowed}
         self._may_wander = _term_of(WANDER) in allowed
@@ -193,8 +193,9 @@ class NoiseKinds:
         return shape, rate, np.sum(known, axis=-1)
 
     def _scatter(self, names: tuple[str, ...], least: float = -np.inf) -> Iterator['_Scatter']:
-        """Yield the scatter that differs by all of some groups, the degrees of freedom of the last one summed over; none
-        where those in the middle are worth less than `least`."""
+        """Yield the scatter that differs by all of some groups, the degrees of freedom of the last one summed over.
+
+        None where those in the middle are worth less than `least`."""
         degrees, state = [6.0] * len(names), _Weights.equal([self.groups[name] for name in names], self.beside.white)
         prior = len(names) * self._each - self._zero
         try:
