@@ -27,7 +27,6 @@ from rosette_ros.core.records import Floats, Ints, Run
 Reals = NDArray[np.floating[Any]]
 Key = tuple[int, bool]
 """Number of columns of the blocks of a group, and whether they are free courses."""
-EVERY = slice(None)
 DEPENDENT = 1e-6
 """Eigenvalue of columns of unit length below which a direction is one of the others: rounding in single precision."""
 HIDDEN_SHARE = 0.05
@@ -211,7 +210,7 @@ class BlockGroup:
         """The rank of each block, (b,)."""
         return np.asarray(np.count_nonzero(self.mix if self.mix.ndim == 2 else np.abs(self.mix).max(axis=2), axis=1))
 
-    def mixed(self, rows: Reals, place: slice = EVERY) -> Reals:
+    def mixed(self, rows: Reals, place: slice = slice(None)) -> Reals:
         """Return T of products (b, q, k) of the columns of some blocks, q as many as they have."""
         mix, q = self.mix[place], rows.shape[1]
         return mix[:, :q, None] * rows if mix.ndim == 2 else mix[:, :q, :q] @ rows

@@ -34,12 +34,10 @@ from rosette_ros.core.model.second_order import NEGLIGIBLE
 from rosette_ros.core.records import Floats, Run, resolution_of
 
 GUARD = 0.05
-"""Search-wide probability of noise alone above which no name is claimed, whatever it is worth: what users were
-promised."""
+"""Search-wide probability of noise alone above which no name is claimed, whatever it is worth, and no effect of a
+model is needed: what users were promised."""
 HOPEFUL = 12
 """Sets of variables whose free courses are looked at under other noise: those that explain most in white noise."""
-NOT_NEEDED = 0.05
-"""Probability that noise makes the residual fall as much, above which an effect in a model is not needed."""
 
 
 @dataclass(frozen=True)
@@ -350,7 +348,7 @@ class RunSearch:
             settings = (*self.start.settings[:place], *self.start.settings[place + 1:])
             without = fit(self.run, replace(self.start.model, terms=rest, repeated=True), settings, self.start.noise,
                           self.start.joint.space)
-            if f_test(without, self.start) > NOT_NEEDED:
+            if f_test(without, self.start) > GUARD:
                 out.append(str(term))
         return tuple(out)
 

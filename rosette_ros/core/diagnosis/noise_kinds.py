@@ -31,10 +31,9 @@ LEAST = math.log(1 - NOT_WHITE) - 5
 """Log evidence over white noise without prior below which a kind is not looked at."""
 CLOSE = 3
 """Kinds of which the evidence itself is worked out, not only its bound."""
-DEGREES = np.array([0.5, 1.5, 3.0, 6.0, 12.0, 25.0])
-"""Degrees of freedom of the weights of groups that are summed over: from wild to hardly any difference."""
-MIDDLE = 3.0
-"""Those that are looked at first."""
+DEGREES = np.array([3.0, 0.5, 1.5, 6.0, 12.0, 25.0])
+"""Degrees of freedom of the weights of groups that are summed over: from wild to hardly any difference, and a middle
+that is looked at first."""
 MEMORIES = (0.3, 0.6, 0.8, 0.9, 0.97, 1.0)
 """phi of the wander that are summed over."""
 SHARES = 2.0**np.arange(-6, 7, 2)
@@ -201,7 +200,7 @@ class NoiseKinds:
         try:
             for place in range(len(names)):
                 found = []
-                for nu in sorted(degrees_of(names[place]), key=lambda nu: abs(nu - MIDDLE)):
+                for nu in degrees_of(names[place]):
                     degrees[place] = float(nu)
                     state = self._bayes(names, degrees, state)
                     found.append((state, float(nu)))

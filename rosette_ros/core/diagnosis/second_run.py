@@ -16,9 +16,9 @@ from scipy import special
 from rosette_ros.core.diagnosis.bank import HIDDEN_SHARE, CauseFamily, columns_of
 from rosette_ros.core.diagnosis.base_terms import f_test
 from rosette_ros.core.diagnosis.cross_validation import cross_validation_rms
-from rosette_ros.core.diagnosis.diagnosis import NOISELESS
 from rosette_ros.core.diagnosis.effect_settings import choose_settings
-from rosette_ros.core.diagnosis.noise_hypotheses import kinds_beside
+from rosette_ros.core.diagnosis.noise_hypotheses import NOISELESS, kinds_beside
+from rosette_ros.core.diagnosis.verdict import UNLIKELY
 from rosette_ros.core.effects.effect import Effect, Setting
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.model.least_squares import Fit, FittedEffect, Parameter, fit
@@ -28,8 +28,6 @@ from rosette_ros.core.records import Floats, Run
 
 Learnt = tuple[Effect, FittedEffect]
 """An effect and how it was fitted to run A."""
-SURE = 0.01
-"""Probability that noise does as well, below which an effect is confirmed, over all that are checked."""
 SAME_READING, SAME_SHARE = 1e-9, 0.9
 """Readings that differ by less, m, are the same; runs are the same of which so large a share is."""
 CONFIRMED, NOT_SEEN, HIDDEN, TOO_WEAK, EVENT, NOT_JUDGED = (
@@ -168,7 +166,7 @@ def _judge(before: Fit, after: Fit, pairs: Sequence[Learnt], error_with: float) 
         moved = after.joint.space.residual(_displacement(before.run, effect, fitted)[None])
         strength = float(np.linalg.norm(moved)) / after.sigma
         outcome, reason = CONFIRMED, 'it is there'
-        if not (p < SURE / len(pairs) and error_with < error_without):
+        if not (p < UNLIKELY / len(pairs) and error_with < error_without):
             outcome = NOT_SEEN
             reason = ('the error of the cross-validation does not fall with it' if not error_with < error_without else
                       f'the residual falls with it by no more than chance makes it fall (p = {p:.2g})')
@@ -186,4 +184,4 @@ def _same_size(learnt: FittedEffect, found: FittedEffect) -> bool:
     """Return whether amplitudes of two runs agree: chi square of their differences, 1 %."""
     squares = [(a.value - b.value)**2 / (a.u**2 + b.u**2) for a, b in zip(learnt.parameters, found.parameters)
                if a.name == b.name and np.isfinite(a.u + b.u) and a.u + b.u > 0]
-    return bool(special.chdtrc(max(len(squares), 1), sum(squares)) > SURE)
+    return bool(special.chdtrc(max(len(squares), 1), sum(squares)) > UNLIKELY)
