@@ -263,6 +263,10 @@ class CellMonitor:
                        [name for name, process in processes.items() if now.get(name) != process],
                        '; '.join(self.conflicts()), self.ignored != ignored)
 
+    def has_new_recorder(self, processes: dict[str, str]) -> bool:
+        """Return whether another recorder is there than that of a run."""
+        return names.RECORDER in self.trouble(processes, self.ignored).restarted
+
     def has_lost_recorder(self, processes: dict[str, str]) -> bool:
         """Return whether the recorder of a run is disconnected or another one."""
         return names.RECORDER in self.trouble(processes, self.ignored).nodes

@@ -221,8 +221,8 @@ class Sequencer(ManagedNode):
         self._recorder.tick(now)
         self._joint.tick(now)
         job = self._job
-        if job is not None and (job.is_over or job.opening) and self._cell.has_lost_recorder(job.processes):
-            self._recorder.give_up('the recorder is disconnected, the last answers may not be in the log')
+        if job and (job.is_over or job.opening) and self._cell.has_new_recorder(job.processes):
+            self._recorder.give_up('the recorder was restarted, the last answers may not be in the log')
             job = self._job
         if job is None or job.is_waiting or job.sequence.is_held:
             self._cell.update(now, self.parameters['require_recorder'])

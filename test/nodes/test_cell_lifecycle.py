@@ -18,6 +18,7 @@ from rosette_ros.core.errors import CellError
 from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.messages import Phase
 from rosette_ros.nodes import names
+from rosette_ros.nodes.qos import HEARTBEAT_LOST
 from rosette_ros.nodes.sequencer import Sequencer
 
 N = 4
@@ -179,6 +180,27 @@ def test_a_recorder_that_stands_still_for_a_moment_loses_nothing(cell_of, domain
         assert len(targets) == len({target.seq for target in targets}) == 16 * 16 + 2 * 16 + 1
         if int(Path('/proc/sys/net/core/rmem_max').read_text()) >= 4 << 20:  # of a clock only the last ten are repeated
             assert sum(one.topic.endswith(names.CLOCK) for one in iter_log(outcome.log)) >= len(targets)
+
+
+def test_a_recorder_that_stands_still_while_it_closes_the_log_is_waited_for(cell_of, domain_id):
+    """Where disk or processor is busy for longer than a heartbeat may be late, the run ends in success."""
+    stopped = []
+    with cell_of(6) as cell, CellClient(domain_id) as client:
+        recorder = cell.processes[names.RECORDER]
+
+        def look(progress):
+            if progress.phase == Phase.DONE and not stopped:
+                recorder.popen.send_signal(signal.SIGSTOP)
+                stopped.append(time.monotonic())
+
+        def check():
+            if stopped and time.monotonic() - stopped[0] > 2 * HEARTBEAT_LOST:
+                recorder.popen.send_signal(signal.SIGCONT)
+
+        outcome = client.calibrate(on_progress=look, check=check)
+        assert stopped and time.monotonic() - stopped[0] > 2 * HEARTBEAT_LOST
+        assert outcome.success, outcome.message
+        assert read_log(outcome.log).to_run().size == 36
 
 
 def killed_cmm(cell, client, integrator):
