@@ -149,8 +149,9 @@ def test_the_readme_is_read_in_two_minutes():
 
 
 def test_the_documents_stay_short():
-    """All pages together; what is said once is linked from elsewhere."""
-    assert sum(len(text_of(path).split()) for path in (*DOCUMENTS, ROOT / 'CHANGELOG.rst')) <= 25_000
+    """All pages together; what is said once is linked from elsewhere. Tables that a command writes are no reading."""
+    written = re.compile('<!-- table .*<!-- end of the table -->', re.DOTALL)
+    assert sum(len(written.sub('', text_of(path)).split()) for path in (*DOCUMENTS, ROOT / 'CHANGELOG.rst')) <= 25_000
 
 
 def test_changelog_begins_with_this_version():
