@@ -5,23 +5,24 @@
 VENV_PYTHON := .venv/bin/python
 # Tests run in WORKERS processes: cells mostly wait, so more than two for each core of a small computer, which four leave
 # idle for 14 % of the time and five for 4 %; a sixth costs what it gains, as each loads all tests. The tests of a file
-# stay together, as they share a cell or a studio; files start in the order of test/conftest.py, long ones first.
+# stay together, as they share a cell or a studio; those that take long or wait start first (test/conftest.py).
 WORKERS := 5
 SIDE_BY_SIDE := -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
-.PHONY: help setup test demo bench blind fuzz soak docs pictures lint lock clean
+.PHONY: help setup test test-all demo bench blind fuzz soak docs pictures lint lock clean
 
 help:
 	@echo 'make setup   install everything into .venv; does nothing when that is done'
 	@echo 'make demo    calibrate a simulated cell: ROS 2 nodes, one log, six error motions, a report'
-	@echo 'make test    run the tests'
+	@echo 'make test    run the tests of physics, formats, errors, one cell, one story in the browser'
+	@echo 'make test-all  run the long ones too: kills, hangs, several cells, papers, seeds'
 	@echo 'make bench   run the benchmarks against peers'
 	@echo 'make blind   blind tests: the machine hides effects, the diagnosis has to identify them'
 	@echo 'make fuzz    10 000 generated inputs at every interface (FUZZ=... for another number)'
 	@echo 'make soak    kill nodes in 30 runs, measure 100 000 balls, record at the highest rate for 60 s'
 	@echo 'make docs    write docs/effects.md, which is made from the library of effects'
 	@echo 'make pictures  make the pictures of the documentation again (needs Chromium)'
-	@echo 'make lint    check style and types'
+	@echo 'make lint    check style, types, and what the project has grown to'
 	@echo 'make lock    pin the newest packages that requirements/requirements.in allows'
 	@echo 'make clean   remove .venv and everything else that was made'
 
@@ -29,6 +30,9 @@ setup:
 	@tools/setup.sh
 
 test: setup
+	@$(VENV_PYTHON) -m pytest $(SIDE_BY_SIDE) -m 'not long' $(PYTEST)
+
+test-all: setup
 	@$(VENV_PYTHON) -m pytest $(SIDE_BY_SIDE) $(PYTEST)
 
 demo: setup
@@ -59,6 +63,7 @@ pictures: setup
 lint: setup
 	@.venv/bin/ruff check
 	@.venv/bin/mypy
+	@$(VENV_PYTHON) tools/size.py
 
 lock: setup
 	@.venv/bin/uv pip compile --quiet --upgrade --universal --fork-strategy fewest --python-version 3.11 \
@@ -71,9 +76,9 @@ clean:
 
 export PYTHON
 # Tests start Python some hundred times: also where Python shall write no byte code, it does so here.
-test: export PYTHONDONTWRITEBYTECODE :=
+test test-all: export PYTHONDONTWRITEBYTECODE :=
 # Sums are rounded alike on all x86-64 processors that have this kernel, those with AVX2 and AVX-512.
-test: export OPENBLAS_CORETYPE := $(shell grep -qsm1 avx2 /proc/cpuinfo && echo Haswell)
+test test-all: export OPENBLAS_CORETYPE := $(shell grep -qsm1 avx2 /proc/cpuinfo && echo Haswell)
 # Memory in pages of 2 MB, which is kept: tests that compute take 12 to 17 % less time on a virtual computer.
-test: export GLIBC_TUNABLES := glibc.malloc.hugetlb=1:glibc.malloc.mmap_threshold=33554432:glibc.malloc.trim_threshold=268435456
-test: export PYTHONMALLOC := malloc
+test test-all: export GLIBC_TUNABLES := glibc.malloc.hugetlb=1:glibc.malloc.mmap_threshold=33554432:glibc.malloc.trim_threshold=268435456
+test test-all: export PYTHONMALLOC := malloc

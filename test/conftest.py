@@ -33,30 +33,16 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # shells do that in the b
 hypothesis.settings.register_profile('rosette', deadline=None)
 hypothesis.settings.load_profile('rosette')
 
-LONG = (
-    'studio/test_live_cell.py', 'studio/test_studio_page.py', 'nodes/test_cell_senders.py', 'cell/test_supervisor.py',
-    'nodes/test_both_senses.py', 'cli/test_circle_demo.py', 'fuzz/test_fuzz_dme.py', 'studio/test_studio_session.py',
-    'test_one_verdict.py', 'nodes/test_cell_faults.py', 'cli/test_hidden_demo.py', 'test_golden.py',
-    'nodes/test_cell_lifecycle.py', 'cell/test_hang_detection.py', 'dme/test_dme_resume.py', 'cli/test_trend_verb.py',
-    'cli/test_verification_demo.py', 'cli/test_cell_verbs.py', 'studio/test_archive_tab.py',
-    'nodes/test_several_cells.py', 'presentation/test_run_page.py', 'cli/test_degenerate_runs.py',
-    'nodes/test_evaluator_services.py', 'studio/test_studio_look.py', 'nodes/test_sros2_policy.py',
-    'core/test_noise.py', 'nodes/test_between_steps.py', 'archive/test_run_adding.py',
-    'core/test_noise_beside_effects.py', 'nodes/test_wrong_start.py', 'presentation/test_figure_texts.py',
-    'presentation/test_paper.py', 'nodes/test_cell_machine_faults.py',
-    'nodes/test_cell.py', 'cli/test_report.py', 'nodes/test_reduced_runs.py', 'nodes/test_cell_other_cmm.py',
-    'nodes/test_cell_dme.py', 'core/test_uncertainty_budget.py', 'core/test_families.py', 'core/test_diagnosis.py',
-    'studio/test_server.py', 'cell/test_cmm_check.py', 'core/test_outlier_words.py',
-    'core/test_crosscheck.py', 'certificate/test_dcc_check.py',
-    'certificate/test_pages.py', 'test_layers.py', 'nodes/test_cell_kills.py')
-"""Files that take longest, in the order of starting: those that compute between those that wait for cells, so that two
-processors have something to do from the beginning to the end."""
+WAITS = {'chromium', 'domain_id', 'module_domain_id'}
+"""Fixtures of tests that mostly wait, for a cell or a browser."""
 
 
 def pytest_collection_modifyitems(items):
-    """Put the tests of long files first."""
-    place = {Path(__file__).parent / name: rank for rank, name in enumerate(LONG)}
-    items.sort(key=lambda item: place.get(item.path, len(LONG)))
+    """Start the files that wait before those that compute, long ones first, so that two processors have something to
+    do from the beginning to the end."""
+    waits = {item.path for item in items if WAITS & set(getattr(item, 'fixturenames', ()))}
+    long = {item.path for item in items if item.get_closest_marker('long')}
+    items.sort(key=lambda item: (item.path not in long, item.path not in waits))
 
 
 def pytest_collection_finish():

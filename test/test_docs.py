@@ -120,8 +120,8 @@ def test_named_limits_exist(path):
 @pytest.mark.parametrize('path', CONFIGURED, ids=name_of)
 def test_named_targets_of_make_exist(path):
     """Every `make TARGET` in code."""
-    known = set(re.findall(r'^(\w+):', text_of(ROOT / 'Makefile'), re.MULTILINE))
-    assert set(re.findall(r'(?:`|^\s*)make ([a-z]+)', text_of(path), re.MULTILINE)) - known == set()
+    known = set(re.findall(r'^([\w-]+):', text_of(ROOT / 'Makefile'), re.MULTILINE))
+    assert set(re.findall(r'(?:`|^\s*)make ([a-z-]+)', text_of(path), re.MULTILINE)) - known == set()
 
 
 def test_quoted_messages_are_printed():
@@ -146,12 +146,6 @@ def test_the_readme_is_read_in_two_minutes():
     prose = re.sub(r'^```.*?^```$', '', text_of(ROOT / 'README.md'), flags=re.MULTILINE | re.DOTALL)
     lines = [line for line in prose.splitlines() if not line.startswith(('|', '[', '!['))]
     assert 200 < len(' '.join(lines).split()) <= 500
-
-
-def test_the_documents_stay_short():
-    """All pages together; what is said once is linked from elsewhere. Tables that a command writes are no reading."""
-    written = re.compile('<!-- table .*<!-- end of the table -->', re.DOTALL)
-    assert sum(len(written.sub('', text_of(path)).split()) for path in (*DOCUMENTS, ROOT / 'CHANGELOG.rst')) <= 25_000
 
 
 def test_changelog_begins_with_this_version():

@@ -245,14 +245,6 @@ def test_files_are_short():
     assert {path: count for path, count in lines.items() if count > MOST_LINES} == {}
 
 
-def test_long_test_files_are_there():
-    """Those that start first: a file that was moved would start last."""
-    tests = ROOT / 'test'
-    [files] = [node.value for node in tree_of(tests / 'conftest.py').body
-               if isinstance(node, ast.Assign) and getattr(node.targets[0], 'id', '') == 'LONG']
-    assert [name for name in ast.literal_eval(files) if not (tests / name).is_file()] == []
-
-
 @pytest.mark.parametrize(('rule', 'text', 'found'), [
     (lambda tree: wrong_arrows('core', tree), 'import rosette_ros.io.open_run', ['io.open_run']),
     (lambda tree: wrong_arrows('io', tree), 'from rosette_ros.nodes import names', ['nodes', 'nodes.names']),

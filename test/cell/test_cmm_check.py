@@ -22,6 +22,8 @@ from rosette_ros.cli.main import main
 from rosette_ros.core.errors import CellError
 from rosette_ros.nodes import names, qos
 
+pytestmark = pytest.mark.long
+
 BALLS, TURN = 6, 2 * np.pi
 DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3)])
 

@@ -12,6 +12,8 @@ from rosette_ros.core.errors import CellError
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.nodes import names, qos
 
+pytestmark = pytest.mark.long
+
 N, SILENT = 4, 20
 LONG, SHORT = qos.HEARTBEAT_HANGS + 0.1, qos.HEARTBEAT_LOST - 0.1
 

@@ -18,6 +18,8 @@ from rosette_ros.core.errors import CellError
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.nodes import names
 
+pytestmark = pytest.mark.long
+
 N = 4
 
 

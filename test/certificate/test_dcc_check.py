@@ -20,6 +20,8 @@ from rosette_ros.certificate.statements import Inputs, state
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.io.identity_file import parse_identity
 
+pytestmark = pytest.mark.long
+
 MUTATIONS = int(os.environ.get('FUZZ_EXAMPLES', 300))
 """So many changed documents; `make fuzz` takes more."""
 

@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """rosette demo --circle: from a table that nobody has corrected to one whose errors are within U, over real nodes."""
 
+import pytest
+
 from rosette_ros.io.correction_file import read_correction
 from rosette_ros.io.open_run import open_run
+
+pytestmark = pytest.mark.long
 
 
 def test_once_round(tmp_path, domain_id, rosette):

@@ -11,6 +11,8 @@ from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import nominal_places, plan
 from rosette_ros.io.ball_centre_table import write_csv
 
+pytestmark = pytest.mark.long
+
 RADIUS = 0.1825
 
 

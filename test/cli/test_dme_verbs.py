@@ -25,6 +25,8 @@ from rosette_ros.dme.stop_mark import StopMark
 from rosette_ros.presentation.plots.path_plots import probe_path
 from rosette_ros.simulation import MachineConfig
 
+pytestmark = pytest.mark.long
+
 CONFIG = MachineConfig().changed(plate={'balls': 4})
 
 

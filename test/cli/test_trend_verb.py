@@ -18,6 +18,8 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.io.identity_file import parse_identity
 from rosette_ros.presentation.trend_results import component_name, events_table, residual_words
 
+pytestmark = pytest.mark.long
+
 IDENTITY = 'schema: rosette-identity/1\ntable: {serial: RT-7}\ntolerances: {crz: 20 µrad, ctz: 5 µm}\n'
 START = datetime.datetime(2024, 1, 1, tzinfo=datetime.UTC)
 

@@ -13,6 +13,8 @@ from rosette_ros.cli.report import verification_of
 from rosette_ros.io.open_run import open_run
 from rosette_ros.presentation.report.verification import PAPER
 
+pytestmark = pytest.mark.long
+
 BALLS = 8
 
 

@@ -14,6 +14,8 @@ from rosette_ros.core.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.words.result_words import check_words
 
+pytestmark = pytest.mark.long
+
 SIGMA = 1e-7
 CYCLE = {'kind': 'frame_cycle', 'cosine_um': [0.6, 0.0, 0.4], 'period_min': 11.0}
 CREEP = {'kind': 'plate_creep', 'rate_um_per_h': [3.0, -2.0, 0.0]}

@@ -14,6 +14,8 @@ from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.model import BASE_TERMS
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
+pytestmark = pytest.mark.long
+
 SIGMA = 1e-7
 
 

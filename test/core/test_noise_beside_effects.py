@@ -11,6 +11,8 @@ from rosette_ros.core.diagnosis.verdict import Outcome
 from rosette_ros.core.model.least_squares import fit
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
+pytestmark = pytest.mark.long
+
 
 def test_a_ball_that_scatters_more_makes_no_shape():
     """A free course of as many functions as the ball has readings describes any noise: it is no course of the ball."""

@@ -11,6 +11,8 @@ from rosette_ros.core.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.words.verdict_words import unexplained_words, verdict_text
 
+pytestmark = pytest.mark.long
+
 
 def measured(n=8, order='random', hidden=(), shifts=None):
     """Return a run of the machine with shifts (row: vector, m) of single readings."""

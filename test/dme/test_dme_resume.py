@@ -20,6 +20,8 @@ from rosette_ros.dme.dme_settings import client_settings, dme_settings
 from rosette_ros.io.messages import Answer, Phase
 from rosette_ros.simulation import MachineConfig
 
+pytestmark = pytest.mark.long
+
 N, TOUCHES = 3, 6
 CONFIG = MachineConfig().changed(plate={'balls': N}, probing={'repeatability_um': 0.0})
 NANOMETRE = 1e-9

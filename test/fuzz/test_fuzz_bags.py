@@ -22,6 +22,8 @@ from rosette_ros.io.log_reader import read_log
 from rosette_ros.studio.calculations import read_upload
 from rosette_ros.studio.panels.open_dialog import safe_name
 
+pytestmark = pytest.mark.long
+
 NAMES = [
     'version', 'storage_identifier', 'relative_file_paths', 'custom_data', 'message_count', 'files', TOP_KEY,
     'duration', 'starting_time', 'topics_with_message_count', 'compression_format', 'compression_mode',

@@ -26,6 +26,8 @@ from rosette_ros.dme.wire import (
     read_line,
 )
 
+pytestmark = pytest.mark.long
+
 many = tried()
 
 LINES = [b'00012 ChangeTool("Probe1")', b'00019 PtMeas(X(100),Y(-20.5),Z(5e1),IJK(0,0,1))', b'E0367 AbortE()',

@@ -4,6 +4,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from made_up import TRICKS, bounded, dumped, mutated, trees, tried
@@ -22,6 +23,8 @@ from rosette_ros.nodes.evaluation import ModelInUse, RunCollection
 from rosette_ros.nodes.evaluator import WANTED as EVALUATOR_WANTED
 from rosette_ros.nodes.evaluator import Evaluator, _Results
 from rosette_ros.simulation import Machine, MachineConfig
+
+pytestmark = pytest.mark.long
 
 # The evaluator ------------------------------------------------------------------------------------
 

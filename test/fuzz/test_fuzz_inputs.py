@@ -35,6 +35,8 @@ from rosette_ros.nodes.evaluation import RunCollection
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.simulation.machine_config import load_machine
 
+pytestmark = pytest.mark.long
+
 many = tried()
 
 TABLE = format_csv(Machine(MachineConfig().changed(plate={'balls': 4})).run(plan(4, 'random'))).encode()

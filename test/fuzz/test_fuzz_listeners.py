@@ -6,6 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from hypothesis import given
 from hypothesis import strategies as st
@@ -23,6 +24,8 @@ from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.studio.cell_watcher import CellWatcher
 from rosette_ros.studio.figures import filling_figure
 from rosette_ros.studio.live_state import CellState
+
+pytestmark = pytest.mark.long
 
 # The simulated CMM, the studio, the client --------------------------------------------------------
 

@@ -19,6 +19,8 @@ from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.touch_log import refit_of
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table, spheres_json
 
+pytestmark = pytest.mark.long
+
 DATA = frozenset((FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK))
 
 

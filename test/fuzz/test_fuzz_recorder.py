@@ -27,6 +27,8 @@ from rosette_ros.nodes.log_session import LogSession, Retention, RunContents
 from rosette_ros.nodes.recorder import WANTED as RECORDER_WANTED
 from rosette_ros.nodes.recorder import Recorder
 
+pytestmark = pytest.mark.long
+
 # The recorder -------------------------------------------------------------------------------------
 
 

@@ -37,6 +37,8 @@ from rosette_ros.io.messages import Phase
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan
 from rosette_ros.nodes.sequencer import CALIBRATION, Sequencer
 
+pytestmark = pytest.mark.long
+
 # The sequencer ------------------------------------------------------------------------------------
 
 PLAN = plan_calibration(plan(BALLS, 'diagonal'), RADIUS, TAUGHT, 2)

@@ -15,6 +15,8 @@ from rosette_ros.io.messages import Phase
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan
 from rosette_ros.simulation import Machine, load_machine
 
+pytestmark = pytest.mark.long
+
 N, HALF = 6, np.pi / 6
 FINE = {'fine_orders': [4, 5], 'fine_share': 1.0, 'translation_um': 0.5, 'rotation_urad': 3.0}
 """A table whose errors have harmonics that six positions cannot tell from lower ones."""

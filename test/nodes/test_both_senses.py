@@ -11,6 +11,8 @@ from rosette_ros.cell.client import CellClient
 from rosette_ros.core.errors import CellError
 from rosette_ros.io.log_reader import iter_log, read_log
 
+pytestmark = pytest.mark.long
+
 N = 6
 BACKLASH = {'kind': 'table_backlash', 'width_urad': 5.0}
 

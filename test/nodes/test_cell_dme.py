@@ -34,6 +34,8 @@ from rosette_ros.nodes.base_node import ERROR
 from rosette_ros.nodes.dme_cmm import main
 from rosette_ros.simulation import Machine, MachineConfig
 
+pytestmark = pytest.mark.long
+
 N = 3
 SETTINGS = {
     'schema': 'rosette-dme/1', 'simulated': True, 'table': {'balls': N}, 'timeouts': {'abort_s': 1.0},

@@ -24,6 +24,8 @@ from rosette_ros.nodes import conversions, names, qos
 from rosette_ros.nodes.recorder import Recorder
 from rosette_ros.simulation import Machine, MachineConfig
 
+pytestmark = pytest.mark.long
+
 N = 3
 OTHERS = ('recorder', 'evaluator', 'sequencer')
 

@@ -20,6 +20,8 @@ from rosette_ros.core.errors import CellError
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.nodes import names
 
+pytestmark = pytest.mark.long
+
 N, REPEATS = 5, 3
 TOTAL = REPEATS + 2 * N + N * N + 1
 KILLS = int(os.environ.get('KILLS', '4'))

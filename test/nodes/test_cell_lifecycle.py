@@ -21,6 +21,8 @@ from rosette_ros.nodes import names
 from rosette_ros.nodes.qos import HEARTBEAT_LOST
 from rosette_ros.nodes.sequencer import Sequencer
 
+pytestmark = pytest.mark.long
+
 N = 4
 
 

@@ -12,6 +12,8 @@ from rosette_ros.cli.demo_cell import compare, write_machine
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.simulation import MachineConfig
 
+pytestmark = pytest.mark.long
+
 N = 6
 REPEATS = 4
 FIRST = REPEATS + 2 * N

@@ -18,6 +18,8 @@ from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.messages import Phase
 from rosette_ros.nodes import names, qos
 
+pytestmark = pytest.mark.long
+
 N = 4
 FORGED_STAMP = Time(sec=2**31 - 1)
 """By which an answer of a Forger is found in a log."""

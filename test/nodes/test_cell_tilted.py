@@ -14,6 +14,8 @@ from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.messages import Phase
 from rosette_ros.simulation import load_machine
 
+pytestmark = pytest.mark.long
+
 N = 6
 
 

@@ -18,6 +18,8 @@ from rosette_ros.io.messages import Phase
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan
 from rosette_ros.simulation import Machine, load_machine
 
+pytestmark = pytest.mark.long
+
 N = 6
 
 

@@ -30,6 +30,8 @@ from rosette_ros.nodes.names import remappings
 from rosette_ros.simulation import MachineConfig
 from rosette_ros.studio.cell_watcher import CellWatcher
 
+pytestmark = pytest.mark.long
+
 N = 4
 BALLS = 3 + 2 * N + N * N + 1
 FIRST = MachineConfig().changed(seed=11, plate={'balls': N})

@@ -14,6 +14,8 @@ from rosette_msgs.msg import CalibrationEvent, RunState
 
 from rosette_ros.nodes import names, qos
 
+pytestmark = pytest.mark.long
+
 SLOW = 2.0
 """Time until a goal is accepted, s."""
 

@@ -17,6 +17,8 @@ from rosette_ros.cell.cmm_check import CmmClient
 from rosette_ros.nodes import names
 from rosette_ros.studio.cell_watcher import CellWatcher
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[2]
 POLICY = ROOT / 'config' / 'sros2' / 'policies.xml'
 SAY, HEAR = 'say', 'hear'

@@ -10,6 +10,8 @@ import yaml
 from rosette_ros.cell.supervisor import cell_environment
 from rosette_ros.nodes import names
 
+pytestmark = pytest.mark.long
+
 
 @pytest.mark.parametrize(('module', 'args', 'words'), [
     ('sequencer', ['-p', 'plate.balls:=2'],

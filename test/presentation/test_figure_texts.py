@@ -13,6 +13,8 @@ from rosette_ros.presentation.plots.shape_plots import shapes
 from rosette_ros.presentation.report import pictures_of
 from rosette_ros.presentation.report.run_page import budget_of
 
+pytestmark = pytest.mark.long
+
 
 def test_faults_are_seen():
     """Of texts that were put so."""

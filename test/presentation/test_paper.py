@@ -22,6 +22,8 @@ from rosette_ros.presentation.report.provenance import FileDigest
 from rosette_ros.presentation.report.verification import verification_html, verify
 from rosette_ros.simulation import Machine, MachineConfig
 
+pytestmark = pytest.mark.long
+
 PAPER = {'A4': (595.3, 841.9), 'Letter': (612.0, 792.0)}
 """Width and height in points."""
 SIDE, BODY, SMALLEST = 13 / 25.4 * 72, 9.0, 8.0

@@ -18,6 +18,8 @@ from rosette_ros.io.identity_file import Identity
 from rosette_ros.simulation import Machine, MachineConfig
 from rosette_ros.studio.archive_view import differences
 
+pytestmark = pytest.mark.long
+
 BALLS, RUNS = 4, 9
 
 

@@ -14,6 +14,8 @@ from playwright.sync_api import expect
 from rosette_ros.core.errors import CellError
 from rosette_ros.studio.panels.live_panel import CellWatchers
 
+pytestmark = pytest.mark.long
+
 BALLS = 6
 FAULTS = [{'kind': 'failed', 'at': [5]}, {'kind': 'silent', 'at': [20], 'always': True}]
 """A ball that cannot be measured at once, and a target without an answer: the calibration still runs when it is

@@ -17,6 +17,8 @@ from rosette_ros.presentation.plots.plot_style import AFTER, BEFORE
 from rosette_ros.presentation.report import write_report
 from rosette_ros.simulation import Machine, MachineConfig
 
+pytestmark = pytest.mark.long
+
 TWO = [{'kind': 'frame_drift', 'rate_um_per_h': [3.0, 0.0, 1.5]}, {'kind': 'table_zero_drift', 'rate_urad_per_h': 30.0}]
 BOXES = '''chosen => [...document.querySelectorAll(chosen)]
     .filter(one => one.checkVisibility() && one.textContent.trim())
