@@ -75,6 +75,14 @@ def test_normal_equations_equal_the_dense_solution(n, share, repeats, reduced, n
         assert np.nanmax(np.abs(got / wanted - 1)) < 1e-10
 
 
+def test_the_share_of_each_reading_needs_no_dense_design():
+    """20 balls, a tenth lost, weights from 0.1 to 10: shares that the base model describes, by the dense solution."""
+    run = part(20, 0.1, 3)[0]
+    white = whitening_of('weights', run.size, np.random.default_rng(3))
+    wanted = np.sum(DenseSpace(run, RADIUS, whitening=white).rows**2, axis=0).reshape(-1, 3)
+    assert np.abs(BaseSpace(run, RADIUS, whitening=white).leverage - wanted).max() < SAME * 100
+
+
 def test_a_large_plate_needs_no_dense_basis():
     """A tenth of 100 balls lost: the curves are true within their uncertainty, in less than 60 MB."""
     run, curves = part(100, 0.1, 1, noise=0.1 * MICROMETRE)

@@ -181,7 +181,16 @@ class Part:
     @cached_property
     def leverage(self) -> Floats:
         """The share of each white row that the design describes, (rows,)."""
-        return np.asarray(np.sum(self._halved(self._whitened(_dense(self._design)).T)**2, axis=0))
+        design = self._design
+        if self._white is not None or isinstance(design, np.ndarray):
+            return np.asarray(np.sum(self._halved(self._whitened(_dense(design)).T)**2, axis=0))
+        half, size = self._halved(np.eye(design.shape[1])), np.diff(design.indptr)
+        inverse, out = half.T @ half, np.zeros(len(size))
+        for a, b in np.ndindex(size.max(), size.max()):  # a row has few entries: no dense design is needed
+            row = np.flatnonzero(size > max(a, b))
+            one, other = design.indptr[row] + a, design.indptr[row] + b
+            out[row] += design.data[one] * design.data[other] * inverse[design.indices[one], design.indices[other]]
+        return out
 
     def parameters(self, rows: Floats) -> Floats:
         """Return the unknowns (q, m) of white rows (rows, m), in the gauge."""
