@@ -82,7 +82,8 @@ def test_what_is_no_run_is_passed_over(rosette, refused, folder):
     assert 'got a folder of 2: drift.csv, clean.csv' in refused('evaluate', folder)
     assert 'wanted a log directory with .mcap files, got none in it' in refused('info', folder / 'pipes')
     assert 'got a device or a pipe' in refused('info', folder / 'pipe.mcap')
-    assert 'wanted one log, got a.mcap, b.mcap; name one of them' in refused('info', folder / 'several')
+    assert 'got a folder of 2: drift.csv, clean.csv' in refused('info', folder)
+    assert 'several: wanted a run, got a folder of 2: ' in refused('info', folder / 'several')
 
 
 def test_the_home_of_the_user_is_found_in_every_option(rosette, folder, monkeypatch):
