@@ -18,7 +18,7 @@ class StopMark:
     complaint: why it could not be written, '' where it could."""
 
     def __init__(self, settings: str | Path) -> None:
-        self.path, self.complaint = Path(f'{settings}{SUFFIX}'), ''
+        self.path, self.complaint = Path(f'{settings}{SUFFIX}').expanduser(), ''
 
     def read(self) -> str:
         """Return what it says, '' where there is none."""

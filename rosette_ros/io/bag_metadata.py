@@ -202,8 +202,8 @@ def find_files(path: str | Path) -> BagListing:
         found = files_in(path)
         numbers = [_numbered(one.name)[1] for one in found]
         lost = sorted({*range(numbers[0], numbers[-1])} - {*numbers})  # the oldest may be gone, which is no loss
-        return BagListing(found, problems=tuple(f'{path}: {_numbered(found[0].name)[0]}_{number}.mcap is missing; put it '
-                                                'back' for number in lost[:MOST_LOST]))
+        return BagListing(found, problems=tuple(f'{path}: {_numbered(found[0].name)[0]}_{number}.mcap is missing; put '
+                                                'it back' for number in lost[:MOST_LOST]))
 
 
 def runs_in(folder: str | Path) -> list[Path]:
@@ -247,13 +247,16 @@ def _numbered(name: str) -> tuple[str, int]:
 
 def files_in(directory: Path) -> tuple[Path, ...]:
     """Return the .mcap files in a directory, `<name>_<number>.mcap` in the order of their numbers."""
-    found = (path for path in directory.glob('*.mcap') if not is_hidden(path.name) and path.is_file())
-    return tuple(sorted(found, key=lambda path: _numbered(path.name)))
+    return tuple(sorted(_shown(directory, '*.mcap'), key=lambda path: _numbered(path.name)))
 
 
 def packed_in(directory: Path) -> list[Path]:
     """Return the files that rosbag2 has compressed as a whole and nobody has unpacked beside."""
-    return sorted(path for path in directory.glob('*.mcap.zst*') if not path.with_suffix('').is_file())
+    return sorted(path for path in _shown(directory, '*.mcap.zst*') if not path.with_suffix('').is_file())
+
+
+def _shown(directory: Path, pattern: str) -> list[Path]:
+    return [path for path in directory.glob(pattern) if not is_hidden(path.name) and path.is_file()]
 
 
 def packed_error(paths: Sequence[Path]) -> InvalidData:

@@ -60,9 +60,10 @@ def format_plate(plate: Plate) -> str:
 
 def plate_of_table(name: str, path: str | Path) -> Plate:
     """Return the Plate of the file that a table of ball centres names, which stands beside it; raises InvalidData."""
-    if Path(name).name != name:
+    file = Path(path).parent / name
+    if Path(name).name != name or (file.exists() and not file.is_file()):
         raise InvalidData(f'{path}: plate: wanted the name of a file beside the table, got {name!r:.80}')
-    return read_plate(Path(path).parent / name)
+    return read_plate(file)
 
 
 def _numbers(value: object, count: int, where: str) -> Floats:

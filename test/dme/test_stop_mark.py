@@ -12,10 +12,11 @@ from rosette_ros.core.errors import CellError
 from rosette_ros.dme.stop_mark import StopMark
 
 
-def test_it_is_kept_until_it_is_cleared(tmp_path):
-    """By the next process too, in one line."""
+def test_it_is_kept_until_it_is_cleared(tmp_path, monkeypatch):
+    """By the next process too, in one line; also where the settings are named by the home of the user."""
+    monkeypatch.setenv('HOME', str(tmp_path))
     path = tmp_path / 'dme.yaml'
-    mark = StopMark(path)
+    mark = StopMark('~/dme.yaml')
     assert mark.read() == ''
     mark.write('error 2504: Collision')
     assert StopMark(path).read() == 'error 2504: Collision'

@@ -106,6 +106,7 @@ def test_files_compressed_as_a_whole_name_the_command(parts, described):
     """And are read once they are unpacked beside."""
     _, whole, log = parts
     packed(log)
+    (log / '._log_0.mcap.zstd').touch()
     if not described:
         (log / 'metadata.yaml').unlink()
     assert runs_in(log.parent) == sorted([log, whole], key=lambda path: -path.stat().st_mtime)
