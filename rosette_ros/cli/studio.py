@@ -3,6 +3,7 @@
 
 import argparse
 import os
+import signal
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -37,6 +38,8 @@ def run(options: argparse.Namespace) -> None:
     """Serve the page until Ctrl-C."""
     for path in options.runs:
         is_log(path)  # raises at once where the path does not exist
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # the terminal is closed: uvicorn knows the others only
+        signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
     serve(studio_options(options, os.environ), lambda address: print(f'rosette studio: {address}', flush=True))
 
 
