@@ -120,8 +120,8 @@ def test_two_answers_that_differ_are_told():
     x, y, _ = nominal(*CELLS[3])
     other = answer(4, centre=(x, y, 1e-5), stamp_ns=4 * S + S // 3)
     [told] = [one for one in collected(answers=[*ANSWERS, other]).to_run().remarks if 'second node' in one]
-    assert told == ('1 target has two answers that differ, of which the first counts; did a second node answer? '
-                    'Measure again with one CMM')
+    assert told == ('target 4 (table position 2, ball 1) has two answers that differ by 10.0 µm, of which the '
+                    'first counts; did a second node answer? Measure again with one CMM')
     for run in (collected(answers=[*ANSWERS, ANSWERS[3]]),
                 collected([*TARGETS, target(4, attempt=2, stamp_ns=20 * S)], [*ANSWERS, other])):
         assert not any('second node' in one for one in run.to_run().remarks)
