@@ -202,7 +202,7 @@ def test_a_number_for_all_balls_or_one_for_each(tmp_path):
     (SCHEMA + 'azimuth_deg: [0, 90, 180]\nradius_mm: -1\n', 'radius_mm: wanted positive numbers, got -1'),
     (SCHEMA + 'azimuth_deg: [0, 90, 360]\nradius_mm: 100\n', 'got balls 1 and 3 at one'),
     (SCHEMA + 'calibrated: 1\n', 'calibrated: wanted true or false, got 1'),
-    (SCHEMA + 'azimut_deg: [0]\n', "'azimut_deg': wanted one of schema, calibrated, azimuth_deg"),
+    (SCHEMA + 'azimut_deg: [0]\n', "got 'azimut_deg'; did you mean 'azimuth_deg'"),
     ('[1, 2]', 'wanted a mapping')])
 def test_plates_that_are_none_are_refused(tmp_path, text, words):
     """In one line with the key."""
