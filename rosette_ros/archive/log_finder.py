@@ -84,6 +84,8 @@ def find_logs(places: Iterable[str]) -> list[FoundLog]:
         if root in files and not kept:
             raise InvalidData(f'{place}: wanted a folder of logs, or a log, got a device, a pipe or a hidden file')
         for path, inside in _grouped(root, kept):
+            if any('\ud800' <= sign <= '\udfff' for sign in path):
+                raise InvalidData(f'{path}: wanted a name in UTF-8, got another one; rename it')
             names = [file if is_local else system.unstrip_protocol(file) for file in (path, *inside)]
             stamp = ' '.join(f'{files[file][key]}' for file in inside for key in _STAMPED if key in files[file])
             found.setdefault(names[0], FoundLog(names[0], tuple(names[1:]), stamp))
