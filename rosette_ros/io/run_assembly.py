@@ -369,9 +369,9 @@ class RunAnswers:
     def remarks(self) -> tuple[str, ...]:
         """What is wrong with the answers, in words: two to one target that was asked once, mistakes of the CMM."""
         sessions = Counter(seq for seq, _ in {(target.seq, target.session) for target in self.targets})
-        centres = {str(target): [one.centre for one in self._usable(seq)] for seq, target in self._last.items()
-                   if target.attempt == sessions[seq] == 1}
-        apart = {name: float(np.ptp(each, axis=0).max()) for name, each in centres.items() if len({*each}) > 1}
+        several = ((target, [one.centre for one in self._usable(seq)]) for seq, target in self._last.items()
+                   if target.attempt == sessions[seq] == 1 and len(self._by_seq.get(seq, ())) > 1)
+        apart = {str(target): float(np.ptp(each, axis=0).max()) for target, each in several if len({*each}) > 1}
         return (*remark_on_two_answers(apart), *remarks_on_answers(self.counting()))
 
     def _table_offset(self, targets: Sequence[Target], source: str) -> float:
