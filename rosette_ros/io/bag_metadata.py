@@ -223,8 +223,8 @@ def _is_run(path: Path) -> bool:
 
 
 def is_hidden(name: str) -> bool:
-    """Return whether a file or folder is none that a person has put there: hidden, of macOS, in the trash."""
-    return name.startswith(('.', '$RECYCLE.BIN', '__MACOSX'))
+    """Return whether a file or folder is none that a person has put there: hidden, of macOS or a NAS, in the trash."""
+    return name.casefold().startswith(('.', '$recycle.bin', '__macosx', '#recycle', '@recycle', '@eadir'))
 
 
 def is_one_log(names: Iterable[str]) -> bool:
