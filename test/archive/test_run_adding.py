@@ -224,8 +224,8 @@ def test_loose_files_are_logs_of_their_own(logs, tmp_path):
 
 def test_what_is_no_log_is_passed_over(logs, tmp_path):
     """Pipes, devices, links without an end, hidden files, trash; a packed log is a row that says how to unpack it."""
-    for name in ('pipe.mcap', '.Trash-1000/x.mcap', '__MACOSX/._x.csv', '$RECYCLE.BIN/x.csv', '._x.csv', '$Recycle.Bin/y.csv',
-                 '#recycle/x.mcap', '@eaDir/x.csv'):
+    for name in ('pipe.mcap', '.Trash-1000/x.mcap', '__MACOSX/._x.csv', '$RECYCLE.BIN/x.csv', '._x.csv',
+                 '$Recycle.Bin/y.csv', '#recycle/x.mcap', '@eaDir/x.csv'):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text('x')
     (tmp_path / 'pipe.mcap').unlink()

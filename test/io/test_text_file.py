@@ -106,8 +106,8 @@ def test_a_full_disk_leaves_the_old_files_and_no_part_of_new_ones(tmp_path, word
     """With --force, in a process that may write no file of more than 300 bytes."""
     (tmp_path / 'a.csv').write_text('old')
     before = content(tmp_path)
-    done = subprocess.run([sys.executable, '-c', COMMAND, *map(str, words), '--force'], capture_output=True, text=True,
-                          cwd=tmp_path, timeout=100, check=False,
+    done = subprocess.run([sys.executable, '-Bc', COMMAND, *map(str, words), '--force'], capture_output=True,
+                          text=True, cwd=tmp_path, timeout=100, check=False,
                           preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (300, 300)))
     assert done.returncode == 2, done.stderr
     assert 'cannot be written: File too large' in done.stderr
