@@ -194,9 +194,10 @@ class RunAnswers:
         if self.answered < expected or not any(target.phase == Phase.RUN for target in self.targets):
             return (f'wanted {expected} targets with answers, got {len(self._last)} targets and answers to '
                     f'{self.answered} of them')
-        begin = min(target.stamp_ns for target in self.targets)
+        begun = {(one.session, one.phase == Phase.RUN): one.stamp_ns for one in reversed(self.targets)}
         if (any(one.status == messages.STATUS_OK and one.frame != TABLE_FRAME for one in self.answers)
-                and not any(begin <= one.stamp_ns <= self.run_begin(2**63) for one in self.frames)):
+                and not any(begin <= one.stamp_ns <= begun.get((session, True), 2**63) for one in self.frames
+                            for (session, _), begin in begun.items())):
             return 'wanted the table frame on /tf_static, got none for this run'
         return ''
 
@@ -242,8 +243,9 @@ class RunAnswers:
         return None if frame_found is None else frame_found.rotation
 
     def run_begin(self, otherwise: int = 0) -> int:
-        """Return when the first target of phase RUN was asked, ns, `otherwise` where none was."""
-        return min((target.stamp_ns for target in self.targets if target.phase == Phase.RUN), default=otherwise)
+        """Return when phase RUN began in its first session, ns, `otherwise` where it has not."""
+        asked = ((target.session, target.stamp_ns) for target in self.targets if target.phase == Phase.RUN)
+        return min(asked, default=(0, otherwise))[1]
 
     def _refuse_two_frames(self, source: str) -> None:
         """Refuse frames that differ between the begin of the alignment and the first target of phase RUN.
@@ -251,12 +253,10 @@ class RunAnswers:
         Where the alignment was repeated after a pause, the session that ended it counts."""
         if self.is_in_table_frame:
             return
-        end, own = self.run_begin(2**63), self.targets
-        aligning = [one for one in own if one.phase == Phase.ALIGNMENT and one.stamp_ns <= end]
-        if aligning:
-            session = max(aligning, key=lambda one: one.stamp_ns).session
-            own = [one for one in own if one.session == session]
-        begin, different = min(one.stamp_ns for one in own), list[Floats]()
+        end = self.run_begin(2**63)
+        last = max((one.session for one in self.targets
+                    if one.phase == Phase.ALIGNMENT and one.stamp_ns <= end), default=0)
+        begin, different = min(one.stamp_ns for one in self.targets if last in (0, one.session)), list[Floats]()
         for stamp, frame in self._own_frames():
             numbers = np.append(frame.rotation, frame.origin)
             if begin <= stamp <= end and not any(np.abs(numbers - one).max() <= SAME_FRAME for one in different):

@@ -329,6 +329,28 @@ def test_a_frame_of_an_earlier_run_is_not_that_of_this_one(stamp):
     assert all(one.frame() is FRAME for one in (run, run.merged_with(collected([], [])), run.with_centres({})))
 
 
+def test_a_run_that_is_resumed_on_a_clock_that_lags_by_an_hour():
+    """The frame that was found before the pause is that of the run; where the alignment was repeated, the later one."""
+    ahead = 3600 * S
+    run = RunAnswers('r')
+    run.add_target(target(10, phase=2, stamp_ns=ahead + S // 10))
+    run.frames.append(TableFrame(ahead + S // 3, FRAME))
+    for seq in range(1, 10):
+        later = {'session': 2} if seq > 4 else {'stamp_ns': ahead + S * seq}
+        run.add_target(target(seq, **later))
+        run.add_answer(in_machine(answer(seq, stamp_ns=S * seq + S // 2 + ahead * (seq < 5))))
+    assert (run.lacking(9), run.frame(), run.to_run().size) == ('', FRAME, 9)
+    again = RunAnswers('r')
+    again.add_target(target(10, phase=2, stamp_ns=ahead + S // 10))
+    again.frames.append(TableFrame(ahead + S // 3, Frame(np.eye(3), np.zeros(3))))
+    again.add_target(target(10, phase=2, stamp_ns=S // 10, session=2))
+    again.frames.append(TableFrame(S // 3, FRAME))
+    for seq in range(1, 10):
+        again.add_target(target(seq, session=2))
+        again.add_answer(in_machine(answer(seq)))
+    assert (again.lacking(9), again.frame(), again.to_run().size) == ('', FRAME, 9)
+
+
 def transform(parent='machine', child='cell/table', rotation=(0, 0, 0, 1), translation=(1, 2, 3)):
     return SimpleNamespace(
         header=SimpleNamespace(frame_id=parent, stamp=SimpleNamespace(sec=1, nanosec=5)), child_frame_id=child,
