@@ -4,8 +4,8 @@
 import numpy as np
 
 from rosette_ros.core.scheme import plan
+from rosette_ros.simulation import machine_config
 from rosette_ros.simulation.machine import Machine
-from rosette_ros.simulation.machine_config import machine_config
 from rosette_ros.simulation.motion import MachineState
 
 YEAR = 365.25

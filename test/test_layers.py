@@ -47,7 +47,7 @@ ALLOWED = {
 
 WITHOUT_ROS = ('core', 'words', 'io', 'simulation', 'analysis', 'presentation', 'certificate', 'archive', 'calibration',
                'dme')
-MCAP_MAY = {'io/log_reader.py', 'io/log_writer.py', 'io/message_decoder.py'}
+MCAP_MAY = {'io/log_reader.py', 'io/log_writer.py'}
 """The only files that know the library of the log format."""
 IN_CLI = {f'rosette_ros.cli.{name}' for name, _ in VERBS.values()}
 STARTED_BY_NAME = {'rosette_ros.cli.main', 'rosette_ros.nodes.table_corrector', *MODULES.values(),

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The contract of a cause that the library of effects does not have, and what several causes need.
 
-To add a cause, write its class and a line of CAUSES: the hooks of rosette_ros.simulation.hidden.hidden_effect.HOOKS
+To add a cause, write its class and a line of CAUSES: the hooks of rosette_ros.simulation.hidden_effect.HOOKS
 that it needs, `draw`, and what is true of it. A name of `right` is the cause; one of `part` is a true part of it; one
 of `family` is fair only where its shape describes the cause in that run, within what noise lets see.
 """
@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from rosette_ros.core.records import Floats, Run
-from rosette_ros.simulation.hidden.hidden_effect import Draw
+from rosette_ros.simulation.hidden_effect import Draw
 from rosette_ros.simulation.motion import Moment
 
 Vector = tuple[float, float, float]

@@ -12,7 +12,7 @@ from rosette_ros.core.geometry import nominal_angles, radial, rotate_z
 from rosette_ros.core.records import Floats, Run
 from rosette_ros.core.scheme import nominal_places, plan
 from rosette_ros.simulation import Machine, MachineConfig
-from rosette_ros.simulation.hidden import Situation, acting
+from rosette_ros.simulation.hidden_effect import Situation, acting
 
 SIGMA = 1e-7
 """Standard deviation of a ball-centre coordinate, m: the unit of all that is hidden."""

@@ -17,8 +17,9 @@ from benchmarks.blind.cause import Cause, Names, Variables
 from benchmarks.blind.noise_kinds import KINDS
 from benchmarks.blind.runs import FEWEST, ORDERS, Plan, noisy, scaled, situation, true_curves
 from rosette_ros.core.records import Floats, Run
-from rosette_ros.simulation.hidden import KINDS as HIDDEN
-from rosette_ros.simulation.hidden import NAMED, Draw
+from rosette_ros.simulation.hidden_effect import Draw
+from rosette_ros.simulation.hidden_kinds import KINDS as HIDDEN
+from rosette_ros.simulation.hidden_kinds import NAMED
 
 CAUSES = str(Path(__file__).with_name('causes.py'))
 """The file of the causes that are held out for the final judgement."""
@@ -64,7 +65,7 @@ class Truth:
 class Trial:
     """One run of a set, drawn from `name` and from nothing else.
 
-    kinds: what it hides, names of simulation.hidden or of a cause; strength: visible norm of each, σ; noise: a kind of
+    kinds: what it hides, names of hidden_kinds or of a cause; strength: visible norm of each, σ; noise: a kind of
     noise_kinds; orders: tried in turn, the first one that shows all that is hidden is measured; causes: their file.
     """
 

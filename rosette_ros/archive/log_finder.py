@@ -17,7 +17,6 @@ from rosette_ros.core.errors import InvalidData
 from rosette_ros.io.bag_metadata import FILE_NAME as METADATA
 from rosette_ros.io.bag_metadata import is_hidden, is_one_log
 
-SUFFIXES = ('.mcap', '.csv')
 _STAMPED = ('size', 'mtime', 'created', 'LastModified', 'last_modified', 'ETag', 'etag')
 """What file systems say of a file that changes when its content does."""
 
@@ -85,6 +84,8 @@ def find_logs(places: Iterable[str]) -> list[FoundLog]:
         if root in files and not kept:
             raise InvalidData(f'{place}: wanted a folder of logs, or a log, got a device, a pipe or a hidden file')
         for path, inside in _grouped(root, kept):
+            if any('\ud800' <= sign <= '\udfff' for sign in path):
+                raise InvalidData(f'{path}: wanted a name in UTF-8, got another one; rename it')
             names = [file if is_local else system.unstrip_protocol(file) for file in (path, *inside)]
             stamp = ' '.join(f'{files[file][key]}' for file in inside for key in _STAMPED if key in files[file])
             found.setdefault(names[0], FoundLog(names[0], tuple(names[1:]), stamp))
@@ -100,14 +101,11 @@ def _grouped(root: str, files: list[str]) -> Iterator[tuple[str, list[str]]]:
     for path in map(PurePosixPath, sorted(files)):
         folders[path.parent].append(path)
     for folder, inside in folders.items():
-        logs = [path for path in inside if path.suffix == '.mcap']
-        is_one = is_one_log(path.name for path in inside)
-        is_described = folder / METADATA in inside
-        if logs and is_one:
-            yield str(folder), list(map(str, logs))
-        elif is_described:  # its files are missing: it is a log that cannot be read
-            yield str(folder), [str(folder / METADATA)]
+        packed = [path for path in inside if path.match('*.mcap.zst*') and path.with_suffix('') not in inside]
+        logs = [path for path in inside if path.suffix == '.mcap'] + packed
+        is_one = is_one_log([*(path.name for path in inside), *(path.stem for path in packed)])
+        if is_one:  # where its files are missing, it is a log that cannot be read
+            yield str(folder), list(map(str, logs or [folder / METADATA]))
         for path in inside:
-            is_packed = path.match('*.mcap.zst*') and not is_described and path.with_suffix('') not in inside
-            if is_packed or (path.suffix in SUFFIXES and not (is_one and path in logs)):
+            if path.suffix == '.csv' or (path in logs and not is_one):
                 yield str(path), [str(path)]

@@ -98,8 +98,7 @@ Commands = tuple[Command, ...]
 
 def complaint(answer: Answer, target: Target, limits: Limits) -> str:
     """Return why an answer is no measurement of its target, '' where it is one."""
-    wanted = (target.table_position, target.ball, target.cmm_position)
-    got = (answer.table_position, answer.ball, answer.cmm_position)
+    wanted, got = ((one.table_position, one.ball, one.cmm_position) for one in (target, answer))
     if wanted != got:
         return f'wanted table position, ball, CMM position {wanted}, got {got}'
     if answer.status != STATUS_OK:
@@ -252,8 +251,7 @@ class Sequence:
     def verified(self, recorded: Set[tuple[int, int]], missing: Collection[str], now: float) -> Commands:
         """Take what is in the log: (seq, stamp in ns) of its answers, and what else is missing, in words.
 
-        Answers that are not there do not count and are asked again; results or a last state that are not there end the
-        run."""
+        Answers that are not there are asked again; results or a last state that are not there end the run."""
         if self.phase in (Phase.CANCELLED, Phase.FAILED):
             return ()
         if self._held:
@@ -263,8 +261,7 @@ class Sequence:
             return ()  # the run has continued: the log is verified at its end
         if self._results is not None:
             if missing:
-                return self._finish(Phase.FAILED, f'the log lacks {", ".join(missing)}; all ball centres are in it: '
-                                    'evaluate it offline')
+                return self._finish(Phase.FAILED, f'the log lacks {", ".join(missing)}; {self._offline("it")}')
             if self.phase is Phase.DONE:
                 return (Finish(self.phase, self.text),)
             return (*self._done(), Verify(self._taken(), self._results, self.phase))
@@ -300,9 +297,12 @@ class Sequence:
             return self._finish(Phase.FAILED, f'{self._held} {words}')
         if self.phase is Phase.EVALUATION:
             return self._finish(Phase.FAILED, 'wanted error motions from the evaluator within '
-                                f'{self.limits.evaluation_timeout:g} s, got none; all ball centres are in the log: '
-                                'evaluate it offline')
+                                f'{self.limits.evaluation_timeout:g} s, got none; {self._offline("the log")}')
         return self._again(f'no answer within {self.limits.answer_timeout:g} s', now)
+
+    def _offline(self, log: str) -> str:
+        return f'all ball centres are in {log}: evaluate it offline' + ''.join(
+            f'; {words} for a while: it may hold answers of both' for words in self.disturbed)
 
     def cancel(self, text: str = 'cancelled on request') -> Commands:
         """End early."""

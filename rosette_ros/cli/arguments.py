@@ -80,7 +80,7 @@ def expand_home(options: argparse.Namespace) -> None:
 
 
 def _expanded(value: Any) -> Any:
-    return os.path.expanduser(value) if isinstance(value, str) and value.startswith('~/') else value
+    return os.path.expanduser(value) if isinstance(value, str) and f'{value}/'.startswith('~/') else value
 
 
 def namespace(text: str) -> str:

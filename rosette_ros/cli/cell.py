@@ -29,7 +29,7 @@ from rosette_ros.io.safe_yaml import read_yaml
 from rosette_ros.nodes import names
 from rosette_ros.nodes.dme_cmm import settings_of
 from rosette_ros.nodes.parameters import sections
-from rosette_ros.simulation.machine_config import MachineConfig, load_machine
+from rosette_ros.simulation import MachineConfig, load_machine
 
 CMMS = ('simulated', 'dme')
 DME = CMMS[1]

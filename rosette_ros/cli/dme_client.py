@@ -19,18 +19,21 @@ from rosette_ros.cli.console import console, print_checks, print_json, print_par
 from rosette_ros.core.errors import CellError, InvalidPlan, RosetteError
 from rosette_ros.core.geometry import rotate_z
 from rosette_ros.dme.ball_probing import DmeCmm
-from rosette_ros.dme.dme_check import look_at
 from rosette_ros.dme.dme_plan import refuse_unsafe_plan
-from rosette_ros.dme.dme_session import DmeSession, DmeStopped, ToolNotInUse, address_words
+from rosette_ros.dme.dme_session import Data, DmeSession, DmeStopped, ToolNotInUse, address_words
 from rosette_ros.dme.dme_settings import DmeSettings, TimeoutSettings, load_dme_settings
 from rosette_ros.dme.probe_path import ball_path, length, lifted, obstacles, refuse_unsafe
 from rosette_ros.dme.stop_mark import StopMark
-from rosette_ros.dme.wire import PORT
+from rosette_ros.dme.wire import PORT, Call, call, named, shown
 from rosette_ros.io.reading_checks import Check
 from rosette_ros.presentation.formatting import duration, fixed
 from rosette_ros.presentation.plots import plot_style
 from rosette_ros.presentation.plots.path_plots import probe_path
 from rosette_ros.presentation.table_format import Table, column, words
+
+SPEEDS = tuple(f'Tool.{group}.{name}' for group in ('GoToPar', 'PtMeasPar') for name in ('Speed', 'Accel'))
+NAMES = {'': '', '.Min': 'least ', '.Max': 'most '}
+LENGTHS = tuple(f'Tool.PtMeasPar.{name}' for name in ('Approach', 'Search', 'Retract'))
 
 Result = TypeVar('Result')
 
@@ -71,11 +74,41 @@ def _address(text: str) -> tuple[str, int]:
     return found[1] or found[2], port
 
 
+async def _look_at(session: DmeSession) -> list[Check]:
+    """Return what a server tells about itself, nothing moves; raises CellError where it takes no more commands."""
+    out = list[Check]()
+
+    async def asked(name: str, *calls: Call, wanted: bool | None = None) -> Data:
+        data: Data = []
+        for one in calls:
+            data += await session.optional(one) or []
+        out.append(Check(name, wanted and bool(data), '; '.join(map(shown, data)) or 'not supported'))
+        return data
+
+    await asked('version', Call('GetDMEVersion'))
+    await asked('machine', Call('GetMachineClass'))
+    homed = await session.optional(Call('IsHomed'))
+    is_homed = None if not homed else named(homed[0], 'IsHomed') == (1.0,)
+    out.append(Check('homed', is_homed,
+                     {None: 'not supported', True: 'yes', False: 'no: home it at the machine'}[is_homed]))
+    await asked('tools', Call('EnumTools'))
+    await asked('tool in use', call('GetProp', Call('Tool.Name')))
+    await asked('tip', call('GetProp', Call('Tool.AvrRadius')))
+    await asked('position / mm', call('Get', *map(Call, 'XYZ')), wanted=True)
+    await asked('table / deg', call('Get', Call('R')), wanted=True)
+    for name in (*SPEEDS, *LENGTHS):
+        found = {end: await session.property_of(f'{name}{end}') for end in NAMES}
+        known = [f'{NAMES[end]}{value:g}' for end, value in found.items() if value is not None]
+        out.append(Check(name, None, ', '.join(known) or 'not supported'))
+    await asked('temperatures / °C', Call('ReadAllTemperatures'))
+    return out
+
+
 async def _looked(host: str, port: int, settings: DmeSettings | None,
                   trace: Callable[[str], None] | None) -> list[Check]:
     session = await DmeSession.connect(host, port, settings.timeouts if settings else TimeoutSettings(), trace)
     try:
-        return [*await look_at(session), *(await _prepared(DmeCmm(session, settings), settings) if settings else ())]
+        return [*await _look_at(session), *(await _prepared(DmeCmm(session, settings), settings) if settings else ())]
     finally:
         await session.end()
 

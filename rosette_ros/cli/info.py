@@ -18,7 +18,6 @@ from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_run import RESUMES_KEY, LogRun
 from rosette_ros.io.messages import Phase, phase_name
 from rosette_ros.io.open_run import is_log, open_run
-from rosette_ros.io.reading_checks import remarks_on_answers
 from rosette_ros.io.run_to_log import NOTES_KEY
 from rosette_ros.presentation import formatting as text
 from rosette_ros.presentation.identity_words import NOTHING, SIMULATED, identity_rows
@@ -75,7 +74,7 @@ def _logged(log: LogRun, run_id: str) -> dict[str, Any]:
         found = log.to_run(run_id)
     except RosetteError as error:
         problem = str(error)
-    remarks = [one for one in found.remarks if one != log.damage] if found else remarks_on_answers(answers.counting())
+    remarks = [one for one in found.remarks if one != log.damage] if found else answers.remarks
     noted = dict.fromkeys([*(found.notes if found else ()), *log.custom_data.get(NOTES_KEY, '').splitlines()])
     return _run_facts(run_id, first.balls, first.radius, phases, found, order=state.order if state else None,
                       notes=[one for one in noted if one not in remarks],

@@ -13,8 +13,9 @@ from rosette_ros.cli.console import console, print_json, print_parts
 from rosette_ros.cli.info import broken_off
 from rosette_ros.core.errors import RosetteError, counted
 from rosette_ros.core.model.model import Model
+from rosette_ros.io.bag_metadata import runs_in
 from rosette_ros.io.log_reader import read_log
-from rosette_ros.io.open_run import is_log, open_run, runs_in
+from rosette_ros.io.open_run import is_log, open_run
 from rosette_ros.presentation.json_output import verdict_json
 from rosette_ros.presentation.table_format import Table, words
 from rosette_ros.words.verdict_words import verdict_text

@@ -3,12 +3,14 @@
 
 import argparse
 import os
+import signal
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rosette_ros.cli.arguments import add_shared, whole
 from rosette_ros.core.errors import InvalidConfig
-from rosette_ros.io.open_run import is_log, runs_in
+from rosette_ros.io.bag_metadata import runs_in
+from rosette_ros.io.open_run import is_log
 from rosette_ros.studio.page import StudioOptions
 from rosette_ros.studio.server import is_loopback, serve
 
@@ -36,6 +38,8 @@ def run(options: argparse.Namespace) -> None:
     """Serve the page until Ctrl-C."""
     for path in options.runs:
         is_log(path)  # raises at once where the path does not exist
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # the terminal is closed: uvicorn knows the others only
+        signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
     serve(studio_options(options, os.environ), lambda address: print(f'rosette studio: {address}', flush=True))
 
 

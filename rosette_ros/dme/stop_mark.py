@@ -18,7 +18,8 @@ class StopMark:
     complaint: why it could not be written, '' where it could."""
 
     def __init__(self, settings: str | Path) -> None:
-        self.path, self.complaint = Path(f'{settings}{SUFFIX}'), ''
+        # of the file itself, by whatever name it is given
+        self.path, self.complaint = Path(f'{Path(settings).expanduser().resolve()}{SUFFIX}'), ''
 
     def read(self) -> str:
         """Return what it says, '' where there is none."""

@@ -27,6 +27,7 @@ METADATA_RECORD, METADATA_KEY = 'rosbag2', 'serialized_metadata'
 CHECKSUM_KEY = 'rosette.checksum'
 """Entry of custom_data: CRC-32 of the other entries."""
 INFINITE = 9223372036 * 10**9 + 854775807  # duration that rosbag2 writes for "no limit", ns
+MOST_LOST = 20  # missing files that are named
 MAX_BYTES = 1 << 20  # a larger metadata.yaml is refused: a log of a cell needs some ten thousand bytes
 
 _Dumper = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
@@ -189,20 +190,41 @@ def find_files(path: str | Path) -> BagListing:
         if not path.is_dir():
             raise InvalidData(f'{path}: wanted a log directory or an .mcap file, got '
                               f'{"a device or a pipe" if path.exists() else "nothing there; check the path"}')
+        if not holds_log(path):
+            if not (inside := runs_in(path)):
+                raise InvalidData(f'{path}: wanted a log directory with .mcap files, got none in it')
+            raise InvalidData(f'{path}: wanted a run, got a folder of {len(inside)}: '
+                              f'{", ".join(one.name for one in inside)}; name one of them (rosette runs lists them)')
         if packed := packed_in(path):
-            raise packed_error(packed[0])
+            raise packed_error(packed)
         if (path / FILE_NAME).is_file():
             return read_bag_metadata(path / FILE_NAME)
-        if not (found := files_in(path)):
-            raise InvalidData(f'{path}: wanted a log directory with .mcap files, got none in it')
-        if not holds_log(path):
-            raise InvalidData(f'{path}: wanted one log, got {", ".join(one.name for one in found)}; name one of them')
-        return BagListing(found)
+        found = files_in(path)
+        numbers = [_numbered(one.name)[1] for one in found]
+        lost = sorted({*range(numbers[0], numbers[-1])} - {*numbers})  # the oldest may be gone, which is no loss
+        return BagListing(found, problems=tuple(f'{path}: {_numbered(found[0].name)[0]}_{number}.mcap is missing; put '
+                                                'it back' for number in lost[:MOST_LOST]))
+
+
+def runs_in(folder: str | Path) -> list[Path]:
+    """Return the logs and tables in a folder, newest first; raises InvalidData where it cannot be read."""
+    with reading(folder, 'a folder of runs'):
+        return sorted(filter(_is_run, Path(folder).iterdir()), key=lambda path: path.stat().st_mtime, reverse=True)
+
+
+def _is_run(path: Path) -> bool:
+    """Return whether a name in a folder is that of a log or a table, sound or not; a link without an end is none."""
+    try:
+        if is_hidden(path.name):
+            return False
+        return holds_log(path) if path.is_dir() else path.is_file() and path.suffix in ('.mcap', '.csv')
+    except OSError:  # a folder of somebody else
+        return False
 
 
 def is_hidden(name: str) -> bool:
-    """Return whether a file or folder is none that a person has put there: hidden, of macOS, in the trash."""
-    return name.startswith(('.', '$RECYCLE.BIN', '__MACOSX'))
+    """Return whether a file or folder is none that a person has put there: hidden, of macOS or a NAS, in the trash."""
+    return name.casefold().startswith(('.', '$recycle.bin', '__macosx', '#recycle', '@recycle', '@eadir'))
 
 
 def is_one_log(names: Iterable[str]) -> bool:
@@ -225,17 +247,24 @@ def _numbered(name: str) -> tuple[str, int]:
 
 def files_in(directory: Path) -> tuple[Path, ...]:
     """Return the .mcap files in a directory, `<name>_<number>.mcap` in the order of their numbers."""
-    found = (path for path in directory.glob('*.mcap') if not is_hidden(path.name) and path.is_file())
-    return tuple(sorted(found, key=lambda path: _numbered(path.name)))
+    return tuple(sorted(_shown(directory, '*.mcap'), key=lambda path: _numbered(path.name)))
 
 
 def packed_in(directory: Path) -> list[Path]:
     """Return the files that rosbag2 has compressed as a whole and nobody has unpacked beside."""
-    return sorted(path for path in directory.glob('*.mcap.zst*') if not path.with_suffix('').is_file())
+    return sorted(path for path in _shown(directory, '*.mcap.zst*') if not path.with_suffix('').is_file())
 
 
-def packed_error(path: Path) -> InvalidData:
-    """Return the error about a compressed file, with the command that unpacks it."""
+def _shown(directory: Path, pattern: str) -> list[Path]:
+    return [path for path in directory.glob(pattern) if not is_hidden(path.name) and path.is_file()]
+
+
+def packed_error(paths: Sequence[Path]) -> InvalidData:
+    """Return the error about compressed files of a folder, with the command that unpacks them."""
+    path, *others = paths
+    if others:
+        return InvalidData(f'{path.parent}: its files are compressed; unpack them: for f in '
+                           f'{shlex.quote(str(path.parent))}/*.mcap.zst*; do zstd -d "$f" -o "${{f%.*}}"; done')
     command = shlex.join(['zstd', '-d', str(path), '-o', str(path.with_suffix(''))])
     return InvalidData(f'{path}: is a compressed file; unpack it: {command}')
 

@@ -13,7 +13,7 @@ from rosette_ros.core.correction import Correction
 from rosette_ros.core.error_summary import COVERAGE_FACTOR
 from rosette_ros.core.errors import InvalidConfig, InvalidData
 from rosette_ros.core.records import CURVES, SI_UNITS, ErrorMotions, Floats
-from rosette_ros.io.safe_yaml import is_finite, known_keys, read_yaml
+from rosette_ros.io.safe_yaml import is_finite, known_keys, of_schema, read_yaml
 
 SCHEMA = 'rosette-correction/1'
 MOST_BYTES, MOST_ANGLES = 4 << 20, 4000
@@ -40,10 +40,8 @@ def format_correction(correction: Correction, table: str = '') -> str:
 
 def read_correction(path: str | Path) -> tuple[Correction, str]:
     """Return the Correction of a file and the table's serial number; raises InvalidData, naming file and key."""
-    values = read_yaml(path, 'a correction file', MOST_BYTES, InvalidData)
-    if not isinstance(values, dict) or values.get('schema') != SCHEMA:
-        raise InvalidData(f'{path}: wanted a correction file with "schema: {SCHEMA}" (rosette correct RUN --for ros), '
-                          f'got {values!r:.80}')
+    values = of_schema(read_yaml(path, 'a correction file', MOST_BYTES, InvalidData), SCHEMA, str(path), InvalidData,
+                       'a file of rosette correct RUN --for ros')
     known_keys(values, _KEYS, str(path), InvalidData)
     corrected = values.get('corrected', [*CURVES])
     if not isinstance(corrected, list) or not corrected or any(one not in CURVES for one in corrected):

@@ -39,29 +39,11 @@ def is_log(path: str | Path) -> bool:
     if not begin:
         raise InvalidData(f'{path}: is empty; wanted {WANTED}')
     if begin.startswith(_PACKED):
-        raise bag.packed_error(path)
+        raise bag.packed_error([path])
     for magic, words in _OTHERS.items():
         if begin.startswith(magic):
             raise InvalidData(f'{path}: {words}')
     return begin.startswith(MAGIC) or path.suffix == '.mcap'
-
-
-def runs_in(folder: str | Path) -> list[Path]:
-    """Return the logs and tables in a folder, newest first; raises InvalidData where it cannot be read."""
-    with reading(folder, 'a folder of runs'):
-        return sorted(filter(_is_run, Path(folder).iterdir()), key=lambda path: path.stat().st_mtime, reverse=True)
-
-
-def _is_run(path: Path) -> bool:
-    """Return whether a name in a folder is that of a log or a table, sound or not; a link without an end is none."""
-    try:
-        if bag.is_hidden(path.name):
-            return False
-        if path.is_dir():
-            return bag.holds_log(path)
-        return path.is_file() and path.suffix in ('.mcap', '.csv')
-    except OSError:  # a folder of somebody else
-        return False
 
 
 def open_run(path: str | Path, run_id: str | None = None) -> Run:
@@ -123,9 +105,6 @@ def joint_identity(paths: Sequence[str | Path], run_id: str | None = None, file:
 
 def _open(path: str | Path, run_id: str | None) -> tuple[Run, LogRun | None]:
     if is_log(path):
-        if Path(path).is_dir() and not bag.holds_log(Path(path)) and (inside := runs_in(path)):
-            raise InvalidData(f'{path}: wanted a run, got a folder of {len(inside)}: '
-                              f'{", ".join(one.name for one in inside)}; name one of them (rosette runs lists them)')
         log = read_log(path)
         return log.to_run(run_id), log
     run = read_csv(path)

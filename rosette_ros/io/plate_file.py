@@ -9,7 +9,7 @@ import yaml
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Floats
 from rosette_ros.core.joint.readings import Plate
-from rosette_ros.io.safe_yaml import is_finite, of_schema, parse_yaml
+from rosette_ros.io.safe_yaml import is_finite, known_keys, of_schema, parse_yaml
 from rosette_ros.io.text_file import read_limited
 
 SCHEMA = 'rosette-plate/1'
@@ -29,9 +29,7 @@ def read_plate(path: str | Path) -> Plate:
 def parse_plate(data: bytes, path: str = 'plate') -> Plate:
     """Return the Plate of a file's bytes; path: its name in errors."""
     values = of_schema(parse_yaml(data, path, InvalidData), SCHEMA, path, InvalidData)
-    for key in values:
-        if key not in _KEYS:
-            raise InvalidData(f'{path}: {key!r:.40}: wanted one of {", ".join(_KEYS)}')
+    known_keys(values, _KEYS, path, InvalidData)
     calibrated = values.get('calibrated', False)
     if not isinstance(calibrated, bool):
         raise InvalidData(f'{path}: calibrated: wanted true or false, got {calibrated!r:.80}')
@@ -60,9 +58,10 @@ def format_plate(plate: Plate) -> str:
 
 def plate_of_table(name: str, path: str | Path) -> Plate:
     """Return the Plate of the file that a table of ball centres names, which stands beside it; raises InvalidData."""
-    if Path(name).name != name:
+    file = Path(path).parent / name
+    if Path(name).name != name or (file.exists() and not file.is_file()):
         raise InvalidData(f'{path}: plate: wanted the name of a file beside the table, got {name!r:.80}')
-    return read_plate(Path(path).parent / name)
+    return read_plate(file)
 
 
 def _numbers(value: object, count: int, where: str) -> Floats:

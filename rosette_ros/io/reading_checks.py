@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mistakes of a CMM's node, or of a table of readings, that each single reading hides and all together show."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -56,6 +56,16 @@ def check_answers(pairs: Pairs) -> dict[str, str]:
 def remarks_on_answers(pairs: Pairs) -> tuple[str, ...]:
     """Return what is wrong with answered targets, in words."""
     return tuple(filter(None, check_answers(pairs).values()))
+
+
+def remark_on_two_answers(apart: Mapping[str, float]) -> tuple[str, ...]:
+    """Return which targets have two answers, in words; apart: by how much they differ, m, by target."""
+    if not apart:
+        return ()
+    first, *others = apart
+    more = f'; so have {len(others)} more targets' if others else ''
+    return (f'{first} has two answers that differ by {micrometres(apart[first])}, of which the first counts{more}; did '
+            'a second node answer? Measure again with one CMM',)
 
 
 def remarks_on_table(run: Run, step: float, is_timed: bool) -> tuple[str, ...]:

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from rosette_ros.core.errors import InvalidData, counted
+from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Frame, fitted_frame, rotate_z, turned_frame
 from rosette_ros.core.records import Floats, Ints, Run
 from rosette_ros.core.scheme import Way, nominal_places, unwrap_travel
 from rosette_ros.io import messages
 from rosette_ros.io.messages import MACHINE_FRAME, TABLE_FRAME, Answer, Phase, TableFrame, Target
-from rosette_ros.io.reading_checks import note_on_offset, remarks_on_answers, remarks_on_radius
+from rosette_ros.io.reading_checks import note_on_offset, remark_on_two_answers, remarks_on_answers, remarks_on_radius
 
 MOST_EARLY, MOST_ANSWERS = 10_000, 100  # kept of a run: answers to no target so far, answers to one target
 MAX_BALLS = 10_000  # more balls than this are taken for a mistake
@@ -194,9 +194,10 @@ class RunAnswers:
         if self.answered < expected or not any(target.phase == Phase.RUN for target in self.targets):
             return (f'wanted {expected} targets with answers, got {len(self._last)} targets and answers to '
                     f'{self.answered} of them')
-        begin = min(target.stamp_ns for target in self.targets)
+        begun = {(one.session, one.phase == Phase.RUN): one.stamp_ns for one in reversed(self.targets)}
         if (any(one.status == messages.STATUS_OK and one.frame != TABLE_FRAME for one in self.answers)
-                and not any(begin <= one.stamp_ns <= self.run_begin(2**63) for one in self.frames)):
+                and not any(begin <= one.stamp_ns <= begun.get((session, True), 2**63) for one in self.frames
+                            for (session, _), begin in begun.items())):
             return 'wanted the table frame on /tf_static, got none for this run'
         return ''
 
@@ -242,8 +243,9 @@ class RunAnswers:
         return None if frame_found is None else frame_found.rotation
 
     def run_begin(self, otherwise: int = 0) -> int:
-        """Return when the first target of phase RUN was asked, ns, `otherwise` where none was."""
-        return min((target.stamp_ns for target in self.targets if target.phase == Phase.RUN), default=otherwise)
+        """Return when phase RUN began in its first session, ns, `otherwise` where it has not."""
+        asked = ((target.session, target.stamp_ns) for target in self.targets if target.phase == Phase.RUN)
+        return min(asked, default=(0, otherwise))[1]
 
     def _refuse_two_frames(self, source: str) -> None:
         """Refuse frames that differ between the begin of the alignment and the first target of phase RUN.
@@ -251,12 +253,10 @@ class RunAnswers:
         Where the alignment was repeated after a pause, the session that ended it counts."""
         if self.is_in_table_frame:
             return
-        end, own = self.run_begin(2**63), self.targets
-        aligning = [one for one in own if one.phase == Phase.ALIGNMENT and one.stamp_ns <= end]
-        if aligning:
-            session = max(aligning, key=lambda one: one.stamp_ns).session
-            own = [one for one in own if one.session == session]
-        begin, different = min(one.stamp_ns for one in own), list[Floats]()
+        end = self.run_begin(2**63)
+        last = max((one.session for one in self.targets
+                    if one.phase == Phase.ALIGNMENT and one.stamp_ns <= end), default=0)
+        begin, different = min(one.stamp_ns for one in self.targets if last in (0, one.session)), list[Floats]()
         for stamp, frame in self._own_frames():
             numbers = np.append(frame.rotation, frame.origin)
             if begin <= stamp <= end and not any(np.abs(numbers - one).max() <= SAME_FRAME for one in different):
@@ -311,8 +311,7 @@ class RunAnswers:
         Raises InvalidData where no ball centre is left, targets contradict each other, a frame is unknown, or a ball
         centre is nearer to another ball's place than to its own."""
         n, radius = self._plate(source)
-        counting = self.counting()
-        pairs = [pair for pair in counting if pair[0].phase == Phase.RUN]
+        pairs = [pair for pair in self.counting() if pair[0].phase == Phase.RUN]
         if not pairs:
             unused = ', '.join(f'{count} {reason}' for reason, count in self.unused().items() if count)
             raise InvalidData(f'{source}: wanted ball centres of run {self.run_id!r}, got none that counts'
@@ -345,7 +344,7 @@ class RunAnswers:
             rotation=rotation, repeatability_axes=repeated, table_offset=offset,
             notes=note_on_offset(offset),
             repeats=np.unique((table_position - 1) * n + ball).size < ball.size)
-        return run.replace(remarks=self._on_two_answers() + remarks_on_answers(counting) + remarks_on_radius(run))
+        return run.replace(remarks=self.remarks + remarks_on_radius(run))
 
     def _way(self, targets: Sequence[Target], rotation: Floats | None) -> dict[str, Any]:
         """Return the senses of the CMM at targets from all that it was sent to, answered or not.
@@ -366,13 +365,14 @@ class RunAnswers:
         way = Way(position, ball, approach, np.array([place[one.seq] for one in targets]))
         return {'cmm_sense': way.cmm_sense(n, rotation)}
 
-    def _on_two_answers(self) -> tuple[str, ...]:
-        """Return in words that targets which were asked once have answers that differ; nothing where none has."""
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is wrong with the answers, in words: two to one target that was asked once, mistakes of the CMM."""
         sessions = Counter(seq for seq, _ in {(target.seq, target.session) for target in self.targets})
-        twice = sum(target.attempt == sessions[seq] == 1 and len({one.centre for one in self._usable(seq)}) > 1
-                    for seq, target in self._last.items())
-        return (f'{counted(twice, "target has", "targets have")} two answers that differ, of which the first counts; '
-                'did a second node answer? Measure again with one CMM',) if twice else ()
+        several = ((target, [one.centre for one in self._usable(seq)]) for seq, target in self._last.items()
+                   if target.attempt == sessions[seq] == 1 and len(self._by_seq.get(seq, ())) > 1)
+        apart = {str(target): float(np.ptp(each, axis=0).max()) for target, each in several if len({*each}) > 1}
+        return (*remark_on_two_answers(apart), *remarks_on_answers(self.counting()))
 
     def _table_offset(self, targets: Sequence[Target], source: str) -> float:
         """Return the table angle of table position 1, rad, on which all targets agree."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.joint.sharing import PARTS, SEATS, apart
-from rosette_ros.io.safe_yaml import is_finite, of_schema, read_yaml
+from rosette_ros.io.safe_yaml import is_finite, known_keys, of_schema, read_yaml
 
 SCHEMA = 'rosette-sharing/1'
 MOST_BYTES = 65536
@@ -21,9 +21,8 @@ def read_sharing(path: str | Path | None, runs: int) -> dict[str, Any]:
         return {}
     values = of_schema(read_yaml(path, 'a sharing file', MOST_BYTES, InvalidData), SCHEMA, str(path), InvalidData)
     declared: dict[str, Any] = {}
+    known_keys(values, _KEYS, str(path), InvalidData)
     for key, value in values.items():
-        if key not in _KEYS:
-            raise InvalidData(f'{path}: {key!r:.40}: wanted one of {", ".join(_KEYS)}')
         if key == 'cmm' and value == 'calibrated':
             declared['cmm_is_calibrated'] = True
         elif key in PARTS:

@@ -27,10 +27,11 @@ def reading(path: str | Path, wanted: str, kind: type[RosetteError] = InvalidDat
 
 
 def read_limited(path: str | Path, wanted: str, most: int, kind: type[RosetteError] = InvalidData) -> bytes:
-    """Return the bytes of a file, `~/` being the home of the user.
+    """Return the bytes of a file, `~/` being the home of the user, unless there is a folder of that name.
 
     Raises an error of a kind where it cannot be read or has more than `most` bytes."""
-    with reading(path, wanted, kind), open(os.path.expanduser(path), 'rb') as stream:
+    file = path if os.path.exists(path) else os.path.expanduser(path)
+    with reading(path, wanted, kind), open(file, 'rb') as stream:
         data = stream.read(most + 1)
     if len(data) > most:
         raise kind(f'{path}: wanted {wanted} of at most {most} bytes, got more')
@@ -65,8 +66,8 @@ def refuse_read(path: str | Path, read: Iterable[str | Path]) -> None:
 
 
 def write_text(path: str | Path, text: str, force: bool = False) -> None:
-    """Write a text file as `write_bytes` does."""
-    write_bytes(path, text.encode(), force)
+    """Write a text file as `write_bytes` does; names of files in it that are no UTF-8 have `?` in them."""
+    write_bytes(path, text.encode(errors='replace'), force)
 
 
 def write_bytes(path: str | Path, data: bytes, force: bool = False) -> None:

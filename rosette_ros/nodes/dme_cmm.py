@@ -27,6 +27,7 @@ from rosette_ros.dme.dme_session import DmeSession, ToolNotInUse
 from rosette_ros.dme.dme_settings import DmeSettings, load_dme_settings
 from rosette_ros.dme.rotary_table import TableState
 from rosette_ros.dme.stop_mark import StopMark
+from rosette_ros.io.log_run import SIMULATED_STATUS
 from rosette_ros.io.messages import MACHINE_FRAME, Phase
 from rosette_ros.nodes import conversions, names
 from rosette_ros.nodes.base_node import ERROR, OK, WARN, Health, run_node
@@ -272,6 +273,8 @@ class DmeCmmNode(CmmNode):
                             f'measuring ball {target.ball} at table position {target.table_position}')
         values: dict[str, object] = {'measured': self.measured, 'failed': self.failed,
                                      'server': f'{self._settings.server.host}:{self._settings.server.port}'}
+        if self._settings.simulated:
+            values[SIMULATED_STATUS] = 'as the settings say'
         if cmm is not None:
             values |= {'table_angle_deg': f'{cmm.table.angle:.4f}', 'remarks': '; '.join(cmm.remarks),
                        'last_warning': next(reversed(cmm.session.warnings), '')}

@@ -32,7 +32,7 @@ def find_part(log_dir: Path, wanted: str) -> Path:
     or a run_id (last part).
 
     Raises InvalidData where there is none, it lies elsewhere, or was continued already."""
-    path = Path(wanted)
+    path = Path(os.path.expanduser(wanted))
     if path.suffix == '.mcap' and path.parent.name and path.name.startswith(f'{path.parent.name}_'):
         path, wanted = path.parent, str(path.parent)
     longest = max(map(len, wanted.encode(errors='replace').split(b'/')))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Faults of the simulated cell: drawn from the seed, configured as a list; which answers they strike, and how.
 
-Unlike what is hidden (hidden/), which moves balls by physics, a fault makes an answer come late, twice, wrongly or not
-at all. A new fault is a name in FaultKind, the case that carries it out, and a line in docs/machine.md.
+Unlike what is hidden (hidden_kinds.py), which moves balls by physics, a fault makes an answer come late, twice, wrongly
+or not at all. A new fault is a name in FaultKind, the case that carries it out, and a line in docs/machine.md.
 """
 
 import copy

@@ -223,8 +223,9 @@ def test_loose_files_are_logs_of_their_own(logs, tmp_path):
 
 
 def test_what_is_no_log_is_passed_over(logs, tmp_path):
-    """Pipes, devices, links without an end, hidden files, trash; a packed file is a row that says how to unpack it."""
-    for name in ('pipe.mcap', '.Trash-1000/x.mcap', '__MACOSX/._x.csv', '$RECYCLE.BIN/x.csv', '._x.csv'):
+    """Pipes, devices, links without an end, hidden files, trash; a packed log is a row that says how to unpack it."""
+    for name in ('pipe.mcap', '.Trash-1000/x.mcap', '__MACOSX/._x.csv', '$RECYCLE.BIN/x.csv', '._x.csv',
+                 '$Recycle.Bin/y.csv', '#recycle/x.mcap', '@eaDir/x.csv'):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text('x')
     (tmp_path / 'pipe.mcap').unlink()
@@ -234,7 +235,7 @@ def test_what_is_no_log_is_passed_over(logs, tmp_path):
         (tmp_path / name).symlink_to(target)
     (tmp_path / 'packed').mkdir()
     (tmp_path / 'packed' / 'x_0.mcap.zstd').write_bytes(b'x')
-    assert [Path(log.path).name for log in find_logs([str(tmp_path)])] == [tmp_path.name, 'x_0.mcap.zstd']
+    assert [Path(log.path).name for log in find_logs([str(tmp_path)])] == [tmp_path.name, 'packed']
     with pytest.raises(InvalidData, match='pipe.mcap: wanted a folder of logs, or a log, got a device, a pipe'):
         find_logs([str(tmp_path / 'pipe.mcap')])
 

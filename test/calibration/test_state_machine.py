@@ -83,10 +83,12 @@ def test_late_evaluation_ends_the_run():
     """No error motions in time: FAILED, and the words say that the log has everything."""
     sequence = make_sequence()
     run_through(sequence)
+    sequence.disturbed.append('2 nodes publish ball_centre')
     assert sequence.tick(4.9) == ()
     end = sequence.tick(5.0)[-1]
     assert end.phase is Phase.FAILED
     assert 'wanted error motions from the evaluator within 5 s' in end.text
+    assert end.text.endswith('offline; 2 nodes publish ball_centre for a while: it may hold answers of both')
 
 
 UNUSABLE = [

@@ -4,6 +4,7 @@
 import contextlib
 import json
 import resource
+import sys
 import time
 
 import pytest
@@ -38,8 +39,9 @@ def logs(tmp_path):
 
 
 @pytest.fixture
-def small_files():
-    """Let no file grow beyond some bytes, as on a full disk."""
+def small_files(monkeypatch):
+    """Let no file grow beyond some bytes, as on a full disk; byte code would be cut, and stay so."""
+    monkeypatch.setattr(sys, 'dont_write_bytecode', True)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (512, hard))
     yield

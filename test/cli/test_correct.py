@@ -16,8 +16,7 @@ from rosette_ros.io.correction_file import read_correction
 from rosette_ros.io.identity_file import Identity
 from rosette_ros.io.log_run import LogRun
 from rosette_ros.io.model_file import write_model
-from rosette_ros.simulation import Machine, load_machine
-from rosette_ros.simulation.machine_config import machine_config
+from rosette_ros.simulation import Machine, load_machine, machine_config
 
 LOG = Path(__file__).parents[1] / 'golden' / 'logs' / 'log_clean_n6_diagonal'
 MACHINE = {'seed': 4, 'plate': {'balls': 12},

@@ -129,7 +129,7 @@ def test_runs_about_different_axes_are_refused(refused, tmp_path):
 
 @pytest.mark.parametrize(('text', 'words'), [
     ('table: shared\n', 'wanted a mapping with "schema: rosette-sharing/1"'),
-    (SHARED + 'tabel: shared\n', "'tabel': wanted one of schema, table, plate"),
+    (SHARED + 'tabel: shared\n', "got 'tabel'; did you mean 'table'"),
     (SHARED + 'table: [a]\n', r'table: wanted shared, separate, or a name for each of 2 runs such as [1, 2]'),
     (SHARED + 'seat: cone\n', "seat: wanted one of free, plane, pilot, both, got 'cone'"),
     (SHARED + 'seat: [1]\n', 'seat: wanted one of free, plane, pilot, both, got [1]'),

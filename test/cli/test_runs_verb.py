@@ -77,12 +77,14 @@ def test_what_is_no_run_is_passed_over(rosette, refused, folder):
     (folder / 'pipes').mkdir()
     os.mkfifo(folder / 'pipes' / 'x_0.mcap')
     os.mkfifo(folder / 'pipes' / 'metadata.yaml')
+    os.mkfifo(folder / 'pipes' / 'x_1.mcap.zstd')
     found = json.loads(rosette('runs', folder, '--json').out)['runs']
     assert [Path(one['path']).name for one in found] == ['drift.csv', 'clean.csv']
     assert 'got a folder of 2: drift.csv, clean.csv' in refused('evaluate', folder)
     assert 'wanted a log directory with .mcap files, got none in it' in refused('info', folder / 'pipes')
     assert 'got a device or a pipe' in refused('info', folder / 'pipe.mcap')
-    assert 'wanted one log, got a.mcap, b.mcap; name one of them' in refused('info', folder / 'several')
+    assert 'got a folder of 2: drift.csv, clean.csv' in refused('info', folder)
+    assert 'several: wanted a run, got a folder of 2: ' in refused('info', folder / 'several')
 
 
 def test_the_home_of_the_user_is_found_in_every_option(rosette, folder, monkeypatch):
@@ -90,7 +92,8 @@ def test_the_home_of_the_user_is_found_in_every_option(rosette, folder, monkeypa
     monkeypatch.setenv('HOME', str(folder))
     (folder / 'model.yaml').write_text('{schema: rosette-model/1, effects: [frame_drift]}')
     assert 'frame_drift' in rosette('evaluate', '~/drift.csv', '--model=~/model.yaml').out
-    assert len(json.loads(rosette('runs', '~/', '--json').out)['runs']) == 2
+    for home in ('~', '~/'):
+        assert len(json.loads(rosette('runs', home, '--json').out)['runs']) == 2
 
 
 def test_evaluate_says_what_to_add_where_the_model_fails(rosette, folder):

@@ -13,8 +13,8 @@ from rosette_ros.core.model.model import Model
 from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import plan, travel_sense
 from rosette_ros.io.ball_centre_table import format_csv, parse_csv
+from rosette_ros.simulation import MachineConfig
 from rosette_ros.simulation.machine import Machine
-from rosette_ros.simulation.machine_config import MachineConfig
 
 REVERSAL = {'kind': 'cmm_reversal', 'value_um': (0.8, -0.6, 0)}
 CAGE = {'kind': 'asynchronous_motion', 'order': 0.5, 'radial_um': 2.0}

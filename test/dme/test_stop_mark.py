@@ -12,13 +12,16 @@ from rosette_ros.core.errors import CellError
 from rosette_ros.dme.stop_mark import StopMark
 
 
-def test_it_is_kept_until_it_is_cleared(tmp_path):
-    """By the next process too, in one line."""
+def test_it_is_kept_until_it_is_cleared(tmp_path, monkeypatch):
+    """By the next process too, in one line, and by whatever name the settings are given."""
+    monkeypatch.setenv('HOME', str(tmp_path))
     path = tmp_path / 'dme.yaml'
-    mark = StopMark(path)
+    mark = StopMark('~/dme.yaml')
     assert mark.read() == ''
     mark.write('error 2504: Collision')
     assert StopMark(path).read() == 'error 2504: Collision'
+    (tmp_path / 'link.yaml').symlink_to(path)
+    assert StopMark(tmp_path / 'link.yaml').read() == 'error 2504: Collision'
     assert (tmp_path / 'dme.yaml.stopped').read_text(encoding='utf-8') == 'error 2504: Collision\n'
     mark.clear()
     mark.clear()

@@ -32,8 +32,7 @@ from rosette_ros.io.model_file import parse_entry
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan, parse_plan
 from rosette_ros.io.safe_yaml import parse_yaml
 from rosette_ros.nodes.evaluation import RunCollection
-from rosette_ros.simulation import Machine, MachineConfig
-from rosette_ros.simulation.machine_config import load_machine
+from rosette_ros.simulation import Machine, MachineConfig, load_machine
 
 pytestmark = pytest.mark.long
 

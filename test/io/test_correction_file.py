@@ -42,7 +42,7 @@ def test_nothing_is_lost(tmp_path, correction):
 
 
 @pytest.mark.parametrize(('change', 'words'), [
-    ({'schema': 'rosette-plan/1'}, 'wanted a correction file with "schema: rosette-correction/1"'),
+    ({'schema': 'rosette-plan/1'}, 'file of rosette correct RUN --for ros with "schema: rosette-correction/1"'),
     ({'corected': []}, "wanted one of .*, got 'corected'|corected"),
     ({'corrected': ['crq']}, 'corrected: wanted a list of ctx, cty, ctz, crx, cry, crz, got'),
     ({'corrected': []}, r'corrected: wanted a list of .*, got \[\]'),

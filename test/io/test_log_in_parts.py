@@ -12,11 +12,12 @@ from rosbags.highlevel import AnyReader
 from split_bag import split
 from written_logs import HELLO, TEXT, Wall, again, files_of, serialised
 
+from rosette_ros.archive.log_finder import find_logs
 from rosette_ros.core.errors import InvalidData
 from rosette_ros.io import bag_metadata, log_writer
+from rosette_ros.io.bag_metadata import runs_in
 from rosette_ros.io.log_reader import iter_log, read_log
 from rosette_ros.io.log_writer import LogWriter
-from rosette_ros.io.open_run import runs_in
 
 PARTS = 11
 
@@ -47,6 +48,10 @@ def test_without_metadata_the_files_are_read_by_their_numbers(parts):
     _, whole, log = parts
     (log / 'metadata.yaml').unlink()
     assert [one.data for one in iter_log(log)] == [one.data for one in iter_log(whole)]
+    (log / 'log_0.mcap').unlink()  # of a rolling recording
+    assert read_log(log).problems == ()
+    (log / 'log_4.mcap').unlink()
+    assert read_log(log).damage == f'the log is damaged: {log}: log_4.mcap is missing; put it back'
 
 
 @pytest.mark.parametrize('kept', [-60, 1000])
@@ -101,12 +106,16 @@ def test_files_compressed_as_a_whole_name_the_command(parts, described):
     """And are read once they are unpacked beside."""
     _, whole, log = parts
     packed(log)
+    (log / '._log_0.mcap.zstd').touch()
     if not described:
         (log / 'metadata.yaml').unlink()
     assert runs_in(log.parent) == sorted([log, whole], key=lambda path: -path.stat().st_mtime)
     for number in range(PARTS):
-        with pytest.raises(InvalidData, match=r'zstd: is a compressed file; unpack it: zstd -d .*mcap.zstd -o .*mcap'):
+        with pytest.raises(InvalidData, match=r'zstd: is a compressed file; unpack it: zstd -d .*mcap.zstd -o .*mcap'
+                           if number == PARTS - 1 else r'log: its files are compressed; unpack them: for f in \S*log/\*'
+                           r'.mcap.zst\*; do zstd -d "\$f" -o "\${f%.\*}"; done'):
             read_log(log)
+        assert [(one.path, len(one.files)) for one in find_logs([str(log)])] == [(str(log), PARTS)]
         one = log / f'log_{number}.mcap'
         one.write_bytes(zstandard.decompress(one.with_suffix('.mcap.zstd').read_bytes()))
     found = read_log(log)

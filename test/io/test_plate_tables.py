@@ -2,6 +2,7 @@
 """Plates of any pitch: the plate file, the table of ball centres beside it, and what they determine."""
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -169,12 +170,14 @@ def test_other_verbs_take_plates_whose_balls_are_on_steps_of_the_table(tmp_path)
     (lambda text: text.replace('plate: plate', 'plate: other'), r'other.yaml: wanted a plate file that can be read'),
     (lambda text: text.replace('# plate', '# balls: 11\n# plate'), 'balls: wanted 12, as the plate file'),
     (lambda text: text.replace('plate: plate', 'plate: ../plate'), 'plate: wanted the name of a file beside the table'),
+    (lambda text: text.replace('plate: plate', 'plate: pipe'), 'plate: wanted the name of a file beside the table'),
     (lambda text: text.replace('\n1,1,1,', '\n1,1,13,'), r'column ball: wanted 1..12, got 13'),
     (lambda text: text.replace('\n1,1,1,', '\n1,1,2,').replace('\n2,1,2,', '\n2,1,1,'), 'wanted a place within'),
     (lambda text: text.replace('\n2,1,2,', '\n2,1,1,'), 'wanted each pair of table position and ball once')])
 def test_tables_that_do_not_fit_their_plate_are_refused(tmp_path, edit, words):
     """With file, line and column."""
     _, _, path = simulated(tmp_path, MOVED)
+    os.mkfifo(tmp_path / 'pipe.yaml')
     path.write_text(edit(path.read_text()))
     with pytest.raises(InvalidData, match=words):
         open_readings(path)
@@ -199,7 +202,7 @@ def test_a_number_for_all_balls_or_one_for_each(tmp_path):
     (SCHEMA + 'azimuth_deg: [0, 90, 180]\nradius_mm: -1\n', 'radius_mm: wanted positive numbers, got -1'),
     (SCHEMA + 'azimuth_deg: [0, 90, 360]\nradius_mm: 100\n', 'got balls 1 and 3 at one'),
     (SCHEMA + 'calibrated: 1\n', 'calibrated: wanted true or false, got 1'),
-    (SCHEMA + 'azimut_deg: [0]\n', "'azimut_deg': wanted one of schema, calibrated, azimuth_deg"),
+    (SCHEMA + 'azimut_deg: [0]\n', "got 'azimut_deg'; did you mean 'azimuth_deg'"),
     ('[1, 2]', 'wanted a mapping')])
 def test_plates_that_are_none_are_refused(tmp_path, text, words):
     """In one line with the key."""

@@ -120,8 +120,8 @@ def test_two_answers_that_differ_are_told():
     x, y, _ = nominal(*CELLS[3])
     other = answer(4, centre=(x, y, 1e-5), stamp_ns=4 * S + S // 3)
     [told] = [one for one in collected(answers=[*ANSWERS, other]).to_run().remarks if 'second node' in one]
-    assert told == ('1 target has two answers that differ, of which the first counts; did a second node answer? '
-                    'Measure again with one CMM')
+    assert told == ('target 4 (table position 2, ball 1) has two answers that differ by 10.0 µm, of which the '
+                    'first counts; did a second node answer? Measure again with one CMM')
     for run in (collected(answers=[*ANSWERS, ANSWERS[3]]),
                 collected([*TARGETS, target(4, attempt=2, stamp_ns=20 * S)], [*ANSWERS, other])):
         assert not any('second node' in one for one in run.to_run().remarks)
@@ -327,6 +327,28 @@ def test_a_frame_of_an_earlier_run_is_not_that_of_this_one(stamp):
         run.add_answer(one)
     assert run.to_run().size == 9
     assert all(one.frame() is FRAME for one in (run, run.merged_with(collected([], [])), run.with_centres({})))
+
+
+def test_a_run_that_is_resumed_on_a_clock_that_lags_by_an_hour():
+    """The frame that was found before the pause is that of the run; where the alignment was repeated, the later one."""
+    ahead = 3600 * S
+    run = RunAnswers('r')
+    run.add_target(target(10, phase=2, stamp_ns=ahead + S // 10))
+    run.frames.append(TableFrame(ahead + S // 3, FRAME))
+    for seq in range(1, 10):
+        later = {'session': 2} if seq > 4 else {'stamp_ns': ahead + S * seq}
+        run.add_target(target(seq, **later))
+        run.add_answer(in_machine(answer(seq, stamp_ns=S * seq + S // 2 + ahead * (seq < 5))))
+    assert (run.lacking(9), run.frame(), run.to_run().size) == ('', FRAME, 9)
+    again = RunAnswers('r')
+    again.add_target(target(10, phase=2, stamp_ns=ahead + S // 10))
+    again.frames.append(TableFrame(ahead + S // 3, Frame(np.eye(3), np.zeros(3))))
+    again.add_target(target(10, phase=2, stamp_ns=S // 10, session=2))
+    again.frames.append(TableFrame(S // 3, FRAME))
+    for seq in range(1, 10):
+        again.add_target(target(seq, session=2))
+        again.add_answer(in_machine(answer(seq)))
+    assert (again.lacking(9), again.frame(), again.to_run().size) == ('', FRAME, 9)
 
 
 def transform(parent='machine', child='cell/table', rotation=(0, 0, 0, 1), translation=(1, 2, 3)):

@@ -4,6 +4,7 @@
 import errno
 import os
 import resource
+import shutil
 import stat
 import subprocess
 import sys
@@ -13,10 +14,12 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
+from rosette_ros.archive.log_finder import find_logs
 from rosette_ros.core.errors import CellError, InvalidData
 from rosette_ros.io.ball_centre_table import read_csv
 from rosette_ros.io.log_reader import read_log
 from rosette_ros.io.log_writer import LogWriter, whole_log
+from rosette_ros.io.open_run import open_run
 from rosette_ros.io.run_to_log import write_log
 from rosette_ros.io.text_file import give_name, write_text
 from rosette_ros.presentation.plots.plot_style import save
@@ -46,6 +49,21 @@ def test_a_replaced_file_keeps_its_mode_and_the_link_to_it(tmp_path):
     finally:
         os.umask(umask)
     assert stat.S_IMODE((tmp_path / 'other').stat().st_mode) == 0o640
+
+
+def test_names_of_others(tmp_path, monkeypatch):
+    """A folder that is called as the home of the user; a name that is no UTF-8, which no archive can hold."""
+    monkeypatch.chdir(tmp_path)
+    folder = Path('./~')
+    folder.mkdir()
+    shutil.copy(TABLE, folder / 'a.csv')
+    assert open_run(folder / 'a.csv').n == 6
+    name = tmp_path / os.fsdecode(b'a\xff.csv')
+    shutil.copy(TABLE, name)
+    write_text('report', f'of {name.name}')
+    assert Path('report').read_text() == 'of a?.csv'
+    with pytest.raises(InvalidData, match='wanted a name in UTF-8, got another one; rename it'):
+        find_logs([str(tmp_path)])
 
 
 def test_files_with_names_that_a_writer_might_take_stay(tmp_path):
@@ -88,8 +106,8 @@ def test_a_full_disk_leaves_the_old_files_and_no_part_of_new_ones(tmp_path, word
     """With --force, in a process that may write no file of more than 300 bytes."""
     (tmp_path / 'a.csv').write_text('old')
     before = content(tmp_path)
-    done = subprocess.run([sys.executable, '-c', COMMAND, *map(str, words), '--force'], capture_output=True, text=True,
-                          cwd=tmp_path, timeout=100, check=False,
+    done = subprocess.run([sys.executable, '-Bc', COMMAND, *map(str, words), '--force'], capture_output=True,
+                          text=True, cwd=tmp_path, timeout=100, check=False,
                           preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (300, 300)))
     assert done.returncode == 2, done.stderr
     assert 'cannot be written: File too large' in done.stderr

@@ -14,11 +14,11 @@ COMMAND = 'import sys; from rosette_ros.cli.main import main; sys.exit(main())'
 
 
 def _limited(*words):
-    """Run `rosette ...` in a process that may write no file of more than 5000 bytes."""
+    """Run `rosette ...` in a process that may write no file of more than 5000 bytes, and no byte code, which is cut."""
     def limit():
         resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000))
 
-    return subprocess.run([sys.executable, '-c', COMMAND, *map(str, words)], capture_output=True, text=True,
+    return subprocess.run([sys.executable, '-Bc', COMMAND, *map(str, words)], capture_output=True, text=True,
                           preexec_fn=limit, timeout=60, check=False)
 
 

@@ -122,8 +122,7 @@ def served(tmp_path_factory):
 def cell(served, module_domain_id, make_cell, tmp_path_factory):
     """Yield a cell whose CMM is the node dme_cmm."""
     taught = sequencer_parameters(load_dme_settings(served.settings))
-    with make_cell(module_domain_id, tmp_path_factory.mktemp('cell'), N, dme=served.settings, sequencer=taught,
-                   params={'recorder': {'simulated': True}}) as made:
+    with make_cell(module_domain_id, tmp_path_factory.mktemp('cell'), N, dme=served.settings, sequencer=taught) as made:
         yield made
 
 
@@ -145,7 +144,7 @@ def test_the_curves_are_those_of_the_machine(cell, client, served):
     assert found[:, :3] == pytest.approx(true[:, :3], abs=2 * NANOMETRE)
     assert found[:, 3:] == pytest.approx(true[:, 3:], abs=20 * NANORADIAN)
     run, refit = open_refitted(outcome.log)
-    assert run.simulated  # as settings and recorder say: there is no simulated clock
+    assert run.simulated  # as the node says: nobody has told the recorder, and there is no simulated clock
     assert refit.residual.size == 20 * (3 + 2 * N + N * N + 1)
     assert run.size == N * N
     assert run.table_travel[-1] == pytest.approx(2 * np.pi * (run.table_position[-1] - 1) / N + 2 * np.pi, abs=1e-6)

@@ -11,13 +11,15 @@ from rosette_ros.io.type_definitions import TypeLibrary
 from rosette_ros.nodes.log_recall import find_part, next_part, parts_of, recall
 
 
-def test_a_run_means_its_last_part(tmp_path):
+def test_a_run_means_its_last_part(tmp_path, monkeypatch):
     """By the run's name or a path in the recorder's folder; the next part is numbered on."""
     for name in ('run', 'run_part2', 'run_part3', 'other'):
         (tmp_path / name).mkdir()
     assert find_part(tmp_path, 'run') == tmp_path / 'run_part3'
     assert find_part(tmp_path, str(tmp_path / 'other')) == tmp_path / 'other'
     assert find_part(tmp_path, str(tmp_path / 'other/other_0.mcap')) == tmp_path / 'other'
+    monkeypatch.setenv('HOME', str(tmp_path))
+    assert find_part(tmp_path, '~/other') == tmp_path / 'other'
     assert [path.name for path in parts_of(tmp_path, 'run')] == ['run', 'run_part2', 'run_part3']
     assert next_part(tmp_path, 'run').name == 'run_part4'
     assert next_part(tmp_path, 'other').name == 'other_part2'

@@ -15,8 +15,8 @@ from ideal_cell import ideal_cell
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.scheme import plan
 from rosette_ros.simulation import Machine, MachineConfig
-from rosette_ros.simulation.hidden import KINDS, NAMED, Draw, HiddenEffect, Situation
-from rosette_ros.simulation.hidden.hidden_kinds import HiddenBallForm
+from rosette_ros.simulation.hidden_effect import Draw, HiddenEffect, Situation
+from rosette_ros.simulation.hidden_kinds import KINDS, NAMED, HiddenBallForm
 from rosette_ros.simulation.probing import ProbingSettings, TouchPattern
 
 R = 0.1825

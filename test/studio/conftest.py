@@ -95,7 +95,7 @@ def _environment():
 
 
 @contextlib.contextmanager
-def studio_process(folder, *arguments, environment=None):
+def studio_process(folder, *arguments, environment=None, codes=(0, 130)):
     """Yield a running `rosette studio` as .address, .process and .folder."""
     output = folder / 'studio.log'
     with open(output, 'wb') as stream:
@@ -116,7 +116,7 @@ def studio_process(folder, *arguments, environment=None):
                 raise
             finally:
                 process.stdout.close()
-    assert code in (0, 130), output.read_text()
+    assert code in codes, output.read_text()
     assert 'Traceback' not in output.read_text(), output.read_text()
 
 

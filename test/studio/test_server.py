@@ -2,7 +2,9 @@
 """The server against clients that are no browser, and against pages of others."""
 
 import asyncio
+import os
 import re
+import signal
 import socket
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -111,3 +113,11 @@ def test_an_upload_that_expands_is_refused(empty, chromium, tmp_path):
     expect(page.get_by_test_id('open-error')).to_contain_text('bomb.mcap: ')
     assert resident(empty.process, 'VmHWM') < 500
     page.close()
+
+
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_it_without_a_traceback(start_studio, tmp_path, drifting, number):
+    """To all of its processes, as of a service manager or a terminal that is closed."""
+    with start_studio(tmp_path, drifting, codes=(143,)) as studio:
+        os.killpg(studio.process.pid, number)
+        studio.process.wait(60)
