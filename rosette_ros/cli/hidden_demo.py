@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette demo --hidden: a machine hides effects, and the readings alone show which.
+"""The demo whose machine hides effects, and its envelope: the readings alone show what is hidden.
 
 What is hidden is sealed before anything is measured; the digest on the screen proves that nothing was changed until the
 envelope is opened and compared with the diagnosis.
@@ -7,6 +7,7 @@ envelope is opened and compared with the diagnosis.
 
 import math
 import sys
+from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,13 +18,14 @@ from rich.markup import escape
 
 from rosette_ros import command
 from rosette_ros.analysis import advise_run, analyse, summarise
-from rosette_ros.cli import compare as compare_verb
-from rosette_ros.cli import diagnose as diagnose_verb
-from rosette_ros.cli.console import head, pairs, print_table
+from rosette_ros.cli.arguments import add_shared
+from rosette_ros.cli.console import console, head, pairs, print_table
 from rosette_ros.cli.demo_cell import MACHINE, shown
 from rosette_ros.cli.demo_cell import compare as compare_truth
+from rosette_ros.cli.evaluate import invisible_effects, show_comparison, show_diagnosis
 from rosette_ros.core.diagnosis.diagnosis import Diagnosis
 from rosette_ros.core.diagnosis.verdict import Level
+from rosette_ros.core.errors import InvalidData
 from rosette_ros.core.geometry import Frame
 from rosette_ros.core.model.base_space import BaseSpace
 from rosette_ros.core.model.least_squares import Fit
@@ -54,7 +56,7 @@ def seal(out: Console, config: MachineConfig, seed: int, folder: Path) -> None:
               f'  sha256 {digest}')
 
 
-def show(out: Console, config: MachineConfig, seed: int, order: str, log_path: Path, seconds: float,
+def show_hidden(out: Console, config: MachineConfig, seed: int, order: str, log_path: Path, seconds: float,
          is_open: bool = False) -> None:
     """Print how badly the base model fits and how to go on; the envelope stays shut until it is asked for.
 
@@ -87,9 +89,9 @@ def tell(out: Console, log_path: Path) -> None:
     section(out, '1', 'evaluate: does the base model explain the readings?')
     out.print(residual_words(summary.fit))
     section(out, '2', 'compare: where does it fail?')
-    compare_verb.show(out, summary.comparison, summary.verdict)
+    show_comparison(out, summary.comparison, summary.verdict)
     section(out, '3', 'diagnose: what is missing?')
-    diagnose_verb.show(out, summary.diagnosis, diagnose_verb.invisible_effects(summary.diagnosis))
+    show_diagnosis(out, summary.diagnosis, invisible_effects(summary.diagnosis))
     section(out, '4', 'add: does the error fall?')
     print_table(out, nested_models(summary.ladder))
     write_model(summary.final.model, log_path / MODEL, force=True)
@@ -187,3 +189,19 @@ def visible_strengths(config: MachineConfig, run: Run, hidden: Sequence[Mapping[
     left = BaseSpace(run, run.radius).residual(np.array(moved).reshape(len(hidden), run.size, 3) - clean)
     strengths = np.linalg.norm(left.reshape(len(hidden), -1), axis=1) / (1e-6 * config.probing.repeatability_um)
     return float(made[0][2].time[0]), strengths
+
+
+def envelope_arguments(parser: ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    add_shared(parser, 'run_path')
+
+
+def run_envelope(options: Namespace) -> None:
+    """Print all results and open the envelope; raises InvalidData where the run has none."""
+    path = Path(options.run_path)
+    if not (path / ENVELOPE).is_file():
+        raise InvalidData(f'{path}: wanted the log of `rosette demo --hidden`, got none with {ENVELOPE}')
+    tell(console(), path)
+
+
+IMPLEMENTED = {'envelope': (envelope_arguments, run_envelope)}

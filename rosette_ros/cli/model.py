@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosette add: adds an effect, a base term or a user-defined term to a model file; what `remove` shares with it."""
+"""The effects of the library, and the model file to which they are added and from which they are removed."""
 
 import argparse
 import contextlib
 import math
+from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,25 +12,93 @@ from rich.markup import escape
 
 from rosette_ros.analysis import Change, analyse, change
 from rosette_ros.cli.arguments import add_shared
-from rosette_ros.cli.console import console, head, print_json, print_parts
+from rosette_ros.cli.console import console, head, pairs, print_json, print_parts, print_table
 from rosette_ros.core.effects.custom import AMPLITUDE, DIRECTIONS, FUNCTIONS, NAMES, PER
-from rosette_ros.core.effects.effect import Setting
-from rosette_ros.core.effects.library import effect
+from rosette_ros.core.effects.effect import Effect, Quantity, Setting
+from rosette_ros.core.effects.library import EFFECTS, effect
 from rosette_ros.core.errors import InvalidModel, NotDeterminable
 from rosette_ros.core.model.model import BASE_TERMS, NOISE_TERMS, Model, Term
+from rosette_ros.core.planning.advice import planned_run
 from rosette_ros.core.records import Run
+from rosette_ros.core.scheme import plan
 from rosette_ros.io.model_file import read_model, write_model
 from rosette_ros.io.open_run import open_run
-from rosette_ros.presentation.formatting import micro, model_words
-from rosette_ros.presentation.json_output import change_json
+from rosette_ros.presentation.formatting import MEANINGS, micro, model_words, scale_of
+from rosette_ros.presentation.json_output import change_json, effects_json
+from rosette_ros.presentation.table_format import Table, words
 from rosette_ros.presentation.tables import change_errors, curve_changes, fitted_effects
 from rosette_ros.words.effect_words import capital
 from rosette_ros.words.verdict_words import titles
 
 ADD, REMOVE = 'add', 'remove'
+CARRIES = {'all': 'settings and sizes hold for the next run of the same cell',
+           'shape': 'the settings hold for the next run, phases and sizes do not', 'nothing': 'an event of one run'}
+"""What of an effect a later run shares."""
+KINDS = {'scale': 'searched and refined', 'phase': 'searched and refined',
+         'instant': 'searched: all that a run can tell apart', 'choice': 'one of a few, all are tried'}
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def effects_arguments(parser: ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    parser.add_argument('name', metavar='NAME', nargs='?', help='one effect, explained')
+    add_shared(parser, '--json')
+
+
+def run_effects(options: Namespace) -> None:
+    """Print the library or one effect."""
+    chosen = tuple(MEANINGS.values()) if options.name is None else (MEANINGS.get(options.name) or effect(options.name),)
+    if options.json:
+        print_json(effects_json(chosen, {one.name: amplitudes(one) for one in chosen}))
+    elif options.name is None:
+        out = console()
+        print_table(out, Table('library', 'Effects that a model may have and a diagnosis may name', (
+            words('name', 'name', [one.name for one in chosen]),
+            words('meaning', 'meaning', [one.meaning for one in chosen]))))
+        out.print('\nThe first three are the base model. [bold]rosette effects NAME[/] explains one; custom terms: '
+                  '[bold]rosette add --help[/].')
+    else:
+        show_effect(chosen[0])
+
+
+def amplitudes(one: Effect) -> tuple[Quantity, ...]:
+    """Return what is fitted at one setting of an effect; nothing for the parts of the base model."""
+    if one.name not in EFFECTS:
+        return ()
+    example = planned_run(plan(12, 'random', turning='alternate'), 0.1825)
+    return tuple(one.amplitudes(example, (*one.settings(example), Setting())[0]))
+
+
+def facts(one: Effect) -> list[tuple[str, str]]:
+    """Return what is known of an effect, as (name, text)."""
+    return [('Where to look', one.look), ('Added to p', one.formula),
+            ('Needs', ', '.join((*one.depends_on, *['a table axis that is not vertical'] * one.needs_tilt))
+             or 'nothing but the indices'),
+            ('In the next run', CARRIES[one.carries]), ('Source', one.source)]
+
+
+def parameters(one: Effect) -> Table:
+    """Return the table of the parameters of an effect; without rows where it has none."""
+    every = [*((quantity, 'fitted') for quantity in amplitudes(one)),
+             *((quantity, KINDS[quantity.kind]) for quantity in one.searched)]
+    return Table('parameters', 'Parameters', (
+        words('parameter', 'parameter', [quantity.name for quantity, _ in every]),
+        words('meaning', 'meaning', [quantity.meaning for quantity, _ in every]),
+        words('unit_si', 'SI unit', [quantity.unit for quantity, _ in every]),
+        words('unit', 'shown in', [scale_of(quantity.unit, quantity.name).unit for quantity, _ in every]),
+        words('how', 'how', [how for _, how in every])))
+
+
+def show_effect(one: Effect) -> None:
+    """Print everything about one effect."""
+    out, table = console(), parameters(one)
+    out.print(f'[bold]{one.name}[/]: {escape(one.meaning)}')
+    print_parts(out, [pairs([(name, escape(text)) for name, text in facts(one)])])
+    if table.rows:
+        print_parts(out, [table, 'Physical names mean: columns of this form, fitted together with the base '
+                          'model. Values in model files and --set are in SI units.'])
+
+
+def add_arguments(parser: ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = (
@@ -60,13 +129,13 @@ def assignment(text: str) -> tuple[str, int | float | str]:
     return name, value
 
 
-def run(options: argparse.Namespace) -> None:
+def run_add(options: Namespace) -> None:
     """Add to the model file."""
     before = model_before(options.model)
     change_file(options, ADD, options.effects, before, extended(before, options))
 
 
-def extended(model: Model, options: argparse.Namespace) -> Model:
+def extended(model: Model, options: Namespace) -> Model:
     """Return the model with what the options ask for; raise InvalidModel."""
     settings = dict(options.settings)
     name, *others = options.effects
@@ -87,7 +156,7 @@ def extended(model: Model, options: argparse.Namespace) -> Model:
     return model
 
 
-def add_file(parser: argparse.ArgumentParser) -> None:
+def add_file(parser: ArgumentParser) -> None:
     """Add the arguments --model and --run."""
     parser.add_argument('--model', metavar='FILE', required=True,
                         help='model file (YAML) to change, made from the base model where there is none. It is '
@@ -101,7 +170,7 @@ def model_before(path: str) -> Model:
     return read_model(path) if Path(path).exists() else Model()
 
 
-def change_file(options: argparse.Namespace, action: str, effects: Sequence[str], before: Model, after: Model) -> None:
+def change_file(options: Namespace, action: str, effects: Sequence[str], before: Model, after: Model) -> None:
     """Change the model file and show what that does to a run; raises first where the run cannot determine the model."""
     name, measured = ' '.join(effects), open_run(options.run_path) if options.run_path else None
     done, words = (None, '') if measured is None else compared(measured, action, effects, before, after)
@@ -149,3 +218,21 @@ def judgement(action: str, effects: Sequence[str], done: Change) -> str:
         return f'{capital(name)} is needed: without it the cross-validation error rises from {errors}. Add it again.'
     return (f'{capital(name)} is not needed: without it the cross-validation error changes from {errors}, no more than '
             'by chance.')
+
+
+def remove_arguments(parser: ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    parser.add_argument('effect', metavar='EFFECT', help='name as in the model; the last of several with one name')
+    add_file(parser)
+    add_shared(parser, '--json')
+
+
+def run_remove(options: Namespace) -> None:
+    """Remove from the model file."""
+    before = model_before(options.model)
+    change_file(options, REMOVE, [options.effect], before, before.without_effect(options.effect))
+
+
+IMPLEMENTED = {
+    'effects': (effects_arguments, run_effects), 'add': (add_arguments, run_add),
+    'remove': (remove_arguments, run_remove)}
