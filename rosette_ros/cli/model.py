@@ -46,7 +46,8 @@ def effects_arguments(parser: ArgumentParser) -> None:
 
 def run_effects(options: Namespace) -> None:
     """Print the library or one effect."""
-    chosen = tuple(MEANINGS.values()) if options.name is None else (MEANINGS.get(options.name) or effect(options.name),)
+    chosen = tuple(MEANINGS.values()) if options.name is None else (
+        MEANINGS.get(options.name) or effect(options.name, MEANINGS),)
     if options.json:
         print_json(effects_json(chosen, {one.name: amplitudes(one) for one in chosen}))
     elif options.name is None:
@@ -149,7 +150,7 @@ def extended(model: Model, options: Namespace) -> Model:
     if own:
         return model.with_entry({'own': name, **own})
     for one in options.effects:
-        term = None if one in (*BASE_TERMS, *NOISE_TERMS) else Term(effect(one), Setting(settings))
+        term = None if one in (*BASE_TERMS, *NOISE_TERMS) else Term(effect(one, (*BASE_TERMS, *NOISE_TERMS)), Setting(settings))
         if one in (*model.base, *model.noise) or (term and not term.is_open and str(term) in map(str, model.terms)):
             raise InvalidModel(f'{term or one} is already in {options.model}')
         model = model.with_effect(one, settings)
