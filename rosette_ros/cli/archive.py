@@ -285,13 +285,14 @@ def _told(event: Event | None) -> str:
 
 
 def _trend_json(one: TrendComparison) -> dict[str, object]:
+    keys = dict(zip(CURVES, CURVE_KEYS, strict=True))
     return {'table': one.before.serial, 'runs': len(one.before.runs),
             'changes': [{name: event and {'between': _between(history, event), 'run_id': history.runs[event.run],
                                           'owners': list(event.owners), 'quantity': event.steps[0].series.name,
                                           'size_in_U': event.steps[0].strength / COVERAGE_FACTOR}
                          for name, history, event in zip(('before', 'after'), (one.before, one.after), pair)}
                         for pair in one.events],
-            'slopes': {curve: {name: {'per_day': found.slope, 'u_per_day': found.slope_u}
+            'slopes': {keys[curve]: {name: {'per_day': found.slope, 'u_per_day': found.slope_u}
                                for name, found in zip(('before', 'after'), pair)}
                        for curve, pair in one.slopes.items()}}
 

@@ -149,8 +149,9 @@ def extended(model: Model, options: Namespace) -> Model:
                            'after the other')
     if own:
         return model.with_entry({'own': name, **own})
+    others = (*BASE_TERMS, *NOISE_TERMS)
     for one in options.effects:
-        term = None if one in (*BASE_TERMS, *NOISE_TERMS) else Term(effect(one, (*BASE_TERMS, *NOISE_TERMS)), Setting(settings))
+        term = None if one in others else Term(effect(one, others), Setting(settings))
         if one in (*model.base, *model.noise) or (term and not term.is_open and str(term) in map(str, model.terms)):
             raise InvalidModel(f'{term or one} is already in {options.model}')
         model = model.with_effect(one, settings)

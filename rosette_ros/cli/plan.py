@@ -36,7 +36,7 @@ from rosette_ros.io.text_file import write_text
 from rosette_ros.presentation import plan_results as results
 from rosette_ros.presentation import tables
 from rosette_ros.presentation.formatting import exact, millimetres
-from rosette_ros.presentation.json_output import advice_json
+from rosette_ros.presentation.json_output import advice_json, by_curve
 from rosette_ros.presentation.table_format import Table, column
 from rosette_ros.words.advice_words import advice_words
 
@@ -201,7 +201,7 @@ def show_proposals(options: Namespace) -> None:
                     'hours': options.hours, 'sigma_m': sigma, 'drift_m_per_sqrt_h': drift, 'plans': [
                         {'order': one.scheme.order, 'touches': one.touches, 'readings': one.scheme.ball.size,
                          'cmm_positions': np.unique(one.scheme.cmm_position).tolist(), 'duration_s': one.duration,
-                         'relative_error': one.error, 'u': dict(zip(CURVES, one.u.tolist()))} for one in found]})
+                         'relative_error': one.error, 'u': by_curve(one.u.tolist())} for one in found]})
         return None
     out, best = console(), found[0]
     beside = f' and a frame that wanders by {options.drift_um:g} µm in an hour' if drift else ''

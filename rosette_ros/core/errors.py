@@ -4,7 +4,6 @@
 import difflib
 from collections.abc import Collection
 
-
 MOST_LISTED = 24
 """Names that an error lists; of more it says the nearest."""
 
@@ -46,7 +45,7 @@ def plain(text: str, most: int = 500) -> str:
 
 
 def unknown(name: str, known: Collection[str]) -> str:
-    """Return the words for a name that is none of those known, which are listed where they are few; with the nearest."""
+    """Return the words for a name that is none of those known: these where they are few, and the nearest."""
     near = difflib.get_close_matches(name, known, 1) or [one for one in known if name and name in one]
     wanted = f'one of {", ".join(known)}' if len(known) <= MOST_LISTED else f'one of {len(known)} names'
     return f'wanted {wanted}, got {name!r}{f"; did you mean {near[0]!r}?" if near else ""}'
