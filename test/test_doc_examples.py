@@ -40,8 +40,8 @@ def test_the_table_of_plans_is_that_of_the_command(capsys):
     rows = re.findall(r'^\| [^|]+ \| `([\w:%]+)`[^|]* \| (\d+), ([\d.]+) h \| ([\d.]+) \| (\d+)', page, re.MULTILINE)
     assert len(rows) == 6
     found = plans(capsys, 12, *(name for name, *_ in rows))
-    assert rows == [(name, one['readings'], *(f'{float(one[key]):.2f}' for key in ('duration_h', 'relative_uncertainty')),
-                     one['effects_shown']) for name, one in found.items()]
+    assert rows == [(name, one['readings'], f'{float(one["duration_h"]):.2f}',
+                     f'{float(one["relative_uncertainty"]):.2f}', one['effects_shown']) for name, one in found.items()]
 
 
 def test_the_table_of_reduced_plans_is_that_of_the_command(capsys):

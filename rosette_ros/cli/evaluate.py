@@ -65,7 +65,7 @@ from rosette_ros.presentation.table_format import Table, words
 from rosette_ros.presentation.tables import curves, deviations, fitted_effects
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table, spheres_json
 from rosette_ros.words.advice_words import advice_words
-from rosette_ros.words.result_words import check_words, comparison_words, conclusion_text
+from rosette_ros.words.result_words import check_words, comparison_words, conclusion_text, fits_words
 from rosette_ros.words.verdict_words import HEADLINES, NOTHING_TO_DO, verdict_text
 
 NEXT_BEST = 4
@@ -227,14 +227,17 @@ def run_compare(options: Namespace) -> None:
     out.print(head(opened.run))
     show_comparison(out, comparison, verdict)
     print_parts(out, [tables.nested_models(steps)])
+    if verdict.missing or verdict.unnamed:
+        model = ('--model', options.model) if options.model else ()
+        out.print(f'\nWhat is missing:\n  {escape(command("diagnose", options.run_path, *model))}', soft_wrap=True)
     if options.noise_picture:
         out.print(f'\nPicture of the noise: {escape(str(options.noise_picture))}')
 
 
 def show_comparison(out: Console, comparison: Comparison, verdict: Verdict) -> None:
-    """Print a comparison and the verdict."""
+    """Print whether the model fits, and where it does not."""
     sigma, source = tables.noise_of(comparison.fit)
-    print_verdict(out, verdict_text(verdict))
+    say(out, fits_words(verdict), COLOURS[verdict.level])
     out.print(f'{escape(comparison_words(comparison))} Residuals are given in σ = {micrometres(sigma)}, {source}; '
               f'uncertainties of the curves are {uncertainty_words(comparison.fit)}.')
     print_parts(out, [tables.axes(comparison), tables.places(comparison), reading_map(comparison, sigma),

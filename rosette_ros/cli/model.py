@@ -10,9 +10,10 @@ from pathlib import Path
 
 from rich.markup import escape
 
-from rosette_ros.analysis import Change, analyse, change
+from rosette_ros.analysis import MOST_BALLS_JUDGED, Change, analyse, change, judge
 from rosette_ros.cli.arguments import add_shared
 from rosette_ros.cli.console import console, head, pairs, print_json, print_parts, print_table
+from rosette_ros.core.diagnosis.verdict import MissingEffect, Verdict
 from rosette_ros.core.effects.custom import AMPLITUDE, DIRECTIONS, FUNCTIONS, NAMES, PER
 from rosette_ros.core.effects.effect import Effect, Quantity, Setting
 from rosette_ros.core.effects.library import EFFECTS, effect
@@ -23,7 +24,7 @@ from rosette_ros.core.records import Run
 from rosette_ros.core.scheme import plan
 from rosette_ros.io.model_file import read_model, write_model
 from rosette_ros.io.open_run import open_run
-from rosette_ros.presentation.formatting import MEANINGS, micro, model_words, scale_of
+from rosette_ros.presentation.formatting import MEANINGS, micro, model_words, scale_of, significant
 from rosette_ros.presentation.json_output import change_json, effects_json
 from rosette_ros.presentation.table_format import Table, words
 from rosette_ros.presentation.tables import change_errors, curve_changes, fitted_effects
@@ -201,11 +202,14 @@ def compared(measured: Run, action: str, effects: Sequence[str], before: Model,
             raise
         analyse(measured, after)
         return None, f'The model before could not be fitted: {error}'
-    return done, judgement(action, effects, done)
+    if action != ADD or done.after.run.n > MOST_BALLS_JUDGED:
+        return done, judgement(action, effects, done)
+    verdict = judge(done.after.run, done.after.model)
+    return done, ' '.join([judgement(action, effects, done, verdict.missing), *no_longer_needed(done, verdict)])
 
 
-def judgement(action: str, effects: Sequence[str], done: Change) -> str:
-    """Return a sentence on whether a change is for the better."""
+def judgement(action: str, effects: Sequence[str], done: Change, missing: Sequence[MissingEffect] = ()) -> str:
+    """Return in sentences whether a change is for the better; missing: what the model lacks after it."""
     name, is_one = titles(effects), len(effects) == 1
     it, verb = ('it', 's') if is_one else ('them', '')
     before, after = done.cross_validation_before, done.cross_validation_after
@@ -213,13 +217,30 @@ def judgement(action: str, effects: Sequence[str], done: Change) -> str:
     if not (math.isfinite(before) and math.isfinite(after)):
         return f'Whether {name} help{verb} cannot be judged: too few readings for a cross-validation.'
     if action == ADD:
-        return f'{capital(name)} help{verb}: the cross-validation error falls from {errors}.' if done.helps else (
-            f'{capital(name)} {"does" if is_one else "do"} not lower the cross-validation error by more than chance '
-            f'({errors}): noise is all that is described. Take {it} out of the model again.')
+        first = max(missing, key=lambda one: one.before**2 - one.after**2, default=None)
+        other = f'{titles([first.name])} ({first.name})' if first else ''
+        if done.helps:
+            text = f'{capital(name)} help{verb}: the cross-validation error falls from {errors}.'
+            if first is None:
+                return text
+            left, gained = first.before**2 - first.after**2, done.before.rms**2 - done.after.rms**2
+            more = f'But {other} explains {significant(left / gained, 2)} times more.' if left > gained > 0 else (
+                f'{capital(other)} is still missing.')
+            return f'{text} {more}'
+        does = 'does' if is_one else 'do'
+        chance = f'{capital(name)} {does} not lower the cross-validation error by more than chance'
+        return f'{chance} ({errors}) while {other} is missing: add that first.' if first else (
+            f'{chance} ({errors}): noise is all that is described. Take {it} out of the model again.')
     if done.hurts:
         return f'{capital(name)} is needed: without it the cross-validation error rises from {errors}. Add it again.'
     return (f'{capital(name)} is not needed: without it the cross-validation error changes from {errors}, no more than '
             'by chance.')
+
+
+def no_longer_needed(done: Change, verdict: Verdict) -> list[str]:
+    """Return in a sentence which effects a model does not need after another one was added."""
+    unused = [one for one in verdict.not_needed if one in done.before.model.names]
+    return [f'No longer needed: {titles(unused)}; remove {", ".join(unused)}.'] if unused else []
 
 
 def remove_arguments(parser: ArgumentParser) -> None:

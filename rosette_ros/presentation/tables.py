@@ -168,7 +168,7 @@ def axes(comparison: Comparison) -> Table:
 
 def places(comparison: Comparison) -> Table:
     """Return, for each grouping of the residuals, a bar for every group and the group with the largest residual."""
-    sigma, every = noise_of(comparison.fit)[0], comparison.groupings
+    sigma, every = noise_of(comparison.fit)[0], comparison.distinct
     sizes = [np.sqrt(np.mean(one.rms**2, axis=1)) / sigma for one in every]
     largest = [*(float(np.nanmax(size)) for size in sizes), float('nan')]
     top = max(largest[:-1])

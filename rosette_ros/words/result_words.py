@@ -7,12 +7,13 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.second_run import CONFIRMED, NOT_SEEN, CheckedEffect, CrossCheck
-from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level, noise_facts
+from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level, Outcome, Verdict, noise_facts
 from rosette_ros.core.joint.conclusion import Conclusion, JointOutcome
 from rosette_ros.core.joint.sharing import ITEMS
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.number_words import micrometres, multiple, p_words
 from rosette_ros.words.noise_words import noise_words
+from rosette_ros.words.verdict_words import verdict_text
 
 
 @dataclass(frozen=True)
@@ -47,12 +48,19 @@ def comparison_words(comparison: Comparison) -> str:
     """Return how large the residual is and where it is largest; this judges nothing."""
     chi = comparison.fit.reduced_chi_square
     times = '' if chi is None else f', {multiple(float(np.sqrt(chi)))} times the repeatability'
-    places = sorted((one for one in comparison.groupings if one.p < UNLIKELY), key=lambda one: one.p)
+    places = sorted((one for one in comparison.distinct if one.p < UNLIKELY), key=lambda one: one.p)
     where = ''.join(f', at {one.label} {one.keys[one.worst]}' for one in places[:3])
     like = 'are alike' if comparison.neighbour_correlation > 0 else 'differ more than by chance'
     alike = f'; successive readings {like}' if comparison.neighbour_p < UNLIKELY else ''
     return (f'The residual is {micrometres(comparison.fit.rms)}{times}; it is largest along '
             f'{AXES[int(np.argmax(comparison.axis_rms))]}{where}{alike}.')
+
+
+def fits_words(verdict: Verdict) -> str:
+    """Return whether a model fits, without what is missing, which a diagnosis names."""
+    if verdict.outcome not in (Outcome.NAMED, Outcome.UNNAMED):
+        return verdict_text(verdict).sentence
+    return 'The model does not fit: the residual is more than noise.'
 
 
 def check_words(check: CrossCheck) -> str:
