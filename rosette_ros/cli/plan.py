@@ -19,6 +19,7 @@ from rosette_ros.analysis import advise, advise_run
 from rosette_ros.cli import arguments
 from rosette_ros.cli.arguments import UsageError, add_shared, positive, whole
 from rosette_ros.cli.console import console, pairs, print_json, print_parts, warn
+from rosette_ros.cli.opened import Opened
 from rosette_ros.core import axes
 from rosette_ros.core.effects.library import effect
 from rosette_ros.core.errors import InvalidData, InvalidPlan
@@ -29,7 +30,6 @@ from rosette_ros.core.planning.plan_comparison import Outlook, better, outlook
 from rosette_ros.core.records import CURVES
 from rosette_ros.core.scheme import ORDERS, TURNINGS, Scheme, places_in_use, plan
 from rosette_ros.core.touches import TOUCHES, Pace
-from rosette_ros.io.open_run import open_run
 from rosette_ros.io.plan_file import MeasuringPlan, format_plan, read_plan
 from rosette_ros.io.plate_file import read_plate
 from rosette_ros.io.text_file import write_text
@@ -304,7 +304,7 @@ def run_advise(options: Namespace) -> None:
     wanted = tuple(effect(name).name for name in options.show)
     planned = (options.balls, options.order)
     if options.run_path is not None and planned == (None, None):
-        measured = open_run(options.run_path)
+        measured = Opened(options).run
         warn(measured)
         advice = advise_run(measured, wanted, options.seed)
         n, radius, run_id = measured.n, measured.radius, measured.run_id
