@@ -72,19 +72,19 @@ def _logged(log: LogRun, run_id: str) -> dict[str, Any]:
     state, answers = {one.run_id: one for one in log.states}.get(run_id), log.runs[run_id]
     identity = log.identity(run_id)
     first, published = answers.targets[0], [one for one in log.error_motions if one.run_id == run_id]
-    phases = counts_of(log, run_id)
+    phases, stopped = counts_of(log, run_id), broken_off(log, run_id)
     found = problem = None
     unused = {reason: count for reason, count in answers.unused().items() if count}
     try:
         found = log.to_run(run_id)
     except RosetteError as error:
-        problem = str(error)
+        problem = None if stopped else str(error)
     remarks = [one for one in found.remarks if one != log.damage] if found else remarks_on_answers(answers.counting())
     noted = dict.fromkeys([*(found.notes if found else ()), *log.custom_data.get(NOTES_KEY, '').splitlines()])
     return _run_facts(run_id, first.balls, first.radius, phases, found, order=state.order if state else None,
                       notes=[one for one in noted if one not in remarks],
                       balls=np.unique(found.ball).size if found and is_done(log, run_id) else first.balls,
-                      broken_off=broken_off(log, run_id), unused=unused, remarks=remarks,
+                      broken_off=stopped, **({'missing': ''} if stopped else {}), unused=unused, remarks=remarks,
                       identity=dict(identity.entries), tolerances=dict(identity.tolerances),
                       published_curves=len(published), model=published[-1].model_name if published else None,
                       ended=f'{phase_name(state.phase).lower()}: {state.text}' if state else None, problem=problem,

@@ -37,7 +37,7 @@ from rosette_ros.cli.console import (
     say,
     warn,
 )
-from rosette_ros.cli.data import broken_off
+from rosette_ros.cli.data import broken_off, counts_of
 from rosette_ros.cli.joint_arguments import add_joint, is_joint
 from rosette_ros.cli.opened import Opened
 from rosette_ros.core.diagnosis.comparison import Comparison
@@ -303,11 +303,15 @@ def run_facts(path: Path) -> dict[str, Any]:
     problem, verdict, n, size, judged = '', None, None, None, ''
     try:
         log = read_log(path) if is_log(path) else None
+        begun = [(name, run.targets[0].balls) for name, run in log.runs.items() if run.targets] if log else []
+        if log and len(begun) == 1 and (stopped := broken_off(log, begun[0][0])):
+            (name, n), = begun
+            size = counts_of(log, name).get('run', {}).get('answered', 0)
+            return {'path': str(path), 'n': n, 'readings': size, **verdict_json(None), 'judged': '',
+                    'problem': f'{n} balls, {stopped}'}
         measured = log.to_run() if log else open_run(path)
         n, size = measured.n, measured.size
-        if log and (words := broken_off(log, measured.run_id)):
-            problem = f'{n} balls, {words}'
-        elif log and not log.problems and (verdict := log.verdicts.get((measured.run_id, str(Model())))):
+        if log and not log.problems and (verdict := log.verdicts.get((measured.run_id, str(Model())))):
             judged = 'cell'
         elif n <= MOST_BALLS_JUDGED:
             verdict, judged = verdict_text(judge(measured)), 'now'
