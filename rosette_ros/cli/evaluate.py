@@ -65,7 +65,8 @@ from rosette_ros.presentation.table_format import Table, words
 from rosette_ros.presentation.tables import curves, deviations, fitted_effects
 from rosette_ros.presentation.touch_results import sphere_rows, sphere_table, spheres_json
 from rosette_ros.words.advice_words import advice_words
-from rosette_ros.words.result_words import check_words, comparison_words, conclusion_text, fits_words
+from rosette_ros.words.effect_words import capital
+from rosette_ros.words.result_words import DOES_NOT_FIT, check_words, comparison_words, conclusion_text
 from rosette_ros.words.verdict_words import HEADLINES, NOTHING_TO_DO, verdict_text
 
 NEXT_BEST = 4
@@ -237,7 +238,12 @@ def run_compare(options: Namespace) -> None:
 def show_comparison(out: Console, comparison: Comparison, verdict: Verdict) -> None:
     """Print whether the model fits, and where it does not."""
     sigma, source = tables.noise_of(comparison.fit)
-    say(out, fits_words(verdict), COLOURS[verdict.level])
+    if verdict.missing or verdict.unnamed:
+        say(out, DOES_NOT_FIT, COLOURS[verdict.level])
+        for remark in comparison.fit.run.remarks:
+            say(out, f'{capital(remark)}.')
+    else:
+        print_verdict(out, verdict_text(verdict))
     out.print(f'{escape(comparison_words(comparison))} Residuals are given in σ = {micrometres(sigma)}, {source}; '
               f'uncertainties of the curves are {uncertainty_words(comparison.fit)}.')
     print_parts(out, [tables.axes(comparison), tables.places(comparison), reading_map(comparison, sigma),

@@ -7,13 +7,15 @@ import numpy as np
 
 from rosette_ros.core.diagnosis.comparison import Comparison
 from rosette_ros.core.diagnosis.second_run import CONFIRMED, NOT_SEEN, CheckedEffect, CrossCheck
-from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level, Outcome, Verdict, noise_facts
+from rosette_ros.core.diagnosis.verdict import UNLIKELY, Level, noise_facts
 from rosette_ros.core.joint.conclusion import Conclusion, JointOutcome
 from rosette_ros.core.joint.sharing import ITEMS
 from rosette_ros.core.model.noise import AXES
 from rosette_ros.core.number_words import micrometres, multiple, p_words
 from rosette_ros.words.noise_words import noise_words
-from rosette_ros.words.verdict_words import verdict_text
+
+DOES_NOT_FIT = 'The model does not fit: the residual is more than noise.'
+"""Of a model that lacks something, without what it lacks, which a diagnosis names."""
 
 
 @dataclass(frozen=True)
@@ -54,13 +56,6 @@ def comparison_words(comparison: Comparison) -> str:
     alike = f'; successive readings {like}' if comparison.neighbour_p < UNLIKELY else ''
     return (f'The residual is {micrometres(comparison.fit.rms)}{times}; it is largest along '
             f'{AXES[int(np.argmax(comparison.axis_rms))]}{where}{alike}.')
-
-
-def fits_words(verdict: Verdict) -> str:
-    """Return whether a model fits, without what is missing, which a diagnosis names."""
-    if verdict.outcome not in (Outcome.NAMED, Outcome.UNNAMED):
-        return verdict_text(verdict).sentence
-    return 'The model does not fit: the residual is more than noise.'
 
 
 def check_words(check: CrossCheck) -> str:
